@@ -1,0 +1,1 @@
+"""Acoustics: the physics of air, leaves and trunks."""

@@ -1,0 +1,1 @@
+"""Formats: one small module a file format; writers go through ``atomic``."""

@@ -1,0 +1,34 @@
+"""Files that are whole or not there: written under a temporary name, then renamed.
+
+The temporary name stands beside the final one (a rename within a folder is atomic), starts with a dot,
+and keeps the ending, because some writers look at it. Whatever goes wrong while writing, a full disk or
+Ctrl-C, the temporary file is removed and what had the final name before stays as it was.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Give a temporary path to write to; rename it to ``path`` when the block ends well.
+
+    Raises
+    ------
+    OSError : the writer left no file, or the rename failed; ``path`` is then untouched.
+    """
+    final = Path(path)
+    partial = final.with_name(f".{final.stem}.{os.getpid()}.partial{final.suffix}")
+    try:
+        yield partial
+        if not partial.is_file() or partial.stat().st_size == 0:
+            raise OSError(f"{final.name} could not be written; is the disk full?")
+        with open(partial, "rb") as written:
+            os.fsync(written.fileno())
+        os.replace(partial, final)
+    finally:
+        partial.unlink(missing_ok=True)

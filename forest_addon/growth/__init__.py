@@ -1,0 +1,1 @@
+"""Growth: one tree, from an L-system and STL templates to arrays."""

@@ -1,0 +1,86 @@
+"""Triangles that know what they are: wood, leaf or something else.
+
+The one mesh type of the project: growth makes it, ``blender/`` writes it to a Mesh and reads it back
+from the evaluated scene, ray casters and sensors use it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+OTHER, WOOD, LEAF = 0, 1, 2
+PART_NAMES = ("other", "wood", "leaf")
+
+
+@dataclass(frozen=True)
+class TriMesh:
+    """Triangles with a part, a leaf number and a material slot each.
+
+    vertices : (V, 3) float64, metres.
+    triangles : (T, 3) int32, indices into ``vertices``.
+    part : (T,) int8, ``OTHER``, ``WOOD`` or ``LEAF``.
+    leaf : (T,) int32, the leaf a triangle belongs to, -1 where it is no leaf.
+    material : (T,) int32, material slot.
+    uv : (T, 3, 2) float32 texture coordinates by corner, or None.
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    part: np.ndarray
+    leaf: np.ndarray
+    material: np.ndarray
+    uv: np.ndarray | None = None
+
+    @classmethod
+    def of_part(cls, vertices: np.ndarray, triangles: np.ndarray, part: int) -> TriMesh:
+        """A mesh of one part, without leaf numbers, in material slot 0."""
+        count = len(triangles)
+        return cls(
+            vertices=np.ascontiguousarray(vertices, dtype=np.float64).reshape(-1, 3),
+            triangles=np.ascontiguousarray(triangles, dtype=np.int32).reshape(-1, 3),
+            part=np.full(count, part, dtype=np.int8),
+            leaf=np.full(count, -1, dtype=np.int32),
+            material=np.zeros(count, dtype=np.int32),
+        )
+
+    def area_vectors(self) -> np.ndarray:
+        """(T, 3) half cross products: the direction is the normal, the length the area in m²."""
+        a, b, c = (self.vertices[self.triangles[:, corner]] for corner in range(3))
+        return 0.5 * np.cross(b - a, c - a)
+
+    def select(self, keep: np.ndarray) -> TriMesh:
+        """The triangles where ``keep`` (T,) is true; vertices that no triangle uses are dropped."""
+        triangles = self.triangles[keep]
+        used, packed = np.unique(triangles, return_inverse=True)
+        return TriMesh(
+            vertices=self.vertices[used],
+            triangles=packed.reshape(-1, 3).astype(np.int32),
+            part=self.part[keep],
+            leaf=self.leaf[keep],
+            material=self.material[keep],
+            uv=None if self.uv is None else self.uv[keep],
+        )
+
+
+def join(meshes: Sequence[TriMesh]) -> TriMesh:
+    """One mesh out of several; leaf numbers of later meshes follow on those of earlier ones."""
+    if not meshes:
+        return TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3)), OTHER)
+    first_vertex = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]])
+    first_leaf = np.cumsum([0] + [int(m.leaf.max(initial=-1)) + 1 for m in meshes[:-1]])
+    has_uv = all(m.uv is not None for m in meshes)
+    return TriMesh(
+        vertices=np.concatenate([m.vertices for m in meshes]),
+        triangles=np.concatenate(
+            [m.triangles + np.int32(v) for m, v in zip(meshes, first_vertex, strict=True)]
+        ).astype(np.int32),
+        part=np.concatenate([m.part for m in meshes]),
+        leaf=np.concatenate(
+            [np.where(m.leaf < 0, -1, m.leaf + n) for m, n in zip(meshes, first_leaf, strict=True)]
+        ).astype(np.int32),
+        material=np.concatenate([m.material for m in meshes]),
+        uv=np.concatenate([m.uv for m in meshes if m.uv is not None]) if has_uv else None,
+    )

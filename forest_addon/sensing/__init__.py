@@ -1,0 +1,1 @@
+"""Sensing: LiDAR, sonar and reverb on arrays of an evaluated scene."""

@@ -1,0 +1,75 @@
+"""The scene as the sensors see it: unique meshes in local space, and where each instance stands.
+
+``blender/depsgraph`` fills it from the evaluated scene. Meshes stay local and transforms float64, so
+that a forest costs the memory of its variants and a hit can be refined to float64 far from the origin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..growth.trimesh import LEAF, TriMesh
+
+
+@dataclass(frozen=True)
+class SceneGeometry:
+    """I instances of unique meshes.
+
+    meshes : unique meshes, each in its local space.
+    transform : (I, 3, 4) float64, local to world.
+    mesh_index : (I,) int64, which of ``meshes``.
+    object_name : I names of the objects that the instances come from.
+    tree : (I,) int64, tree id, -1 where the instance is no tree.
+    species : (I,) int64, species number, -1 where the instance is no tree.
+    """
+
+    meshes: tuple[TriMesh, ...]
+    transform: np.ndarray
+    mesh_index: np.ndarray
+    object_name: tuple[str, ...]
+    tree: np.ndarray
+    species: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.mesh_index)
+
+    def solid(self) -> SceneGeometry:
+        """The same scene without leaves: what blocks a sound, or a line of sight."""
+        return replace(self, meshes=tuple(m.select(m.part != LEAF) for m in self.meshes))
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """(I, 3) smallest and (I, 3) largest world coordinates of each instance; NaN where empty."""
+        low = np.full((len(self.meshes), 3), np.nan)
+        high = low.copy()
+        for index, mesh in enumerate(self.meshes):
+            used = mesh.vertices[np.unique(mesh.triangles)]
+            used = used[np.isfinite(used).all(axis=1)]
+            if len(used):
+                low[index], high[index] = used.min(axis=0), used.max(axis=0)
+        middle, half = (low + high) / 2, (high - low) / 2
+        linear, shift = self.transform[:, :, :3], self.transform[:, :, 3]
+        centre = np.einsum("nij,nj->ni", linear, middle[self.mesh_index]) + shift
+        extent = np.einsum("nij,nj->ni", np.abs(linear), half[self.mesh_index])
+        return centre - extent, centre + extent
+
+
+def apply_transform(transform: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Points (P, 3) through one (3, 4) transform."""
+    moved: np.ndarray = points @ transform[:, :3].T + transform[:, 3]
+    return moved
+
+
+def invert_transforms(transform: np.ndarray) -> np.ndarray:
+    """World-to-local (I, 3, 4); NaN for a singular transform, whose instance has no volume."""
+    linear = transform[:, :, :3]
+    size = np.abs(linear).max(axis=(1, 2), initial=0.0)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        regular = np.abs(np.linalg.det(linear / size[:, None, None])) > 1e-18
+    inverse = np.full_like(transform, np.nan)
+    inverse[regular, :, :3] = np.linalg.inv(linear[regular])
+    inverse[regular, :, 3] = -np.einsum(
+        "nij,nj->ni", inverse[regular, :, :3], transform[regular, :, 3]
+    )
+    return inverse

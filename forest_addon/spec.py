@@ -1,0 +1,477 @@
+"""Everything a user can set: each parameter once, with unit, range, default and help.
+
+A scene file, the Python API and Blender's panel are all made from these frozen dataclasses. A field
+is declared with ``param``; a value that is out of range never becomes an object, it raises
+``SpecError`` with the key, the value and what is allowed. Lengths are metres, times seconds,
+frequencies hertz; angles are degrees here (``_deg``), because people type them, and radians everywhere
+else.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, dataclass_transform
+
+
+class SpecError(ValueError):
+    """A setting that cannot be used: ``key`` says where, the text says what and what to do."""
+
+    def __init__(self, key: str, problem: str) -> None:
+        super().__init__(f"{key}: {problem}" if key else problem)
+        self.key = key
+        self.problem = problem
+
+
+@dataclass(frozen=True)
+class Param:
+    """What is known of one parameter besides its type and default."""
+
+    help: str
+    unit: str = ""
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    open_minimum: bool = False  # the minimum itself is not allowed
+    choices: tuple[str, ...] = ()
+    required: bool = False
+
+    def allowed(self) -> str:
+        """The allowed values in words."""
+        if self.choices:
+            return "one of " + ", ".join(f'"{c}"' for c in self.choices)
+        unit = f" {self.unit}" if self.unit else ""
+        low, high = f"{self.minimum:g}", f"{self.maximum:g}"
+        above = "larger than" if self.open_minimum else "at least"
+        if math.isinf(self.minimum) and math.isinf(self.maximum):
+            return "any finite number"
+        if math.isinf(self.maximum):
+            return f"{above} {low}{unit}"
+        if math.isinf(self.minimum):
+            return f"at most {high}{unit}"
+        if self.open_minimum:
+            return f"larger than {low} and at most {high}{unit}"
+        return f"from {low} to {high}{unit}"
+
+
+def param(
+    default: Any = dataclasses.MISSING,
+    *,
+    help: str,
+    unit: str = "",
+    ge: float = -math.inf,
+    gt: float | None = None,
+    le: float = math.inf,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """A dataclass field with its unit, range and help; without a default it must be given."""
+    known = Param(
+        help=help,
+        unit=unit,
+        minimum=ge if gt is None else gt,
+        maximum=le,
+        open_minimum=gt is not None,
+        choices=choices,
+        required=default is dataclasses.MISSING,
+    )
+    return dataclasses.field(default=default, metadata={"param": known})
+
+
+def param_of(field: dataclasses.Field[Any]) -> Param:
+    """The ``Param`` of a dataclass field."""
+    known: Param = field.metadata["param"]
+    return known
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(param,))
+class Settings:
+    """Base of every group of settings: a frozen keyword dataclass that checks itself."""
+
+    TITLE: ClassVar[str] = ""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        dataclass(frozen=True, kw_only=True)(cls)
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            _check(field.name, getattr(self, field.name), param_of(field))
+        self.check()
+
+    def check(self) -> None:
+        """Rules between fields; raises SpecError."""
+
+
+def _check(key: str, value: Any, known: Param) -> None:
+    if isinstance(value, bool) or value is None:
+        return
+    if isinstance(value, str):
+        if known.choices and value not in known.choices:
+            raise SpecError(key, f'"{value}" is not known; use {known.allowed()}')
+    elif isinstance(value, (int, float)):
+        low = value > known.minimum if known.open_minimum else value >= known.minimum
+        if not (low and value <= known.maximum and math.isfinite(value)):
+            unit = f" {known.unit}" if known.unit else ""
+            raise SpecError(key, f"{value:g}{unit} is out of range; use {known.allowed()}")
+    elif isinstance(value, tuple):
+        for index, item in enumerate(value):
+            _check(f"{key}[{index}]", item, known)
+
+
+# ------------------------------------------------------------------------------------- species
+
+
+class Grammar(Settings):
+    """The L-system of a species in T20's dialect: g -> d(g)[g)+g, axiom g)."""
+
+    generations: int = param(7, help="how often the grammar is rewritten", ge=0, le=12)
+    copies: int = param(
+        2,
+        help="how many times the first-level branches are set, each copy turned and raised",
+        ge=1,
+        le=4,
+    )
+    length: float = param(2.0, unit="m", help="length of the first internode", gt=0, le=100)
+    side_ratio: float = param(
+        0.62, help="length of a side branch's first internode over its mother's", gt=0, le=2
+    )
+    centre_ratio: float = param(
+        0.826, help="length of an internode over the one before it on the same axis", gt=0, le=2
+    )
+    angle_deg: float = param(
+        50.0, unit="deg", help="angle between a side branch and its mother", ge=0, le=180
+    )
+    twist_deg: float = param(
+        -43.75, unit="deg", help="turn about the mother axis per internode", ge=-180, le=180
+    )
+    radius: float = param(0.04, unit="m", help="radius at the foot of the trunk", gt=0, le=10)
+    radius_ratio: float = param(
+        0.7, help="radius of a side branch over its mother's at the fork", gt=0, le=1
+    )
+
+
+class Jitter(Settings):
+    """How much a tree differs from the grammar: standard deviations, truncated at two of them."""
+
+    length: float = param(0.08, help="relative spread of lengths", ge=0, le=0.45)
+    angle_deg: float = param(5.0, unit="deg", help="spread of branching angles", ge=0, le=45)
+    twist_deg: float = param(8.0, unit="deg", help="spread of twists", ge=0, le=90)
+    raise_ratio: float = param(
+        0.6,
+        help="a symmetric branch starts up to this share of an internode above its sister",
+        ge=0,
+        le=0.95,
+    )
+    lean_deg: float = param(2.0, unit="deg", help="bend of the trunk per internode", ge=0, le=30)
+    leaf_size: float = param(0.12, help="relative spread of leaf size", ge=0, le=0.45)
+
+
+class Template(Settings):
+    """STL files of one full tree, which is split into trunk, branches and leaves."""
+
+    wood: str = param(help="STL file of trunk and branches, relative to the species file")
+    leaves: str = param("", help="STL file of the leaves; empty: the tree is leafless")
+    height: float = param(
+        0.0, unit="m", help="height of the tree in the files; 0: they are in metres", ge=0, le=200
+    )
+
+
+class Look(Settings):
+    """Colours of bark and leaves, linear RGB from 0 to 1."""
+
+    bark: tuple[float, float, float] = param((0.09, 0.06, 0.04), help="bark colour", ge=0, le=1)
+    leaf: tuple[float, float, float] = param((0.06, 0.15, 0.02), help="leaf colour", ge=0, le=1)
+
+
+class Species(Settings):
+    """One kind of tree: a grammar, STL templates for its branches, and its looks."""
+
+    name: str = param(help="name of the species")
+    source: str = param("", help="where the numbers come from")
+    template: Template = param(help="STL files that branches and leaves are taken from")
+    grammar: Grammar = param(Grammar(), help="the L-system")
+    jitter: Jitter = param(Jitter(), help="natural variation")
+    look: Look = param(Look(), help="colours")
+
+
+# ------------------------------------------------------------------------------------- forest
+
+
+class Gaussian(Settings):
+    """One hill of the intensity function: peak·exp(-(x-a)²/h² - (y-b)²/l²) (T20, squared form)."""
+
+    peak: float = param(1.0, unit="trees/m²", help="intensity at the centre", ge=0, le=1e6)
+    centre: tuple[float, float] = param(unit="m", help="centre (a, b)", ge=-1e7, le=1e7)
+    width: tuple[float, float] = param(unit="m", help="widths (h, l)", gt=0, le=1e7)
+
+
+class Planting(Settings):
+    """One species of the forest and where its trees stand."""
+
+    species: str = param(help="a species of assets/species, or a species file (.toml)")
+    variants: int = param(3, help="how many different trees are grown and instanced", ge=1, le=1000)
+    expected: float | None = param(
+        None,
+        unit="trees",
+        help="expected number of trees; scales the intensity. Left out: the peaks count as given",
+        ge=0,
+        le=1e6,
+    )
+    scale: tuple[float, float] = param(
+        (0.85, 1.15), help="smallest and largest size factor of a tree", gt=0, le=100
+    )
+    gaussians: tuple[Gaussian, ...] = param(
+        (), help="hills of the intensity function; none: the same everywhere"
+    )
+
+    def check(self) -> None:
+        if self.scale[0] > self.scale[1]:
+            raise SpecError("scale", f"{list(self.scale)} must be [smallest, largest]")
+        if not self.gaussians and self.expected is None:
+            raise SpecError("expected", "is needed where there are no gaussians; give a number")
+
+
+class Forest(Settings):
+    """The field that the trees stand on."""
+
+    size: tuple[float, float] = param(
+        (30.0, 30.0), unit="m", help="extent of the field along x and y", gt=0, le=1e5
+    )
+    origin: tuple[float, float] = param(
+        (0.0, 0.0), unit="m", help="its corner with the smallest x and y", ge=-1e5, le=1e5
+    )
+    spacing: float = param(
+        0.0, unit="m", help="no two trees stand closer than this (Matérn II)", ge=0, le=1e5
+    )
+    margin: float = param(
+        20.0, unit="m", help="how far the ground reaches beyond the field", ge=0, le=1e4
+    )
+
+
+class Air(Settings):
+    """The air that sound travels through."""
+
+    temperature_c: float = param(20.0, unit="°C", help="temperature", ge=-40, le=50)
+    humidity: float = param(50.0, unit="%", help="relative humidity", gt=0, le=100)
+    pressure_kpa: float = param(101.325, unit="kPa", help="pressure", ge=20, le=120)
+    sound_speed: float | None = param(
+        None,
+        unit="m/s",
+        help="speed of sound; left out: 343.2·√(T/293.15 K) of ISO 9613-1",
+        ge=250,
+        le=450,
+    )
+
+    def speed(self) -> float:
+        """Speed of sound in m/s."""
+        if self.sound_speed is not None:
+            return self.sound_speed
+        return 343.2 * math.sqrt((self.temperature_c + 273.15) / 293.15)
+
+
+# ------------------------------------------------------------------------------------- sensors
+
+
+class Tractor(Settings):
+    """SIMLIDAR's scanner: a vertical fan that drives past the trees and measures a matrix."""
+
+    TITLE: ClassVar[str] = "LiDAR, tractor"
+    kind: str = param("tractor", help="kind of sensor", choices=("tractor",))
+    name: str = param("scan", help="name of its output files")
+    position: tuple[float, float, float] = param(
+        (-1.0, 0.0, 1.0), unit="m", help="where the drive starts; z is the scanner's height"
+    )
+    heading_deg: float = param(
+        90.0, unit="deg", help="direction of travel, from +X towards +Y", ge=-360, le=360
+    )
+    side: str = param("right", help="side it looks to", choices=("left", "right"))
+    track: float = param(30.0, unit="m", help="length of the drive", gt=0, le=1e5)
+    step: float = param(0.002, unit="m", help="advance between scans (S)", gt=0, le=100)
+    gap: int = param(0, help="scans skipped after each one taken", ge=0, le=100000)
+    angle_step_deg: float = param(
+        0.25, unit="deg", help="angle between beams of a scan (S)", gt=0, le=90
+    )
+    reach: float = param(
+        20.0, unit="m", help="horizontal distance at which the lowest beam meets z = 0", gt=0, le=1e4
+    )
+    top: float = param(12.0, unit="m", help="height that the highest beam has at that distance")
+    max_range: float = param(100.0, unit="m", help="nothing farther is seen", gt=0, le=1e5)
+
+    def check(self) -> None:
+        if self.position[2] <= 0:
+            raise SpecError("position[2]", "the scanner must be above z = 0; raise it")
+        if self.top <= self.position[2]:
+            raise SpecError("top", f"{self.top:g} m must be above the scanner's height")
+
+
+class Terrestrial(Settings):
+    """A scanner on a tripod: azimuth by elevation, a point cloud."""
+
+    TITLE: ClassVar[str] = "LiDAR, terrestrial"
+    kind: str = param("terrestrial", help="kind of sensor", choices=("terrestrial",))
+    name: str = param("cloud", help="name of its output files")
+    position: tuple[float, float, float] = param((0.0, 0.0, 1.6), unit="m", help="where it stands")
+    azimuth_deg: tuple[float, float] = param(
+        (0.0, 360.0), unit="deg", help="from, to; from +X towards +Y", ge=-360, le=720
+    )
+    elevation_deg: tuple[float, float] = param(
+        (-40.0, 80.0), unit="deg", help="from, to; from the horizon up", ge=-90, le=90
+    )
+    angle_step_deg: float = param(0.25, unit="deg", help="angle between beams", gt=0, le=90)
+    min_range: float = param(0.1, unit="m", help="nothing nearer is seen", ge=0, le=1e5)
+    max_range: float = param(120.0, unit="m", help="nothing farther is seen", gt=0, le=1e5)
+    reflectance: float = param(
+        0.5, help="share of the light that a surface sends back (Lambert)", gt=0, le=1
+    )
+
+    def check(self) -> None:
+        for key in ("azimuth_deg", "elevation_deg"):
+            low, high = getattr(self, key)
+            if low >= high:
+                raise SpecError(key, f"[{low:g}, {high:g}] must be [from, to] with from < to")
+        if self.min_range >= self.max_range:
+            raise SpecError("min_range", "must be smaller than max_range")
+
+
+class Sonar(Settings):
+    """A bat-like sonar that listens to the echo of foliage (T20)."""
+
+    TITLE: ClassVar[str] = "Biosonar"
+    kind: str = param("sonar", help="kind of sensor", choices=("sonar",))
+    name: str = param("echo", help="name of its output files")
+    position: tuple[float, float, float] = param((0.0, 0.0, 2.0), unit="m", help="where it is")
+    azimuth_deg: float = param(
+        0.0, unit="deg", help="direction of the beam, from +X towards +Y", ge=-360, le=360
+    )
+    elevation_deg: float = param(
+        0.0, unit="deg", help="direction of the beam, from the horizon up", ge=-90, le=90
+    )
+    beam_width_deg: tuple[float, float] = param(
+        (30.0, 30.0),
+        unit="deg",
+        help="full -3 dB width of emission and of reception, in azimuth and elevation",
+        gt=0,
+        le=360,
+    )
+    band: tuple[float, float] = param(
+        (60e3, 80e3), unit="Hz", help="lowest and highest frequency", gt=0, le=1e6
+    )
+    sample_rate: float = param(400e3, unit="Hz", help="sampling rate", gt=0, le=1e7)
+    leaf_model: str = param(
+        "piston",
+        help="how a leaf scatters: physical optics of a hard disc, or the paper's fit",
+        choices=("piston", "paper"),
+    )
+    shading: str = param(
+        "trunks",
+        help="what hides a leaf: nothing (paper), or the wood between it and the sonar",
+        choices=("none", "trunks"),
+    )
+    absorption: bool = param(True, help="let the air absorb sound")
+    near_limit: float = param(
+        0.05, unit="m", help="leaves nearer than this are left out, and counted", gt=0, le=100
+    )
+    max_range: float = param(
+        15.0, unit="m", help="leaves farther than this are left out, and counted", gt=0, le=1e4
+    )
+    cull: float = param(
+        1e-4,
+        help="leaves that together add less than this share of all amplitudes may be left out",
+        ge=0,
+        le=0.1,
+    )
+
+    def check(self) -> None:
+        if self.band[0] >= self.band[1]:
+            raise SpecError("band", f"{list(self.band)} must be [lowest, highest] in Hz")
+        if self.band[1] > self.sample_rate / 2:
+            raise SpecError(
+                "band", f"{self.band[1]:g} Hz is above half the sample_rate; lower it or sample faster"
+            )
+        if self.near_limit >= self.max_range:
+            raise SpecError("near_limit", "must be smaller than max_range")
+
+
+class Reverb(Settings):
+    """The impulse response of a forest of trunks between a source and a receiver (K)."""
+
+    TITLE: ClassVar[str] = "Forest reverb"
+    kind: str = param("reverb", help="kind of sensor", choices=("reverb",))
+    name: str = param("reverb", help="name of its output files")
+    source: tuple[float, float, float] = param((5.0, 10.0, 1.5), unit="m", help="where sound starts")
+    receiver: tuple[float, float, float] = param(
+        (15.0, 10.0, 1.5), unit="m", help="where it is heard"
+    )
+    sample_rate: float = param(24e3, unit="Hz", help="sampling rate", ge=1000, le=384e3)
+    duration: float = param(1.0, unit="s", help="length of the impulse response", gt=0, le=60)
+    ground: float = param(0.8, help="reflection coefficient of the ground (K)", ge=-1, le=1)
+    strength: float = param(2.0, help="β, weight of the scattered field (K)", ge=0, le=1000)
+    spreading: float = param(
+        0.7, help="α, spreading from tree to receiver: 0.5 cylindrical, 1 spherical (K)", ge=0, le=2
+    )
+    min_radius: float = param(
+        0.01, unit="m", help="thinner stems are left out, and counted", gt=0, le=10
+    )
+    continue_to: float = param(
+        0.0,
+        unit="m",
+        help="beyond the field, go on with trunks of the same density up to this distance",
+        ge=0,
+        le=2000,
+    )
+
+    def check(self) -> None:
+        for key in ("source", "receiver"):
+            if getattr(self, key)[2] <= 0:
+                raise SpecError(f"{key}[2]", "must be above the ground, z = 0; raise it")
+
+
+Sensor = Tractor | Terrestrial | Sonar | Reverb
+SENSORS: dict[str, type[Settings]] = {
+    "tractor": Tractor,
+    "terrestrial": Terrestrial,
+    "sonar": Sonar,
+    "reverb": Reverb,
+}
+
+
+# ------------------------------------------------------------------------------------- scene
+
+
+class Output(Settings):
+    """What is written besides the sensors' results."""
+
+    blend: bool = param(True, help="write forest.blend")
+    glb: bool = param(True, help="write forest.glb")
+    preview: bool = param(True, help="render preview.png with Cycles")
+    preview_size: tuple[int, int] = param(
+        (1280, 720), unit="px", help="width and height of the preview", ge=16, le=8192
+    )
+    preview_samples: int = param(48, help="samples a pixel of the preview", ge=1, le=65536)
+
+
+class Scene(Settings):
+    """A whole scene: forest, air, sensors, output. One seed decides every draw."""
+
+    name: str = param("forest", help="title of the scene")
+    seed: int = param(0, help="one seed for the whole scene", ge=0, le=2**63 - 1)
+    forest: Forest = param(Forest(), help="the field")
+    plantings: tuple[Planting, ...] = param((), help="species and where they stand")
+    air: Air = param(Air(), help="the air")
+    sensors: tuple[Sensor, ...] = param((), help="what looks at the forest")
+    output: Output = param(Output(), help="what is written")
+
+    def check(self) -> None:
+        seen: dict[str, int] = {}
+        for index, sensor in enumerate(self.sensors):
+            name = sensor.name
+            if not name or not all(c.isalnum() or c in "-_" for c in name):
+                raise SpecError(
+                    f"sensors[{index}].name", f'"{name}" must be letters, digits, "-" and "_"'
+                )
+            if name in seen:
+                raise SpecError(
+                    f"sensors[{index}].name",
+                    f'"{name}" is taken by sensors[{seen[name]}]; give each sensor a name of its own',
+                )
+            seen[name] = index

@@ -1,0 +1,1 @@
+"""Stand: where the trees are, from an intensity function to positions."""
