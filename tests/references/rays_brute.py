@@ -1,0 +1,87 @@
+"""A ray caster without any tree: every ray against every triangle of every instance, in float64.
+
+The reference for the casters in ``blender/`` and the caster of tests that run without Blender. Rays and
+triangles go in, the closest ``Hits`` come out (Möller & Trumbore 1997, both faces, edges included). The
+scene is shifted to its own centre first, so that an offset of 1e6 m costs no digits.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from forest_addon.sensing.geometry import SceneGeometry
+from forest_addon.sensing.rays import Hits, unit_directions
+
+EDGE = 1e-12  # barycentric slack: a ray aimed at a shared edge meets at least one of its triangles
+PAIRS = 1_000_000  # rays x triangles at a time
+
+
+class BruteCaster:
+    """The ``RayCaster`` protocol over a ``SceneGeometry``; time grows with rays x triangles."""
+
+    engine = "brute force"
+
+    def __init__(self, scene: SceneGeometry) -> None:
+        self.scene = scene
+        shift = scene.transform[:, :, 3]
+        shift = shift[np.isfinite(shift).all(axis=1)]
+        self._centre = shift.mean(axis=0) if len(shift) else np.zeros(3)
+
+    def cast(
+        self, origins: np.ndarray, directions: np.ndarray, max_distance: float | np.ndarray
+    ) -> Hits:
+        """Closest hits of rays (R, 3), (R, 3) within ``max_distance``, a number or (R,)."""
+        origin = np.asarray(origins, np.float64).reshape(-1, 3) - self._centre
+        direction = unit_directions(np.asarray(directions, np.float64).reshape(-1, 3))
+        limit = np.broadcast_to(np.asarray(max_distance, np.float64), (len(origin),))
+        distance = np.full(len(origin), np.inf)
+        instance = np.full(len(origin), -1, np.int64)
+        triangle = np.full(len(origin), -1, np.int64)
+        for index in range(len(self.scene)):
+            corners = self._corners(index)
+            if not len(corners):
+                continue
+            step = max(1, PAIRS // len(corners))
+            for first in range(0, len(origin), step):
+                rows = slice(first, first + step)
+                t = ray_parameters(origin[rows], direction[rows], corners)
+                t[~(t <= limit[rows, None])] = np.inf
+                nearest = t.argmin(axis=1)
+                reached = t[np.arange(len(t)), nearest]
+                closer = np.flatnonzero(reached < distance[rows])
+                distance[rows][closer] = reached[closer]
+                instance[rows][closer] = index
+                triangle[rows][closer] = nearest[closer]
+        return Hits(distance, instance, triangle)
+
+    def occluded(
+        self, origins: np.ndarray, directions: np.ndarray, max_distance: float | np.ndarray
+    ) -> np.ndarray:
+        """(R,) bool: whether anything is hit within ``max_distance``."""
+        return self.cast(origins, directions, max_distance).found
+
+    def _corners(self, index: int) -> np.ndarray:
+        """(T, 3, 3) corners of one instance's triangles, world coordinates less the centre."""
+        mesh = self.scene.meshes[self.scene.mesh_index[index]]
+        transform = self.scene.transform[index]
+        world = mesh.vertices @ transform[:, :3].T + (transform[:, 3] - self._centre)
+        corners: np.ndarray = world[mesh.triangles]
+        return corners
+
+
+def ray_parameters(
+    origins: np.ndarray, directions: np.ndarray, corners: np.ndarray
+) -> np.ndarray:
+    """(R, T) distance at which rays (R, 3) meet triangles (T, 3, 3), >= 0; inf where they do not."""
+    a = corners[:, 0]
+    u, v = corners[:, 1] - a, corners[:, 2] - a
+    with np.errstate(all="ignore"):
+        p = np.cross(directions[:, None, :], v[None, :, :])
+        determinant = np.einsum("tk,rtk->rt", u, p)
+        s = origins[:, None, :] - a[None, :, :]
+        first = np.einsum("rtk,rtk->rt", s, p) / determinant
+        q = np.cross(s, u[None, :, :])
+        second = np.einsum("rk,rtk->rt", directions, q) / determinant
+        t: np.ndarray = np.einsum("tk,rtk->rt", v, q) / determinant
+        met = (first >= -EDGE) & (second >= -EDGE) & (first + second <= 1 + EDGE) & (t >= 0)
+    return np.where(met, t, np.inf)
