@@ -1,8 +1,8 @@
-"""A ray caster without any tree: every ray against every triangle of every instance, in float64.
+"""A ray caster without any tree: every ray against every triangle of every instance, float64.
 
-The reference for the casters in ``blender/`` and the caster of tests that run without Blender. Rays and
-triangles go in, the closest ``Hits`` come out (Möller & Trumbore 1997, both faces, edges included). The
-scene is shifted to its own centre first, so that an offset of 1e6 m costs no digits.
+The reference for the casters in ``blender/``, and the caster of tests that run without Blender. Rays
+and triangles go in, the closest ``Hits`` come out (Möller & Trumbore 1997, both faces, edges
+included). Each instance is met from its own origin, so that an offset of 1e6 m costs few digits.
 """
 
 from __future__ import annotations
@@ -23,15 +23,12 @@ class BruteCaster:
 
     def __init__(self, scene: SceneGeometry) -> None:
         self.scene = scene
-        shift = scene.transform[:, :, 3]
-        shift = shift[np.isfinite(shift).all(axis=1)]
-        self._centre = shift.mean(axis=0) if len(shift) else np.zeros(3)
 
     def cast(
         self, origins: np.ndarray, directions: np.ndarray, max_distance: float | np.ndarray
     ) -> Hits:
         """Closest hits of rays (R, 3), (R, 3) within ``max_distance``, a number or (R,)."""
-        origin = np.asarray(origins, np.float64).reshape(-1, 3) - self._centre
+        origin = np.asarray(origins, np.float64).reshape(-1, 3)
         direction = unit_directions(np.asarray(directions, np.float64).reshape(-1, 3))
         limit = np.broadcast_to(np.asarray(max_distance, np.float64), (len(origin),))
         distance = np.full(len(origin), np.inf)
@@ -44,7 +41,8 @@ class BruteCaster:
             step = max(1, PAIRS // len(corners))
             for first in range(0, len(origin), step):
                 rows = slice(first, first + step)
-                t = ray_parameters(origin[rows], direction[rows], corners)
+                near = origin[rows] - self.scene.transform[index, :, 3]
+                t = ray_parameters(near, direction[rows], corners)
                 t[~(t <= limit[rows, None])] = np.inf
                 nearest = t.argmin(axis=1)
                 reached = t[np.arange(len(t)), nearest]
@@ -61,18 +59,15 @@ class BruteCaster:
         return self.cast(origins, directions, max_distance).found
 
     def _corners(self, index: int) -> np.ndarray:
-        """(T, 3, 3) corners of one instance's triangles, world coordinates less the centre."""
+        """(T, 3, 3) corners of one instance's triangles, turned as the world, from its origin."""
         mesh = self.scene.meshes[self.scene.mesh_index[index]]
         transform = self.scene.transform[index]
-        world = mesh.vertices @ transform[:, :3].T + (transform[:, 3] - self._centre)
-        corners: np.ndarray = world[mesh.triangles]
+        corners: np.ndarray = (mesh.vertices @ transform[:, :3].T)[mesh.triangles]
         return corners
 
 
-def ray_parameters(
-    origins: np.ndarray, directions: np.ndarray, corners: np.ndarray
-) -> np.ndarray:
-    """(R, T) distance at which rays (R, 3) meet triangles (T, 3, 3), >= 0; inf where they do not."""
+def ray_parameters(origins: np.ndarray, directions: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """(R, T) distance >= 0 at which rays (R, 3) meet triangles (T, 3, 3); inf for a miss."""
     a = corners[:, 0]
     u, v = corners[:, 1] - a, corners[:, 2] - a
     with np.errstate(all="ignore"):
