@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 
 
 def stream(seed: int, *key: int | str) -> np.random.Generator:
@@ -28,6 +29,13 @@ def stream(seed: int, *key: int | str) -> np.random.Generator:
     """
     words = tuple(_word(part) for part in key)
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=words)))
+
+
+def truncated_normal(rng: np.random.Generator, count: int, limit: float = 2.0) -> np.ndarray:
+    """(count,) standard normals within ±limit, by inversion: one uniform draw each, no rejection."""
+    low, high = ndtr(-limit), ndtr(limit)
+    z: np.ndarray = ndtri(low + (high - low) * rng.random(count))
+    return z
 
 
 def _word(part: int | str) -> int:

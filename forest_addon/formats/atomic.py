@@ -27,7 +27,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         yield partial
         if not partial.is_file() or partial.stat().st_size == 0:
             raise OSError(f"{final.name} could not be written; is the disk full?")
-        with open(partial, "rb") as written:
+        with open(partial, "r+b") as written:
             os.fsync(written.fileno())
         os.replace(partial, final)
     finally:

@@ -7,9 +7,11 @@ the disc of equal area, which is what a foliage echo is computed from (T20).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from .trimesh import TriMesh
 
@@ -75,6 +77,34 @@ def measure_leaves(mesh: TriMesh, branch: np.ndarray | None = None) -> Leaves:
         radius=np.sqrt(leaf_area / np.pi),
         branch=np.full(count, -1, np.int32) if branch is None else np.asarray(branch, np.int32),
     )
+
+
+def separate_leaves(mesh: TriMesh) -> TriMesh:
+    """Give leaves that share a number but do not hang together numbers of their own.
+
+    An Array modifier, say, copies leaf numbers with the triangles. The first piece of each leaf keeps
+    its number; further pieces are numbered on from the largest.
+    """
+    is_leaf = np.flatnonzero(mesh.leaf >= 0)
+    if not len(is_leaf):
+        return mesh
+    used, corner = np.unique(mesh.triangles[is_leaf], return_inverse=True)
+    corner = corner.reshape(-1, 3)
+    links = coo_matrix(
+        (np.ones(2 * len(corner)), (corner[:, [0, 0]].ravel(), corner[:, [1, 2]].ravel())),
+        shape=(len(used), len(used)),
+    )
+    piece = connected_components(links, directed=False)[1][corner[:, 0]]
+    pairs, pair = np.unique(np.stack([mesh.leaf[is_leaf], piece], 1), axis=0, return_inverse=True)
+    pair = pair.ravel()
+    first = np.concatenate([[True], pairs[1:, 0] != pairs[:-1, 0]])
+    if first.all():
+        return mesh
+    number = pairs[:, 0].copy()
+    number[~first] = pairs[:, 0].max() + 1 + np.arange(int((~first).sum()))
+    leaf = mesh.leaf.copy()
+    leaf[is_leaf] = number[pair]
+    return replace(mesh, leaf=leaf)
 
 
 def join_leaves(parts: Sequence[Leaves]) -> Leaves:

@@ -1,4 +1,4 @@
-"""Triangles that know what they are: wood, leaf or something else.
+"""Triangles that know what they are: wood, leaf, ground or something else.
 
 The one mesh type of the project: growth makes it, ``blender/`` writes it to a Mesh and reads it back
 from the evaluated scene, ray casters and sensors use it.
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-OTHER, WOOD, LEAF = 0, 1, 2
-PART_NAMES = ("other", "wood", "leaf")
+OTHER, WOOD, LEAF, GROUND = 0, 1, 2, 3
+PART_NAMES = ("other", "wood", "leaf", "ground")
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class TriMesh:
 
     vertices : (V, 3) float64, metres.
     triangles : (T, 3) int32, indices into ``vertices``.
-    part : (T,) int8, ``OTHER``, ``WOOD`` or ``LEAF``.
+    part : (T,) int8, ``OTHER``, ``WOOD``, ``LEAF`` or ``GROUND``.
     leaf : (T,) int32, the leaf a triangle belongs to, -1 where it is no leaf.
     material : (T,) int32, material slot.
     uv : (T, 3, 2) float32 texture coordinates by corner, or None.

@@ -1,0 +1,53 @@
+"""Species files: TOML with a grammar, and the STL templates that it names.
+
+Wherever a species is named, a name without an ending means a file of ``assets/species``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..growth.template import TemplateError, TreeTemplate, split_tree
+from ..spec import Species, SpecError
+from .stl import StlError, read_stl
+from .toml_file import read_settings
+
+ASSETS = Path(__file__).resolve().parents[2] / "assets"
+
+
+def find_species(name: str, folder: Path) -> Path:
+    """The file of a species: a preset's, or a path relative to the folder of the scene file.
+
+    Raises
+    ------
+    SpecError : there is no such preset; names those that are there.
+    """
+    if name.endswith(".toml"):
+        return folder / name
+    preset = ASSETS / "species" / f"{name}.toml"
+    if not preset.is_file():
+        known = ", ".join(sorted(p.stem for p in preset.parent.glob("*.toml")))
+        raise SpecError("species", f'"{name}" is not known; use one of {known}, or a .toml file')
+    return preset
+
+
+def load_species(path: Path) -> tuple[Species, TreeTemplate]:
+    """Read a species and split its templates.
+
+    Raises
+    ------
+    SpecError : the file, or an STL file that it names, is missing or cannot be used.
+    """
+    species = read_settings(path, Species)
+    template = species.template
+    folder = path.parent
+    try:
+        wood = read_stl(folder / template.wood)
+        leaves = read_stl(folder / template.leaves) if template.leaves else None
+        return species, split_tree(wood, leaves, height=template.height)
+    except FileNotFoundError as problem:
+        raise SpecError(
+            str(path), f"template: there is no file {problem.filename}; check the path"
+        ) from None
+    except (StlError, TemplateError) as problem:
+        raise SpecError(str(path), f"template: {problem}") from None

@@ -1,0 +1,179 @@
+"""TOML files into settings, with one clear sentence for whatever is wrong.
+
+cattrs structures the tables into the dataclasses of ``spec``; the hooks here are strict (no number is
+made of a text, no unknown key is passed over), and ``explain`` turns what cattrs raises into a
+``SpecError`` that names the file, the key and what is allowed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import tomllib
+import types
+import typing
+from pathlib import Path
+from typing import Any, TypeVar
+
+from ..spec import SENSORS, Sensor, Settings, SpecError
+
+T = TypeVar("T", bound=Settings)
+
+
+def read_settings(path: Path, cls: type[T]) -> T:
+    """Read a TOML file into a settings class.
+
+    Raises
+    ------
+    SpecError : the file is missing or not TOML; an unknown key, a wrong type, a value out of range.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise SpecError(str(path), "there is no such file; check the path") from None
+    except IsADirectoryError:
+        raise SpecError(str(path), "is a folder; name a .toml file in it") from None
+    except (OSError, UnicodeDecodeError) as problem:
+        reason = "is not a text file" if isinstance(problem, UnicodeDecodeError) else problem.strerror
+        raise SpecError(str(path), f"cannot be read: {reason}") from None
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as problem:
+        raise SpecError(str(path), f"is not TOML: {problem}") from None
+    try:
+        return structure(table, cls)
+    except SpecError as problem:
+        raise SpecError(str(path), f"{problem.key}: {problem.problem}") from None
+
+
+def structure(table: Any, cls: type[T]) -> T:
+    """A settings object from plain tables, lists, texts and numbers.
+
+    Raises
+    ------
+    SpecError : ``key`` is the dotted path within the table.
+    """
+    from cattrs.errors import BaseValidationError
+
+    try:
+        return _converter().structure(table, cls)
+    except (BaseValidationError, SpecError) as problem:
+        raise explain(problem, cls) from None
+
+
+def explain(problem: BaseException, cls: type[Settings]) -> SpecError:
+    """The first thing that is wrong, as a ``SpecError`` with its dotted path."""
+    from cattrs.errors import AttributeValidationNote, BaseValidationError, IterableValidationNote
+
+    path = ""
+    while isinstance(problem, BaseValidationError):
+        # A misspelt key also leaves its right name missing: name the unknown key first.
+        problem = min(problem.exceptions, key=_urgency)
+        for note in getattr(problem, "__notes__", []):
+            if isinstance(note, AttributeValidationNote):
+                path += ("." if path else "") + note.name
+            elif isinstance(note, IterableValidationNote):
+                path += f"[{note.index}]"
+    if isinstance(problem, SpecError):
+        separator = "." if path and problem.key and not problem.key.startswith("[") else ""
+        return SpecError(path + separator + problem.key, problem.problem)
+    if isinstance(problem, KeyError):
+        key = str(problem.args[0])
+        return SpecError(path or key, "is missing; it has no default")
+    return SpecError(path or cls.__name__, str(problem))
+
+
+def _urgency(problem: BaseException) -> int:
+    return 1 if isinstance(problem, KeyError) else 0
+
+
+def _converter() -> Any:
+    from cattrs import Converter
+
+    converter = Converter(detailed_validation=True)
+    converter.register_structure_hook(bool, _strict(bool, (bool,), "true or false"))
+    converter.register_structure_hook(int, _strict(int, (int,), "a whole number"))
+    converter.register_structure_hook(float, _strict(float, (int, float), "a number"))
+    converter.register_structure_hook(str, _strict(str, (str,), "a text in quotes"))
+    converter.register_structure_hook_func(_is_tuple, lambda v, t: _tuple(converter, v, t))
+    converter.register_structure_hook_func(
+        lambda t: t == Sensor, lambda value, _: _sensor(converter, value)
+    )
+    converter.register_structure_hook_factory(
+        lambda t: isinstance(t, type) and issubclass(t, Settings),
+        lambda cls: _table_hook(converter, cls),
+    )
+    return converter
+
+
+def _strict(make: type, accepted: tuple[type, ...], words: str) -> Any:
+    def hook(value: Any, _: Any) -> Any:
+        if isinstance(value, bool) and bool not in accepted or not isinstance(value, accepted):
+            raise SpecError("", f"{_shown(value)} is not {words}")
+        return make(value)
+
+    return hook
+
+
+def _table_hook(converter: Any, cls: type[Settings]) -> Any:
+    """cattrs' own hook for a dataclass, behind a check that the table has no unknown key."""
+    from cattrs.gen import make_dict_structure_fn
+
+    fill = make_dict_structure_fn(cls, converter, _cattrs_detailed_validation=True)
+    fields = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+
+    def hook(value: Any, _: Any) -> Any:
+        if isinstance(value, cls):
+            return value
+        if not isinstance(value, dict):
+            raise SpecError("", f"{_shown(value)} is not a table with {', '.join(fields)}")
+        for key in value:
+            if key not in fields:
+                near = difflib.get_close_matches(key, fields, 1)
+                hint = f'did you mean "{near[0]}"? ' if near else ""
+                raise SpecError(key, f"is not known; {hint}Allowed: {', '.join(fields)}")
+        return fill(value, cls)
+
+    return hook
+
+
+def _sensor(converter: Any, value: Any) -> Any:
+    kind = value.get("kind") if isinstance(value, dict) else None
+    if kind not in SENSORS:
+        known = ", ".join(f'"{k}"' for k in SENSORS)
+        said = f"{_shown(kind)} is not known" if kind is not None else "is missing"
+        raise SpecError("kind", f"{said}; use one of {known}")
+    return converter.structure(value, SENSORS[kind])
+
+
+def _is_tuple(kind: Any) -> bool:
+    return typing.get_origin(kind) is tuple
+
+
+def _tuple(converter: Any, value: Any, kind: Any) -> Any:
+    """Fixed-length vectors and lists of anything; says how many numbers are expected."""
+    from cattrs.errors import IterableValidationError, IterableValidationNote
+
+    parts = typing.get_args(kind)
+    many = len(parts) == 2 and parts[1] is Ellipsis
+    if not isinstance(value, (list, tuple)):
+        raise SpecError("", f"{_shown(value)} is not a list" + ("" if many else f" of {len(parts)}"))
+    if not many and len(value) != len(parts):
+        raise SpecError("", f"has {len(value)} values; give {len(parts)}")
+    done, wrong = [], []
+    for index, item in enumerate(value):
+        try:
+            done.append(converter.structure(item, parts[0] if many else parts[index]))
+        except Exception as problem:
+            problem.add_note(IterableValidationNote("", index, parts[0]))
+            wrong.append(problem)
+    if wrong:
+        raise IterableValidationError("", wrong, types.GenericAlias(tuple, parts))
+    return tuple(done)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return f'"{value}"' if isinstance(value, str) else str(value)
+

@@ -1,0 +1,147 @@
+"""One tree: the L-system gives trunk and first-level nodes, templates give the branches (T20).
+
+The trunk is a tube along the skeleton's axis of order 0. At every node where an axis of order 1 leaves
+it, and at the trunk's tip, a branch template is grafted whose length is that of the whole axis. With as
+many templates as nodes they match one to one, from the lowest up; otherwise they are drawn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..rng import truncated_normal
+from ..spec import Species
+from .grammar import T20, derive
+from .graft import Site, graft, prepare
+from .leaves import Leaves, measure_leaves
+from .skeleton import Skeleton
+from .template import TreeTemplate
+from .trimesh import WOOD, TriMesh, join
+from .tubes import sides_for, tube
+from .turtle import interpret
+
+TOLERANCE = 0.002  # metres between a trunk's polygon and its circle
+SUNK = 0.15  # metres the trunk goes on below the ground, so that no gap shows
+
+
+@dataclass(frozen=True)
+class Tree:
+    """A grown tree, foot at the origin, z up.
+
+    mesh : wood in material slot 0, leaves in slot 1.
+    leaves : the truth of its leaves; ``branch`` counts the grafted branches.
+    skeleton : trunk and first-level axes.
+    """
+
+    mesh: TriMesh
+    leaves: Leaves
+    skeleton: Skeleton
+
+    @property
+    def height(self) -> float:
+        """Metres from the ground to the highest point."""
+        return float(self.mesh.vertices[:, 2].max())
+
+
+def grow(species: Species, template: TreeTemplate, rng: np.random.Generator) -> Tree:
+    """Grow one tree of a species from its random stream."""
+    symbols = derive(T20, species.grammar.generations)
+    skeleton = interpret(symbols, species.grammar, species.jitter, rng)
+    trunk = skeleton.axis(0)
+    sites = _sites(skeleton, trunk, species, rng)
+    scions = [prepare(branch) for branch in template.branches]
+    chosen = _choose(len(sites), len(scions), rng)
+    roll = np.deg2rad(15.0) * truncated_normal(rng, len(sites))
+    branches = [
+        graft(scions[pick], site, species.jitter.leaf_size, turn, rng)
+        for pick, site, turn in zip(chosen, sites, roll, strict=True)
+    ]
+    mesh = join([_trunk_mesh(skeleton, trunk), *branches])
+    bearer = np.repeat(np.arange(len(branches)), [int(b.leaf.max(initial=-1)) + 1 for b in branches])
+    return Tree(mesh, measure_leaves(mesh, bearer), _first_levels(skeleton))
+
+
+def _sites(
+    skeleton: Skeleton, trunk: list[int], species: Species, rng: np.random.Generator
+) -> list[Site]:
+    """Foot, direction and length of every first-level branch, from the lowest up, then the tip."""
+    length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
+    firsts = np.flatnonzero(
+        (skeleton.order == 1) & (skeleton.order[np.maximum(skeleton.parent, 0)] == 0)
+    )
+    onward = dict(zip(trunk[:-1], trunk[1:], strict=True))
+    sites: list[Site] = []
+    for first in firsts:
+        reach = float(length[skeleton.axis(int(first))].sum())
+        direction = skeleton.end[first] - skeleton.start[first]
+        direction /= np.linalg.norm(direction)
+        node = onward.get(int(skeleton.parent[first]))
+        for copy in range(species.grammar.copies):
+            foot = skeleton.start[first]
+            if node is not None and copy:  # a further copy: turned about the trunk, and raised
+                axis = skeleton.end[node] - skeleton.start[node]
+                foot = foot + axis * copy / species.grammar.copies * (1 - rng.random() * 0.3)
+            sites.append(Site(foot, _turned(direction, copy / species.grammar.copies), reach))
+    sites.sort(key=lambda site: float(site.foot[2]))
+    tip = trunk[-1]
+    upward = skeleton.end[tip] - skeleton.start[tip]
+    upward_length = float(np.linalg.norm(upward))
+    sites.append(Site(skeleton.start[tip], upward / upward_length, 1.5 * upward_length))
+    return sites
+
+
+def _turned(direction: np.ndarray, share: float) -> np.ndarray:
+    """A direction turned about the vertical by a share of half a turn: two copies stand at 90°."""
+    cos, sin = np.cos(np.pi * share), np.sin(np.pi * share)
+    x, y, z = direction
+    return np.array([cos * x - sin * y, sin * x + cos * y, z])
+
+
+def _choose(sites: int, templates: int, rng: np.random.Generator) -> np.ndarray:
+    if sites == templates:
+        return np.arange(sites)
+    return rng.integers(templates, size=sites)
+
+
+def _trunk_mesh(skeleton: Skeleton, trunk: list[int]) -> TriMesh:
+    """The trunk as one tube, smooth through the nodes, with a flare at the foot."""
+    nodes = np.concatenate([skeleton.start[trunk], skeleton.end[trunk[-1:]]])
+    radius = np.concatenate([skeleton.radius[trunk, 0], skeleton.radius[trunk[-1:], 1]])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(nodes, axis=0), axis=1))])
+    fine = np.unique(
+        np.concatenate([np.linspace(a, b, 5) for a, b in zip(along[:-1], along[1:], strict=True)])
+    )
+    fine = np.unique(np.concatenate([fine, radius[0] * np.array([0.5, 1.0, 2.0, 4.0])]))
+    fine = fine[fine <= along[-1]]
+    points = _smooth(along, nodes, fine)
+    thickness = np.interp(fine, along, radius)
+    thickness *= 1 + 0.35 * np.exp(-fine / (1.5 * radius[0]))  # root flare
+    points = np.concatenate([points[:1] - [[0.0, 0.0, SUNK]], points])
+    thickness = np.concatenate([thickness[:1] * 1.1, thickness])
+    vertices, triangles = tube(points, thickness, sides_for(float(radius[0]), TOLERANCE))
+    return TriMesh.of_part(vertices, triangles, WOOD)
+
+
+def _smooth(along: np.ndarray, nodes: np.ndarray, fine: np.ndarray) -> np.ndarray:
+    from scipy.interpolate import PchipInterpolator
+
+    return np.asarray(PchipInterpolator(along, nodes)(fine))
+
+
+def _first_levels(skeleton: Skeleton) -> Skeleton:
+    """Trunk and first-level axes only; what branches further comes from the templates."""
+    keep = skeleton.order <= 1
+    renumbered = np.cumsum(keep) - 1
+    parent = skeleton.parent[keep]
+    return Skeleton(
+        start=skeleton.start[keep],
+        end=skeleton.end[keep],
+        radius=skeleton.radius[keep],
+        parent=np.where(parent < 0, -1, renumbered[parent]),
+        order=skeleton.order[keep],
+        generation=skeleton.generation[keep],
+    )
+
+
