@@ -3,11 +3,17 @@
 Reading gives the corners alone, (T, 3, 3) float64 in file units: an STL has no units, and its normals
 are left out because exporters leave them zero or flipped, while the corners always tell them. Writing
 makes binary STL, the same bytes for the same facets.
+
+A file is binary if its size is what its facet count says, whatever its header; else it is ASCII if it
+is text that starts with "solid" or "facet"; else it is refused.
 """
 
 from __future__ import annotations
 
 import os
+import re
+import warnings
+from pathlib import Path
 
 import numpy as np
 
@@ -15,10 +21,55 @@ from .atomic import replacing
 
 HEADER_BYTES = 84  # 80 of text, then the facet count
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+CHUNK = 1 << 24  # bytes of ASCII parsed at a time: large enough for numpy, small enough for memory
+BLANK = 32  # a byte up to this one, space, separates words
 
 
 class StlError(ValueError):
     """A file that cannot be read or written as STL: one sentence with what, which file, what to do."""
+
+
+class StlWarning(UserWarning):
+    """Facets were left out of what was read."""
+
+
+def read_stl(path: str | os.PathLike[str]) -> np.ndarray:
+    """Facets of an STL file: (T, 3, 3) float64, T >= 1, every number finite, in the file's order.
+
+    Facets with a corner that is NaN or infinite are left out, and an ``StlWarning`` says how many.
+
+    Raises
+    ------
+    StlError : the file is empty, cut off, no STL, says another count than it holds, or has no facet.
+    OSError : it cannot be opened.
+    """
+    name = os.path.basename(os.fspath(path))
+    data = Path(path).read_bytes()
+    if not data.strip(b"\0 \t\r\n"):
+        raise StlError(f"{name} is empty; export it again.")
+    counted = int.from_bytes(data[80:HEADER_BYTES], "little")
+    if len(data) >= HEADER_BYTES and len(data) == HEADER_BYTES + FACET.itemsize * counted:
+        records = np.frombuffer(data, FACET, offset=HEADER_BYTES)
+        facets = records["corners"].astype(np.float64)
+    elif _is_text(data):
+        facets = _parse_ascii(data.lower(), name)
+    else:
+        raise _wrong_size(data, counted, name)
+
+    finite = np.isfinite(facets).all(axis=(1, 2))
+    if not finite.any():
+        what = "no facet of finite numbers" if len(facets) else "no facets"
+        raise StlError(f"{name} has {what}; export it again with the mesh selected.")
+    if not finite.all():
+        lost = int(np.count_nonzero(~finite))
+        warnings.warn(
+            f"{name}: {lost} of {len(facets)} facets have a corner that is not a finite number; "
+            "they were left out.",
+            StlWarning,
+            stacklevel=2,
+        )
+        facets = facets[finite]
+    return facets
 
 
 def write_stl(
@@ -40,7 +91,9 @@ def write_stl(
         raise StlError(f"{name}: a corner is not a finite float32 number; remove that facet first.")
     text = header.encode("ascii", "replace")
     if len(text) > 80 or text.lstrip().lower().startswith(b"solid"):
-        raise StlError(f'{name}: the header must be at most 80 characters and not start with "solid".')
+        raise StlError(
+            f'{name}: the header must be at most 80 characters and not start with "solid".'
+        )
 
     record = np.zeros(len(corners), dtype=FACET)
     record["corners"] = corners
@@ -51,3 +104,140 @@ def write_stl(
         file.write(text.ljust(80, b"\0"))
         file.write(np.uint32(len(record)).astype("<u4").tobytes())
         file.write(record.tobytes())
+
+
+# ------------------------------------------------------------------------------------- binary
+
+
+def _is_text(data: bytes) -> bool:
+    """Whether this can only be ASCII STL: it starts as one, and has no zero byte near its start.
+
+    A binary file has zeros there even if its header says "solid": in its count, below 2^24 facets.
+    """
+    head = data[:1024].removeprefix(b"\xef\xbb\xbf").lstrip().lower()
+    return head.startswith((b"solid", b"facet")) and b"\0" not in head
+
+
+def _wrong_size(data: bytes, counted: int, name: str) -> StlError:
+    """What to say of a file whose size is not that of its facet count: damaged, or no STL at all."""
+    held, rest = divmod(max(len(data) - HEADER_BYTES, 0), FACET.itemsize)
+    sample = np.frombuffer(data, FACET, count=min(held, 1000), offset=HEADER_BYTES if held else 0)
+    with np.errstate(invalid="ignore"):
+        corners, normals = np.abs(sample["corners"]), np.abs(sample["normal"])
+        usual = ((corners == 0) | ((corners > 1e-12) & (corners < 1e12))).all(axis=(1, 2))
+        usual &= (normals <= 1.5).all(axis=1)
+    looks_binary = len(data) >= HEADER_BYTES and counted < 10**9
+    if not looks_binary or (held and usual.mean() < 0.9):
+        return StlError(f"{name} is not an STL file; choose a binary or ASCII STL.")
+    if held < counted:
+        return StlError(
+            f"{name} is cut off: its header counts {counted} facets, the file holds {held}; "
+            "copy or export it again."
+        )
+    return StlError(
+        f"{name} is damaged: its header counts {counted} facets, the file holds {held}"
+        f"{f' and {rest} bytes' if rest else ''}; export it again."
+    )
+
+
+# ------------------------------------------------------------------------------------- ASCII
+
+
+def _parse_ascii(text: bytes, name: str) -> np.ndarray:
+    """Facets (T, 3, 3) of lower-case ASCII STL: what stands between "outer loop" and "endloop".
+
+    Words may be split by any white space; normals may be missing.
+    """
+    end = max(text.rfind(b"endsolid"), text.rfind(b"end solid"))
+    if re.compile(rb"outer\s+loop\s").search(text, max(end, 0)):
+        raise StlError(
+            f'{name} is cut off after {text.count(b"endloop")} facets: "endsolid" is missing; '
+            "copy or export it again."
+        )
+    if end < 0:
+        raise StlError(f"{name} is not an STL file; choose a binary or ASCII STL.")
+    if b"#" in text:  # "1.#qnan", "-1.#ind", "1.#inf" of old Windows programs
+        text = re.sub(rb"[+-]?1\.#[a-z]+\d*", b"nan", text)
+    parts = [np.empty((0, 3, 3))]
+    start = done = 0
+    while start < len(text):
+        stop = _end_of_stretch(text, start)
+        parts.append(_parse_loops(text[start:stop], name, done))
+        done += len(parts[-1])
+        start = stop
+    return np.concatenate(parts)
+
+
+def _end_of_stretch(text: bytes, start: int) -> int:
+    """Where to cut next, at most ``CHUNK`` on if possible: before a loop, never inside one."""
+    if start + CHUNK >= len(text):
+        return len(text)
+    stop = text.rfind(b"outer", start + 1, start + CHUNK)
+    if stop < 0:
+        stop = text.find(b"outer", start + CHUNK - len(b"outer"))
+    return len(text) if stop < 0 else stop
+
+
+def _parse_loops(text: bytes, name: str, before: int) -> np.ndarray:
+    """Facets of a stretch of text that starts and ends between loops, after ``before`` others."""
+    padded = np.frombuffer(b" " + text + b" " * 16, np.uint8)
+    blank = padded <= BLANK
+    words = np.flatnonzero(~blank[1:] & blank[:-1]) + 1  # (W,) where each word starts
+
+    def is_word(at: np.ndarray, word: bytes) -> np.ndarray:
+        same: np.ndarray = blank[at + len(word)]
+        for offset, letter in enumerate(word):
+            same = same & (padded[at + offset] == letter)
+        return same
+
+    loops = np.flatnonzero(padded[words] == ord("l"))
+    loops = loops[(loops > 0) & is_word(words[loops], b"loop")]
+    loops = loops[is_word(words[loops - 1], b"outer")]  # (F,) word numbers
+
+    words = np.append(words, np.full(14, len(padded) - 16))  # blanks, if the last loop is short
+    sound = padded[words[loops + 13]] == ord("e")  # endloop, or end loop
+    for vertex in (1, 5, 9):
+        sound &= is_word(words[loops + vertex], b"vertex")
+    if not sound.all():
+        raise _bad_facet(name, before + int(np.argmin(sound)))
+
+    first = (loops[:, None] + np.array([2, 6, 10])).ravel()  # first number of each vertex
+    bounds = np.stack([words[first], words[first + 3]], axis=1).ravel()  # from, to, from, to ...
+    runs = np.diff(bounds, prepend=0, append=len(padded))
+    kept = padded[np.repeat(np.arange(len(runs)) % 2 == 1, runs)]
+    kept[kept < BLANK] = BLANK
+    numbers = kept.tobytes()
+    values = _parse_numbers(numbers)
+    if len(values) != 9 * len(loops):
+        raise _bad_facet(name, before + _first_bad_number(numbers.split()) // 9)
+    return values.reshape(-1, 3, 3)
+
+
+def _parse_numbers(text: bytes) -> np.ndarray:
+    """All numbers of a text, or none if a word is no number.
+
+    "1.2.3" is read as two numbers, so the caller has to count.
+    """
+    if not text:
+        return np.empty(0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)
+        try:
+            return np.fromstring(text, dtype=np.float64, sep=" ")
+        except (DeprecationWarning, ValueError):  # numpy is to turn the first into the second
+            return np.empty(0)
+
+
+def _first_bad_number(words: list[bytes]) -> int:
+    for index, word in enumerate(words):
+        try:
+            float(word)
+        except ValueError:
+            return index
+    return 0
+
+
+def _bad_facet(name: str, facet: int) -> StlError:
+    return StlError(
+        f"{name}: facet {facet + 1} is not three vertices of three numbers; export it again."
+    )
