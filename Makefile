@@ -1,0 +1,44 @@
+# Two commands matter: `make demo` and `make test`. Both first make the environment in VENV, once: an
+# interpreter that really runs (packaging/find_python.sh), a venv with Blender as a module
+# (packaging/setup_env.py). That is done again when pyproject.toml changes. Choose with
+# PYTHON=/path/to/python and VENV=folder; ARGS="..." is handed on.
+
+VENV ?= .venv
+PLATFORM ?=
+ARGS ?=
+export PYTHON
+RUN := $(VENV)/bin/python
+READY := $(VENV)/ready
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint bench extension clean distclean
+
+help: ## list what can be made
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
+
+demo: $(READY) ## grow the demo forest, run every sensor in it, results and report in out/demo
+	@$(RUN) -m headless demo --out out/demo $(ARGS)
+
+test: $(READY) ## run the tests
+	@$(RUN) -m pytest $(ARGS)
+
+lint: $(READY) ## ruff on everything, mypy on the rooms that know no Blender
+	@$(RUN) -m ruff check .
+	@$(RUN) -m ruff format --check .
+	@$(RUN) -m mypy
+
+bench: $(READY) ## measure speed and accuracy on this machine
+	@$(RUN) -m headless bench $(ARGS)
+
+extension: $(READY) ## build the Blender extension in build/; PLATFORM=all for every system
+	@$(RUN) packaging/build_extension.py $(PLATFORM)
+
+clean: ## remove caches, build/ and out/demo
+	@rm -rf build out/demo *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	@find . -name '.venv*' -prune -o -name __pycache__ -type d -prune -exec rm -rf {} +
+
+distclean: clean ## clean, and remove the environment and the downloaded wheels
+	@rm -rf "$(VENV)" wheels
+
+$(READY): pyproject.toml
+	@python=$$(sh packaging/find_python.sh) && "$$python" packaging/setup_env.py "$(VENV)"

@@ -1,0 +1,178 @@
+"""Builds the Blender extension: build/forest_sensing-VERSION-PLATFORM.zip, ready for Install from Disk.
+
+blender_manifest.toml says everything: which files go in and which wheels. For one platform
+(default: this one) the declared wheels are downloaded into wheels/ by their exact names, for both
+Pythons; the repository is staged with a manifest that names that platform and those wheels alone;
+Blender's own tool, which comes with bpy, builds and validates the archive. Exit code 1 with one
+line on failure, 75 when the package index cannot be reached.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import platform as machine
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+from fnmatch import fnmatch
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+WHEELS = ROOT / "wheels"
+# Blender's name of a platform -> how the platform tags of its wheels look.
+PLATFORMS = {
+    "linux-x64": "*manylinux*_x86_64",
+    "windows-x64": "win_amd64",
+    "macos-arm64": "macosx_*_arm64",
+}
+NO_NETWORK = 75  # EX_TEMPFAIL
+
+
+class BuildError(Exception):
+    """Why there is no archive, in one sentence."""
+
+    def __init__(self, problem: str, exit_code: int = 1) -> None:
+        super().__init__(problem)
+        self.exit_code = exit_code
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description="Build the Blender extension.")
+    parser.add_argument("platform", nargs="?", default=this_platform(), choices=[*PLATFORMS, "all"])
+    parser.add_argument("--out", type=Path, default=ROOT / "build", help="folder for the archive")
+    options = parser.parse_args(arguments)
+    try:
+        for platform in PLATFORMS if options.platform == "all" else [options.platform]:
+            archive = build(platform, options.out)
+            print(f"{archive} ({archive.stat().st_size / 1e6:.1f} MB)")
+    except BuildError as problem:
+        print(problem, file=sys.stderr)
+        return problem.exit_code
+    print(
+        "In Blender: Edit > Preferences > Get Extensions > Install from Disk, or drag it into the window."
+    )
+    return 0
+
+
+def build(platform: str, out: Path) -> Path:
+    text = (ROOT / "blender_manifest.toml").read_text(encoding="utf-8")
+    manifest = tomllib.loads(text)
+    wheels = [wheel for wheel in manifest["wheels"] if fits(wheel, platform)]
+    for wheel in wheels:
+        fetch(Path(wheel).name)
+    out.mkdir(parents=True, exist_ok=True)
+    archive = out / f"{manifest['id']}-{manifest['version']}-{platform}.zip"
+    with tempfile.TemporaryDirectory(prefix="extension-") as folder:
+        stage = Path(folder) / "stage"
+        copy_repository(stage)
+        (stage / "wheels").mkdir()
+        for wheel in wheels:
+            shutil.copy2(WHEELS / Path(wheel).name, stage / "wheels")
+        (stage / "blender_manifest.toml").write_text(
+            narrow(text, manifest, platform, wheels), encoding="utf-8"
+        )
+        blender_tool("build", "--source-dir", stage, "--output-filepath", archive)
+    blender_tool("validate", archive)
+    return archive
+
+
+def this_platform() -> str:
+    """Blender's name for this machine's platform."""
+    system = {"Darwin": "macos"}.get(machine.system(), machine.system().lower())
+    kind = machine.machine().lower()
+    return f"{system}-{ {'x86_64': 'x64', 'amd64': 'x64', 'aarch64': 'arm64'}.get(kind, kind) }"
+
+
+def fits(wheel: str, platform: str) -> bool:
+    tag = wheel.removesuffix(".whl").rpartition("-")[2]
+    return tag == "any" or fnmatch(tag, PLATFORMS[platform])
+
+
+def fetch(name: str) -> None:
+    """Downloads the wheel of exactly this file name into wheels/, unless it is there."""
+    if (WHEELS / name).exists():
+        return
+    project, version, python, abi, tag = name.removesuffix(".whl").split("-")
+    print(f"downloading {name}", flush=True)
+    options = ["--no-deps", "--only-binary=:all:", "--quiet", "--retries=2"]
+    options += [f"--platform={one}" for one in tag.split(".")]
+    if python.startswith("cp"):
+        options += [f"--python-version={python[2:]}", "--implementation=cp", f"--abi={abi}"]
+    WHEELS.mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=WHEELS) as folder:
+        pip = subprocess.run(
+            [
+                sys.executable,
+                "-m",
+                "pip",
+                "download",
+                *options,
+                "-d",
+                folder,
+                f"{project}=={version}",
+            ],
+            capture_output=True,
+            text=True,
+        )
+        found = [file.name for file in Path(folder).iterdir()]
+        if name in found:
+            (Path(folder) / name).rename(WHEELS / name)
+            return
+    if "connection broken" in pip.stderr:
+        raise BuildError(f"{name}: the package index cannot be reached", NO_NETWORK)
+    if found:
+        raise BuildError(f"the manifest declares {name}, but the package index has {found[0]}")
+    reason = (pip.stderr.strip().splitlines() or ["pip gave no reason"])[-1]
+    raise BuildError(f"{name} cannot be downloaded: {reason}")
+
+
+def copy_repository(stage: Path) -> None:
+    """All but what is large or hidden; the manifest's own list then says what goes in."""
+    large = {"build", "out", "wheels"}
+
+    def left_out(folder: str, names: list[str]) -> set[str]:
+        here = large if Path(folder) == ROOT else set()
+        return {name for name in names if name.startswith(".") or name in here | {"__pycache__"}}
+
+    shutil.copytree(ROOT, stage, ignore=left_out)
+
+
+def narrow(text: str, manifest: dict, platform: str, wheels: list[str]) -> str:
+    """The manifest's text for one platform: its `platforms` line and its wheels, one a line, alone."""
+    lines = []
+    for line in text.splitlines():
+        entry = line.strip().rstrip(",").strip('"')
+        if line.startswith("platforms = "):
+            line = f'platforms = ["{platform}"]'
+        if entry not in manifest["wheels"] or entry in wheels:
+            lines.append(line)
+    narrowed = "\n".join(lines) + "\n"
+    if tomllib.loads(narrowed) != manifest | {"platforms": [platform], "wheels": wheels}:
+        raise BuildError("blender_manifest.toml: keep `platforms` on one line and one wheel a line")
+    return narrowed
+
+
+def blender_tool(command: str, *arguments: str | Path) -> None:
+    """Runs Blender's extension tool from the installed bpy (Blender itself is not loaded)."""
+    bpy = importlib.util.find_spec("bpy")
+    if bpy is None or bpy.origin is None:
+        raise BuildError("bpy is not installed; run this through `make extension`")
+    scripts = next(Path(bpy.origin).parent.glob("*/scripts"))
+    tool = scripts / "addons_core/bl_pkg/cli/blender_ext.py"
+    tags = scripts / "modules/_bpy_internal/extensions/tags.py"
+    run = subprocess.run(
+        [sys.executable, tool, command, *arguments, f"--valid-tags={tags}"],
+        capture_output=True,
+        text=True,
+    )
+    if run.returncode:
+        raise BuildError(
+            f"Blender's tool refuses to {command}: {(run.stdout + run.stderr).strip()}"
+        )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,85 @@
+"""One Blender session, run by test_extension.py: install, enable, look, disable, look again.
+
+Usage: extension_session.py ARCHIVE ANSWER.json, with BLENDER_USER_RESOURCES on an empty folder. The
+answer says where modules come from, what enabling added and what disabling left behind.
+"""
+
+import importlib.util
+import json
+import sys
+from importlib import import_module, metadata
+from pathlib import Path
+
+import bpy
+
+# Blender's own module, there once bpy is loaded.
+import addon_utils  # isort: skip
+
+MODULE = "bl_ext.user_default.forest_sensing"
+
+
+def main(archive: str, answer: str) -> None:
+    lacking = [name for name in ("scipy", "laspy", "lazrs", "cattrs") if not has(name)]
+    before = snapshot()
+    installed = bpy.ops.extensions.package_install_files(
+        filepath=archive, repo="user_default", enable_on_install=True
+    )
+    enabled = snapshot()
+    loaded = addon_utils.check(MODULE)[1]
+    local = [folder for folder in sys.path if ".local" in Path(folder).parts]
+    origins = {name: import_module(name).__file__ for name in (*lacking, "numpy")}
+    wheels = {dist.name: dist.version for dist in metadata.distributions(path=local)}
+    from scipy.special import j1  # compiled code, on this Blender's numpy
+
+    j1(1.0)
+    disabled = bpy.ops.preferences.addon_disable(module=MODULE)
+    result = {
+        "lacking": lacking,
+        "installed": sorted(installed),
+        "loaded": loaded,
+        "origins": origins,
+        "wheels": wheels,
+        "added": sorted(enabled - before),
+        "disabled": sorted(disabled),
+        "still_loaded": addon_utils.check(MODULE)[1],
+        "left": sorted(snapshot() - before),
+        "lost": sorted(before - snapshot()),
+    }
+    Path(answer).write_text(json.dumps(result, indent=1))
+
+
+def has(name: str) -> bool:
+    return importlib.util.find_spec(name) is not None
+
+
+def snapshot() -> set[str]:
+    """Names of all that an add-on can add to Blender: what it registers, hooks, appends, binds and makes."""
+    names = set()
+    for name in dir(bpy.types):
+        kind = getattr(bpy.types, name)
+        names.add(f"class {name}")
+        if hasattr(kind, "bl_rna"):
+            names.update(f"property {name}.{key.identifier}" for key in kind.bl_rna.properties)
+        for drawer in getattr(getattr(kind, "draw", None), "_draw_funcs", []):
+            if not drawer.__module__.startswith(
+                "bl_ui."
+            ):  # Blender's own, listed at the first append
+                names.add(f"drawn in {name}: {drawer}")
+    for room in dir(bpy.ops):
+        names.update(f"operator {room}.{name}" for name in dir(getattr(bpy.ops, room)))
+    for name in dir(bpy.app.handlers):
+        hooked = getattr(bpy.app.handlers, name)
+        if isinstance(hooked, list):
+            names.update(f"handler {name}: {handler}" for handler in hooked)
+    for configuration in bpy.context.window_manager.keyconfigs:
+        for keymap in configuration.keymaps:
+            names.update(f"key {keymap.name}: {item.idname}" for item in keymap.keymap_items)
+    for collection in (getattr(bpy.data, name) for name in dir(bpy.data)):
+        if isinstance(collection, bpy.types.bpy_prop_collection):
+            names.update(f"data {block!r}" for block in collection)
+    names.update(f"add-on {addon.module}" for addon in bpy.context.preferences.addons)
+    return names
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
