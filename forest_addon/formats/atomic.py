@@ -13,6 +13,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 
+_being_written: set[Path] = set()
+
+
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Give a temporary path to write to; rename it to ``path`` when the block ends well.
@@ -23,6 +26,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """
     final = Path(path)
     partial = final.with_name(f".{final.stem}.{os.getpid()}.partial{final.suffix}")
+    _being_written.add(partial)
     try:
         yield partial
         if not partial.is_file() or partial.stat().st_size == 0:
@@ -31,4 +35,11 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
             os.fsync(written.fileno())
         os.replace(partial, final)
     finally:
+        partial.unlink(missing_ok=True)
+        _being_written.discard(partial)
+
+
+def remove_partial_files() -> None:
+    """Remove what is being written at this moment, for a process that is about to end at once."""
+    for partial in list(_being_written):
         partial.unlink(missing_ok=True)

@@ -1,0 +1,68 @@
+"""The scene as a .blend and the forest as a .glb, each whole or not there."""
+
+from __future__ import annotations
+
+import os
+
+import bpy
+
+from ..formats.atomic import replacing
+from .forest import GROUND_NAME, TREES, root
+
+
+def save_blend(path: str | os.PathLike[str]) -> None:
+    """Save a copy of the whole file, compressed.
+
+    Raises
+    ------
+    OSError : Blender could not write it.
+    """
+    with replacing(path) as partial:
+        try:
+            bpy.ops.wm.save_as_mainfile(
+                filepath=str(partial), copy=True, compress=True, check_existing=False
+            )
+        except RuntimeError as problem:
+            raise OSError(_first_line(problem)) from None
+
+
+def export_glb(scene: bpy.types.Scene, path: str | os.PathLike[str]) -> None:
+    """Export trees and ground as binary glTF; trees of one variant share a mesh.
+
+    Raises
+    ------
+    OSError : the exporter could not write it.
+    """
+    top = root(scene)
+    wanted = {
+        thing
+        for child in (top.children if top else ())
+        if child.name.startswith((TREES, GROUND_NAME))
+        for thing in child.all_objects
+    }
+    selected = [thing for thing in scene.objects if thing.select_get()]
+    for thing in scene.objects:
+        thing.select_set(thing in wanted)
+    try:
+        with replacing(path) as partial:
+            try:
+                bpy.ops.export_scene.gltf(
+                    filepath=str(partial),
+                    export_format="GLB",
+                    use_selection=True,
+                    export_extras=True,
+                    export_apply=False,
+                    export_animations=False,
+                    export_attributes=False,
+                    export_texcoords=False,
+                    export_yup=True,
+                )
+            except RuntimeError as problem:
+                raise OSError(_first_line(problem)) from None
+    finally:
+        for thing in scene.objects:
+            thing.select_set(thing in selected)
+
+
+def _first_line(problem: Exception) -> str:
+    return str(problem).strip().splitlines()[0].removeprefix("Error: ")

@@ -1,0 +1,120 @@
+"""Materials that look like bark, leaves and forest floor: a few procedural nodes each."""
+
+from __future__ import annotations
+
+import bpy
+
+Colour = tuple[float, float, float]
+
+
+def bark(name: str, colour: Colour) -> bpy.types.Material:
+    """Rough bark: two tones in noise stretched along the stem, with a bump."""
+    material, shader = _principled(name)
+    tree = material.node_tree
+    place = tree.nodes.new("ShaderNodeTexCoord")
+    stretch = tree.nodes.new("ShaderNodeMapping")
+    stretch.inputs["Scale"].default_value = (14.0, 14.0, 3.0)
+    noise = tree.nodes.new("ShaderNodeTexNoise")
+    noise.inputs["Scale"].default_value = 1.0
+    noise.inputs["Detail"].default_value = 6.0
+    bump = tree.nodes.new("ShaderNodeBump")
+    bump.inputs["Strength"].default_value = 0.6
+    bump.inputs["Distance"].default_value = 0.02
+    tones = _ramp(tree, _scaled(colour, 0.45), _scaled(colour, 1.6))
+    tree.links.new(place.outputs["Object"], stretch.inputs["Vector"])
+    tree.links.new(stretch.outputs["Vector"], noise.inputs["Vector"])
+    tree.links.new(noise.outputs["Fac"], tones.inputs["Fac"])
+    tree.links.new(noise.outputs["Fac"], bump.inputs["Height"])
+    tree.links.new(bump.outputs["Normal"], shader.inputs["Normal"])
+    tree.links.new(tones.outputs["Color"], shader.inputs["Base Color"])
+    shader.inputs["Roughness"].default_value = 0.9
+    material.diffuse_color = (*colour, 1.0)
+    return material
+
+
+def leaf(name: str, colour: Colour) -> bpy.types.Material:
+    """Leaves that let light through; each leaf and each tree has its own shade of green."""
+    material, shader = _principled(name)
+    tree = material.node_tree
+    number = tree.nodes.new("ShaderNodeAttribute")
+    number.attribute_name = "leaf"
+    shade = tree.nodes.new("ShaderNodeTexWhiteNoise")
+    shade.noise_dimensions = "1D"
+    tones = _ramp(tree, _scaled(colour, 0.55), _towards(_scaled(colour, 1.5), (0.30, 0.30, 0.02), 0.25))
+    through = tree.nodes.new("ShaderNodeBsdfTranslucent")
+    mix = tree.nodes.new("ShaderNodeMixShader")
+    mix.inputs["Fac"].default_value = 0.4
+    tree.links.new(number.outputs["Fac"], shade.inputs["W"])
+    tree.links.new(shade.outputs["Value"], tones.inputs["Fac"])
+    tree.links.new(tones.outputs["Color"], shader.inputs["Base Color"])
+    tree.links.new(tones.outputs["Color"], through.inputs["Color"])
+    tree.links.new(shader.outputs["BSDF"], mix.inputs[1])
+    tree.links.new(through.outputs["BSDF"], mix.inputs[2])
+    tree.links.new(mix.outputs["Shader"], _output(tree).inputs["Surface"])
+    shader.inputs["Roughness"].default_value = 0.55
+    material.diffuse_color = (*colour, 1.0)
+    return material
+
+
+def ground(name: str) -> bpy.types.Material:
+    """Grass and litter in patches."""
+    material, shader = _principled(name)
+    tree = material.node_tree
+    place = tree.nodes.new("ShaderNodeTexCoord")
+    patches = tree.nodes.new("ShaderNodeTexNoise")
+    patches.inputs["Scale"].default_value = 0.25
+    patches.inputs["Detail"].default_value = 12.0
+    patches.inputs["Roughness"].default_value = 0.75
+    tones = _ramp(tree, (0.055, 0.045, 0.022), (0.055, 0.085, 0.018), 0.38, 0.62)
+    bump = tree.nodes.new("ShaderNodeBump")
+    bump.inputs["Distance"].default_value = 0.15
+    tree.links.new(place.outputs["Object"], patches.inputs["Vector"])
+    tree.links.new(patches.outputs["Fac"], tones.inputs["Fac"])
+    tree.links.new(patches.outputs["Fac"], bump.inputs["Height"])
+    tree.links.new(bump.outputs["Normal"], shader.inputs["Normal"])
+    tree.links.new(tones.outputs["Color"], shader.inputs["Base Color"])
+    shader.inputs["Roughness"].default_value = 1.0
+    material.diffuse_color = (0.08, 0.09, 0.04, 1.0)
+    return material
+
+
+def coloured_points(name: str) -> bpy.types.Material:
+    """Points in the colour that their attribute ``colour`` says."""
+    material, shader = _principled(name)
+    tree = material.node_tree
+    colour = tree.nodes.new("ShaderNodeAttribute")
+    colour.attribute_name = "colour"
+    tree.links.new(colour.outputs["Color"], shader.inputs["Base Color"])
+    shader.inputs["Roughness"].default_value = 1.0
+    return material
+
+
+def _principled(name: str) -> tuple[bpy.types.Material, bpy.types.Node]:
+    material = bpy.data.materials.new(name)
+    material.use_nodes = True
+    nodes = material.node_tree.nodes
+    return material, next(n for n in nodes if n.type == "BSDF_PRINCIPLED")
+
+
+def _output(tree: bpy.types.NodeTree) -> bpy.types.Node:
+    return next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
+
+
+def _ramp(
+    tree: bpy.types.NodeTree, dark: Colour, light: Colour, low: float = 0.0, high: float = 1.0
+) -> bpy.types.Node:
+    node = tree.nodes.new("ShaderNodeValToRGB")
+    first, last = node.color_ramp.elements
+    first.position, last.position = low, high
+    first.color, last.color = (*dark, 1.0), (*light, 1.0)
+    return node
+
+
+def _scaled(colour: Colour, factor: float) -> Colour:
+    r, g, b = (min(1.0, channel * factor) for channel in colour)
+    return r, g, b
+
+
+def _towards(a: Colour, b: Colour, share: float) -> Colour:
+    r, g, z = (x + share * (y - x) for x, y in zip(a, b, strict=True))
+    return r, g, z

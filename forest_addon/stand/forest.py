@@ -1,0 +1,134 @@
+"""A forest as arrays: the stand, and one grown tree for every variant that stands in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..growth.leaves import Leaves
+from ..growth.template import TreeTemplate
+from ..growth.tree import Tree, grow
+from ..rng import stream
+from ..spec import Scene, Species
+from .plan import Stand, labels, plan_stand
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Forest:
+    """A stand and its trees.
+
+    labels : a name for every planting. species : what each plants.
+    variants : grown trees by (planting, variant).
+    """
+
+    stand: Stand
+    labels: tuple[str, ...]
+    species: tuple[Species, ...]
+    variants: dict[tuple[int, int], Tree]
+
+    def variant_of(self, tree: int) -> Tree:
+        """The grown tree that stands as tree number ``tree``."""
+        return self.variants[int(self.stand.species[tree]), int(self.stand.variant[tree])]
+
+    def transforms(self) -> np.ndarray:
+        """(N, 3, 4) local to world of every tree: turned, scaled, moved."""
+        stand = self.stand
+        matrix = np.zeros((len(stand), 3, 4))
+        cos, sin = np.cos(stand.rotation) * stand.scale, np.sin(stand.rotation) * stand.scale
+        matrix[:, 0, 0], matrix[:, 0, 1] = cos, -sin
+        matrix[:, 1, 0], matrix[:, 1, 1] = sin, cos
+        matrix[:, 2, 2] = stand.scale
+        matrix[:, :, 3] = stand.position
+        return matrix
+
+
+def grow_forest(
+    scene: Scene,
+    species: Sequence[tuple[Species, TreeTemplate]],
+    progress: Progress | None = None,
+) -> Forest:
+    """Plan the stand and grow the variants that occur in it.
+
+    species : what each of ``scene.plantings`` plants, with its templates.
+
+    A variant's stream is keyed by the name of its planting and its number, so it is the same tree
+    whatever else grows.
+    """
+    stand = plan_stand(scene.seed, scene.forest, scene.plantings)
+    names = labels(scene.plantings)
+    wanted = sorted({(int(s), int(v)) for s, v in zip(stand.species, stand.variant, strict=True)})
+    variants: dict[tuple[int, int], Tree] = {}
+    for done, (planting, variant) in enumerate(wanted):
+        rng = stream(scene.seed, "tree", names[planting], variant)
+        variants[planting, variant] = grow(*species[planting], rng)
+        if progress:
+            progress(done + 1, len(wanted))
+    return Forest(stand, tuple(names), tuple(s for s, _ in species), variants)
+
+
+def leaf_table(forest: Forest) -> dict[str, np.ndarray]:
+    """The truth of every leaf of the forest, in world coordinates, one row a leaf.
+
+    ``tree`` and ``leaf`` are the numbers that sensors report; ``branch`` counts the first-level
+    branches of the tree.
+    """
+    columns: dict[str, list[np.ndarray]] = {
+        name: []
+        for name in ("centre", "normal", "axis", "length", "width", "radius", "branch", "leaf")
+    }
+    columns |= {"tree": [], "species": []}
+    for tree, matrix in enumerate(forest.transforms()):
+        leaves: Leaves = forest.variant_of(tree).leaves
+        scale = float(forest.stand.scale[tree])
+        turn = matrix[:, :3] / scale
+        columns["centre"].append(leaves.centre @ matrix[:, :3].T + matrix[:, 3])
+        columns["normal"].append(leaves.normal @ turn.T)
+        columns["axis"].append(leaves.axis @ turn.T)
+        for name in ("length", "width", "radius"):
+            columns[name].append(getattr(leaves, name) * scale)
+        columns["branch"].append(leaves.branch)
+        columns["leaf"].append(np.arange(len(leaves), dtype=np.int32))
+        columns["tree"].append(np.full(len(leaves), forest.stand.id[tree], dtype=np.int32))
+        columns["species"].append(
+            np.full(len(leaves), forest.stand.species[tree], dtype=np.int16)
+        )
+    empty = {"centre": (0, 3), "normal": (0, 3), "axis": (0, 3)}
+    return {
+        name: np.concatenate(parts) if parts else np.empty(empty.get(name, (0,)))
+        for name, parts in columns.items()
+    }
+
+
+def tree_table(forest: Forest) -> dict[str, list[object]]:
+    """One row a tree: place, turn, size, height, trunk and leaves, metres."""
+    stand = forest.stand
+    rows = []
+    for tree in range(len(stand)):
+        grown, scale = forest.variant_of(tree), float(stand.scale[tree])
+        planting = int(stand.species[tree])
+        rows.append(
+            {
+                "tree": int(stand.id[tree]),
+                "species": forest.species[planting].name,
+                "planting": forest.labels[planting],
+                "variant": int(stand.variant[tree]),
+                "x_m": float(stand.position[tree, 0]),
+                "y_m": float(stand.position[tree, 1]),
+                "z_m": float(stand.position[tree, 2]),
+                "rotation_rad": float(stand.rotation[tree]),
+                "scale": scale,
+                "height_m": grown.height * scale,
+                "foot_radius_m": float(grown.skeleton.radius[0, 0]) * scale,
+                "leaves": len(grown.leaves),
+                "leaf_area_m2": float((np.pi * grown.leaves.radius**2).sum()) * scale**2,
+            }
+        )
+    names = (
+        "tree species planting variant x_m y_m z_m rotation_rad scale height_m foot_radius_m "
+        "leaves leaf_area_m2"
+    ).split()
+    return {name: [row[name] for row in rows] for name in names}

@@ -1,0 +1,1 @@
+"""Forest Sensing without a screen: ``python -m headless``."""

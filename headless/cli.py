@@ -1,0 +1,110 @@
+"""The command line: what is asked for, and how it ends.
+
+Exit codes: 0 done; 1 something failed while running (a full disk); 2 bad input, one sentence says what,
+where and what to do; 130 interrupted, finished files are kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from forest_addon.formats.species_file import ASSETS
+from forest_addon.formats.toml_file import read_settings
+from forest_addon.spec import Scene, SpecError
+
+DEMO = ASSETS / "scenes" / "demo.toml"
+
+DESCRIPTION = """\
+Grow L-system forests from STL branch templates and run LiDAR, biosonar and
+forest reverb in them, on Blender's evaluated scene."""
+
+EPILOG = """\
+examples:
+  python -m headless demo                         the demo forest, into out/demo
+  python -m headless run my.toml --out out/my     a scene of your own
+  python -m headless run my.toml --seed 8 --out out/my-8
+  blender -b --python headless/in_blender.py -- my.toml --out out/my
+
+A scene file is TOML; assets/scenes/demo.toml is one with every table explained.
+Start with out/.../report.html: pictures, counts, timings."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit code."""
+    chosen = _parser().parse_args(arguments)
+    if chosen.out is None:
+        chosen.out = Path("out") / chosen.scene.stem
+    from .interrupt import interruptible
+
+    with interruptible(chosen.out):
+        try:
+            return int(chosen.do(chosen))
+        except SpecError as problem:
+            return _fail(problem, 2)
+        except OSError as problem:
+            return _fail(_in_words(problem), 1)
+        except ValueError as problem:
+            return _fail(problem, 2)
+        except KeyboardInterrupt:
+            print(f"\ninterrupted; finished files are kept in {chosen.out}", file=sys.stderr)
+            return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m headless",
+        description=DESCRIPTION,
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    run = commands.add_parser("run", help="run a scene file", description="Run a scene file.")
+    run.add_argument("scene", type=Path, metavar="SCENE.toml", help="the scene file")
+    run.set_defaults(do=_run)
+    demo = commands.add_parser(
+        "demo",
+        help="run the demo forest",
+        description=f"Run the demo forest, assets/scenes/{DEMO.name}.",
+    )
+    demo.set_defaults(do=_run, scene=DEMO)
+    for command, folder in ((run, "out/SCENE"), (demo, "out/demo")):
+        command.add_argument(
+            "--out", type=Path, metavar="DIR", help=f"folder for the results (default {folder})"
+        )
+        command.add_argument("--seed", type=int, help="another seed than the scene file's")
+        command.add_argument("--quiet", action="store_true", help="say nothing but errors")
+    return parser
+
+
+def _run(chosen: argparse.Namespace) -> int:
+    settings = read_settings(chosen.scene, Scene)
+    if chosen.seed is not None:
+        try:
+            settings = replace(settings, seed=chosen.seed)
+        except SpecError as problem:
+            raise SpecError("--seed", problem.problem) from None
+    from .pipeline import run_scene
+
+    run_scene(settings, chosen.scene.resolve().parent, chosen.out, quiet=chosen.quiet)
+    return 0
+
+
+def _fail(problem: object, code: int) -> int:
+    print(f"error: {problem}", file=sys.stderr)
+    return code
+
+
+def _in_words(problem: OSError) -> str:
+    """One sentence for what the system refused."""
+    import errno
+
+    if problem.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        what = f" while writing {Path(problem.filename).name}" if problem.filename else ""
+        return f"the disk is full{what}; free some space and run again, finished files are kept"
+    if problem.strerror and problem.filename:
+        return f"{problem.filename}: {problem.strerror}"
+    return str(problem)

@@ -1,0 +1,288 @@
+"""Pictures of results, drawn by matplotlib from the arrays that are also written as data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from forest_addon.formats.atomic import replacing
+from forest_addon.growth.trimesh import GROUND, LEAF, OTHER, WOOD
+from forest_addon.sensing import metrics
+from forest_addon.sensing.lidar import ESCAPED, Cloud, TractorScan
+from forest_addon.sensing.reverb import ImpulseResponse
+from forest_addon.sensing.sonar import Echo, LeafDiscs
+from forest_addon.spec import Reverb, Sonar, Terrestrial
+from forest_addon.stand.forest import Forest
+
+INK, FAINT, LEAF_GREEN, BARK, SOIL, SKY, RED = (
+    "#24302a",
+    "#b9c2bb",
+    "#4c8c3a",
+    "#7a5230",
+    "#cdb892",
+    "#eef3f6",
+    "#c8442c",
+)
+ORGANS = {
+    ESCAPED: ("sky", SKY),
+    OTHER: ("other", "#8d8d99"),
+    WOOD: ("wood", BARK),
+    LEAF: ("leaf", LEAF_GREEN),
+    GROUND: ("ground", SOIL),
+}
+STYLE = {
+    "font.size": 9,
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "axes.titlesize": 10,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "text.color": INK,
+    "legend.frameon": False,
+}
+
+
+def draw_scan(scan: TractorScan, path: Path) -> Path:
+    """The tractor's matrix: distance above, what was hit below."""
+    figure, (far, what) = _figure(2, 1, (11, 6.6))
+    extent = (
+        float(scan.track[0]),
+        float(scan.track[-1]),
+        float(np.rad2deg(scan.angle[0])),
+        float(np.rad2deg(scan.angle[-1])),
+    )
+    distance = np.ma.masked_invalid(scan.distance.T)
+    image = far.imshow(
+        distance, extent=extent, origin="lower", aspect="auto", cmap="viridis_r", rasterized=True
+    )
+    far.set_facecolor(SKY)
+    far.set_title("Distance of the first hit")
+    figure.colorbar(image, ax=far, label="m", pad=0.01)
+    _organ_image(what, scan.organ.T, extent)
+    what.set_title("What was hit")
+    for axes in (far, what):
+        axes.set_ylabel("angle from the horizontal, °")
+    what.set_xlabel("metres along the track")
+    return _save(figure, path)
+
+
+def draw_cloud(cloud: Cloud, scanner: Terrestrial, path: Path) -> Path:
+    """A terrestrial scan: the panorama by distance, and the points from above."""
+    figure, (panorama, above) = _figure(1, 2, (12.5, 5.2), widths=(1.75, 1))
+    step = scanner.angle_step_deg
+    low_az, low_el = scanner.azimuth_deg[0], scanner.elevation_deg[0]
+    column = np.rint((np.rad2deg(cloud.azimuth) - low_az) / step).astype(int)
+    row = np.rint((np.rad2deg(cloud.elevation) - low_el) / step).astype(int)
+    high_el = scanner.elevation_deg[1]
+    shape = (round((high_el - low_el) / step) + 1, round((scanner.azimuth_deg[1] - low_az) / step) + 1)
+    image = np.full(shape, np.nan)
+    image[row, column] = cloud.returns.distance
+    shown = panorama.imshow(
+        np.ma.masked_invalid(image),
+        extent=(low_az, scanner.azimuth_deg[1], low_el, high_el),
+        origin="lower",
+        aspect="auto",
+        cmap="viridis_r",
+        norm="log",
+        rasterized=True,
+    )
+    panorama.set_facecolor(SKY)
+    panorama.set_title("Panorama: distance of the first hit")
+    panorama.set_xlabel("azimuth, °")
+    panorama.set_ylabel("elevation, °")
+    figure.colorbar(shown, ax=panorama, label="m", pad=0.01)
+
+    every = max(1, len(cloud.position) // 150_000)
+    order = np.argsort(cloud.position[::every, 2], kind="stable")
+    points = cloud.position[::every][order]
+    organ = cloud.returns.organ[::every][order]
+    near = np.abs(points[:, :2] - np.array(scanner.position)[:2]).max(axis=1) < 22
+    colours = np.array([ORGANS[o][1] for o in range(GROUND + 1)])
+    above.scatter(*points[near, :2].T, s=0.25, c=colours[organ[near]], linewidths=0, rasterized=True)
+    above.plot(*scanner.position[:2], "o", color=RED, markersize=5)
+    above.annotate("scanner", scanner.position[:2], xytext=(6, 5), textcoords="offset points", color=RED)
+    above.set_aspect("equal")
+    above.set_title("Points from above")
+    above.set_xlabel("x, m")
+    above.set_ylabel("y, m")
+    _organ_legend(above, (WOOD, LEAF, GROUND))
+    return _save(figure, path)
+
+
+def draw_echo(
+    echo: Echo, sonar: Sonar, discs: LeafDiscs, forest: Forest, path: Path
+) -> Path:
+    """A ping: the leaves in the beam from above, the echo in time, its spectrum."""
+    figure = _blank((12.5, 6.2))
+    grid = figure.add_gridspec(2, 2, width_ratios=(1, 1.45))
+    _beam_map(figure.add_subplot(grid[:, 0]), echo, sonar, discs, forest)
+
+    wave = figure.add_subplot(grid[0, 1])
+    sound_ms = echo.time * 1e3
+    wave.plot(sound_ms, echo.impulse_response, color=LEAF_GREEN, linewidth=0.6)
+    wave.plot(sound_ms, echo.envelope, color=INK, linewidth=0.8)
+    wave.set_title("Echo and its envelope, as a share of the call at 1 m")
+    wave.set_xlabel("ms after the call")
+    wave.margins(x=0)
+    metres = wave.secondary_xaxis(
+        "top",
+        functions=(
+            lambda t: t * echo.sound_speed / 2e3,
+            lambda r: r * 2e3 / echo.sound_speed,
+        ),
+    )
+    metres.set_xlabel("distance, m")
+
+    spectrum = figure.add_subplot(grid[1, 1])
+    level = 20 * np.log10(np.maximum(np.abs(echo.spectrum), 1e-12))
+    spectrum.plot(echo.frequency / 1e3, level, color=INK, linewidth=0.6)
+    spectrum.set_title("Spectrum of the echo")
+    spectrum.set_xlabel("kHz")
+    spectrum.set_ylabel("dB re the call at 1 m")
+    spectrum.margins(x=0)
+    return _save(figure, path)
+
+
+def draw_reverb(response: ImpulseResponse, reverb: Reverb, path: Path) -> Path:
+    """An impulse response: waveform, energy decay, spectrogram."""
+    figure, (wave, decay, tone) = _figure(3, 1, (11, 8.2))
+    time = np.arange(len(response.samples)) / response.sample_rate
+    peak = float(np.abs(response.samples).max()) or 1.0
+    level = 20 * np.log10(np.maximum(np.abs(response.samples) / peak, 1e-6))
+    wave.plot(time * 1e3, level, color=INK, linewidth=0.35)
+    wave.axvline(response.direct_delay * 1e3, color=RED, linewidth=0.8)
+    wave.annotate(
+        "direct sound",
+        (response.direct_delay * 1e3, -4),
+        xytext=(5, 0),
+        textcoords="offset points",
+        color=RED,
+    )
+    wave.set_ylim(-100, 3)
+    wave.set_ylabel("dB re peak")
+    wave.set_title("Impulse response")
+
+    energy = metrics.energy_decay_db(response.samples)
+    decay.plot(time * 1e3, energy, color=LEAF_GREEN, linewidth=1.2)
+    decay.axhline(-5, color=FAINT, linewidth=0.8)
+    decay.axhline(-35, color=FAINT, linewidth=0.8)
+    decay.set_ylim(-70, 2)
+    decay.set_ylabel("dB")
+    decay.set_title("Energy decay (Schroeder); reverberation time is read between the grey lines")
+
+    window = 512
+    tone.specgram(
+        response.samples + 1e-9 * peak,
+        NFFT=window,
+        Fs=int(response.sample_rate),
+        noverlap=window * 7 // 8,
+        cmap="magma",
+        vmin=20 * np.log10(peak) - 150,
+        vmax=20 * np.log10(peak) - 50,
+    )
+    tone.set_xlim(0, time[-1])
+    tone.set_ylabel("Hz")
+    tone.set_xlabel("seconds")
+    tone.set_title("Spectrogram")
+    wave.set_xlim(0, time[-1] * 1e3)
+    decay.set_xlim(0, time[-1] * 1e3)
+    wave.set_xlabel("ms")
+    decay.set_xlabel("ms")
+    return _save(figure, path)
+
+
+def echo_arrays(echo: Echo) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    """The arrays of an echo for its NPZ file, and their units."""
+    arrays = {
+        "time": echo.time,
+        "impulse_response": echo.impulse_response,
+        "frequency": echo.frequency,
+        "spectrum": echo.spectrum,
+    }
+    return arrays, {"time": "s", "impulse_response": "re call at 1 m", "frequency": "Hz"}
+
+
+def _beam_map(
+    axes: Axes, echo: Echo, sonar: Sonar, discs: LeafDiscs, forest: Forest
+) -> None:
+    """The scene from above: every leaf, those that are heard in red, the -3 dB beam."""
+    every = max(1, len(discs.centre) // 60_000)
+    axes.scatter(*discs.centre[::every, :2].T, s=0.4, c="#a9c59f", linewidths=0, rasterized=True)
+    heard = discs.centre[echo.heard]
+    axes.scatter(*heard[:, :2].T, s=1.2, c=RED, linewidths=0, rasterized=True)
+    axes.plot(*forest.stand.position[:, :2].T, "o", color=BARK, markersize=2.5, linestyle="none")
+    half = np.deg2rad(sonar.beam_width_deg[0] / 2)
+    heading = np.deg2rad(sonar.azimuth_deg)
+    reach = sonar.max_range * np.cos(np.deg2rad(sonar.elevation_deg))
+    edge = heading + np.linspace(-half, half, 40)
+    x, y = sonar.position[:2]
+    outline = np.concatenate(
+        [[[x, y]], np.stack([x + reach * np.cos(edge), y + reach * np.sin(edge)], 1), [[x, y]]]
+    )
+    axes.plot(*outline.T, color=INK, linewidth=0.9)
+    axes.plot(x, y, ">", color=INK, markersize=6)
+    span = sonar.max_range + 2
+    axes.set_xlim(x - span, x + span)
+    axes.set_ylim(y - span * 0.55, y + span * 1.25)
+    axes.set_aspect("equal")
+    axes.set_title("From above: leaves heard (red), -3 dB beam")
+    axes.set_xlabel("x, m")
+    axes.set_ylabel("y, m")
+
+
+def _organ_image(axes: Axes, organ: np.ndarray, extent: tuple[float, ...]) -> None:
+    codes = sorted(ORGANS)
+    axes.imshow(
+        organ,
+        extent=extent,
+        origin="lower",
+        aspect="auto",
+        cmap=ListedColormap([ORGANS[code][1] for code in codes]),
+        norm=BoundaryNorm([codes[0] - 0.5, *(code + 0.5 for code in codes)], len(codes)),
+        interpolation="nearest",
+        rasterized=True,
+    )
+    _organ_legend(axes, (LEAF, WOOD, GROUND, ESCAPED))
+
+
+def _organ_legend(axes: Axes, organs: tuple[int, ...]) -> None:
+    axes.legend(
+        handles=[Patch(facecolor=ORGANS[o][1], edgecolor=FAINT, label=ORGANS[o][0]) for o in organs],
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=len(organs),
+        borderaxespad=0.2,
+        handlelength=1.2,
+        columnspacing=1.0,
+    )
+
+
+def _figure(
+    rows: int, columns: int, size: tuple[float, float], widths: tuple[float, ...] | None = None
+) -> tuple[Figure, np.ndarray]:
+    figure = _blank(size)
+    grid = figure.add_gridspec(rows, columns, width_ratios=widths)
+    axes = [figure.add_subplot(grid[r, c]) for r in range(rows) for c in range(columns)]
+    return figure, np.array(axes, dtype=object)
+
+
+def _blank(size: tuple[float, float]) -> Figure:
+    import matplotlib
+
+    matplotlib.rcParams.update(STYLE)
+    return Figure(figsize=size, layout="constrained", dpi=110)
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    with replacing(path) as partial:
+        figure.savefig(partial, metadata={"Software": "Forest Sensing"})
+    return path

@@ -1,0 +1,236 @@
+"""From a scene file to results: grow, build, read the evaluated scene, look, write.
+
+Every result is on disk before the next sensor starts, so an interrupted run keeps what it finished.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import platform
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from forest_addon import rng
+from forest_addon.blender.bvh import BvhCaster
+from forest_addon.blender.cloud import show_cloud
+from forest_addon.blender.depsgraph import read_scene
+from forest_addon.blender.export import export_glb, save_blend
+from forest_addon.blender.forest import RESULTS, build, part
+from forest_addon.blender.preview import render, set_stage
+from forest_addon.formats.atomic import replacing
+from forest_addon.formats.las import write_las
+from forest_addon.formats.npz import write_npz
+from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.formats.table import write_csv
+from forest_addon.formats.wav import write_wav
+from forest_addon.sensing import lidar, reverb, slices, sonar
+from forest_addon.sensing.geometry import SceneGeometry
+from forest_addon.spec import Reverb, Scene, Sonar, SpecError, Terrestrial, Tractor
+from forest_addon.stand.forest import Forest, grow_forest, leaf_table, tree_table
+
+from . import pictures, report
+from .progress import Progress, Stages
+
+
+@dataclass
+class Run:
+    """What a run has made so far: its settings, its folder, its forest and its findings."""
+
+    settings: Scene
+    out: Path
+    stages: Stages
+    forest: Forest
+    findings: list[report.Finding] = field(default_factory=list)
+    files: list[str] = field(default_factory=list)
+
+    def path(self, name: str) -> Path:
+        """Where a file of this name goes; it is listed in the report."""
+        self.files.append(name)
+        return self.out / name
+
+
+def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) -> None:
+    """Run a scene and write everything into a folder.
+
+    folder : that paths in the scene file are relative to.
+
+    Raises
+    ------
+    SpecError : the folder cannot be written to; a species cannot be used.
+    OSError : a file could not be written; what was finished before is kept.
+    """
+    _make_writable(out)
+    stages = Stages(quiet)
+    stages.say(f"{settings.name}, seed {settings.seed}")
+    with stages.stage("read species and templates"):
+        species = [_load(planting.species, folder) for planting in settings.plantings]
+    with stages.stage("grow trees") as progress:
+        forest = grow_forest(settings, species, progress)
+    run = Run(settings, out, stages, forest)
+    run.findings.append(report.forest_finding(settings, forest))
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    with stages.stage("build Blender scene"):
+        build(scene, settings, forest)
+    with stages.stage("write truth"):
+        _write_truth(run)
+    with stages.stage("read evaluated scene"):
+        geometry = read_scene(bpy.context.evaluated_depsgraph_get())
+        caster, wood = BvhCaster(geometry), BvhCaster(geometry.solid())
+    for sensor in settings.sensors:
+        with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
+            _SENSE[type(sensor)](run, sensor, scene, caster, wood, progress)
+
+    tallest = max((v.height for v in forest.variants.values()), default=5.0)
+    set_stage(scene, settings, tallest)
+    if settings.output.blend:
+        with stages.stage("write forest.blend"):
+            save_blend(run.path("forest.blend"))
+    if settings.output.glb:
+        with stages.stage("write forest.glb"):
+            export_glb(scene, run.path("forest.glb"))
+    if settings.output.preview:
+        with stages.stage("render preview.png") as progress:
+            render(scene, settings.output, run.path("preview.png"), progress)
+    _write_record(run, geometry, caster.engine)
+    with stages.stage("write report.html"):
+        report.write(run.out / "report.html", settings, run.findings, stages.seconds, run.files)
+    stages.say(f"Done: {len(run.files) + 1} files in {out}. Open {out / 'report.html'}")
+
+
+def _load(name: str, folder: Path) -> Any:
+    return load_species(find_species(name, folder))
+
+
+def _make_writable(out: Path) -> None:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with replacing(out / ".writable") as partial:
+            partial.write_text("x")
+        (out / ".writable").unlink()
+    except OSError as problem:
+        raise SpecError(
+            f"--out {out}", f"cannot be written to ({problem.strerror}); choose another folder"
+        ) from None
+
+
+def _write_truth(run: Run) -> None:
+    write_csv(run.path("trees.csv"), tree_table(run.forest))
+    metres = dict.fromkeys(("centre", "length", "width", "radius"), "m")
+    write_npz(run.path("leaves.npz"), leaf_table(run.forest), metres | {"normal": "1", "axis": "1"})
+
+
+def _drive(
+    run: Run, sensor: Tractor, scene: Any, caster: BvhCaster, wood: BvhCaster, progress: Progress
+) -> None:
+    scan = lidar.drive(sensor, caster, progress)
+    write_npz(
+        run.path(f"{sensor.name}.npz"),
+        {
+            "distance": scan.distance,
+            "organ": scan.organ,
+            "tree": scan.returns.tree.reshape(scan.distance.shape),
+            "angle": scan.angle,
+            "track": scan.track,
+        },
+        {"distance": "m", "angle": "rad", "track": "m"},
+    )
+    picture = pictures.draw_scan(scan, run.path(f"{sensor.name}.png"))
+    run.findings.append(report.scan_finding(sensor, scan, picture))
+
+
+def _sweep(
+    run: Run, sensor: Terrestrial, scene: Any, caster: BvhCaster, wood: BvhCaster, progress: Progress
+) -> None:
+    cloud = lidar.sweep(sensor, caster, progress)
+    write_las(run.path(f"{sensor.name}.laz"), cloud)
+    picture = pictures.draw_cloud(cloud, sensor, run.path(f"{sensor.name}.png"))
+    show_cloud(part(scene, RESULTS), sensor.name, cloud)
+    run.findings.append(report.cloud_finding(sensor, cloud, picture))
+
+
+def _ping(
+    run: Run, sensor: Sonar, scene: Any, caster: BvhCaster, wood: BvhCaster, progress: Progress
+) -> None:
+    discs = sonar.leaf_discs(caster.scene)
+    echo = sonar.ping(discs, sensor, run.settings.air, wood, progress)
+    write_npz(run.path(f"{sensor.name}.npz"), *pictures.echo_arrays(echo))
+    picture = pictures.draw_echo(echo, sensor, discs, run.forest, run.path(f"{sensor.name}.png"))
+    run.findings.append(report.echo_finding(sensor, echo, picture))
+
+
+def _clap(
+    run: Run, sensor: Reverb, scene: Any, caster: BvhCaster, wood: BvhCaster, progress: Progress
+) -> None:
+    height = (sensor.source[2] + sensor.receiver[2]) / 2
+    trunks = slices.trunks_at_height(caster.scene, height, sensor.min_radius)
+    field_of = run.settings.forest
+    response = reverb.impulse_response(
+        trunks,
+        sensor,
+        run.settings.air,
+        wood=wood,
+        rng=rng.stream(run.settings.seed, "reverb", sensor.name, "continuation"),
+        field=(field_of.origin, field_of.size),
+        progress=progress,
+    )
+    write_wav(run.path(f"{sensor.name}.wav"), response.samples, sensor.sample_rate)
+    picture = pictures.draw_reverb(response, sensor, run.path(f"{sensor.name}.png"))
+    run.findings.append(report.reverb_finding(sensor, response, trunks, picture))
+
+
+_SENSE: dict[type, Callable[..., None]] = {
+    Tractor: _drive,
+    Terrestrial: _sweep,
+    Sonar: _ping,
+    Reverb: _clap,
+}
+
+
+def _write_record(run: Run, geometry: SceneGeometry, engine: str) -> None:
+    """run.json: everything needed to run it again, and what it took."""
+    import scipy
+
+    unique = sum(len(mesh.triangles) for mesh in geometry.meshes)
+    shown = sum(len(geometry.meshes[m].triangles) for m in geometry.mesh_index)
+    record = {
+        "versions": {
+            "forest_sensing": report.version(),
+            "blender": bpy.app.version_string,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "scipy": scipy.__version__,
+        },
+        "platform": platform.platform(),
+        "cores": os.cpu_count(),
+        "seed": run.settings.seed,
+        "ray_engine": engine,
+        "settings": dataclasses.asdict(run.settings),
+        "triangles": {"unique": unique, "instanced": shown},
+        "instances": len(geometry),
+        "stage_seconds": run.stages.seconds,
+        "peak_memory_mb": _peak_memory_mb(),
+        "results": {finding.title: finding.facts for finding in run.findings},
+        "files": run.files,
+    }
+    with replacing(run.path("run.json")) as partial:
+        partial.write_text(json.dumps(record, indent=2, default=str) + "\n", encoding="utf-8")
+
+
+def _peak_memory_mb() -> float | None:
+    """The largest memory this process had, None where the system does not tell."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1024**2 if sys.platform == "darwin" else 1024)

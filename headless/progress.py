@@ -1,0 +1,51 @@
+"""Stages of a run: a line and a time each, a bar for whatever takes longer than a second."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from tqdm import tqdm
+
+Progress = Callable[[int, int], None]
+WIDTH = 34
+
+
+class Stages:
+    """Names and times the stages of a run; ``seconds`` keeps what each took."""
+
+    def __init__(self, quiet: bool) -> None:
+        self.quiet = quiet
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[Progress]:
+        """Time a stage; the block gets a function ``progress(done, total)``."""
+        start = time.perf_counter()
+        bar = tqdm(
+            desc=f"  {name}",
+            total=1,
+            delay=1.0,
+            leave=False,
+            disable=self.quiet,
+            file=sys.stderr,
+            bar_format="{desc:<36}{bar:20} {percentage:3.0f}%  {elapsed}<{remaining}",
+        )
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        try:
+            yield progress
+        finally:
+            bar.close()
+        self.seconds[name] = time.perf_counter() - start
+        self.say(f"  {name:<{WIDTH}}{self.seconds[name]:7.2f} s")
+
+    def say(self, text: str) -> None:
+        """Print a line, unless quiet."""
+        if not self.quiet:
+            print(text, file=sys.stderr, flush=True)
