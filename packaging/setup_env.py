@@ -170,7 +170,7 @@ def install(python: Path, log: Path) -> None:
     if tuple(map(int, ensurepip.version().split(".")[:2])) >= (24, 1):
         command.append("--progress-bar=raw")  # byte counts as lines; older pips show none
     print(
-        "installing what pyproject.toml asks for (Blender alone is about 400 MB to download)",
+        "installing what pyproject.toml asks for (the first time some 500 MB to download)",
         flush=True,
     )
     with (
