@@ -1,0 +1,265 @@
+"""Centrelines of tube-like pieces: where a branch runs, how thick it is, where it ends.
+
+An STL tells no rings, so the line is found from the surface. The two ends of a piece are the vertices
+farthest apart along its edges (two sweeps of Dijkstra), and the distance from one of them is a first
+coordinate along it, which bends and hairpins do not confuse. Then, as for a principal curve (Hastie &
+Stuetzle 1989), the surface is averaged over stretches a few radii long, every place on it is moved to
+the nearest one on the line through these averages, and so on, three times. On a tube the averages settle
+on the axis; a ribbon or a lone facet gets a line too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from .pieces import Pieces
+
+STRETCH = 4.0  # mean radii from knot to knot
+MOST_STRETCHES = 48
+ROUNDS = 3
+SAMPLE = 4.0  # mean radii at most between samples of a long edge
+MOST_SAMPLES = 64  # of one edge
+SLAB = 0.5  # radii of a piece's end that tell where its middle is
+COLLAR = 2.0  # radii of a piece's end that tell how thick it is
+
+
+@dataclass(frozen=True)
+class Centrelines:
+    """One polyline for each of C pieces; that of piece c are the knots first[c] .. first[c + 1] - 1.
+
+    knot : (K, 3) places on the axis; the ends are where the surface ends.
+    radius : (K,) mean distance of the surface from the axis there.
+    along : (K,) distance from the piece's first knot, along the line.
+    first : (C + 1,) int64.
+    end_radius : (C, 2) radius near the first and near the last knot, leaving caps aside.
+    outward : (V, 3) from the axis to each vertex of the pieces.
+    """
+
+    knot: np.ndarray
+    radius: np.ndarray
+    along: np.ndarray
+    first: np.ndarray
+    end_radius: np.ndarray
+    outward: np.ndarray
+
+    def ends(self) -> np.ndarray:
+        """(C, 2, 3) first and last knot of each piece."""
+        return np.stack([self.knot[self.first[:-1]], self.knot[self.first[1:] - 1]], axis=1)
+
+    def length(self) -> np.ndarray:
+        """(C,) length of each piece along its line."""
+        return np.asarray(self.along[self.first[1:] - 1])
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """Places on the surface: all vertices, then places along edges that are long for their piece."""
+
+    one: np.ndarray  # (M - V,) vertices of those edges
+    other: np.ndarray  # (M - V,)
+    part: np.ndarray  # (M - V,) how far from the one to the other
+    piece: np.ndarray  # (M,)
+    weight: np.ndarray  # (M,) length of edge that each place stands for
+
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        """(M,) what vertices have (V,), at every place."""
+        return np.concatenate(
+            [values, values[self.one] * (1 - self.part) + values[self.other] * self.part]
+        )
+
+
+@dataclass(frozen=True)
+class _Lines:
+    """Polylines in the making: knots of all pieces, one piece after the other."""
+
+    knot: np.ndarray  # (K, 3)
+    along: np.ndarray  # (K,)
+    first: np.ndarray  # (C + 1,)
+
+    @classmethod
+    def through(cls, knot: np.ndarray, first: np.ndarray) -> _Lines:
+        step = np.linalg.norm(np.diff(knot, axis=0, prepend=knot[:1]), axis=1)
+        step[first[:-1]] = 0.0
+        total = np.cumsum(step)
+        return cls(knot, total - np.repeat(total[first[:-1]], np.diff(first)), first)
+
+
+def find_centrelines(pieces: Pieces) -> Centrelines:
+    """The centreline of every piece."""
+    count, owner = pieces.count, pieces.piece_of_vertex
+    along, length = _along_edges(pieces)
+    area = np.bincount(pieces.piece, np.linalg.norm(pieces.area_vectors(), axis=1), count)
+    radius = area / (2 * np.pi * length)  # mean radius of a tube of that area and length
+    samples = _sample(pieces, radius)
+    stretches = np.clip(np.ceil(length / (STRETCH * radius)), 1, MOST_STRETCHES).astype(np.int64)
+    first = np.concatenate([[0], np.cumsum(stretches + 1)])
+
+    share = _share(along, owner, count)
+    for _ in range(ROUNDS):
+        lines = _Lines.through(_average(samples, pieces.vertices, share, first), first)
+        along, outward = _project(lines, pieces.vertices, owner, share)
+        share = _share(along, owner, count)
+
+    knot_radius = _average(samples, np.linalg.norm(outward, axis=1)[:, None], share, first)[:, 0]
+    lines, end_radius = _close_ends(lines, knot_radius, pieces, along, outward)
+    outward = _project(lines, pieces.vertices, owner, share)[1]
+    return Centrelines(lines.knot, knot_radius, lines.along, first, end_radius, outward)
+
+
+def _along_edges(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
+    """(V,) distance along edges from one end of each vertex's piece; (C,) length of the pieces."""
+    vertices, owner, count = pieces.vertices, pieces.piece_of_vertex, pieces.count
+    size = np.bincount(owner, minlength=count)[:, None]
+    centre = np.stack([np.bincount(owner, vertices[:, k], count) for k in range(3)], axis=1) / size
+    distance = np.linalg.norm(vertices - centre[owner], axis=1)
+    one, other = pieces.edges.T
+    edge_length = np.linalg.norm(vertices[one] - vertices[other], axis=1)
+    graph = csr_matrix((edge_length, (one, other)), shape=(len(vertices), len(vertices)))
+    for _ in range(
+        2
+    ):  # from the vertex farthest from the middle to an end, from there to the other
+        farthest = _largest(distance, owner, count)
+        distance = dijkstra(graph, directed=False, indices=farthest, min_only=True)
+    return distance, distance[_largest(distance, owner, count)]
+
+
+def _sample(pieces: Pieces, radius: np.ndarray) -> _Samples:
+    one, other = pieces.edges.T
+    length = np.linalg.norm(pieces.vertices[other] - pieces.vertices[one], axis=1)
+    owner = pieces.piece_of_vertex
+    wanted = np.ceil(length / (SAMPLE * radius[owner[one]]))
+    steps = np.clip(wanted, 1, MOST_SAMPLES).astype(np.int64)
+    each = length / steps
+    weight = np.bincount(one, each / 2, len(owner)) + np.bincount(other, each / 2, len(owner))
+
+    inner = steps - 1
+    edge = np.repeat(np.arange(len(steps)), inner)
+    number = np.arange(len(edge)) - np.repeat(np.cumsum(inner) - inner, inner) + 1
+    return _Samples(
+        one=one[edge],
+        other=other[edge],
+        part=number / steps[edge],
+        piece=np.concatenate([owner, owner[one[edge]]]),
+        weight=np.concatenate([weight, each[edge]]),
+    )
+
+
+def _share(along: np.ndarray, piece: np.ndarray, count: int) -> np.ndarray:
+    """(M,) a coordinate along the pieces as a share, 0 at the first end and 1 at the last."""
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(low, piece, along)
+    np.maximum.at(high, piece, along)
+    span = np.maximum(high - low, np.finfo(float).tiny)
+    return np.asarray(np.clip((along - low[piece]) / span[piece], 0.0, 1.0))
+
+
+def _average(
+    samples: _Samples, values: np.ndarray, share: np.ndarray, first: np.ndarray
+) -> np.ndarray:
+    """(K, n) mean around each knot of what vertices have (V, n); hat weights, gaps interpolated."""
+    stretches = np.diff(first) - 1
+    place = samples.spread(share) * stretches[samples.piece]
+    before = np.minimum(place.astype(np.int64), stretches[samples.piece] - 1)
+    knot = first[samples.piece] + before
+    after = (place - before) * samples.weight
+
+    def total(amount: np.ndarray | float) -> np.ndarray:
+        found = np.bincount(knot, amount * (samples.weight - after), first[-1])
+        found += np.bincount(knot + 1, amount * after, first[-1])
+        return found
+
+    weight = total(1.0)
+    piece = np.repeat(np.arange(len(stretches)), stretches + 1)
+    filled = weight > 1e-9 * np.bincount(samples.piece, samples.weight)[piece]
+    number = (
+        2 * piece + (np.arange(first[-1]) - first[piece]) / stretches[piece]
+    )  # rises throughout
+    return np.stack(
+        [
+            np.interp(number, number[filled], total(samples.spread(value))[filled] / weight[filled])
+            for value in values.T
+        ],
+        axis=1,
+    )
+
+
+def _project(
+    lines: _Lines, point: np.ndarray, piece: np.ndarray, share: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(M,) place along the line nearest to each point, and (M, 3) from there to the point.
+
+    share : where each point is now; its stretch and the two beside it are tried. A line goes straight
+    on beyond its ends.
+    """
+    stretches = (np.diff(lines.first) - 1)[piece]
+    now = np.minimum((share * stretches).astype(np.int64), stretches - 1)
+    direction = np.diff(lines.knot, axis=0)
+    squared = np.einsum("ki,ki->k", direction, direction)
+    length = np.sqrt(squared)
+    best = np.full(len(point), np.inf)
+    along, outward = np.zeros(len(point)), np.zeros((len(point), 3))
+    for offset in (-1, 0, 1):
+        stretch = np.clip(now + offset, 0, stretches - 1)
+        start = lines.first[piece] + stretch
+        from_start = point - lines.knot[start]
+        part = np.einsum("mi,mi->m", from_start, direction[start])
+        part /= np.maximum(squared[start], np.finfo(float).tiny)
+        low = np.where(stretch == 0, -np.inf, 0.0)
+        high = np.where(stretch == stretches - 1, np.inf, 1.0)
+        part = np.clip(part, low, high)
+        aside = from_start - part[:, None] * direction[start]
+        distance = np.einsum("mi,mi->m", aside, aside)
+        nearer = distance < best
+        best[nearer] = distance[nearer]
+        along[nearer] = (lines.along[start] + part * length[start])[nearer]
+        outward[nearer] = aside[nearer]
+    return along, outward
+
+
+def _close_ends(
+    lines: _Lines, radius: np.ndarray, pieces: Pieces, along: np.ndarray, outward: np.ndarray
+) -> tuple[_Lines, np.ndarray]:
+    """Lines that reach to where the surface ends, in its middle there; (C, 2) radius at the ends."""
+    owner, count = pieces.piece_of_vertex, pieces.count
+    thickness = np.linalg.norm(outward, axis=1)
+    knot, end_radius = lines.knot.copy(), np.empty((count, 2))
+    for end, (at, inner) in enumerate(
+        [(lines.first[:-1], lines.first[:-1] + 1), (lines.first[1:] - 1, lines.first[1:] - 2)]
+    ):
+        depth = along if end == 0 else -along
+        depth = depth - depth[_largest(-depth, owner, count)][owner]  # from the end inwards
+        slab = depth <= SLAB * radius[at][owner]
+        size = np.bincount(owner[slab], minlength=count)[:, None]
+        middle = (
+            np.stack(
+                [np.bincount(owner[slab], pieces.vertices[slab, k], count) for k in range(3)],
+                axis=1,
+            )
+            / size
+        )
+        inwards = knot[inner] - knot[at]
+        inwards /= np.maximum(np.linalg.norm(inwards, axis=1, keepdims=True), np.finfo(float).tiny)
+        knot[at] = middle - inwards * np.bincount(owner[slab], depth[slab], count)[:, None] / size
+
+        collar = np.where(depth <= COLLAR * radius[at][owner], thickness, -1.0)
+        widest = collar[_largest(collar, owner, count)]
+        end_radius[:, end] = _median(collar, owner, collar >= 0.5 * widest[owner], count)
+    return _Lines.through(knot, lines.first), end_radius
+
+
+def _largest(value: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
+    """(C,) index of the largest value of each owner; ``owner`` is sorted and every one has some."""
+    order = np.lexsort((value, owner))
+    return np.asarray(order[np.cumsum(np.bincount(owner, minlength=count)) - 1])
+
+
+def _median(value: np.ndarray, owner: np.ndarray, chosen: np.ndarray, count: int) -> np.ndarray:
+    """(C,) upper median of the chosen values of each owner."""
+    value, owner = value[chosen], owner[chosen]
+    size = np.bincount(owner, minlength=count)
+    order = np.lexsort((value, owner))
+    return np.asarray(value[order[np.cumsum(size) - size + size // 2]])
