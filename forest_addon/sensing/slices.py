@@ -64,7 +64,7 @@ def trunks_at_height(scene: SceneGeometry, height: float, min_radius: float = 0.
         separate = _outermost(stems)
         thin += thinner
         inside += len(stems) - len(separate)
-        found += [(int(instance), centre, radius) for centre, radius in separate]
+        found += [(int(instance), centre + transform[:2, 3], radius) for centre, radius in separate]
     of = np.array([instance for instance, _, _ in found], dtype=np.int64)
     return Trunks(
         position=np.array([centre for _, centre, _ in found]).reshape(-1, 2),
@@ -80,7 +80,7 @@ def trunks_at_height(scene: SceneGeometry, height: float, min_radius: float = 0.
 class _Segments:
     """M segments where triangles cross the plane.
 
-    ends : (M, 2, 2) x and y of both ends. normal : (M, 3) unit normals of the triangles.
+    ends : (M, 2, 2) x and y of both ends, from the instance's origin. normal : (M, 3) unit normals of the triangles.
     contour : (M,) number of the contour, 0 to the count less 1.
     """
 
@@ -122,7 +122,7 @@ class _WeldedWood:
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         length = np.linalg.norm(normal, axis=1, keepdims=True)
         return _Segments(
-            ends=local @ transform[:2, :3].T + transform[:2, 3],
+            ends=local @ transform[:2, :3].T,
             normal=np.divide(normal, length, out=np.zeros_like(normal), where=length > 0),
             contour=_components(a * len(self.vertices) + b),
         )
