@@ -200,17 +200,6 @@ def draw_reverb(response: ImpulseResponse, reverb: Reverb, path: Path) -> Path:
     return _save(figure, path)
 
 
-def echo_arrays(echo: Echo) -> tuple[dict[str, np.ndarray], dict[str, str]]:
-    """The arrays of an echo for its NPZ file, and their units."""
-    arrays = {
-        "time": echo.time,
-        "impulse_response": echo.impulse_response,
-        "frequency": echo.frequency,
-        "spectrum": echo.spectrum,
-    }
-    return arrays, {"time": "s", "impulse_response": "re call at 1 m", "frequency": "Hz"}
-
-
 def _beam_map(
     axes: Axes, echo: Echo, sonar: Sonar, discs: LeafDiscs, forest: Forest
 ) -> None:

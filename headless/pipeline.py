@@ -10,7 +10,6 @@ import json
 import os
 import platform
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,12 +17,10 @@ from typing import Any
 import bpy
 import numpy as np
 
-from forest_addon import rng
-from forest_addon.blender.bvh import BvhCaster
 from forest_addon.blender.cloud import show_cloud
-from forest_addon.blender.depsgraph import read_scene
 from forest_addon.blender.export import export_glb, save_blend
 from forest_addon.blender.forest import RESULTS, build, part
+from forest_addon.blender.observe import Observer
 from forest_addon.blender.preview import render, set_stage
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.las import write_las
@@ -31,13 +28,15 @@ from forest_addon.formats.npz import write_npz
 from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.wav import write_wav
-from forest_addon.sensing import lidar, reverb, slices, sonar
 from forest_addon.sensing.geometry import SceneGeometry
+from forest_addon.sensing.lidar import Cloud, TractorScan
+from forest_addon.sensing.reverb import ImpulseResponse
+from forest_addon.sensing.sonar import Echo
 from forest_addon.spec import Reverb, Scene, Sonar, SpecError, Terrestrial, Tractor
 from forest_addon.stand.forest import Forest, grow_forest, leaf_table, tree_table
 
 from . import pictures, report
-from .progress import Progress, Stages
+from .progress import Stages
 
 
 @dataclass
@@ -84,11 +83,20 @@ def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) 
     with stages.stage("write truth"):
         _write_truth(run)
     with stages.stage("read evaluated scene"):
-        geometry = read_scene(bpy.context.evaluated_depsgraph_get())
-        caster, wood = BvhCaster(geometry), BvhCaster(geometry.solid())
+        observer = Observer(bpy.context.evaluated_depsgraph_get())
+        engine = observer.caster.engine
     for sensor in settings.sensors:
         with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
-            _SENSE[type(sensor)](run, sensor, scene, caster, wood, progress)
+            found = observer.observe(sensor, settings, progress)
+            if isinstance(found, TractorScan):
+                _write_scan(run, sensor, found)
+            elif isinstance(found, Cloud):
+                _write_cloud(run, sensor, found)
+                show_cloud(part(scene, RESULTS), sensor.name, found)
+            elif isinstance(found, Echo):
+                _write_echo(run, sensor, found, observer)
+            else:
+                _write_reverb(run, sensor, found, observer)
 
     tallest = max((v.height for v in forest.variants.values()), default=5.0)
     set_stage(scene, settings, tallest)
@@ -101,7 +109,7 @@ def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) 
     if settings.output.preview:
         with stages.stage("render preview.png") as progress:
             render(scene, settings.output, run.path("preview.png"), progress)
-    _write_record(run, geometry, caster.engine)
+    _write_record(run, observer.geometry, engine)
     with stages.stage("write report.html"):
         report.write(run.out / "report.html", settings, run.findings, stages.seconds, run.files)
     stages.say(f"Done: {len(run.files) + 1} files in {out}. Open {out / 'report.html'}")
@@ -129,71 +137,47 @@ def _write_truth(run: Run) -> None:
     write_npz(run.path("leaves.npz"), leaf_table(run.forest), metres | {"normal": "1", "axis": "1"})
 
 
-def _drive(
-    run: Run, sensor: Tractor, scene: Any, caster: BvhCaster, wood: BvhCaster, progress: Progress
-) -> None:
-    scan = lidar.drive(sensor, caster, progress)
-    write_npz(
-        run.path(f"{sensor.name}.npz"),
-        {
-            "distance": scan.distance,
-            "organ": scan.organ,
-            "tree": scan.returns.tree.reshape(scan.distance.shape),
-            "angle": scan.angle,
-            "track": scan.track,
-        },
-        {"distance": "m", "angle": "rad", "track": "m"},
-    )
+def _write_scan(run: Run, sensor: Tractor, scan: TractorScan) -> None:
+    arrays = {
+        "distance": scan.distance,
+        "organ": scan.organ,
+        "tree": scan.returns.tree.reshape(scan.distance.shape),
+        "angle": scan.angle,
+        "track": scan.track,
+    }
+    units = {"distance": "m", "angle": "rad", "track": "m"}
+    write_npz(run.path(f"{sensor.name}.npz"), arrays, units)
     picture = pictures.draw_scan(scan, run.path(f"{sensor.name}.png"))
     run.findings.append(report.scan_finding(sensor, scan, picture))
 
 
-def _sweep(
-    run: Run, sensor: Terrestrial, scene: Any, caster: BvhCaster, wood: BvhCaster, progress: Progress
-) -> None:
-    cloud = lidar.sweep(sensor, caster, progress)
+def _write_cloud(run: Run, sensor: Terrestrial, cloud: Cloud) -> None:
     write_las(run.path(f"{sensor.name}.laz"), cloud)
     picture = pictures.draw_cloud(cloud, sensor, run.path(f"{sensor.name}.png"))
-    show_cloud(part(scene, RESULTS), sensor.name, cloud)
     run.findings.append(report.cloud_finding(sensor, cloud, picture))
 
 
-def _ping(
-    run: Run, sensor: Sonar, scene: Any, caster: BvhCaster, wood: BvhCaster, progress: Progress
-) -> None:
-    discs = sonar.leaf_discs(caster.scene)
-    echo = sonar.ping(discs, sensor, run.settings.air, wood, progress)
-    write_npz(run.path(f"{sensor.name}.npz"), *pictures.echo_arrays(echo))
-    picture = pictures.draw_echo(echo, sensor, discs, run.forest, run.path(f"{sensor.name}.png"))
+def _write_echo(run: Run, sensor: Sonar, echo: Echo, observer: Observer) -> None:
+    arrays = {
+        "time": echo.time,
+        "impulse_response": echo.impulse_response,
+        "frequency": echo.frequency,
+        "spectrum": echo.spectrum,
+    }
+    units = {"time": "s", "impulse_response": "re call at 1 m", "frequency": "Hz"}
+    write_npz(run.path(f"{sensor.name}.npz"), arrays, units)
+    path = run.path(f"{sensor.name}.png")
+    picture = pictures.draw_echo(echo, sensor, observer.discs, run.forest, path)
     run.findings.append(report.echo_finding(sensor, echo, picture))
 
 
-def _clap(
-    run: Run, sensor: Reverb, scene: Any, caster: BvhCaster, wood: BvhCaster, progress: Progress
+def _write_reverb(
+    run: Run, sensor: Reverb, response: ImpulseResponse, observer: Observer
 ) -> None:
-    height = (sensor.source[2] + sensor.receiver[2]) / 2
-    trunks = slices.trunks_at_height(caster.scene, height, sensor.min_radius)
-    field_of = run.settings.forest
-    response = reverb.impulse_response(
-        trunks,
-        sensor,
-        run.settings.air,
-        wood=wood,
-        rng=rng.stream(run.settings.seed, "reverb", sensor.name, "continuation"),
-        field=(field_of.origin, field_of.size),
-        progress=progress,
-    )
     write_wav(run.path(f"{sensor.name}.wav"), response.samples, sensor.sample_rate)
     picture = pictures.draw_reverb(response, sensor, run.path(f"{sensor.name}.png"))
+    trunks = observer.trunks(sensor)
     run.findings.append(report.reverb_finding(sensor, response, trunks, picture))
-
-
-_SENSE: dict[type, Callable[..., None]] = {
-    Tractor: _drive,
-    Terrestrial: _sweep,
-    Sonar: _ping,
-    Reverb: _clap,
-}
 
 
 def _write_record(run: Run, geometry: SceneGeometry, engine: str) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import gc
 from operator import itemgetter
 
+import bpy  # noqa: F401  where Blender is a module, it brings mathutils
 import numpy as np
 from mathutils.bvhtree import BVHTree
 

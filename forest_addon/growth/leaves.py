@@ -54,7 +54,7 @@ def measure_leaves(mesh: TriMesh, branch: np.ndarray | None = None) -> Leaves:
     corners = mesh.vertices[mesh.triangles[is_leaf]]  # (F, 3, 3)
     vector = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(vector, axis=1)
-    leaf_area = np.bincount(leaf, area, count)
+    leaf_area = np.bincount(leaf, area, count).astype(np.float64)
 
     weight = np.where(leaf_area[leaf] > 0, area, 1.0)  # zero-area leaves: plain mean of corners
     centre = _sum_by_leaf(corners.mean(axis=1) * weight[:, None], leaf, count)
@@ -148,7 +148,9 @@ def _extents(
 
 
 def _sum_by_leaf(values: np.ndarray, leaf: np.ndarray, count: int) -> np.ndarray:
-    return np.stack([np.bincount(leaf, values[:, k], count) for k in range(3)], axis=1)
+    return np.stack(
+        [np.bincount(leaf, values[:, k], count).astype(np.float64) for k in range(3)], axis=1
+    )
 
 
 def _unit(vectors: np.ndarray, fallback: tuple[float, float, float]) -> np.ndarray:

@@ -25,14 +25,18 @@ def tube(points: np.ndarray, radius: np.ndarray, sides: int) -> tuple[np.ndarray
     count = len(points)
     step = np.diff(points, axis=0)
     step /= np.linalg.norm(step, axis=1, keepdims=True)
-    tangent = np.concatenate([step[:1], step[:-1] + step[1:], step[-1:]])
+    between = step[:-1] + step[1:]
+    sharp = np.linalg.norm(between, axis=1) < 1e-6  # the line turns back on itself: keep its way
+    between[sharp] = step[:-1][sharp]
+    tangent = np.concatenate([step[:1], between, step[-1:]])
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
 
     around = np.empty((count, 3))
-    around[0] = np.cross(tangent[0], np.eye(3)[np.argmin(np.abs(tangent[0]))])
+    around[0] = _across(tangent[0])
     for ring in range(1, count):  # parallel transport: keep the last direction, made normal again
-        around[ring] = around[ring - 1] - around[ring - 1] @ tangent[ring] * tangent[ring]
-    around /= np.linalg.norm(around, axis=1, keepdims=True)
+        kept = around[ring - 1] - around[ring - 1] @ tangent[ring] * tangent[ring]
+        size = np.linalg.norm(kept)
+        around[ring] = kept / size if size > 1e-9 else _across(tangent[ring])
     across = np.cross(tangent, around)
 
     angle = 2 * np.pi * np.arange(sides) / sides
@@ -54,3 +58,10 @@ def tube(points: np.ndarray, radius: np.ndarray, sides: int) -> tuple[np.ndarray
         np.stack([np.full(sides, tip), last + corner, last + following], axis=1),
     ]
     return vertices, np.concatenate([walls, *caps]).astype(np.int32)
+
+
+def _across(direction: np.ndarray) -> np.ndarray:
+    """A unit vector at right angles to a unit direction."""
+    normal = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
+    unit: np.ndarray = normal / np.linalg.norm(normal)
+    return unit

@@ -1,0 +1,92 @@
+"""Whatever is wrong with a file of settings is said in one sentence with file, key and what is allowed."""
+
+import re
+
+import pytest
+
+from forest_addon.formats.toml_file import read_settings
+from forest_addon.spec import Scene, Sonar, SpecError
+
+
+def read(tmp_path, text):
+    path = tmp_path / "scene.toml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return read_settings(path, Scene)
+
+
+def test_a_whole_scene_is_read(tmp_path):
+    scene = read(
+        tmp_path,
+        """
+        name = "x"
+        seed = 3
+        [forest]
+        size = [10, 20.5]
+        [[plantings]]
+        species = "maple"
+        expected = 4
+        gaussians = [{ centre = [1, 2], width = [3, 4] }]
+        [[sensors]]
+        kind = "sonar"
+        beam_width_deg = [50, 30]
+        """,
+    )
+    assert scene.forest.size == (10.0, 20.5)
+    assert scene.plantings[0].gaussians[0].centre == (1.0, 2.0)
+    assert isinstance(scene.sensors[0], Sonar)
+    assert scene.sensors[0].beam_width_deg == (50.0, 30.0)
+
+
+def test_an_empty_file_is_the_default_scene(tmp_path):
+    assert read(tmp_path, "") == Scene()
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "words"),
+    [
+        ("[forest]\nsise = [1, 2]", "forest.sise", 'did you mean "size"? Allowed: size, origin'),
+        ("[forest]\nsize = [-1, 2]", "forest.size[0]", "-1 m is out of range; use larger than 0"),
+        ("[forest]\nsize = [1]", "forest.size", "give 2"),
+        ('[forest]\nsize = "a"', "forest.size", '"a" is not a list of 2'),
+        ("forest = 3", "forest", "not a table"),
+        ("seed = 1.5", "seed", "1.5 is not a whole number"),
+        ("seed = true", "seed", "true is not a whole number"),
+        ('seed = "1"', "seed", '"1" is not a whole number'),
+        ("seed = -1", "seed", "use from 0"),
+        ("name = 1", "name", "1 is not a text in quotes"),
+        ("nmae = 'x'", "nmae", 'did you mean "name"'),
+        ("[forest]\nspacing = nan", "forest.spacing", "use from 0 to 100000 m"),
+        ("[[plantings]]\nexpected = 2", "plantings[0].species", "is missing"),
+        ("[[plantings]]\nspcies = 'm'", "plantings[0].spcies", 'did you mean "species"'),
+        (
+            "[[plantings]]\nspecies = 'm'\n[[plantings.gaussians]]\ncentre = [1, 2]",
+            "plantings[0].gaussians[0].width",
+            "is missing",
+        ),
+        ("[[sensors]]\nkind = 'radar'", "sensors[0].kind", '"tractor", "terrestrial", "sonar"'),
+        ("[[sensors]]\nname = 'x'", "sensors[0].kind", "is missing"),
+        ("[[sensors]]\nkind = 'sonar'\nband = [1, 'a']", "sensors[0].band[1]", "not a number"),
+        ("[output]\nblend = 1", "output.blend", "1 is not true or false"),
+    ],
+)
+def test_one_sentence_names_file_key_and_what_is_allowed(tmp_path, text, key, words):
+    with pytest.raises(SpecError) as caught:
+        read(tmp_path, text)
+    said = str(caught.value)
+    assert said.startswith(f"{tmp_path / 'scene.toml'}: {key}: ")
+    assert words in said
+    assert "\n" not in said
+
+
+@pytest.mark.parametrize("text", ["[forest", "a = ", b"\xff\xfe\x00", b"\x00\x01", "a=1\na=2"])
+def test_what_is_not_toml_is_said_to_be_so(tmp_path, text):
+    with pytest.raises(SpecError, match=re.escape(str(tmp_path / "scene.toml"))) as caught:
+        read(tmp_path, text)
+    assert re.search("is not TOML|not a text file", str(caught.value))
+
+
+def test_missing_files_and_folders(tmp_path):
+    with pytest.raises(SpecError, match="no such file"):
+        read_settings(tmp_path / "none.toml", Scene)
+    with pytest.raises(SpecError, match="is a folder"):
+        read_settings(tmp_path, Scene)

@@ -1,0 +1,82 @@
+"""A plain turtle for T20's symbols: a stack, one segment after the other, rotation matrices."""
+
+import numpy as np
+
+from forest_addon.rng import truncated_normal
+
+
+def rotation(axis, angle):
+    """Rotation matrix about a unit axis (from the matrix exponential of its cross product)."""
+    from scipy.linalg import expm
+
+    x, y, z = axis
+    return expm(angle * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]))
+
+
+def grow_plainly(symbols, grammar, jitter, rng):
+    """start, end (S, 3) and start radius (S,), drawing in the same order as the product."""
+    text = symbols.tobytes().decode()
+    count = text.count("d") + text.count("g")
+    draw = {k: truncated_normal(rng, count) for k in ("length", "angle", "twist", "lean", "side")}
+    lift = rng.random(count) * jitter.raise_ratio
+
+    segments = []  # dicts with start, end, heading, left, length, radius, mother, role
+    stack, node, role = [], None, "["
+    for symbol in text:
+        if symbol in "dg":
+            segments.append({"mother": node, "role": role})
+            node = len(segments) - 1
+        elif symbol == ")":
+            node = stack.pop() if stack else node
+        else:
+            role = symbol
+            if symbol != "+":
+                stack.append(node)
+
+    def place(i):
+        s = segments[i]
+        if "end" in s:
+            return
+        if s["mother"] is None:
+            s["length"] = grammar.length * (1 + jitter.length * draw["length"][i])
+            s["heading"], s["left"] = np.array([0, 0, 1.0]), np.array([1.0, 0, 0])
+            s["start"], s["radius"] = np.zeros(3), grammar.radius
+        else:
+            place(s["mother"])
+            m = segments[s["mother"]]
+            ratio = grammar.centre_ratio if s["role"] == "[" else grammar.side_ratio
+            s["length"] = m["length"] * ratio * (1 + jitter.length * draw["length"][i])
+            if s["role"] == "[":
+                twist = np.deg2rad(grammar.twist_deg + jitter.twist_deg * draw["twist"][i])
+                side = rotation(m["heading"], twist) @ m["left"]
+                tilt = np.tan(np.deg2rad(jitter.lean_deg))
+                across = np.cross(m["heading"], side)
+                h = m["heading"] + tilt * (draw["lean"][i] * side + draw["side"][i] * across)
+                s["heading"] = h / np.linalg.norm(h)
+                left = side - side @ s["heading"] * s["heading"]
+                s["left"] = left / np.linalg.norm(left)
+                s["start"], s["radius"] = m["end"], m["radius"] * ratio
+            else:
+                angle = np.deg2rad(grammar.angle_deg + jitter.angle_deg * draw["angle"][i])
+                sign = 1 if s["role"] == "(" else -1
+                s["heading"] = rotation(m["left"], sign * angle) @ m["heading"]
+                s["left"], s["radius"] = m["left"], m["radius"] * grammar.radius_ratio
+                s["start"] = m["end"]
+                if s["role"] == "+":
+                    onward = next(
+                        j
+                        for j, other in enumerate(segments)
+                        if other["mother"] == s["mother"] and other["role"] == "["
+                    )
+                    place(onward)
+                    o = segments[onward]
+                    s["start"] = m["end"] + lift[i] * o["length"] * o["heading"]
+        s["end"] = s["start"] + s["length"] * s["heading"]
+
+    for i in range(count):
+        place(i)
+    return (
+        np.array([s["start"] for s in segments]),
+        np.array([s["end"] for s in segments]),
+        np.array([s["radius"] for s in segments]),
+    )
