@@ -142,7 +142,7 @@ def find_contacts(lines: Centrelines, pieces: np.ndarray, points: np.ndarray) ->
     )  # (S,) knots before stretches
     vector = lines.knot[start + 1] - lines.knot[start]
     length = np.linalg.norm(vector, axis=1)
-    thin, thick = np.sort(lines.radius[[start, start + 1]], axis=0)
+    thick = np.maximum(lines.radius[start], lines.radius[start + 1])
 
     spacing = np.maximum(np.maximum(thick, length / 64), lines.along.max() / 1000)
     balls = np.ceil(length / np.maximum(spacing, np.finfo(float).tiny)).astype(np.int64)
@@ -153,9 +153,8 @@ def find_contacts(lines: Centrelines, pieces: np.ndarray, points: np.ndarray) ->
     lifted = np.sqrt(np.maximum(radius.max() ** 2 - radius**2, 0.0))
     centre = lines.knot[start[of]] + part[:, None] * vector[of]
     tree = cKDTree(np.column_stack([centre, lifted]))
-    near = tree.query(
-        np.column_stack([points, np.zeros(len(points))]), k=np.arange(min(CANDIDATES, len(of))) + 1
-    )[1]
+    lifted_points = np.column_stack([points, np.zeros(len(points))])
+    near = tree.query(lifted_points, k=np.arange(min(CANDIDATES, len(of))) + 1, workers=-1)[1]
 
     stretch = of[near]  # (N, k)
     from_start = points[:, None] - lines.knot[start[stretch]]

@@ -63,7 +63,9 @@ def part(facets: np.ndarray) -> Pieces:
     pairs, inverse = np.unique(piece[:, None] * len(vertices) + triangles, return_inverse=True)
     triangles = inverse.reshape(-1, 3)
     owner, welded = np.divmod(pairs, max(len(vertices), 1))
-    edges = np.divmod(np.unique(_edge_keys(triangles, len(pairs))), max(len(pairs), 1))
+    keys = np.sort(_edge_keys(triangles, len(pairs)))
+    keys = keys[np.diff(keys, prepend=-1) > 0]
+    edges = np.divmod(keys, max(len(pairs), 1))
     return Pieces(
         vertices=vertices[welded],
         triangles=triangles[has_area].astype(np.int32),

@@ -98,22 +98,21 @@ def recognise(wood: np.ndarray, leaves: np.ndarray | None = None) -> Recognition
     _check_upright(found)
     if bare:
         return found
-    extent = float(np.ptp(timber.vertices, axis=0).max())
-    _check_leaf_size(foliage, extent)
     bearer, gap = find_bearers(lines, foliage)
-    if np.median(gap) > FARTHEST_LEAVES * extent:
-        raise TemplateError(
-            "the leaves lie far from the wood; export both from the same scene, with the same units "
-            "and origin."
-        )
+    _check_leaves(foliage, gap, extent=float(np.ptp(timber.vertices, axis=0).max()))
     return Recognition(timber, lines, hierarchy, foliage, bearer)
 
 
-def _pieces_of(facets: np.ndarray | None, what: str) -> Pieces:
+def checked_facets(facets: np.ndarray | None, what: str) -> np.ndarray:
+    """Facets as (T, 3, 3) float64; ``TemplateError`` if they are anything else."""
     corners = np.asarray(facets, dtype=np.float64)
     if corners.ndim != 3 or corners.shape[1:] != (3, 3) or not np.isfinite(corners).all():
         raise TemplateError(f"the facets of the {what} must be finite numbers of shape (T, 3, 3).")
-    pieces = part(corners)
+    return corners
+
+
+def _pieces_of(facets: np.ndarray | None, what: str) -> Pieces:
+    pieces = part(checked_facets(facets, what))
     if not pieces.count:
         raise TemplateError(f"there is no facet with an area in the {what}; export the mesh again.")
     return pieces
@@ -129,7 +128,12 @@ def _check_upright(found: Recognition) -> None:
         )
 
 
-def _check_leaf_size(leaves: Pieces, extent: float) -> None:
+def _check_leaves(leaves: Pieces, gap: np.ndarray, extent: float) -> None:
+    if np.median(gap) > FARTHEST_LEAVES * extent:
+        raise TemplateError(
+            "the leaves lie far from the wood; export both from the same scene, with the same units "
+            "and origin."
+        )
     low, high = np.full((leaves.count, 3), np.inf), np.full((leaves.count, 3), -np.inf)
     np.minimum.at(low, leaves.piece_of_vertex, leaves.vertices)
     np.maximum.at(high, leaves.piece_of_vertex, leaves.vertices)

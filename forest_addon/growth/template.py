@@ -6,8 +6,8 @@ the origin, axis from foot to tip along +X, length 1, and the side that was up i
 
 What hard cases come to: two leaves that touch at a point stay two, two that share an edge are one; a
 leaf drawn from both sides is one leaf; leaves may touch wood, as they come as facets of their own; shoots
-on the trunk shorter than a twentieth of its longest branch are counted and left out, as a grammar would
-blow them up to branches; a piece of wood that is modelled inside out is turned.
+on the trunk shorter than a twentieth of its longest branch, which a grammar would blow up to branches, and
+roots are counted and left out; a piece of wood that is modelled inside out is turned.
 """
 
 from __future__ import annotations
@@ -18,12 +18,13 @@ import numpy as np
 
 from .hierarchy import find_contacts
 from .leaves import Leaves, measure_leaves
-from .recognise import Recognition, TemplateError, recognise
+from .recognise import Recognition, TemplateError, checked_facets, recognise
 from .trimesh import LEAF, WOOD, TriMesh
 
 __all__ = ["BranchTemplate", "TemplateError", "TreeTemplate", "split_tree"]
 
 SHORTEST = 0.05  # of the longest first-level branch; shorter ones are stubs
+ROOTS = 0.05  # share of the trunk's length up to which what ends below its foot is a root
 BARK_SLOT, LEAF_SLOT = 0, 1  # material slots
 
 
@@ -59,7 +60,7 @@ class TreeTemplate:
     unit : metres in one unit of the facets.
     wood_components, leaf_count : pieces of wood, trunk and stubs included, and leaves.
     unattached_leaves : leaves in no template: borne by the trunk or by a stub.
-    stubs : first-level branches that are too short to be templates.
+    stubs : what hangs on the trunk but is no template, because it is too short or a root.
     """
 
     branches: tuple[BranchTemplate, ...]
@@ -85,24 +86,17 @@ def split_tree(
     ------
     TemplateError : the facets are no tree with a trunk and branches.
     """
-    unit = 1.0
-    if height and len(wood):
-        unit = height / (float(np.ptp(np.asarray(wood)[:, :, 2])) or 1.0)
-    found = recognise(
-        np.asarray(wood) * unit, None if leaves is None else np.asarray(leaves) * unit
-    )
+    wood = checked_facets(wood, "wood")
+    tall = float(np.ptp(wood[:, :, 2])) if len(wood) else 0.0
+    unit = height / tall if height > 0 and tall > 0 else 1.0
+    found = recognise(wood * unit, None if leaves is None else np.asarray(leaves) * unit)
     timber = _mesh(found.wood.vertices, _turned_outwards(found), WOOD)
     foliage = _mesh(found.leaves.vertices, found.leaves.triangles, LEAF, found.leaves.piece)
 
-    firsts = np.flatnonzero(found.parent == found.trunk)
-    length = np.linalg.norm(found.tip[firsts] - found.foot[firsts], axis=1)
-    long_enough = length >= SHORTEST * length.max()
-    stubs = int(np.count_nonzero(~long_enough))
-    firsts = firsts[long_enough]
-    share, direction = _place_on_trunk(found, firsts)
+    firsts, share, direction, stubs = _first_level(found)
     branches = [
         _cut(found, int(firsts[at]), timber, foliage, float(share[at]), direction[at])
-        for at in np.argsort(share, kind="stable")
+        for at in range(len(firsts))
     ]
     trunk = timber.select(found.wood.piece == found.trunk)
     return TreeTemplate(
@@ -127,6 +121,28 @@ def canonical_frame(axis: np.ndarray) -> np.ndarray:
     norm = float(np.linalg.norm(side))
     side = side / norm if norm > 1e-9 else np.array([0.0, 1.0, 0.0])
     return np.stack([axis, side, np.cross(axis, side)])
+
+
+def _first_level(found: Recognition) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """First-level branches from the lowest up: (N,) pieces, (N,) the shares of the trunk's length at
+    which they hang, (N, 3) its direction there; and how many were left out.
+    """
+    firsts = np.flatnonzero(found.parent == found.trunk)
+    foot, tip = found.foot[firsts], found.tip[firsts]
+    contact = find_contacts(found.lines, np.array([found.trunk]), foot)
+    share, direction = contact.along / found.lines.length()[found.trunk], contact.direction
+    if found.hierarchy.foot_end[found.trunk] == 1:
+        share, direction = 1.0 - share, -direction
+
+    root = (share < ROOTS) & (tip[:, 2] < found.foot[found.trunk, 2])
+    if root.all():
+        raise TemplateError(
+            "the trunk has roots but no branches; export trunk and branches as separate parts."
+        )
+    length = np.linalg.norm(tip - foot, axis=1)
+    kept = ~root & (length >= SHORTEST * length[~root].max())
+    order = np.flatnonzero(kept)[np.argsort(share[kept], kind="stable")]
+    return firsts[order], share[order], direction[order], int(np.count_nonzero(~kept))
 
 
 def _cut(
@@ -164,15 +180,6 @@ def _cut(
         height=height,
         angle=float(np.arccos(np.clip(frame[0] @ trunk_direction, -1.0, 1.0))),
     )
-
-
-def _place_on_trunk(found: Recognition, firsts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) shares of the trunk's length at which branches hang, and (N, 3) its direction there."""
-    contact = find_contacts(found.lines, np.array([found.trunk]), found.foot[firsts])
-    share = contact.along / found.lines.length()[found.trunk]
-    if found.hierarchy.foot_end[found.trunk] == 0:
-        return share, contact.direction
-    return 1.0 - share, -contact.direction
 
 
 def _turned_outwards(found: Recognition) -> np.ndarray:

@@ -1,0 +1,133 @@
+"""What is recognised in trees of known structure."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from references.model_tree import Model, at, line, tree
+
+from forest_addon.growth.recognise import recognise
+from forest_addon.growth.template import split_tree
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [{}, {"sides": 3}, {"sides": 5}, {"sides": 24}, {"capped": True}, {"capped": True, "sides": 6}],
+)
+def test_structure_is_recognised_whatever_the_tubes_are_made_of(shape: dict[str, object]) -> None:
+    model = tree(**shape)  # type: ignore[arg-type]
+    model.check(recognise(model.wood(), model.leaves()))
+
+
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_structure_does_not_depend_on_the_order_of_facets_nor_on_float32(seed: int) -> None:
+    model = tree(seed, branches=5 + seed)
+    rng = np.random.default_rng(seed)
+    wood = model.wood()
+    order = rng.permutation(len(wood))
+    shuffled = np.stack([np.roll(f, rng.integers(3), axis=0) for f in wood[order]])
+    found = recognise(
+        shuffled.astype(np.float32).astype(np.float64),
+        model.leaves().astype(np.float32).astype(np.float64),
+    )
+    model.check(found, order)
+
+
+def test_foot_tip_and_radius_of_a_straight_tube_are_exact() -> None:
+    model = tree()
+    found = recognise(model.wood())
+    trunk = found.trunk
+    np.testing.assert_allclose(found.foot[trunk], model.foot[0], atol=2e-3)
+    np.testing.assert_allclose(found.tip[trunk], model.tip[0], atol=2e-3)
+    np.testing.assert_allclose(found.radius[trunk], 0.3, rtol=0.03)
+    length = float(np.linalg.norm(model.tip[0] - model.foot[0]))
+    np.testing.assert_allclose(found.lines.length()[trunk], length, rtol=1e-3)
+
+
+@pytest.mark.parametrize("rings", [2, 3, 7, 40])
+@pytest.mark.parametrize("sides", [4, 7, 12])
+def test_centreline_does_not_depend_on_where_rings_are(rings: int, sides: int) -> None:
+    model = Model()
+    model.add(line([0, 0, 0], [0.5, 0, 8], rings), 0.2, -1, sides=sides)
+    model.add(line([0.25, 0, 4], [3.25, 1, 5], rings), 0.05, 0, sides=sides)
+    found = recognise(model.wood())
+    for piece in (0, 1):
+        np.testing.assert_allclose(
+            found.foot[piece], model.foot[piece], atol=0.05 * model.radius[piece]
+        )
+        np.testing.assert_allclose(
+            found.tip[piece], model.tip[piece], atol=0.05 * model.radius[piece]
+        )
+        np.testing.assert_allclose(found.radius[piece], model.radius[piece], rtol=0.02)
+        knots = found.lines.knot[found.lines.first[piece] : found.lines.first[piece + 1]]
+        axis = (model.tip[piece] - model.foot[piece]) / np.linalg.norm(
+            model.tip[piece] - model.foot[piece]
+        )
+        aside = np.cross(knots - model.foot[piece], axis)
+        assert np.linalg.norm(aside, axis=1).max() < 0.1 * model.radius[piece]
+
+
+def test_a_hairpin_is_followed_round_its_bend() -> None:
+    """Up 2 m, over an arc of 0.3 m radius, and down again, nearer to the ground than its foot is."""
+    arc = np.linspace(0, np.pi, 9)
+    bend = np.stack([0.5 - 0.3 * np.cos(arc), 0 * arc, 7 + 0.3 * np.sin(arc)], axis=1)
+    path = np.concatenate([line([0.2, 0, 5], bend[0])[:-1], bend, line(bend[-1], [0.8, 0, 3])[1:]])
+    model = Model()
+    trunk = model.add(line([0, 0, 0], [0, 0, 10]), 0.3, -1)
+    hairpin = model.add(path, np.linspace(0.05, 0.02, len(path)), trunk)
+    model.add(line([0.8, 0, 3.5], [1.4, 0, 3.6]), np.linspace(0.01, 0.003, 6), hairpin)
+    found = recognise(model.wood())
+    model.check(found)
+    np.testing.assert_allclose(found.tip[1], [0.8, 0, 3], atol=0.02)
+    drawn = 2.0 + 0.3 * np.pi + 4.0
+    np.testing.assert_allclose(found.lines.length()[1], drawn, rtol=0.03)
+
+
+def test_branches_of_a_whorl_hang_on_the_trunk_and_not_on_each_other() -> None:
+    model = Model()
+    trunk = model.add(line([0, 0, 0], [0, 0, 10], 8), np.linspace(0.2, 0.1, 8), -1)
+    for turn in np.arange(8) * np.pi / 4:
+        out = np.array([np.cos(turn), np.sin(turn), 0.4])
+        model.add(line([0, 0, 5], np.array([0, 0, 5]) + 2 * out), np.linspace(0.08, 0.02, 6), trunk)
+    model.check(recognise(model.wood()))
+
+
+def test_feet_on_the_bark_and_feet_that_float_are_hung_too() -> None:
+    model = Model()
+    trunk = model.add(line([0, 0, 0], [0, 0, 10], 20), 0.2, -1)
+    for number, gap in enumerate((-0.1, -0.01, 0.0, 0.02, 0.3)):
+        foot = np.array([0.2 + gap, 0, 2.0 + 1.5 * number])
+        branch = model.add(line(foot, foot + at(2, 0, 1)), np.linspace(0.04, 0.01, 6), trunk)
+        foot = foot + at(1, 0.03, 0.5)
+        model.add(line(foot, foot + at(0.2, 0.5, 0.2)), np.linspace(0.008, 0.003, 6), branch)
+    model.check(recognise(model.wood()))
+
+
+def test_a_thin_tip_that_touches_a_neighbour_does_not_hang_on_it() -> None:
+    model = Model()
+    trunk = model.add(line([0, 0, 0], [0, 0, 10], 20), 0.2, -1)
+    lower = model.add(line([0, 0, 4], [3, 0, 4]), np.linspace(0.08, 0.03, 6), trunk)
+    upper = model.add(line([0, 0, 6], [3, 0, 6]), np.linspace(0.08, 0.03, 6), trunk)
+    model.add(line([1.5, 0, 4], [1.5, 0, 6]), np.linspace(0.03, 0.01, 6), lower)  # up to the upper
+    model.add(
+        line([2.5, 0, 6], [0.1, 0, 8]), np.linspace(0.03, 0.01, 6), upper
+    )  # back into the trunk
+    model.check(recognise(model.wood()))
+
+
+def test_of_several_stems_the_largest_is_the_trunk() -> None:
+    model = Model()
+    for x, radius, top in ((0.0, 0.08, 4.0), (0.15, 0.1, 6.0), (0.3, 0.085, 5.0)):
+        model.add(line([x, 0, 0.01 * x], [2 * x, 0, top]), np.linspace(radius, radius / 2, 6), 1)
+    model.parents[1] = -1
+    found = recognise(model.wood())
+    assert found.trunk == 1
+    np.testing.assert_array_equal(found.parent, [1, -1, 1])
+    assert [b.height for b in split_tree(model.wood()).branches] == pytest.approx([0, 0], abs=0.02)
+
+
+def test_a_limb_thicker_than_the_tapered_trunk_is_not_the_trunk() -> None:
+    model = Model()
+    trunk = model.add(line([0, 0, 0], [0, 0, 3]), np.linspace(0.3, 0.2, 6), -1)
+    model.add(line([0, 0, 2.8], [3, 0, 9]), np.linspace(0.32, 0.1, 6), trunk)
+    model.check(recognise(model.wood()))
