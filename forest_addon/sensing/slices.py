@@ -80,7 +80,8 @@ def trunks_at_height(scene: SceneGeometry, height: float, min_radius: float = 0.
 class _Segments:
     """M segments where triangles cross the plane.
 
-    ends : (M, 2, 2) x and y of both ends, from the instance's origin. normal : (M, 3) unit normals of the triangles.
+    ends : (M, 2, 2) x and y of both ends, from the instance's origin.
+    normal : (M, 3) unit normals of the triangles.
     contour : (M,) number of the contour, 0 to the count less 1.
     """
 

@@ -1,0 +1,125 @@
+"""Sound by way of single trunks: geometry of the paths, and the spectrum they add up to.
+
+Trunks, a source and a receiver go in; out comes Σ_m w_m·e^{-(b+ik)x_m}·H(f, φ_m) with the weight
+w = β/(r_s·r_r^α), the path x = r_s + r_r, and the scattering angle φ (Kaneko & Gamper 2021). Every trunk
+has its own radius and every frequency is summed, in float64. Only H, which is smooth in frequency once
+the delay is taken off, is computed at Chebyshev nodes and interpolated, to 1e-12 of its largest value:
+trunks of one octave of radii share the panels.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..acoustics.cylinder import transfer
+from ..acoustics.spectrum import delay_factors, frequency_panels
+from .slices import Trunks
+
+Progress = Callable[[int, int], None]
+PANEL_KA = 3.0  # width of a panel in ka of the octave's thickest trunk
+TRUNKS_AT_ONCE = 512
+BINS_AT_ONCE = 512
+
+
+@dataclass(frozen=True)
+class TrunkPaths:
+    """M paths from the source by a trunk to the receiver, in the horizontal plane.
+
+    length : (M,) metres, r_s + r_r. weight : (M,) β/(r_s·r_r^α), amplitude without H and air.
+    angle : (M,) radians by which the sound is turned, 0 to π. radius : (M,) metres.
+    clamped : (M,) bool, whether the trunk covers the source or the receiver.
+    """
+
+    length: np.ndarray
+    weight: np.ndarray
+    angle: np.ndarray
+    radius: np.ndarray
+    clamped: np.ndarray
+
+    @property
+    def earliest(self) -> np.ndarray:
+        """(M,) metres the first sound travels: by the trunk's near face, 2a shorter at most."""
+        return self.length - 2.0 * self.radius
+
+    def select(self, rows: np.ndarray) -> TrunkPaths:
+        """The paths of some rows, a mask or numbers."""
+        return TrunkPaths(
+            self.length[rows],
+            self.weight[rows],
+            self.angle[rows],
+            self.radius[rows],
+            self.clamped[rows],
+        )
+
+
+def trunk_paths(
+    trunks: Trunks,
+    source: np.ndarray,
+    receiver: np.ndarray,
+    strength: float,
+    spreading: float,
+) -> TrunkPaths:
+    """Paths by M trunks between a source (2,) and a receiver (2,).
+
+    strength, spreading : β and α.
+
+    A distance to a trunk's axis is at least its radius. The angle comes from both products of the legs,
+    which keeps its digits straight ahead and straight back; it is 0 where a leg has no length.
+    """
+    to_trunk, to_receiver = trunks.position - source, receiver - trunks.position
+    along = np.einsum("mi,mi->m", to_trunk, to_receiver)
+    across = to_trunk[:, 0] * to_receiver[:, 1] - to_trunk[:, 1] * to_receiver[:, 0]
+    first, second = np.hypot(*to_trunk.T), np.hypot(*to_receiver.T)
+    clamped = np.minimum(first, second) < trunks.radius
+    first, second = np.maximum(first, trunks.radius), np.maximum(second, trunks.radius)
+    return TrunkPaths(
+        length=first + second,
+        weight=strength / (first * second**spreading),
+        angle=np.arctan2(np.abs(across), along),
+        radius=trunks.radius,
+        clamped=clamped,
+    )
+
+
+def scattered_spectrum(
+    paths: TrunkPaths,
+    spacing: float,
+    loss: np.ndarray,
+    sound_speed: float,
+    progress: Progress | None = None,
+) -> np.ndarray:
+    """(F,) complex spectrum at 0, 1, … F - 1 times ``spacing`` Hz.
+
+    loss : (F,) absorption of the air at these frequencies, nepers per metre.
+    progress : called as progress(trunks done, all trunks).
+    """
+    spectrum = np.zeros(len(loss), dtype=np.complex128)
+    octave = np.floor(np.log2(np.where(paths.radius > 0, paths.radius, 1.0)))
+    done = 0
+    for number in np.unique(octave):
+        rows = np.flatnonzero((octave == number) & (paths.radius > 0))
+        thickest = paths.radius[rows].max(initial=np.finfo(float).tiny)
+        width = PANEL_KA * sound_speed / (2.0 * math.pi * thickest)
+        panels = frequency_panels(len(loss) - 1, spacing, width)
+        for start in range(0, len(rows), TRUNKS_AT_ONCE):
+            some = paths.select(rows[start : start + TRUNKS_AT_ONCE])
+            delay = some.length / sound_speed
+            for panel in panels:
+                scattered = some.weight * transfer(
+                    panel.nodes[:, None], some.angle, some.radius, sound_speed
+                )  # (Q, M)
+                for first in range(0, panel.count, BINS_AT_ONCE):
+                    count = min(BINS_AT_ONCE, panel.count - first)
+                    bins = slice(panel.first + first, panel.first + first + count)
+                    carried = delay_factors(bins.start, count, spacing, delay)  # (B, M)
+                    carried *= np.exp(np.outer(-loss[bins], some.length))
+                    nodes = carried @ scattered.T  # (B, Q)
+                    spectrum[bins] += (panel.weights[first : first + count] * nodes).sum(axis=1)
+            done += len(some.length)
+            if progress:
+                progress(done, len(paths.length))
+    return spectrum
