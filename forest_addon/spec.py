@@ -445,9 +445,9 @@ class Output(Settings):
     glb: bool = param(True, help="write forest.glb")
     preview: bool = param(True, help="render preview.png with Cycles")
     preview_size: tuple[int, int] = param(
-        (1280, 720), unit="px", help="width and height of the preview", ge=16, le=8192
+        (1280, 640), unit="px", help="width and height of the preview", ge=16, le=8192
     )
-    preview_samples: int = param(48, help="samples a pixel of the preview", ge=1, le=65536)
+    preview_samples: int = param(20, help="samples a pixel of the preview", ge=1, le=65536)
 
 
 class Scene(Settings):

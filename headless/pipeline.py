@@ -98,8 +98,7 @@ def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) 
             else:
                 _write_reverb(run, sensor, found, observer)
 
-    tallest = max((v.height for v in forest.variants.values()), default=5.0)
-    set_stage(scene, settings, tallest)
+    set_stage(scene, settings.output.preview_size)
     if settings.output.blend:
         with stages.stage("write forest.blend"):
             save_blend(run.path("forest.blend"))

@@ -65,15 +65,26 @@ def ground(name: str) -> bpy.types.Material:
     patches.inputs["Scale"].default_value = 0.25
     patches.inputs["Detail"].default_value = 12.0
     patches.inputs["Roughness"].default_value = 0.75
-    tones = _ramp(tree, (0.055, 0.045, 0.022), (0.055, 0.085, 0.018), 0.38, 0.62)
+    tones = _ramp(tree, (0.115, 0.08, 0.04), (0.10, 0.125, 0.035), 0.36, 0.62)
+    fine = tree.nodes.new("ShaderNodeTexNoise")
+    fine.inputs["Scale"].default_value = 9.0
+    fine.inputs["Detail"].default_value = 8.0
+    fine.inputs["Roughness"].default_value = 0.8
+    shade = tree.nodes.new("ShaderNodeMix")
+    shade.data_type, shade.blend_type = "RGBA", "OVERLAY"
+    shade.inputs[0].default_value = 0.75
     bump = tree.nodes.new("ShaderNodeBump")
     bump.inputs["Distance"].default_value = 0.15
     tree.links.new(place.outputs["Object"], patches.inputs["Vector"])
     tree.links.new(patches.outputs["Fac"], tones.inputs["Fac"])
-    tree.links.new(patches.outputs["Fac"], bump.inputs["Height"])
+    tree.links.new(place.outputs["Object"], fine.inputs["Vector"])
+    tree.links.new(fine.outputs["Fac"], bump.inputs["Height"])
     tree.links.new(bump.outputs["Normal"], shader.inputs["Normal"])
-    tree.links.new(tones.outputs["Color"], shader.inputs["Base Color"])
+    tree.links.new(tones.outputs["Color"], shade.inputs[6])
+    tree.links.new(fine.outputs["Fac"], shade.inputs[7])
+    tree.links.new(shade.outputs[2], shader.inputs["Base Color"])
     shader.inputs["Roughness"].default_value = 1.0
+    shader.inputs["Specular IOR Level"].default_value = 0.1
     material.diffuse_color = (0.08, 0.09, 0.04, 1.0)
     return material
 

@@ -12,16 +12,20 @@ from mathutils import Vector
 
 from .. import spec
 from ..formats.atomic import replacing
+from .forest import TREES, part
 
 Progress = Callable[[int, int], None]
+CAMERA, SUN, SKY = "Forest camera", "Forest sun", "Forest sky"
+FILL = 0.80  # of the picture; boxes are larger than crowns, so below 1 nothing is cut
 
 
-def set_stage(scene: bpy.types.Scene, settings: spec.Scene, height: float) -> None:
-    """Give a scene a camera that sees the field from its south-west corner, a low sun and a sky.
+def set_stage(scene: bpy.types.Scene, size: tuple[int, int]) -> None:
+    """Give a scene a camera that sees every tree from the south-west, a low sun and a sky.
 
-    height : of the highest tree, metres.
+    size : width and height of the picture, pixels.
     """
-    _point_camera(scene, settings.forest, max(height, 2.0))
+    scene.render.resolution_x, scene.render.resolution_y = size
+    _point_camera(scene, _tree_corners(scene))
     _light(scene)
 
 
@@ -41,14 +45,19 @@ def render(
     scene.cycles.device = "CPU"
     scene.cycles.samples = output.preview_samples
     scene.cycles.use_denoising = True
-    scene.cycles.use_adaptive_sampling = False
-    scene.cycles.max_bounces = 6
+    scene.cycles.use_adaptive_sampling = True
+    scene.cycles.adaptive_threshold = 0.05
+    scene.cycles.max_bounces = 4
+    scene.cycles.use_fast_gi = True  # light below the crowns by the sky that a point sees
+    scene.cycles.fast_gi_method = "REPLACE"
+    scene.cycles.ao_bounces_render = 1
+    scene.cycles.caustics_reflective = scene.cycles.caustics_refractive = False
     scene.cycles.seed = 0
-    scene.render.resolution_x, scene.render.resolution_y = output.preview_size
     scene.render.resolution_percentage = 100
     scene.render.image_settings.file_format = "PNG"
     scene.view_settings.view_transform = "AgX"
     scene.view_settings.look = "AgX - Medium High Contrast"
+    scene.view_settings.exposure = 0.35
 
     def tell(stats: str, *_: object) -> None:
         if progress and "Sample " in stats:
@@ -65,33 +74,57 @@ def render(
         scene.render.filepath = ""
 
 
-def _point_camera(scene: bpy.types.Scene, field: spec.Forest, height: float) -> None:
-    low, size = np.array(field.origin), np.array(field.size)
-    middle = low + size / 2
-    reach = float(np.linalg.norm(size)) / 2
-    away = np.array([-0.75, -1.0]) / math.hypot(0.75, 1.0)
-    place = middle + away * (reach + 0.9 * height)
-    data = bpy.data.cameras.new("Forest camera")
-    data.lens = 32.0
+def _tree_corners(scene: bpy.types.Scene) -> np.ndarray:
+    """(P, 3) corners of the bounding boxes of all trees; a small field where there is none."""
+    trees = part(scene, TREES).all_objects
+    corners = [
+        (np.array(thing.matrix_world) @ np.c_[np.array(thing.bound_box), np.ones(8)].T)[:3].T
+        for thing in trees
+    ]
+    field = np.array([[x, y, z] for x in (0, 10) for y in (0, 10) for z in (0, 4)], float)
+    return np.concatenate(corners) if corners else field
+
+
+def _point_camera(scene: bpy.types.Scene, corners: np.ndarray) -> None:
+    """Look along a fixed direction from as near as all corners fit into the picture."""
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    target = (low + high) / 2
+    target[2] = 0.47 * high[2]
+    forward = _unit(np.array([0.45, 1.0, -0.055]))
+    right = _unit(np.cross(forward, [0.0, 0.0, 1.0]))
+    up = np.cross(right, forward)
+
+    data = bpy.data.cameras.new(CAMERA)
+    data.lens = 35.0
     data.clip_end = 10_000.0
-    camera = bpy.data.objects.new("Forest camera", data)
-    camera.location = (*place, 0.42 * height + 0.6)
-    target = Vector((*middle, 0.42 * height))
-    camera.rotation_euler = (target - camera.location).to_track_quat("-Z", "Y").to_euler()
+    across = 0.5 * data.sensor_width / data.lens
+    width, height = scene.render.resolution_x, scene.render.resolution_y
+    offset = corners - target
+    target = target + right * (offset @ right).mean()
+    offset = corners - target
+    wide = np.abs(offset @ right) / across
+    tall = np.abs(offset @ up) / (across * height / width)
+    distance = float((np.maximum(wide, tall) * FILL - offset @ forward).max())
+
+    camera = bpy.data.objects.new(CAMERA, data)
+    place = target - forward * distance
+    place[2] = max(place[2], 1.5)
+    camera.location = place
+    camera.rotation_euler = Vector(target - place).to_track_quat("-Z", "Y").to_euler()
     _replace(scene, camera)
     scene.camera = camera
 
 
 def _light(scene: bpy.types.Scene) -> None:
-    sun_data = bpy.data.lights.new("Forest sun", "SUN")
-    sun_data.energy = 4.5
-    sun_data.angle = math.radians(0.7)
-    sun_data.color = (1.0, 0.89, 0.74)
-    sun = bpy.data.objects.new("Forest sun", sun_data)
-    sun.rotation_euler = (math.radians(52), 0.0, math.radians(-85))
+    sun_data = bpy.data.lights.new(SUN, "SUN")
+    sun_data.energy = 6.5
+    sun_data.angle = math.radians(0.6)
+    sun_data.color = (1.0, 0.88, 0.70)
+    sun = bpy.data.objects.new(SUN, sun_data)
+    sun.rotation_euler = (math.radians(50), 0.0, math.radians(-75))
     _replace(scene, sun)
 
-    world = bpy.data.worlds.get("Forest sky") or bpy.data.worlds.new("Forest sky")
+    world = bpy.data.worlds.get(SKY) or bpy.data.worlds.new(SKY)
     world.use_nodes = True
     nodes, links = world.node_tree.nodes, world.node_tree.links
     nodes.clear()
@@ -101,14 +134,18 @@ def _light(scene: bpy.types.Scene) -> None:
     ramp = nodes.new("ShaderNodeValToRGB")
     sky, output = nodes.new("ShaderNodeBackground"), nodes.new("ShaderNodeOutputWorld")
     first, last = ramp.color_ramp.elements
-    first.position, first.color = 0.0, (0.80, 0.87, 0.93, 1.0)
-    last.position, last.color = 0.55, (0.16, 0.36, 0.74, 1.0)
-    sky.inputs["Strength"].default_value = 0.9
+    first.position, first.color = 0.0, (0.78, 0.87, 0.94, 1.0)
+    last.position, last.color = 0.30, (0.16, 0.38, 0.78, 1.0)
+    sky.inputs["Strength"].default_value = 1.1
     links.new(place.outputs["Generated"], split.inputs["Vector"])
     links.new(split.outputs["Z"], ramp.inputs["Fac"])
     links.new(ramp.outputs["Color"], sky.inputs["Color"])
     links.new(sky.outputs["Background"], output.inputs["Surface"])
     scene.world = world
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / np.linalg.norm(vector)
 
 
 def _replace(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:

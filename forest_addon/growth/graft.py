@@ -17,6 +17,8 @@ from ..rng import truncated_normal
 from .template import BranchTemplate
 from .trimesh import LEAF, WOOD, TriMesh
 
+MOST_LEAVES_A_FOOT = 3.0
+
 
 @dataclass(frozen=True)
 class Scion:
@@ -25,7 +27,7 @@ class Scion:
     wood: TriMesh
     leaf_mesh: TriMesh
     leaf_foot: np.ndarray  # (L, 3) where each leaf hangs, canonical frame
-    leaf_of_vertex: np.ndarray  # (V,) leaf of each vertex of leaf_mesh
+    leaf_of_vertex: np.ndarray  # (V,) leaf of each vertex of leaf_mesh, ascending as its triangles
     length: float  # metres in the template tree
 
 
@@ -41,16 +43,33 @@ class Site:
 def prepare(template: BranchTemplate) -> Scion:
     """Take a template apart; a leaf's foot is its vertex nearest to any wood."""
     mesh = template.mesh
-    wood, leaf_mesh = mesh.select(mesh.part == WOOD), mesh.select(mesh.part == LEAF)
+    wood, leaf_mesh, leaf_of_vertex = _apart(mesh)
     count = len(template.leaves)
-    leaf_of_vertex = np.zeros(len(leaf_mesh.vertices), dtype=np.int64)
-    leaf_of_vertex[leaf_mesh.triangles] = leaf_mesh.leaf[:, None]
     foot = np.zeros((count, 3))
     if count:
         gap = cKDTree(wood.vertices).query(leaf_mesh.vertices)[0]
         farthest_first = np.argsort(-gap, kind="stable")
         foot[leaf_of_vertex[farthest_first]] = leaf_mesh.vertices[farthest_first]
     return Scion(wood, leaf_mesh, foot, leaf_of_vertex, template.length)
+
+
+def _apart(mesh: TriMesh) -> tuple[TriMesh, TriMesh, np.ndarray]:
+    """Wood, leaves sorted by leaf, and the leaf of every leaf vertex."""
+    wood, leaves = mesh.select(mesh.part == WOOD), mesh.select(mesh.part == LEAF)
+    triangle_order = np.argsort(leaves.leaf, kind="stable")
+    leaf_of_vertex = np.zeros(len(leaves.vertices), dtype=np.int64)
+    leaf_of_vertex[leaves.triangles] = leaves.leaf[:, None]
+    vertex_order = np.argsort(leaf_of_vertex, kind="stable")
+    new_number = np.empty_like(vertex_order)
+    new_number[vertex_order] = np.arange(len(vertex_order))
+    ordered = TriMesh(
+        vertices=leaves.vertices[vertex_order],
+        triangles=new_number[leaves.triangles[triangle_order]].astype(np.int32),
+        part=leaves.part[triangle_order],
+        leaf=leaves.leaf[triangle_order],
+        material=leaves.material[triangle_order],
+    )
+    return wood, ordered, leaf_of_vertex[vertex_order]
 
 
 def graft(
@@ -61,32 +80,16 @@ def graft(
     leaf_spread : relative standard deviation of leaf size.
     roll : radians that the branch is turned about its own axis.
 
-    A branch shorter than its template bears fewer leaves, in proportion.
+    A longer branch bears more leaves, not larger ones.
     """
     turn = _frame(site.direction) @ _roll(roll)  # columns: images of X, Y, Z
     wood = scion.wood
     wood_vertices = (wood.vertices * site.length) @ turn.T + site.foot
 
-    count = len(scion.leaf_foot)
-    kept = rng.random(count) < site.length / scion.length
-    size = scion.length * (1 + leaf_spread * truncated_normal(rng, count))  # canonical length is 1
-    blade = scion.leaf_mesh.vertices - scion.leaf_foot[scion.leaf_of_vertex]
-    hung = (
-        scion.leaf_foot[scion.leaf_of_vertex] * site.length
-        + blade * size[scion.leaf_of_vertex][:, None]
-    )
-    leaves = TriMesh(
-        vertices=hung @ turn.T + site.foot,
-        triangles=scion.leaf_mesh.triangles,
-        part=scion.leaf_mesh.part,
-        leaf=(np.cumsum(kept) - 1)[scion.leaf_mesh.leaf].astype(np.int32)
-        if count
-        else scion.leaf_mesh.leaf,
-        material=np.ones(len(scion.leaf_mesh.leaf), dtype=np.int32),
-    )
-    leaves = leaves.select(kept[scion.leaf_mesh.leaf] if count else np.zeros(0, dtype=bool))
+    leaves = _hang_leaves(scion, site.length, leaf_spread, rng)
+    leaf_vertices = leaves.vertices @ turn.T + site.foot
     return TriMesh(
-        vertices=np.concatenate([wood_vertices, leaves.vertices]),
+        vertices=np.concatenate([wood_vertices, leaf_vertices]),
         triangles=np.concatenate([wood.triangles, leaves.triangles + len(wood_vertices)]).astype(
             np.int32
         ),
@@ -94,6 +97,54 @@ def graft(
         leaf=np.concatenate([wood.leaf, leaves.leaf]),
         material=np.concatenate([wood.material, leaves.material]),
     )
+
+
+def _hang_leaves(
+    scion: Scion, length: float, spread: float, rng: np.random.Generator
+) -> TriMesh:
+    """Leaves of a branch of this length, in the template's frame but in metres.
+
+    The number of leaves goes with length^1.5, as a crown's leaf area between its length and its area: a
+    leaf of the template hangs there not at all, once or several times, each further one turned about
+    the vertical at the same foot.
+    """
+    count = len(scion.leaf_foot)
+    share = min((length / scion.length) ** 1.5, MOST_LEAVES_A_FOOT)
+    times = np.floor(share + rng.random(count)).astype(int)
+    source = np.repeat(np.arange(count), times)  # (L,) leaf of the template
+    rank = np.arange(len(source)) - np.repeat(np.cumsum(times) - times, times)
+    size = scion.length * (1 + spread * truncated_normal(rng, len(source)))
+    turn = np.where(rank == 0, 0.0, np.pi * rng.uniform(0.4, 1.6, len(source)))
+
+    # Vertices and triangles of a template's leaf stand together: copy the runs.
+    vertex, vertex_leaf = _runs(scion.leaf_of_vertex, source)
+    blade = (scion.leaf_mesh.vertices - scion.leaf_foot[scion.leaf_of_vertex])[vertex]
+    cos, sin = np.cos(turn)[vertex_leaf], np.sin(turn)[vertex_leaf]
+    turned = np.stack(
+        [cos * blade[:, 0] - sin * blade[:, 1], sin * blade[:, 0] + cos * blade[:, 1], blade[:, 2]],
+        axis=1,
+    )
+    foot = scion.leaf_foot[source] * length
+    triangle, triangle_leaf = _runs(scion.leaf_mesh.leaf, source)
+    first_old = np.searchsorted(scion.leaf_of_vertex, source)
+    first_new = np.searchsorted(vertex_leaf, np.arange(len(source)))
+    shift = (first_new - first_old)[triangle_leaf]
+    return TriMesh(
+        vertices=foot[vertex_leaf] + turned * size[vertex_leaf][:, None],
+        triangles=(scion.leaf_mesh.triangles[triangle] + shift[:, None]).astype(np.int32),
+        part=scion.leaf_mesh.part[triangle],
+        leaf=triangle_leaf.astype(np.int32),
+        material=np.ones(len(triangle), dtype=np.int32),
+    )
+
+
+def _runs(owner: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of the sorted ``owner`` for each of ``wanted``, and which of them each row is for."""
+    first = np.searchsorted(owner, wanted)
+    size = np.searchsorted(owner, wanted, side="right") - first
+    which = np.repeat(np.arange(len(wanted)), size)
+    rank = np.arange(len(which)) - np.repeat(np.cumsum(size) - size, size)
+    return first[which] + rank, which
 
 
 def _frame(direction: np.ndarray) -> np.ndarray:
