@@ -16,6 +16,9 @@ from forest_addon.formats.species_file import ASSETS
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Scene, SpecError
 
+from .bench import SECTIONS
+from .bench import run as run_sections
+
 DEMO = ASSETS / "scenes" / "demo.toml"
 
 DESCRIPTION = """\
@@ -36,11 +39,12 @@ Start with out/.../report.html: pictures, counts, timings."""
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code."""
     chosen = _parser().parse_args(arguments)
-    if chosen.out is None:
+    if chosen.command in ("run", "demo") and chosen.out is None:
         chosen.out = Path("out") / chosen.scene.stem
     from .interrupt import interruptible
 
-    with interruptible(chosen.out):
+    kept = f"finished files are kept in {chosen.out}" if "out" in chosen else "nothing was written"
+    with interruptible(kept):
         try:
             return int(chosen.do(chosen))
         except SpecError as problem:
@@ -50,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except ValueError as problem:
             return _fail(problem, 2)
         except KeyboardInterrupt:
-            print(f"\ninterrupted; finished files are kept in {chosen.out}", file=sys.stderr)
+            print(f"\ninterrupted; {kept}", file=sys.stderr)
             return 130
 
 
@@ -71,6 +75,13 @@ def _parser() -> argparse.ArgumentParser:
         description=f"Run the demo forest, assets/scenes/{DEMO.name}.",
     )
     demo.set_defaults(do=_run, scene=DEMO)
+    bench = commands.add_parser(
+        "bench",
+        help="measure speed and error on this machine",
+        description=f"Print time and error side by side. Sections: {', '.join(SECTIONS)}.",
+    )
+    bench.add_argument("sections", nargs="*", metavar="SECTION", help="which; default all")
+    bench.set_defaults(do=_bench)
     for command, folder in ((run, "out/SCENE"), (demo, "out/demo")):
         command.add_argument(
             "--out", type=Path, metavar="DIR", help=f"folder for the results (default {folder})"
@@ -90,6 +101,14 @@ def _run(chosen: argparse.Namespace) -> int:
     from .pipeline import run_scene
 
     run_scene(settings, chosen.scene.resolve().parent, chosen.out, quiet=chosen.quiet)
+    return 0
+
+
+def _bench(chosen: argparse.Namespace) -> int:
+    unknown = [name for name in chosen.sections if name not in SECTIONS]
+    if unknown:
+        raise SpecError("bench", f'"{unknown[0]}" is not known; use {", ".join(SECTIONS)}')
+    run_sections(chosen.sections)
     return 0
 
 

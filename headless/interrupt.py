@@ -20,10 +20,10 @@ PATIENCE = 2.0  # seconds
 
 
 @contextmanager
-def interruptible(place: object) -> Iterator[None]:
+def interruptible(kept: str) -> Iterator[None]:
     """Within the block, SIGINT ends the process with exit code 130 in about two seconds.
 
-    place : the folder that the closing message names.
+    kept : what the closing message says of finished files.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -38,7 +38,7 @@ def interruptible(place: object) -> Iterator[None]:
                 return
         if not finished.wait(PATIENCE):
             remove_partial_files()
-            print(f"\ninterrupted; finished files are kept in {place}", file=sys.stderr, flush=True)
+            print(f"\ninterrupted; {kept}", file=sys.stderr, flush=True)
             os._exit(130)
 
     before = signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -23,11 +23,10 @@ from forest_addon.blender.forest import RESULTS, build, part
 from forest_addon.blender.observe import Observer
 from forest_addon.blender.preview import render, set_stage
 from forest_addon.formats.atomic import replacing
-from forest_addon.formats.las import write_las
+from forest_addon.formats.findings import Finding, write_finding
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.formats.table import write_csv
-from forest_addon.formats.wav import write_wav
 from forest_addon.sensing.geometry import SceneGeometry
 from forest_addon.sensing.lidar import Cloud, TractorScan
 from forest_addon.sensing.reverb import ImpulseResponse
@@ -54,6 +53,10 @@ class Run:
         """Where a file of this name goes; it is listed in the report."""
         self.files.append(name)
         return self.out / name
+
+    def write(self, name: str, found: Finding) -> None:
+        """Write a sensor's result; it is listed in the report."""
+        self.files.append(write_finding(self.out, name, found).name)
 
 
 def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) -> None:
@@ -137,34 +140,19 @@ def _write_truth(run: Run) -> None:
 
 
 def _write_scan(run: Run, sensor: Tractor, scan: TractorScan) -> None:
-    arrays = {
-        "distance": scan.distance,
-        "organ": scan.organ,
-        "tree": scan.returns.tree.reshape(scan.distance.shape),
-        "angle": scan.angle,
-        "track": scan.track,
-    }
-    units = {"distance": "m", "angle": "rad", "track": "m"}
-    write_npz(run.path(f"{sensor.name}.npz"), arrays, units)
+    run.write(sensor.name, scan)
     picture = pictures.draw_scan(scan, run.path(f"{sensor.name}.png"))
     run.findings.append(report.scan_finding(sensor, scan, picture))
 
 
 def _write_cloud(run: Run, sensor: Terrestrial, cloud: Cloud) -> None:
-    write_las(run.path(f"{sensor.name}.laz"), cloud)
+    run.write(sensor.name, cloud)
     picture = pictures.draw_cloud(cloud, sensor, run.path(f"{sensor.name}.png"))
     run.findings.append(report.cloud_finding(sensor, cloud, picture))
 
 
 def _write_echo(run: Run, sensor: Sonar, echo: Echo, observer: Observer) -> None:
-    arrays = {
-        "time": echo.time,
-        "impulse_response": echo.impulse_response,
-        "frequency": echo.frequency,
-        "spectrum": echo.spectrum,
-    }
-    units = {"time": "s", "impulse_response": "re call at 1 m", "frequency": "Hz"}
-    write_npz(run.path(f"{sensor.name}.npz"), arrays, units)
+    run.write(sensor.name, echo)
     path = run.path(f"{sensor.name}.png")
     picture = pictures.draw_echo(echo, sensor, observer.discs, run.forest, path)
     run.findings.append(report.echo_finding(sensor, echo, picture))
@@ -173,7 +161,7 @@ def _write_echo(run: Run, sensor: Sonar, echo: Echo, observer: Observer) -> None
 def _write_reverb(
     run: Run, sensor: Reverb, response: ImpulseResponse, observer: Observer
 ) -> None:
-    write_wav(run.path(f"{sensor.name}.wav"), response.samples, sensor.sample_rate)
+    run.write(sensor.name, response)
     picture = pictures.draw_reverb(response, sensor, run.path(f"{sensor.name}.png"))
     trunks = observer.trunks(sensor)
     run.findings.append(report.reverb_finding(sensor, response, trunks, picture))
