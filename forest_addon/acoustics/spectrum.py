@@ -16,14 +16,14 @@ NODES = 40  # of a panel: 1e-12 over 3 of z = ka for a trunk's H
 RATIO = 4.0  # highest over lowest frequency of a panel: towards 0 panels shrink in proportion
 
 
-def delay_factors(first: int, count: int, spacing: float, delay: np.ndarray) -> np.ndarray:
-    """(count, D) complex e^{-i2πfτ} at f = (first + 0 … count - 1)·spacing Hz of D delays (D,) s.
+def delay_factors(start: float, spacing: float, count: int, delay: np.ndarray) -> np.ndarray:
+    """(count, D) complex e^{-i2πfτ} at f = start + (0 … count - 1)·spacing Hz of D delays (D,) s.
 
     A product of two tables of √count rows: exact to rounding, and ten times faster than exponentials.
     """
     stride = max(1, math.isqrt(count))
-    coarse = first + stride * np.arange(-(-count // stride))
-    steps = _turns(np.outer(coarse * spacing, delay))
+    coarse = start + stride * spacing * np.arange(-(-count // stride))
+    steps = _turns(np.outer(coarse, delay))
     fine = _turns(np.outer(np.arange(stride) * spacing, delay))
     factors: np.ndarray = (steps[:, None, :] * fine[None, :, :]).reshape(-1, len(delay))[:count]
     return factors

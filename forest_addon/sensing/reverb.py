@@ -115,7 +115,7 @@ def impulse_response(
     def arrival(path: float, gain: float) -> np.ndarray:
         if path > end or gain == 0:
             return np.zeros(len(frequency))
-        delay = delay_factors(0, len(frequency), rate / length, np.array([path / speed]))[:, 0]
+        delay = delay_factors(0.0, rate / length, len(frequency), np.array([path / speed]))[:, 0]
         return gain / path * np.exp(-loss * path) * delay
 
     spectra = np.stack(

@@ -115,7 +115,7 @@ def scattered_spectrum(
                 for first in range(0, panel.count, BINS_AT_ONCE):
                     count = min(BINS_AT_ONCE, panel.count - first)
                     bins = slice(panel.first + first, panel.first + first + count)
-                    carried = delay_factors(bins.start, count, spacing, delay)  # (B, M)
+                    carried = delay_factors(bins.start * spacing, spacing, count, delay)  # (B, M)
                     carried *= np.exp(np.outer(-loss[bins], some.length))
                     nodes = carried @ scattered.T  # (B, Q)
                     spectrum[bins] += (panel.weights[first : first + count] * nodes).sum(axis=1)
