@@ -15,10 +15,11 @@ COLOUR_OF_ORGAN = {
     GROUND: (0.45, 0.40, 0.30, 1.0),
 }
 GROUP = "Forest points"
+CLOUD_KEY = "forest_cloud"
 
 
 def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types.Object:
-    """Put a cloud into a collection, in place of one of the same name."""
+    """Put a sensor's cloud into a collection, in place of that sensor's last one."""
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(cloud.position))
     _fill(data, "position", None, cloud.position.astype(np.float32), "vector")
@@ -32,12 +33,13 @@ def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types
     _fill(data, "colour", "FLOAT_COLOR", colour[cloud.returns.organ], "color")
     data.update()
 
-    for old in [thing for thing in home.objects if thing.name == name]:
+    for old in [thing for thing in home.objects if thing.get(CLOUD_KEY) == name]:
         mesh = old.data
         bpy.data.objects.remove(old)
         if not mesh.users:
             bpy.data.meshes.remove(mesh)
-    thing = bpy.data.objects.new(name, data)
+    thing = bpy.data.objects.new(f"{name} points", data)
+    thing[CLOUD_KEY] = name
     data.materials.append(bpy.data.materials.get(GROUP) or coloured_points(GROUP))
     modifier = thing.modifiers.new("Points", "NODES")
     modifier.node_group = bpy.data.node_groups.get(GROUP) or _points_group()

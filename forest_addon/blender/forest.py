@@ -1,10 +1,14 @@
 """A forest as a Blender scene: variants as meshes, trees as objects that share them, a ground.
 
 Everything stands in named collections below *Forest*: *Trees*, one collection a species within it,
-*Ground*, *Sensors* and *Results*. A new forest is complete before an old one is touched.
+*Ground*, *Sensors* and *Results*. A new forest is complete before an old one is touched, and what was made
+of one that fails is taken back.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import bpy
 import numpy as np
@@ -17,17 +21,19 @@ from . import materials
 from .depsgraph import SPECIES_KEY, TREE_KEY
 from .meshes import to_mesh
 
+ROOT_KEY = "forest_sensing"  # custom property that tells our collection from a user's own *Forest*
 ROOT, TREES, GROUND_NAME, SENSORS, RESULTS = "Forest", "Trees", "Ground", "Sensors", "Results"
+MARK_KEY = "forest_sensor"
 
 
 def build(scene: bpy.types.Scene, settings: spec.Scene, forest: Forest) -> bpy.types.Collection:
     """Put a forest into a Blender scene, in place of the one that may be there."""
-    made = bpy.data.collections.new(ROOT)
-    trees = _collection(TREES, made)
-    _plant(trees, forest)
-    _lay_ground(_collection(GROUND_NAME, made), settings.forest)
-    _mark_sensors(_collection(SENSORS, made), settings)
-    _collection(RESULTS, made)
+    with _all_or_nothing():
+        made = _root()
+        _plant(_collection(TREES, made), forest)
+        _lay_ground(_collection(GROUND_NAME, made), settings.forest)
+        _mark(_collection(SENSORS, made), settings)
+        _collection(RESULTS, made)
 
     old = root(scene)
     if old is not None:
@@ -41,19 +47,24 @@ def build(scene: bpy.types.Scene, settings: spec.Scene, forest: Forest) -> bpy.t
 
 def root(scene: bpy.types.Scene) -> bpy.types.Collection | None:
     """The collection of the scene's forest, None where it has none."""
-    return next((c for c in scene.collection.children if c.name.startswith(ROOT)), None)
+    return next((c for c in scene.collection.children if ROOT_KEY in c), None)
 
 
 def part(scene: bpy.types.Scene, name: str) -> bpy.types.Collection:
     """One of the collections of the scene's forest, made where it is missing."""
     top = root(scene)
     if top is None:
-        top = bpy.data.collections.new(ROOT)
+        top = _root()
         scene.collection.children.link(top)
     for child in top.children:
         if child.name.startswith(name):
             return child
     return _collection(name, top)
+
+
+def mark_sensors(scene: bpy.types.Scene, settings: spec.Scene) -> None:
+    """Move the markers of these sensors to where they are now; make those that are missing."""
+    _mark(part(scene, SENSORS), settings)
 
 
 def remove(collection: bpy.types.Collection) -> None:
@@ -111,21 +122,21 @@ def _lay_ground(home: bpy.types.Collection, field: spec.Forest) -> None:
     home.objects.link(bpy.data.objects.new("Ground", mesh))
 
 
-def _mark_sensors(home: bpy.types.Collection, settings: spec.Scene) -> None:
+def _mark(home: bpy.types.Collection, settings: spec.Scene) -> None:
     """An empty where each sensor is, its X axis along the beam; for the eye, not for the result."""
     for sensor in settings.sensors:
         if isinstance(sensor, spec.Reverb):
-            _mark(home, f"{sensor.name} source", sensor.source, 0.0, 0.0, "SPHERE")
-            _mark(home, f"{sensor.name} receiver", sensor.receiver, 0.0, 0.0, "SPHERE")
+            _place(home, f"{sensor.name} source", sensor.source, 0.0, 0.0, "SPHERE")
+            _place(home, f"{sensor.name} receiver", sensor.receiver, 0.0, 0.0, "SPHERE")
         elif isinstance(sensor, spec.Sonar):
-            _mark(home, sensor.name, sensor.position, sensor.azimuth_deg, sensor.elevation_deg)
+            _place(home, sensor.name, sensor.position, sensor.azimuth_deg, sensor.elevation_deg)
         elif isinstance(sensor, spec.Tractor):
-            _mark(home, sensor.name, sensor.position, sensor.heading_deg, 0.0)
+            _place(home, sensor.name, sensor.position, sensor.heading_deg, 0.0)
         else:
-            _mark(home, sensor.name, sensor.position, 0.0, 0.0)
+            _place(home, sensor.name, sensor.position, 0.0, 0.0)
 
 
-def _mark(
+def _place(
     home: bpy.types.Collection,
     name: str,
     position: tuple[float, float, float],
@@ -133,15 +144,36 @@ def _mark(
     elevation_deg: float,
     shape: str = "ARROWS",
 ) -> None:
-    empty = bpy.data.objects.new(name, None)
-    empty.empty_display_type = shape
-    empty.empty_display_size = 0.3
+    empty = next((thing for thing in home.objects if thing.get(MARK_KEY) == name), None)
+    if empty is None:
+        empty = bpy.data.objects.new(name, None)
+        empty[MARK_KEY] = name
+        empty.empty_display_type = shape
+        empty.empty_display_size = 0.3
+        home.objects.link(empty)
     empty.location = position
     empty.rotation_euler = (0.0, -np.deg2rad(elevation_deg), np.deg2rad(azimuth_deg))
-    home.objects.link(empty)
+
+
+def _root() -> bpy.types.Collection:
+    made = bpy.data.collections.new(ROOT)
+    made[ROOT_KEY] = True
+    return made
 
 
 def _collection(name: str, parent: bpy.types.Collection) -> bpy.types.Collection:
     made = bpy.data.collections.new(name)
     parent.children.link(made)
     return made
+
+
+@contextmanager
+def _all_or_nothing() -> Iterator[None]:
+    """Take back every data block that is made in the block when that fails."""
+    kinds = (bpy.data.objects, bpy.data.meshes, bpy.data.materials, bpy.data.collections)
+    before = {block for kind in kinds for block in kind}
+    try:
+        yield
+    except BaseException:
+        bpy.data.batch_remove([block for kind in kinds for block in kind if block not in before])
+        raise

@@ -1,8 +1,9 @@
 """LiDAR: rays of a scanner, and what they return.
 
 ``drive`` is SIMLIDAR's tractor (S): a vertical fan across the direction of travel, repeated every step;
-the result is the matrix of distances, scans by angles. ``sweep`` is a scanner on a tripod, azimuth by
-elevation; the result is a point cloud with labels. A beam is one ray here.
+the result is the matrix of distances, scans by angles, and ``to_cloud`` makes points of it. ``sweep`` is
+a scanner on a tripod, azimuth by elevation; the result is a point cloud with labels. A beam is one ray
+here.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from .geometry import SceneGeometry
 from .rays import Hits, RayCaster, hit_normals
 
 Progress = Callable[[int, int], None]
+Rays = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # beam numbers to origins, directions
 RAYS_AT_ONCE = 65_536
 ESCAPED = -1  # organ of a beam that meets nothing
 
@@ -88,6 +90,30 @@ def drive(
 ) -> TractorScan:
     """Drive a tractor scanner past the scene (S, eqs 8-13, angles from the horizontal)."""
     angle, track = fan(tractor), positions(tractor)
+    rays = _driven_rays(tractor, angle, track)
+    returns = _look(rays, len(track) * len(angle), caster, 0.0, tractor.max_range, progress)
+    return TractorScan(angle, track, returns, caster.engine)
+
+
+def to_cloud(scan: TractorScan, tractor: Tractor) -> Cloud:
+    """The points that a drive met, in world coordinates; the surface is taken to be white."""
+    pulse = np.flatnonzero(np.isfinite(scan.returns.distance))
+    seen = _take(scan.returns, pulse)
+    origin, way = _driven_rays(tractor, scan.angle, scan.track)(pulse)
+    return Cloud(
+        position=origin + seen.distance[:, None] * way,
+        pulse=pulse,
+        azimuth=np.arctan2(way[:, 1], way[:, 0]),
+        elevation=np.arcsin(way[:, 2]),
+        intensity=seen.cos_incidence / seen.distance**2,
+        returns=seen,
+        pulses=len(scan.returns.distance),
+        engine=scan.engine,
+    )
+
+
+def _driven_rays(tractor: Tractor, angle: np.ndarray, track: np.ndarray) -> Rays:
+    """Origins and directions of beams, by their number: scan by scan, each from below upwards."""
     heading = np.deg2rad(tractor.heading_deg)
     forward = np.array([np.cos(heading), np.sin(heading), 0.0])
     sideways = np.array([forward[1], -forward[0], 0.0]) * (1 if tractor.side == "right" else -1)
@@ -98,8 +124,7 @@ def drive(
         scan, step = np.divmod(beam, len(angle))
         return start + track[scan, None] * forward, beams[step]
 
-    returns = _look(rays, len(track) * len(angle), caster, 0.0, tractor.max_range, progress)
-    return TractorScan(angle, track, returns, caster.engine)
+    return rays
 
 
 def fan(tractor: Tractor) -> np.ndarray:
@@ -183,7 +208,7 @@ def hit_ground(scan: TractorScan) -> np.ndarray:
 
 
 def _look(
-    rays: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    rays: Rays,
     count: int,
     caster: RayCaster,
     min_range: float,
