@@ -51,7 +51,7 @@ def scattering_sum(ka: ArrayLike, angle: ArrayLike) -> np.ndarray:
     ka : wavenumber times radius, 0 to about 600 (above, the error and the time grow in proportion).
     angle : radians, 0 forward, π back; S is even in it.
 
-    The absolute error is below 2e-14·(1 + ka). A size that occurs often is computed once, so
+    The absolute error is below 5e-14·(1 + ka). A size that occurs often is computed once, so
     that a column of sizes against a row of angles costs one recurrence a size.
 
     Raises

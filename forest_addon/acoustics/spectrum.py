@@ -25,8 +25,8 @@ def delay_factors(start: float, spacing: float, count: int, delay: np.ndarray) -
     coarse = start + stride * spacing * np.arange(-(-count // stride))
     steps = _turns(np.outer(coarse, delay))
     fine = _turns(np.outer(np.arange(stride) * spacing, delay))
-    factors: np.ndarray = (steps[:, None, :] * fine[None, :, :]).reshape(-1, len(delay))[:count]
-    return factors
+    factors: np.ndarray = steps[:, None, :] * fine[None, :, :]
+    return factors.reshape(len(coarse) * stride, len(delay))[:count]
 
 
 def _turns(cycles: np.ndarray) -> np.ndarray:

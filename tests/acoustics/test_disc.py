@@ -1,0 +1,119 @@
+"""Leaf scattering: closed forms, the Kirchhoff integral by quadrature, and limits."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from references.echo_direct import scattering_direct
+from scipy import integrate
+
+from forest_addon.acoustics.disc import (
+    MODELS,
+    amplitude_bound,
+    backscatter,
+    backscatter_amplitude,
+    jinc,
+)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_scalar_reference(model: str) -> None:
+    for ka in (0.0, 1e-3, 0.3, 1.0, 5.0, 28.3, 90.0):
+        for incidence in (0.0, 0.02, 0.7, 1.3, math.pi / 2):
+            value = backscatter_amplitude(ka, incidence, model)
+            expected = scattering_direct(ka, incidence, model)
+            assert abs(value - expected) < 1e-12 * max(1.0, ka**2)
+            assert backscatter(ka, incidence, model) == abs(value)
+
+
+@pytest.mark.parametrize("ka", [0.5, 5.0, 20.0])
+@pytest.mark.parametrize("incidence", [0.0, 0.4, 1.2])
+def test_piston_is_the_kirchhoff_integral(ka: float, incidence: float) -> None:
+    """k·f = i k² cosβ/2π ∫ e^{-2ikx sinβ} dS over the disc, x along the tilt; a = 1 here."""
+    real, _ = integrate.quad(
+        lambda x: 2 * math.sqrt(1 - x * x) * math.cos(2 * ka * x * math.sin(incidence)),
+        -1,
+        1,
+        limit=400,
+    )
+    expected = 1j * ka**2 * math.cos(incidence) / (2 * math.pi) * real  # odd part vanishes
+    assert backscatter_amplitude(ka, incidence, "piston") == pytest.approx(expected, abs=1e-8)
+
+
+def test_piston_sign_is_that_of_a_mirror() -> None:
+    """A disc of some Fresnel zones sends back, on its axis, the mirror image and the edge's wave.
+
+    Rayleigh's integral for the rigid mirror, p = ik/2π ∫ e^{-iks}/s dS, is e^{-ikr} - e^{-iks_edge};
+    for a far point it is f·e^{-ikr}/r.
+    """
+    k, radius, distance = 50.0, 0.3, 4000.0
+    edge = math.hypot(distance, radius)
+    exact = 1 - np.exp(-1j * k * (edge - distance))  # e^{-ikr} taken off
+    far = backscatter_amplitude(k * radius, 0.0, "piston") / (k * distance)
+    assert far == pytest.approx(exact, rel=1e-3)
+
+
+def test_paper_fit() -> None:
+    assert backscatter(5.0, 0.0, "paper") == pytest.approx(0.5003 * 25 + 0.6867)
+    ka, incidence = np.meshgrid([1.0, 2.0, 10.0, 37.0], np.linspace(0, 1.0, 5))
+    strength = (0.5003 * ka**2 + 0.6867) * np.cos((0.3999 * ka**-0.9065 + 0.9979) * incidence)
+    np.testing.assert_allclose(backscatter(ka, incidence, "paper"), strength, rtol=1e-14)
+    # Not clipped: beyond its zero the fit goes on with the opposite sign.
+    zero = math.pi / 2 / (0.3999 + 0.9979)
+    around = backscatter_amplitude(1.0, zero + np.array([-0.01, 0.01]), "paper")
+    assert (around[0] / around[1]).real == pytest.approx(-1, abs=0.05)
+
+
+def test_large_discs_agree_face_on() -> None:
+    for ka in (10.0, 40.0):
+        assert backscatter(ka, 0.0, "piston") == pytest.approx(ka**2 / 2)
+        assert backscatter(ka, 0.0, "paper") == pytest.approx(ka**2 / 2, rel=0.02)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_two_faces(model: str) -> None:
+    angle = np.linspace(0, math.pi / 2, 7)
+    for same in (-angle, math.pi - angle, math.pi + angle, 2 * math.pi - angle):
+        np.testing.assert_allclose(
+            backscatter(5.0, same, model), backscatter(5.0, angle, model), atol=1e-13
+        )
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_hard_regions(model: str) -> None:
+    ka = np.array([0.0, 5e-324, 1e-300, 1e-12, 1e-3, 1e3])[:, None]
+    angle = np.array([0.0, 5e-324, 1e-9, 1.0, np.nextafter(math.pi / 2, 0), math.pi / 2])
+    value = backscatter(ka, angle, model)
+    assert value.shape == (6, 6)
+    assert np.isfinite(value).all()
+    assert (value[0] == 0).all()
+    if model == "piston":
+        assert (value[:, -1] <= 1e-15 * ka[:, 0] ** 2).all()  # edge-on
+        np.testing.assert_allclose(value[:, 0], ka[:, 0] ** 2 / 2)
+
+
+def test_jinc() -> None:
+    x = np.array([0.0, 1e-5, 9.999e-5, 1.0001e-4, 1.0, 3.8317059702075125])
+    expected = [1, 1 - 1.25e-11, 1 - 9.998e-9 / 8, 1 - 1.00020001e-8 / 8, 0.8801011714897, 0]
+    np.testing.assert_allclose(jinc(x), expected, atol=1e-13)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_bound_holds_over_the_band(model: str) -> None:
+    rng = np.random.default_rng(1)
+    radius, angle = rng.uniform(0, 0.1, 500), rng.uniform(0, math.pi / 2, 500)
+    for lowest, highest in ((1.0, 3000.0), (1100.0, 1480.0), (1.0, 10.0)):
+        k = np.linspace(lowest, highest, 300)[:, None]
+        size = backscatter(k * radius, angle, model) / k
+        bound = amplitude_bound(lowest, highest, radius, angle, model)
+        assert (size <= bound * (1 + 1e-12)).all()
+    assert amplitude_bound(1.0, 2.0, np.zeros(1), np.zeros(1), model) == 0
+
+
+def test_unknown_model() -> None:
+    with pytest.raises(
+        ValueError, match='leaf model "mirror" is not known; use one of "piston", "paper"'
+    ):
+        backscatter(1.0, 0.0, "mirror")
