@@ -113,15 +113,11 @@ def find_centrelines(pieces: Pieces) -> Centrelines:
 def _along_edges(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
     """(V,) distance along edges from one end of each vertex's piece; (C,) length of the pieces."""
     vertices, owner, count = pieces.vertices, pieces.piece_of_vertex, pieces.count
-    size = np.bincount(owner, minlength=count)[:, None]
-    centre = np.stack([np.bincount(owner, vertices[:, k], count) for k in range(3)], axis=1) / size
-    distance = np.linalg.norm(vertices - centre[owner], axis=1)
+    distance = np.linalg.norm(vertices - _mean(vertices, owner, count)[owner], axis=1)
     one, other = pieces.edges.T
     edge_length = np.linalg.norm(vertices[one] - vertices[other], axis=1)
     graph = csr_matrix((edge_length, (one, other)), shape=(len(vertices), len(vertices)))
-    for _ in range(
-        2
-    ):  # from the vertex farthest from the middle to an end, from there to the other
+    for _ in range(2):  # from the vertex farthest from the middle to one end, then to the other
         farthest = _largest(distance, owner, count)
         distance = dijkstra(graph, directed=False, indices=farthest, min_only=True)
     return distance, distance[_largest(distance, owner, count)]
@@ -233,22 +229,21 @@ def _close_ends(
         depth = along if end == 0 else -along
         depth = depth - depth[_largest(-depth, owner, count)][owner]  # from the end inwards
         slab = depth <= SLAB * radius[at][owner]
-        size = np.bincount(owner[slab], minlength=count)[:, None]
-        middle = (
-            np.stack(
-                [np.bincount(owner[slab], pieces.vertices[slab, k], count) for k in range(3)],
-                axis=1,
-            )
-            / size
-        )
+        middle = _mean(pieces.vertices[slab], owner[slab], count)
+        sunk = _mean(depth[slab, None], owner[slab], count)
         inwards = knot[inner] - knot[at]
         inwards /= np.maximum(np.linalg.norm(inwards, axis=1, keepdims=True), np.finfo(float).tiny)
-        knot[at] = middle - inwards * np.bincount(owner[slab], depth[slab], count)[:, None] / size
+        knot[at] = middle - sunk * inwards
 
-        collar = np.where(depth <= COLLAR * radius[at][owner], thickness, -1.0)
-        widest = collar[_largest(collar, owner, count)]
-        end_radius[:, end] = _median(collar, owner, collar >= 0.5 * widest[owner], count)
+        collar = depth <= COLLAR * radius[at][owner]
+        end_radius[:, end] = _upper_quartile(thickness[collar], owner[collar], count)
     return _Lines.through(knot, lines.first), end_radius
+
+
+def _mean(values: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
+    """(C, n) mean of the values (N, n) of each owner."""
+    total = np.stack([np.bincount(owner, column, count) for column in values.T], axis=1)
+    return np.asarray(total / np.bincount(owner, minlength=count)[:, None])
 
 
 def _largest(value: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
@@ -257,9 +252,8 @@ def _largest(value: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
     return np.asarray(order[np.cumsum(np.bincount(owner, minlength=count)) - 1])
 
 
-def _median(value: np.ndarray, owner: np.ndarray, chosen: np.ndarray, count: int) -> np.ndarray:
-    """(C,) upper median of the chosen values of each owner."""
-    value, owner = value[chosen], owner[chosen]
+def _upper_quartile(value: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
+    """(C,) upper quartile of the values of each owner: a cap's middle does not count."""
     size = np.bincount(owner, minlength=count)
     order = np.lexsort((value, owner))
-    return np.asarray(value[order[np.cumsum(size) - size + size // 2]])
+    return np.asarray(value[order[np.cumsum(size) - size + 3 * size // 4]])

@@ -8,8 +8,8 @@ Everything else is hung on it from the inside out, generation by generation. A p
 when one of its ends reaches the parent's wood; its foot is that end. A piece that tapers clearly has its
 foot at the thick end, so a thin tip that happens to touch a neighbour does not hang on it. Earlier
 generations come first, so branches of one whorl hang on the trunk and not on each other. What touches
-nothing is hung on what is nearest, smallest gaps first. Wood is taken as tubes about centrelines, which
-also tells that a foot deep inside the trunk touches it.
+nothing is hung on what is nearest, smallest gaps first, then again what touches it. Wood is taken as
+tubes about centrelines, which also tells that a foot deep inside the trunk touches it.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ from .pieces import Pieces
 
 STOUT = 0.7  # share of the thickest piece's radius that a trunk has at least
 LEVEL = 0.02  # share of the tree's height within which pieces begin at the same level
-TAPER = 1.25  # an end this many times as thick as the other is the foot
+TAPER = 1.1  # an end this many times as thick as the other is the foot
 THIN_END = 0.5  # piece lengths of gap that it takes for the thin end to be the foot after all
-BARK = 0.1  # radii that the parent's surface may lie outside its tube
-CANDIDATES = 8  # stretches of wood looked at closely for each point
+REACH = 0.5  # radii that an end may stop short of the wood that it touches
+FLOAT = 1.25  # where nothing touches, gaps up to this many times the smallest are taken together
+CANDIDATES = 12  # stretches of wood looked at closely for each point
 
 
 @dataclass(frozen=True)
@@ -56,12 +57,14 @@ class Hierarchy:
     parent : (C,) piece it hangs on, -1 for the trunk.
     branch : (C,) first-level branch it belongs to, itself if it is one, -1 for the trunk.
     foot_end : (C,) which end of its centreline is the foot, 0 first or 1 last.
+    gap : (C,) from its foot to the wood it hangs on, negative inside it; 0 for the trunk.
     """
 
     trunk: int
     parent: np.ndarray
     branch: np.ndarray
     foot_end: np.ndarray
+    gap: np.ndarray
 
 
 def find_trunk(pieces: Pieces, lines: Centrelines) -> int:
@@ -81,7 +84,7 @@ def find_parents(lines: Centrelines, trunk: int) -> Hierarchy:
     ends, radius = lines.ends(), lines.end_radius
     count = len(ends)
     thin = radius * TAPER < radius[:, ::-1]
-    penalty = np.where(thin, THIN_END * lines.length()[:, None], 0.0)
+    handicap = np.where(thin, THIN_END * lines.length()[:, None], 0.0) - REACH * radius
 
     parent, branch = np.full(count, -1), np.full(count, -1)
     foot_end = np.zeros(count, dtype=np.int64)
@@ -89,25 +92,23 @@ def find_parents(lines: Centrelines, trunk: int) -> Hierarchy:
     gap, nearest = np.full((count, 2), np.inf), np.full((count, 2), -1)
     waiting = np.flatnonzero(np.arange(count) != trunk)
     hung = np.array([trunk])
-    allowed = 0.0
     while len(waiting):
-        if len(hung):
-            found = find_contacts(lines, hung, ends[waiting].reshape(-1, 3))
-            reach = found.gap - BARK * found.radius
-            reach = reach.reshape(-1, 2) - radius[waiting] + penalty[waiting]
-            nearer = reach < gap[waiting]
-            gap[waiting] = np.where(nearer, reach, gap[waiting])
-            nearest[waiting] = np.where(nearer, found.piece.reshape(-1, 2), nearest[waiting])
-        best = gap[waiting].min(axis=1)
-        ready = best <= allowed
+        found = find_contacts(lines, hung, ends[waiting].reshape(-1, 3))
+        reach = found.gap.reshape(-1, 2)
+        nearer = reach < gap[waiting]
+        gap[waiting] = np.where(nearer, reach, gap[waiting])
+        nearest[waiting] = np.where(nearer, found.piece.reshape(-1, 2), nearest[waiting])
+        best = (gap + handicap)[waiting].min(axis=1)
+        ready = best <= 0
+        if not ready.any():  # nothing touches: let the nearest, and those about as near, float
+            ready = best <= FLOAT * best.min()
         hung = waiting[ready]
-        foot_end[hung] = np.argmin(gap[hung], axis=1)
+        foot_end[hung] = np.argmin((gap + handicap)[hung], axis=1)
         parent[hung] = nearest[hung, foot_end[hung]]
         branch[hung] = np.where(parent[hung] == trunk, hung, branch[parent[hung]])
         waiting = waiting[~ready]
-        if not len(hung):  # nothing touches: let the nearest, and those about as near, float
-            allowed = 1.25 * float(best.min())
-    return Hierarchy(trunk, parent, branch, foot_end)
+    gap[trunk] = 0.0
+    return Hierarchy(trunk, parent, branch, foot_end, gap[np.arange(count), foot_end])
 
 
 def find_bearers(lines: Centrelines, leaves: Pieces) -> tuple[np.ndarray, np.ndarray]:
@@ -120,15 +121,21 @@ def find_bearers(lines: Centrelines, leaves: Pieces) -> tuple[np.ndarray, np.nda
     middles = (leaves.vertices[one] + leaves.vertices[other]) / 2
     owner = np.concatenate([leaves.piece_of_vertex, leaves.piece_of_vertex[one]])
     everything = np.arange(len(lines.first) - 1)
-    found = find_contacts(lines, everything, np.concatenate([leaves.vertices, middles]))
+    places = np.concatenate([leaves.vertices, middles])
+    found = find_contacts(lines, everything, places, thinnest=True)
     gap = np.maximum(found.gap, 0.0)
     size = np.bincount(owner, minlength=leaves.count)
     chosen = np.lexsort((found.radius, gap, owner))[np.cumsum(size) - size]
     return found.piece[chosen], gap[chosen]
 
 
-def find_contacts(lines: Centrelines, pieces: np.ndarray, points: np.ndarray) -> Contact:
+def find_contacts(
+    lines: Centrelines, pieces: np.ndarray, points: np.ndarray, *, thinnest: bool = False
+) -> Contact:
     """The wood of some pieces that is nearest to points (N, 3).
+
+    thinnest : for points inside several tubes, the thinnest of them, and not that whose surface is
+        farthest away.
 
     The tubes are filled with balls. Of balls with centres c and radii r the one with the smallest power
     distance |p - c|² - r² is an ordinary nearest neighbour in four dimensions, (c, √(R² - r²)) to
@@ -165,7 +172,8 @@ def find_contacts(lines: Centrelines, pieces: np.ndarray, points: np.ndarray) ->
     thickness += lines.radius[start[stretch] + 1] * along
     gap = np.linalg.norm(from_start - along[..., None] * vector[stretch], axis=2) - thickness
 
-    row, best = np.arange(len(points)), np.argmin(gap, axis=1)
+    rank = np.where(gap < 0, thickness - thickness.max(), gap) if thinnest else gap
+    row, best = np.arange(len(points)), np.argmin(rank, axis=1)
     chosen = stretch[row, best]
     return Contact(
         piece=owner[start[chosen]],

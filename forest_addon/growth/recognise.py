@@ -16,6 +16,7 @@ from .hierarchy import Hierarchy, find_bearers, find_parents, find_trunk
 from .pieces import Pieces, part
 
 MOST_LEAN = np.deg2rad(60.0)
+FARTHEST_WOOD = 0.25  # heights of the tree between a piece and what it hangs on
 LARGEST_LEAF = 0.5  # extents of the wood; what is larger is foliage in one piece, and no leaf
 FARTHEST_LEAVES = 0.5  # extents of the wood between it and half of the leaves
 
@@ -95,7 +96,7 @@ def recognise(wood: np.ndarray, leaves: np.ndarray | None = None) -> Recognition
     bare = leaves is None or not len(leaves)
     foliage = part(np.empty((0, 3, 3))) if bare else _pieces_of(leaves, "leaves")
     found = Recognition(timber, lines, hierarchy, foliage, np.empty(0, dtype=np.int64))
-    _check_upright(found)
+    _check_one_tree(found)
     if bare:
         return found
     bearer, gap = find_bearers(lines, foliage)
@@ -118,13 +119,18 @@ def _pieces_of(facets: np.ndarray | None, what: str) -> Pieces:
     return pieces
 
 
-def _check_upright(found: Recognition) -> None:
+def _check_one_tree(found: Recognition) -> None:
     axis = found.tip[found.trunk] - found.foot[found.trunk]
     lean = float(np.arctan2(np.hypot(axis[0], axis[1]), axis[2]))
     if lean > MOST_LEAN:
         raise TemplateError(
             f"what looks like the trunk leans {np.rad2deg(lean):.0f}° from the z axis; export the tree "
             "with z up, and without ground or other objects."
+        )
+    height = float(np.ptp(found.wood.vertices[:, 2]))
+    if found.hierarchy.gap.max() > FARTHEST_WOOD * height:
+        raise TemplateError(
+            "some of the wood lies far from the rest; export one tree alone, without other objects."
         )
 
 

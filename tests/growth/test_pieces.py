@@ -80,9 +80,11 @@ def test_corners_a_little_apart_are_one_wherever_the_mesh_lies(
 
 
 def test_corners_clearly_apart_are_not_welded() -> None:
-    apart = np.concatenate([SQUARE, SQUARE + np.array([1.0 + 1e-5, 0.0, 0.0])])
-    assert len(weld(apart)[0]) == 8
-    assert part(apart).count == 2
+    aside = np.array([1.0 + 5e-6, 0.0, 0.0])
+    for low in np.random.default_rng(0).uniform(-1, 0, (20, 3)):  # where cells begin
+        apart = np.concatenate([SQUARE, SQUARE + aside, 0.01 * SQUARE + low])
+        assert len(weld(apart)[0]) == 12
+        assert part(apart).count == 3
 
 
 @pytest.mark.parametrize("order", range(5))

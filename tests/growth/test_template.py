@@ -257,6 +257,8 @@ def test_wood_that_is_no_tree_is_refused() -> None:
     assert "finite" in refusal(np.full((4, 3, 3), np.nan))
     assert "shape" in refusal(np.zeros((3, 3)))
     assert "leans 89°" in refusal(model.wood()[:, :, [0, 2, 1]])  # y up
+    two = np.concatenate([model.wood(), model.wood() + at(8, 0, 0)])
+    assert "one tree alone" in refusal(two)
     root = tube(line([0, 0, 0.1], [1, 0, -1]), 0.05)
     assert "roots but no branches" in refusal(
         np.concatenate([tube(line([0, 0, 0], [0, 0, 9]), 0.3), root])
