@@ -16,6 +16,8 @@ import numpy as np
 from ..growth.trimesh import TriMesh
 from .geometry import SceneGeometry, apply_transform
 
+SIMILAR = 1e-6  # a rotation with a scale, but for the float32 that Blender keeps it in
+
 
 @dataclass(frozen=True)
 class LeafDiscs:
@@ -76,7 +78,7 @@ class _Foliage:
             return self._local
         gram = linear.T @ linear
         scale = math.sqrt(max(gram[0, 0], 0.0))
-        if np.abs(gram - scale**2 * np.eye(3)).max() <= 1e-12 * scale**2:
+        if np.abs(gram - scale**2 * np.eye(3)).max() <= SIMILAR * scale**2:
             centre, normal, radius = self._local
             turned = normal @ linear.T / (scale or 1.0)
             return apply_transform(transform, centre), turned, scale * radius
