@@ -16,7 +16,7 @@ from forest_addon.sensing.rays import plane_distance
 from . import Say, median_seconds, table
 
 TITLE = "rays: BVHTree, leaf-on maples of 5 variants"
-RAYS = 100_000
+RAYS = 50_000
 INSTANCES = (1, 10, 100, 1000)
 
 
@@ -37,7 +37,7 @@ def run(say: Say) -> None:
             hits = caster.cast(o, d, np.inf)
 
         seconds = median_seconds(cast)
-        checked = 300 if count <= 10 else 60
+        checked = max(20, 100 // max(1, count // 10))
         error, wrong = _against_brute_force(scene, origins, directions, hits, checked)
         triangles = sum(len(meshes[m].triangles) for m in scene.mesh_index)
         rows.append(
