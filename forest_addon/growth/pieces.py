@@ -106,7 +106,7 @@ def _distinct(triangles: np.ndarray) -> np.ndarray:
     order = np.lexsort(corners.T)  # stable: of equal ones the first in the file comes first
     repeats = (np.diff(corners[order], axis=0) == 0).all(axis=1)
     first = np.concatenate([order[:1], order[1:][~repeats]])
-    return triangles[whole[np.sort(first)]]
+    return np.asarray(triangles[whole[np.sort(first)]])
 
 
 def _join_along_edges(triangles: np.ndarray, vertices: int) -> np.ndarray:
