@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, dataclass_transform
+from typing import TYPE_CHECKING, Any, ClassVar
 
 
 class SpecError(ValueError):
@@ -83,11 +83,14 @@ def param_of(field: dataclasses.Field[Any]) -> Param:
     return known
 
 
-@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(param,))
 class Settings:
     """Base of every group of settings: a frozen keyword dataclass that checks itself."""
 
     TITLE: ClassVar[str] = ""
+
+    if TYPE_CHECKING:  # dataclass makes it; values are checked when they are given
+
+        def __init__(self, **values: Any) -> None: ...
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -292,7 +295,11 @@ class Tractor(Settings):
         0.25, unit="deg", help="angle between beams of a scan (S)", gt=0, le=90
     )
     reach: float = param(
-        20.0, unit="m", help="horizontal distance at which the lowest beam meets z = 0", gt=0, le=1e4
+        20.0,
+        unit="m",
+        help="horizontal distance at which the lowest beam meets z = 0",
+        gt=0,
+        le=1e4,
     )
     top: float = param(12.0, unit="m", help="height that the highest beam has at that distance")
     max_range: float = param(100.0, unit="m", help="nothing farther is seen", gt=0, le=1e5)
@@ -386,7 +393,8 @@ class Sonar(Settings):
             raise SpecError("band", f"{list(self.band)} must be [lowest, highest] in Hz")
         if self.band[1] > self.sample_rate / 2:
             raise SpecError(
-                "band", f"{self.band[1]:g} Hz is above half the sample_rate; lower it or sample faster"
+                "band",
+                f"{self.band[1]:g} Hz is above half the sample_rate; lower it or sample faster",
             )
         if self.near_limit >= self.max_range:
             raise SpecError("near_limit", "must be smaller than max_range")
@@ -398,7 +406,9 @@ class Reverb(Settings):
     TITLE: ClassVar[str] = "Forest reverb"
     kind: str = param("reverb", help="kind of sensor", choices=("reverb",))
     name: str = param("reverb", help="name of its output files")
-    source: tuple[float, float, float] = param((5.0, 10.0, 1.5), unit="m", help="where sound starts")
+    source: tuple[float, float, float] = param(
+        (5.0, 10.0, 1.5), unit="m", help="where sound starts"
+    )
     receiver: tuple[float, float, float] = param(
         (15.0, 10.0, 1.5), unit="m", help="where it is heard"
     )

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -16,7 +17,7 @@ from forest_addon.sensing import metrics
 from forest_addon.sensing.lidar import ESCAPED, Cloud, TractorScan
 from forest_addon.sensing.reverb import ImpulseResponse
 from forest_addon.sensing.sonar import Echo, LeafDiscs
-from forest_addon.spec import Reverb, Sonar, Terrestrial
+from forest_addon.spec import Sonar, Terrestrial
 from forest_addon.stand.forest import Forest
 
 INK, FAINT, LEAF_GREEN, BARK, SOIL, SKY, RED = (
@@ -62,11 +63,18 @@ def draw_scan(scan: TractorScan, path: Path) -> Path:
     )
     distance = np.ma.masked_invalid(scan.distance.T)
     image = far.imshow(
-        distance, extent=extent, origin="lower", aspect="auto", cmap="viridis_r", rasterized=True
+        distance,
+        extent=extent,
+        origin="lower",
+        aspect="auto",
+        cmap="viridis_r",
+        norm="log",
+        interpolation="nearest",
+        rasterized=True,
     )
     far.set_facecolor(SKY)
     far.set_title("Distance of the first hit")
-    figure.colorbar(image, ax=far, label="m", pad=0.01)
+    _distance_bar(figure, image, far)
     _organ_image(what, scan.organ.T, extent)
     what.set_title("What was hit")
     for axes in (far, what):
@@ -83,7 +91,10 @@ def draw_cloud(cloud: Cloud, scanner: Terrestrial, path: Path) -> Path:
     column = np.rint((np.rad2deg(cloud.azimuth) - low_az) / step).astype(int)
     row = np.rint((np.rad2deg(cloud.elevation) - low_el) / step).astype(int)
     high_el = scanner.elevation_deg[1]
-    shape = (round((high_el - low_el) / step) + 1, round((scanner.azimuth_deg[1] - low_az) / step) + 1)
+    shape = (
+        round((high_el - low_el) / step) + 1,
+        round((scanner.azimuth_deg[1] - low_az) / step) + 1,
+    )
     image = np.full(shape, np.nan)
     image[row, column] = cloud.returns.distance
     shown = panorama.imshow(
@@ -99,17 +110,20 @@ def draw_cloud(cloud: Cloud, scanner: Terrestrial, path: Path) -> Path:
     panorama.set_title("Panorama: distance of the first hit")
     panorama.set_xlabel("azimuth, °")
     panorama.set_ylabel("elevation, °")
-    figure.colorbar(shown, ax=panorama, label="m", pad=0.01)
+    _distance_bar(figure, shown, panorama)
 
     every = max(1, len(cloud.position) // 150_000)
     order = np.argsort(cloud.position[::every, 2], kind="stable")
     points = cloud.position[::every][order]
     organ = cloud.returns.organ[::every][order]
-    near = np.abs(points[:, :2] - np.array(scanner.position)[:2]).max(axis=1) < 22
+    reach = 22.0
+    near = np.abs(points[:, :2] - np.array(scanner.position)[:2]).max(axis=1) < reach
     colours = np.array([ORGANS[o][1] for o in range(GROUND + 1)])
-    above.scatter(*points[near, :2].T, s=0.25, c=colours[organ[near]], linewidths=0, rasterized=True)
+    above.scatter(*points[near, :2].T, s=0.5, c=colours[organ[near]], linewidths=0, rasterized=True)
     above.plot(*scanner.position[:2], "o", color=RED, markersize=5)
-    above.annotate("scanner", scanner.position[:2], xytext=(6, 5), textcoords="offset points", color=RED)
+    above.annotate(
+        "scanner", scanner.position[:2], xytext=(6, 5), textcoords="offset points", color=RED
+    )
     above.set_aspect("equal")
     above.set_title("Points from above")
     above.set_xlabel("x, m")
@@ -118,19 +132,18 @@ def draw_cloud(cloud: Cloud, scanner: Terrestrial, path: Path) -> Path:
     return _save(figure, path)
 
 
-def draw_echo(
-    echo: Echo, sonar: Sonar, discs: LeafDiscs, forest: Forest, path: Path
-) -> Path:
+def draw_echo(echo: Echo, sonar: Sonar, discs: LeafDiscs, forest: Forest, path: Path) -> Path:
     """A ping: the leaves in the beam from above, the echo in time, its spectrum."""
     figure = _blank((12.5, 6.2))
     grid = figure.add_gridspec(2, 2, width_ratios=(1, 1.45))
     _beam_map(figure.add_subplot(grid[:, 0]), echo, sonar, discs, forest)
 
     wave = figure.add_subplot(grid[0, 1])
-    sound_ms = echo.time * 1e3
-    wave.plot(sound_ms, echo.impulse_response, color=LEAF_GREEN, linewidth=0.6)
-    wave.plot(sound_ms, echo.envelope, color=INK, linewidth=0.8)
-    wave.set_title("Echo and its envelope, as a share of the call at 1 m")
+    level = 20 * np.log10(np.maximum(echo.envelope, 1e-9))
+    wave.plot(echo.time * 1e3, level, color=LEAF_GREEN, linewidth=0.7)
+    wave.set_ylim(max(float(level.max()) - 80, -178), float(level.max()) + 5)
+    wave.set_ylabel("dB re the call at 1 m")
+    wave.set_title("Envelope of the echo")
     wave.set_xlabel("ms after the call")
     wave.margins(x=0)
     metres = wave.secondary_xaxis(
@@ -152,7 +165,7 @@ def draw_echo(
     return _save(figure, path)
 
 
-def draw_reverb(response: ImpulseResponse, reverb: Reverb, path: Path) -> Path:
+def draw_reverb(response: ImpulseResponse, path: Path) -> Path:
     """An impulse response: waveform, energy decay, spectrogram."""
     figure, (wave, decay, tone) = _figure(3, 1, (11, 8.2))
     time = np.arange(len(response.samples)) / response.sample_rate
@@ -190,6 +203,7 @@ def draw_reverb(response: ImpulseResponse, reverb: Reverb, path: Path) -> Path:
         vmax=20 * np.log10(peak) - 50,
     )
     tone.set_xlim(0, time[-1])
+    tone.set_facecolor("black")
     tone.set_ylabel("Hz")
     tone.set_xlabel("seconds")
     tone.set_title("Spectrogram")
@@ -200,9 +214,15 @@ def draw_reverb(response: ImpulseResponse, reverb: Reverb, path: Path) -> Path:
     return _save(figure, path)
 
 
-def _beam_map(
-    axes: Axes, echo: Echo, sonar: Sonar, discs: LeafDiscs, forest: Forest
-) -> None:
+def _distance_bar(figure: Figure, image: ScalarMappable, axes: Axes) -> None:
+    bar = figure.colorbar(image, ax=axes, label="m", pad=0.01)
+    low, high = image.get_clim()
+    ticks = [t for t in (0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500) if low <= t <= high]
+    bar.set_ticks(ticks, labels=[f"{t:g}" for t in ticks])
+    bar.minorticks_off()
+
+
+def _beam_map(axes: Axes, echo: Echo, sonar: Sonar, discs: LeafDiscs, forest: Forest) -> None:
     """The scene from above: every leaf, those that are heard in red, the -3 dB beam."""
     every = max(1, len(discs.centre) // 60_000)
     axes.scatter(*discs.centre[::every, :2].T, s=0.4, c="#a9c59f", linewidths=0, rasterized=True)
@@ -220,9 +240,10 @@ def _beam_map(
     axes.plot(*outline.T, color=INK, linewidth=0.9)
     axes.plot(x, y, ">", color=INK, markersize=6)
     span = sonar.max_range + 2
-    axes.set_xlim(x - span, x + span)
-    axes.set_ylim(y - span * 0.55, y + span * 1.25)
-    axes.set_aspect("equal")
+    middle = np.array([x, y]) + 0.45 * reach * np.array([np.cos(heading), np.sin(heading)])
+    axes.set_xlim(middle[0] - 0.75 * span, middle[0] + 0.75 * span)
+    axes.set_ylim(middle[1] - 0.9 * span, middle[1] + 0.9 * span)
+    axes.set_aspect("equal", adjustable="box")
     axes.set_title("From above: leaves heard (red), -3 dB beam")
     axes.set_xlabel("x, m")
     axes.set_ylabel("y, m")
@@ -245,7 +266,9 @@ def _organ_image(axes: Axes, organ: np.ndarray, extent: tuple[float, ...]) -> No
 
 def _organ_legend(axes: Axes, organs: tuple[int, ...]) -> None:
     axes.legend(
-        handles=[Patch(facecolor=ORGANS[o][1], edgecolor=FAINT, label=ORGANS[o][0]) for o in organs],
+        handles=[
+            Patch(facecolor=ORGANS[o][1], edgecolor=FAINT, label=ORGANS[o][0]) for o in organs
+        ],
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),
         ncols=len(organs),

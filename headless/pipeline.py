@@ -23,19 +23,19 @@ from forest_addon.blender.forest import RESULTS, build, part
 from forest_addon.blender.observe import Observer
 from forest_addon.blender.preview import render, set_stage
 from forest_addon.formats.atomic import replacing
-from forest_addon.formats.findings import Finding, write_finding
+from forest_addon.formats.findings import Finding as SensorFinding
+from forest_addon.formats.findings import write_finding
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.formats.table import write_csv
 from forest_addon.sensing.geometry import SceneGeometry
 from forest_addon.sensing.lidar import Cloud, TractorScan
-from forest_addon.sensing.reverb import ImpulseResponse
 from forest_addon.sensing.sonar import Echo
-from forest_addon.spec import Reverb, Scene, Sonar, SpecError, Terrestrial, Tractor
+from forest_addon.spec import Scene, SpecError
 from forest_addon.stand.forest import Forest, grow_forest, leaf_table, tree_table
 
 from . import pictures, report
-from .progress import Stages
+from .progress import Stages, hushed
 
 
 @dataclass
@@ -54,7 +54,7 @@ class Run:
         self.files.append(name)
         return self.out / name
 
-    def write(self, name: str, found: Finding) -> None:
+    def write(self, name: str, found: SensorFinding) -> None:
         """Write a sensor's result; it is listed in the report."""
         self.files.append(write_finding(self.out, name, found).name)
 
@@ -79,7 +79,8 @@ def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) 
     run = Run(settings, out, stages, forest)
     run.findings.append(report.forest_finding(settings, forest))
 
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with hushed():
+        bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     with stages.stage("build Blender scene"):
         build(scene, settings, forest)
@@ -91,25 +92,20 @@ def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) 
     for sensor in settings.sensors:
         with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
             found = observer.observe(sensor, settings, progress)
-            if isinstance(found, TractorScan):
-                _write_scan(run, sensor, found)
-            elif isinstance(found, Cloud):
-                _write_cloud(run, sensor, found)
+            run.write(sensor.name, found)
+            if isinstance(found, Cloud):
                 show_cloud(part(scene, RESULTS), sensor.name, found)
-            elif isinstance(found, Echo):
-                _write_echo(run, sensor, found, observer)
-            else:
-                _write_reverb(run, sensor, found, observer)
+            run.findings.append(_describe(run, sensor, found, observer))
 
     set_stage(scene, settings.output.preview_size)
     if settings.output.blend:
-        with stages.stage("write forest.blend"):
+        with stages.stage("write forest.blend"), hushed():
             save_blend(run.path("forest.blend"))
     if settings.output.glb:
-        with stages.stage("write forest.glb"):
+        with stages.stage("write forest.glb"), hushed():
             export_glb(scene, run.path("forest.glb"))
     if settings.output.preview:
-        with stages.stage("render preview.png") as progress:
+        with stages.stage("render preview.png") as progress, hushed():
             render(scene, settings.output, run.path("preview.png"), progress)
     _write_record(run, observer.geometry, engine)
     with stages.stage("write report.html"):
@@ -139,32 +135,18 @@ def _write_truth(run: Run) -> None:
     write_npz(run.path("leaves.npz"), leaf_table(run.forest), metres | {"normal": "1", "axis": "1"})
 
 
-def _write_scan(run: Run, sensor: Tractor, scan: TractorScan) -> None:
-    run.write(sensor.name, scan)
-    picture = pictures.draw_scan(scan, run.path(f"{sensor.name}.png"))
-    run.findings.append(report.scan_finding(sensor, scan, picture))
-
-
-def _write_cloud(run: Run, sensor: Terrestrial, cloud: Cloud) -> None:
-    run.write(sensor.name, cloud)
-    picture = pictures.draw_cloud(cloud, sensor, run.path(f"{sensor.name}.png"))
-    run.findings.append(report.cloud_finding(sensor, cloud, picture))
-
-
-def _write_echo(run: Run, sensor: Sonar, echo: Echo, observer: Observer) -> None:
-    run.write(sensor.name, echo)
+def _describe(run: Run, sensor: Any, found: SensorFinding, observer: Observer) -> report.Finding:
+    """Draw a result and say what it is."""
     path = run.path(f"{sensor.name}.png")
-    picture = pictures.draw_echo(echo, sensor, observer.discs, run.forest, path)
-    run.findings.append(report.echo_finding(sensor, echo, picture))
-
-
-def _write_reverb(
-    run: Run, sensor: Reverb, response: ImpulseResponse, observer: Observer
-) -> None:
-    run.write(sensor.name, response)
-    picture = pictures.draw_reverb(response, sensor, run.path(f"{sensor.name}.png"))
-    trunks = observer.trunks(sensor)
-    run.findings.append(report.reverb_finding(sensor, response, trunks, picture))
+    if isinstance(found, TractorScan):
+        return report.scan_finding(sensor, found, pictures.draw_scan(found, path))
+    if isinstance(found, Cloud):
+        return report.cloud_finding(sensor, found, pictures.draw_cloud(found, sensor, path))
+    if isinstance(found, Echo):
+        picture = pictures.draw_echo(found, sensor, observer.discs, run.forest, path)
+        return report.echo_finding(sensor, found, picture)
+    picture = pictures.draw_reverb(found, path)
+    return report.reverb_finding(sensor, found, observer.trunks(sensor), picture)
 
 
 def _write_record(run: Run, geometry: SceneGeometry, engine: str) -> None:

@@ -54,7 +54,9 @@ def forest_finding(settings: Scene, forest: Forest) -> Finding:
     }
     notes = ()
     if stand.removed:
-        notes = (f"{stand.removed} trees were removed to keep {settings.forest.spacing:g} m apart.",)
+        notes = (
+            f"{stand.removed} trees were removed to keep {settings.forest.spacing:g} m apart.",
+        )
     return Finding(
         "Forest",
         f"An inhomogeneous Poisson forest on {settings.forest.size[0]:g} by "
@@ -100,7 +102,9 @@ def cloud_finding(sensor: Terrestrial, cloud: Cloud, picture: Path) -> Finding:
             "leaves": _share(organ == LEAF),
             "ground": _share(organ == GROUND),
         },
-        ("LAS coordinates are stored to 0.1 mm; tree, species, organ, leaf and object are extra bytes.",),
+        (
+            "LAS coordinates are stored to 0.1 mm; tree, species, organ, leaf and object are extra bytes.",
+        ),
         picture,
     )
 
@@ -121,7 +125,9 @@ def echo_finding(sensor: Sonar, echo: Echo, picture: Path) -> Finding:
             "strongest echo from": "nothing"
             if silent
             else f"{echo.time[peak] * echo.sound_speed / 2:.2f} m",
-            "level": "silence" if silent else f"{20 * np.log10(echo.envelope[peak]):.1f} dB re call at 1 m",
+            "level": "silence"
+            if silent
+            else f"{20 * np.log10(echo.envelope[peak]):.1f} dB re call at 1 m",
         },
         (
             f"Direct sum over every leaf and frequency in float64; leaves left out as too weak add at "
@@ -178,7 +184,8 @@ def write(
     )
     body = "\n".join(_section(finding) for finding in findings)
     times = "".join(
-        f"<tr><td>{html.escape(name)}</td><td>{took:.2f} s</td></tr>" for name, took in seconds.items()
+        f"<tr><td>{html.escape(name)}</td><td>{took:.2f} s</td></tr>"
+        for name, took in seconds.items()
     )
     listed = "".join(
         f'<li><a href="{html.escape(name)}">{html.escape(name)}</a></li>' for name in files

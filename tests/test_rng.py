@@ -11,10 +11,10 @@ from forest_addon.rng import stream, truncated_normal
 
 
 def test_same_key_same_numbers_in_another_process():
-    code = (
-        "from forest_addon.rng import stream; print(stream(5, 'tree', 'maple', 3).random(3).tolist())"
+    code = "from forest_addon.rng import stream; print(stream(5, 'tree', 'maple', 3).random(3).tolist())"
+    printed = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
-    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert printed.stdout.strip() == str(stream(5, "tree", "maple", 3).random(3).tolist())
 
 

@@ -46,7 +46,7 @@ def test_every_field_has_help_and_a_default_within_its_range(group):
     ],
 )
 def test_bad_values_never_become_settings(make, key, words):
-    with pytest.raises(spec.SpecError, match=".*") as caught:
+    with pytest.raises(spec.SpecError) as caught:
         make()
     assert caught.value.key == key
     assert words in caught.value.problem

@@ -40,7 +40,9 @@ def leaf(name: str, colour: Colour) -> bpy.types.Material:
     number.attribute_name = "leaf"
     shade = tree.nodes.new("ShaderNodeTexWhiteNoise")
     shade.noise_dimensions = "1D"
-    tones = _ramp(tree, _scaled(colour, 0.55), _towards(_scaled(colour, 1.5), (0.30, 0.30, 0.02), 0.25))
+    tones = _ramp(
+        tree, _scaled(colour, 0.55), _towards(_scaled(colour, 1.5), (0.30, 0.30, 0.02), 0.25)
+    )
     through = tree.nodes.new("ShaderNodeBsdfTranslucent")
     mix = tree.nodes.new("ShaderNodeMixShader")
     mix.inputs["Fac"].default_value = 0.4
@@ -97,6 +99,7 @@ def coloured_points(name: str) -> bpy.types.Material:
     colour.attribute_name = "colour"
     tree.links.new(colour.outputs["Color"], shader.inputs["Base Color"])
     shader.inputs["Roughness"].default_value = 1.0
+    material.diffuse_color = (1.0, 0.75, 0.1, 1.0)  # Solid shading knows one colour for all points
     return material
 
 

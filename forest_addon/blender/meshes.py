@@ -55,7 +55,11 @@ def from_mesh(data: bpy.types.Mesh) -> TriMesh:
 def _face_values(data: bpy.types.Mesh, name: str, dtype: type, default: int) -> np.ndarray:
     count = len(data.polygons)
     attribute = data.attributes.get(name)
-    if attribute is None or attribute.domain != "FACE" or attribute.data_type not in ("INT8", "INT"):
+    if (
+        attribute is None
+        or attribute.domain != "FACE"
+        or attribute.data_type not in ("INT8", "INT")
+    ):
         return np.full(count, default, dtype=dtype)
     values = np.empty(count, dtype=np.int8 if attribute.data_type == "INT8" else np.int32)
     attribute.data.foreach_get("value", values)

@@ -15,6 +15,5 @@ def write_npz(
 ) -> None:
     """Write arrays; ``units`` says what each is measured in and becomes ``<name>_unit`` texts."""
     texts = {f"{name}_unit": np.array(unit) for name, unit in units.items()}
-    with replacing(path) as partial:
-        with open(partial, "wb") as file:
-            np.savez_compressed(file, **dict(arrays), **texts)  # type: ignore[arg-type]
+    with replacing(path) as partial, open(partial, "wb") as file:
+        np.savez_compressed(file, **dict(arrays), **texts)  # type: ignore[arg-type]

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..growth.template import TemplateError, TreeTemplate, split_tree
-from ..spec import Species, SpecError
+from ..spec import SpecError, Species
 from .stl import StlError, read_stl
 from .toml_file import read_settings
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import tomllib
-import types
 import typing
 from pathlib import Path
 from typing import Any, TypeVar
@@ -34,7 +33,9 @@ def read_settings(path: Path, cls: type[T]) -> T:
     except IsADirectoryError:
         raise SpecError(str(path), "is a folder; name a .toml file in it") from None
     except (OSError, UnicodeDecodeError) as problem:
-        reason = "is not a text file" if isinstance(problem, UnicodeDecodeError) else problem.strerror
+        reason = (
+            "is not a text file" if isinstance(problem, UnicodeDecodeError) else problem.strerror
+        )
         raise SpecError(str(path), f"cannot be read: {reason}") from None
     try:
         table = tomllib.loads(text)
@@ -108,7 +109,7 @@ def _converter() -> Any:
 
 def _strict(make: type, accepted: tuple[type, ...], words: str) -> Any:
     def hook(value: Any, _: Any) -> Any:
-        if isinstance(value, bool) and bool not in accepted or not isinstance(value, accepted):
+        if (isinstance(value, bool) and bool not in accepted) or not isinstance(value, accepted):
             raise SpecError("", f"{_shown(value)} is not {words}")
         return make(value)
 
@@ -157,7 +158,9 @@ def _tuple(converter: Any, value: Any, kind: Any) -> Any:
     parts = typing.get_args(kind)
     many = len(parts) == 2 and parts[1] is Ellipsis
     if not isinstance(value, (list, tuple)):
-        raise SpecError("", f"{_shown(value)} is not a list" + ("" if many else f" of {len(parts)}"))
+        raise SpecError(
+            "", f"{_shown(value)} is not a list" + ("" if many else f" of {len(parts)}")
+        )
     if not many and len(value) != len(parts):
         raise SpecError("", f"has {len(value)} values; give {len(parts)}")
     done, wrong = [], []
@@ -168,7 +171,7 @@ def _tuple(converter: Any, value: Any, kind: Any) -> Any:
             problem.add_note(IterableValidationNote("", index, parts[0]))
             wrong.append(problem)
     if wrong:
-        raise IterableValidationError("", wrong, types.GenericAlias(tuple, parts))
+        raise IterableValidationError("", wrong, tuple)
     return tuple(done)
 
 
@@ -176,4 +179,3 @@ def _shown(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     return f'"{value}"' if isinstance(value, str) else str(value)
-

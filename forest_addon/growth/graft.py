@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..rng import truncated_normal
-from .template import BranchTemplate
+from .template import BranchTemplate, canonical_frame
 from .trimesh import LEAF, WOOD, TriMesh
 
 MOST_LEAVES_A_FOOT = 3.0
@@ -41,15 +41,19 @@ class Site:
 
 
 def prepare(template: BranchTemplate) -> Scion:
-    """Take a template apart; a leaf's foot is its vertex nearest to any wood."""
+    """Take a template apart; a leaf's foot is its corner or edge middle nearest to any wood."""
     mesh = template.mesh
     wood, leaf_mesh, leaf_of_vertex = _apart(mesh)
     count = len(template.leaves)
     foot = np.zeros((count, 3))
     if count:
-        gap = cKDTree(wood.vertices).query(leaf_mesh.vertices)[0]
+        corners = leaf_mesh.vertices[leaf_mesh.triangles]
+        places = np.concatenate([corners, (corners + np.roll(corners, 1, axis=1)) / 2], axis=1)
+        owner = np.repeat(leaf_mesh.leaf, places.shape[1])
+        places = places.reshape(-1, 3)
+        gap = cKDTree(wood.vertices).query(places)[0]
         farthest_first = np.argsort(-gap, kind="stable")
-        foot[leaf_of_vertex[farthest_first]] = leaf_mesh.vertices[farthest_first]
+        foot[owner[farthest_first]] = places[farthest_first]
     return Scion(wood, leaf_mesh, foot, leaf_of_vertex, template.length)
 
 
@@ -82,7 +86,7 @@ def graft(
 
     A longer branch bears more leaves, not larger ones.
     """
-    turn = _frame(site.direction) @ _roll(roll)  # columns: images of X, Y, Z
+    turn = canonical_frame(site.direction).T @ _roll(roll)  # columns: images of X, Y, Z
     wood = scion.wood
     wood_vertices = (wood.vertices * site.length) @ turn.T + site.foot
 
@@ -99,9 +103,7 @@ def graft(
     )
 
 
-def _hang_leaves(
-    scion: Scion, length: float, spread: float, rng: np.random.Generator
-) -> TriMesh:
+def _hang_leaves(scion: Scion, length: float, spread: float, rng: np.random.Generator) -> TriMesh:
     """Leaves of a branch of this length, in the template's frame but in metres.
 
     The number of leaves goes with length^1.5, as a crown's leaf area between its length and its area: a
@@ -145,15 +147,6 @@ def _runs(owner: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray
     which = np.repeat(np.arange(len(wanted)), size)
     rank = np.arange(len(which)) - np.repeat(np.cumsum(size) - size, size)
     return first[which] + rank, which
-
-
-def _frame(direction: np.ndarray) -> np.ndarray:
-    """(3, 3) rotation that takes +X to ``direction`` and +Z as far up as possible."""
-    up = np.array([0.0, 0.0, 1.0])
-    side = np.cross(up, direction)
-    norm = np.linalg.norm(side)
-    side = side / norm if norm > 1e-9 else np.array([0.0, 1.0, 0.0])
-    return np.stack([direction, side, np.cross(direction, side)], axis=1)
 
 
 def _roll(angle: float) -> np.ndarray:

@@ -15,6 +15,8 @@ from scipy.sparse.csgraph import connected_components
 
 from .trimesh import TriMesh
 
+ALIKE = 0.95  # second moments whose ratio is above this are alike
+
 
 @dataclass(frozen=True)
 class Leaves:
@@ -127,12 +129,25 @@ def _extents(
     corners: np.ndarray, leaf: np.ndarray, centre: np.ndarray, normal: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Axis of the longest extent in the leaf's plane, and the extents along and across it."""
-    owner = np.repeat(leaf, 3)
-    offset = corners.reshape(-1, 3) - centre[owner]
-    offset -= np.einsum("pi,pi->p", offset, normal[owner])[:, None] * normal[owner]
+    offset = corners - centre[leaf][:, None]  # (F, 3, 3)
+    along_normal = np.einsum("fci,fi->fc", offset, normal[leaf])
+    offset -= along_normal[:, :, None] * normal[leaf][:, None]
+    # Second moments of area: A/12·(Σ v vᵀ + Σv Σvᵀ) for a triangle with corners v.
+    area = np.linalg.norm(
+        np.cross(offset[:, 1] - offset[:, 0], offset[:, 2] - offset[:, 0]), axis=1
+    )
+    whole = offset.sum(axis=1)
+    moment = np.einsum("fci,fcj->fij", offset, offset) + whole[:, :, None] * whole[:, None, :]
     scatter = np.zeros((count, 3, 3))
-    np.add.at(scatter, owner, offset[:, :, None] * offset[:, None, :])
-    axis = np.linalg.eigh(scatter)[1][:, :, 2]  # direction of the largest spread
+    np.add.at(scatter, leaf, np.maximum(area, 1e-300)[:, None, None] * moment)
+    spread, directions = np.linalg.eigh(scatter)
+    axis = directions[:, :, 2]  # of the largest spread
+    owner, offset = np.repeat(leaf, 3), offset.reshape(-1, 3)
+    farthest = np.zeros((count, 3))
+    order = np.argsort(np.linalg.norm(offset, axis=1), kind="stable")
+    farthest[owner[order]] = offset[order]  # the farthest corner is written last and stays
+    as_wide = spread[:, 1] > ALIKE * spread[:, 2]  # a square has no longest side: take its diagonal
+    axis = np.where(as_wide[:, None], farthest, axis)
     axis = _unit(
         axis - np.einsum("li,li->l", axis, normal)[:, None] * normal, fallback=(1.0, 0.0, 0.0)
     )

@@ -7,14 +7,15 @@ many templates as nodes they match one to one, from the lowest up; otherwise the
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..rng import truncated_normal
 from ..spec import Species
-from .grammar import T20, derive
 from .graft import Site, graft, prepare
+from .grammar import T20, derive
 from .leaves import Leaves, measure_leaves
 from .skeleton import Skeleton
 from .template import TreeTemplate
@@ -59,7 +60,9 @@ def grow(species: Species, template: TreeTemplate, rng: np.random.Generator) -> 
         for pick, site, turn in zip(chosen, sites, roll, strict=True)
     ]
     mesh = join([_trunk_mesh(skeleton, trunk), *branches])
-    bearer = np.repeat(np.arange(len(branches)), [int(b.leaf.max(initial=-1)) + 1 for b in branches])
+    bearer = np.repeat(
+        np.arange(len(branches)), [int(b.leaf.max(initial=-1)) + 1 for b in branches]
+    )
     return Tree(mesh, measure_leaves(mesh, bearer), _first_levels(skeleton))
 
 
@@ -71,7 +74,7 @@ def _sites(
     firsts = np.flatnonzero(
         (skeleton.order == 1) & (skeleton.order[np.maximum(skeleton.parent, 0)] == 0)
     )
-    onward = dict(zip(trunk[:-1], trunk[1:], strict=True))
+    onward = dict(itertools.pairwise(trunk))
     sites: list[Site] = []
     for first in firsts:
         reach = float(length[skeleton.axis(int(first))].sum())
@@ -111,7 +114,7 @@ def _trunk_mesh(skeleton: Skeleton, trunk: list[int]) -> TriMesh:
     radius = np.concatenate([skeleton.radius[trunk, 0], skeleton.radius[trunk[-1:], 1]])
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(nodes, axis=0), axis=1))])
     fine = np.unique(
-        np.concatenate([np.linspace(a, b, 5) for a, b in zip(along[:-1], along[1:], strict=True)])
+        np.concatenate([np.linspace(a, b, 5) for a, b in itertools.pairwise(along)])
     )
     fine = np.unique(np.concatenate([fine, radius[0] * np.array([0.5, 1.0, 2.0, 4.0])]))
     fine = fine[fine <= along[-1]]
@@ -143,5 +146,3 @@ def _first_levels(skeleton: Skeleton) -> Skeleton:
         order=skeleton.order[keep],
         generation=skeleton.generation[keep],
     )
-
-

@@ -92,7 +92,11 @@ def interpret(
     centre_of[parent[onward]] = onward
 
     for level in range(1, int(generation.max(initial=0)) + 1):
-        for kind in (CENTRE, SIDE, SYMMETRIC):  # a symmetric branch may sit on the axis that goes on
+        for kind in (
+            CENTRE,
+            SIDE,
+            SYMMETRIC,
+        ):  # a symmetric branch may sit on the axis that goes on
             s = np.flatnonzero((generation == level) & (role == kind))
             if not len(s):
                 continue

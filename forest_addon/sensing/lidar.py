@@ -85,9 +85,7 @@ class Cloud:
     engine: str
 
 
-def drive(
-    tractor: Tractor, caster: RayCaster, progress: Progress | None = None
-) -> TractorScan:
+def drive(tractor: Tractor, caster: RayCaster, progress: Progress | None = None) -> TractorScan:
     """Drive a tractor scanner past the scene (S, eqs 8-13, angles from the horizontal)."""
     angle, track = fan(tractor), positions(tractor)
     rays = _driven_rays(tractor, angle, track)
@@ -139,15 +137,13 @@ def positions(tractor: Tractor) -> np.ndarray:
     return _steps(0.0, tractor.track, tractor.step * (tractor.gap + 1))
 
 
-def sweep(
-    scanner: Terrestrial, caster: RayCaster, progress: Progress | None = None
-) -> Cloud:
+def sweep(scanner: Terrestrial, caster: RayCaster, progress: Progress | None = None) -> Cloud:
     """Scan azimuth by elevation from a tripod."""
     step = np.deg2rad(scanner.angle_step_deg)
-    azimuth = _steps(*np.deg2rad(scanner.azimuth_deg), step)
+    azimuth = _steps(*_radians(scanner.azimuth_deg), step)
     if scanner.azimuth_deg[1] - scanner.azimuth_deg[0] >= 360:
         azimuth = azimuth[azimuth < np.deg2rad(scanner.azimuth_deg[0]) + 2 * np.pi - 1e-9]
-    elevation = _steps(*np.deg2rad(scanner.elevation_deg), step)
+    elevation = _steps(*_radians(scanner.elevation_deg), step)
     start = np.array(scanner.position)
 
     def angles(beam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -246,3 +242,7 @@ def _take(returns: Returns, rows: np.ndarray) -> Returns:
 def _steps(low: float, high: float, step: float) -> np.ndarray:
     """From ``low`` to at most ``high``, without the drift of adding steps up."""
     return low + step * np.arange(int(np.floor((high - low) / step + 1e-9)) + 1)
+
+
+def _radians(span_deg: tuple[float, float]) -> tuple[float, float]:
+    return float(np.deg2rad(span_deg[0])), float(np.deg2rad(span_deg[1]))

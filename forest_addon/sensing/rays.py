@@ -60,14 +60,14 @@ def unit_directions(directions: np.ndarray) -> np.ndarray:
     """(R, 3) float64 unit vectors; NaN rows where a direction is zero or not finite."""
     d = np.asarray(directions, dtype=np.float64)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        d = d / np.abs(d).max(axis=1, keepdims=True)  # 1e-20 and 1e30 long vectors do not under/overflow
+        d = d / np.abs(d).max(
+            axis=1, keepdims=True
+        )  # 1e-20 and 1e30 long vectors do not under/overflow
         d = d / np.linalg.norm(d, axis=1, keepdims=True)
     return np.where(np.isfinite(d).all(axis=1, keepdims=True), d, np.nan)
 
 
-def plane_distance(
-    origins: np.ndarray, directions: np.ndarray, corners: np.ndarray
-) -> np.ndarray:
+def plane_distance(origins: np.ndarray, directions: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """(R,) ray parameter at which each ray meets the plane of its triangle (R, 3, 3), float64."""
     a = corners[:, 0]
     normal = np.cross(corners[:, 1] - a, corners[:, 2] - a)

@@ -15,6 +15,10 @@ from ..spec import Scene, Species
 from .plan import Stand, labels, plan_stand
 
 Progress = Callable[[int, int], None]
+TREE_COLUMNS = (
+    *("tree", "species", "planting", "variant", "x_m", "y_m", "z_m", "rotation_rad", "scale"),
+    *("height_m", "foot_radius_m", "leaves", "leaf_area_m2"),
+)
 
 
 @dataclass(frozen=True)
@@ -93,9 +97,7 @@ def leaf_table(forest: Forest) -> dict[str, np.ndarray]:
         columns["branch"].append(leaves.branch)
         columns["leaf"].append(np.arange(len(leaves), dtype=np.int32))
         columns["tree"].append(np.full(len(leaves), forest.stand.id[tree], dtype=np.int32))
-        columns["species"].append(
-            np.full(len(leaves), forest.stand.species[tree], dtype=np.int16)
-        )
+        columns["species"].append(np.full(len(leaves), forest.stand.species[tree], dtype=np.int16))
     empty = {"centre": (0, 3), "normal": (0, 3), "axis": (0, 3)}
     return {
         name: np.concatenate(parts) if parts else np.empty(empty.get(name, (0,)))
@@ -127,8 +129,4 @@ def tree_table(forest: Forest) -> dict[str, list[object]]:
                 "leaf_area_m2": float((np.pi * grown.leaves.radius**2).sum()) * scale**2,
             }
         )
-    names = (
-        "tree species planting variant x_m y_m z_m rotation_rad scale height_m foot_radius_m "
-        "leaves leaf_area_m2"
-    ).split()
-    return {name: [row[name] for row in rows] for name in names}
+    return {name: [row[name] for row in rows] for name in TREE_COLUMNS}

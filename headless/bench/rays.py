@@ -103,7 +103,9 @@ def _nearest(scene: SceneGeometry, origin: np.ndarray, way: np.ndarray) -> tuple
     best, owner = np.inf, -1
     for instance, matrix in enumerate(scene.transform):
         mesh = scene.meshes[scene.mesh_index[instance]]
-        o = matrix[:, :3].T @ (origin - matrix[:, 3])  # rotations only: the inverse is the transpose
+        o = matrix[:, :3].T @ (
+            origin - matrix[:, 3]
+        )  # rotations only: the inverse is the transpose
         d = matrix[:, :3].T @ way
         middle, reach = mesh.vertices.mean(axis=0), np.ptp(mesh.vertices, axis=0).max()
         if np.linalg.norm(np.cross(middle - o, d)) > reach:
@@ -121,7 +123,9 @@ def _nearest(scene: SceneGeometry, origin: np.ndarray, way: np.ndarray) -> tuple
         hit = np.flatnonzero(inside)
         if len(hit):
             near = hit[np.argmin(t[hit])]
-            exact = float(plane_distance(o[None], d[None], mesh.vertices[mesh.triangles[near]][None])[0])
+            exact = float(
+                plane_distance(o[None], d[None], mesh.vertices[mesh.triangles[near]][None])[0]
+            )
             if exact < best:
                 best, owner = exact, instance
     return best, owner

@@ -28,9 +28,7 @@ def run(say: Say) -> None:
         )
         reverb = Reverb(source=(-5.0, 0.0, 1.5), receiver=(5.0, 0.0, 1.5), duration=1.0)
         found = impulse_response(trunks, reverb, Air())
-        seconds = median_seconds(
-            lambda t=trunks, r=reverb: impulse_response(t, r, Air()), runs=1
-        )
+        seconds = median_seconds(lambda t=trunks, r=reverb: impulse_response(t, r, Air()), runs=1)
         rows.append(
             [
                 f"{count:,}",

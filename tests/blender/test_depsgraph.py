@@ -35,7 +35,9 @@ def read():
 
 
 def distance_along_x(scene, y=0.3, z=1.0):
-    return BvhCaster(scene).cast(np.array([[-5.0, y, z]]), np.array([[1.0, 0, 0]]), np.inf).distance[0]
+    return (
+        BvhCaster(scene).cast(np.array([[-5.0, y, z]]), np.array([[1.0, 0, 0]]), np.inf).distance[0]
+    )
 
 
 def test_mesh_round_trip_keeps_everything(empty_blender):
@@ -113,7 +115,10 @@ def test_geometry_nodes_instances_are_seen(empty_blender):
     group = bpy.data.node_groups.new("row", "GeometryNodeTree")
     group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
     group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    line, copy = group.nodes.new("GeometryNodeMeshLine"), group.nodes.new("GeometryNodeInstanceOnPoints")
+    line, copy = (
+        group.nodes.new("GeometryNodeMeshLine"),
+        group.nodes.new("GeometryNodeInstanceOnPoints"),
+    )
     line.inputs["Count"].default_value = 4
     line.inputs["Offset"].default_value = (2, 0, 0)
     start, end = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")

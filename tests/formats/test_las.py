@@ -49,7 +49,9 @@ def test_points_and_labels_come_back(tmp_path, name, far):
         assert (np.asarray(las[label]) == getattr(written.returns, label)).all(), label
     assert (np.asarray(las["object"]) == written.returns.instance).all()
     assert (np.asarray(las.classification) == np.array([1, 5, 5, 2])[written.returns.organ]).all()
-    assert np.asarray(las.scan_angle) * 0.006 == pytest.approx(np.rad2deg(written.elevation), abs=0.003)
+    assert np.asarray(las.scan_angle) * 0.006 == pytest.approx(
+        np.rad2deg(written.elevation), abs=0.003
+    )
 
 
 def test_the_header_by_hand(tmp_path):

@@ -1,21 +1,21 @@
 """T20's turtle against known angles, lengths and topology, and against a plain recursive turtle."""
 
+import itertools
+
 import numpy as np
 import pytest
+from references.turtle_plain import grow_plainly
 
 from forest_addon.growth.grammar import T20, derive
 from forest_addon.growth.turtle import CENTRE, SIDE, SYMMETRIC, interpret, parse
 from forest_addon.rng import stream
 from forest_addon.spec import Grammar, Jitter
-from references.turtle_plain import grow_plainly
 
 STILL = Jitter(length=0, angle_deg=0, twist_deg=0, raise_ratio=0, lean_deg=0, leaf_size=0)
 
 
 def skeleton(generations, grammar=None, jitter=STILL, seed=0):
-    return interpret(
-        derive(T20, generations), grammar or Grammar(), jitter, stream(seed, "test")
-    )
+    return interpret(derive(T20, generations), grammar or Grammar(), jitter, stream(seed, "test"))
 
 
 def test_mothers_and_roles_of_the_second_iteration():
@@ -63,7 +63,7 @@ def test_lengths_angles_and_orders_without_jitter():
     flat = [heading[p][:, :2] / np.linalg.norm(heading[p][:, :2], axis=1)[:, None] for p in pairs]
     for first, second in flat:
         assert first @ second == pytest.approx(-1)
-    for lower, upper in zip(flat[:-1], flat[1:], strict=True):
+    for lower, upper in itertools.pairwise(flat):
         assert lower[0] @ upper[0] == pytest.approx(np.cos(np.deg2rad(30)))
 
 

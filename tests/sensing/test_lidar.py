@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from references.rays_brute import BruteCaster
 
 from forest_addon.growth.trimesh import GROUND, WOOD, TriMesh
 from forest_addon.growth.tubes import tube
 from forest_addon.sensing import lidar
 from forest_addon.sensing.geometry import SceneGeometry
 from forest_addon.spec import Terrestrial, Tractor
-from references.rays_brute import BruteCaster
 
 
 def scene_with(*meshes):
@@ -57,10 +57,18 @@ def test_ground_and_sky_without_trees():
     assert lidar.hit_ground(scan)[:, down][:, seen].all()
 
 
-@pytest.mark.parametrize(("heading", "side", "x"), [(90, "right", 6.0), (-90, "left", 6.0), (90, "left", -4.0)])
+@pytest.mark.parametrize(
+    ("heading", "side", "x"), [(90, "right", 6.0), (-90, "left", 6.0), (90, "left", -4.0)]
+)
 def test_a_wall_beside_the_track(heading, side, x):
     tractor = Tractor(
-        position=(1.0, 0.0, 1.0), track=0.1, gap=9, reach=8.0, top=4.0, heading_deg=heading, side=side
+        position=(1.0, 0.0, 1.0),
+        track=0.1,
+        gap=9,
+        reach=8.0,
+        top=4.0,
+        heading_deg=heading,
+        side=side,
     )
     scan = lidar.drive(tractor, BruteCaster(scene_with(ground(), wall(x))))
     high = scan.angle > -np.arctan(1 / 5)  # lower beams meet the ground before the wall
@@ -70,9 +78,7 @@ def test_a_wall_beside_the_track(heading, side, x):
 
 
 def test_a_terrestrial_scan_of_ground_and_trunk():
-    trunk = TriMesh.of_part(
-        *tube(np.array([[5.0, 0, -1], [5.0, 0, 9]]), np.full(2, 0.2), 64), WOOD
-    )
+    trunk = TriMesh.of_part(*tube(np.array([[5.0, 0, -1], [5.0, 0, 9]]), np.full(2, 0.2), 64), WOOD)
     scanner = Terrestrial(
         position=(0.0, 0.0, 1.5),
         azimuth_deg=(-10.0, 10.0),
@@ -106,7 +112,8 @@ def test_a_terrestrial_scan_of_ground_and_trunk():
 
 def test_a_full_circle_has_no_beam_twice():
     cloud = lidar.sweep(
-        Terrestrial(angle_step_deg=5.0, elevation_deg=(-40.0, -10.0)), BruteCaster(scene_with(ground()))
+        Terrestrial(angle_step_deg=5.0, elevation_deg=(-40.0, -10.0)),
+        BruteCaster(scene_with(ground())),
     )
     assert cloud.pulses == 72 * 7
     assert len(np.unique(np.round(cloud.position, 6), axis=0)) == len(cloud.position)

@@ -114,7 +114,9 @@ def test_adding_a_species_moves_no_tree_of_another():
     hazel = Planting(species="hazelnut", expected=50)
     alone = plan_stand(9, FIELD, [maple])
     for both in (plan_stand(9, FIELD, [maple, hazel]), plan_stand(9, FIELD, [hazel, maple])):
-        place = 0 if both is not None and (both.position[: len(alone)] == alone.position).all() else 1
+        place = (
+            0 if both is not None and (both.position[: len(alone)] == alone.position).all() else 1
+        )
         mine = both.species == (place if len(both) else 0)
         for name in ("position", "rotation", "scale", "variant"):
             assert (getattr(both, name)[mine] == getattr(alone, name)).all()
