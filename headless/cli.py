@@ -50,6 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except SpecError as problem:
             return _fail(problem, 2)
         except OSError as problem:
+            sys.unraisablehook = _say_nothing  # files that fail again when they are dropped
             return _fail(_in_words(problem), 1)
         except ValueError as problem:
             return _fail(problem, 2)
@@ -98,7 +99,10 @@ def _run(chosen: argparse.Namespace) -> int:
             settings = replace(settings, seed=chosen.seed)
         except SpecError as problem:
             raise SpecError("--seed", problem.problem) from None
-    from .pipeline import run_scene
+    from .progress import hushed
+
+    with hushed():  # Blender says where its colours come from
+        from .pipeline import run_scene
 
     run_scene(settings, chosen.scene.resolve().parent, chosen.out, quiet=chosen.quiet)
     return 0
@@ -115,6 +119,10 @@ def _bench(chosen: argparse.Namespace) -> int:
 def _fail(problem: object, code: int) -> int:
     print(f"error: {problem}", file=sys.stderr)
     return code
+
+
+def _say_nothing(_: object) -> None:
+    """In place of a message that only repeats what was said."""
 
 
 def _in_words(problem: OSError) -> str:

@@ -99,10 +99,10 @@ def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) 
 
     set_stage(scene, settings.output.preview_size)
     if settings.output.blend:
-        with stages.stage("write forest.blend"), hushed():
+        with stages.stage("write forest.blend"), hushed(errors=True):
             save_blend(run.path("forest.blend"))
     if settings.output.glb:
-        with stages.stage("write forest.glb"), hushed():
+        with stages.stage("write forest.glb"), hushed(errors=True):
             export_glb(scene, run.path("forest.glb"))
     if settings.output.preview:
         with stages.stage("render preview.png") as progress, hushed():

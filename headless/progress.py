@@ -53,16 +53,22 @@ class Stages:
 
 
 @contextmanager
-def hushed() -> Iterator[None]:
-    """Keep Blender's own chatter off standard output; it is written below Python, so there."""
+def hushed(*, errors: bool = False) -> Iterator[None]:
+    """Keep Blender's own chatter off standard output; it is written below Python, so there.
+
+    errors : standard error too, where an operator prints the traceback that it also raises.
+    """
     sys.stdout.flush()
-    kept = os.dup(1)
+    streams = (1, 2) if errors else (1,)
+    kept = [os.dup(stream) for stream in streams]
     nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
+    for stream in streams:
+        os.dup2(nowhere, stream)
+    os.close(nowhere)
     try:
         yield
     finally:
         sys.stdout.flush()
-        os.dup2(kept, 1)
-        os.close(kept)
-        os.close(nowhere)
+        for stream, original in zip(streams, kept, strict=True):
+            os.dup2(original, stream)
+            os.close(original)

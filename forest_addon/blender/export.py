@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 
 import bpy
@@ -23,7 +24,7 @@ def save_blend(path: str | os.PathLike[str]) -> None:
                 filepath=str(partial), copy=True, compress=True, check_existing=False
             )
         except RuntimeError as problem:
-            raise OSError(_first_line(problem)) from None
+            raise _refused(problem, path) from None
 
 
 def export_glb(scene: bpy.types.Scene, path: str | os.PathLike[str]) -> None:
@@ -58,11 +59,16 @@ def export_glb(scene: bpy.types.Scene, path: str | os.PathLike[str]) -> None:
                     export_yup=True,
                 )
             except RuntimeError as problem:
-                raise OSError(_first_line(problem)) from None
+                raise _refused(problem, path) from None
     finally:
         for thing in scene.objects:
             thing.select_set(thing in selected)
 
 
-def _first_line(problem: Exception) -> str:
-    return str(problem).strip().splitlines()[0].removeprefix("Error: ")
+def _refused(problem: RuntimeError, path: str | os.PathLike[str]) -> OSError:
+    """What the system refused, found in what an operator reports."""
+    text = str(problem).strip()
+    for code in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EROFS):
+        if os.strerror(code) in text:
+            return OSError(code, os.strerror(code), os.fspath(path))
+    return OSError(text.splitlines()[-1].removeprefix("Error: ") if text else "Blender failed")

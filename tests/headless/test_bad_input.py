@@ -1,0 +1,202 @@
+"""Bad input ends with one clear sentence and exit code 2; trouble while running keeps what is whole."""
+
+import errno
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("bpy")
+
+ROOT = Path(__file__).resolve().parents[2]
+SMALL = Path(__file__).with_name("small.toml")
+
+
+def start(*words, **options):
+    return subprocess.Popen(
+        [sys.executable, "-m", "headless", *map(str, words)],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **options,
+    )
+
+
+def ended(process):
+    out, said = process.communicate(timeout=200)
+    assert "Traceback" not in said
+    return process.returncode, said
+
+
+def one_sentence(process, code=2):
+    returned, said = ended(process)
+    assert returned == code, said
+    lines = [line for line in said.splitlines() if line.startswith("error: ")]
+    assert len(lines) == 1, said
+    return lines[0]
+
+
+def scene_with(tmp_path, text):
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[forest]\nsize = [-3, 4]", "forest.size[0]: -3 m is out of range; use larger than 0"),
+        ("[forest]\nsise = [3, 4]", 'forest.sise: is not known; did you mean "size"?'),
+        ("this is not toml", "is not TOML"),
+        ('[[plantings]]\nspecies = "oak"\nexpected = 2', "use one of apple, hazelnut, maple"),
+        ('[[plantings]]\nspecies = "oak.toml"\nexpected = 2', "there is no such file"),
+        (
+            '[[plantings]]\nspecies = "maple"\nexpected = 3\n'
+            "gaussians = [{ centre = [9e6, 0], width = [1, 1] }]",
+            "put nothing on the field",
+        ),
+        ('[[plantings]]\nspecies = "maple"\nexpected = 1e9', "plantings[0].expected"),
+    ],
+)
+def test_scenes_that_cannot_be_used(tmp_path, text, words):
+    scene = scene_with(tmp_path, text)
+    said = one_sentence(start("run", scene, "--out", tmp_path / "o"))
+    assert words in said
+    assert not (tmp_path / "o" / "run.json").exists()
+
+
+def test_a_missing_scene_file(tmp_path):
+    said = one_sentence(start("run", tmp_path / "none.toml", "--out", tmp_path / "o"))
+    assert "none.toml: there is no such file" in said
+
+
+def test_a_negative_seed(tmp_path):
+    assert "--seed: -1 is out of range" in one_sentence(start("run", SMALL, "--seed", "-1"))
+
+
+@pytest.mark.parametrize("trouble", ["missing", "not an STL", "cut off"])
+def test_template_files_that_cannot_be_used(tmp_path, trouble):
+    wood = tmp_path / "wood.stl"
+    whole = (ROOT / "assets" / "templates" / "maple" / "wood.stl").read_bytes()
+    if trouble == "not an STL":
+        wood.write_text("<html>not found</html>")
+    elif trouble == "cut off":
+        wood.write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "mine.toml").write_text('name = "mine"\n[template]\nwood = "wood.stl"\n')
+    scene = scene_with(tmp_path, '[[plantings]]\nspecies = "mine.toml"\nexpected = 2')
+    said = one_sentence(start("run", scene, "--out", tmp_path / "o"))
+    assert "mine.toml" in said
+    assert "wood.stl" in said
+
+
+def test_an_output_folder_that_cannot_be_written_to(tmp_path):
+    (tmp_path / "file").write_text("x")
+    said = one_sentence(start("run", SMALL, "--out", tmp_path / "file" / "o"))
+    assert "cannot be written to" in said
+    assert "choose another folder" in said
+
+
+def test_an_unknown_command_shows_the_usage():
+    process = start("rnu")
+    code, said = ended(process)
+    assert code == 2
+    assert "usage" in said
+
+
+def no_half_written_files(out):
+    assert not [p.name for p in out.iterdir() if "partial" in p.name]
+
+
+def test_a_full_disk(tmp_path):
+    """A folder of 3 MB: some results fit, forest.glb does not."""
+    out = tmp_path / "disk"
+    out.mkdir()
+    if not shutil.which("unshare"):
+        pytest.skip("a small disk needs util-linux' unshare")
+    inside = (
+        f"mount -t tmpfs -o size=3m tmpfs {out} && {sys.executable} -m headless run {SMALL} --out {out}"
+        f"; code=$?; ls -A {out}; exit $code"
+    )
+    process = subprocess.run(
+        ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", inside],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=200,
+    )
+    if "mount:" in process.stderr or "unshare:" in process.stderr:
+        pytest.skip("this system lets nobody mount a small disk")
+    assert process.returncode == 1, process.stderr
+    assert "Traceback" not in process.stderr
+    lines = [line for line in process.stderr.splitlines() if line.startswith("error: ")]
+    assert len(lines) == 1
+    assert "disk" in lines[0]
+    files = process.stdout.split()
+    assert "trees.csv" in files
+    assert "run.json" not in files
+    assert not [name for name in files if "partial" in name]
+
+
+def test_a_file_that_may_not_grow(tmp_path):
+    """Without mounting: the system refuses files above 300 kB with EFBIG."""
+
+    def limit():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
+
+    said = one_sentence(start("run", SMALL, "--out", tmp_path, preexec_fn=limit), code=1)
+    assert "disk" in said or os.strerror(errno.EFBIG) in said
+    assert (tmp_path / "trees.csv").exists()
+    no_half_written_files(tmp_path)
+
+
+def interrupt_when(process, ready, patience=120):
+    end = time.monotonic() + patience
+    while not ready():
+        assert process.poll() is None, process.communicate()[1]
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    sent = time.monotonic()
+    code, said = ended(process)
+    return code, said, time.monotonic() - sent
+
+
+def test_ctrl_c_between_sensors_keeps_finished_files(tmp_path):
+    process = start("run", SMALL, "--out", tmp_path)
+    code, said, _ = interrupt_when(process, (tmp_path / "trees.csv").exists)
+    assert code == 130
+    assert "interrupted; finished files are kept" in said
+    assert (tmp_path / "trees.csv").exists()
+    assert not (tmp_path / "run.json").exists()
+    no_half_written_files(tmp_path)
+
+
+def test_ctrl_c_ends_a_long_render_within_seconds(tmp_path):
+    text = SMALL.read_text().split("[output]")[0]
+    scene = scene_with(
+        tmp_path, text + "[output]\npreview_size = [1600, 1200]\npreview_samples = 4000\n"
+    )
+    out = tmp_path / "o"
+    process = start("run", scene, "--out", out)
+
+    def rendering():
+        if not (out / "forest.glb").exists():
+            return False
+        time.sleep(2.0)
+        return True
+
+    code, said, waited = interrupt_when(process, rendering)
+    assert code == 130
+    assert "interrupted; finished files are kept" in said
+    assert waited < 30  # two seconds of patience and what a loaded machine adds; the render takes an hour
+    assert (out / "forest.glb").exists()
+    assert not (out / "preview.png").exists()
+    no_half_written_files(out)

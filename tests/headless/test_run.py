@@ -1,0 +1,189 @@
+"""A whole run, as a user starts it: a process, a scene file, an output folder."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+
+pytest.importorskip("bpy")
+
+ROOT = Path(__file__).resolve().parents[2]
+SMALL = Path(__file__).with_name("small.toml")
+RESULTS = [
+    *("cloud.laz", "cloud.png", "echo.npz", "echo.png", "forest.blend", "forest.glb"),
+    *("leaves.npz", "preview.png", "report.html", "reverb.png", "reverb.wav", "run.json"),
+    *("scan.npz", "scan.png", "trees.csv"),
+]
+
+
+def headless(*words, **options):
+    return subprocess.run(
+        [sys.executable, "-m", "headless", *map(str, words)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        **options,
+    )
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """One run of the small scene."""
+    out = tmp_path_factory.mktemp("run")
+    ended = headless("run", SMALL, "--out", out)
+    assert ended.returncode == 0, ended.stderr
+    return out, ended
+
+
+def test_every_result_is_there_and_nothing_else(done):
+    out, ended = done
+    assert sorted(p.name for p in out.iterdir()) == RESULTS
+    assert all((out / name).stat().st_size > 100 for name in RESULTS)
+    assert ended.stdout == ""  # Blender's chatter is kept away
+    assert "report.html" in ended.stderr.splitlines()[-1]
+
+
+def test_the_record_tells_how_to_run_it_again(done):
+    record = json.loads((done[0] / "run.json").read_text())
+    assert record["seed"] == 3
+    assert record["ray_engine"] == "bvhtree"
+    assert record["settings"]["forest"]["size"] == [10.0, 10.0]
+    assert record["settings"]["sensors"][0]["name"] == "scan"
+    assert set(record["versions"]) == {"forest_sensing", "blender", "python", "numpy", "scipy"}
+    assert all(took >= 0 for took in record["stage_seconds"].values())
+    assert sorted(record["files"]) == sorted(set(RESULTS) - {"report.html"})
+
+
+def test_results_agree_with_each_other(done):
+    out = done[0]
+    trees = np.genfromtxt(out / "trees.csv", delimiter=",", names=True, dtype=None, encoding="utf8")
+    with np.load(out / "leaves.npz") as leaves:
+        assert len(leaves["radius"]) == trees["leaves"].sum()
+        assert set(leaves["tree"]) == set(trees["tree"])
+        area = [np.pi * (leaves["radius"][leaves["tree"] == t] ** 2).sum() for t in trees["tree"]]
+        assert area == pytest.approx(trees["leaf_area_m2"], rel=1e-9)
+        assert str(leaves["radius_unit"]) == "m"
+        centre, leaf_tree, leaf_number = leaves["centre"], leaves["tree"], leaves["leaf"]
+        length = leaves["length"]
+    cloud = laspy.read(out / "cloud.laz")
+    hit = np.flatnonzero(np.asarray(cloud.leaf) >= 0)
+    assert len(hit) > 20
+    # A point on a leaf lies on that leaf of that tree, as the truth has it.
+    row = {(t, n): i for i, (t, n) in enumerate(zip(leaf_tree, leaf_number, strict=True))}
+    own = np.array([row[int(cloud.tree[i]), int(cloud.leaf[i])] for i in hit])
+    away = np.linalg.norm(cloud.xyz[hit] - centre[own], axis=1)
+    assert (away <= length[own]).all()
+    with np.load(out / "scan.npz") as scan:
+        assert scan["distance"].shape == (len(scan["track"]), len(scan["angle"]))
+        assert ((scan["organ"] < 0) == np.isinf(scan["distance"])).all()
+
+
+def test_the_blend_file_opens_with_everything_in_named_collections(done):
+    code = """
+import bpy, sys
+bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
+forest = bpy.context.scene.collection.children["Forest"]
+print(sorted(c.name for c in forest.children), len(forest.children["Trees"].all_objects),
+      bpy.data.objects["cloud points"].data.attributes["organ"].domain, bpy.context.scene.camera.name)
+"""
+    shown = subprocess.run(
+        [sys.executable, "-c", code, str(done[0] / "forest.blend")], capture_output=True, text=True
+    )
+    trees = len((done[0] / "trees.csv").read_text().splitlines()) - 1
+    expected = f"['Ground', 'Results', 'Sensors', 'Trees'] {trees} POINT Forest camera"
+    assert expected in shown.stdout, shown.stdout + shown.stderr
+
+
+def test_the_glb_is_valid_and_shares_meshes(done, tmp_path):
+    raw = (done[0] / "forest.glb").read_bytes()
+    length = int.from_bytes(raw[12:16], "little")
+    document = json.loads(raw[20 : 20 + length])
+    trees = len((done[0] / "trees.csv").read_text().splitlines()) - 1
+    assert len(document["nodes"]) >= trees + 1
+    assert len(document["meshes"]) <= 3  # two variants and the ground
+    validator = _gltf_validator()
+    if validator is None:
+        pytest.skip("Khronos' glTF validator needs node and npm, or they are offline")
+    script = (
+        f"require({json.dumps(str(validator))})"
+        ".validateBytes(new Uint8Array(require('fs').readFileSync(process.argv[1])))"
+        ".then(r => console.log(JSON.stringify(r.issues)))"
+    )
+    told = subprocess.run(
+        ["node", "-e", script, str(done[0] / "forest.glb")], capture_output=True, text=True
+    )
+    issues = json.loads(told.stdout)
+    assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"][:5]
+
+
+def _gltf_validator():
+    """The folder of the npm package gltf-validator, fetched once into build/."""
+    home = ROOT / "build" / "gltf-validator"
+    package = home / "node_modules" / "gltf-validator"
+    if not shutil.which("node") or not shutil.which("npm"):
+        return None
+    if not package.is_dir():
+        home.mkdir(parents=True, exist_ok=True)
+        wanted = ["npm", "install", "--silent", "--prefix", str(home), "gltf-validator@2.0.0-dev.3.10"]
+        if subprocess.run(wanted, capture_output=True, timeout=120).returncode:
+            return None
+    return package
+
+
+def test_the_report_holds_its_pictures(done):
+    page = (done[0] / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 5
+    assert "<script" not in page
+    assert "http" not in page.replace("http-equiv", "")
+
+
+def test_the_same_seed_gives_the_same_results_in_another_process(done, tmp_path):
+    ended = headless("run", SMALL, "--out", tmp_path, "--quiet")
+    assert ended.returncode == 0
+    assert ended.stderr == ""
+    for name in ("trees.csv", "cloud.laz", "reverb.wav", "scan.npz", "echo.npz", "leaves.npz"):
+        assert (tmp_path / name).read_bytes() == (done[0] / name).read_bytes(), name
+
+
+def test_another_seed_gives_another_forest(done, tmp_path):
+    bare = tmp_path / "bare.toml"
+    text = SMALL.read_text().split("[[sensors]]")[0]
+    bare.write_text(text + "[output]\nblend = false\nglb = false\npreview = false\n")
+    assert headless("run", bare, "--out", tmp_path / "o", "--seed", 4).returncode == 0
+    assert (tmp_path / "o" / "trees.csv").read_bytes() != (done[0] / "trees.csv").read_bytes()
+
+
+def test_without_trees_the_sensors_see_the_ground_only(tmp_path):
+    scene = tmp_path / "none.toml"
+    text = SMALL.read_text().replace("expected = 4", "expected = 0")
+    scene.write_text(text)
+    ended = headless("run", scene, "--out", tmp_path / "o")
+    assert ended.returncode == 0, ended.stderr
+    assert sorted(p.name for p in (tmp_path / "o").iterdir()) == RESULTS
+    with np.load(tmp_path / "o" / "scan.npz") as scan:
+        assert set(np.unique(scan["organ"])) == {-1, 3}
+    with np.load(tmp_path / "o" / "echo.npz") as echo:
+        assert not echo["impulse_response"].any()
+        assert np.isfinite(echo["spectrum"]).all()
+
+
+def test_a_species_file_and_stl_files_of_ones_own(tmp_path):
+    for part in ("wood", "leaves"):
+        shutil.copy(ROOT / "assets" / "templates" / "apple" / f"{part}.stl", tmp_path)
+    (tmp_path / "mine.toml").write_text(
+        'name = "mine"\n[template]\nwood = "wood.stl"\nleaves = "leaves.stl"\n'
+        "[grammar]\ngenerations = 4\n"
+    )
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        '[[plantings]]\nspecies = "mine.toml"\nexpected = 3\n'
+        "[output]\nblend = false\nglb = false\npreview = false\n"
+    )
+    assert headless("run", scene, "--out", tmp_path / "o").returncode == 0
+    assert "mine" in (tmp_path / "o" / "trees.csv").read_text()
