@@ -105,7 +105,8 @@ def coloured_points(name: str) -> bpy.types.Material:
 
 def _principled(name: str) -> tuple[bpy.types.Material, bpy.types.Node]:
     material = bpy.data.materials.new(name)
-    material.use_nodes = True
+    if material.node_tree is None:  # Blender 5 makes it with the material
+        material.use_nodes = True
     nodes = material.node_tree.nodes
     return material, next(n for n in nodes if n.type == "BSDF_PRINCIPLED")
 

@@ -125,7 +125,8 @@ def _light(scene: bpy.types.Scene) -> None:
     _replace(scene, sun)
 
     world = bpy.data.worlds.get(SKY) or bpy.data.worlds.new(SKY)
-    world.use_nodes = True
+    if world.node_tree is None:
+        world.use_nodes = True
     nodes, links = world.node_tree.nodes, world.node_tree.links
     nodes.clear()
     # A gradient from haze at the horizon to blue above; the same in every version of Blender.
