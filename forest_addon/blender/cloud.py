@@ -22,7 +22,7 @@ def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types
     """Put a sensor's cloud into a collection, in place of that sensor's last one."""
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(cloud.position))
-    _fill(data, "position", None, cloud.position.astype(np.float32), "vector")
+    _fill(data, "position", "FLOAT_VECTOR", cloud.position.astype(np.float32), "vector")
     _fill(data, "distance", "FLOAT", cloud.returns.distance.astype(np.float32))
     _fill(data, "intensity", "FLOAT", cloud.intensity.astype(np.float32))
     for label in ("tree", "species", "organ", "leaf"):
@@ -72,7 +72,7 @@ def _points_group() -> bpy.types.NodeTree:
 
 
 def _fill(
-    data: bpy.types.Mesh, name: str, kind: str | None, values: np.ndarray, key: str = "value"
+    data: bpy.types.Mesh, name: str, kind: str, values: np.ndarray, key: str = "value"
 ) -> None:
-    attribute = data.attributes.new(name, kind, "POINT") if kind else data.attributes[name]
+    attribute = data.attributes.get(name) or data.attributes.new(name, kind, "POINT")
     attribute.data.foreach_set(key, np.ascontiguousarray(values).ravel())

@@ -32,6 +32,7 @@ def main(archive: str, answer: str) -> None:
     from scipy.special import j1  # compiled code, on this Blender's numpy
 
     j1(1.0)
+    pressed = press_every_button(Path(answer).parent / "results")
     disabled = bpy.ops.preferences.addon_disable(module=MODULE)
     result = {
         "lacking": lacking,
@@ -40,12 +41,39 @@ def main(archive: str, answer: str) -> None:
         "origins": origins,
         "wheels": wheels,
         "added": sorted(enabled - before),
+        "pressed": pressed,
         "disabled": sorted(disabled),
         "still_loaded": addon_utils.check(MODULE)[1],
         "left": sorted(snapshot() - before),
         "lost": sorted(before - snapshot()),
     }
     Path(answer).write_text(json.dumps(result, indent=1))
+
+
+def press_every_button(folder: Path) -> dict[str, list[str]]:
+    """Builds a small forest and runs each sensor; then an empty file, as it was before.
+
+    The answer of each operator, the kinds of what it left in the panel, and the files that were saved.
+    """
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    props = bpy.context.scene.forest_sensing
+    props.forest.size = (6, 6)
+    planting = props.plantings.add()
+    planting.species = "hazelnut"
+    planting.use_expected, planting.expected = True, 3
+    props.terrestrial.angle_step_deg = 6
+    props.tractor.step = 1
+    props.sonar.max_range = 5
+    props.reverb.duration = 0.1
+    props.output = str(folder)
+    pressed = {}
+    for name in ("build", "sweep", "scan", "ping", "clap"):
+        pressed[name] = sorted(getattr(bpy.ops.forest, name)())
+    pressed["results"] = sorted(result.name for result in props.results)
+    pressed["objects"] = sorted({thing.type for thing in bpy.data.objects})
+    pressed["files"] = sorted(file.name for file in folder.iterdir())
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    return pressed
 
 
 def has(name: str) -> bool:

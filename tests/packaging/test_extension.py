@@ -120,6 +120,14 @@ def test_what_blender_lacks_comes_from_the_wheels(session):
     assert set(session["wheels"].items()) == declared
 
 
+def test_every_button_works_after_installation(session):
+    pressed = session["pressed"]
+    assert all(pressed[name] == ["FINISHED"] for name in ("build", "sweep", "scan", "ping", "clap"))
+    assert pressed["results"] == ["forest", "reverb", "sonar", "terrestrial", "tractor"]
+    assert pressed["objects"] == ["EMPTY", "MESH"]
+    assert pressed["files"] == ["cloud.laz", "echo.npz", "reverb.wav", "scan.npz"]
+
+
 def test_disabling_leaves_nothing_behind(session):
     assert session["disabled"] == ["FINISHED"]
     assert not session["still_loaded"]

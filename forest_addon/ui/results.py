@@ -1,0 +1,172 @@
+"""What a run found, put where a user sees it: points in the scene, figures in the panel, a file.
+
+The panel keeps the last result of each kind; a new one takes its place.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..blender.cloud import show_cloud
+from ..blender.forest import RESULTS, part
+from ..growth.trimesh import GROUND, LEAF, WOOD
+from ..sensing import metrics
+from ..sensing.lidar import Cloud, TractorScan, to_cloud
+from ..sensing.reverb import ImpulseResponse
+from ..sensing.sonar import Echo
+from ..spec import Scene, Sensor, Tractor
+from ..stand.forest import Forest
+from .picture import FLOOR_DB, draw_level
+
+Figures = dict[str, str]
+
+
+def keep_forest(context: bpy.types.Context, settings: Scene, forest: Forest, seconds: float) -> str:
+    """Note what stands now; results of the forest before go. Returns the figures in a sentence."""
+    props = context.scene.forest_sensing
+    props.results.clear()
+    figures = forest_figures(settings, forest)
+    _note(props, "forest", settings.name, figures | {"Time": f"{seconds:.1f} s"})
+    return f"{figures['Trees']} trees with {figures['Leaves']} leaves in {seconds:.1f} s"
+
+
+def keep_finding(
+    context: bpy.types.Context,
+    sensor: Sensor,
+    found: TractorScan | Cloud | Echo | ImpulseResponse,
+    seconds: float,
+) -> str:
+    """Show, note and draw what a sensor found. Returns the key figures in a sentence."""
+    props = context.scene.forest_sensing
+    figures, sentence = figures_of(found)
+    result = _note(props, sensor.kind, sensor.TITLE, figures | {"Time": f"{seconds:.1f} s"})
+    if isinstance(found, TractorScan | Cloud):
+        cloud = to_cloud(found, sensor) if isinstance(sensor, Tractor) else found
+        points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
+        select(context, points)
+        result.shown = points.name
+    else:
+        signal = found.envelope if isinstance(found, Echo) else found.samples
+        result.picture, drawn = draw_level(f"Forest {sensor.name}", signal)
+        result.caption = f"{1e3 * drawn / found.sample_rate:.0f} ms, {-FLOOR_DB:.0f} dB"
+    return f"{sentence} in {seconds:.1f} s"
+
+
+def save_finding(context: bpy.types.Context, folder: Path, sensor: Sensor, found: Any) -> Path:
+    """Write a result to a folder and note the file in the panel.
+
+    Raises
+    ------
+    OSError : it cannot be written.
+    """
+    from ..formats.findings import (
+        write_finding,  # brings in laspy, which showing a result does not need
+    )
+
+    path = write_finding(folder, sensor.name, found)
+    context.scene.forest_sensing.results[sensor.kind].file = str(path)
+    return path
+
+
+def select(context: bpy.types.Context, thing: bpy.types.Object) -> None:
+    """Make an object visible, active and the only one selected."""
+    layer = context.view_layer
+    for home in _layers(layer.layer_collection):
+        if thing.name in home.collection.all_objects:
+            home.exclude = home.hide_viewport = home.collection.hide_viewport = False
+    thing.hide_viewport = False
+    for other in layer.objects.selected:
+        other.select_set(False)
+    if thing.name in layer.objects:
+        thing.hide_set(False)
+        thing.select_set(True)
+        layer.objects.active = thing
+
+
+def forest_figures(settings: Scene, forest: Forest) -> Figures:
+    """Trees, leaves and triangles of a forest."""
+    stand = forest.stand
+    counts = np.bincount(stand.species, minlength=len(forest.labels))
+    variants = [forest.variant_of(tree) for tree in range(len(stand))]
+    area = settings.forest.size[0] * settings.forest.size[1]
+    figures = {"Trees": f"{len(stand):,}"}
+    figures |= {
+        label.title(): f"{count:,}" for label, count in zip(forest.labels, counts, strict=True)
+    }
+    figures["Density"] = f"{len(stand) / area * 1e4:,.0f} trees/ha"
+    figures["Leaves"] = f"{sum(len(tree.leaves) for tree in variants):,}"
+    figures["Triangles"] = f"{sum(len(tree.mesh.triangles) for tree in variants):,}"
+    if stand.removed:
+        figures["Too Close"] = f"{stand.removed:,} taken away"
+    return figures
+
+
+def figures_of(found: TractorScan | Cloud | Echo | ImpulseResponse) -> tuple[Figures, str]:
+    """The key figures of a result, and the most telling of them in a few words."""
+    if isinstance(found, TractorScan):
+        hits = int(np.count_nonzero(found.organ >= 0))
+        figures = {"Beams": f"{found.organ.size:,}", "Points": f"{hits:,}"}
+        return figures | _organs(found.organ, found.engine), f"{hits:,} points"
+    if isinstance(found, Cloud):
+        seen = np.unique(found.returns.tree[found.returns.tree >= 0])
+        points = f"{len(found.position):,}"
+        figures = {"Beams": f"{found.pulses:,}", "Points": points, "Trees Seen": f"{len(seen):,}"}
+        return figures | _organs(found.returns.organ, found.engine), f"{points} points"
+    return _echo_figures(found) if isinstance(found, Echo) else _reverb_figures(found)
+
+
+def _organs(organ: np.ndarray, engine: str) -> Figures:
+    named = {"Leaves": LEAF, "Wood": WOOD, "Ground": GROUND}
+    figures = {name: _share(organ == code) for name, code in named.items()}
+    if np.any(organ < 0):
+        figures["Sky"] = _share(organ < 0)
+    return figures | {"Rays By": engine}
+
+
+def _echo_figures(echo: Echo) -> tuple[Figures, str]:
+    heard = int(np.count_nonzero(echo.heard))
+    figures = {"Leaves Heard": f"{heard:,} of {echo.leaves:,}", "Behind Wood": f"{echo.hidden:,}"}
+    peak = int(np.argmax(echo.envelope)) if np.any(echo.envelope) else None
+    if peak is None:
+        return figures | {"Level": "silence"}, "silence: no leaf in the beam"
+    figures["Strongest"] = f"{echo.time[peak] * echo.sound_speed / 2:.2f} m away"
+    figures["Level"] = f"{20 * np.log10(echo.envelope[peak]):.1f} dB re 1 m"
+    return figures, f"{heard:,} leaves heard"
+
+
+def _reverb_figures(response: ImpulseResponse) -> tuple[Figures, str]:
+    seconds = metrics.reverberation_time(response.samples, response.sample_rate)
+    clarity = metrics.clarity_db(response.samples, response.sample_rate)
+    figures = {
+        "Trunks Heard": f"{response.trunks:,}",
+        "Beyond Field": f"{response.continued:,}",
+        "Reverb Time": f"{seconds:.2f} s" if np.isfinite(seconds) else "not reached",
+        "Clarity C50": f"{clarity:.1f} dB" if np.isfinite(clarity) else "no late sound",
+        "Direct Path": "clear" if response.direct_clear else "blocked by wood",
+    }
+    return figures, f"{response.trunks:,} trunks heard"
+
+
+def _share(mask: np.ndarray) -> str:
+    return f"{100 * float(np.mean(mask)):.1f} %" if mask.size else "0 %"
+
+
+def _note(props: Any, name: str, title: str, figures: Figures) -> Any:
+    """The panel's entry of this name, emptied and filled anew."""
+    result = props.results.get(name) or props.results.add()
+    result.name, result.title = name, title
+    result.shown = result.file = ""
+    result.picture = None
+    result.figures.clear()
+    for label, value in figures.items():
+        figure = result.figures.add()
+        figure.name, figure.value = label, value
+    return result
+
+
+def _layers(top: bpy.types.LayerCollection) -> list[bpy.types.LayerCollection]:
+    return [top, *(inner for child in top.children for inner in _layers(child))]

@@ -1,0 +1,126 @@
+"""Panels drawn onto a layout that notes what it is given: every property and operator exists.
+
+Whether it looks well is seen in the real application only; these tests keep drawing from failing there.
+"""
+
+from types import SimpleNamespace
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon.ui import lists, panels, properties, requirements
+
+
+class Layout:
+    """Stands for Blender's: checks names, and keeps what would be shown."""
+
+    def __init__(self, seen):
+        self.seen = seen
+
+    def _inner(self, heading="", **_):
+        self.seen.append(heading)
+        return Layout(self.seen)
+
+    row = column = box = split = _inner
+
+    def panel(self, name):
+        return Layout(self.seen), Layout(self.seen)
+
+    def prop(self, group, name, index=-1, text=None, placeholder=""):
+        known = group.bl_rna.properties[name]
+        assert index < 0 or known.is_array
+        self.seen.append(known.name if text is None else text)
+
+    def operator(self, name, text=None, icon="NONE", emboss=True):
+        room, _, verb = name.partition(".")
+        label = getattr(getattr(bpy.ops, room), verb).get_rna_type().name
+        self._known_icon(icon)
+        self.seen.append(label if text is None else text)
+        return SimpleNamespace()
+
+    def label(self, text="", icon="NONE"):
+        self._known_icon(icon)
+        self.seen.append(text)
+
+    def template_list(self, kind, name, owner, items, active_owner, active, rows):
+        assert hasattr(bpy.types, kind)
+        assert active in active_owner.bl_rna.properties
+        for item in getattr(owner, items):
+            shown = next(cls for cls in lists.CLASSES if cls.__name__ == kind)
+            shown.draw_item(None, None, self, owner, item, 0, active_owner, active)
+
+    def template_icon(self, icon_value, scale):
+        assert scale > 0  # icons have numbers only where there is a window
+
+    def separator(self):
+        pass
+
+    def _known_icon(self, icon):
+        icons = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items
+        assert icon in icons
+
+
+def drawn(context=None):
+    """All texts of all panels that Blender would draw now."""
+    context = context or bpy.context
+    seen = []
+    for panel in panels.CLASSES:
+        if not hasattr(panel, "poll") or panel.poll(context):
+            canvas = SimpleNamespace(layout=Layout(seen), **_own(panel))
+            for part in ("draw_header_preset", "draw"):
+                if hasattr(panel, part):
+                    getattr(panel, part)(canvas, context)
+    return seen
+
+
+def _own(panel):
+    return {name: getattr(panel, name) for name in ("kind", "operator") if hasattr(panel, name)}
+
+
+def test_a_newcomer_sees_one_button_and_a_way_to_open_a_file(props):
+    seen = drawn()
+    assert "Build Demo Forest" in seen
+    assert "Open Scene File" in seen
+    assert "Seed" not in seen
+
+
+def test_every_setting_has_its_place(small):
+    small.plantings[0].gaussians.add()
+    seen = drawn()
+    for group in properties.GROUPS.values():
+        for name in group.shown:
+            prop = {p.identifier: p for p in group.bl_rna.properties}[name]
+            label = prop.name.partition(" (")[0]
+            assert any(text.startswith(label) for text in seen), f"{group.__name__}.{name}"
+
+
+def test_labels_fit_beside_their_values(small):
+    """At Blender's standard width of the sidebar; measured on photographs of it."""
+    small.plantings[0].gaussians.add()
+    assert [text for text in drawn() if len(text) > 28] == []
+    for group in properties.GROUPS.values():
+        for name in group.shown:
+            label = {p.identifier: p for p in group.bl_rna.properties}[name].name
+            assert len(label) <= 15, f"{group.__name__}.{name}: {label}"
+
+
+def test_results_are_shown(small):
+    for name in ("build", "sweep", "ping", "clap"):
+        getattr(bpy.ops.forest, name)()
+    seen = drawn()
+    assert {"Trees", "Points", "Leaves Heard", "Trunks Heard"} <= set(seen)
+    assert seen.count("Time") == 4
+    assert any(text.endswith(" ms, 80 dB") for text in seen)
+
+
+def test_an_empty_list_says_so(small):
+    small.plantings.clear()
+    assert any("No trees" in text for text in drawn())
+
+
+def test_what_is_missing_is_said_with_what_to_do(props, monkeypatch):
+    monkeypatch.setattr(requirements, "missing", lambda: ("scipy",))
+    seen = drawn()
+    assert "scipy is missing in this Blender" in seen
+    assert any("Install from Disk" in text for text in seen)
