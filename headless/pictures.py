@@ -122,7 +122,12 @@ def draw_cloud(cloud: Cloud, scanner: Terrestrial, path: Path) -> Path:
     above.scatter(*points[near, :2].T, s=0.5, c=colours[organ[near]], linewidths=0, rasterized=True)
     above.plot(*scanner.position[:2], "o", color=RED, markersize=5)
     above.annotate(
-        "scanner", scanner.position[:2], xytext=(6, 5), textcoords="offset points", color=RED
+        "scanner",
+        scanner.position[:2],
+        xytext=(7, 6),
+        textcoords="offset points",
+        color=RED,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5},
     )
     above.set_aspect("equal")
     above.set_title("Points from above")
