@@ -10,6 +10,7 @@ from forest_addon.blender.bvh import BvhCaster
 from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.growth.tree import grow
 from forest_addon.rng import stream
+from forest_addon.sensing.boxes import candidates
 from forest_addon.sensing.geometry import SceneGeometry
 from forest_addon.sensing.rays import plane_distance
 
@@ -37,7 +38,7 @@ def run(say: Say) -> None:
             hits = caster.cast(o, d, np.inf)
 
         seconds = median_seconds(cast)
-        checked = max(20, 100 // max(1, count // 10))
+        checked = 100 if count <= 100 else 30
         error, wrong = _against_brute_force(scene, origins, directions, hits, checked)
         triangles = sum(len(meshes[m].triangles) for m in scene.mesh_index)
         rows.append(
@@ -101,17 +102,17 @@ def _against_brute_force(
 
 
 def _nearest(scene: SceneGeometry, origin: np.ndarray, way: np.ndarray) -> tuple[float, int]:
-    """One ray against every triangle of every instance, float64 Möller-Trumbore."""
+    """One ray against every triangle of every instance it may meet, float64 Möller-Trumbore."""
+    _, boxes, entries = candidates(*scene.bounds(), origin[None], way[None], np.array([np.inf]))
     best, owner = np.inf, -1
-    for instance, matrix in enumerate(scene.transform):
-        mesh = scene.meshes[scene.mesh_index[instance]]
+    for instance, entry in zip(boxes.tolist(), entries, strict=True):
+        if entry > best:
+            break
+        matrix, mesh = scene.transform[instance], scene.meshes[scene.mesh_index[instance]]
         o = matrix[:, :3].T @ (
             origin - matrix[:, 3]
         )  # rotations only: the inverse is the transpose
         d = matrix[:, :3].T @ way
-        middle, reach = mesh.vertices.mean(axis=0), np.ptp(mesh.vertices, axis=0).max()
-        if np.linalg.norm(np.cross(middle - o, d)) > reach:
-            continue
         a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
         e1, e2, s = b - a, c - a, o - a
         h = np.cross(d, e2)
@@ -121,13 +122,11 @@ def _nearest(scene: SceneGeometry, origin: np.ndarray, way: np.ndarray) -> tuple
             q = np.cross(s, e1)
             v = f * (q @ d)
             t = f * np.einsum("ti,ti->t", e2, q)
-        inside = (u >= -1e-12) & (v >= -1e-12) & (u + v <= 1 + 1e-12) & (t >= 0)
-        hit = np.flatnonzero(inside)
+        hit = np.flatnonzero((u >= -1e-12) & (v >= -1e-12) & (u + v <= 1 + 1e-12) & (t >= 0))
         if len(hit):
             near = hit[np.argmin(t[hit])]
-            exact = float(
-                plane_distance(o[None], d[None], mesh.vertices[mesh.triangles[near]][None])[0]
-            )
+            corners = mesh.vertices[mesh.triangles[near]]
+            exact = float(plane_distance(o[None], d[None], corners[None])[0])
             if exact < best:
                 best, owner = exact, instance
     return best, owner

@@ -187,3 +187,16 @@ def test_a_species_file_and_stl_files_of_ones_own(tmp_path):
     )
     assert headless("run", scene, "--out", tmp_path / "o").returncode == 0
     assert "mine" in (tmp_path / "o" / "trees.csv").read_text()
+
+
+def test_the_script_for_blender_itself(tmp_path):
+    bare = tmp_path / "bare.toml"
+    text = SMALL.read_text().split("[[sensors]]")[0]
+    bare.write_text(text + "[output]\nblend = false\nglb = false\npreview = false\n")
+    script = ROOT / "headless" / "in_blender.py"
+    words = [sys.executable, script, "--", bare, "--out", tmp_path / "o"]
+    ended = subprocess.run([*map(str, words)], cwd=tmp_path, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+    assert (tmp_path / "o" / "trees.csv").exists()
+    words[3] = tmp_path / "none.toml"
+    assert subprocess.run([*map(str, words)], capture_output=True).returncode == 2
