@@ -30,7 +30,7 @@ def start(*words, **options):
 
 
 def ended(process):
-    out, said = process.communicate(timeout=200)
+    _, said = process.communicate(timeout=200)
     assert "Traceback" not in said
     return process.returncode, said
 
