@@ -113,9 +113,7 @@ def _trunk_mesh(skeleton: Skeleton, trunk: list[int]) -> TriMesh:
     nodes = np.concatenate([skeleton.start[trunk], skeleton.end[trunk[-1:]]])
     radius = np.concatenate([skeleton.radius[trunk, 0], skeleton.radius[trunk[-1:], 1]])
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(nodes, axis=0), axis=1))])
-    fine = np.unique(
-        np.concatenate([np.linspace(a, b, 5) for a, b in itertools.pairwise(along)])
-    )
+    fine = np.unique(np.concatenate([np.linspace(a, b, 5) for a, b in itertools.pairwise(along)]))
     fine = np.unique(np.concatenate([fine, radius[0] * np.array([0.5, 1.0, 2.0, 4.0])]))
     fine = fine[fine <= along[-1]]
     points = _smooth(along, nodes, fine)

@@ -77,7 +77,7 @@ def test_equals_brute_force_on_random_rays(count):
     directions[::2] = (aimed - origins)[::2]
     ours = BvhCaster(scene).cast(origins, directions, np.inf)
     exact = BruteCaster(scene).cast(origins, directions, np.inf)
-    assert (exact.found.sum() > 100)
+    assert exact.found.sum() > 100
     assert (ours.found == exact.found).mean() > 0.999
     same = (ours.instance == exact.instance) & (ours.triangle == exact.triangle) & exact.found
     assert same.sum() / exact.found.sum() > 0.999  # the rest graze an edge

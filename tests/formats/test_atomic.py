@@ -36,7 +36,10 @@ def test_a_writer_that_wrote_nothing_is_an_error(tmp_path, text):
 
 
 def test_partial_files_can_be_removed_before_a_sudden_end(tmp_path):
-    with pytest.raises(OSError, match="could not be written"), replacing(tmp_path / "a.txt") as partial:
+    with (
+        pytest.raises(OSError, match="could not be written"),
+        replacing(tmp_path / "a.txt") as partial,
+    ):
         partial.write_text("half")
         remove_partial_files()
         assert os.listdir(tmp_path) == []

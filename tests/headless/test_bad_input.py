@@ -196,7 +196,9 @@ def test_ctrl_c_ends_a_long_render_within_seconds(tmp_path):
     code, said, waited = interrupt_when(process, rendering)
     assert code == 130
     assert "interrupted; finished files are kept" in said
-    assert waited < 30  # two seconds of patience and what a loaded machine adds; the render takes an hour
+    assert (
+        waited < 30
+    )  # two seconds of patience and what a loaded machine adds; the render takes an hour
     assert (out / "forest.glb").exists()
     assert not (out / "preview.png").exists()
     no_half_written_files(out)

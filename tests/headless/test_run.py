@@ -130,7 +130,14 @@ def _gltf_validator():
         return None
     if not package.is_dir():
         home.mkdir(parents=True, exist_ok=True)
-        wanted = ["npm", "install", "--silent", "--prefix", str(home), "gltf-validator@2.0.0-dev.3.10"]
+        wanted = [
+            "npm",
+            "install",
+            "--silent",
+            "--prefix",
+            str(home),
+            "gltf-validator@2.0.0-dev.3.10",
+        ]
         if subprocess.run(wanted, capture_output=True, timeout=120).returncode:
             return None
     return package
