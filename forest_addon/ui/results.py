@@ -1,6 +1,6 @@
 """What a run found, put where a user sees it: points in the scene, figures in the panel, a file.
 
-The panel keeps the last result of each kind; a new one takes its place.
+The panel keeps the last result of each kind, the newest first.
 """
 
 from __future__ import annotations
@@ -156,12 +156,14 @@ def _share(mask: np.ndarray) -> str:
 
 
 def _note(props: Any, name: str, title: str, figures: Figures) -> Any:
-    """The panel's entry of this name, emptied and filled anew."""
-    result = props.results.get(name) or props.results.add()
+    """A new entry of this name at the top of the panel, in place of an earlier one."""
+    earlier = props.results.find(name)
+    if earlier >= 0:
+        props.results.remove(earlier)
+    props.results.add()
+    props.results.move(len(props.results) - 1, 0)
+    result = props.results[0]
     result.name, result.title = name, title
-    result.shown = result.file = ""
-    result.picture = None
-    result.figures.clear()
     for label, value in figures.items():
         figure = result.figures.add()
         figure.name, figure.value = label, value

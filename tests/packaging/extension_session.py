@@ -28,7 +28,9 @@ def main(archive: str, answer: str) -> None:
     loaded = addon_utils.check(MODULE)[1]
     local = [folder for folder in sys.path if ".local" in Path(folder).parts]
     origins = {name: import_module(name).__file__ for name in (*lacking, "numpy")}
-    wheels = {dist.name: dist.version for dist in metadata.distributions(path=local)}
+    wheels = {
+        dist.name.replace("-", "_"): dist.version for dist in metadata.distributions(path=local)
+    }
     from scipy.special import j1  # compiled code, on this Blender's numpy
 
     j1(1.0)
