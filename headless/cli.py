@@ -55,6 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except ValueError as problem:
             return _fail(problem, 2)
         except KeyboardInterrupt:
+            sys.unraisablehook = _say_nothing
             print(f"\ninterrupted; {kept}", file=sys.stderr)
             return 130
 

@@ -149,7 +149,8 @@ def _place(
         empty = bpy.data.objects.new(name, None)
         empty[MARK_KEY] = name
         empty.empty_display_type = shape
-        empty.empty_display_size = 0.3
+        empty.empty_display_size = 0.6
+        empty.show_in_front = empty.show_name = True
         home.objects.link(empty)
     empty.location = position
     empty.rotation_euler = (0.0, -np.deg2rad(elevation_deg), np.deg2rad(azimuth_deg))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 Colour = tuple[float, float, float]
+VIEWPORT = 2.5  # Solid shading has no light between leaves: true colours are too dark to see there
 
 
 def bark(name: str, colour: Colour) -> bpy.types.Material:
@@ -28,7 +29,7 @@ def bark(name: str, colour: Colour) -> bpy.types.Material:
     tree.links.new(bump.outputs["Normal"], shader.inputs["Normal"])
     tree.links.new(tones.outputs["Color"], shader.inputs["Base Color"])
     shader.inputs["Roughness"].default_value = 0.9
-    material.diffuse_color = (*colour, 1.0)
+    material.diffuse_color = (*_scaled(colour, VIEWPORT), 1.0)
     return material
 
 
@@ -54,7 +55,7 @@ def leaf(name: str, colour: Colour) -> bpy.types.Material:
     tree.links.new(through.outputs["BSDF"], mix.inputs[2])
     tree.links.new(mix.outputs["Shader"], _output(tree).inputs["Surface"])
     shader.inputs["Roughness"].default_value = 0.55
-    material.diffuse_color = (*colour, 1.0)
+    material.diffuse_color = (*_scaled(colour, VIEWPORT), 1.0)
     return material
 
 
@@ -87,7 +88,7 @@ def ground(name: str) -> bpy.types.Material:
     tree.links.new(shade.outputs[2], shader.inputs["Base Color"])
     shader.inputs["Roughness"].default_value = 1.0
     shader.inputs["Specular IOR Level"].default_value = 0.1
-    material.diffuse_color = (0.08, 0.09, 0.04, 1.0)
+    material.diffuse_color = (0.22, 0.20, 0.13, 1.0)
     return material
 
 
