@@ -32,7 +32,7 @@ class Stages:
             leave=False,
             disable=self.quiet,
             file=sys.stderr,
-            bar_format="{desc:<36}{bar:20} {percentage:3.0f}%  {elapsed}<{remaining}",
+            bar_format="{desc:<36}{bar:20} {percentage:3.0f}%  {elapsed}",
         )
 
         def progress(done: int, total: int) -> None:
