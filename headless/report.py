@@ -248,7 +248,7 @@ font:16px/1.55 system-ui,-apple-system,"Segoe UI",Roboto,"Noto Sans",sans-serif}
 header,main{max-width:1060px;margin:0 auto;padding:0 24px}
 header{padding-top:36px;padding-bottom:10px}
 h1{font-size:34px;line-height:1.15;margin:0}header p{color:var(--faint);margin:6px 0 14px}
-.hero{display:block;width:100%;max-width:1280px;margin:0 auto;border-radius:6px}
+.hero{display:block;width:calc(100% - 48px);max-width:1012px;margin:0 auto;border-radius:6px}
 section{padding:30px 0;border-bottom:1px solid var(--line)}
 h2{font-size:21px;margin:0 0 6px}p{margin:0 0 12px;max-width:74ch}
 dl{display:flex;flex-wrap:wrap;gap:12px 34px;margin:14px 0 18px}
