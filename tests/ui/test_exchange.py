@@ -87,8 +87,8 @@ def test_round_trip_is_exact_to_six_digits(props, cls, data):
 def test_any_number_is_kept_to_single_precision(props, drawn):
     exchange.write(props.forest, drawn)
     back = exchange.read(props.forest, spec.Forest)
-    assert back.spacing == pytest.approx(drawn.spacing, rel=1e-7)
-    assert back.size == pytest.approx(drawn.size, rel=1e-7)
+    assert back.spacing == pytest.approx(drawn.spacing, rel=2**-23)
+    assert back.size == pytest.approx(drawn.size, rel=2**-23)
 
 
 def test_the_demo_scene_comes_back_as_it_was(props):
