@@ -1,4 +1,4 @@
-"""Species files: TOML with a grammar, and the STL templates that it names.
+"""Species files: TOML, and the STL templates that it may name.
 
 Wherever a species is named, a name without an ending means a file of ``assets/species``.
 """
@@ -31,8 +31,8 @@ def find_species(name: str, folder: Path) -> Path:
     return preset
 
 
-def load_species(path: Path) -> tuple[Species, TreeTemplate]:
-    """Read a species and split its templates.
+def load_species(path: Path) -> tuple[Species, TreeTemplate | None]:
+    """Read a species and split its templates; None if it grows without.
 
     Raises
     ------
@@ -40,6 +40,8 @@ def load_species(path: Path) -> tuple[Species, TreeTemplate]:
     """
     species = read_settings(path, Species)
     template = species.template
+    if template is None:
+        return species, None
     folder = path.parent
     try:
         wood = read_stl(folder / template.wood)

@@ -45,8 +45,10 @@ class Tree:
         return float(self.mesh.vertices[:, 2].max())
 
 
-def grow(species: Species, template: TreeTemplate, rng: np.random.Generator) -> Tree:
+def grow(species: Species, template: TreeTemplate | None, rng: np.random.Generator) -> Tree:
     """Grow one tree of a species from its random stream."""
+    if template is None:
+        raise NotImplementedError("a tree without a template")  # skeleton_of, then a mesh of it
     symbols = derive(T20, species.grammar.generations)
     skeleton = interpret(symbols, species.grammar, species.jitter, rng)
     trunk = skeleton.axis(0)
@@ -59,7 +61,9 @@ def grow(species: Species, template: TreeTemplate, rng: np.random.Generator) -> 
         for pick, site, turn in zip(chosen, sites, roll, strict=True)
     ]
     mesh = join([_trunk_mesh(skeleton, trunk), *branches])
-    bearer = np.repeat(np.arange(len(branches)), [int(b.leaf.max(initial=-1)) + 1 for b in branches])
+    bearer = np.repeat(
+        np.arange(len(branches)), [int(b.leaf.max(initial=-1)) + 1 for b in branches]
+    )
     return Tree(mesh, measure_leaves(mesh, bearer), _first_levels(skeleton))
 
 
@@ -143,5 +147,3 @@ def _first_levels(skeleton: Skeleton) -> Skeleton:
         order=skeleton.order[keep],
         generation=skeleton.generation[keep],
     )
-
-

@@ -48,7 +48,7 @@ class Forest:
 
 def grow_forest(
     scene: Scene,
-    species: Sequence[tuple[Species, TreeTemplate]],
+    species: Sequence[tuple[Species, TreeTemplate | None]],
     progress: Progress | None = None,
 ) -> Forest:
     """Plan the stand and grow the variants that occur in it.
