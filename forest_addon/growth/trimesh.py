@@ -25,6 +25,7 @@ class TriMesh:
     leaf : (T,) int32, the leaf a triangle belongs to, -1 where it is no leaf.
     material : (T,) int32, material slot.
     uv : (T, 3, 2) float32 texture coordinates by corner, or None.
+    order : (T,) int8, branching order of the wood (0 the trunk) or of what bears the leaf, or None.
     """
 
     vertices: np.ndarray
@@ -33,6 +34,7 @@ class TriMesh:
     leaf: np.ndarray
     material: np.ndarray
     uv: np.ndarray | None = None
+    order: np.ndarray | None = None
 
     @classmethod
     def of_part(cls, vertices: np.ndarray, triangles: np.ndarray, part: int) -> TriMesh:
@@ -62,6 +64,7 @@ class TriMesh:
             leaf=self.leaf[keep],
             material=self.material[keep],
             uv=None if self.uv is None else self.uv[keep],
+            order=None if self.order is None else self.order[keep],
         )
 
 
@@ -72,6 +75,7 @@ def join(meshes: Sequence[TriMesh]) -> TriMesh:
     first_vertex = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]])
     first_leaf = np.cumsum([0] + [int(m.leaf.max(initial=-1)) + 1 for m in meshes[:-1]])
     has_uv = all(m.uv is not None for m in meshes)
+    has_order = all(m.order is not None for m in meshes)
     return TriMesh(
         vertices=np.concatenate([m.vertices for m in meshes]),
         triangles=np.concatenate(
@@ -83,4 +87,7 @@ def join(meshes: Sequence[TriMesh]) -> TriMesh:
         ).astype(np.int32),
         material=np.concatenate([m.material for m in meshes]),
         uv=np.concatenate([m.uv for m in meshes if m.uv is not None]) if has_uv else None,
+        order=np.concatenate([m.order for m in meshes if m.order is not None])
+        if has_order
+        else None,
     )
