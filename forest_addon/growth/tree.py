@@ -7,15 +7,16 @@ many templates as nodes they match one to one, from the lowest up; otherwise the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from ..rng import truncated_normal
 from ..spec import Species
 from .grammar import T20, derive
-from .graft import Site, graft, prepare
-from .leaves import Leaves, measure_leaves
+from .graft import Scion, Site, graft, prepare
+from .leaves import Leaves, join_leaves
 from .skeleton import Skeleton
 from .template import TreeTemplate
 from .trimesh import WOOD, TriMesh, join
@@ -53,18 +54,22 @@ def grow(species: Species, template: TreeTemplate | None, rng: np.random.Generat
     skeleton = interpret(symbols, species.grammar, species.jitter, rng)
     trunk = skeleton.axis(0)
     sites = _sites(skeleton, trunk, species, rng)
-    scions = [prepare(branch) for branch in template.branches]
+    scions = _scions(template)
     chosen = _choose(len(sites), len(scions), rng)
     roll = np.deg2rad(15.0) * truncated_normal(rng, len(sites))
-    branches = [
-        graft(scions[pick], site, species.jitter.leaf_size, turn, rng)
-        for pick, site, turn in zip(chosen, sites, roll, strict=True)
-    ]
+    branches, truths = [], []
+    for number, (pick, site, turn) in enumerate(zip(chosen, sites, roll, strict=True)):
+        branch, truth = graft(scions[pick], site, species.jitter.leaf_size, turn, rng)
+        branches.append(branch)
+        truths.append(replace(truth, branch=np.full(len(truth), number, dtype=np.int32)))
     mesh = join([_trunk_mesh(skeleton, trunk), *branches])
-    bearer = np.repeat(
-        np.arange(len(branches)), [int(b.leaf.max(initial=-1)) + 1 for b in branches]
-    )
-    return Tree(mesh, measure_leaves(mesh, bearer), _first_levels(skeleton))
+    return Tree(mesh, join_leaves(truths), _first_levels(skeleton))
+
+
+@lru_cache(maxsize=32)
+def _scions(template: TreeTemplate) -> tuple[Scion, ...]:
+    """The branches of a template made ready to graft, once for all trees that use it."""
+    return tuple(prepare(branch) for branch in template.branches)
 
 
 def _sites(
