@@ -340,6 +340,10 @@ class Leaf(Settings):
     """Leaves of a species that grows without a template."""
 
     on: bool = param(True, help="grow leaves; switching them off moves no branch")
+    shape: str = param("ellipse", help="shape of the blade", choices=("ellipse", "maple", "needle"))
+    mesh: str = param(
+        "", help="STL file of one leaf instead of a shape, relative to the species file"
+    )
     length: Normal = param(Normal(mean=0.05, sd=0.01), unit="m", help="length of a leaf")
     width_ratio: Normal = param(Normal(mean=0.6, sd=0.05), help="width of a leaf over its length")
     angle_deg: Normal = param(
@@ -355,6 +359,17 @@ class Leaf(Settings):
         _within("length", self.length, 0, 10, open_low=True)
         _within("width_ratio", self.width_ratio, 0, 10, open_low=True)
         _within("angle_deg", self.angle_deg, 0, 180)
+
+
+class Detail(Settings):
+    """How finely a tree without a template is meshed."""
+
+    tolerance: float = param(
+        0.002, unit="m", help="largest distance between a branch and its mesh", gt=0, le=1
+    )
+    leaves: float = param(
+        1.0, help="share of the leaves that is made, each enlarged to keep their area", gt=0, le=1
+    )
 
 
 class Species(Settings):
@@ -374,6 +389,7 @@ class Species(Settings):
     honda: Honda | None = param(None, help="branching by angles and ratios, for the whole tree")
     jitter: Jitter = param(Jitter(), help="natural variation around the grammar")
     leaf: Leaf = param(Leaf(), help="leaves, where there is no template")
+    detail: Detail = param(Detail(), help="level of detail, where there is no template")
     look: Look = param(Look(), help="colours")
 
     def check(self) -> None:

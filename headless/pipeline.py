@@ -32,7 +32,7 @@ from forest_addon.sensing.lidar import Cloud, TractorScan
 from forest_addon.sensing.reverb import ImpulseResponse
 from forest_addon.sensing.sonar import Echo
 from forest_addon.spec import Reverb, Scene, Sonar, SpecError, Terrestrial, Tractor
-from forest_addon.stand.forest import Forest, grow_forest, leaf_table, tree_table
+from forest_addon.stand.forest import Forest, angle_table, grow_forest, leaf_table, tree_table
 
 from . import pictures, report
 from .progress import Stages
@@ -135,6 +135,7 @@ def _make_writable(out: Path) -> None:
 
 def _write_truth(run: Run) -> None:
     write_csv(run.path("trees.csv"), tree_table(run.forest))
+    write_csv(run.path("leaf_angles.csv"), angle_table(run.forest))
     metres = dict.fromkeys(("centre", "length", "width", "radius"), "m")
     write_npz(run.path("leaves.npz"), leaf_table(run.forest), metres | {"normal": "1", "axis": "1"})
 
@@ -158,9 +159,7 @@ def _write_echo(run: Run, sensor: Sonar, echo: Echo, observer: Observer) -> None
     run.findings.append(report.echo_finding(sensor, echo, picture))
 
 
-def _write_reverb(
-    run: Run, sensor: Reverb, response: ImpulseResponse, observer: Observer
-) -> None:
+def _write_reverb(run: Run, sensor: Reverb, response: ImpulseResponse, observer: Observer) -> None:
     run.write(sensor.name, response)
     picture = pictures.draw_reverb(response, sensor, run.path(f"{sensor.name}.png"))
     trunks = observer.trunks(sensor)

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..growth.blades import Blade, BladeError, blade_from
 from ..growth.template import TemplateError, TreeTemplate, split_tree
-from ..spec import Species, SpecError
+from ..spec import SpecError, Species
 from .stl import StlError, read_stl
 from .toml_file import read_settings
 
@@ -31,25 +32,25 @@ def find_species(name: str, folder: Path) -> Path:
     return preset
 
 
-def load_species(path: Path) -> tuple[Species, TreeTemplate | None]:
-    """Read a species and split its templates; None if it grows without.
+def load_species(path: Path) -> tuple[Species, TreeTemplate | Blade | None]:
+    """Read a species and what it takes from STL files: templates, or the leaf of one without.
 
     Raises
     ------
     SpecError : the file, or an STL file that it names, is missing or cannot be used.
     """
     species = read_settings(path, Species)
-    template = species.template
-    if template is None:
-        return species, None
-    folder = path.parent
+    template, leaf = species.template, species.leaf
+    folder, what = path.parent, "leaf.mesh" if template is None else "template"
     try:
+        if template is None:
+            return species, blade_from(read_stl(folder / leaf.mesh)) if leaf.mesh else None
         wood = read_stl(folder / template.wood)
         leaves = read_stl(folder / template.leaves) if template.leaves else None
         return species, split_tree(wood, leaves, height=template.height)
     except FileNotFoundError as problem:
         raise SpecError(
-            str(path), f"template: there is no file {problem.filename}; check the path"
+            str(path), f"{what}: there is no file {problem.filename}; check the path"
         ) from None
-    except (StlError, TemplateError) as problem:
-        raise SpecError(str(path), f"template: {problem}") from None
+    except (StlError, TemplateError, BladeError) as problem:
+        raise SpecError(str(path), f"{what}: {problem}") from None

@@ -1,5 +1,6 @@
 """Whole trees: the truth that grows with them is what is measured on their triangles."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +8,10 @@ import pytest
 
 from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.growth.leaves import measure_leaves
-from forest_addon.growth.tree import grow
+from forest_addon.growth.tree import SUNK, grow
+from forest_addon.growth.trimesh import WOOD
 from forest_addon.rng import stream
+from forest_addon.spec import Detail, Grammar, Leaf, Species
 
 
 @pytest.mark.parametrize("name", ["maple", "spruce"])
@@ -25,3 +28,19 @@ def test_grafted_truth_is_what_the_mesh_measures(name):
     along = np.einsum("li,li->l", tree.leaves.axis, measured.axis)
     np.testing.assert_allclose(np.abs(along), 1, atol=1e-9)  # which end is the tip is not measured
     assert (np.diff(tree.leaves.branch) >= 0).all()
+
+
+def test_a_species_without_a_template_grows_whole():
+    species = Species(name="plain", grammar=Grammar(generations=4, radius=0.08))
+    tree = grow(species, None, stream(3, "tree", "plain", 0))
+    assert not tree.grafted
+    assert tree.mesh.uv is not None
+    assert tree.mesh.vertices[:, 2].min() == pytest.approx(-SUNK, abs=0.01)
+    again = grow(species, None, stream(3, "tree", "plain", 0))
+    assert np.array_equal(tree.mesh.vertices, again.mesh.vertices)
+    bare = grow(replace(species, leaf=Leaf(on=False)), None, stream(3, "tree", "plain", 0))
+    assert np.array_equal(bare.mesh.vertices, tree.mesh.vertices[: len(bare.mesh.vertices)])
+    coarse = grow(
+        replace(species, detail=Detail(tolerance=0.02)), None, stream(3, "tree", "plain", 0)
+    )
+    assert np.sum(coarse.mesh.part == WOOD) < 0.8 * np.sum(tree.mesh.part == WOOD)
