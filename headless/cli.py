@@ -29,6 +29,7 @@ EPILOG = """\
 examples:
   python -m headless demo                         the demo forest, into out/demo
   python -m headless run my.toml --out out/my     a scene of your own
+  python -m headless template wood.stl leaves.stl --name elm   a species from your tree
   python -m headless run my.toml --seed 8 --out out/my-8
   blender -b --python headless/in_blender.py -- my.toml --out out/my
 
@@ -41,6 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = _parser().parse_args(arguments)
     if chosen.command in ("run", "demo") and chosen.out is None:
         chosen.out = Path("out") / chosen.scene.stem
+    if chosen.command == "template" and chosen.out is None:
+        chosen.out = Path("out") / chosen.name
     from .interrupt import interruptible
 
     kept = f"finished files are kept in {chosen.out}" if "out" in chosen else "nothing was written"
@@ -82,6 +85,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     bench.add_argument("sections", nargs="*", metavar="SECTION", help="which; default all")
     bench.set_defaults(do=_bench)
+    _add_template(commands)
     for command, folder in ((run, "out/SCENE"), (demo, "out/demo")):
         command.add_argument(
             "--out", type=Path, metavar="DIR", help=f"folder for the results (default {folder})"
@@ -89,6 +93,38 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--seed", type=int, help="another seed than the scene file's")
         command.add_argument("--quiet", action="store_true", help="say nothing but errors")
     return parser
+
+
+def _add_template(commands: argparse._SubParsersAction) -> None:
+    template = commands.add_parser(
+        "template",
+        help="make a species from your own tree (STL)",
+        description="Recognise trunk, branches and leaves in STL files of a tree, and write a species "
+        "that grows from them, a picture of what was recognised, and a scene that plants it.",
+    )
+    template.add_argument("wood", type=Path, metavar="WOOD.stl", help="trunk and branches, z up")
+    template.add_argument(
+        "leaves", type=Path, nargs="?", metavar="LEAVES.stl", help="leaves; left out: leafless"
+    )
+    template.add_argument("--name", required=True, help="name of the species")
+    template.add_argument(
+        "--height",
+        type=float,
+        default=0.0,
+        metavar="M",
+        help="height of the tree in metres; left out: inferred, and said",
+    )
+    template.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for the library (default out/NAME)"
+    )
+    template.set_defaults(do=_template)
+
+
+def _template(chosen: argparse.Namespace) -> int:
+    from .template_command import make_template
+
+    make_template(chosen.wood, chosen.leaves, chosen.name, chosen.height, chosen.out)
+    return 0
 
 
 def _run(chosen: argparse.Namespace) -> int:

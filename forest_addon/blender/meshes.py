@@ -1,7 +1,8 @@
 """Triangles to a Blender Mesh and back, in bulk through attribute arrays.
 
-Face attributes carry what a sensor wants to know: ``part`` (other, wood, leaf, ground) and ``leaf`` (the
-leaf's number, -1 elsewhere). They survive modifiers and instancing, so the evaluated scene tells.
+Face attributes carry what a sensor wants to know: ``part`` (other, wood, leaf, ground), ``leaf`` (the
+leaf's number, -1 elsewhere) and, of whole trees, ``order`` (branching order). They survive modifiers and
+instancing, so the evaluated scene tells. Texture coordinates are the layer ``UVMap``.
 """
 
 from __future__ import annotations
@@ -28,6 +29,10 @@ def to_mesh(name: str, mesh: TriMesh) -> bpy.types.Mesh:
     _set(data.attributes.new("leaf", "INT", "FACE"), "value", mesh.leaf, np.int32)
     _set(data.attributes.new("material_index", "INT", "FACE"), "value", mesh.material, np.int32)
     _set(data.attributes.new("sharp_face", "BOOLEAN", "FACE"), "value", mesh.part == LEAF, bool)
+    if mesh.order is not None:
+        _set(data.attributes.new("order", "INT8", "FACE"), "value", mesh.order, np.int8)
+    if mesh.uv is not None:
+        _set(data.attributes.new("UVMap", "FLOAT2", "CORNER"), "vector", mesh.uv, np.float32)
     data.update(calc_edges=True)
     return data
 
@@ -55,7 +60,11 @@ def from_mesh(data: bpy.types.Mesh) -> TriMesh:
 def _face_values(data: bpy.types.Mesh, name: str, dtype: type, default: int) -> np.ndarray:
     count = len(data.polygons)
     attribute = data.attributes.get(name)
-    if attribute is None or attribute.domain != "FACE" or attribute.data_type not in ("INT8", "INT"):
+    if (
+        attribute is None
+        or attribute.domain != "FACE"
+        or attribute.data_type not in ("INT8", "INT")
+    ):
         return np.full(count, default, dtype=dtype)
     values = np.empty(count, dtype=np.int8 if attribute.data_type == "INT8" else np.int32)
     attribute.data.foreach_get("value", values)

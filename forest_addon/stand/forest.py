@@ -111,7 +111,8 @@ def angle_table(forest: Forest) -> dict[str, np.ndarray]:
     columns: dict[str, np.ndarray] = {}
     for planting, label in enumerate(forest.labels):
         grown = [
-            forest.variant_of(tree).leaves for tree in np.flatnonzero(stand.species == planting)
+            forest.variant_of(int(tree)).leaves
+            for tree in np.flatnonzero(stand.species == planting)
         ]
         sizes = np.repeat(stand.scale[stand.species == planting], [len(g) for g in grown])
         leaves = join_leaves(grown)
