@@ -30,11 +30,16 @@ class LSystem:
 T20 = LSystem(axiom="g)", productions={"g": "d(g)[g)+g"})
 
 
-def grammar_of(grammar: Grammar) -> LSystem:
-    """The L-system of a species' grammar: T20's, or A20's with as many whorls as it asks for."""
-    if grammar.dialect == "T20":
-        return T20
-    return LSystem(axiom="g", productions={"g": "[".join(["d(d)+d)"] * grammar.whorls)})
+def whorled(whorls: int) -> LSystem:
+    """A20's L-system: a trunk with so many whorls, rewritten once."""
+    return LSystem(axiom="g", productions={"g": "[".join(["d(d)+d)"] * whorls)})
+
+
+def string_of(grammar: Grammar) -> np.ndarray:
+    """The string of a species' grammar, T20's or A20's, as (S,) uint8 character codes."""
+    if grammar.dialect == "A20":
+        return derive(whorled(grammar.whorls), min(grammar.generations, 1))
+    return derive(T20, grammar.generations)
 
 
 def predict_length(system: LSystem, generations: int) -> int:

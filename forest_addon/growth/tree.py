@@ -20,7 +20,7 @@ from ..spec import Species
 from .axes import first_level
 from .blades import SHAPES, Blade, lay, thin_leaves, truth_of
 from .graft import Scion, Site, graft, prepare
-from .grammar import T20, derive
+from .grammar import string_of
 from .leaves import Leaves, join_leaves
 from .meshing import mesh_wood
 from .skeleton import Skeleton
@@ -81,7 +81,7 @@ def _whole(species: Species, blade: Blade, rng: np.random.Generator) -> Tree:
 
 def _grafted(species: Species, template: TreeTemplate, rng: np.random.Generator) -> Tree:
     """A tree of a trunk and branch templates."""
-    symbols = derive(T20, species.grammar.generations)
+    symbols = string_of(species.grammar)
     skeleton = interpret(symbols, species.grammar, species.jitter, rng)
     trunk = skeleton.axis(0)
     sites = _sites(skeleton, trunk, species, rng)
