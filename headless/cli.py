@@ -86,6 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     bench.add_argument("sections", nargs="*", metavar="SECTION", help="which; default all")
     bench.set_defaults(do=_bench)
     _add_template(commands)
+    _add_species(commands)
     for command, folder in ((run, "out/SCENE"), (demo, "out/demo")):
         command.add_argument(
             "--out", type=Path, metavar="DIR", help=f"folder for the results (default {folder})"
@@ -118,6 +119,27 @@ def _add_template(commands: argparse._SubParsersAction) -> None:
         "--out", type=Path, metavar="DIR", help="folder for the library (default out/NAME)"
     )
     template.set_defaults(do=_template)
+
+
+def _add_species(commands: argparse._SubParsersAction) -> None:
+    species = commands.add_parser(
+        "species",
+        help="grow one tree of each preset: a table, and a contact sheet",
+        description="Grow one tree of each species and print its size, leaves and wood.",
+    )
+    species.add_argument("names", nargs="*", metavar="NAME", help="which; default every preset")
+    species.add_argument("--sheet", type=Path, metavar="PNG", help="also render a contact sheet")
+    species.add_argument("--seed", type=int, default=1, help="seed of the trees (default 1)")
+    species.set_defaults(do=_species)
+
+
+def _species(chosen: argparse.Namespace) -> int:
+    from .species_command import show_species
+
+    if chosen.seed < 0:
+        raise SpecError("--seed", f"{chosen.seed} is out of range; use at least 0")
+    show_species(chosen.names, chosen.sheet, chosen.seed)
+    return 0
 
 
 def _template(chosen: argparse.Namespace) -> int:
