@@ -131,11 +131,9 @@ def lay(sites: LeafSites, blade: Blade, *, order: np.ndarray | None = None) -> T
     """
     count, corners, facets = len(sites), len(blade.vertices), len(blade.triangles)
     along, across, upward = _frame(sites)
-    vertices = np.empty((count, corners, 3))
-    unit = np.concatenate([np.ones((corners, 1)), blade.vertices], axis=1).T  # (4, K)
-    for k in range(3):  # one matrix product a coordinate
-        place = np.stack([sites.foot[:, k], along[:, k], across[:, k], upward[:, k]], axis=1)
-        vertices[:, :, k] = place @ unit
+    place = np.concatenate([sites.foot, along, across, upward], axis=1)  # (L, 12)
+    unit = np.concatenate([np.ones((corners, 1)), blade.vertices], axis=1)  # (K, 4)
+    vertices = place @ np.einsum("kp,ij->pikj", unit, np.eye(3)).reshape(12, 3 * corners)
     first = (corners * np.arange(count)).astype(np.int32)
     atlas = np.stack([blade.vertices[:, 0], blade.vertices[:, 1] + 0.5], axis=1).astype(np.float32)
     return TriMesh(

@@ -199,8 +199,10 @@ def _tubes(line: _Line, with_uv: bool) -> TriMesh:
     sides = line.sides
     around = sides[ring_axis]
     widened = radius * (np.pi / (around * np.sin(np.pi / around)))
-    centre = line.point[node]
-    one, other = across[node] * widened[:, None], along_side[node] * widened[:, None]
+    ring = np.concatenate(
+        [line.point[node], across[node] * widened[:, None], along_side[node] * widened[:, None]],
+        axis=1,
+    )  # (R, 9) its centre, and what cosine and sine are multiplied by
 
     vertex_count = int(around.sum() + 2 * axes)
     triangle_count = int((2 * around[wall]).sum() + 2 * sides.sum())
@@ -218,14 +220,10 @@ def _tubes(line: _Line, with_uv: bool) -> TriMesh:
         a, b = np.searchsorted(sides, [n, n + 1])
         low, high = ring_first[a], ring_first[b]
         rings, count = high - low, b - a
-        block = vertices[v : v + rings * n].reshape(rings, n, 3)
         angle = 2 * np.pi * np.arange(n) / n
-        circle = np.stack([np.ones(n), np.cos(angle), np.sin(angle)])
-        for k in range(3):  # one matrix product a coordinate
-            block[:, :, k] = (
-                np.stack([centre[low:high, k], one[low:high, k], other[low:high, k]], axis=1)
-                @ circle
-            )
+        circle = np.stack([np.ones(n), np.cos(angle), np.sin(angle)])  # (3, n)
+        spread = np.einsum("pc,ij->picj", circle, np.eye(3)).reshape(9, 3 * n)
+        np.matmul(ring[low:high], spread, out=vertices[v : v + rings * n].reshape(rings, 3 * n))
         foot_vertex = v + rings * n + np.arange(count)
         tip_vertex = foot_vertex + count
         vertices[foot_vertex], vertices[tip_vertex] = line.point[first[a:b]], line.point[last[a:b]]

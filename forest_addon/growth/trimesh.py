@@ -72,19 +72,27 @@ def join(meshes: Sequence[TriMesh]) -> TriMesh:
     """One mesh out of several; leaf numbers of later meshes follow on those of earlier ones."""
     if not meshes:
         return TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3)), OTHER)
-    first_vertex = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]])
-    first_leaf = np.cumsum([0] + [int(m.leaf.max(initial=-1)) + 1 for m in meshes[:-1]])
+    sizes = [len(m.triangles) for m in meshes]
+    triangles = np.empty((sum(sizes), 3), dtype=np.int32)
+    leaf = np.empty(sum(sizes), dtype=np.int32)
+    start = first_vertex = first_leaf = 0
+    for m, size in zip(meshes, sizes, strict=True):
+        stop = start + size
+        np.add(m.triangles, first_vertex, out=triangles[start:stop], casting="unsafe")
+        largest = int(m.leaf.max(initial=-1))
+        leaf[start:stop] = m.leaf
+        if largest >= 0 and first_leaf:
+            leaf[start:stop][m.leaf >= 0] += first_leaf
+        first_vertex += len(m.vertices)
+        first_leaf += largest + 1
+        start = stop
     has_uv = all(m.uv is not None for m in meshes)
     has_order = all(m.order is not None for m in meshes)
     return TriMesh(
         vertices=np.concatenate([m.vertices for m in meshes]),
-        triangles=np.concatenate(
-            [m.triangles + np.int32(v) for m, v in zip(meshes, first_vertex, strict=True)]
-        ).astype(np.int32),
+        triangles=triangles,
         part=np.concatenate([m.part for m in meshes]),
-        leaf=np.concatenate(
-            [np.where(m.leaf < 0, -1, m.leaf + n) for m, n in zip(meshes, first_leaf, strict=True)]
-        ).astype(np.int32),
+        leaf=leaf,
         material=np.concatenate([m.material for m in meshes]),
         uv=np.concatenate([m.uv for m in meshes if m.uv is not None]) if has_uv else None,
         order=np.concatenate([m.order for m in meshes if m.order is not None])

@@ -31,14 +31,8 @@ def run(say: Say) -> None:
     """Print speed by preset and size, a hundred maples, and error by tolerance."""
     rows = [row for name, sizes in SIZES.items() for size in sizes for row in [_speed(name, size)]]
     head = [
-        "preset, generations",
-        "triangles",
-        "skeleton to arrays, s",
-        "M triangles/s",
-        "grammar to arrays, s",
-        "to a Blender mesh, s",
-        "M triangles/s, all",
-        "trees/s",
+        *("preset, generations", "triangles", "skeleton to arrays, s", "M triangles/s"),
+        *("grammar to arrays, s", "to a Blender mesh, s", "M triangles/s, all", "trees/s"),
         "peak memory, MB",
     ]
     table(say, head, rows)
@@ -57,13 +51,8 @@ def run(say: Say) -> None:
         f"{seconds:.2f} s\n"
     )
     head = [
-        "tolerance, mm",
-        "sides, mean",
-        "triangles/branch",
-        "silhouette bias",
-        "silhouette rms",
-        "volume bias",
-        "inscribed: silhouette bias",
+        *("tolerance, mm", "sides, mean", "triangles/branch", "silhouette bias"),
+        *("silhouette rms", "volume bias", "inscribed: silhouette bias"),
     ]
     table(say, head, [_error(tolerance) for tolerance in TOLERANCES])
     say(
