@@ -307,7 +307,8 @@ class Honda(Settings):
     twist_deg: Normal = param(
         Normal(mean=137.5, sd=8.0),
         unit="deg",
-        help="per branch: turn about the mother since the daughter before it (divergence)",
+        help="per branch: turn about the mother, from one daughter to the next (along), or of all "
+        "daughters, which stand evenly around the tip, against their mother's plane (apex)",
     )
     leader_ratio: float = param(
         0.0, help="length of a straight leader at the apex over its mother's; 0: none", ge=0, le=2
@@ -319,7 +320,9 @@ class Honda(Settings):
     droop: float = param(
         0.0, unit="rad", help="bend of a level branch towards the ground; negative: up", ge=-6, le=6
     )
-    droop_from: int = param(1, help="first level that droops; the trunk is level 0", ge=0, le=12)
+    droop_from: int = param(
+        1, help="first order that droops; trunk and its leaders are 0", ge=0, le=12
+    )
     tip: float = param(0.5, help="radius at a branch's tip over that at its foot", gt=0, le=1)
     leaves: Discrete = param(
         Discrete(values=(8, 10, 12)), help="per branch of the last levels: how many leaves"

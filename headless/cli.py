@@ -85,6 +85,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     bench.add_argument("sections", nargs="*", metavar="SECTION", help="which; default all")
     bench.set_defaults(do=_bench)
+    _add_derive(commands)
     _add_template(commands)
     _add_species(commands)
     for command, folder in ((run, "out/SCENE"), (demo, "out/demo")):
@@ -94,6 +95,33 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--seed", type=int, help="another seed than the scene file's")
         command.add_argument("--quiet", action="store_true", help="say nothing but errors")
     return parser
+
+
+def _add_derive(commands: argparse._SubParsersAction) -> None:
+    derive = commands.add_parser(
+        "derive",
+        help="print the string of a species' L-system",
+        description="Print the string that the L-system of a species makes.",
+    )
+    derive.add_argument("species", metavar="PRESET", help="a species of assets/species, or a .toml")
+    derive.add_argument(
+        "--generations",
+        type=int,
+        metavar="N",
+        help="how often it is rewritten (default: as in the file)",
+    )
+    derive.add_argument("--seed", type=int, default=0, help="seed of the chances (default 0)")
+    derive.add_argument(
+        "--count", action="store_true", help="print the numbers of symbols and branches"
+    )
+    derive.set_defaults(do=_derive)
+
+
+def _derive(chosen: argparse.Namespace) -> int:
+    from .derive import derive_species
+
+    derive_species(chosen.species, chosen.generations, chosen.seed, chosen.count)
+    return 0
 
 
 def _add_template(commands: argparse._SubParsersAction) -> None:

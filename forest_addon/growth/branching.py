@@ -93,7 +93,7 @@ def grow_honda(honda: Honda, leaf: Leaf, key: int) -> tuple[Skeleton, LeafSites]
     )
     skeletons, leaves, drawn = [], [], 0
     for level in range(levels + 1):
-        chains = _draw(honda, here, drawn, honda.droop if level >= honda.droop_from else 0.0)
+        chains = _draw(honda, here, drawn)
         skeletons.append(_segments(here, chains, honda.tip))
         drawn += len(skeletons[-1])
         if leaf.on and level > levels - honda.leaf_levels:
@@ -126,12 +126,13 @@ def _too_many(segments: float) -> str:
     )
 
 
-def _draw(honda: Honda, here: _Branches, first: int, droop: float) -> _Chains:
+def _draw(honda: Honda, here: _Branches, first: int) -> _Chains:
     """Piece by piece, all branches at once: bent to both sides, then towards the ground."""
     count, pieces = len(here.key), honda.pieces
     node = np.empty((count, pieces + 1, 3))
     headings = np.empty((count, pieces, 3))
     acrosses = np.empty((count, pieces, 3))
+    droop = np.where(here.order >= honda.droop_from, honda.droop, 0.0)
     node[:, 0], heading, across = here.foot, here.heading, here.across
     for piece in range(pieces):
         if piece:
@@ -139,7 +140,7 @@ def _draw(honda: Honda, here: _Branches, first: int, droop: float) -> _Chains:
             for axis, name in ((across, "crook"), (aside, "crook aside")):
                 angle = np.deg2rad(draw_normal(honda.crook_deg, here.key, f"{name} {piece}"))
                 heading, across = _turn(heading, axis, angle), _turn(across, axis, angle)
-        if droop:
+        if droop.any():
             down = np.cross(heading, np.array([0.0, 0.0, -1.0]))
             size = np.linalg.norm(down, axis=1)
             axis = down / np.maximum(size, 1e-12)[:, None]
@@ -196,7 +197,11 @@ def _daughters(
         share = honda.bare + (1 - honda.bare) * keyed_uniform(key, "place")
         upwards = np.lexsort((share, mother))  # twists are counted from the foot up
         key, share = key[upwards], share[upwards]
-    azimuth = _running_sum(np.deg2rad(draw_normal(honda.twist_deg, key, "twist")), born)
+    if honda.sprouting == "along":
+        azimuth = _running_sum(np.deg2rad(draw_normal(honda.twist_deg, key, "twist")), born)
+    else:  # evenly around the tip
+        turned = np.deg2rad(draw_normal(honda.twist_deg, here.key, "twist of daughters"))
+        azimuth = turned[mother] + 2 * np.pi * number / born[mother]
     angle = np.deg2rad(draw_normal(honda.angle_deg, key, "angle"))
     shorter = 1 - honda.cone * (share - honda.bare) / (1 - honda.bare)
     length = here.length[mother] * length_ratio * np.minimum(shorter, 1.0)
@@ -218,12 +223,12 @@ def _daughters(
     local = here.radius[mother] * (1 + (honda.tip - 1) * share)
     around = np.cos(azimuth)[:, None] * place.across
     around = around + np.sin(azimuth)[:, None] * np.cross(place.heading, place.across)
-    heading = np.cos(angle)[:, None] * place.heading + np.sin(angle)[:, None] * around
+    cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
     return _Branches(
         key=key,
         foot=place.foot,
-        heading=heading,
-        across=np.cross(place.heading, around),
+        heading=cos * place.heading + sin * around,
+        across=cos * around - sin * place.heading,  # in the plane of mother and daughter
         length=length,
         radius=np.minimum(radius, local),  # no thicker than the mother where it leaves her
         parent=place.segment,

@@ -35,6 +35,11 @@ def whorled(whorls: int) -> LSystem:
     return LSystem(axiom="g", productions={"g": "[".join(["d(d)+d)"] * whorls)})
 
 
+def system_of_grammar(grammar: Grammar) -> System:
+    """The L-system of a species' grammar, T20's or A20's."""
+    return _system(whorled(grammar.whorls) if grammar.dialect == "A20" else T20)
+
+
 def string_of(grammar: Grammar) -> np.ndarray:
     """The string of a species' grammar, T20's or A20's, as (S,) uint8 character codes."""
     if grammar.dialect == "A20":

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,11 +25,15 @@ BLOCK = 1 << 16  # symbols rewritten at a time: their arrays stay in the cache
 
 @dataclass(frozen=True)
 class Prediction:
-    """How many symbols and numbers a derivation ends with, and whether that is certain."""
+    """How many symbols and numbers a derivation ends with, and whether that is certain.
+
+    letters : how many of each symbol, whatever numbers it bears.
+    """
 
     symbols: float  # an int where exact
     numbers: float
     exact: bool
+    letters: Mapping[str, float] = field(default_factory=dict)
 
 
 def predict(system: System, generations: int) -> Prediction:
@@ -47,7 +51,12 @@ def predict(system: System, generations: int) -> Prediction:
         counts = following
     arity = system.axiom.alphabet.arity().tolist()
     numbers = sum(count * arity[code] for code, count in counts.items())
-    return Prediction(sum(counts.values()), numbers, not (chance or system.conditional))
+    letters: dict[str, float] = {}
+    for code, count in counts.items():
+        symbol = system.axiom.alphabet.letters()[code][0]
+        letters[symbol] = letters.get(symbol, 0) + count
+    certain = not (chance or system.conditional)
+    return Prediction(sum(counts.values()), numbers, certain, letters)
 
 
 def rewrite(system: System, generations: int, rng: np.random.Generator | None = None) -> Word:
