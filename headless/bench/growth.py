@@ -21,7 +21,7 @@ from forest_addon.spec import Species
 from . import Say, median_seconds, table
 
 TITLE = "growth: trees and triangles a second, error of the mesh"
-SIZES = {"maple": (4, 6, 7), "ginkgo": (7, 9, 10), "apple-stochastic": (5, 6, 7)}
+SIZES = {"maple": (4, 6, 7), "ginkgo": (6, 7, 8), "apple-stochastic": (5, 6, 7)}
 TOLERANCES = (0.02, 0.005, 0.002, 0.001, 0.0005, 0.0002)
 CONES = 2000
 MAPLES = 100

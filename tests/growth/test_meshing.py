@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from forest_addon.growth.axes import find_axes, first_level
-from forest_addon.growth.meshing import mesh_wood, sides_of
+from forest_addon.growth.meshing import mesh_wood
+from forest_addon.growth.nodes import sides_of
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.growth.trimesh import WOOD
 from forest_addon.growth.tubes import sides_for, tube
