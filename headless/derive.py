@@ -16,7 +16,7 @@ from forest_addon.growth.rewrite import Prediction, predict, rewrite, written
 from forest_addon.growth.ruled import system_of
 from forest_addon.growth.word import Word
 from forest_addon.rng import stream
-from forest_addon.spec import Species, SpecError
+from forest_addon.spec import SpecError, Species
 
 BRANCHES = {"T20": "(+", "A20": "(+", "S": "[", "ABOP": "["}  # symbols that begin a side branch
 

@@ -8,7 +8,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..growth.blades import Blade, BladeError, blade_from
+from ..growth.expression import ExpressionError
+from ..growth.ruled import check_rules
 from ..growth.template import TemplateError, TreeTemplate, split_tree
+from ..growth.word import GrammarError
 from ..spec import SpecError, Species
 from .stl import StlError, read_stl
 from .toml_file import read_settings
@@ -37,9 +40,14 @@ def load_species(path: Path) -> tuple[Species, TreeTemplate | Blade | None]:
 
     Raises
     ------
-    SpecError : the file, or an STL file that it names, is missing or cannot be used.
+    SpecError : the file, its rules, or an STL file that it names, is missing or cannot be used.
     """
     species = read_settings(path, Species)
+    if species.rules is not None:
+        try:
+            check_rules(species.rules)
+        except (GrammarError, ExpressionError) as problem:
+            raise SpecError(str(path), f"rules: {problem}") from None
     template, leaf = species.template, species.leaf
     folder, what = path.parent, "leaf.mesh" if template is None else "template"
     try:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..rng import daughter_keys
 from ..spec import Leaf, Rules
-from .dialect import DIALECTS, read_commands
+from .dialect import DIALECTS, Commands, read_commands
 from .draw import draw_normal
 from .production import System, read_constants, read_system
 from .prune import prune_descending
@@ -46,16 +46,7 @@ def grow_ruled(
 
     key : lineage of the tree, from which sizes of leaves are drawn. rng : draws of the productions.
     """
-    word = derive_rules(rules, rng)
-    known = {
-        "length": rules.length,
-        "angle": rules.angle_deg,
-        "rotation": rules.rotation_deg,
-        "thinning": rules.thinning,
-        "N": float(rules.generations),
-        **read_constants(rules.constants),
-    }
-    commands = read_commands(word, (*DIALECTS[rules.dialect].symbols, *rules.symbols), known)
+    commands = _commands(rules, derive_rules(rules, rng))
     walked = walk(commands, rules.diameter, Bend(rules.tropism, rules.elasticity))
     if rules.prune_descending:
         walked = prune_descending(walked)
@@ -67,6 +58,28 @@ def grow_ruled(
         radius=skeleton.radius * rules.scale,
     )
     return scaled, _sized(leaves, leaf, key, rules.scale) if leaf.on else LeafSites.none()
+
+
+def check_rules(rules: Rules) -> None:
+    """Read all of the rules without growing anything.
+
+    Raises
+    ------
+    GrammarError, ExpressionError : they cannot be read; says where.
+    """
+    _commands(rules, system_of(rules).axiom)
+
+
+def _commands(rules: Rules, word: Word) -> Commands:
+    known = {
+        "length": rules.length,
+        "angle": rules.angle_deg,
+        "rotation": rules.rotation_deg,
+        "thinning": rules.thinning,
+        "N": float(rules.generations),
+        **read_constants(rules.constants),
+    }
+    return read_commands(word, (*DIALECTS[rules.dialect].symbols, *rules.symbols), known)
 
 
 def _sized(leaves: LeafSites, leaf: Leaf, key: int, scale: float) -> LeafSites:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..rng import daughter_keys, keyed_uniform
 from ..spec import Species
-from .axes import first_level
+from .axes import TOUCH, first_level
 from .foliage import across, set_leaves
 from .grammar import string_of
 from .skeleton import LeafSites, Skeleton
@@ -72,11 +72,13 @@ def _copied(skeleton: Skeleton, copies: int, key: int) -> Skeleton:
 
 
 def _tip_leaves(skeleton: Skeleton, species: Species, key: int) -> LeafSites:
-    """Nodes of leaves along every segment that bears nothing, the last node at its end."""
+    """Nodes of leaves along every segment whose end bears nothing, the last node at its end."""
     leaf = species.leaf
-    bears = np.zeros(len(skeleton), bool)
-    bears[skeleton.parent[skeleton.parent >= 0]] = True
-    tip = np.flatnonzero(~bears)
+    goes_on = np.zeros(len(skeleton), bool)
+    mother = skeleton.parent
+    gap = np.abs(skeleton.start - skeleton.end[mother]).max(axis=1)
+    goes_on[mother[(mother >= 0) & (gap < TOUCH)]] = True
+    tip = np.flatnonzero(~goes_on)
     each = leaf.nodes * leaf.per_node
     segment = np.repeat(tip, each)
     number = np.tile(np.arange(each), len(tip))
