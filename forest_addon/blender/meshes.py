@@ -33,7 +33,13 @@ def to_mesh(name: str, mesh: TriMesh) -> bpy.types.Mesh:
         _set(data.attributes.new("order", "INT8", "FACE"), "value", mesh.order, np.int8)
     if mesh.uv is not None:
         _set(data.attributes.new("UVMap", "FLOAT2", "CORNER"), "vector", mesh.uv, np.float32)
-    data.update(calc_edges=True)
+    if mesh.edges is None:
+        data.update(calc_edges=True)
+        return data
+    data.edges.add(len(mesh.edges.ends))
+    _set(data.attributes[".edge_verts"], "value", mesh.edges.ends, np.int32)
+    _set(data.attributes[".corner_edge"], "value", mesh.edges.of_corner, np.int32)
+    data.update()
     return data
 
 

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .edges import repeated_edges
 from .leaves import Leaves
 from .skeleton import LeafSites
 from .trimesh import LEAF, TriMesh
@@ -144,6 +145,7 @@ def lay(sites: LeafSites, blade: Blade, *, order: np.ndarray | None = None) -> T
         material=np.full(count * facets, BLADE_SLOT, dtype=np.int32),
         uv=np.tile(np.clip(atlas, 0, 1)[blade.triangles], (count, 1, 1)),
         order=None if order is None else np.repeat(order.astype(np.int8), facets),
+        edges=repeated_edges(blade.triangles, corners, count),
     )
 
 

@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from .edges import tube_edges
 from .frames import ring_frames
 from .nodes import Line, lines_of, thin_nodes
 from .skeleton import Skeleton
-from .trimesh import WOOD, TriMesh
+from .trimesh import WOOD, Edges, TriMesh
 
 POINTED = 2e-5  # metres; a thinner tip is a point: float32 would flatten its ring
 
@@ -74,6 +75,7 @@ def _tubes(line: Line, with_uv: bool) -> TriMesh:
     if with_uv and axes:
         turns = np.maximum(np.rint(2 * np.pi * np.maximum.reduceat(line.above, first[:-1])), 1.0)
 
+    known = []
     v = t = 0
     for n in np.unique(sides):
         a, b = np.searchsorted(sides, [n, n + 1])
@@ -125,6 +127,10 @@ def _tubes(line: Line, with_uv: bool) -> TriMesh:
                 metres[ring_first[a:b]],
                 metres[ring_first[a + 1 : b + 1] - 1],
             )
+        feet_at, tips_at = ring_first[a:b] - low, ring_first[a + 1 : b + 1] - 1 - low
+        known.append(
+            tube_edges(n, v, 3 * t // 2, walls, feet_at, tips_at, rings)
+        )  # closed: 2E = 3T
         v += rings * n + 2 * count
         t += w + 2 * count * n
 
@@ -136,6 +142,10 @@ def _tubes(line: Line, with_uv: bool) -> TriMesh:
         material=np.zeros(triangle_count, dtype=np.int32),
         uv=texture,
         order=order,
+        edges=Edges(
+            np.concatenate([e.ends for e in known] or [np.empty((0, 2), np.int32)]),
+            np.concatenate([e.of_corner for e in known] or [np.empty((0, 3), np.int32)]),
+        ),
     )
 
 

@@ -16,6 +16,18 @@ PART_NAMES = ("other", "wood", "leaf", "ground")
 
 
 @dataclass(frozen=True)
+class Edges:
+    """Every edge of a mesh once.
+
+    ends : (E, 2) int32, vertices.
+    of_corner : (T, 3) int32, the edge from each corner of a triangle to its next.
+    """
+
+    ends: np.ndarray
+    of_corner: np.ndarray
+
+
+@dataclass(frozen=True)
 class TriMesh:
     """Triangles with a part, a leaf number and a material slot each.
 
@@ -26,6 +38,7 @@ class TriMesh:
     material : (T,) int32, material slot.
     uv : (T, 3, 2) float32 texture coordinates by corner, or None.
     order : (T,) int8, branching order of the wood (0 the trunk) or of what bears the leaf, or None.
+    edges : known from how the mesh was made, or None.
     """
 
     vertices: np.ndarray
@@ -35,6 +48,7 @@ class TriMesh:
     material: np.ndarray
     uv: np.ndarray | None = None
     order: np.ndarray | None = None
+    edges: Edges | None = None
 
     @classmethod
     def of_part(cls, vertices: np.ndarray, triangles: np.ndarray, part: int) -> TriMesh:
@@ -98,4 +112,19 @@ def join(meshes: Sequence[TriMesh]) -> TriMesh:
         order=np.concatenate([m.order for m in meshes if m.order is not None])
         if has_order
         else None,
+        edges=_join_edges(meshes),
     )
+
+
+def _join_edges(meshes: Sequence[TriMesh]) -> Edges | None:
+    """Edges of the joined meshes, if they are known of all."""
+    ends, of_corner = [], []
+    vertex = edge = 0
+    for mesh in meshes:
+        if mesh.edges is None:
+            return None
+        ends.append(mesh.edges.ends + np.int32(vertex))
+        of_corner.append(mesh.edges.of_corner + np.int32(edge))
+        vertex += len(mesh.vertices)
+        edge += len(mesh.edges.ends)
+    return Edges(np.concatenate(ends), np.concatenate(of_corner))
