@@ -1,4 +1,4 @@
-"""Brackets to paths: which command comes before each, as the turtle walks, and how far from the root.
+"""Brackets to paths: which step comes before each, as the turtle walks, and how far from the root.
 
 A bracket that closes takes the turtle back to where it opened, so commands form a tree. It is found for
 the branches of one bracket depth at once: sorted by depth, the commands of a branch stand together, in
@@ -16,9 +16,9 @@ from .word import GrammarError
 
 @dataclass(frozen=True)
 class Paths:
-    """The tree of P commands; closing brackets are left out.
+    """The tree of P steps; closing brackets are left out.
 
-    command : (P,) number of the command in the string, ascending.
+    command : (P,) number of the step in the string, ascending.
     before : (P,) which of the P the turtle does before it, -1 where it starts.
     level : (P,) how many come before it on its path.
     branch : (P,) number of the pair of brackets that it stands in, 0 outside all. A bracket that opens
@@ -46,7 +46,7 @@ def find_paths(opens: np.ndarray, closes: np.ndarray) -> Paths:
     depth = np.cumsum(opens.astype(np.int64) - closes)
     if total and depth.min() < 0:
         at = int(np.flatnonzero(depth < 0)[0])
-        raise GrammarError(f"command {at}: a bracket closes a branch that was not opened")
+        raise GrammarError(f"step {at}: a bracket closes a branch that was not opened")
     command = np.flatnonzero(~closes)
     depth, is_open = depth[command], opens[command]
     count = len(command)

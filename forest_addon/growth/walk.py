@@ -1,38 +1,23 @@
 """The general turtle: commands to a skeleton, all that is equally far from the root at once.
 
 A turtle's state is a place, a frame (heading H, left L, up U, kept as a quaternion), a diameter and the
-segment drawn last. Each command makes a new state of the one before it on its path, so the commands of
-one level of ``paths`` are worked through together, whatever branches they stand in. Tropism is ABOP's:
+segment drawn last. Each step makes a new state of the one before it on its path, so the steps of one
+level of ``paths`` are worked through together, whatever branches they stand in. Tropism is ABOP's:
 after each segment the heading turns towards T by e·|H × T|, about H × T (section 2.1, p. 58).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from .dialect import (
-    BRANCH,
-    CLOSE,
-    DRAW,
-    END,
-    LEAF,
-    LEVEL,
-    MOVE,
-    OUTLINE,
-    PITCH,
-    ROLL,
-    THIN,
-    TURN,
-    WIDTH,
-    Commands,
-)
+from .dialect import DRAW, LEAF, LEVEL, MOVE, Commands
 from .paths import Paths, find_paths
 from .skeleton import LeafSites, Skeleton
+from .steps import Steps, join_commands, product
 from .word import GrammarError
 
-_AXIS = {PITCH: 1, TURN: 2, ROLL: 3}  # L, U and H are x, y and z of the turtle's own frame
 _PARALLEL = 1e-12  # |H × T| below which a heading counts as parallel: no bend, no roll
 
 
@@ -69,11 +54,12 @@ def walk(commands: Commands, diameter: float, bend: Bend | None = None) -> Walk:
     GrammarError : brackets do not match, or a diameter is negative.
     """
     bend = bend or Bend()
-    paths = find_paths(commands.kind == BRANCH, commands.kind == END)
-    outline = _outlines(commands.kind)[paths.command]
-    kind, number = commands.kind[paths.command], commands.number[paths.command]
+    steps = join_commands(commands)
+    paths = find_paths(steps.opens, steps.closes)
+    steps = _open_only(steps, paths.command)
+    kind, number, outline = steps.kind, steps.number, steps.outline
     drawn = (kind == DRAW) & (outline < 0)
-    states = _states(kind, number, drawn, paths, diameter, bend)
+    states = _states(steps, drawn, paths, diameter, bend)
     if (states.diameter < 0).any():
         raise GrammarError("a diameter is negative; make it 0 or larger")
 
@@ -104,12 +90,12 @@ def walk(commands: Commands, diameter: float, bend: Bend | None = None) -> Walk:
 
 @dataclass(frozen=True)
 class _States:
-    """The turtle after each of P commands."""
+    """The turtle after each of P steps."""
 
     turn: np.ndarray  # (4, P) quaternion from its frame to the world
     place: np.ndarray  # (P, 3)
     diameter: np.ndarray  # (P,)
-    drawn_diameter: np.ndarray  # (P,) of the segment that a command draws
+    drawn_diameter: np.ndarray  # (P,) of the segment that a step draws
     last: np.ndarray  # (P,) the segment drawn last
     mother: np.ndarray  # (P,) the one before it
     order: np.ndarray  # (P,)
@@ -128,32 +114,34 @@ class _States:
         return np.cross(self.up(which), self.heading(which))
 
 
-def _states(
-    kind: np.ndarray,
-    number: np.ndarray,
-    drawn: np.ndarray,
-    paths: Paths,
-    diameter: float,
-    bend: Bend,
-) -> _States:
-    """Level by level, in arrays sorted by level; place 0 is the turtle before all commands."""
-    count = len(kind)
+def _open_only(steps: Steps, command: np.ndarray) -> Steps:
+    """The steps without closing brackets."""
+    return Steps(
+        **{
+            field.name: getattr(steps, field.name)[..., command]
+            if field.name != "number"
+            else steps.number[command]
+            for field in fields(Steps)
+        }
+    )
+
+
+def _states(steps: Steps, drawn: np.ndarray, paths: Paths, diameter: float, bend: Bend) -> _States:
+    """Level by level, in arrays sorted by level; place 0 is the turtle before all steps."""
+    count = len(steps.kind)
     by_level = np.argsort(paths.level, kind="stable")
-    slot = np.empty(count + 1, np.int64)  # where each command's state is; the last is "none before"
+    slot = np.empty(count + 1, np.int64)  # where each step's state is; the last is "none before"
     slot[by_level] = np.arange(1, count + 1)
     slot[count] = 0
     before = slot[paths.before[by_level]]
-    own = (np.cumsum(drawn) - 1)[by_level]  # number of the segment that a command draws
-    kind, number, drawn = kind[by_level], number[by_level], drawn[by_level]
+    own = (np.cumsum(drawn) - 1)[by_level]  # number of the segment that a step draws
+    kind, number, drawn = steps.kind[by_level], steps.number[by_level], drawn[by_level]
+    local, factor, offset = steps.turn[:, by_level], steps.factor[by_level], steps.offset[by_level]
     branch = paths.branch[by_level]
 
-    step = np.where((kind == DRAW) | (kind == MOVE), number[:, 0], 0.0)
-    local = _local_turns(kind, number[:, 0])
-    width_factor = np.where(kind == THIN, number[:, 0], 1.0)
-    width_factor[kind == WIDTH] = 0.0
-    width_set = np.where(kind == WIDTH, number[:, 0], 0.0)
+    reach = np.where((kind == DRAW) | (kind == MOVE), number[:, 0], 0.0)
     levels_left = kind == LEVEL
-    bends = drawn & (step != 0) & (bend.elasticity != 0)
+    bends = drawn & (reach != 0) & (bend.elasticity != 0)
     tropism = np.asarray(bend.direction, np.float64)
 
     turn = np.zeros((4, count + 1))
@@ -169,16 +157,16 @@ def _states(
     ends = np.searchsorted(paths.level[by_level], np.arange(int(paths.level.max(initial=-1)) + 2))
     for begin, end in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True):
         here, new, old = slice(begin, end), slice(begin + 1, end + 1), before[begin:end]
-        turned = _product(turn[:, old], local[:, here])
+        turned = product(turn[:, old], local[:, here])
         rolls = np.flatnonzero(levels_left[here])
         if len(rolls):
             turned[:, rolls] = _level(turned[:, rolls])
-        place[:, new] = place[:, old] + step[here] * _heading(turned)
+        place[:, new] = place[:, old] + reach[here] * _heading(turned)
         bent = np.flatnonzero(bends[here])
         if len(bent):
             turned[:, bent] = _bend(turned[:, bent], tropism, bend.elasticity)
         turn[:, new] = turned
-        width[new] = width[old] * width_factor[here] + width_set[here]
+        width[new] = width[old] * factor[here] + offset[here]
 
         draws, before_it = drawn[here], last[old]
         mother[new] = before_it
@@ -201,27 +189,6 @@ def _states(
         order=order[back],
         generation=generation[back],
     )
-
-
-def _local_turns(kind: np.ndarray, degrees: np.ndarray) -> np.ndarray:
-    """(4, P) quaternions of the turns about the turtle's own axes."""
-    local = np.zeros((4, len(kind)))
-    local[0] = 1.0
-    for command, axis in _AXIS.items():
-        which = np.flatnonzero(kind == command)
-        half = np.deg2rad(degrees[which]) / 2
-        local[0, which], local[axis, which] = np.cos(half), np.sin(half)
-    return local
-
-
-def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(4, N) Hamilton products."""
-    out = np.empty_like(a)
-    out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
-    out[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
-    out[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1]
-    out[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]
-    return out
 
 
 def _heading(q: np.ndarray) -> np.ndarray:
@@ -250,7 +217,7 @@ def _level(q: np.ndarray) -> np.ndarray:
     angle = np.arctan2((up * wanted).sum(axis=0), (left * wanted).sum(axis=0))
     half = np.where(length > 1e-9, angle, 0.0) / 2
     zero = np.zeros_like(half)
-    return _product(q, np.stack([np.cos(half), zero, zero, np.sin(half)]))
+    return product(q, np.stack([np.cos(half), zero, zero, np.sin(half)]))
 
 
 def _bend(q: np.ndarray, tropism: np.ndarray, elasticity: float) -> np.ndarray:
@@ -259,21 +226,11 @@ def _bend(q: np.ndarray, tropism: np.ndarray, elasticity: float) -> np.ndarray:
     size = np.sqrt((axis * axis).sum(axis=0))
     half = elasticity * size / 2
     axis = axis / np.maximum(size, _PARALLEL)
-    return _product(np.concatenate([np.cos(half)[None], np.sin(half) * axis]), q)
-
-
-def _outlines(kind: np.ndarray) -> np.ndarray:
-    """(C,) number of the outermost outline that a command stands in, from its opening on, or -1."""
-    opens = kind == OUTLINE
-    depth = np.cumsum(opens.astype(np.int64) - (kind == CLOSE))
-    if len(depth) and depth.min() < 0:
-        raise GrammarError("an outline closes that was not opened")
-    outermost = opens & (depth == 1)
-    return np.asarray(np.where(depth > 0, np.cumsum(outermost) - 1, -1))
+    return product(np.concatenate([np.cos(half)[None], np.sin(half) * axis]), q)
 
 
 def _begins(outline: np.ndarray) -> np.ndarray:
-    """(P,) whether an outline begins at a command."""
+    """(P,) whether an outline begins at a step."""
     found = np.zeros(len(outline), bool)
     numbers, first = np.unique(outline, return_index=True)
     found[first[numbers >= 0]] = True
