@@ -19,45 +19,42 @@ def tube_edges(
     vertex, edge : the first of the group.
     wall : (W,) rings with a wall above, counted within the group.
     feet, tips : (A,) first and last ring of each tube.
+
+    Every ring has 3n edges: those around it, and the upright and the slanted ones of the wall above.
+    Above a last ring there is no wall: there the spokes of the tip and of the foot take their place.
     """
     corner = np.arange(n, dtype=np.int32)
     following = (corner + 1) % n
-    walls, count = len(wall), len(feet)
-    upright = edge + n * rings
-    slanted = upright + n * walls
-    foot_spoke = slanted + n * walls
-    tip_spoke = foot_spoke + n * count
+    count = len(feet)
+    around, upright, slanted = corner, n + corner, 2 * n + corner
 
-    ends = np.empty((n * (rings + 2 * walls + 2 * count), 2), dtype=np.int32)
-    spans = np.split(ends, np.array([upright, slanted, foot_spoke, tip_spoke]) - edge)
-    ring = vertex + n * np.arange(rings, dtype=np.int32)[:, None]
-    low = vertex + n * wall.astype(np.int32)[:, None]
-    middle = vertex + n * rings + np.arange(count, dtype=np.int32)[:, None]
-    first = vertex + n * feet.astype(np.int32)[:, None]
-    last = vertex + n * tips.astype(np.int32)[:, None]
-    for span, start, end in (
-        (spans[0], ring + corner, ring + following),
-        (spans[1], low + corner, low + n + corner),
-        (spans[2], low + corner, low + n + following),
-        (spans[3], middle + 0 * corner, first + corner),
-        (spans[4], middle + count + 0 * corner, last + corner),
-    ):
-        span[:, 0], span[:, 1] = start.ravel(), end.ravel()
+    pattern = np.concatenate(
+        [
+            np.stack([corner, following], axis=1),
+            np.stack([corner, n + corner], axis=1),
+            np.stack([corner, n + following], axis=1),
+        ]
+    )  # (3n, 2)
+    ends = pattern + (vertex + n * np.arange(rings, dtype=np.int32))[:, None, None]
+    middle = (vertex + n * rings + np.arange(count, dtype=np.int32))[:, None]
+    ends[tips, n : 2 * n, 1] = middle + count
+    ends[tips, 2 * n :, 0] = middle
+    ends[tips, 2 * n :, 1] = (vertex + n * feet.astype(np.int32))[:, None] + corner
 
-    of_corner = np.empty((2 * n * (walls + count), 3), dtype=np.int32)
-    sides = of_corner[: 2 * n * walls].reshape(walls, n, 2, 3)
-    here = n * np.arange(walls, dtype=np.int32)[:, None]
-    below = edge + n * wall.astype(np.int32)[:, None]
-    sides[:, :, 0, 0], sides[:, :, 0, 1] = below + corner, upright + here + following
-    sides[:, :, 0, 2] = sides[:, :, 1, 0] = slanted + here + corner
-    sides[:, :, 1, 1], sides[:, :, 1, 2] = below + n + corner, upright + here + corner
-    own = n * np.arange(count, dtype=np.int32)[:, None]
-    fans = of_corner[2 * n * walls :].reshape(2, count, n, 3)
-    fans[0, :, :, 0], fans[0, :, :, 2] = foot_spoke + own + following, foot_spoke + own + corner
-    fans[0, :, :, 1] = edge + n * feet.astype(np.int32)[:, None] + corner
-    fans[1, :, :, 0], fans[1, :, :, 2] = tip_spoke + own + corner, tip_spoke + own + following
-    fans[1, :, :, 1] = edge + n * tips.astype(np.int32)[:, None] + corner
-    return Edges(ends, of_corner)
+    pattern = np.stack(
+        [around, upright[following], slanted, slanted, 3 * n + around, upright], axis=1
+    ).reshape(-1)  # (6n,)
+    of_corner = np.empty((2 * n * (len(wall) + count), 3), dtype=np.int32)
+    below = (edge + 3 * n * wall).astype(np.int32)
+    np.add(below[:, None], pattern, out=of_corner[: 2 * n * len(wall)].reshape(-1, 6 * n))
+    fans = of_corner[2 * n * len(wall) :].reshape(2, count, 3 * n)
+    first = (edge + 3 * n * feet).astype(np.int32)[:, None]
+    last = (edge + 3 * n * tips).astype(np.int32)[:, None]
+    np.add(last, np.repeat(upright, 3), out=fans[1])
+    fans[1, :, 1::3], fans[1, :, 2::3] = last + around, last + upright[following]
+    np.add(last, np.repeat(slanted, 3), out=fans[0])
+    fans[0, :, 0::3], fans[0, :, 1::3] = last + slanted[following], first + around
+    return Edges(ends.reshape(-1, 2), of_corner)
 
 
 def repeated_edges(triangles: np.ndarray, corners: int, times: int) -> Edges:
