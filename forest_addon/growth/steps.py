@@ -26,8 +26,9 @@ from .dialect import (
 from .word import GrammarError
 
 _AXIS = {PITCH: 1, TURN: 2, ROLL: 3}  # L, U and H are x, y and z of the turtle's own frame
-_JOINS_ON = (TURN, PITCH, ROLL, WIDTH, THIN, BRANCH)
-_STANDS_ALONE = (BRANCH, END, OUTLINE, CLOSE)  # is not joined to what stands before it
+_TURNS = np.isin(np.arange(16), (TURN, PITCH, ROLL))  # tables by kind of command
+_JOINS_ON = np.isin(np.arange(16), (TURN, PITCH, ROLL, WIDTH, THIN, BRANCH))
+_STARTS = np.isin(np.arange(16), (BRANCH, END, OUTLINE, CLOSE))  # never joined to what is before
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ def join_commands(commands: Commands) -> Steps:
     """
     kind, number = commands.kind, commands.number
     starts = np.ones(len(kind), bool)
-    starts[1:] = ~np.isin(kind[:-1], _JOINS_ON) | np.isin(kind[1:], _STANDS_ALONE)
+    starts[1:] = ~_JOINS_ON[kind[:-1]] | _STARTS[kind[1:]]
     first = np.flatnonzero(starts)
     length = np.diff(np.append(first, len(kind)))
     last = first + length - 1
@@ -70,7 +71,7 @@ def join_commands(commands: Commands) -> Steps:
     for rank in range(int(length.max(initial=0))):
         step = np.flatnonzero(length > rank)
         does = kind[first[step] + rank]
-        turns = np.isin(does, (TURN, PITCH, ROLL))
+        turns = _TURNS[does]
         at = step[turns]
         local = _local_turns(does[turns], number[first[at] + rank, 0])
         turn[:, at] = local if rank == 0 else product(turn[:, at], local)
