@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, dataclass_transform
+from typing import TYPE_CHECKING, Any, ClassVar
 
 
 class SpecError(ValueError):
@@ -83,11 +83,15 @@ def param_of(field: dataclasses.Field[Any]) -> Param:
     return known
 
 
-@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(param,))
 class Settings:
     """Base of every group of settings: a frozen keyword dataclass that checks itself."""
 
     TITLE: ClassVar[str] = ""
+
+    if TYPE_CHECKING:  # dataclass makes them; values are checked when they are given
+        __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
+
+        def __init__(self, **values: Any) -> None: ...
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
