@@ -9,6 +9,8 @@ loops over branches.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from .edges import tube_edges
@@ -17,6 +19,7 @@ from .nodes import Line, lines_of, thin_nodes
 from .skeleton import Skeleton
 from .trimesh import WOOD, Edges, TriMesh
 
+STEP = 1e-12  # metres between two radii of a node from which it has two rings
 POINTED = 2e-5  # metres; a thinner tip is a point: float32 would flatten its ring
 
 
@@ -36,110 +39,91 @@ def mesh_wood(
     return _tubes(line, uv)
 
 
+@dataclass(frozen=True)
+class _Rings:
+    """R rings of A axes, axis by axis."""
+
+    plane: np.ndarray  # (R, 9) centre, and what cosine and sine are multiplied by
+    first: np.ndarray  # (A + 1,) first ring of each axis
+    axis: np.ndarray  # (R,)
+    wall: np.ndarray  # (R,) whether there is a wall above: not on the last ring of an axis
+    metres: np.ndarray  # (R,) along the axis from its foot
+
+
+def _rings(line: Line) -> _Rings:
+    """One ring around each node, two where the radius steps, none at a tip that is a point."""
+    across, beside = ring_frames(line)
+    last = line.first[1:] - 1
+    times = 1 + (np.abs(line.below - line.above) > STEP)
+    times[last] = line.below[last] > POINTED
+    node = np.repeat(np.arange(len(times)), times)
+    upper = np.diff(node, prepend=-1) == 0  # the second ring of its node
+    radius = np.where(upper | (times[node] == 1), line.above[node], line.below[node])
+    first = np.concatenate([[0], np.cumsum(times)[last]])
+    axis = np.repeat(np.arange(len(line.sides)), np.diff(first))
+    wall = np.ones(len(node), dtype=bool)
+    wall[first[1:] - 1] = False
+    around = line.sides[axis]
+    widened = np.maximum(radius, POINTED) * (np.pi / (around * np.sin(np.pi / around)))
+    plane = np.concatenate(
+        [line.point[node], across[node] * widened[:, None], beside[node] * widened[:, None]], axis=1
+    )
+    return _Rings(plane, first, axis, wall, _along(line)[node])
+
+
 def _tubes(line: Line, with_uv: bool) -> TriMesh:
     """Rings around nodes, walls between rings, a fan at each end."""
-    first, axes = line.first, len(line.sides)
-    last = first[1:] - 1
-    across, along_side = ring_frames(line)
-    tip = np.maximum(line.below[last], 0.0)
-    pointed = tip <= POINTED
-
-    times = 1 + (np.abs(line.below - line.above) > 1e-12)  # rings of each node
-    times[last] = 1 - pointed
-    node = np.repeat(np.arange(len(times)), times)
-    second = np.concatenate([[False], node[1:] == node[:-1]]) if len(node) else np.zeros(0, bool)
-    radius = np.where(second | (times[node] == 1), line.above[node], line.below[node])
-    radius = np.maximum(radius, POINTED)
-    ring_end = np.cumsum(times)
-    ring_first = np.concatenate([[0], ring_end[last]])  # (A + 1,)
-    ring_axis = np.repeat(np.arange(axes), np.diff(ring_first))
-    wall = np.ones(len(node), dtype=bool)
-    wall[ring_first[1:] - 1] = False  # the last ring of an axis has the tip above it
-
-    sides = line.sides
-    around = sides[ring_axis]
-    widened = radius * (np.pi / (around * np.sin(np.pi / around)))
-    ring = np.concatenate(
-        [line.point[node], across[node] * widened[:, None], along_side[node] * widened[:, None]],
-        axis=1,
-    )  # (R, 9) its centre, and what cosine and sine are multiplied by
-
-    vertex_count = int(around.sum() + 2 * axes)
-    triangle_count = int((2 * around[wall]).sum() + 2 * sides.sum())
-    vertices = np.empty((vertex_count, 3))
-    triangles = np.empty((triangle_count, 3), dtype=np.int32)
-    order = np.empty(triangle_count, dtype=np.int8)
-    texture = np.empty((triangle_count, 3, 2), dtype=np.float32) if with_uv else None
-    metres = _along(line)[node] if with_uv else np.empty(0)
+    sides, last = line.sides, line.first[1:] - 1
+    rings = _rings(line)
+    around = sides[rings.axis]
+    vertices = np.empty((int(around.sum() + 2 * len(sides)), 3))
+    count = int((2 * around[rings.wall]).sum() + 2 * sides.sum())
+    triangles = np.empty((count, 3), dtype=np.int32)
+    order = np.empty(count, dtype=np.int8)
+    texture = np.empty((count, 3, 2), dtype=np.float32) if with_uv else None
     turns = np.empty(0)
-    if with_uv and axes:
-        turns = np.maximum(np.rint(2 * np.pi * np.maximum.reduceat(line.above, first[:-1])), 1.0)
+    if with_uv and len(sides):
+        thick = np.maximum.reduceat(line.above, line.first[:-1])
+        turns = np.maximum(np.rint(2 * np.pi * thick), 1.0)
 
     known = []
     v = t = 0
     for n in np.unique(sides):
-        a, b = np.searchsorted(sides, [n, n + 1])
-        low, high = ring_first[a], ring_first[b]
-        rings, count = high - low, b - a
+        a, b = np.searchsorted(sides, [n, n + 1])  # axes of this group, and their rings
+        low, high = rings.first[a], rings.first[b]
+        size, tubes = int(high - low), int(b - a)
+        wall = np.flatnonzero(rings.wall[low:high])
+        feet, tips = rings.first[a:b] - low, rings.first[a + 1 : b + 1] - 1 - low
+        stop = t + 2 * n * (len(wall) + tubes)
+
         angle = 2 * np.pi * np.arange(n) / n
         circle = np.stack([np.ones(n), np.cos(angle), np.sin(angle)])  # (3, n)
         spread = np.einsum("pc,ij->picj", circle, np.eye(3)).reshape(9, 3 * n)
-        np.matmul(ring[low:high], spread, out=vertices[v : v + rings * n].reshape(rings, 3 * n))
-        foot_vertex = v + rings * n + np.arange(count)
-        tip_vertex = foot_vertex + count
-        vertices[foot_vertex], vertices[tip_vertex] = line.point[first[a:b]], line.point[last[a:b]]
+        middle = v + size * n
+        np.matmul(rings.plane[low:high], spread, out=vertices[v:middle].reshape(size, 3 * n))
+        vertices[middle : middle + tubes] = line.point[line.first[a:b]]
+        vertices[middle + tubes : middle + 2 * tubes] = line.point[last[a:b]]
+        _triangulate(triangles[t:stop], n, v, wall, feet, tips, middle)
+        known.append(tube_edges(n, v, 3 * t // 2, wall, feet, tips, size))  # closed: 2E = 3T
 
-        corner = np.arange(n)
-        following = (corner + 1) % n
-        pattern = np.stack(
-            [
-                np.stack([corner, following, n + following], 1),
-                np.stack([corner, n + following, n + corner], 1),
-            ],
-            axis=1,
-        ).astype(np.int32)  # (n, 2, 3)
-        walls = np.flatnonzero(wall[low:high])
-        w = len(walls) * 2 * n
-        np.add(
-            pattern,
-            (v + n * walls).astype(np.int32)[:, None, None, None],
-            out=triangles[t : t + w].reshape(-1, n, 2, 3),
-        )
-        feet = triangles[t + w : t + w + count * n].reshape(count, n, 3)
-        feet[:, :, 0] = foot_vertex[:, None]
-        foot_ring = (v + n * (ring_first[a:b] - low))[:, None]
-        feet[:, :, 1], feet[:, :, 2] = foot_ring + following, foot_ring + corner
-        tips = triangles[t + w + count * n : t + w + 2 * count * n].reshape(count, n, 3)
-        tip_ring = (v + n * (ring_first[a + 1 : b + 1] - 1 - low))[:, None]
-        tips[:, :, 0] = tip_vertex[:, None]
-        tips[:, :, 1], tips[:, :, 2] = tip_ring + corner, tip_ring + following
-
-        order[t : t + w] = np.repeat(line.order[ring_axis[low:high][walls]], 2 * n)
-        order[t + w : t + w + 2 * count * n] = np.tile(np.repeat(line.order[a:b], n), 2)
+        own = line.order[a:b]
+        order[t : t + 2 * n * len(wall)] = np.repeat(own[rings.axis[low:high][wall] - a], 2 * n)
+        order[t + 2 * n * len(wall) : stop] = np.tile(np.repeat(own, n), 2)
         if texture is not None:
+            metres, turn = rings.metres[low:high], turns[rings.axis[low:high][wall]]
+            above = np.minimum(wall + 1, size - 1)
             _texture(
-                texture[t : t + w + 2 * count * n],
-                n,
-                turns[ring_axis[low:high][walls]],
-                metres[low:high][walls],
-                metres[low:high][np.minimum(walls + 1, rings - 1)],
-                turns[a:b],
-                metres[ring_first[a:b]],
-                metres[ring_first[a + 1 : b + 1] - 1],
+                *(texture[t:stop], n, turn, metres[wall], metres[above]),
+                *(turns[a:b], metres[feet], metres[tips]),
             )
-        feet_at, tips_at = ring_first[a:b] - low, ring_first[a + 1 : b + 1] - 1 - low
-        known.append(
-            tube_edges(n, v, 3 * t // 2, walls, feet_at, tips_at, rings)
-        )  # closed: 2E = 3T
-        v += rings * n + 2 * count
-        t += w + 2 * count * n
+        v, t = middle + 2 * tubes, stop
 
     return TriMesh(
         vertices=vertices,
         triangles=triangles,
-        part=np.full(triangle_count, WOOD, dtype=np.int8),
-        leaf=np.full(triangle_count, -1, dtype=np.int32),
-        material=np.zeros(triangle_count, dtype=np.int32),
+        part=np.full(count, WOOD, dtype=np.int8),
+        leaf=np.full(count, -1, dtype=np.int32),
+        material=np.zeros(count, dtype=np.int32),
         uv=texture,
         order=order,
         edges=Edges(
@@ -147,6 +131,39 @@ def _tubes(line: Line, with_uv: bool) -> TriMesh:
             np.concatenate([e.of_corner for e in known] or [np.empty((0, 3), np.int32)]),
         ),
     )
+
+
+def _triangulate(
+    out: np.ndarray,
+    n: int,
+    vertex: int,
+    wall: np.ndarray,
+    feet: np.ndarray,
+    tips: np.ndarray,
+    middle: int,
+) -> None:
+    """Write a group's triangles into ``out``: walls, fans of feet, fans of tips.
+
+    vertex : the group's first. middle : of its first foot; those of the tips follow on those of the feet.
+    wall, feet, tips : rings, counted within the group.
+    """
+    corner = np.arange(n)
+    following = (corner + 1) % n
+    pattern = np.stack(
+        [corner, following, n + following, corner, n + following, n + corner], axis=1
+    ).reshape(-1)  # (6n,): two triangles a corner
+    count = len(feet)
+    walls, fans = out[: 2 * n * len(wall)], out[2 * n * len(wall) :].reshape(2, count, n, 3)
+    np.add(
+        (vertex + n * wall).astype(np.int32)[:, None],
+        pattern.astype(np.int32),
+        out=walls.reshape(-1, 6 * n),
+    )
+    ends = middle + np.arange(2 * count).reshape(2, count, 1)
+    low, high = (vertex + n * feet)[:, None], (vertex + n * tips)[:, None]
+    fans[..., 0] = ends
+    fans[0, :, :, 1], fans[0, :, :, 2] = low + following, low + corner
+    fans[1, :, :, 1], fans[1, :, :, 2] = high + corner, high + following
 
 
 def _texture(

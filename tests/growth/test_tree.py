@@ -44,3 +44,15 @@ def test_a_species_without_a_template_grows_whole():
         replace(species, detail=Detail(tolerance=0.02)), None, stream(3, "tree", "plain", 0)
     )
     assert np.sum(coarse.mesh.part == WOOD) < 0.8 * np.sum(tree.mesh.part == WOOD)
+
+
+def test_fewer_leaves_keep_their_area_and_move_no_branch():
+    species, _ = load_species(find_species("honda-birch", Path()))
+    few = replace(species, detail=Detail(leaves=0.2))
+    whole, thinned = (grow(s, None, stream(3, "tree", "birch", 0)) for s in (species, few))
+    assert len(thinned.leaves) == pytest.approx(0.2 * len(whole.leaves), abs=1)
+    areas = [(tree.leaves.radius**2).sum() for tree in (thinned, whole)]
+    assert areas[0] == pytest.approx(areas[1], rel=1e-9)
+    assert np.array_equal(thinned.skeleton.end, whole.skeleton.end)
+    measured = measure_leaves(thinned.mesh)
+    np.testing.assert_allclose(thinned.leaves.radius, measured.radius, rtol=1e-6)
