@@ -125,6 +125,9 @@ def _check(key: str, value: Any, known: Param) -> None:
 # ------------------------------------------------------------------------------------- species
 
 
+MAX_REACH = 1000.0  # metres that a branch may end from the foot of its tree
+
+
 class Normal(Settings):
     """A truncated normal distribution; with sd 0 always the mean."""
 
@@ -204,6 +207,16 @@ class Grammar(Settings):
     radius_ratio: float = param(
         0.7, help="radius of a side branch over its mother's at the fork", gt=0, le=1
     )
+
+    def check(self) -> None:
+        ratio = max(self.side_ratio, self.centre_ratio)
+        reach = self.length * sum(ratio**level for level in range(self.generations + 1))
+        if reach > MAX_REACH:
+            raise SpecError(
+                "generations",
+                f"{self.generations} with a ratio of {ratio:g} make branches that reach {reach:,.0f} m, "
+                f"more than {MAX_REACH:g} m; use fewer, or smaller ratios",
+            )
 
 
 class Jitter(Settings):

@@ -31,6 +31,7 @@ examples:
   python -m headless run my.toml --out out/my     a scene of your own
   python -m headless template wood.stl leaves.stl --name elm   a species from your tree
   python -m headless run my.toml --seed 8 --out out/my-8
+  python -m headless derive apple --generations 2   the string of an L-system
   blender -b --python headless/in_blender.py -- my.toml --out out/my
 
 A scene file is TOML; assets/scenes/demo.toml is one with every table explained.

@@ -14,14 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..rng import daughter_keys, keyed_uniform
-from ..spec import Honda, Leaf
+from ..spec import MAX_REACH, Honda, Leaf
 from .draw import draw_discrete, draw_normal, mean_of
 from .foliage import set_leaves
 from .rewrite import written
 from .skeleton import LeafSites, Skeleton
 
 MAX_SEGMENTS = 5_000_000
-MAX_REACH = 1000.0  # metres
 GOLDEN = np.pi * (3 - np.sqrt(5))  # turn from leaf to leaf
 LEADER = 1 << 32  # a daughter's number that no other daughter has
 

@@ -7,15 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from ..rng import daughter_keys
-from ..spec import Leaf, Rules
+from ..spec import MAX_REACH, Leaf, Rules
 from .dialect import DIALECTS, Commands, read_commands
 from .draw import draw_normal
 from .production import System, read_constants, read_system
 from .prune import prune_descending
-from .rewrite import rewrite
+from .rewrite import Prediction, predict, rewrite, written
 from .skeleton import LeafSites, Skeleton
 from .walk import Bend, walk
 from .word import Word
+
+MAX_WALKED = 10_000_000  # symbols; a tree needs about 150 bytes a symbol
 
 
 def system_of(rules: Rules) -> System:
@@ -46,8 +48,8 @@ def grow_ruled(
 
     key : lineage of the tree, from which sizes of leaves are drawn. rng : draws of the productions.
     """
-    commands = _commands(rules, derive_rules(rules, rng))
-    walked = walk(commands, rules.diameter, Bend(rules.tropism, rules.elasticity))
+    word = _derive_to_walk(rules, rng)
+    walked = walk(_commands(rules, word), rules.diameter, Bend(rules.tropism, rules.elasticity))
     if rules.prune_descending:
         walked = prune_descending(walked)
     skeleton, leaves = walked.skeleton, walked.leaves
@@ -57,7 +59,29 @@ def grow_ruled(
         end=skeleton.end * rules.scale,
         radius=skeleton.radius * rules.scale,
     )
+    reach = float(np.abs(scaled.end).max(initial=0.0))
+    if reach > MAX_REACH:
+        raise ValueError(
+            f"branches reach {written(reach)} m from the foot, more than {MAX_REACH:g} m; "
+            "use a smaller scale, smaller ratios or fewer generations"
+        )
     return scaled, _sized(leaves, leaf, key, rules.scale) if leaf.on else LeafSites.none()
+
+
+def _derive_to_walk(rules: Rules, rng: np.random.Generator) -> Word:
+    """The string, refused before it is derived where it would be too long to walk."""
+    system = system_of(rules)
+    size = predict(system, rules.generations)
+    if system.conditional or size.symbols <= MAX_WALKED:
+        word = rewrite(system, rules.generations, rng)
+        if len(word) <= MAX_WALKED:
+            return word
+        size = Prediction(len(word), 0, True)
+    about = "" if size.exact else "about "
+    raise ValueError(
+        f"{rules.generations} generations make {about}{written(size.symbols)} symbols, more than the "
+        f"{MAX_WALKED:,} that fit in memory as a tree; use fewer generations"
+    )
 
 
 def check_rules(rules: Rules) -> None:

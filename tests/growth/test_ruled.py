@@ -16,7 +16,7 @@ from forest_addon.growth.species import skeleton_of
 from forest_addon.growth.walk import walk
 from forest_addon.growth.word import GrammarError
 from forest_addon.rng import stream
-from forest_addon.spec import Leaf, Rules, SpecError, Species
+from forest_addon.spec import Grammar, Leaf, Rules, SpecError, Species
 
 
 def preset(name, tmp_path=None):
@@ -151,3 +151,23 @@ def test_what_cannot_be_used_is_said():
     )
     with pytest.raises(ValueError, match="30 generations make"):
         grown(growing)
+
+
+def test_trees_too_large_to_walk_or_to_stand_are_refused_with_their_size():
+    long = Species(name="x", rules=Rules(axiom="F", productions=("F -> F[+F]F",), generations=15))
+    with pytest.raises(ValueError, match="15 generations make 35,872,266 symbols"):
+        grown(long)
+    wide = Species(
+        name="x", rules=Rules(axiom="A(1)", productions=("A(l) -> F(l)A(l*4)",), generations=9)
+    )
+    with pytest.raises(ValueError, match="reach 87,381 m"):
+        grown(wide)
+    with pytest.raises(SpecError, match="reach 16,382 m"):
+        Grammar(side_ratio=2.0, generations=12)
+
+
+@pytest.mark.parametrize("ratio", [0.0, -0.5, float("nan")])
+@pytest.mark.parametrize("key", ["side_ratio", "centre_ratio", "radius_ratio"])
+def test_ratios_of_a_grammar_that_cannot_be_are_refused(key, ratio):
+    with pytest.raises(SpecError, match="out of range"):
+        Grammar(**{key: ratio})
