@@ -44,3 +44,31 @@ def _word(part: int | str) -> int:
     if part < 0:
         raise ValueError(f"a stream key must be 0 or larger, got {part}")
     return int(part)
+
+
+def daughter_keys(keys: np.ndarray, number: np.ndarray | int | str) -> np.ndarray:
+    """(N,) uint64 keys of what descends from N things: the lineage of arrays.
+
+    number : which daughter each one is, or a name for all of them.
+    """
+    if isinstance(number, str):
+        number = _word(number) & 0x7FFFFFFFFFFFFFFF
+    return _mix(_mix(keys) ^ np.asarray(number).astype(np.uint64))
+
+
+def keyed_uniform(keys: np.ndarray, purpose: str) -> np.ndarray:
+    """(N,) numbers between 0 and 1, both left out: a function of key and purpose alone.
+
+    As with ``stream``, but for whole arrays: a hash of 64 bits (splitmix64 by Steele, Lea & Flood 2014)
+    in place of a generator, so that no draw depends on how many others are drawn, or in which order.
+    """
+    bits = daughter_keys(keys, purpose) >> np.uint64(11)
+    return (bits.astype(np.float64) + 0.5) * 2.0**-53
+
+
+def _mix(keys: np.ndarray) -> np.ndarray:
+    """The finaliser of splitmix64: every bit of a key changes half the bits of the result."""
+    z = np.asarray(keys, np.uint64) + np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))

@@ -88,7 +88,8 @@ class Settings:
 
     TITLE: ClassVar[str] = ""
 
-    if TYPE_CHECKING:  # dataclass makes it; values are checked when they are given
+    if TYPE_CHECKING:  # dataclass makes them; values are checked when they are given
+        __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
 
         def __init__(self, **values: Any) -> None: ...
 
@@ -124,9 +125,64 @@ def _check(key: str, value: Any, known: Param) -> None:
 # ------------------------------------------------------------------------------------- species
 
 
-class Grammar(Settings):
-    """The L-system of a species in T20's dialect: g -> d(g)[g)+g, axiom g)."""
+MAX_REACH = 1000.0  # metres that a branch may end from the foot of its tree
 
+
+class Normal(Settings):
+    """A truncated normal distribution; with sd 0 always the mean."""
+
+    mean: float = param(help="mean before truncation", ge=-1e6, le=1e6)
+    sd: float = param(0.0, help="standard deviation before truncation", ge=0, le=1e6)
+    low: float | None = param(None, help="nothing smaller; left out: mean - 2 sd")
+    high: float | None = param(None, help="nothing larger; left out: mean + 2 sd")
+
+    def bounds(self) -> tuple[float, float]:
+        """The smallest and the largest value that can be drawn."""
+        if self.sd == 0:
+            return self.mean, self.mean
+        low = self.mean - 2 * self.sd if self.low is None else self.low
+        return low, self.mean + 2 * self.sd if self.high is None else self.high
+
+    def check(self) -> None:
+        low = self.mean if self.low is None else self.low
+        high = self.mean if self.high is None else self.high
+        if not low <= self.mean <= high:
+            raise SpecError("mean", f"{self.mean:g} must lie between low and high")
+
+
+class Discrete(Settings):
+    """A distribution over a few whole numbers."""
+
+    values: tuple[int, ...] = param(help="the numbers that may be drawn", ge=0, le=10000)
+    weights: tuple[float, ...] = param(
+        (), help="how often each, relative to the others; left out: all alike", ge=0, le=1e9
+    )
+
+    def check(self) -> None:
+        if not self.values:
+            raise SpecError("values", "is empty; give at least one number")
+        if self.weights and len(self.weights) != len(self.values):
+            raise SpecError("weights", f"has {len(self.weights)} values; give {len(self.values)}")
+        if self.weights and sum(self.weights) <= 0:
+            raise SpecError("weights", "are all zero; make one larger")
+
+
+def _within(key: str, spread: Normal, low: float, high: float, open_low: bool = False) -> None:
+    """Refuse a distribution that can draw what its place does not allow."""
+    for value in (*spread.bounds(), spread.mean):
+        if value < low or value > high or (open_low and value == low):
+            above = "larger than" if open_low else "at least"
+            raise SpecError(
+                key,
+                f"can draw {value:g}; keep it {above} {low:g} and at most {high:g} by mean, low and high",
+            )
+
+
+class Grammar(Settings):
+    """An L-system of T20 (g -> d(g)[g)+g, axiom g)) or of A20 (whorls on one trunk)."""
+
+    dialect: str = param("T20", help="whose grammar", choices=("T20", "A20"))
+    whorls: int = param(2, help="A20 only: groups d(d)+d) on the trunk", ge=1, le=12)
     generations: int = param(7, help="how often the grammar is rewritten", ge=0, le=12)
     copies: int = param(
         2,
@@ -151,6 +207,16 @@ class Grammar(Settings):
     radius_ratio: float = param(
         0.7, help="radius of a side branch over its mother's at the fork", gt=0, le=1
     )
+
+    def check(self) -> None:
+        ratio = max(self.side_ratio, self.centre_ratio)
+        reach = self.length * sum(ratio**level for level in range(self.generations + 1))
+        if reach > MAX_REACH:
+            raise SpecError(
+                "generations",
+                f"{self.generations} with a ratio of {ratio:g} make branches that reach {reach:,.0f} m, "
+                f"more than {MAX_REACH:g} m; use fewer, or smaller ratios",
+            )
 
 
 class Jitter(Settings):
@@ -186,15 +252,170 @@ class Look(Settings):
     leaf: tuple[float, float, float] = param((0.06, 0.15, 0.02), help="leaf colour", ge=0, le=1)
 
 
+class Rules(Settings):
+    """An L-system in full: productions as ABOP and cpfg write them, and a turtle that reads them.
+
+    ``A(l, w) : l > 0.1 -> !(w)F(l)[&(a)A(l*r, w*0.7)] : 1/3`` has a condition and a probability, each
+    optional. Angles in productions are degrees; ``n`` is the generation that is being made, ``N`` their
+    number.
+    """
+
+    dialect: str = param("ABOP", help="whose symbols", choices=("ABOP", "S"))
+    axiom: str = param(help="the string that is rewritten")
+    productions: tuple[str, ...] = param((), help="what symbols are replaced by")
+    constants: tuple[str, ...] = param((), help='named numbers, "r = 0.9"')
+    symbols: tuple[str, ...] = param(
+        (), help='what the turtle does at a symbol, over the dialect\'s, "I(n) = draw(h0/n)"'
+    )
+    generations: int = param(5, help="how often the string is rewritten", ge=0, le=1000)
+    angle_deg: float = param(
+        45.0, unit="deg", help="turn of + - & ^ without a number", ge=-360, le=360
+    )
+    rotation_deg: float = param(
+        45.0, unit="deg", help="turn of T t (S) without a number", ge=-360, le=360
+    )
+    length: float = param(1.0, help="length of F without a number, times scale", gt=0, le=1e6)
+    diameter: float = param(0.1, help="diameter before the first !, times scale", gt=0, le=1e6)
+    thinning: float = param(0.707, help="diameter after ! without a number", gt=0, le=10)
+    scale: float = param(1.0, unit="m", help="metres of a length 1", gt=0, le=1e4)
+    tropism: tuple[float, float, float] = param(
+        (0.0, 0.0, -1.0), help="direction that branches bend to", ge=-1e3, le=1e3
+    )
+    elasticity: float = param(
+        0.0, unit="rad", help="bend of a segment at right angles to the tropism", ge=0, le=10
+    )
+    prune_descending: bool = param(False, help="remove branches in which the turtle descends (S)")
+
+
+class Honda(Settings):
+    """W's trees after Honda (1971): mothers bear daughters, smaller by a ratio, recursively."""
+
+    levels: Discrete = param(
+        Discrete(values=(5,)), help="per tree: how often branches bear daughters"
+    )
+    length: Normal = param(Normal(mean=2.0, sd=0.2), unit="m", help="per tree: length of the trunk")
+    radius: Normal = param(
+        Normal(mean=0.1, sd=0.01), unit="m", help="per tree: radius at the trunk's foot"
+    )
+    length_ratio: Normal = param(
+        Normal(mean=0.75, sd=0.03), help="per tree: length of a daughter over her mother's"
+    )
+    radius_ratio: Normal = param(
+        Normal(mean=0.6, sd=0.03), help="per tree: radius of a daughter over her mother's"
+    )
+    sprouting: str = param(
+        "apex",
+        help="where daughters leave their mother: at its tip, or at random places along it",
+        choices=("apex", "along"),
+    )
+    bare: float = param(0.15, help="share of a mother without daughters (along)", ge=0, le=0.99)
+    cone: float = param(
+        0.0, help="how much shorter the last daughter is than the first (along)", ge=0, le=0.99
+    )
+    daughters: Discrete = param(
+        Discrete(values=(2, 3)), help="per branch: how many daughters it bears"
+    )
+    trunk_daughters: Discrete | None = param(
+        None, help="how many the trunk bears; left out: as any branch"
+    )
+    angle_deg: Normal = param(
+        Normal(mean=40.0, sd=5.0), unit="deg", help="per branch: angle to its mother"
+    )
+    twist_deg: Normal = param(
+        Normal(mean=137.5, sd=8.0),
+        unit="deg",
+        help="per branch: turn about the mother, from one daughter to the next (along), or of all "
+        "daughters, which stand evenly around the tip, against their mother's plane (apex)",
+    )
+    leader_ratio: float = param(
+        0.0, help="length of a straight leader at the apex over its mother's; 0: none", ge=0, le=2
+    )
+    pieces: int = param(4, help="straight pieces of a branch", ge=1, le=64)
+    crook_deg: Normal = param(
+        Normal(mean=0.0, sd=3.0), unit="deg", help="per piece: bend to each side"
+    )
+    droop: float = param(
+        0.0, unit="rad", help="bend of a level branch towards the ground; negative: up", ge=-6, le=6
+    )
+    droop_from: int = param(
+        1, help="first order that droops; trunk and its leaders are 0", ge=0, le=12
+    )
+    tip: float = param(0.5, help="radius at a branch's tip over that at its foot", gt=0, le=1)
+    leaves: Discrete = param(
+        Discrete(values=(8, 10, 12)), help="per branch of the last levels: how many leaves"
+    )
+    leaf_levels: int = param(1, help="how many of the last levels bear leaves", ge=0, le=12)
+
+    def check(self) -> None:
+        _within("length", self.length, 0, 200, open_low=True)
+        _within("radius", self.radius, 0, 20, open_low=True)
+        _within("length_ratio", self.length_ratio, 0, 2, open_low=True)
+        _within("radius_ratio", self.radius_ratio, 0, 1, open_low=True)
+        _within("angle_deg", self.angle_deg, 0, 180)
+        if max(self.levels.values) > 12:
+            raise SpecError("levels", f"can draw {max(self.levels.values)}; use at most 12")
+
+
+class Leaf(Settings):
+    """Leaves of a species that grows without a template."""
+
+    on: bool = param(True, help="grow leaves; switching them off moves no branch")
+    shape: str = param("ellipse", help="shape of the blade", choices=("ellipse", "maple", "needle"))
+    mesh: str = param(
+        "", help="STL file of one leaf instead of a shape, relative to the species file"
+    )
+    length: Normal = param(Normal(mean=0.05, sd=0.01), unit="m", help="length of a leaf")
+    width_ratio: Normal = param(Normal(mean=0.6, sd=0.05), help="width of a leaf over its length")
+    angle_deg: Normal = param(
+        Normal(mean=50.0, sd=10.0), unit="deg", help="angle between a leaf and its branch"
+    )
+    nodes: int = param(4, help="leaf-bearing nodes of a growing tip (T20)", ge=1, le=100)
+    per_node: int = param(4, help="leaves at each node (T20)", ge=1, le=100)
+    fan_deg: float = param(
+        10.0, unit="deg", help="turn from one node's leaves to the next (T20)", ge=-360, le=360
+    )
+
+    def check(self) -> None:
+        _within("length", self.length, 0, 10, open_low=True)
+        _within("width_ratio", self.width_ratio, 0, 10, open_low=True)
+        _within("angle_deg", self.angle_deg, 0, 180)
+
+
+class Detail(Settings):
+    """How finely a tree without a template is meshed."""
+
+    tolerance: float = param(
+        0.002, unit="m", help="largest distance between a branch and its mesh", gt=0, le=1
+    )
+    leaves: float = param(
+        1.0, help="share of the leaves that is made, each enlarged to keep their area", gt=0, le=1
+    )
+
+
 class Species(Settings):
-    """One kind of tree: a grammar, STL templates for its branches, and its looks."""
+    """One kind of tree and its looks.
+
+    With a template, a grammar gives the trunk and the places of branches from STL files. Without one the
+    whole tree is grown: by ``rules``, by ``honda``, or by the grammar alone.
+    """
 
     name: str = param(help="name of the species")
     source: str = param("", help="where the numbers come from")
-    template: Template = param(help="STL files that branches and leaves are taken from")
-    grammar: Grammar = param(Grammar(), help="the L-system")
-    jitter: Jitter = param(Jitter(), help="natural variation")
+    template: Template | None = param(
+        None, help="STL files that branches and leaves are taken from"
+    )
+    grammar: Grammar = param(Grammar(), help="the L-system of T20 or A20")
+    rules: Rules | None = param(None, help="an L-system of your own, for the whole tree")
+    honda: Honda | None = param(None, help="branching by angles and ratios, for the whole tree")
+    jitter: Jitter = param(Jitter(), help="natural variation around the grammar")
+    leaf: Leaf = param(Leaf(), help="leaves, where there is no template")
+    detail: Detail = param(Detail(), help="level of detail, where there is no template")
     look: Look = param(Look(), help="colours")
+
+    def check(self) -> None:
+        given = [key for key in ("template", "rules", "honda") if getattr(self, key) is not None]
+        if len(given) > 1:
+            raise SpecError(given[1], f"cannot be used beside {given[0]}; remove one of them")
 
 
 # ------------------------------------------------------------------------------------- forest

@@ -29,7 +29,9 @@ EPILOG = """\
 examples:
   python -m headless demo                         the demo forest, into out/demo
   python -m headless run my.toml --out out/my     a scene of your own
+  python -m headless template wood.stl leaves.stl --name elm   a species from your tree
   python -m headless run my.toml --seed 8 --out out/my-8
+  python -m headless derive apple --generations 2   the string of an L-system
   blender -b --python headless/in_blender.py -- my.toml --out out/my
 
 A scene file is TOML; assets/scenes/demo.toml is one with every table explained.
@@ -41,6 +43,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = _parser().parse_args(arguments)
     if chosen.command in ("run", "demo") and chosen.out is None:
         chosen.out = Path("out") / chosen.scene.stem
+    if chosen.command == "template" and chosen.out is None:
+        chosen.out = Path("out") / chosen.name
     from .interrupt import interruptible
 
     kept = f"finished files are kept in {chosen.out}" if "out" in chosen else "nothing was written"
@@ -84,6 +88,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     bench.add_argument("sections", nargs="*", metavar="SECTION", help="which; default all")
     bench.set_defaults(do=_bench)
+    _add_derive(commands)
+    _add_template(commands)
+    _add_species(commands)
     for command, folder in ((run, "out/SCENE"), (demo, "out/demo")):
         command.add_argument(
             "--out", type=Path, metavar="DIR", help=f"folder for the results (default {folder})"
@@ -91,6 +98,86 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--seed", type=int, help="another seed than the scene file's")
         command.add_argument("--quiet", action="store_true", help="say nothing but errors")
     return parser
+
+
+def _add_derive(commands: argparse._SubParsersAction) -> None:
+    derive = commands.add_parser(
+        "derive",
+        help="print the string of a species' L-system",
+        description="Print the string that the L-system of a species makes.",
+    )
+    derive.add_argument("species", metavar="PRESET", help="a species of assets/species, or a .toml")
+    derive.add_argument(
+        "--generations",
+        type=int,
+        metavar="N",
+        help="how often it is rewritten (default: as in the file)",
+    )
+    derive.add_argument("--seed", type=int, default=0, help="seed of the chances (default 0)")
+    derive.add_argument(
+        "--count", action="store_true", help="print the numbers of symbols and branches"
+    )
+    derive.set_defaults(do=_derive)
+
+
+def _derive(chosen: argparse.Namespace) -> int:
+    from .derive import derive_species
+
+    derive_species(chosen.species, chosen.generations, chosen.seed, chosen.count)
+    return 0
+
+
+def _add_template(commands: argparse._SubParsersAction) -> None:
+    template = commands.add_parser(
+        "template",
+        help="make a species from your own tree (STL)",
+        description="Recognise trunk, branches and leaves in STL files of a tree, and write a species "
+        "that grows from them, a picture of what was recognised, and a scene that plants it.",
+    )
+    template.add_argument("wood", type=Path, metavar="WOOD.stl", help="trunk and branches, z up")
+    template.add_argument(
+        "leaves", type=Path, nargs="?", metavar="LEAVES.stl", help="leaves; left out: leafless"
+    )
+    template.add_argument("--name", required=True, help="name of the species")
+    template.add_argument(
+        "--height",
+        type=float,
+        default=0.0,
+        metavar="M",
+        help="height of the tree in metres; left out: inferred, and said",
+    )
+    template.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for the library (default out/NAME)"
+    )
+    template.set_defaults(do=_template)
+
+
+def _add_species(commands: argparse._SubParsersAction) -> None:
+    species = commands.add_parser(
+        "species",
+        help="grow one tree of each preset: a table, and a contact sheet",
+        description="Grow one tree of each species and print its size, leaves and wood.",
+    )
+    species.add_argument("names", nargs="*", metavar="NAME", help="which; default every preset")
+    species.add_argument("--sheet", type=Path, metavar="PNG", help="also render a contact sheet")
+    species.add_argument("--seed", type=int, default=1, help="seed of the trees (default 1)")
+    species.set_defaults(do=_species)
+
+
+def _species(chosen: argparse.Namespace) -> int:
+    from .species_command import show_species
+
+    if chosen.seed < 0:
+        raise SpecError("--seed", f"{chosen.seed} is out of range; use at least 0")
+    show_species(chosen.names, chosen.sheet, chosen.seed)
+    return 0
+
+
+def _template(chosen: argparse.Namespace) -> int:
+    from .template_command import make_template
+
+    make_template(chosen.wood, chosen.leaves, chosen.name, chosen.height, chosen.out)
+    return 0
 
 
 def _run(chosen: argparse.Namespace) -> int:

@@ -32,7 +32,7 @@ from forest_addon.sensing.geometry import SceneGeometry
 from forest_addon.sensing.lidar import Cloud, TractorScan
 from forest_addon.sensing.sonar import Echo
 from forest_addon.spec import Scene, SpecError
-from forest_addon.stand.forest import Forest, grow_forest, leaf_table, tree_table
+from forest_addon.stand.forest import Forest, angle_table, grow_forest, leaf_table, tree_table
 
 from . import pictures, report
 from .progress import Stages, hushed
@@ -131,6 +131,7 @@ def _make_writable(out: Path) -> None:
 
 def _write_truth(run: Run) -> None:
     write_csv(run.path("trees.csv"), tree_table(run.forest))
+    write_csv(run.path("leaf_angles.csv"), angle_table(run.forest))
     metres = dict.fromkeys(("centre", "length", "width", "radius"), "m")
     write_npz(run.path("leaves.npz"), leaf_table(run.forest), metres | {"normal": "1", "axis": "1"})
 

@@ -16,6 +16,7 @@ from mathutils import Matrix
 
 from .. import spec
 from ..growth.trimesh import GROUND, TriMesh
+from ..growth.truth import tree_truth
 from ..stand.forest import Forest
 from . import materials
 from .depsgraph import SPECIES_KEY, TREE_KEY
@@ -97,6 +98,8 @@ def _plant(trees: bpy.types.Collection, forest: Forest) -> None:
         mesh = to_mesh(f"{forest.labels[planting]}.{variant:03d}", tree.mesh)
         for material in coats[planting]:
             mesh.materials.append(material)
+        for name, value in tree_truth(tree).items():  # custom properties, for whoever looks
+            mesh[name] = value
         meshes[planting, variant] = mesh
     stand = forest.stand
     for tree, matrix in enumerate(forest.transforms()):

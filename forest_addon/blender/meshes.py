@@ -1,7 +1,8 @@
 """Triangles to a Blender Mesh and back, in bulk through attribute arrays.
 
-Face attributes carry what a sensor wants to know: ``part`` (other, wood, leaf, ground) and ``leaf`` (the
-leaf's number, -1 elsewhere). They survive modifiers and instancing, so the evaluated scene tells.
+Face attributes carry what a sensor wants to know: ``part`` (other, wood, leaf, ground), ``leaf`` (the
+leaf's number, -1 elsewhere) and, of whole trees, ``order`` (branching order). They survive modifiers and
+instancing, so the evaluated scene tells. Texture coordinates are the layer ``UVMap``.
 """
 
 from __future__ import annotations
@@ -28,7 +29,17 @@ def to_mesh(name: str, mesh: TriMesh) -> bpy.types.Mesh:
     _set(data.attributes.new("leaf", "INT", "FACE"), "value", mesh.leaf, np.int32)
     _set(data.attributes.new("material_index", "INT", "FACE"), "value", mesh.material, np.int32)
     _set(data.attributes.new("sharp_face", "BOOLEAN", "FACE"), "value", mesh.part == LEAF, bool)
-    data.update(calc_edges=True)
+    if mesh.order is not None:
+        _set(data.attributes.new("order", "INT8", "FACE"), "value", mesh.order, np.int8)
+    if mesh.uv is not None:
+        _set(data.attributes.new("UVMap", "FLOAT2", "CORNER"), "vector", mesh.uv, np.float32)
+    if mesh.edges is None:
+        data.update(calc_edges=True)
+        return data
+    data.edges.add(len(mesh.edges.ends))
+    _set(data.attributes[".edge_verts"], "value", mesh.edges.ends, np.int32)
+    _set(data.attributes[".corner_edge"], "value", mesh.edges.of_corner, np.int32)
+    data.update()
     return data
 
 

@@ -1,4 +1,4 @@
-"""Species files: TOML with a grammar, and the STL templates that it names.
+"""Species files: TOML, and the STL templates that it may name.
 
 Wherever a species is named, a name without an ending means a file of ``assets/species``.
 """
@@ -7,7 +7,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..growth.blades import Blade, BladeError, blade_from
+from ..growth.expression import ExpressionError
+from ..growth.ruled import check_rules
 from ..growth.template import TemplateError, TreeTemplate, split_tree
+from ..growth.word import GrammarError
 from ..spec import SpecError, Species
 from .stl import StlError, read_stl
 from .toml_file import read_settings
@@ -31,23 +35,30 @@ def find_species(name: str, folder: Path) -> Path:
     return preset
 
 
-def load_species(path: Path) -> tuple[Species, TreeTemplate]:
-    """Read a species and split its templates.
+def load_species(path: Path) -> tuple[Species, TreeTemplate | Blade | None]:
+    """Read a species and what it takes from STL files: templates, or the leaf of one without.
 
     Raises
     ------
-    SpecError : the file, or an STL file that it names, is missing or cannot be used.
+    SpecError : the file, its rules, or an STL file that it names, is missing or cannot be used.
     """
     species = read_settings(path, Species)
-    template = species.template
-    folder = path.parent
+    if species.rules is not None:
+        try:
+            check_rules(species.rules)
+        except (GrammarError, ExpressionError) as problem:
+            raise SpecError(str(path), f"rules: {problem}") from None
+    template, leaf = species.template, species.leaf
+    folder, what = path.parent, "leaf.mesh" if template is None else "template"
     try:
+        if template is None:
+            return species, blade_from(read_stl(folder / leaf.mesh)) if leaf.mesh else None
         wood = read_stl(folder / template.wood)
         leaves = read_stl(folder / template.leaves) if template.leaves else None
         return species, split_tree(wood, leaves, height=template.height)
     except FileNotFoundError as problem:
         raise SpecError(
-            str(path), f"template: there is no file {problem.filename}; check the path"
+            str(path), f"{what}: there is no file {problem.filename}; check the path"
         ) from None
-    except (StlError, TemplateError) as problem:
-        raise SpecError(str(path), f"template: {problem}") from None
+    except (StlError, TemplateError, BladeError) as problem:
+        raise SpecError(str(path), f"{what}: {problem}") from None

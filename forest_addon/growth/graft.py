@@ -8,12 +8,13 @@ bears no larger leaves.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ..rng import truncated_normal
+from .leaves import Leaves
 from .template import BranchTemplate, canonical_frame
 from .trimesh import LEAF, WOOD, TriMesh
 
@@ -28,6 +29,7 @@ class Scion:
     leaf_mesh: TriMesh
     leaf_foot: np.ndarray  # (L, 3) where each leaf hangs, canonical frame
     leaf_of_vertex: np.ndarray  # (V,) leaf of each vertex of leaf_mesh, ascending as its triangles
+    leaves: Leaves  # their truth, canonical frame
     length: float  # metres in the template tree
 
 
@@ -54,7 +56,7 @@ def prepare(template: BranchTemplate) -> Scion:
         gap = cKDTree(wood.vertices).query(places)[0]
         farthest_first = np.argsort(-gap, kind="stable")
         foot[owner[farthest_first]] = places[farthest_first]
-    return Scion(wood, leaf_mesh, foot, leaf_of_vertex, template.length)
+    return Scion(wood, leaf_mesh, foot, leaf_of_vertex, template.leaves, template.length)
 
 
 def _apart(mesh: TriMesh) -> tuple[TriMesh, TriMesh, np.ndarray]:
@@ -78,21 +80,22 @@ def _apart(mesh: TriMesh) -> tuple[TriMesh, TriMesh, np.ndarray]:
 
 def graft(
     scion: Scion, site: Site, leaf_spread: float, roll: float, rng: np.random.Generator
-) -> TriMesh:
-    """The branch at its site, wood and leaves in one mesh with leaf numbers from 0.
+) -> tuple[TriMesh, Leaves]:
+    """The branch at its site, wood and leaves in one mesh with leaf numbers from 0; and their truth.
 
     leaf_spread : relative standard deviation of leaf size.
     roll : radians that the branch is turned about its own axis.
 
-    A longer branch bears more leaves, not larger ones.
+    A longer branch bears more leaves, not larger ones. The truth of a leaf is its template's, moved as
+    the leaf is moved.
     """
     turn = canonical_frame(site.direction).T @ _roll(roll)  # columns: images of X, Y, Z
     wood = scion.wood
     wood_vertices = (wood.vertices * site.length) @ turn.T + site.foot
 
-    leaves = _hang_leaves(scion, site.length, leaf_spread, rng)
+    leaves, truth = _hang_leaves(scion, site.length, leaf_spread, rng)
     leaf_vertices = leaves.vertices @ turn.T + site.foot
-    return TriMesh(
+    mesh = TriMesh(
         vertices=np.concatenate([wood_vertices, leaf_vertices]),
         triangles=np.concatenate([wood.triangles, leaves.triangles + len(wood_vertices)]).astype(
             np.int32
@@ -101,10 +104,19 @@ def graft(
         leaf=np.concatenate([wood.leaf, leaves.leaf]),
         material=np.concatenate([wood.material, leaves.material]),
     )
+    moved = replace(
+        truth,
+        centre=truth.centre @ turn.T + site.foot,
+        normal=truth.normal @ turn.T,
+        axis=truth.axis @ turn.T,
+    )
+    return mesh, moved
 
 
-def _hang_leaves(scion: Scion, length: float, spread: float, rng: np.random.Generator) -> TriMesh:
-    """Leaves of a branch of this length, in the template's frame but in metres.
+def _hang_leaves(
+    scion: Scion, length: float, spread: float, rng: np.random.Generator
+) -> tuple[TriMesh, Leaves]:
+    """Leaves of a branch of this length and their truth, in the template's frame but in metres.
 
     The number of leaves goes with length^1.5, as a crown's leaf area between its length and its area: a
     leaf of the template hangs there not at all, once or several times, each further one turned about
@@ -121,23 +133,38 @@ def _hang_leaves(scion: Scion, length: float, spread: float, rng: np.random.Gene
     # Vertices and triangles of a template's leaf stand together: copy the runs.
     vertex, vertex_leaf = _runs(scion.leaf_of_vertex, source)
     blade = (scion.leaf_mesh.vertices - scion.leaf_foot[scion.leaf_of_vertex])[vertex]
-    cos, sin = np.cos(turn)[vertex_leaf], np.sin(turn)[vertex_leaf]
-    turned = np.stack(
-        [cos * blade[:, 0] - sin * blade[:, 1], sin * blade[:, 0] + cos * blade[:, 1], blade[:, 2]],
-        axis=1,
-    )
+    cos, sin = np.cos(turn), np.sin(turn)
+    turned = _about_vertical(blade, cos[vertex_leaf], sin[vertex_leaf])
     foot = scion.leaf_foot[source] * length
     triangle, triangle_leaf = _runs(scion.leaf_mesh.leaf, source)
     first_old = np.searchsorted(scion.leaf_of_vertex, source)
     first_new = np.searchsorted(vertex_leaf, np.arange(len(source)))
     shift = (first_new - first_old)[triangle_leaf]
-    return TriMesh(
+    mesh = TriMesh(
         vertices=foot[vertex_leaf] + turned * size[vertex_leaf][:, None],
         triangles=(scion.leaf_mesh.triangles[triangle] + shift[:, None]).astype(np.int32),
         part=scion.leaf_mesh.part[triangle],
         leaf=triangle_leaf.astype(np.int32),
         material=np.ones(len(triangle), dtype=np.int32),
     )
+    own = scion.leaves
+    middle = _about_vertical(own.centre[source] - scion.leaf_foot[source], cos, sin)
+    truth = Leaves(
+        centre=foot + middle * size[:, None],
+        normal=_about_vertical(own.normal[source], cos, sin),
+        axis=_about_vertical(own.axis[source], cos, sin),
+        length=own.length[source] * size,
+        width=own.width[source] * size,
+        radius=own.radius[source] * size,
+        branch=own.branch[source],
+    )
+    return mesh, truth
+
+
+def _about_vertical(vectors: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:
+    """Vectors (N, 3), each turned about +Z by the angle with this cosine and sine."""
+    x, y, z = vectors.T
+    return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
 
 
 def _runs(owner: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,11 +1,9 @@
-"""L-systems: rewrite every symbol of a string at once, on arrays of bytes.
-
-A production replaces a symbol by a string; symbols without one stay. A derivation's length is predicted
-exactly before it starts, so one that would not fit is refused with the number and costs nothing.
+"""T20's and A20's L-systems, and plain ones: one character a symbol, no numbers, no chance.
 
 T20 writes its rule g -> d(g)[g)+g) and its second iteration d(d(g)[g)+g)[d(g)[g)+g)+d(g)[g)+g). Both
 follow from axiom ``g)`` and g -> d(g)[g)+g: the branch that ``+`` starts is closed by the bracket of
-its mother.
+its mother. A20's rules are groups d(d)+d) joined by ``[``, one group a whorl: there each ``+`` has a
+``)`` of its own.
 """
 
 from __future__ import annotations
@@ -15,12 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-MAX_SYMBOLS = 50_000_000
+from ..spec import Grammar
+from .production import System, read_system
+from .rewrite import predict, rewrite
+from .word import Notation
 
 
 @dataclass(frozen=True)
 class LSystem:
-    """An axiom and one production per rewritten symbol (one ASCII character each)."""
+    """An axiom and one production per rewritten symbol (one character each)."""
 
     axiom: str
     productions: Mapping[str, str]
@@ -29,16 +30,26 @@ class LSystem:
 T20 = LSystem(axiom="g)", productions={"g": "d(g)[g)+g"})
 
 
+def whorled(whorls: int) -> LSystem:
+    """A20's L-system: a trunk with so many whorls, rewritten once."""
+    return LSystem(axiom="g", productions={"g": "[".join(["d(d)+d)"] * whorls)})
+
+
+def system_of_grammar(grammar: Grammar) -> System:
+    """The L-system of a species' grammar, T20's or A20's."""
+    return _system(whorled(grammar.whorls) if grammar.dialect == "A20" else T20)
+
+
+def string_of(grammar: Grammar) -> np.ndarray:
+    """The string of a species' grammar, T20's or A20's, as (S,) uint8 character codes."""
+    if grammar.dialect == "A20":
+        return derive(whorled(grammar.whorls), min(grammar.generations, 1))
+    return derive(T20, grammar.generations)
+
+
 def predict_length(system: LSystem, generations: int) -> int:
     """How many symbols the string has after so many generations, exactly."""
-    counts = _count(system.axiom)
-    for _ in range(generations):
-        following: dict[str, int] = {}
-        for symbol, count in counts.items():
-            for successor, times in _count(system.productions.get(symbol, symbol)).items():
-                following[successor] = following.get(successor, 0) + count * times
-        counts = following
-    return sum(counts.values())
+    return int(predict(_system(system), generations).symbols)
 
 
 def derive(system: LSystem, generations: int) -> np.ndarray:
@@ -46,30 +57,9 @@ def derive(system: LSystem, generations: int) -> np.ndarray:
 
     Raises
     ------
-    ValueError : the string would be longer than ``MAX_SYMBOLS``; says how long.
+    ValueError : the string would be longer than ``rewrite.MAX_SYMBOLS``; says how long.
     """
-    length = predict_length(system, generations)
-    if length > MAX_SYMBOLS:
-        raise ValueError(
-            f"{generations} generations make {length:,} symbols, more than {MAX_SYMBOLS:,}; "
-            "use fewer generations"
-        )
-    successors = [
-        np.frombuffer(system.productions.get(chr(code), chr(code)).encode("latin-1"), np.uint8)
-        for code in range(256)
-    ]
-    table = np.concatenate(successors)
-    size = np.array([len(s) for s in successors])
-    first = np.cumsum(size) - size
-
-    symbols = np.frombuffer(system.axiom.encode("latin-1"), np.uint8)
-    for _ in range(generations):
-        grown = size[symbols]
-        start = np.cumsum(grown) - grown
-        # Position of every new symbol within the table: its own rank within the production it is of.
-        rank = np.arange(int(grown.sum())) - np.repeat(start, grown)
-        symbols = table[np.repeat(first[symbols], grown) + rank]
-    return symbols
+    return rewrite(_system(system), generations).codes
 
 
 def to_text(symbols: np.ndarray) -> str:
@@ -77,8 +67,6 @@ def to_text(symbols: np.ndarray) -> str:
     return symbols.tobytes().decode("latin-1")
 
 
-def _count(text: str) -> dict[str, int]:
-    counts: dict[str, int] = {}
-    for symbol in text:
-        counts[symbol] = counts.get(symbol, 0) + 1
-    return counts
+def _system(system: LSystem) -> System:
+    productions = [f"{symbol} -> {successor}" for symbol, successor in system.productions.items()]
+    return read_system(system.axiom, productions, notation=Notation(parametric=False))

@@ -1,4 +1,8 @@
-"""The skeleton of a tree: straight segments that know their mother."""
+"""The skeleton of a tree: straight segments that know their mother, and where its leaves sit.
+
+What a turtle or a branching model makes and a mesher takes. A daughter may start anywhere on her mother,
+not only at her end; a segment of the same order as its mother continues her axis.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Skeleton:
-    """S segments; a mother comes before her daughters.
+    """S segments, perhaps none; a mother comes before her daughters.
 
     start, end : (S, 3) metres.
     radius : (S, 2) at start and end, metres.
@@ -38,3 +42,31 @@ class Skeleton:
             if not len(onward):
                 return chain
             chain.append(int(onward[0]))
+
+
+@dataclass(frozen=True)
+class LeafSites:
+    """Where L leaves sit on a skeleton, before they have a shape.
+
+    foot : (L, 3) where the leaf leaves the wood, metres.
+    direction : (L, 3) unit, from the foot along the leaf's midrib.
+    up : (L, 3) unit, normal of the leaf's upper side, at right angles to ``direction``.
+    length, width : (L,) metres.
+    segment : (L,) int64, the segment that bears it, -1 where there is none.
+    """
+
+    foot: np.ndarray
+    direction: np.ndarray
+    up: np.ndarray
+    length: np.ndarray
+    width: np.ndarray
+    segment: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.length)
+
+    @classmethod
+    def none(cls) -> LeafSites:
+        """No leaves at all."""
+        vectors, numbers = np.empty((0, 3)), np.empty(0)
+        return cls(vectors, vectors, vectors, numbers, numbers, np.empty(0, np.int64))

@@ -49,7 +49,7 @@ class BranchTemplate:
     angle: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # one template is another only if it is the same object
 class TreeTemplate:
     """A tree taken apart.
 

@@ -1,23 +1,30 @@
-"""One tree: the L-system gives trunk and first-level nodes, templates give the branches (T20).
+"""One tree: grown to the last twig as a skeleton, or grafted from templates (T20).
 
-The trunk is a tube along the skeleton's axis of order 0. At every node where an axis of order 1 leaves
-it, and at the trunk's tip, a branch template is grafted whose length is that of the whole axis. With as
-many templates as nodes they match one to one, from the lowest up; otherwise they are drawn.
+A species without a template is a skeleton with leaf sites, of which meshes are made. With one, the
+L-system gives trunk and first-level nodes, templates give the branches: the trunk is a tube along the
+skeleton's axis of order 0; at every node where an axis of order 1 leaves it, and at the trunk's tip, a
+branch template is grafted whose length is that of the whole axis. With as many templates as nodes they
+match one to one, from the lowest up; otherwise they are drawn.
 """
 
 from __future__ import annotations
 
-import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
 from ..rng import truncated_normal
 from ..spec import Species
-from .graft import Site, graft, prepare
-from .grammar import T20, derive
-from .leaves import Leaves, measure_leaves
+from .axes import first_level
+from .blades import SHAPES, Blade, lay, thin_leaves, truth_of
+from .graft import Scion, Site, graft, prepare
+from .grammar import string_of
+from .leaves import Leaves, join_leaves
+from .meshing import mesh_wood
 from .skeleton import Skeleton
+from .species import skeleton_of
 from .template import TreeTemplate
 from .trimesh import WOOD, TriMesh, join
 from .tubes import sides_for, tube
@@ -32,38 +39,68 @@ class Tree:
     """A grown tree, foot at the origin, z up.
 
     mesh : wood in material slot 0, leaves in slot 1.
-    leaves : the truth of its leaves; ``branch`` counts the grafted branches.
-    skeleton : trunk and first-level axes.
+    leaves : the truth of its leaves; ``branch`` counts the first-level branches, -1 on the trunk.
+    skeleton : all of its wood; of a grafted tree, trunk and first-level axes.
+    grafted : whether its branches come from templates.
     """
 
     mesh: TriMesh
     leaves: Leaves
     skeleton: Skeleton
+    grafted: bool = True
 
     @property
     def height(self) -> float:
         """Metres from the ground to the highest point."""
-        return float(self.mesh.vertices[:, 2].max())
+        return float(self.mesh.vertices[:, 2].max(initial=0.0))
 
 
-def grow(species: Species, template: TreeTemplate, rng: np.random.Generator) -> Tree:
-    """Grow one tree of a species from its random stream."""
-    symbols = derive(T20, species.grammar.generations)
+def grow(species: Species, template: TreeTemplate | Blade | None, rng: np.random.Generator) -> Tree:
+    """Grow one tree of a species from its random stream.
+
+    template : its branches; for a species without, its own leaf or None.
+    """
+    if isinstance(template, TreeTemplate):
+        return _grafted(species, template, rng)
+    blade = template or SHAPES[species.leaf.shape]()
+    return _whole(species, blade, rng)
+
+
+def _whole(species: Species, blade: Blade, rng: np.random.Generator) -> Tree:
+    """A tree whose wood is all in its skeleton."""
+    skeleton, sites = skeleton_of(species, rng)
+    sites = thin_leaves(sites, species.detail.leaves, rng)
+    bearer = np.maximum(sites.segment, 0)
+    known = sites.segment >= 0
+    branch = np.where(known, first_level(skeleton)[bearer], -1) if len(sites) else sites.segment
+    order = np.where(known, skeleton.order[bearer], 0) if len(sites) else sites.segment
+    wood = mesh_wood(skeleton, species.detail.tolerance, sunk=SUNK)
+    mesh = join([wood, lay(sites, blade, order=order)])
+    return Tree(mesh, truth_of(sites, blade, branch), skeleton, grafted=False)
+
+
+def _grafted(species: Species, template: TreeTemplate, rng: np.random.Generator) -> Tree:
+    """A tree of a trunk and branch templates."""
+    symbols = string_of(species.grammar)
     skeleton = interpret(symbols, species.grammar, species.jitter, rng)
     trunk = skeleton.axis(0)
     sites = _sites(skeleton, trunk, species, rng)
-    scions = [prepare(branch) for branch in template.branches]
+    scions = _scions(template)
     chosen = _choose(len(sites), len(scions), rng)
     roll = np.deg2rad(15.0) * truncated_normal(rng, len(sites))
-    branches = [
-        graft(scions[pick], site, species.jitter.leaf_size, turn, rng)
-        for pick, site, turn in zip(chosen, sites, roll, strict=True)
-    ]
+    branches, truths = [], []
+    for number, (pick, site, turn) in enumerate(zip(chosen, sites, roll, strict=True)):
+        branch, truth = graft(scions[pick], site, species.jitter.leaf_size, turn, rng)
+        branches.append(branch)
+        truths.append(replace(truth, branch=np.full(len(truth), number, dtype=np.int32)))
     mesh = join([_trunk_mesh(skeleton, trunk), *branches])
-    bearer = np.repeat(
-        np.arange(len(branches)), [int(b.leaf.max(initial=-1)) + 1 for b in branches]
-    )
-    return Tree(mesh, measure_leaves(mesh, bearer), _first_levels(skeleton))
+    return Tree(mesh, join_leaves(truths), _first_levels(skeleton))
+
+
+@lru_cache(maxsize=32)
+def _scions(template: TreeTemplate) -> tuple[Scion, ...]:
+    """The branches of a template made ready to graft, once for all trees that use it."""
+    return tuple(prepare(branch) for branch in template.branches)
 
 
 def _sites(
@@ -74,7 +111,7 @@ def _sites(
     firsts = np.flatnonzero(
         (skeleton.order == 1) & (skeleton.order[np.maximum(skeleton.parent, 0)] == 0)
     )
-    onward = dict(itertools.pairwise(trunk))
+    onward = dict(pairwise(trunk))
     sites: list[Site] = []
     for first in firsts:
         reach = float(length[skeleton.axis(int(first))].sum())
@@ -113,7 +150,7 @@ def _trunk_mesh(skeleton: Skeleton, trunk: list[int]) -> TriMesh:
     nodes = np.concatenate([skeleton.start[trunk], skeleton.end[trunk[-1:]]])
     radius = np.concatenate([skeleton.radius[trunk, 0], skeleton.radius[trunk[-1:], 1]])
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(nodes, axis=0), axis=1))])
-    fine = np.unique(np.concatenate([np.linspace(a, b, 5) for a, b in itertools.pairwise(along)]))
+    fine = np.unique(np.concatenate([np.linspace(a, b, 5) for a, b in pairwise(along)]))
     fine = np.unique(np.concatenate([fine, radius[0] * np.array([0.5, 1.0, 2.0, 4.0])]))
     fine = fine[fine <= along[-1]]
     points = _smooth(along, nodes, fine)

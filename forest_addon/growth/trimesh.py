@@ -16,6 +16,18 @@ PART_NAMES = ("other", "wood", "leaf", "ground")
 
 
 @dataclass(frozen=True)
+class Edges:
+    """Every edge of a mesh once.
+
+    ends : (E, 2) int32, vertices.
+    of_corner : (T, 3) int32, the edge from each corner of a triangle to its next.
+    """
+
+    ends: np.ndarray
+    of_corner: np.ndarray
+
+
+@dataclass(frozen=True)
 class TriMesh:
     """Triangles with a part, a leaf number and a material slot each.
 
@@ -25,6 +37,8 @@ class TriMesh:
     leaf : (T,) int32, the leaf a triangle belongs to, -1 where it is no leaf.
     material : (T,) int32, material slot.
     uv : (T, 3, 2) float32 texture coordinates by corner, or None.
+    order : (T,) int8, branching order of the wood (0 the trunk) or of what bears the leaf, or None.
+    edges : known from how the mesh was made, or None.
     """
 
     vertices: np.ndarray
@@ -33,6 +47,8 @@ class TriMesh:
     leaf: np.ndarray
     material: np.ndarray
     uv: np.ndarray | None = None
+    order: np.ndarray | None = None
+    edges: Edges | None = None
 
     @classmethod
     def of_part(cls, vertices: np.ndarray, triangles: np.ndarray, part: int) -> TriMesh:
@@ -62,6 +78,7 @@ class TriMesh:
             leaf=self.leaf[keep],
             material=self.material[keep],
             uv=None if self.uv is None else self.uv[keep],
+            order=None if self.order is None else self.order[keep],
         )
 
 
@@ -69,18 +86,45 @@ def join(meshes: Sequence[TriMesh]) -> TriMesh:
     """One mesh out of several; leaf numbers of later meshes follow on those of earlier ones."""
     if not meshes:
         return TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3)), OTHER)
-    first_vertex = np.cumsum([0] + [len(m.vertices) for m in meshes[:-1]])
-    first_leaf = np.cumsum([0] + [int(m.leaf.max(initial=-1)) + 1 for m in meshes[:-1]])
+    sizes = [len(m.triangles) for m in meshes]
+    triangles = np.empty((sum(sizes), 3), dtype=np.int32)
+    leaf = np.empty(sum(sizes), dtype=np.int32)
+    start = first_vertex = first_leaf = 0
+    for m, size in zip(meshes, sizes, strict=True):
+        stop = start + size
+        np.add(m.triangles, first_vertex, out=triangles[start:stop], casting="unsafe")
+        largest = int(m.leaf.max(initial=-1))
+        leaf[start:stop] = m.leaf
+        if largest >= 0 and first_leaf:
+            leaf[start:stop][m.leaf >= 0] += first_leaf
+        first_vertex += len(m.vertices)
+        first_leaf += largest + 1
+        start = stop
     has_uv = all(m.uv is not None for m in meshes)
+    has_order = all(m.order is not None for m in meshes)
     return TriMesh(
         vertices=np.concatenate([m.vertices for m in meshes]),
-        triangles=np.concatenate(
-            [m.triangles + np.int32(v) for m, v in zip(meshes, first_vertex, strict=True)]
-        ).astype(np.int32),
+        triangles=triangles,
         part=np.concatenate([m.part for m in meshes]),
-        leaf=np.concatenate(
-            [np.where(m.leaf < 0, -1, m.leaf + n) for m, n in zip(meshes, first_leaf, strict=True)]
-        ).astype(np.int32),
+        leaf=leaf,
         material=np.concatenate([m.material for m in meshes]),
         uv=np.concatenate([m.uv for m in meshes if m.uv is not None]) if has_uv else None,
+        order=np.concatenate([m.order for m in meshes if m.order is not None])
+        if has_order
+        else None,
+        edges=_join_edges(meshes),
     )
+
+
+def _join_edges(meshes: Sequence[TriMesh]) -> Edges | None:
+    """Edges of the joined meshes, if they are known of all."""
+    ends, of_corner = [], []
+    vertex = edge = 0
+    for mesh in meshes:
+        if mesh.edges is None:
+            return None
+        ends.append(mesh.edges.ends + np.int32(vertex))
+        of_corner.append(mesh.edges.of_corner + np.int32(edge))
+        vertex += len(mesh.vertices)
+        edge += len(mesh.edges.ends)
+    return Edges(np.concatenate(ends), np.concatenate(of_corner))

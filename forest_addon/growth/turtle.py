@@ -17,10 +17,13 @@ from .skeleton import Skeleton
 
 CENTRE, SIDE, SYMMETRIC = 0, 1, 2
 _ROLE = {ord("["): CENTRE, ord("("): SIDE, ord("+"): SYMMETRIC}
+# Symbols whose segments ``)`` goes back from: a symmetric branch ends with its mother in T20, in A20 it
+# has a bracket of its own, and the trunk goes on without one.
+_OPENING = {"T20": b"[(", "A20": b"(+"}
 
 
-def parse(symbols: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mother (S,) and role (S,) of every segment of T20 symbols, in the order they are written.
+def parse(symbols: np.ndarray, dialect: str = "T20") -> tuple[np.ndarray, np.ndarray]:
+    """Mother (S,) and role (S,) of every segment of T20 or A20 symbols, in the order they are written.
 
     Raises
     ------
@@ -30,6 +33,7 @@ def parse(symbols: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     role: list[int] = []
     open_nodes: list[int] = []
     node, next_role = -1, CENTRE
+    opening = _OPENING[dialect]
     for position, symbol in enumerate(symbols.tolist()):
         if symbol in (100, 103):  # d, g
             parent.append(node)
@@ -42,7 +46,7 @@ def parse(symbols: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                 raise ValueError(f"symbol {position}: ')' closes a branch that was not opened")
         elif symbol in _ROLE:
             next_role = _ROLE[symbol]
-            if symbol != 43:  # '+' stays within its mother's bracket
+            if symbol in opening:
                 open_nodes.append(node)
         else:
             raise ValueError(f"symbol {position}: '{chr(symbol)}' is not one of d g ( ) [ +")
@@ -57,7 +61,7 @@ def interpret(
     All segments of one generation are placed at once. Draws are taken per segment in the order of the
     string, so the skeleton is a function of the string and the stream alone.
     """
-    parent, role = parse(symbols)
+    parent, role = parse(symbols, grammar.dialect)
     count = len(parent)
     draws = {
         name: truncated_normal(rng, count) for name in ("length", "angle", "twist", "lean", "side")
@@ -119,8 +123,9 @@ def interpret(
                 radius[s] = radius[mother] * grammar.radius_ratio
                 start[s] = end[mother]
                 if kind == SYMMETRIC:
-                    onto = centre_of[mother]
-                    start[s] += (lift[s] * length[onto])[:, None] * heading[onto]
+                    onto = centre_of[mother]  # -1 where the axis ends: nothing to be raised along
+                    rise = lift[s] * np.where(onto < 0, 0.0, length[onto])
+                    start[s] += rise[:, None] * heading[onto]
             end[s] = start[s] + length[s, None] * heading[s]
 
     return Skeleton(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..growth.leaves import Leaves
+from ..growth.blades import Blade
+from ..growth.leaves import Leaves, join_leaves
 from ..growth.template import TreeTemplate
 from ..growth.tree import Tree, grow
+from ..growth.truth import leaf_angles, wood_of_tree
 from ..rng import stream
 from ..spec import Scene, Species
 from .plan import Stand, labels, plan_stand
@@ -18,6 +20,7 @@ Progress = Callable[[int, int], None]
 TREE_COLUMNS = (
     *("tree", "species", "planting", "variant", "x_m", "y_m", "z_m", "rotation_rad", "scale"),
     *("height_m", "foot_radius_m", "leaves", "leaf_area_m2"),
+    *("wood_volume_m3", "wood_area_m2", "projected_wood_m2"),
 )
 
 
@@ -52,7 +55,7 @@ class Forest:
 
 def grow_forest(
     scene: Scene,
-    species: Sequence[tuple[Species, TreeTemplate]],
+    species: Sequence[tuple[Species, TreeTemplate | Blade | None]],
     progress: Progress | None = None,
 ) -> Forest:
     """Plan the stand and grow the variants that occur in it.
@@ -105,13 +108,34 @@ def leaf_table(forest: Forest) -> dict[str, np.ndarray]:
     }
 
 
+def angle_table(forest: Forest) -> dict[str, np.ndarray]:
+    """Leaf-angle distribution of each planting, all its trees together: density per radian of the angle
+    between leaf normal and vertical, by leaf area, in bins of equal width from 0 to 90°.
+    """
+    stand = forest.stand
+    columns: dict[str, np.ndarray] = {}
+    for planting, label in enumerate(forest.labels):
+        grown = [
+            forest.variant_of(int(tree)).leaves
+            for tree in np.flatnonzero(stand.species == planting)
+        ]
+        sizes = np.repeat(stand.scale[stand.species == planting], [len(g) for g in grown])
+        leaves = join_leaves(grown)
+        edges, density = leaf_angles(replace(leaves, radius=leaves.radius * sizes))
+        columns |= {"from_deg": np.rad2deg(edges[:-1]), "to_deg": np.rad2deg(edges[1:])}
+        columns[f"{label}_per_rad"] = density
+    return columns
+
+
 def tree_table(forest: Forest) -> dict[str, list[object]]:
-    """One row a tree: place, turn, size, height, trunk and leaves, metres."""
+    """One row a tree: place, turn, size, height, trunk, leaves and wood, metres."""
     stand = forest.stand
     rows = []
+    wood = {variant: wood_of_tree(tree) for variant, tree in forest.variants.items()}
     for tree in range(len(stand)):
         grown, scale = forest.variant_of(tree), float(stand.scale[tree])
         planting = int(stand.species[tree])
+        timber = wood[planting, int(stand.variant[tree])]
         rows.append(
             {
                 "tree": int(stand.id[tree]),
@@ -124,9 +148,12 @@ def tree_table(forest: Forest) -> dict[str, list[object]]:
                 "rotation_rad": float(stand.rotation[tree]),
                 "scale": scale,
                 "height_m": grown.height * scale,
-                "foot_radius_m": float(grown.skeleton.radius[0, 0]) * scale,
+                "foot_radius_m": float(grown.skeleton.radius[:1, 0].sum()) * scale,
                 "leaves": len(grown.leaves),
                 "leaf_area_m2": float((np.pi * grown.leaves.radius**2).sum()) * scale**2,
+                "wood_volume_m3": timber.volume * scale**3,
+                "wood_area_m2": timber.area * scale**2,
+                "projected_wood_m2": timber.projected * scale**2,
             }
         )
     return {name: [row[name] for row in rows] for name in TREE_COLUMNS}

@@ -11,7 +11,7 @@ import statistics
 import time
 from collections.abc import Callable, Sequence
 
-SECTIONS = ("rays", "sonar", "reverb")
+SECTIONS = ("growth", "rays", "sonar", "reverb")
 
 Say = Callable[[str], None]
 

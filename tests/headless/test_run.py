@@ -16,7 +16,15 @@ ROOT = Path(__file__).resolve().parents[2]
 SMALL = Path(__file__).with_name("small.toml")
 RESULTS = [
     *("cloud.laz", "cloud.png", "echo.npz", "echo.png", "forest.blend", "forest.glb"),
-    *("leaves.npz", "preview.png", "report.html", "reverb.png", "reverb.wav", "run.json"),
+    *(
+        "leaf_angles.csv",
+        "leaves.npz",
+        "preview.png",
+        "report.html",
+        "reverb.png",
+        "reverb.wav",
+        "run.json",
+    ),
     *("scan.npz", "scan.png", "trees.csv"),
 ]
 

@@ -1,0 +1,33 @@
+"""Draws from the distributions of a species, by inversion: one uniform number each, never rejection."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from ..rng import keyed_uniform
+from ..spec import Discrete, Normal
+
+
+def draw_normal(spread: Normal, keys: np.ndarray, purpose: str) -> np.ndarray:
+    """(N,) truncated normals, one a key."""
+    if spread.sd == 0:
+        return np.full(len(keys), spread.mean)
+    low, high = ((bound - spread.mean) / spread.sd for bound in spread.bounds())
+    share = ndtr(low) + (ndtr(high) - ndtr(low)) * keyed_uniform(keys, purpose)
+    value = spread.mean + spread.sd * ndtri(share)
+    return np.asarray(np.clip(value, *spread.bounds()))  # rounding at the ends
+
+
+def draw_discrete(choice: Discrete, keys: np.ndarray, purpose: str) -> np.ndarray:
+    """(N,) int64 whole numbers, one a key."""
+    weights = np.array(choice.weights or (1.0,) * len(choice.values))
+    bounds = np.cumsum(weights / weights.sum())[:-1]
+    rank = np.searchsorted(bounds, keyed_uniform(keys, purpose), side="right")
+    return np.array(choice.values, np.int64)[rank]
+
+
+def mean_of(choice: Discrete) -> float:
+    """The expected number."""
+    weights = np.array(choice.weights or (1.0,) * len(choice.values))
+    return float(np.dot(weights, choice.values) / weights.sum())

@@ -1,0 +1,68 @@
+"""Edges of tubes and of leaves, known from how they are made.
+
+Blender needs each edge once and the edge of every corner of every triangle. It can find them itself, but
+that takes longer than everything else about a mesh; whoever makes triangles in patterns knows them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .trimesh import Edges
+
+
+def tube_edges(
+    n: int, vertex: int, edge: int, wall: np.ndarray, feet: np.ndarray, tips: np.ndarray, rings: int
+) -> Edges:
+    """Edges of a group of tubes with rings of n corners, their triangles in the order of ``meshing``.
+
+    vertex, edge : the first of the group.
+    wall : (W,) rings with a wall above, counted within the group.
+    feet, tips : (A,) first and last ring of each tube.
+
+    Every ring has 3n edges: those around it, and the upright and the slanted ones of the wall above.
+    Above a last ring there is no wall: there the spokes of the tip and of the foot take their place.
+    """
+    corner = np.arange(n, dtype=np.int32)
+    following = (corner + 1) % n
+    count = len(feet)
+    around, upright, slanted = corner, n + corner, 2 * n + corner
+
+    pattern = np.concatenate(
+        [
+            np.stack([corner, following], axis=1),
+            np.stack([corner, n + corner], axis=1),
+            np.stack([corner, n + following], axis=1),
+        ]
+    )  # (3n, 2)
+    ends = pattern + (vertex + n * np.arange(rings, dtype=np.int32))[:, None, None]
+    middle = (vertex + n * rings + np.arange(count, dtype=np.int32))[:, None]
+    ends[tips, n : 2 * n, 1] = middle + count
+    ends[tips, 2 * n :, 0] = middle
+    ends[tips, 2 * n :, 1] = (vertex + n * feet.astype(np.int32))[:, None] + corner
+
+    pattern = np.stack(
+        [around, upright[following], slanted, slanted, 3 * n + around, upright], axis=1
+    ).reshape(-1)  # (6n,)
+    of_corner = np.empty((2 * n * (len(wall) + count), 3), dtype=np.int32)
+    below = (edge + 3 * n * wall).astype(np.int32)
+    np.add(below[:, None], pattern, out=of_corner[: 2 * n * len(wall)].reshape(-1, 6 * n))
+    fans = of_corner[2 * n * len(wall) :].reshape(2, count, 3 * n)
+    first = (edge + 3 * n * feet).astype(np.int32)[:, None]
+    last = (edge + 3 * n * tips).astype(np.int32)[:, None]
+    np.add(last, np.repeat(upright, 3), out=fans[1])
+    fans[1, :, 1::3], fans[1, :, 2::3] = last + around, last + upright[following]
+    np.add(last, np.repeat(slanted, 3), out=fans[0])
+    fans[0, :, 0::3], fans[0, :, 1::3] = last + slanted[following], first + around
+    return Edges(ends.reshape(-1, 2), of_corner)
+
+
+def repeated_edges(triangles: np.ndarray, corners: int, times: int) -> Edges:
+    """Edges of a shape (F, 3) with so many corners that is there so many times, one after the other."""
+    ahead = np.stack([triangles, triangles[:, [1, 2, 0]]], axis=2).reshape(-1, 2)  # (3F, 2)
+    ends, index = np.unique(np.sort(ahead, axis=1), axis=0, return_inverse=True)
+    copy = np.arange(times, dtype=np.int32)[:, None, None]
+    return Edges(
+        (ends.astype(np.int32) + corners * copy).reshape(-1, 2),
+        (index.reshape(-1, 3).astype(np.int32) + len(ends) * copy).reshape(-1, 3),
+    )

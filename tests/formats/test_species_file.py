@@ -1,0 +1,48 @@
+"""Species files: leaves of one's own, and what is wrong said in one sentence."""
+
+import numpy as np
+import pytest
+
+from forest_addon.formats.species_file import load_species
+from forest_addon.formats.stl import write_stl
+from forest_addon.growth.leaves import measure_leaves
+from forest_addon.growth.tree import grow
+from forest_addon.growth.trimesh import LEAF
+from forest_addon.rng import stream
+from forest_addon.spec import SpecError
+
+SPECIES = """
+name = "kite tree"
+[grammar]
+generations = 4
+radius = 0.08
+[leaf]
+mesh = "kite.stl"
+"""
+KITE = np.array([[0, 0, 0], [1, -0.6, 0], [3, 0, 0], [1, 0.6, 0]])[[[0, 1, 2], [0, 2, 3]]]
+
+
+def test_leaves_of_a_users_own_shape(tmp_path):
+    (tmp_path / "kite.toml").write_text(SPECIES)
+    write_stl(tmp_path / "kite.stl", KITE)
+    species, blade = load_species(tmp_path / "kite.toml")
+    tree = grow(species, blade, stream(1, "kite"))
+    assert len(tree.leaves) > 100
+    assert np.sum(tree.mesh.part == LEAF) == 2 * len(tree.leaves)
+    measured = measure_leaves(tree.mesh)
+    np.testing.assert_allclose(tree.leaves.radius, measured.radius, rtol=1e-6)
+    area = np.pi * tree.leaves.radius**2
+    np.testing.assert_allclose(area, tree.leaves.length * tree.leaves.width / 2, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("facets", "complaint"),
+    [(None, "there is no file"), (KITE * [1, 0, 0], "no area")],
+)
+def test_a_leaf_that_cannot_be_used(tmp_path, facets, complaint):
+    (tmp_path / "kite.toml").write_text(SPECIES)
+    if facets is not None:
+        write_stl(tmp_path / "kite.stl", facets)
+    with pytest.raises(SpecError, match=complaint) as caught:
+        load_species(tmp_path / "kite.toml")
+    assert "leaf.mesh" in str(caught.value)
