@@ -215,7 +215,7 @@ def _say_what_is_missing(layout: bpy.types.UILayout) -> None:
     column = box.column(align=True)
     column.label(text=requirements.in_words(requirements.missing()), icon="ERROR")
     for line in requirements.WHAT_TO_DO:
-        column.label(text=line, icon="BLANK1")
+        column.label(text=line)
 
 
 def _big_button(

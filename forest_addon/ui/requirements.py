@@ -6,11 +6,11 @@ import functools
 import importlib.util
 
 NEEDED = ("numpy", "scipy", "cattrs")
-WHAT_TO_DO = (
-    "The extension's zip brings it along:",
-    "Edit > Preferences > Get Extensions >",
-    "Install from Disk, with the zip that is made",
-    "for this system and this Blender.",
+WHAT_TO_DO = (  # line by line, as wide as the sidebar
+    "The extension brings it along:",
+    "install its zip again under",
+    "Preferences > Get Extensions",
+    "> Install from Disk.",
 )
 
 
