@@ -200,7 +200,7 @@ def _bench(chosen: argparse.Namespace) -> int:
     unknown = [name for name in chosen.sections if name not in SECTIONS]
     if unknown:
         raise SpecError("bench", f'"{unknown[0]}" is not known; use {", ".join(SECTIONS)}')
-    run_sections(chosen.sections)
+    run_sections(chosen.sections, Path("out") / "bench")
     return 0
 
 

@@ -80,7 +80,7 @@ def draw_scan(scan: TractorScan, path: Path) -> Path:
     for axes in (far, what):
         axes.set_ylabel("angle from the horizontal, °")
     what.set_xlabel("metres along the track")
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def draw_cloud(cloud: Cloud, scanner: Terrestrial, path: Path) -> Path:
@@ -134,12 +134,12 @@ def draw_cloud(cloud: Cloud, scanner: Terrestrial, path: Path) -> Path:
     above.set_xlabel("x, m")
     above.set_ylabel("y, m")
     _organ_legend(above, (WOOD, LEAF, GROUND))
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def draw_echo(echo: Echo, sonar: Sonar, discs: LeafDiscs, forest: Forest, path: Path) -> Path:
     """A ping: the leaves in the beam from above, the echo in time, its spectrum."""
-    figure = _blank((12.5, 6.2))
+    figure = blank_figure((12.5, 6.2))
     grid = figure.add_gridspec(2, 2, width_ratios=(1, 1.45))
     _beam_map(figure.add_subplot(grid[:, 0]), echo, sonar, discs, forest)
 
@@ -167,7 +167,7 @@ def draw_echo(echo: Echo, sonar: Sonar, discs: LeafDiscs, forest: Forest, path: 
     spectrum.set_xlabel("kHz")
     spectrum.set_ylabel("dB re the call at 1 m")
     spectrum.margins(x=0)
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def draw_reverb(response: ImpulseResponse, path: Path) -> Path:
@@ -216,7 +216,7 @@ def draw_reverb(response: ImpulseResponse, path: Path) -> Path:
     decay.set_xlim(0, time[-1] * 1e3)
     wave.set_xlabel("ms")
     decay.set_xlabel("ms")
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def _distance_bar(figure: Figure, image: ScalarMappable, axes: Axes) -> None:
@@ -286,20 +286,22 @@ def _organ_legend(axes: Axes, organs: tuple[int, ...]) -> None:
 def _figure(
     rows: int, columns: int, size: tuple[float, float], widths: tuple[float, ...] | None = None
 ) -> tuple[Figure, np.ndarray]:
-    figure = _blank(size)
+    figure = blank_figure(size)
     grid = figure.add_gridspec(rows, columns, width_ratios=widths)
     axes = [figure.add_subplot(grid[r, c]) for r in range(rows) for c in range(columns)]
     return figure, np.array(axes, dtype=object)
 
 
-def _blank(size: tuple[float, float]) -> Figure:
+def blank_figure(size: tuple[float, float]) -> Figure:
+    """An empty figure in the project's style, inches."""
     import matplotlib
 
     matplotlib.rcParams.update(STYLE)
     return Figure(figsize=size, layout="constrained", dpi=110)
 
 
-def _save(figure: Figure, path: Path) -> Path:
+def save_figure(figure: Figure, path: Path) -> Path:
+    """Write a figure as PNG; returns the path."""
     with replacing(path) as partial:
         figure.savefig(partial, metadata={"Software": "Forest Sensing"})
     return path

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from forest_addon.growth.recognise import Recognition
 
-from .pictures import INK, LEAF_GREEN, STYLE, _save
+from .pictures import INK, LEAF_GREEN, STYLE, save_figure
 
 TRUNK = "#4a3526"
 
@@ -67,7 +67,7 @@ def draw_recognised(found: Recognition, metres: float, name: str, path: Path) ->
         handlelength=1.2,
         columnspacing=0.6,
     )
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def _branch_colours(found: Recognition) -> tuple[np.ndarray, np.ndarray]:

@@ -19,7 +19,7 @@ from forest_addon.growth.truth import tree_truth
 from forest_addon.rng import stream
 from forest_addon.spec import Detail, Species
 
-from .pictures import FAINT, INK, STYLE, _save
+from .pictures import FAINT, INK, STYLE, save_figure
 
 Say = Callable[[str], None]
 PAPER = "#f4f2ec"
@@ -85,7 +85,7 @@ def draw_sheet(grown: Sequence[tuple[Species, Tree]], path: Path) -> Path:
         axes.text(cell.x, cell.y + 28, detail, ha="center", va="top", color=INK, fontsize=8.5)
     axes.set_xlim(0, wide)
     axes.set_ylim(high, 0)
-    return _save(figure, path)
+    return save_figure(figure, path)
 
 
 def _grow(name: str, seed: int) -> tuple[Species, Tree]:

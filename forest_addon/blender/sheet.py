@@ -119,7 +119,8 @@ def _light(scene: bpy.types.Scene) -> None:
     sun.rotation_euler = (math.radians(52), 0.0, math.radians(-38))
     scene.collection.objects.link(sun)
     world = bpy.data.worlds.new("Sheet sky")
-    world.use_nodes = True
+    if world.node_tree is None:
+        world.use_nodes = True
     sky = next(n for n in world.node_tree.nodes if n.type == "BACKGROUND")
     sky.inputs["Color"].default_value = (0.75, 0.86, 1.0, 1.0)
     sky.inputs["Strength"].default_value = 0.8

@@ -14,9 +14,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..rng import truncated_normal
+from .edges import repeated_edges
 from .leaves import Leaves
 from .template import BranchTemplate, canonical_frame
-from .trimesh import LEAF, WOOD, TriMesh
+from .trimesh import LEAF, WOOD, Edges, TriMesh, join_edges
 
 MOST_LEAVES_A_FOOT = 3.0
 
@@ -56,7 +57,14 @@ def prepare(template: BranchTemplate) -> Scion:
         gap = cKDTree(wood.vertices).query(places)[0]
         farthest_first = np.argsort(-gap, kind="stable")
         foot[owner[farthest_first]] = places[farthest_first]
-    return Scion(wood, leaf_mesh, foot, leaf_of_vertex, template.leaves, template.length)
+    return Scion(
+        wood=replace(wood, edges=repeated_edges(wood.triangles, 0, 1)),
+        leaf_mesh=replace(leaf_mesh, edges=repeated_edges(leaf_mesh.triangles, 0, 1)),
+        leaf_foot=foot,
+        leaf_of_vertex=leaf_of_vertex,
+        leaves=template.leaves,
+        length=template.length,
+    )
 
 
 def _apart(mesh: TriMesh) -> tuple[TriMesh, TriMesh, np.ndarray]:
@@ -103,6 +111,7 @@ def graft(
         part=np.concatenate([wood.part, leaves.part]),
         leaf=np.concatenate([wood.leaf, leaves.leaf]),
         material=np.concatenate([wood.material, leaves.material]),
+        edges=join_edges([wood, leaves]),
     )
     moved = replace(
         truth,
@@ -137,15 +146,16 @@ def _hang_leaves(
     turned = _about_vertical(blade, cos[vertex_leaf], sin[vertex_leaf])
     foot = scion.leaf_foot[source] * length
     triangle, triangle_leaf = _runs(scion.leaf_mesh.leaf, source)
-    first_old = np.searchsorted(scion.leaf_of_vertex, source)
-    first_new = np.searchsorted(vertex_leaf, np.arange(len(source)))
-    shift = (first_new - first_old)[triangle_leaf]
+    shift = _shift(scion.leaf_of_vertex, vertex_leaf, source)
     mesh = TriMesh(
         vertices=foot[vertex_leaf] + turned * size[vertex_leaf][:, None],
-        triangles=(scion.leaf_mesh.triangles[triangle] + shift[:, None]).astype(np.int32),
+        triangles=(scion.leaf_mesh.triangles[triangle] + shift[triangle_leaf, None]).astype(
+            np.int32
+        ),
         part=scion.leaf_mesh.part[triangle],
         leaf=triangle_leaf.astype(np.int32),
         material=np.ones(len(triangle), dtype=np.int32),
+        edges=_hung_edges(scion, source, shift, triangle, triangle_leaf),
     )
     own = scion.leaves
     middle = _about_vertical(own.centre[source] - scion.leaf_foot[source], cos, sin)
@@ -159,6 +169,31 @@ def _hang_leaves(
         branch=own.branch[source],
     )
     return mesh, truth
+
+
+def _hung_edges(
+    scion: Scion,
+    source: np.ndarray,
+    shift: np.ndarray,
+    triangle: np.ndarray,
+    triangle_leaf: np.ndarray,
+) -> Edges:
+    """Edges of the leaves ``source`` of a template, copied as their triangles are."""
+    known = scion.leaf_mesh.edges
+    assert known is not None  # ``prepare`` finds them
+    owner = scion.leaf_of_vertex[known.ends[:, 0]]  # ascending, as the edges are
+    edge, edge_leaf = _runs(owner, source)
+    ends = known.ends[edge] + shift[edge_leaf, None]
+    of_corner = known.of_corner[triangle] + _shift(owner, edge_leaf, source)[triangle_leaf, None]
+    return Edges(ends.astype(np.int32), of_corner.astype(np.int32))
+
+
+def _shift(owner: np.ndarray, copied: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """How far the first row of each wanted run has moved by being copied."""
+    shift: np.ndarray = np.searchsorted(copied, np.arange(len(wanted))) - np.searchsorted(
+        owner, wanted
+    )
+    return shift
 
 
 def _about_vertical(vectors: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ from ..rng import truncated_normal
 from ..spec import Species
 from .axes import first_level
 from .blades import SHAPES, Blade, lay, thin_leaves, truth_of
+from .edges import repeated_edges
 from .graft import Scion, Site, graft, prepare
 from .grammar import string_of
 from .leaves import Leaves, join_leaves
@@ -159,7 +160,8 @@ def _trunk_mesh(skeleton: Skeleton, trunk: list[int]) -> TriMesh:
     points = np.concatenate([points[:1] - [[0.0, 0.0, SUNK]], points])
     thickness = np.concatenate([thickness[:1] * 1.1, thickness])
     vertices, triangles = tube(points, thickness, sides_for(float(radius[0]), TOLERANCE))
-    return TriMesh.of_part(vertices, triangles, WOOD)
+    mesh = TriMesh.of_part(vertices, triangles, WOOD)
+    return replace(mesh, edges=repeated_edges(mesh.triangles, 0, 1))
 
 
 def _smooth(along: np.ndarray, nodes: np.ndarray, fine: np.ndarray) -> np.ndarray:

@@ -112,11 +112,11 @@ def join(meshes: Sequence[TriMesh]) -> TriMesh:
         order=np.concatenate([m.order for m in meshes if m.order is not None])
         if has_order
         else None,
-        edges=_join_edges(meshes),
+        edges=join_edges(meshes),
     )
 
 
-def _join_edges(meshes: Sequence[TriMesh]) -> Edges | None:
+def join_edges(meshes: Sequence[TriMesh]) -> Edges | None:
     """Edges of the joined meshes, if they are known of all."""
     ends, of_corner = [], []
     vertex = edge = 0

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from matplotlib.figure import Figure
 
 from forest_addon.blender.meshes import to_mesh
 from forest_addon.formats.species_file import find_species, load_species
@@ -18,6 +19,7 @@ from forest_addon.growth.tree import grow
 from forest_addon.rng import stream
 from forest_addon.spec import Species
 
+from ..pictures import blank_figure
 from . import Say, median_seconds, table
 
 TITLE = "growth: trees and triangles a second, error of the mesh"
@@ -28,8 +30,8 @@ FINE = 0.001
 MAPLES = 100
 
 
-def run(say: Say) -> None:
-    """Print speed by preset and size, a hundred maples, and error by tolerance."""
+def run(say: Say) -> Figure:
+    """Print speed by preset and size, a hundred maples, and error by tolerance; draw both."""
     rows = [row for name, sizes in SIZES.items() for size in sizes for row in [_speed(name, size)]]
     head = [
         *(
@@ -60,11 +62,35 @@ def run(say: Say) -> None:
         *("tolerance, mm", "sides, mean", "triangles/branch", "silhouette bias"),
         *("silhouette rms", "volume bias", "inscribed: silhouette bias"),
     ]
-    table(say, head, [_error(tolerance) for tolerance in TOLERANCES])
+    errors = [_error(tolerance) for tolerance in TOLERANCES]
+    table(say, head, errors)
     say(
         f"\n{CONES} frustums of 1 mm to 20 cm radius seen from the side, against (r₁+r₂)h and "
         "πh(r₁²+r₁r₂+r₂²)/3; inscribed rings are what tubes without equal perimeter would give."
     )
+    return _draw(rows, errors)
+
+
+def _draw(speeds: list[list[str]], errors: list[list[str]]) -> Figure:
+    """The two tables as a picture: speed by preset and size, error by tolerance."""
+    figure = blank_figure((11, 4.2))
+    speed, error = figure.subplots(1, 2)
+    names = [row[0] for row in speeds]
+    speed.barh(names, [_number(row[6]) for row in speeds], color="#4c8c3a")
+    speed.invert_yaxis()
+    speed.set_xlabel("million triangles a second, grammar to Blender mesh, one core")
+    tolerance = [_number(row[0]) for row in errors]
+    for column, label in ((6, "silhouette, inscribed"), (5, "volume"), (3, "silhouette")):
+        bias = [max(abs(_number(row[column])), 1e-3) for row in errors]
+        error.loglog(tolerance, bias, "o-", label=label)
+    error.set_xlabel("tolerance, mm")
+    error.set_ylabel("bias against exact cones, %")
+    error.legend()
+    return figure
+
+
+def _number(cell: str) -> float:
+    return float(cell.rstrip(" %").replace(",", ""))
 
 
 def _speed(name: str, size: int) -> list[str]:

@@ -1,5 +1,8 @@
 """The evaluated scene as arrays: modifiers, instances, hidden objects, curves, leaf numbers."""
 
+import dataclasses
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -8,8 +11,11 @@ bpy = pytest.importorskip("bpy")
 from forest_addon.blender.bvh import BvhCaster
 from forest_addon.blender.depsgraph import SPECIES_KEY, TREE_KEY, read_scene
 from forest_addon.blender.meshes import from_mesh, to_mesh
+from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.growth.leaves import measure_leaves
+from forest_addon.growth.tree import grow
 from forest_addon.growth.trimesh import LEAF, OTHER, WOOD, TriMesh, join
+from forest_addon.rng import stream
 from forest_addon.sensing.lidar import label
 
 
@@ -46,6 +52,28 @@ def test_mesh_round_trip_keeps_everything(empty_blender):
     assert np.allclose(back.vertices, mesh.vertices, atol=1e-6)
     for name in ("triangles", "part", "leaf", "material"):
         assert (getattr(back, name) == getattr(mesh, name)).all(), name
+
+
+@pytest.mark.parametrize("species", ["maple", "honda-birch"])
+def test_edges_that_growth_knows_are_those_that_blender_finds(empty_blender, species):
+    kind, template = load_species(find_species(species, Path()))
+    mesh = grow(kind, template, stream(1, "edges")).mesh
+    assert mesh.edges is not None
+
+    def edges(data):
+        pairs = np.empty(2 * len(data.edges), np.int32)
+        data.edges.foreach_get("vertices", pairs)
+        of_corner = np.empty(len(data.loops), np.int32)
+        data.loops.foreach_get("edge_index", of_corner)
+        return np.sort(pairs.reshape(-1, 2), axis=1), of_corner
+
+    known, on_corner = edges(to_mesh("known", mesh))
+    found, _ = edges(to_mesh("found", dataclasses.replace(mesh, edges=None)))
+    assert (np.unique(known, axis=0) == np.unique(found, axis=0)).all()
+    assert len(known) == len(found)
+    corner = mesh.triangles.ravel()
+    following = mesh.triangles[:, [1, 2, 0]].ravel()
+    assert (known[on_corner] == np.sort(np.stack([corner, following], 1), axis=1)).all()
 
 
 def test_an_empty_mesh_is_harmless(empty_blender):
