@@ -50,7 +50,8 @@ def interruptible(kept: str) -> Iterator[None]:
     finally:
         finished.set()
         signal.set_wakeup_fd(woken)
-        signal.signal(signal.SIGINT, before)
+        # None: Blender itself had set it, which Python cannot do again.
+        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
         os.write(mouth, b"\0")
         watcher.join(1.0)
         os.close(ears)
