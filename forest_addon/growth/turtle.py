@@ -9,6 +9,8 @@ internode on an axis is twisted about it (T20).
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from ..rng import truncated_normal
@@ -53,6 +55,21 @@ def parse(symbols: np.ndarray, dialect: str = "T20") -> tuple[np.ndarray, np.nda
     return np.array(parent, dtype=np.int64), np.array(role, dtype=np.int64)
 
 
+@lru_cache(maxsize=16)
+def _lineage(symbols: bytes, dialect: str) -> tuple[np.ndarray, ...]:
+    """Mother, role, generation and order (S,) of every segment: one string serves a whole species."""
+    parent, role = parse(np.frombuffer(symbols, np.uint8), dialect)
+    generation = np.zeros(len(parent), dtype=np.int64)
+    order = np.zeros(len(parent), dtype=np.int64)
+    for segment in range(1, len(parent)):  # mothers come first
+        mother = parent[segment]
+        generation[segment] = generation[mother] + 1
+        order[segment] = order[mother] + (role[segment] != CENTRE)
+    for column in (parent, role, generation, order):
+        column.setflags(write=False)
+    return parent, role, generation, order
+
+
 def interpret(
     symbols: np.ndarray, grammar: Grammar, jitter: Jitter, rng: np.random.Generator
 ) -> Skeleton:
@@ -61,19 +78,12 @@ def interpret(
     All segments of one generation are placed at once. Draws are taken per segment in the order of the
     string, so the skeleton is a function of the string and the stream alone.
     """
-    parent, role = parse(symbols, grammar.dialect)
+    parent, role, generation, order = _lineage(symbols.tobytes(), grammar.dialect)
     count = len(parent)
     draws = {
         name: truncated_normal(rng, count) for name in ("length", "angle", "twist", "lean", "side")
     }
     lift = rng.random(count) * jitter.raise_ratio
-
-    generation = np.zeros(count, dtype=np.int64)
-    order = np.zeros(count, dtype=np.int64)
-    for segment in range(1, count):  # mothers come first
-        mother = parent[segment]
-        generation[segment] = generation[mother] + 1
-        order[segment] = order[mother] + (role[segment] != CENTRE)
 
     ratio = np.where(role == CENTRE, grammar.centre_ratio, grammar.side_ratio)
     length = np.empty(count)
@@ -96,11 +106,8 @@ def interpret(
     centre_of[parent[onward]] = onward
 
     for level in range(1, int(generation.max(initial=0)) + 1):
-        for kind in (
-            CENTRE,
-            SIDE,
-            SYMMETRIC,
-        ):  # a symmetric branch may sit on the axis that goes on
+        # A symmetric branch may sit on the axis that goes on: that one comes first.
+        for kind in (CENTRE, SIDE, SYMMETRIC):
             s = np.flatnonzero((generation == level) & (role == kind))
             if not len(s):
                 continue
