@@ -23,13 +23,37 @@ MOST_LEAVES_A_FOOT = 3.0
 
 
 @dataclass(frozen=True)
+class Runs:
+    """Rows that stand together by leaf: the first row (L,) of each leaf and how many it has (L,)."""
+
+    first: np.ndarray
+    size: np.ndarray
+
+    @classmethod
+    def of(cls, owner: np.ndarray, count: int) -> Runs:
+        """The runs of an ascending ``owner``, the leaf of each row."""
+        first = np.searchsorted(owner, np.arange(count + 1))
+        return cls(first[:-1], np.diff(first))
+
+    def copy(self, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows of each wanted leaf; which wanted one each row is for; how far each one has moved."""
+        size = self.size[wanted]
+        moved = np.cumsum(size) - size - self.first[wanted]
+        which = np.repeat(np.arange(len(wanted)), size)
+        return np.arange(len(which)) - moved[which], which, moved
+
+
+@dataclass(frozen=True)
 class Scion:
     """A branch template made ready to graft: wood and leaves apart, every leaf with its foot."""
 
     wood: TriMesh
     leaf_mesh: TriMesh
     leaf_foot: np.ndarray  # (L, 3) where each leaf hangs, canonical frame
-    leaf_of_vertex: np.ndarray  # (V,) leaf of each vertex of leaf_mesh, ascending as its triangles
+    blade: np.ndarray  # (V, 3) vertices of leaf_mesh from where their leaf hangs
+    vertices: Runs  # of each leaf, as are triangles and edges
+    triangles: Runs
+    edges: Runs
     leaves: Leaves  # their truth, canonical frame
     length: float  # metres in the template tree
 
@@ -57,11 +81,15 @@ def prepare(template: BranchTemplate) -> Scion:
         gap = cKDTree(wood.vertices).query(places)[0]
         farthest_first = np.argsort(-gap, kind="stable")
         foot[owner[farthest_first]] = places[farthest_first]
+    edges = repeated_edges(leaf_mesh.triangles, 0, 1)
     return Scion(
         wood=replace(wood, edges=repeated_edges(wood.triangles, 0, 1)),
-        leaf_mesh=replace(leaf_mesh, edges=repeated_edges(leaf_mesh.triangles, 0, 1)),
+        leaf_mesh=replace(leaf_mesh, edges=edges),
         leaf_foot=foot,
-        leaf_of_vertex=leaf_of_vertex,
+        blade=leaf_mesh.vertices - foot[leaf_of_vertex],
+        vertices=Runs.of(leaf_of_vertex, count),
+        triangles=Runs.of(leaf_mesh.leaf, count),
+        edges=Runs.of(leaf_of_vertex[edges.ends[:, 0]], count),
         leaves=template.leaves,
         length=template.length,
     )
@@ -140,22 +168,20 @@ def _hang_leaves(
     turn = np.where(rank == 0, 0.0, np.pi * rng.uniform(0.4, 1.6, len(source)))
 
     # Vertices and triangles of a template's leaf stand together: copy the runs.
-    vertex, vertex_leaf = _runs(scion.leaf_of_vertex, source)
-    blade = (scion.leaf_mesh.vertices - scion.leaf_foot[scion.leaf_of_vertex])[vertex]
+    vertex, vertex_leaf, moved = scion.vertices.copy(source)
     cos, sin = np.cos(turn), np.sin(turn)
-    turned = _about_vertical(blade, cos[vertex_leaf], sin[vertex_leaf])
+    turned = _about_vertical(scion.blade[vertex], cos[vertex_leaf], sin[vertex_leaf])
     foot = scion.leaf_foot[source] * length
-    triangle, triangle_leaf = _runs(scion.leaf_mesh.leaf, source)
-    shift = _shift(scion.leaf_of_vertex, vertex_leaf, source)
+    triangle, triangle_leaf, _ = scion.triangles.copy(source)
     mesh = TriMesh(
         vertices=foot[vertex_leaf] + turned * size[vertex_leaf][:, None],
-        triangles=(scion.leaf_mesh.triangles[triangle] + shift[triangle_leaf, None]).astype(
+        triangles=(scion.leaf_mesh.triangles[triangle] + moved[triangle_leaf, None]).astype(
             np.int32
         ),
         part=scion.leaf_mesh.part[triangle],
         leaf=triangle_leaf.astype(np.int32),
         material=np.ones(len(triangle), dtype=np.int32),
-        edges=_hung_edges(scion, source, shift, triangle, triangle_leaf),
+        edges=_hung_edges(scion, source, moved, triangle, triangle_leaf),
     )
     own = scion.leaves
     middle = _about_vertical(own.centre[source] - scion.leaf_foot[source], cos, sin)
@@ -174,41 +200,23 @@ def _hang_leaves(
 def _hung_edges(
     scion: Scion,
     source: np.ndarray,
-    shift: np.ndarray,
+    moved: np.ndarray,
     triangle: np.ndarray,
     triangle_leaf: np.ndarray,
 ) -> Edges:
-    """Edges of the leaves ``source`` of a template, copied as their triangles are."""
+    """Edges of the leaves ``source`` of a template, copied as their vertices and triangles are."""
     known = scion.leaf_mesh.edges
     assert known is not None  # ``prepare`` finds them
-    owner = scion.leaf_of_vertex[known.ends[:, 0]]  # ascending, as the edges are
-    edge, edge_leaf = _runs(owner, source)
-    ends = known.ends[edge] + shift[edge_leaf, None]
-    of_corner = known.of_corner[triangle] + _shift(owner, edge_leaf, source)[triangle_leaf, None]
+    edge, edge_leaf, edge_moved = scion.edges.copy(source)
+    ends = known.ends[edge] + moved[edge_leaf, None]
+    of_corner = known.of_corner[triangle] + edge_moved[triangle_leaf, None]
     return Edges(ends.astype(np.int32), of_corner.astype(np.int32))
-
-
-def _shift(owner: np.ndarray, copied: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """How far the first row of each wanted run has moved by being copied."""
-    shift: np.ndarray = np.searchsorted(copied, np.arange(len(wanted))) - np.searchsorted(
-        owner, wanted
-    )
-    return shift
 
 
 def _about_vertical(vectors: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> np.ndarray:
     """Vectors (N, 3), each turned about +Z by the angle with this cosine and sine."""
     x, y, z = vectors.T
     return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
-
-
-def _runs(owner: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of the sorted ``owner`` for each of ``wanted``, and which of them each row is for."""
-    first = np.searchsorted(owner, wanted)
-    size = np.searchsorted(owner, wanted, side="right") - first
-    which = np.repeat(np.arange(len(wanted)), size)
-    rank = np.arange(len(which)) - np.repeat(np.cumsum(size) - size, size)
-    return first[which] + rank, which
 
 
 def _roll(angle: float) -> np.ndarray:
