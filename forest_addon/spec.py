@@ -240,6 +240,9 @@ class Template(Settings):
 
     wood: str = param(help="STL file of trunk and branches, relative to the species file")
     leaves: str = param("", help="STL file of the leaves; empty: the tree is leafless")
+    grow_leaves: bool = param(
+        False, help="where there is no STL of leaves, set those of [leaf] on the outermost branches"
+    )
     height: float = param(
         0.0, unit="m", help="height of the tree in the files; 0: they are in metres", ge=0, le=200
     )
@@ -357,7 +360,7 @@ class Honda(Settings):
 
 
 class Leaf(Settings):
-    """Leaves of a species that grows without a template."""
+    """Leaves of a species that grows without a template, or on one that has none."""
 
     on: bool = param(True, help="grow leaves; switching them off moves no branch")
     shape: str = param("ellipse", help="shape of the blade", choices=("ellipse", "maple", "needle"))

@@ -7,7 +7,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..growth.blades import Blade, BladeError, blade_from
+import numpy as np
+
+from ..growth.blades import SHAPES, Blade, BladeError, blade_from
+from ..growth.dress import dress
 from ..growth.expression import ExpressionError
 from ..growth.ruled import check_rules
 from ..growth.template import TemplateError, TreeTemplate, split_tree
@@ -51,10 +54,14 @@ def load_species(path: Path) -> tuple[Species, TreeTemplate | Blade | None]:
     template, leaf = species.template, species.leaf
     folder, what = path.parent, "leaf.mesh" if template is None else "template"
     try:
+        blade = blade_from(read_stl(folder / leaf.mesh)) if leaf.mesh else None
         if template is None:
-            return species, blade_from(read_stl(folder / leaf.mesh)) if leaf.mesh else None
+            return species, blade
         wood = read_stl(folder / template.wood)
         leaves = read_stl(folder / template.leaves) if template.leaves else None
+        if leaves is None and template.grow_leaves and leaf.on:
+            unit = template.height / float(np.ptp(wood[:, :, 2])) if template.height else 1.0
+            leaves = dress(wood, leaf, blade or SHAPES[leaf.shape](), unit)
         return species, split_tree(wood, leaves, height=template.height)
     except FileNotFoundError as problem:
         raise SpecError(
