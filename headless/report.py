@@ -160,7 +160,7 @@ def reverb_finding(
         },
         (
             "Direct sum over every trunk and frequency in float64. Single scattering itself is the "
-            "larger error: 15 to 30 % at 0.01 trees/m², more where trees stand denser.",
+            "larger error, and grows with the density of the stand.",
             "Reverberation time is read from -5 to -35 dB of the energy decay; C50 with the onset at "
             "-20 dB.",
         ),

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..growth.trimesh import GROUND, TriMesh
+from ..growth.trimesh import TriMesh
 from ..spec import Terrestrial, Tractor
 from .geometry import SceneGeometry
 from .rays import Hits, RayCaster, hit_normals
@@ -196,11 +196,6 @@ def label(scene: SceneGeometry, hits: Hits, directions: np.ndarray) -> Returns:
         species=of_species[hits.instance],
         instance=hits.instance,
     )
-
-
-def hit_ground(scan: TractorScan) -> np.ndarray:
-    """(N, M) bool: beams that met the ground and nothing before it."""
-    return scan.organ == GROUND
 
 
 def _look(

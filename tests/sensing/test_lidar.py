@@ -54,7 +54,7 @@ def test_ground_and_sky_without_trees():
     assert np.isinf(scan.distance[:, down][:, ~seen]).all()
     assert np.isinf(scan.distance[:, ~down]).all()
     assert (scan.organ[:, ~down] == lidar.ESCAPED).all()
-    assert lidar.hit_ground(scan)[:, down][:, seen].all()
+    assert (scan.organ[:, down][:, seen] == GROUND).all()
 
 
 @pytest.mark.parametrize(
