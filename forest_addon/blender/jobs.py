@@ -1,0 +1,118 @@
+"""Long work without a frozen window: arrays in a thread, Blender's data on the main thread.
+
+A piece of work is a generator. What it yields is a ``Task``, which touches arrays and no ``bpy``; the
+task runs in a thread and its result comes back out of the ``yield``. Whatever stands between two yields
+runs on the main thread, the only one that may touch Blender, and should be short:
+
+    forest = yield Task("growing trees", lambda tell: grow_forest(settings, species, tell))
+    build(scene, settings, forest)
+    return "20 trees"
+
+``Job`` drives such a generator, either step by step while a window lives (``step``) or to its end at
+once, without a thread (``finish``). A task that calls its ``tell`` says how far it is, and stops there
+when the job was cancelled.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import Any
+
+Tell = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Task:
+    """Work on arrays: ``run(tell)`` calls ``tell(done, total)`` now and then."""
+
+    label: str
+    run: Callable[[Tell], Any]
+
+
+Work = Generator[Task, Any, str]
+
+
+class CancelledError(Exception):
+    """Raised within a task by ``tell`` when its job was cancelled."""
+
+
+class Job:
+    """One piece of work on its way.
+
+    label : what it is doing now. share : how much of that is done, 0 to 1.
+    result : what the work returned, once ``step`` or ``finish`` said it is done.
+    """
+
+    def __init__(self, title: str, work: Work) -> None:
+        self.title = title
+        self.label = title
+        self.share = 0.0
+        self.result = ""
+        self._work = work
+        self._thread: threading.Thread | None = None
+        self._outcome: Any = None
+        self._problem: BaseException | None = None
+        self._stopped = threading.Event()
+
+    @property
+    def busy(self) -> bool:
+        """Whether a task is still running, also one that was cancelled and has not noticed yet."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def step(self) -> bool:
+        """Go on if the running task is done; True when all the work is.
+
+        Raises whatever the work raises; call it on the main thread only.
+        """
+        if self.busy:
+            return False
+        try:
+            task = self._resume()
+        except StopIteration as end:
+            self.result = end.value
+            return True
+        self._begin(task)
+        self._thread = threading.Thread(target=self._run, args=(task,), daemon=True)
+        self._thread.start()
+        return False
+
+    def finish(self, tell: Tell | None = None) -> None:
+        """Do all the work here and now; ``tell`` also hears how far each task is."""
+        while True:
+            try:
+                task = self._resume()
+            except StopIteration as end:
+                self.result = end.value
+                return
+            self._begin(task)
+            self._run(task, tell)
+
+    def cancel(self) -> None:
+        """Give the work up: nothing more of it runs on the main thread, its task stops soon."""
+        self._stopped.set()
+        self._work.close()
+
+    def _resume(self) -> Task:
+        problem, outcome = self._problem, self._outcome
+        self._problem = self._outcome = None
+        if problem is not None:
+            return self._work.throw(problem)
+        return self._work.send(outcome)
+
+    def _begin(self, task: Task) -> None:
+        self.label, self.share = task.label, 0.0
+
+    def _run(self, task: Task, listener: Tell | None = None) -> None:
+        def tell(done: int, total: int) -> None:
+            if self._stopped.is_set():
+                raise CancelledError
+            self.share = done / max(total, 1)
+            if listener:
+                listener(done, total)
+
+        try:
+            self._outcome = task.run(tell)
+        except BaseException as problem:
+            self._problem = problem
