@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
+from collections.abc import Sequence
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -28,6 +29,13 @@ PLATFORMS = {
     "windows-x64": "win_amd64",
     "macos-arm64": "macosx_*_arm64",
 }
+# The platform tags to ask for where the manifest does not name the wheel.
+TAGS = {
+    "linux-x64": ("manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux2014_x86_64"),
+    "windows-x64": ("win_amd64",),
+    "macos-arm64": ("macosx_14_0_arm64", "macosx_11_0_arm64"),
+}
+NEWEST = "cp313"  # the Python whose wheels another's stand in for
 NO_NETWORK = 75  # EX_TEMPFAIL
 
 
@@ -43,10 +51,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Build the Blender extension.")
     parser.add_argument("platform", nargs="?", default=this_platform(), choices=[*PLATFORMS, "all"])
     parser.add_argument("--out", type=Path, default=ROOT / "build", help="folder for the archive")
+    parser.add_argument("--python", metavar="3.x", help="for a Blender with this Python alone")
     options = parser.parse_args(arguments)
     try:
         for platform in PLATFORMS if options.platform == "all" else [options.platform]:
-            archive = build(platform, options.out)
+            archive = build(platform, options.out, options.python)
             print(f"{archive} ({archive.stat().st_size / 1e6:.1f} MB)")
     except BuildError as problem:
         print(problem, file=sys.stderr)
@@ -57,14 +66,17 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def build(platform: str, out: Path) -> Path:
+def build(platform: str, out: Path, python: str | None = None) -> Path:
     text = (ROOT / "blender_manifest.toml").read_text(encoding="utf-8")
+    if python:
+        text = for_python(text, python, platform)
     manifest = tomllib.loads(text)
     wheels = [wheel for wheel in manifest["wheels"] if fits(wheel, platform)]
     for wheel in wheels:
         fetch(Path(wheel).name)
     out.mkdir(parents=True, exist_ok=True)
-    archive = out / f"{manifest['id']}-{manifest['version']}-{platform}.zip"
+    kind = f"{platform}-python{python}" if python else platform
+    archive = out / f"{manifest['id']}-{manifest['version']}-{kind}.zip"
     with tempfile.TemporaryDirectory(prefix="extension-") as folder:
         stage = Path(folder) / "stage"
         copy_repository(stage)
@@ -96,37 +108,50 @@ def fetch(name: str) -> None:
     if (WHEELS / name).exists():
         return
     project, version, python, abi, tag = name.removesuffix(".whl").split("-")
-    print(f"downloading {name}", flush=True)
+    found = download(f"{project}=={version}", python, abi, tag.split("."))
+    if found != name:
+        raise BuildError(f"the manifest declares {name}, but the package index has {found}")
+
+
+def download(release: str, python: str, abi: str, tags: Sequence[str]) -> str:
+    """Downloads the wheel of a release that fits into wheels/; returns its name."""
+    print(f"downloading {release} for {python}", flush=True)
     options = ["--no-deps", "--only-binary=:all:", "--quiet", "--retries=2"]
-    options += [f"--platform={one}" for one in tag.split(".")]
+    options += [f"--platform={tag}" for tag in tags]
     if python.startswith("cp"):
         options += [f"--python-version={python[2:]}", "--implementation=cp", f"--abi={abi}"]
     WHEELS.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory(dir=WHEELS) as folder:
         pip = subprocess.run(
-            [
-                sys.executable,
-                "-m",
-                "pip",
-                "download",
-                *options,
-                "-d",
-                folder,
-                f"{project}=={version}",
-            ],
+            [sys.executable, "-m", "pip", "download", *options, "-d", folder, release],
             capture_output=True,
             text=True,
         )
-        found = [file.name for file in Path(folder).iterdir()]
-        if name in found:
-            (Path(folder) / name).rename(WHEELS / name)
-            return
+        for file in Path(folder).iterdir():
+            file.rename(WHEELS / file.name)
+            return file.name
     if "connection broken" in pip.stderr:
-        raise BuildError(f"{name}: the package index cannot be reached", NO_NETWORK)
-    if found:
-        raise BuildError(f"the manifest declares {name}, but the package index has {found[0]}")
+        raise BuildError(f"{release}: the package index cannot be reached", NO_NETWORK)
     reason = (pip.stderr.strip().splitlines() or ["pip gave no reason"])[-1]
-    raise BuildError(f"{name} cannot be downloaded: {reason}")
+    raise BuildError(f"{release} cannot be downloaded: {reason}")
+
+
+def for_python(text: str, python: str, platform: str) -> str:
+    """The manifest's text with the wheels of one Python (3.14) in place of those of Blender's own."""
+    python = "cp" + python.replace(".", "")
+    lines = []
+    for line in text.splitlines():
+        wheel = line.strip().startswith('"./wheels/') and line.strip().strip('",')
+        if wheel and "-cp3" in wheel:
+            if f"-{NEWEST}-" not in wheel or not fits(wheel, platform):
+                continue
+            release = "==".join(Path(wheel).name.split("-")[:2])
+            have = sorted(WHEELS.glob(f"{release.replace('==', '-')}-{python}-*.whl"))
+            fitting = [file.name for file in have if fits(file.name, platform)]
+            name = fitting[0] if fitting else download(release, python, python, TAGS[platform])
+            line = f'  "./wheels/{name}",'
+        lines.append(line)
+    return "\n".join(lines) + "\n"
 
 
 def copy_repository(stage: Path) -> None:

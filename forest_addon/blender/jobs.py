@@ -43,6 +43,7 @@ class Job:
 
     label : what it is doing now. share : how much of that is done, 0 to 1.
     result : what the work returned, once ``step`` or ``finish`` said it is done.
+    over : whether it is done, has failed or was cancelled.
     """
 
     def __init__(self, title: str, work: Work) -> None:
@@ -50,6 +51,7 @@ class Job:
         self.label = title
         self.share = 0.0
         self.result = ""
+        self.over = False
         self._work = work
         self._thread: threading.Thread | None = None
         self._outcome: Any = None
@@ -71,7 +73,7 @@ class Job:
         try:
             task = self._resume()
         except StopIteration as end:
-            self.result = end.value
+            self.result, self.over = end.value, True
             return True
         self._begin(task)
         self._thread = threading.Thread(target=self._run, args=(task,), daemon=True)
@@ -84,13 +86,14 @@ class Job:
             try:
                 task = self._resume()
             except StopIteration as end:
-                self.result = end.value
+                self.result, self.over = end.value, True
                 return
             self._begin(task)
             self._run(task, tell)
 
     def cancel(self) -> None:
         """Give the work up: nothing more of it runs on the main thread, its task stops soon."""
+        self.over = True
         self._stopped.set()
         self._work.close()
 

@@ -122,4 +122,3 @@ def test_the_share_is_what_the_task_told():
     assert (job.label, job.share) == ("half", 0.5)
     gate.set()
     assert drive(job) == "done"
-

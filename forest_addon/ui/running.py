@@ -1,0 +1,209 @@
+"""Running long work from a button: progress in the status bar and the panel, Esc or Cancel stops it.
+
+An operator that computes is a ``_Working`` with a ``work`` generator (``blender/jobs``). From a window it
+runs modally: the window lives on, one job at a time, and nothing is left half done when it is stopped.
+From a script, or for Blender's redo panel, it runs to its end at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import ClassVar
+
+import bpy
+
+from ..blender.jobs import Job, Tell, Work
+from ..spec import SpecError
+from . import requirements
+
+TICK = 0.05  # s between two looks at a running job
+PROBLEMS = (SpecError, ValueError, OSError, ImportError, MemoryError, ReferenceError)
+UNDO_KEYS = {"Z", "Y"}
+
+_current: Job | None = None
+
+
+def current() -> Job | None:
+    """The job that runs now, None if none does; one that was cancelled counts until it has stopped."""
+    global _current
+    if _current is not None and _current.over and not _current.busy:
+        _current = None
+    return _current
+
+
+def stop() -> None:
+    """Cancel the job that runs, if one does: when the user asks, and when Blender undoes or loads."""
+    job = current()
+    if job is not None:
+        job.cancel()
+
+
+class Working:
+    """What every operator that computes shares: when it can run, how, and how it says what is wrong."""
+
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        reason = obstacle(context)
+        if reason:
+            cls.poll_message_set(reason)
+        return not reason
+
+    def work(self, context: bpy.types.Context) -> Work:
+        """The work; returns a sentence with the key figures."""
+        raise NotImplementedError
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        global _current
+        if bpy.app.background:
+            return self.execute(context)
+        manager = context.window_manager
+        self._job = _current = Job(self.bl_label, self.work(context))
+        self._timer = manager.event_timer_add(TICK, window=context.window)
+        manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        job = self._job
+        if event.type == "ESC" and event.value == "PRESS":
+            job.cancel()
+        if job.over:
+            self._leave(context)
+            self.report({"INFO"}, f"{job.title} was cancelled; nothing was changed")
+            return {"CANCELLED"}
+        if event.type in UNDO_KEYS and (event.ctrl or event.oskey):
+            self.report({"INFO"}, f"Undo waits for {job.title}; press Esc to cancel it")
+            return {"RUNNING_MODAL"}
+        if event.type != "TIMER":
+            return {"PASS_THROUGH"}
+        try:
+            done = job.step()
+        except PROBLEMS as problem:
+            job.cancel()
+            self._leave(context)
+            self.report({"ERROR"}, in_words(problem))
+            return {"CANCELLED"}
+        if done:
+            self._leave(context)
+            self.report({"INFO"}, job.result)
+            return {"FINISHED"}
+        _show(context, f"{job.title}: {job.label} {job.share:.0%}  |  Esc: cancel")
+        return {"RUNNING_MODAL"}
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Blender itself ends the operator: another file is loaded, or Blender quits."""
+        self._job.cancel()
+        self._leave(context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        job = Job(self.bl_label, self.work(context))
+        try:
+            with _pointer(context) as tell:
+                job.finish(tell)
+        except PROBLEMS as problem:
+            self.report({"ERROR"}, in_words(problem))
+            return {"CANCELLED"}
+        self.report({"INFO"}, job.result)
+        return {"FINISHED"}
+
+    def _leave(self, context: bpy.types.Context) -> None:
+        context.window_manager.event_timer_remove(self._timer)
+        _show(context, None)
+
+
+class FOREST_OT_cancel(bpy.types.Operator):
+    """Stop what is running; what was there before stays as it was"""
+
+    bl_idname = "forest.cancel"
+    bl_label = "Cancel"
+
+    @classmethod
+    def poll(cls, _context: bpy.types.Context) -> bool:
+        if current() is None:
+            cls.poll_message_set("Nothing is running")
+            return False
+        return True
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        stop()
+        return {"FINISHED"}
+
+
+def obstacle(context: bpy.types.Context) -> str:
+    """Why nothing can be computed now; empty where it can."""
+    if requirements.missing():
+        return f"{requirements.in_words(requirements.missing())}. The panel says what to do"
+    job = current()
+    if job is not None:
+        return (
+            f"{job.title} is {'stopping' if job.over else 'running'}; only one job runs at a time"
+        )
+    if context.mode != "OBJECT":
+        return "Leave this mode first: the forest is built and sensed in Object Mode"
+    if not context.scene.is_editable:
+        return "This scene is linked from another file and cannot be changed"
+    return ""
+
+
+def in_words(problem: BaseException) -> str:
+    """One sentence for what went wrong, with what to do."""
+    if isinstance(problem, ModuleNotFoundError) and problem.name:
+        return f"{requirements.in_words((problem.name,))}. {' '.join(requirements.WHAT_TO_DO)}"
+    if isinstance(problem, ImportError):
+        return f"{problem}. {' '.join(requirements.WHAT_TO_DO)}"
+    if isinstance(problem, MemoryError):
+        return "There is not enough memory for this; take fewer trees or coarser steps"
+    if isinstance(problem, ReferenceError):
+        return "The scene was removed or undone meanwhile; run it again"
+    if isinstance(problem, OSError) and problem.strerror and problem.filename:
+        return f"{problem.filename}: {problem.strerror}"
+    return str(problem)
+
+
+def register() -> None:
+    """Undo and loading a file replace Blender's data: a job must not go on over it."""
+    for handlers in _handlers():
+        handlers.append(_stop_before)
+
+
+def unregister() -> None:
+    """Take the handlers back and stop what runs."""
+    stop()
+    for handlers in _handlers():
+        if _stop_before in handlers:
+            handlers.remove(_stop_before)
+
+
+def _handlers() -> tuple[list, ...]:
+    handlers = bpy.app.handlers
+    return handlers.undo_pre, handlers.redo_pre, handlers.load_pre
+
+
+@bpy.app.handlers.persistent
+def _stop_before(*_: object) -> None:
+    stop()
+
+
+def _show(context: bpy.types.Context, text: str | None) -> None:
+    """Text in the status bar, and the panel drawn anew."""
+    if context.workspace is not None:
+        context.workspace.status_text_set(text)
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                for region in area.regions:
+                    if region.type == "UI":
+                        region.tag_redraw()
+
+
+@contextmanager
+def _pointer(context: bpy.types.Context) -> Iterator[Tell]:
+    """Show how far a piece of work is, at the mouse pointer."""
+    manager = context.window_manager
+    manager.progress_begin(0, 100)
+    try:
+        yield lambda done, total: manager.progress_update(100 * done / max(total, 1))
+    finally:
+        manager.progress_end()
