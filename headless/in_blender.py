@@ -27,9 +27,8 @@ def missing_packages() -> list[str]:
     return [name for name in wanted if importlib.util.find_spec(name) is None]
 
 
-def run() -> int:
-    """Run the command line with what follows ``--``; without a command, ``run`` is meant."""
-    words = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else ["--help"]
+def run(words: list[str]) -> int:
+    """Run the command line; without a command, ``run`` is meant."""
     lacking = missing_packages()
     if lacking:
         print(
@@ -43,9 +42,9 @@ def run() -> int:
     from headless.cli import main
 
     if words and words[0].endswith(".toml"):
-        words.insert(0, "run")
+        words = ["run", *words]
     return main(words)
 
 
 if __name__ == "__main__":
-    sys.exit(run())
+    sys.exit(run(sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else ["--help"]))
