@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
+import runpy
 from pathlib import Path
 
 import bpy
@@ -25,8 +25,4 @@ def unregister() -> None:
 
 def run(words: list[str]) -> int:
     """Run the command line in this Blender; returns its exit code."""
-    spec = importlib.util.spec_from_file_location("forest_sensing_in_blender", ENTRY)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return int(module.run(words or ["--help"]))
+    return int(runpy.run_path(str(ENTRY))["run"](words or ["--help"]))

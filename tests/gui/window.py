@@ -13,7 +13,9 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-PACKAGES = "blender xvfb xdotool imagemagick libgl1-mesa-dri python3-numpy python3-requests python3-cattr"
+PACKAGES = (
+    "blender xvfb xdotool imagemagick libgl1-mesa-dri python3-numpy python3-requests python3-cattr"
+)
 SIZE = "1600x1000"
 INSIDE = "/exchange"  # where the shared folder is found within the installed one
 

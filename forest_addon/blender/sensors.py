@@ -1,0 +1,126 @@
+"""Sensors as objects: where they are and look is the object's own transform, so they can be moved, parented,
+keyed, and follow a curve.
+
+A sonar and a tractor look along their object's local X axis; a scanner on a tripod stays upright. A reverb
+is a Speaker at the source with an Empty, its receiver. ``place`` puts settings into transforms, ``pose``
+reads them back as a scene file would have them; what the pose is made of is not shown in the panel again
+(``POSED``).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..spec import Settings
+
+KIND_KEY = "forest_sensor"  # custom property of a sensor's object: its kind
+RECEIVER_KEY = "forest_receiver"  # custom property of a reverb's source: its receiver
+
+# Settings that an object's transform says.
+POSED: dict[str, tuple[str, ...]] = {
+    "tractor": ("position", "heading_deg"),
+    "terrestrial": ("position",),
+    "sonar": ("position", "azimuth_deg", "elevation_deg"),
+    "reverb": ("source", "receiver"),
+}
+SHAPES = {"tractor": "SINGLE_ARROW", "terrestrial": "SPHERE", "sonar": "CONE", "reverb": "SPHERE"}
+METRE_DIGITS = 6  # what single precision keeps of a metre near the origin: rounding gives 1.6 back
+DEGREE_DIGITS = 4
+
+
+def new_sensor(home: bpy.types.Collection, settings: Settings) -> bpy.types.Object:
+    """A new object for a sensor, in a collection, placed where its settings say."""
+    kind = settings.kind
+    if kind == "reverb":
+        data = bpy.data.speakers.new(settings.name)
+        thing = bpy.data.objects.new(settings.name, data)
+        receiver = _empty(f"{settings.name} receiver", "SPHERE")
+        home.objects.link(receiver)
+        thing[RECEIVER_KEY] = receiver
+    else:
+        thing = _empty(settings.name, "ARROWS" if kind in ("sonar", "tractor") else "SPHERE")
+    thing[KIND_KEY] = kind
+    home.objects.link(thing)
+    place(thing, settings)
+    return thing
+
+
+def kind_of(thing: bpy.types.Object) -> str:
+    """The kind of sensor that an object is, empty if it is none."""
+    return str(thing.get(KIND_KEY, ""))
+
+
+def sensors_in(home: bpy.types.Collection) -> list[bpy.types.Object]:
+    """The sensors of a collection, in the order of their names."""
+    return sorted((thing for thing in home.all_objects if kind_of(thing)), key=lambda t: t.name)
+
+
+def place(thing: bpy.types.Object, settings: Settings) -> None:
+    """Move and turn an object to where its settings say."""
+    azimuth = elevation = 0.0
+    if settings.kind == "sonar":
+        azimuth, elevation = settings.azimuth_deg, settings.elevation_deg
+    elif settings.kind == "tractor":
+        azimuth = settings.heading_deg
+    thing.rotation_mode = "XYZ"
+    thing.rotation_euler = (0.0, -math.radians(elevation), math.radians(azimuth))
+    if settings.kind == "reverb":
+        thing.location = settings.source
+        receiver = receiver_of(thing)
+        if receiver is not None:
+            receiver.location = settings.receiver
+    else:
+        thing.location = settings.position
+
+
+def pose(thing: bpy.types.Object) -> dict[str, Any]:
+    """The settings that an object's evaluated transform says.
+
+    Raises
+    ------
+    ValueError : a reverb whose receiver is gone.
+    """
+    kind = kind_of(thing)
+    if kind == "reverb":
+        receiver = receiver_of(thing)
+        if receiver is None:
+            raise ValueError(f"{thing.name} has no receiver; choose an object as its receiver")
+        return {"source": _place_of(thing), "receiver": _place_of(receiver)}
+    found: dict[str, Any] = {"position": _place_of(thing)}
+    azimuth, elevation = _direction_of(thing)
+    if kind == "sonar":
+        found |= {"azimuth_deg": azimuth, "elevation_deg": elevation}
+    elif kind == "tractor":
+        found["heading_deg"] = azimuth
+    return found
+
+
+def receiver_of(thing: bpy.types.Object) -> bpy.types.Object | None:
+    """The object that hears what a reverb's source sends, None where it is gone."""
+    receiver = thing.get(RECEIVER_KEY)
+    return receiver if isinstance(receiver, bpy.types.Object) else None
+
+
+def _empty(name: str, shape: str) -> bpy.types.Object:
+    thing = bpy.data.objects.new(name, None)
+    thing.empty_display_type = shape
+    thing.empty_display_size = 0.6
+    thing.show_in_front = thing.show_name = True
+    return thing
+
+
+def _place_of(thing: bpy.types.Object) -> tuple[float, float, float]:
+    x, y, z = (round(value, METRE_DIGITS) for value in thing.matrix_world.translation)
+    return x, y, z
+
+
+def _direction_of(thing: bpy.types.Object) -> tuple[float, float]:
+    """Azimuth and elevation of an object's local X axis, degrees."""
+    x, y, z = np.array(thing.matrix_world, dtype=np.float64)[:3, 0]
+    azimuth = math.degrees(math.atan2(y, x))
+    elevation = math.degrees(math.atan2(z, math.hypot(x, y)))
+    return round(azimuth, DEGREE_DIGITS), round(elevation, DEGREE_DIGITS)
