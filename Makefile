@@ -11,16 +11,19 @@ RUN := $(VENV)/bin/python
 READY := $(VENV)/ready
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint bench extension clean distclean
+.PHONY: help demo test test-gui lint bench extension clean distclean
 
 help: ## list what can be made
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
 
 demo: $(READY) ## grow the demo forest, run every sensor in it, results and report in out/demo
 	@$(RUN) -m headless demo --out out/demo $(ARGS)
 
 test: $(READY) ## run the tests
 	@$(RUN) -m pytest $(ARGS)
+
+test-gui: $(READY) ## drive the extension in a real Blender window, photographed in out/gui; BLENDER=...
+	@$(RUN) tests/gui/run.py
 
 lint: $(READY) ## ruff on everything, mypy on the rooms that know no Blender
 	@$(RUN) -m ruff check .

@@ -1,0 +1,87 @@
+"""``make test-gui``: the built extension in a real Blender window, driven and photographed.
+
+Builds the zip for that Blender, installs it into an empty user folder, plays ``session.py`` and says how
+every step went; pictures and steps are kept in out/gui. Where there is no such Blender and none can be
+made, it says so in one line and that is no failure.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from window import Blender, ImpossibleError, provide
+
+ROOT = Path(__file__).resolve().parents[2]
+OUT = ROOT / "out" / "gui"
+SECONDS = 900  # for the whole session
+
+
+def main() -> int:
+    shutil.rmtree(OUT, ignore_errors=True)
+    try:
+        blender = provide(OUT)
+        archive = _build(blender)
+    except ImpossibleError as reason:
+        print(f"skipped: no Blender with a window: {reason}")
+        return 0
+    for name in ("drive.py", "install.py", "session.py"):
+        shutil.copy2(ROOT / "tests" / "gui" / name, OUT)
+    installed = blender.run(
+        blender.program, "-b", "--python-exit-code", "1",
+        "--python", f"{blender.inside}/install.py", "--", f"{blender.inside}/{archive.name}",
+    )  # fmt: skip
+    (OUT / "install.log").write_text(installed.stdout, encoding="utf-8")
+    if installed.returncode:
+        print(installed.stdout[-3000:])
+        print("FAILED: the extension could not be installed")
+        return 1
+    try:
+        played = blender.run_with_window(f"{blender.inside}/session.py", SECONDS)
+        log, ended = played.stdout, played.returncode == 0
+    except subprocess.TimeoutExpired as late:
+        log, ended = str(late.stdout), False
+    (OUT / "session.log").write_text(log, encoding="utf-8")
+    return _judge(ended, log)
+
+
+def _build(blender: Blender) -> Path:
+    """The extension for this Blender, in the shared folder."""
+    done = subprocess.run(
+        [
+            *(sys.executable, ROOT / "packaging" / "build_extension.py"),
+            *("--out", OUT, "--python", blender.python_version()),
+        ],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    if done.returncode:
+        raise ImpossibleError(done.stderr.strip())
+    return next(OUT.glob("*.zip"))
+
+
+def _judge(ended: bool, log: str) -> int:
+    """Say how each step went; 0 if all is well."""
+    noted = OUT / "steps.jsonl"
+    steps = [json.loads(line) for line in noted.read_text().splitlines()] if noted.exists() else []
+    for step in steps:
+        print(
+            f"{'ok    ' if step['passed'] else 'FAILED'} {step['seconds']:6.1f} s  {step['step']}"
+        )
+        if not step["passed"]:
+            print(step["problem"])
+    passed = sum(step["passed"] for step in steps)
+    if ended and steps and passed == len(steps):
+        print(f"{passed} steps passed, pictures in {OUT.relative_to(ROOT)}")
+        return 0
+    if not steps or passed == len(steps):
+        print(log[-3000:])
+    print(f"FAILED: {passed} of {len(steps)} steps passed, then Blender ended")
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
