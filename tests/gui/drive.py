@@ -95,13 +95,15 @@ def view() -> tuple[bpy.types.Window, bpy.types.Area, bpy.types.Region, bpy.type
     return window, area, main, side
 
 
-def open_tab(name: str) -> None:
-    """Show the sidebar with this tab."""
+def open_tab(name: str) -> Scenario:
+    """Show the sidebar with this tab; tabs are known once the sidebar was drawn."""
     _, area, _, side = view()
     area.spaces[0].show_region_ui = True
-    if side.active_panel_category != "UNSUPPORTED":
-        side.active_panel_category = name
+    while side.active_panel_category == "UNSUPPORTED":
+        yield 0.1
+    side.active_panel_category = name
     area.tag_redraw()
+    yield 0.5
 
 
 def press(operator: str, invoke: bool = True, **settings: object) -> set[str]:

@@ -13,8 +13,7 @@ OUT = Path(__file__).parent
 
 def newcomer(steps: Steps) -> Scenario:
     steps.step("open the tab")
-    open_tab("Forest")
-    yield 1
+    yield from open_tab("Forest")
     steps.step("build the forest")
     assert press("forest.build") == {"FINISHED"}
     yield 2
