@@ -1,0 +1,161 @@
+"""Drawn over the 3D view: where sensors look, and the intensity that trees are scattered by.
+
+What is drawn is made anew only when Blender says that something changed; a redraw hands finished batches
+to the graphics card. Nothing is added to the scene, and nothing is left when the add-on is disabled.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import gpu
+import numpy as np
+from gpu_extras.batch import batch_for_shader
+
+from ..spec import SpecError
+from . import exchange
+
+COLOURS = {
+    "tractor": (0.35, 0.75, 1.0, 0.8),
+    "terrestrial": (0.35, 0.75, 1.0, 0.8),
+    "mobile": (0.35, 0.75, 1.0, 0.8),
+    "airborne": (0.35, 0.75, 1.0, 0.8),
+    "sonar": (1.0, 0.75, 0.25, 0.8),
+    "reverb": (0.75, 0.55, 1.0, 0.9),
+}
+LINE = 1.5  # pixels
+CELLS = 96  # of the intensity along the longer side of the field
+LIFT = 0.05  # m above the ground, so that the two do not flicker
+FAINT, STRONG = np.array([0.2, 0.5, 0.2, 0.0]), np.array([0.95, 0.9, 0.2, 0.55])
+
+_handle: Any = None
+_batches: list[tuple[Any, Any, tuple[float, ...] | None]] = []
+_drawn_for: Any = None  # the scene that the batches are of; None: make them anew
+
+
+def register() -> None:
+    """Draw from now on, and hear of changes."""
+    global _handle
+    if bpy.app.background:  # there is no view to draw over
+        return
+    _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
+    for handlers in _handlers():
+        handlers.append(_forget)
+
+
+def unregister() -> None:
+    """Take everything back."""
+    global _handle
+    if _handle is None:
+        return
+    bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
+    _handle = None
+    for handlers in _handlers():
+        if _forget in handlers:
+            handlers.remove(_forget)
+    _batches.clear()
+
+
+def intensity_surface(intensity: Any, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Vertices (V, 3), colours (V, 4) and triangles (T, 3) of an intensity over a field."""
+    extent = high - low
+    cells = np.maximum(1, np.round(CELLS * extent / extent.max())).astype(int)
+    x, y = (np.linspace(low[k], high[k], cells[k] + 1) for k in range(2))
+    across, along = np.meshgrid(x, y, indexing="ij")
+    places = np.column_stack([across.ravel(), along.ravel()])
+    value = intensity(places)
+    share = (value / (value.max() or 1.0))[:, None]
+    vertices = np.column_stack([places, np.full(len(places), LIFT)])
+    corner = (np.arange(cells[0])[:, None] * len(y) + np.arange(cells[1])).ravel()
+    quads = np.stack([corner, corner + len(y), corner + len(y) + 1, corner + 1], axis=1)
+    return (
+        vertices,
+        FAINT + share * (STRONG - FAINT),
+        np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]),
+    )
+
+
+def _handlers() -> tuple[list, ...]:
+    handlers = bpy.app.handlers
+    return (
+        handlers.depsgraph_update_post,
+        handlers.frame_change_post,
+        handlers.undo_post,
+        handlers.redo_post,
+        handlers.load_post,
+    )
+
+
+@bpy.app.handlers.persistent
+def _forget(*_: object) -> None:
+    global _drawn_for
+    _drawn_for = None
+
+
+def _draw() -> None:
+    global _drawn_for
+    context = bpy.context
+    if not context.space_data.overlay.show_overlays:
+        return
+    if _drawn_for != context.scene.session_uid:
+        _make(context.scene)
+        _drawn_for = context.scene.session_uid
+    gpu.state.blend_set("ALPHA")
+    gpu.state.depth_test_set("LESS_EQUAL")
+    for shader, batch, colour in _batches:
+        shader.bind()
+        if colour is not None:
+            shader.uniform_float("color", colour)
+            shader.uniform_float("lineWidth", LINE)
+            shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
+        batch.draw(shader)
+    gpu.state.depth_test_set("NONE")
+    gpu.state.blend_set("NONE")
+
+
+def _make(scene: bpy.types.Scene) -> None:
+    """The batches of a scene, from its settings."""
+    _batches.clear()
+    props = scene.forest_sensing
+    if props.show_intensity:
+        _add_intensity(scene)
+    if props.show_sensors:
+        from ..sensing.outline import outline
+
+        lines = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+        for thing in exchange.sensor_objects(scene):
+            try:
+                sensor = exchange.sensor_of(thing)
+            except (SpecError, ValueError):
+                continue  # the panel says what is wrong when it is run
+            ends = outline(sensor).reshape(-1, 3)
+            batch = batch_for_shader(lines, "LINES", {"pos": ends.astype(np.float32)})
+            _batches.append((lines, batch, COLOURS[sensor.kind]))
+
+
+def _add_intensity(scene: bpy.types.Scene) -> None:
+    from ..stand.intensity import intensity_of
+
+    try:
+        settings = exchange.to_spec(scene, [])
+        functions = [intensity_of(planting, settings.forest) for planting in settings.plantings]
+    except (SpecError, ValueError):
+        return
+    if not functions:
+        return
+    low = np.array(settings.forest.origin)
+    high = low + np.array(settings.forest.size)
+
+    def together(places: np.ndarray) -> np.ndarray:
+        return np.sum([function.at(places) for function in functions], axis=0)
+
+    places, colours, triangles = intensity_surface(together, low, high)
+    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
+    batch = batch_for_shader(
+        shader,
+        "TRIS",
+        {"pos": places.astype(np.float32), "color": colours.astype(np.float32)},
+        indices=triangles.astype(np.int32),
+    )
+    _batches.append((shader, batch, None))
