@@ -19,9 +19,11 @@ import numpy as np
 
 from forest_addon.blender.cloud import show_cloud
 from forest_addon.blender.export import export_glb, save_blend
-from forest_addon.blender.forest import RESULTS, build, part
+from forest_addon.blender.forest import build
+from forest_addon.blender.layout import RESULTS, part
 from forest_addon.blender.observe import Observer
 from forest_addon.blender.preview import render, set_stage
+from forest_addon.blender.sensors import new_sensor
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.findings import Finding as SensorFinding
 from forest_addon.formats.findings import write_finding
@@ -84,6 +86,8 @@ def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) 
     scene = bpy.context.scene
     with stages.stage("build Blender scene"):
         build(scene, settings, forest)
+        for sensor in settings.sensors:
+            new_sensor(scene, sensor)
     with stages.stage("write truth"):
         _write_truth(run)
     with stages.stage("read evaluated scene"):

@@ -8,7 +8,7 @@ import os
 import bpy
 
 from ..formats.atomic import replacing
-from .forest import GROUND_NAME, TREES, root
+from .layout import GROUND_NAME, TREES, root
 
 
 def save_blend(path: str | os.PathLike[str]) -> None:

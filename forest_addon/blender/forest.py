@@ -20,52 +20,28 @@ from ..growth.truth import tree_truth
 from ..stand.forest import Forest
 from . import materials
 from .depsgraph import SPECIES_KEY, TREE_KEY
+from .layout import GROUND_NAME, RESULTS, ROOT, SENSORS, TREES, new_collection, new_root, part, root
 from .meshes import to_mesh
-
-ROOT_KEY = "forest_sensing"  # custom property that tells our collection from a user's own *Forest*
-ROOT, TREES, GROUND_NAME, SENSORS, RESULTS = "Forest", "Trees", "Ground", "Sensors", "Results"
-MARK_KEY = "forest_sensor"
 
 
 def build(scene: bpy.types.Scene, settings: spec.Scene, forest: Forest) -> bpy.types.Collection:
     """Put a forest into a Blender scene, in place of the one that may be there."""
     with _all_or_nothing():
-        made = _root()
-        _plant(_collection(TREES, made), forest)
-        _lay_ground(_collection(GROUND_NAME, made), settings.forest)
-        _mark(_collection(SENSORS, made), settings)
-        _collection(RESULTS, made)
+        made = new_root()
+        _plant(new_collection(TREES, made), forest)
+        _lay_ground(new_collection(GROUND_NAME, made), settings.forest)
+        sensors = new_collection(SENSORS, made)
+        new_collection(RESULTS, made)
 
     old = root(scene)
     if old is not None:
+        _move(part(scene, SENSORS), sensors)
         remove(old)
     made.name = ROOT
     for child, name in zip(made.children, (TREES, GROUND_NAME, SENSORS, RESULTS), strict=True):
         child.name = name
     scene.collection.children.link(made)
     return made
-
-
-def root(scene: bpy.types.Scene) -> bpy.types.Collection | None:
-    """The collection of the scene's forest, None where it has none."""
-    return next((c for c in scene.collection.children if ROOT_KEY in c), None)
-
-
-def part(scene: bpy.types.Scene, name: str) -> bpy.types.Collection:
-    """One of the collections of the scene's forest, made where it is missing."""
-    top = root(scene)
-    if top is None:
-        top = _root()
-        scene.collection.children.link(top)
-    for child in top.children:
-        if child.name.startswith(name):
-            return child
-    return _collection(name, top)
-
-
-def mark_sensors(scene: bpy.types.Scene, settings: spec.Scene) -> None:
-    """Move the markers of these sensors to where they are now; make those that are missing."""
-    _mark(part(scene, SENSORS), settings)
 
 
 def remove(collection: bpy.types.Collection) -> None:
@@ -89,7 +65,7 @@ def _plant(trees: bpy.types.Collection, forest: Forest) -> None:
     coats: dict[int, list[bpy.types.Material]] = {}
     for planting, label in enumerate(forest.labels):
         look = forest.species[planting].look
-        homes[planting] = _collection(label, trees)
+        homes[planting] = new_collection(label, trees)
         coats[planting] = [
             materials.bark(f"{label} bark", look.bark),
             materials.leaf(f"{label} leaf", look.leaf),
@@ -125,50 +101,11 @@ def _lay_ground(home: bpy.types.Collection, field: spec.Forest) -> None:
     home.objects.link(bpy.data.objects.new("Ground", mesh))
 
 
-def _mark(home: bpy.types.Collection, settings: spec.Scene) -> None:
-    """An empty where each sensor is, its X axis along the beam; for the eye, not for the result."""
-    for sensor in settings.sensors:
-        if isinstance(sensor, spec.Reverb):
-            _place(home, f"{sensor.name} source", sensor.source, 0.0, 0.0, "SPHERE")
-            _place(home, f"{sensor.name} receiver", sensor.receiver, 0.0, 0.0, "SPHERE")
-        elif isinstance(sensor, spec.Sonar):
-            _place(home, sensor.name, sensor.position, sensor.azimuth_deg, sensor.elevation_deg)
-        elif isinstance(sensor, spec.Tractor):
-            _place(home, sensor.name, sensor.position, sensor.heading_deg, 0.0)
-        else:
-            _place(home, sensor.name, sensor.position, 0.0, 0.0)
-
-
-def _place(
-    home: bpy.types.Collection,
-    name: str,
-    position: tuple[float, float, float],
-    azimuth_deg: float,
-    elevation_deg: float,
-    shape: str = "ARROWS",
-) -> None:
-    empty = next((thing for thing in home.objects if thing.get(MARK_KEY) == name), None)
-    if empty is None:
-        empty = bpy.data.objects.new(name, None)
-        empty[MARK_KEY] = name
-        empty.empty_display_type = shape
-        empty.empty_display_size = 0.6
-        empty.show_in_front = empty.show_name = True
-        home.objects.link(empty)
-    empty.location = position
-    empty.rotation_euler = (0.0, -np.deg2rad(elevation_deg), np.deg2rad(azimuth_deg))
-
-
-def _root() -> bpy.types.Collection:
-    made = bpy.data.collections.new(ROOT)
-    made[ROOT_KEY] = True
-    return made
-
-
-def _collection(name: str, parent: bpy.types.Collection) -> bpy.types.Collection:
-    made = bpy.data.collections.new(name)
-    parent.children.link(made)
-    return made
+def _move(old: bpy.types.Collection, new: bpy.types.Collection) -> None:
+    """All objects of one collection into another."""
+    for thing in list(old.objects):
+        new.objects.link(thing)
+        old.objects.unlink(thing)
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from mathutils import Vector
 
 from .. import spec
 from ..formats.atomic import replacing
-from .forest import TREES, part
+from .layout import TREES, part
 
 Progress = Callable[[int, int], None]
 CAMERA, SUN, SKY = "Forest camera", "Forest sun", "Forest sky"

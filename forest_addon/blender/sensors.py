@@ -15,7 +15,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..spec import Settings
+from ..spec import Settings, SpecError
+from .layout import SENSORS, part, root
+from .single import shortest
 
 KIND_KEY = "forest_sensor"  # custom property of a sensor's object: its kind
 RECEIVER_KEY = "forest_receiver"  # custom property of a reverb's source: its receiver
@@ -27,26 +29,34 @@ POSED: dict[str, tuple[str, ...]] = {
     "sonar": ("position", "azimuth_deg", "elevation_deg"),
     "reverb": ("source", "receiver"),
 }
-SHAPES = {"tractor": "SINGLE_ARROW", "terrestrial": "SPHERE", "sonar": "CONE", "reverb": "SPHERE"}
-METRE_DIGITS = 6  # what single precision keeps of a metre near the origin: rounding gives 1.6 back
-DEGREE_DIGITS = 4
+SHAPES = {"terrestrial": "SPHERE"}  # others are arrows: they look along X
+DEGREE_DIGITS = 4  # what single precision keeps of an angle: rounding gives 110 back
 
 
-def new_sensor(home: bpy.types.Collection, settings: Settings) -> bpy.types.Object:
-    """A new object for a sensor, in a collection, placed where its settings say."""
-    kind = settings.kind
-    if kind == "reverb":
-        data = bpy.data.speakers.new(settings.name)
-        thing = bpy.data.objects.new(settings.name, data)
+def new_sensor(scene: bpy.types.Scene, settings: Settings) -> bpy.types.Object:
+    """A new object for a sensor among the scene's sensors, placed where its settings say."""
+    home = part(scene, SENSORS)
+    if settings.kind == "reverb":
+        thing = bpy.data.objects.new(settings.name, bpy.data.speakers.new(settings.name))
         receiver = _empty(f"{settings.name} receiver", "SPHERE")
         home.objects.link(receiver)
         thing[RECEIVER_KEY] = receiver
     else:
-        thing = _empty(settings.name, "ARROWS" if kind in ("sonar", "tractor") else "SPHERE")
-    thing[KIND_KEY] = kind
+        thing = _empty(settings.name, SHAPES.get(settings.kind, "ARROWS"))
+    thing[KIND_KEY] = settings.kind
     home.objects.link(thing)
     place(thing, settings)
     return thing
+
+
+def remove_sensor(thing: bpy.types.Object) -> None:
+    """Remove a sensor's object with its receiver and its data."""
+    receiver, data = receiver_of(thing), thing.data
+    bpy.data.objects.remove(thing)
+    if receiver is not None:
+        bpy.data.objects.remove(receiver)
+    if data is not None and not data.users:
+        bpy.data.batch_remove([data])
 
 
 def kind_of(thing: bpy.types.Object) -> str:
@@ -54,9 +64,18 @@ def kind_of(thing: bpy.types.Object) -> str:
     return str(thing.get(KIND_KEY, ""))
 
 
-def sensors_in(home: bpy.types.Collection) -> list[bpy.types.Object]:
-    """The sensors of a collection, in the order of their names."""
-    return sorted((thing for thing in home.all_objects if kind_of(thing)), key=lambda t: t.name)
+def sensors_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The sensors of a scene, in the order of their names."""
+    home = home_of(scene)
+    things = home.objects if home else ()
+    return sorted((thing for thing in things if kind_of(thing)), key=lambda thing: thing.name)
+
+
+def home_of(scene: bpy.types.Scene) -> bpy.types.Collection | None:
+    """The collection of a scene's sensors, None where it has none yet."""
+    top = root(scene)
+    children = top.children if top else ()
+    return next((child for child in children if child.name.startswith(SENSORS)), None)
 
 
 def place(thing: bpy.types.Object, settings: Settings) -> None:
@@ -82,13 +101,13 @@ def pose(thing: bpy.types.Object) -> dict[str, Any]:
 
     Raises
     ------
-    ValueError : a reverb whose receiver is gone.
+    SpecError : a reverb whose receiver is gone.
     """
     kind = kind_of(thing)
     if kind == "reverb":
         receiver = receiver_of(thing)
         if receiver is None:
-            raise ValueError(f"{thing.name} has no receiver; choose an object as its receiver")
+            raise SpecError(thing.name, "its receiver is gone; choose an object as receiver")
         return {"source": _place_of(thing), "receiver": _place_of(receiver)}
     found: dict[str, Any] = {"position": _place_of(thing)}
     azimuth, elevation = _direction_of(thing)
@@ -114,7 +133,7 @@ def _empty(name: str, shape: str) -> bpy.types.Object:
 
 
 def _place_of(thing: bpy.types.Object) -> tuple[float, float, float]:
-    x, y, z = (round(value, METRE_DIGITS) for value in thing.matrix_world.translation)
+    x, y, z = (shortest(value) for value in thing.matrix_world.translation)
     return x, y, z
 
 

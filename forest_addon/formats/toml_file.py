@@ -1,4 +1,4 @@
-"""TOML files into settings, with one clear sentence for whatever is wrong.
+"""TOML files into settings and back, with one clear sentence for whatever is wrong.
 
 cattrs structures the tables into the dataclasses of ``spec``; the hooks here are strict (no number is
 made of a text, no unknown key is passed over), and ``explain`` turns what cattrs raises into a
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..spec import SENSORS, Sensor, Settings, SpecError
+from .atomic import replacing
 
 T = TypeVar("T", bound=Settings)
 
@@ -45,6 +46,40 @@ def read_settings(path: Path, cls: type[T]) -> T:
         return structure(table, cls)
     except SpecError as problem:
         raise SpecError(str(path), f"{problem.key}: {problem.problem}") from None
+
+
+def write_settings(path: Path, settings: Settings) -> None:
+    """Write settings as a TOML file that ``read_settings`` makes equal settings of.
+
+    Values that are the default are left out.
+
+    Raises
+    ------
+    OSError : the file cannot be written; an earlier one is kept.
+    """
+    import tomli_w
+
+    with replacing(path) as partial:
+        text = (
+            f"# {type(settings).__name__} of Forest Sensing\n\n{tomli_w.dumps(table_of(settings))}"
+        )
+        partial.write_text(text, encoding="utf-8")
+
+
+def table_of(settings: Settings) -> dict[str, Any]:
+    """The table of a TOML file for settings; of a sensor always its kind."""
+    table: dict[str, Any] = {}
+    for field in dataclasses.fields(settings):  # type: ignore[arg-type]
+        value = getattr(settings, field.name)
+        if value is not None and (value != field.default or field.name == "kind"):
+            table[field.name] = _toml(value)
+    return table
+
+
+def _toml(value: Any) -> Any:
+    if isinstance(value, Settings):
+        return table_of(value)
+    return [_toml(item) for item in value] if isinstance(value, tuple) else value
 
 
 def structure(table: Any, cls: type[T]) -> T:

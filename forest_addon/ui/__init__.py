@@ -2,37 +2,55 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from functools import partial
+
+Step = tuple[Callable[[], object], Callable[[], object]]
+
 
 def register() -> None:
-    """Register every class and the scene's property; what fails takes back what came before it."""
-    import bpy
-
+    """Register every class, property, menu and handler; what fails takes back what came before it."""
     from . import requirements
-    from .properties import FOREST_PG_scene
 
     requirements.missing.cache_clear()
-    done: list[type] = []
+    undone: list[Callable[[], object]] = []
     try:
-        for cls in _classes():
-            bpy.utils.register_class(cls)
-            done.append(cls)
-        bpy.types.Scene.forest_sensing = bpy.props.PointerProperty(type=FOREST_PG_scene)
+        for do, undo in _steps():
+            do()
+            undone.append(undo)
     except Exception:
-        for cls in reversed(done):
-            bpy.utils.unregister_class(cls)
+        for undo in reversed(undone):
+            undo()
         raise
 
 
 def unregister() -> None:
     """Take everything back, in reverse order."""
+    for _, undo in reversed(list(_steps())):
+        undo()
+
+
+def _steps() -> Iterator[Step]:
+    """What registering does, one by one, and how each is taken back."""
     import bpy
 
-    del bpy.types.Scene.forest_sensing
-    for cls in reversed(_classes()):
-        bpy.utils.unregister_class(cls)
+    from . import command, overlay, running, tree
+    from .properties import FOREST_PG_scene, FOREST_PG_sensor
+
+    for cls in _classes():
+        yield partial(bpy.utils.register_class, cls), partial(bpy.utils.unregister_class, cls)
+    for owner, name, group in (
+        (bpy.types.Scene, "forest_sensing", FOREST_PG_scene),
+        (bpy.types.Object, "forest_sensor", FOREST_PG_sensor),
+    ):
+        pointer = bpy.props.PointerProperty(type=group)
+        yield partial(setattr, owner, name, pointer), partial(delattr, owner, name)
+    for part in (running, tree, overlay, command):
+        yield part.register, part.unregister
 
 
 def _classes() -> tuple[type, ...]:
-    from . import lists, operators, panels, properties
+    from . import lists, operators, panels, properties, tree
 
-    return (*properties.CLASSES, *lists.CLASSES, *operators.CLASSES, *panels.CLASSES)
+    rooms = (properties, lists, operators, tree, panels)
+    return tuple(cls for room in rooms for cls in room.CLASSES)

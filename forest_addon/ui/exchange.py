@@ -1,30 +1,32 @@
 """Between the panel and ``spec``: properties to settings, settings to properties.
 
 Whatever is found wrong with a property is a ``SpecError`` of ``spec`` itself, with the key that a scene
-file would have. Blender keeps numbers in single precision; ``read`` gives back the shortest decimal that
-is this number, so 0.002 that was typed, or read from a scene file, is 0.002 again.
+file would have. Where a sensor stands is what its object says (``blender/sensors``), the rest is a group of
+properties on that object.
 """
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterable
 from typing import Any, TypeVar
 
 from .. import spec
+from ..blender import sensors
+from ..blender.single import shortest
 from ..spec import Settings, SpecError
 from .properties import LARGEST_INT, fields_of, is_sensor_kind, items_of, without_none
 
 T = TypeVar("T", bound=Settings)
 
 
-def to_spec(props: Any, kinds: Iterable[str] = tuple(spec.SENSORS)) -> spec.Scene:
-    """The scene that the panel says, with these kinds of sensors.
+def to_spec(scene: Any, things: Iterable[Any] | None = None) -> spec.Scene:
+    """The settings that a Blender scene holds, with these of its sensors; by default with all.
 
     Raises
     ------
     SpecError : a value that cannot be used; ``key`` names it as a scene file would.
     """
+    props = scene.forest_sensing
     return spec.Scene(
         name=props.name,
         seed=props.seed,
@@ -34,32 +36,59 @@ def to_spec(props: Any, kinds: Iterable[str] = tuple(spec.SENSORS)) -> spec.Scen
             for number, group in enumerate(props.plantings)
         ),
         air=read(props.air, spec.Air, "air"),
-        sensors=tuple(read(getattr(props, kind), spec.SENSORS[kind], kind) for kind in kinds),
+        sensors=tuple(sensor_of(thing) for thing in _all_of(scene, things)),
     )
 
 
-def from_spec(props: Any, scene: spec.Scene) -> list[str]:
-    """Put a scene into the properties; returns the names of sensors that find no place.
+def sensor_of(thing: Any) -> Settings:
+    """The settings of a sensor: those on its object, and where and how that stands.
 
-    The panel has one sensor of each kind: the first. Kinds that the scene lacks get their defaults.
+    Raises
+    ------
+    SpecError : a value that cannot be used; a reverb without a receiver.
+    """
+    kind = sensors.kind_of(thing)
+    cls = spec.SENSORS[kind]
+    given = {"name": file_name(thing.name)} | sensors.pose(thing)
+    return read(getattr(thing.forest_sensor, kind), cls, file_name(thing.name), given)
+
+
+def file_name(name: str) -> str:
+    """The name of an object as one of files: "echo.001" is echo-001."""
+    return "".join(c if c.isalnum() or c in "-_" else "-" for c in name)
+
+
+def from_spec(scene: Any, settings: spec.Scene) -> None:
+    """Put settings into a Blender scene, in place of those and of the sensors that it has.
 
     Raises
     ------
     SpecError : a number that Blender cannot hold; nothing is changed.
     """
-    if scene.seed > LARGEST_INT:
-        raise SpecError("seed", f"{scene.seed} is too large for the panel; use up to {LARGEST_INT}")
-    props.name, props.seed = scene.name, scene.seed
-    write(props.forest, scene.forest)
-    write(props.air, scene.air)
-    _fill(props, "plantings", scene.plantings)
-    first: dict[str, Settings] = {}
-    for sensor in scene.sensors:
-        first.setdefault(sensor.kind, sensor)
-    taken = {sensor.name for sensor in first.values()}
-    for kind, settings in spec.SENSORS.items():
-        write(getattr(props, kind), first.get(kind) or _new_sensor(settings, taken))
-    return [sensor.name for sensor in scene.sensors if sensor is not first[sensor.kind]]
+    if settings.seed > LARGEST_INT:
+        raise SpecError(
+            "seed", f"{settings.seed} is too large for the panel; use up to {LARGEST_INT}"
+        )
+    props = scene.forest_sensing
+    props.name, props.seed = settings.name, settings.seed
+    write(props.forest, settings.forest)
+    write(props.air, settings.air)
+    _fill(props, "plantings", settings.plantings)
+    for thing in sensors.sensors_of(scene):
+        sensors.remove_sensor(thing)
+    for sensor in settings.sensors:
+        add_sensor(scene, sensor)
+
+
+def add_sensor(scene: Any, settings: Settings) -> Any:
+    """A new object with the settings of a sensor."""
+    thing = sensors.new_sensor(scene, settings)
+    write(getattr(thing.forest_sensor, settings.kind), settings)
+    return thing
+
+
+def _all_of(scene: Any, things: Iterable[Any] | None) -> Iterable[Any]:
+    return sensors.sensors_of(scene) if things is None else things
 
 
 def untouched(props: Any) -> bool:
@@ -77,8 +106,10 @@ def untouched(props: Any) -> bool:
     return True
 
 
-def read(group: Any, settings: type[T], place: str = "") -> T:
+def read(group: Any, settings: type[T], place: str = "", given: dict[str, Any] | None = None) -> T:
     """The settings that a property group holds; ``place`` is what an error calls the group.
+
+    given : values that are known from elsewhere.
 
     Raises
     ------
@@ -87,7 +118,9 @@ def read(group: Any, settings: type[T], place: str = "") -> T:
     values: dict[str, Any] = {}
     for name, kind, known, _ in fields_of(settings):
         items = items_of(kind)
-        if items:
+        if given and name in given:
+            values[name] = given[name]
+        elif items:
             values[name] = tuple(
                 read(item, items, f"{place}.{name}[{number}]".lstrip("."))
                 for number, item in enumerate(getattr(group, name))
@@ -119,12 +152,6 @@ def write(group: Any, settings: Settings) -> None:
                 setattr(group, name, value)
 
 
-def _new_sensor(settings: type[Settings], taken: set[str]) -> Settings:
-    """A sensor with its defaults, under a name that no other has."""
-    new = settings()
-    return settings(name=f"{new.name}-{new.kind}") if new.name in taken else new
-
-
 def _fill(group: Any, name: str, items: Iterable[Settings]) -> None:
     collection = getattr(group, name)
     collection.clear()
@@ -135,20 +162,7 @@ def _fill(group: Any, name: str, items: Iterable[Settings]) -> None:
 
 def _plain(value: Any) -> Any:
     if isinstance(value, float):
-        return _shortest(value)
+        return shortest(value)
     if isinstance(value, (bool, int, str)):
         return value
     return tuple(_plain(item) for item in value)
-
-
-def _shortest(value: float) -> float:
-    """The shortest decimal with the same single-precision number as ``value``."""
-    stored = struct.pack("f", value)
-    return next(
-        (
-            decimal
-            for digits in range(1, 10)
-            if struct.pack("f", decimal := float(f"{value:.{digits}g}")) == stored
-        ),
-        value,
-    )

@@ -6,6 +6,18 @@ from typing import Any, ClassVar
 
 import bpy
 
+from ..blender.sensors import kind_of
+
+ICONS = {
+    "forest": "OUTLINER_OB_CURVES",
+    "tractor": "AUTO",
+    "terrestrial": "OUTLINER_OB_POINTCLOUD",
+    "mobile": "CURVE_PATH",
+    "airborne": "OUTLINER_OB_LIGHTPROBE",
+    "sonar": "OUTLINER_OB_SPEAKER",
+    "reverb": "RNDCURVE",
+}
+
 
 def draw_list(layout: bpy.types.UILayout, shown: str, owner: Any, name: str, thing: str) -> None:
     """A list with buttons that add and remove."""
@@ -37,6 +49,19 @@ class FOREST_UL_gaussians(bpy.types.UIList):
         number = layout.row()
         number.alignment = "RIGHT"
         number.label(text=f"peak {item.peak:.3g}")
+
+
+class FOREST_UL_sensors(bpy.types.UIList):
+    """Sensors of the scene, which are objects."""
+
+    def draw_item(self, context, layout, data, item, icon, active, name, index=0) -> None:
+        layout.prop(item, "name", text="", emboss=False, icon=ICONS[kind_of(item)])
+        run = layout.operator("forest.run", text="", icon="PLAY", emboss=False)
+        run.sensor, run.frames = item.name, "THIS"
+
+    def filter_items(self, context, data, name) -> tuple[list[int], list[int]]:
+        things = getattr(data, name)
+        return [self.bitflag_filter_item if kind_of(thing) else 0 for thing in things], []
 
 
 class _Listed:
@@ -127,6 +152,7 @@ class FOREST_OT_remove_gaussian(_Remove, _Gaussians, bpy.types.Operator):
 
 
 CLASSES = (
+    FOREST_UL_sensors,
     FOREST_UL_plantings,
     FOREST_UL_gaussians,
     FOREST_OT_add_planting,

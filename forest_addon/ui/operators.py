@@ -1,4 +1,4 @@
-"""Operators: build the forest, run a sensor in it, open a scene file.
+"""Operators: build the forest, add and run sensors, open and save scene files.
 
 An operator asks the panel's properties for settings, hands them to the rooms below and says what came
 of it. Those rooms, and scipy with them, are imported when an operator runs and not before.
@@ -7,165 +7,230 @@ of it. Those rooms, and scipy with them, are imported when an operator runs and 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import bpy
-from bpy_extras.io_utils import ImportHelper
+from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from .. import spec
+from ..blender import sensors
+from ..blender.jobs import Task, Work
 from ..spec import SpecError
-from . import requirements
-from .exchange import from_spec, to_spec, untouched
+from .exchange import add_sensor, file_name, from_spec, to_spec, untouched
 from .properties import ASSETS
+from .running import PROBLEMS, FOREST_OT_cancel, Working, in_words
 
 DEMO = ASSETS / "scenes" / "demo.toml"
 SOLID_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
-Tell = Callable[[int, int], None]
 
 
-class _Work:
-    """What every operator that computes shares: when it can run, and how it says what is wrong."""
-
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        reason = _obstacle(context)
-        if reason:
-            cls.poll_message_set(reason)
-        return not reason
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            if untouched(context.scene.forest_sensing):
-                open_scene(context, DEMO)
-            with _progress(context) as tell:
-                sentence = self.work(context, tell)
-        except (SpecError, ValueError, OSError, ImportError, MemoryError) as problem:
-            self.report({"ERROR"}, _in_words(problem))
-            return {"CANCELLED"}
-        self.report({"INFO"}, sentence)
-        return {"FINISHED"}
-
-    def work(self, context: bpy.types.Context, tell: Tell) -> str:
-        """Do it; returns a sentence with the key figures."""
-        raise NotImplementedError
-
-
-class FOREST_OT_build(_Work, bpy.types.Operator):
+class FOREST_OT_build(Working, bpy.types.Operator):
     """Grow the trees and plant them, in place of the forest that stands in this scene"""
 
     bl_idname = "forest.build"
     bl_label = "Build Forest"
 
-    def work(self, context: bpy.types.Context, tell: Tell) -> str:
-        from ..blender.forest import build, root
+    def work(self, context: bpy.types.Context) -> Work:
+        from ..blender.forest import build
+        from ..blender.layout import root
         from ..formats.species_file import find_species, load_species
         from ..stand.forest import grow_forest
         from .results import keep_forest
 
-        started = time.perf_counter()
-        settings = to_spec(context.scene.forest_sensing)
-        folder = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
-        species = [load_species(find_species(p.species, folder)) for p in settings.plantings]
-        forest = grow_forest(settings, species, tell)
-        first = root(context.scene) is None
-        build(context.scene, settings, forest)
+        started, scene = time.perf_counter(), context.scene
+        if untouched(scene.forest_sensing):
+            open_scene(scene, DEMO)
+        settings = to_spec(scene)
+        folder = Path(bpy.path.abspath(scene.forest_sensing.folder))
+
+        def grow(tell: Any) -> Any:
+            species = [load_species(find_species(p.species, folder)) for p in settings.plantings]
+            return grow_forest(settings, species, tell)
+
+        forest = yield Task("growing trees", grow)
+        first = root(scene) is None
+        build(scene, settings, forest)
         if first:
             _look_at(context, settings.forest)
         return keep_forest(context, settings, forest, time.perf_counter() - started)
 
 
-class _Sense(_Work):
-    """Running one kind of sensor in the scene as it is evaluated now."""
+class FOREST_OT_run(Working, bpy.types.Operator):
+    """Run sensors in the scene as it is evaluated now, or on every frame of the frame range"""
 
-    kind: ClassVar[str]
+    bl_idname = "forest.run"
+    bl_label = "Run Sensor"
+
+    sensor: bpy.props.StringProperty(
+        name="Sensor",
+        description="Name of its object; empty: all of them",
+        options={"SKIP_SAVE"},
+    )
+    frames: bpy.props.EnumProperty(
+        name="Frames",
+        items=[
+            ("THIS", "This Frame", "The scene as it is now"),
+            ("RANGE", "Frame Range", "Each frame of the scene's range; files are numbered"),
+        ],
+        options={"SKIP_SAVE"},
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         if not super().poll(context):
+            return False
+        if not sensors.sensors_of(context.scene):
+            cls.poll_message_set("There is no sensor yet. Add one to the list")
             return False
         if not any(thing.type in SOLID_TYPES for thing in context.view_layer.objects):
             cls.poll_message_set("There is nothing to sense in this scene. Build a forest first")
             return False
         return True
 
-    def work(self, context: bpy.types.Context, tell: Tell) -> str:
-        from ..blender.forest import mark_sensors
+    def work(self, context: bpy.types.Context) -> Work:
+        scene = context.scene
+        chosen = [t for t in sensors.sensors_of(scene) if self.sensor in ("", t.name)]
+        if not chosen:
+            raise SpecError("sensor", f"{self.sensor} is no sensor of this scene; add it again")
+        folder = _folder(scene.forest_sensing.output)
+        if self.frames == "THIS":
+            return (yield from self._look(context, chosen, folder, ""))
+        now, sentence = scene.frame_current, ""
+        try:
+            for frame in range(scene.frame_start, scene.frame_end + 1, scene.frame_step):
+                scene.frame_set(frame)
+                sentence = yield from self._look(context, chosen, folder, f"-{frame:04d}")
+        finally:
+            scene.frame_set(now)
+        return sentence
+
+    def _look(
+        self,
+        context: bpy.types.Context,
+        things: Iterable[bpy.types.Object],
+        folder: Path | None,
+        number: str,
+    ) -> Work:
+        """Run these sensors in the scene of one frame."""
         from ..blender.observe import Observer
         from .results import keep_finding, save_finding
 
-        started = time.perf_counter()
-        props = context.scene.forest_sensing
-        settings = to_spec(props, [self.kind])
-        folder = _folder(props.output)
-        (sensor,) = settings.sensors
         observer = Observer(context.evaluated_depsgraph_get())
-        found = observer.observe(sensor, settings, tell)
-        mark_sensors(context.scene, settings)
-        sentence = keep_finding(context, sensor, found, time.perf_counter() - started)
-        if folder is None:
-            return sentence
-        try:
-            return f"{sentence}, saved as {save_finding(context, folder, sensor, found)}"
-        except (OSError, ImportError) as problem:
-            self.report({"WARNING"}, f"Not saved: {_in_words(problem)}")
-            return sentence
+        sentence = ""
+        for thing in things:
+            started = time.perf_counter()
+            settings = to_spec(context.scene, [thing])
+            (sensor,) = settings.sensors
+            found = yield Task(
+                f"{thing.name}{number}",
+                lambda tell, one=sensor, scene=settings: observer.observe(one, scene, tell),
+            )
+            sentence = keep_finding(context, thing, sensor, found, time.perf_counter() - started)
+            if folder is not None:
+                try:
+                    path = save_finding(context, folder, thing.name, sensor.name + number, found)
+                    sentence = f"{sentence}, saved as {path}"
+                except (OSError, ImportError) as problem:
+                    self.report({"WARNING"}, f"Not saved: {in_words(problem)}")
+        return sentence
 
 
-class FOREST_OT_scan(_Sense, bpy.types.Operator):
-    """Drive the tractor's scanner past the forest and show where its beams end"""
+class FOREST_OT_add_sensor(bpy.types.Operator):
+    """Add a sensor as an object: move it, turn it, parent it, key it"""
 
-    bl_idname = "forest.scan"
-    bl_label = "Drive and Scan"
-    kind = "tractor"
+    bl_idname = "forest.add_sensor"
+    bl_label = "Add Sensor"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    kind: bpy.props.EnumProperty(
+        name="Kind",
+        items=[(kind, cls.TITLE, cls.__doc__ or "") for kind, cls in spec.SENSORS.items()],
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not context.scene.is_editable:
+            cls.poll_message_set("This scene is linked from another file and cannot be changed")
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        settings = spec.SENSORS[self.kind]()
+        thing = add_sensor(context.scene, settings)
+        if context.scene.cursor.location.length:
+            shift = context.scene.cursor.location - thing.location
+            thing.location = context.scene.cursor.location
+            thing.location.z = max(thing.location.z, settings_height(settings))
+            receiver = sensors.receiver_of(thing)
+            if receiver is not None:
+                receiver.location += shift
+                receiver.location.z = thing.location.z
+        _choose(context, thing)
+        return {"FINISHED"}
 
 
-class FOREST_OT_sweep(_Sense, bpy.types.Operator):
-    """Scan the forest all round from the tripod and show the point cloud"""
+class FOREST_OT_remove_sensor(bpy.types.Operator):
+    """Remove the chosen sensor; what it found stays"""
 
-    bl_idname = "forest.sweep"
-    bl_label = "Scan All Round"
-    kind = "terrestrial"
+    bl_idname = "forest.remove_sensor"
+    bl_label = "Remove Sensor"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if chosen_sensor(context) is None:
+            cls.poll_message_set("Choose a sensor in the list first")
+            return False
+        return bool(context.scene.is_editable)
 
-class FOREST_OT_ping(_Sense, bpy.types.Operator):
-    """Send one call into the foliage and compute the echo of its leaves"""
-
-    bl_idname = "forest.ping"
-    bl_label = "Ping"
-    kind = "sonar"
-
-
-class FOREST_OT_clap(_Sense, bpy.types.Operator):
-    """Clap at the source and compute what the receiver hears among the trunks"""
-
-    bl_idname = "forest.clap"
-    bl_label = "Clap"
-    kind = "reverb"
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        sensors.remove_sensor(chosen_sensor(context))
+        return {"FINISHED"}
 
 
-class FOREST_OT_load_scene(_Work, bpy.types.Operator, ImportHelper):
+class FOREST_OT_load_scene(bpy.types.Operator, ImportHelper):
     """Take forest and sensors from a scene file (.toml), the same that runs without a window"""
 
     bl_idname = "forest.load_scene"
     bl_label = "Open Scene File"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
     filename_ext = ".toml"
     filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
-            name, left_out = open_scene(context, Path(self.filepath))
-        except (SpecError, ImportError) as problem:
-            self.report({"ERROR"}, _in_words(problem))
+            name = open_scene(context.scene, Path(self.filepath))
+        except PROBLEMS as problem:
+            self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
-        if left_out:
-            names = ", ".join(left_out)
-            self.report({"WARNING"}, f"The panel has one sensor of a kind; left out: {names}")
         self.report({"INFO"}, f"{name} is loaded. Build the forest to see it")
+        return {"FINISHED"}
+
+
+class FOREST_OT_save_scene(bpy.types.Operator, ExportHelper):
+    """Write forest and sensors to a scene file (.toml) that gives the same results without a window"""
+
+    bl_idname = "forest.save_scene"
+    bl_label = "Export Scene File"
+    filename_ext = ".toml"
+    filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self.filepath = f"{file_name(context.scene.forest_sensing.name)}.toml"
+        return ExportHelper.invoke(self, context, event)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..formats.toml_file import write_settings
+
+        try:
+            settings = to_spec(context.scene)
+            write_settings(Path(self.filepath), settings)
+        except PROBLEMS as problem:
+            self.report({"ERROR"}, in_words(problem))
+            return {"CANCELLED"}
+        self.report({"INFO"}, f"Written: {self.filepath}")
         return {"FINISHED"}
 
 
@@ -197,17 +262,18 @@ class FOREST_OT_select_result(bpy.types.Operator):
 
 CLASSES = (
     FOREST_OT_build,
-    FOREST_OT_scan,
-    FOREST_OT_sweep,
-    FOREST_OT_ping,
-    FOREST_OT_clap,
+    FOREST_OT_run,
+    FOREST_OT_cancel,
+    FOREST_OT_add_sensor,
+    FOREST_OT_remove_sensor,
     FOREST_OT_load_scene,
+    FOREST_OT_save_scene,
     FOREST_OT_select_result,
 )
 
 
-def open_scene(context: bpy.types.Context, path: Path) -> tuple[str, list[str]]:
-    """Put a scene file into the panel; returns its name and the sensors that found no place.
+def open_scene(scene: bpy.types.Scene, path: Path) -> str:
+    """Put a scene file into a Blender scene; returns its name.
 
     Raises
     ------
@@ -215,21 +281,35 @@ def open_scene(context: bpy.types.Context, path: Path) -> tuple[str, list[str]]:
     """
     from ..formats.toml_file import read_settings
 
-    scene = read_settings(path, spec.Scene)
-    left_out = from_spec(context.scene.forest_sensing, scene)
-    context.scene.forest_sensing.folder = str(path.resolve().parent)
-    return scene.name, left_out
+    settings = read_settings(path, spec.Scene)
+    from_spec(scene, settings)
+    scene.forest_sensing.folder = str(path.resolve().parent)
+    return settings.name
 
 
-def _obstacle(context: bpy.types.Context) -> str:
-    """Why nothing can be computed now; empty where it can."""
-    if requirements.missing():
-        return f"{requirements.in_words(requirements.missing())}. The panel says what to do"
-    if context.mode != "OBJECT":
-        return "Leave this mode first: the forest is built and sensed in Object Mode"
-    if not context.scene.is_editable:
-        return "This scene is linked from another file and cannot be changed"
-    return ""
+def chosen_sensor(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The sensor that the panel shows: the active object if it is one, else the list's."""
+    thing = context.view_layer.objects.active
+    if thing is not None and sensors.kind_of(thing):
+        return thing
+    home = sensors.home_of(context.scene)
+    number = context.scene.forest_sensing.active_sensor
+    if home is None or not 0 <= number < len(home.objects):
+        return None
+    thing = home.objects[number]
+    return thing if sensors.kind_of(thing) else None
+
+
+def settings_height(settings: spec.Settings) -> float:
+    """How high above z = 0 a new sensor stands."""
+    place = getattr(settings, "position", None) or settings.source
+    return float(place[2])
+
+
+def _choose(context: bpy.types.Context, thing: bpy.types.Object) -> None:
+    home = sensors.home_of(context.scene)
+    context.view_layer.update()
+    context.scene.forest_sensing.active_sensor = list(home.objects).index(thing)
 
 
 def _folder(output: str) -> Path | None:
@@ -259,27 +339,3 @@ def _look_at(context: bpy.types.Context, field: spec.Forest) -> None:
     middle = [o + s / 2 for o, s in zip(field.origin, field.size, strict=True)]
     view.view_location = (*middle, 3.0)
     view.view_distance = 1.6 * max(field.size)
-
-
-@contextmanager
-def _progress(context: bpy.types.Context) -> Iterator[Tell]:
-    """Show how far a piece of work is, at the mouse pointer."""
-    manager = context.window_manager
-    manager.progress_begin(0, 100)
-    try:
-        yield lambda done, total: manager.progress_update(100 * done / max(total, 1))
-    finally:
-        manager.progress_end()
-
-
-def _in_words(problem: BaseException) -> str:
-    """One sentence for what went wrong, with what to do."""
-    if isinstance(problem, ModuleNotFoundError) and problem.name:
-        return f"{requirements.in_words((problem.name,))}. {' '.join(requirements.WHAT_TO_DO)}"
-    if isinstance(problem, ImportError):
-        return f"{problem}. {' '.join(requirements.WHAT_TO_DO)}"
-    if isinstance(problem, MemoryError):
-        return "There is not enough memory for this; take fewer trees or coarser steps"
-    if isinstance(problem, OSError) and problem.strerror and problem.filename:
-        return f"{problem.filename}: {problem.strerror}"
-    return str(problem)

@@ -13,6 +13,7 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
+from ..blender.sensors import sensors_of
 from ..spec import SpecError
 from . import exchange
 
@@ -124,7 +125,7 @@ def _make(scene: bpy.types.Scene) -> None:
         from ..sensing.outline import outline
 
         lines = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
-        for thing in exchange.sensor_objects(scene):
+        for thing in sensors_of(scene):
             try:
                 sensor = exchange.sensor_of(thing)
             except (SpecError, ValueError):

@@ -5,23 +5,18 @@ Drawing only reads properties; nothing is computed or loaded here.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any, ClassVar
 
 import bpy
 
-from .. import spec
+from ..blender import sensors
 from . import requirements
 from .exchange import untouched
-from .lists import draw_list
+from .lists import ICONS, draw_list
+from .operators import chosen_sensor
 from .properties import PARTS
-
-ICONS = {
-    "forest": "OUTLINER_OB_CURVES",
-    "tractor": "AUTO",
-    "terrestrial": "OUTLINER_OB_POINTCLOUD",
-    "sonar": "OUTLINER_OB_SPEAKER",
-    "reverb": "RNDCURVE",
-}
+from .running import current
 
 
 class _Tab:
@@ -47,12 +42,15 @@ class FOREST_PT_forest(_Tab, bpy.types.Panel):
 
     def draw_header_preset(self, context: bpy.types.Context) -> None:
         self.layout.operator("forest.load_scene", text="", icon="FILE_FOLDER", emboss=False)
+        self.layout.operator("forest.save_scene", text="", icon="FILE_TICK", emboss=False)
         self.layout.separator()  # from the handle that Blender draws at the end
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, props = self.layout, context.scene.forest_sensing
         if requirements.missing():
             _say_what_is_missing(layout)
+        if current() is not None:
+            _draw_job(layout)
         if untouched(props):
             _draw_start(layout)
             return
@@ -106,45 +104,55 @@ class FOREST_PT_sensors(_OnceStarted, bpy.types.Panel):
     bl_order = 1
 
     def draw(self, context: bpy.types.Context) -> None:
-        column = _split(self.layout)
-        column.prop(context.scene.forest_sensing, "output", placeholder="In this file alone")
+        layout, props = self.layout, context.scene.forest_sensing
+        home = sensors.home_of(context.scene)
+        row = layout.row()
+        if home is not None:
+            row.template_list(
+                "FOREST_UL_sensors", "", home, "objects", props, "active_sensor", rows=3
+            )
+        else:
+            row.label(text="No sensor yet: add one", icon="INFO")
+        buttons = row.column(align=True)
+        buttons.operator_menu_enum("forest.add_sensor", "kind", text="", icon="ADD")
+        buttons.operator("forest.remove_sensor", text="", icon="REMOVE")
+        thing = chosen_sensor(context)
+        run = layout.row(align=True)
+        run.scale_y = 1.4
+        one = run.row(align=True)
+        one.enabled = thing is not None
+        this = one.operator(
+            "forest.run", text="Run" if thing is None else f"Run {thing.name}", icon="PLAY"
+        )
+        this.sensor, this.frames = "" if thing is None else thing.name, "THIS"
+        run.operator("forest.run", text="All").frames = "THIS"
+        frames = run.operator("forest.run", text="", icon="RENDER_ANIMATION")
+        frames.frames = "RANGE"
+        _split(layout).prop(props, "output", placeholder="In this file alone")
 
 
-class _Sensor(_OnceStarted):
-    """One kind of sensor: the button that runs it, also in the header, and its settings."""
+class FOREST_PT_sensor(_OnceStarted, bpy.types.Panel):
+    """Settings of the chosen sensor."""
 
+    bl_label = "Settings"
     bl_parent_id = "FOREST_PT_sensors"
-    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
-    kind: ClassVar[str]
-    operator: ClassVar[str]
 
-    def draw_header_preset(self, context: bpy.types.Context) -> None:
-        self.layout.operator(self.operator, text="", icon="PLAY", emboss=False)
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return super().poll(context) and chosen_sensor(context) is not None
 
     def draw(self, context: bpy.types.Context) -> None:
-        group = getattr(context.scene.forest_sensing, self.kind)
-        _big_button(self.layout, self.operator, ICONS[self.kind])
-        _draw_settings(_split(self.layout), group)
-
-
-class FOREST_PT_terrestrial(_Sensor, bpy.types.Panel):
-    bl_label = spec.Terrestrial.TITLE
-    kind, operator = "terrestrial", "forest.sweep"
-
-
-class FOREST_PT_tractor(_Sensor, bpy.types.Panel):
-    bl_label = spec.Tractor.TITLE
-    kind, operator = "tractor", "forest.scan"
-
-
-class FOREST_PT_sonar(_Sensor, bpy.types.Panel):
-    bl_label = spec.Sonar.TITLE
-    kind, operator = "sonar", "forest.ping"
-
-
-class FOREST_PT_reverb(_Sensor, bpy.types.Panel):
-    bl_label = spec.Reverb.TITLE
-    kind, operator = "reverb", "forest.clap"
+        thing = chosen_sensor(context)
+        kind = sensors.kind_of(thing)
+        column = _split(self.layout)
+        column.prop(thing, "name")
+        column.prop(thing, "location")
+        if kind == "reverb":
+            column.prop(thing, f'["{sensors.RECEIVER_KEY}"]', text="Receiver")
+        elif kind != "terrestrial":
+            column.prop(thing, "rotation_euler", text="Rotation")
+        hidden = {"name", *sensors.POSED.get(kind, ())}
+        _draw_settings(_split(self.layout), getattr(thing.forest_sensor, kind), hidden)
 
 
 class FOREST_PT_air(_OnceStarted, bpy.types.Panel):
@@ -173,7 +181,7 @@ class FOREST_PT_results(_OnceStarted, bpy.types.Panel):
 
 def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
     header, body = layout.panel(f"FOREST_result_{result.name}")
-    header.label(text=result.title, icon=ICONS[result.name])
+    header.label(text=result.title, icon=ICONS.get(result.kind, "DOT"))
     if result.shown:
         chosen = header.operator("forest.select_result", text="", icon="RESTRICT_SELECT_OFF")
         chosen.shown = result.shown
@@ -209,6 +217,14 @@ def _draw_start(layout: bpy.types.UILayout) -> None:
     layout.operator("forest.load_scene", icon="FILE_FOLDER")
 
 
+def _draw_job(layout: bpy.types.UILayout) -> None:
+    """How far the running job is, and the button that stops it."""
+    job = current()
+    row = layout.row(align=True)
+    row.progress(factor=job.share, text=f"{job.label} {job.share:.0%}")
+    row.operator("forest.cancel", text="", icon="CANCEL")
+
+
 def _say_what_is_missing(layout: bpy.types.UILayout) -> None:
     box = layout.box()
     box.alert = True
@@ -234,10 +250,13 @@ def _split(layout: bpy.types.UILayout) -> bpy.types.UILayout:
     return column
 
 
-def _draw_settings(layout: bpy.types.UILayout, group: Any) -> None:
-    """Every setting of a group, in the order of ``spec``; the name comes last."""
-    for name in sorted(group.shown, key="name".__eq__):
-        _draw_field(layout, group, name)
+def _draw_settings(
+    layout: bpy.types.UILayout, group: Any, hidden: Collection[str] = frozenset()
+) -> None:
+    """Every setting of a group, in the order of ``spec``."""
+    for name in group.shown:
+        if name not in hidden:
+            _draw_field(layout, group, name)
 
 
 def _draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
@@ -264,10 +283,7 @@ CLASSES = (
     FOREST_PT_plantings,
     FOREST_PT_ground,
     FOREST_PT_sensors,
-    FOREST_PT_terrestrial,
-    FOREST_PT_tractor,
-    FOREST_PT_sonar,
-    FOREST_PT_reverb,
+    FOREST_PT_sensor,
     FOREST_PT_air,
     FOREST_PT_results,
 )

@@ -30,6 +30,7 @@ from bpy.props import (
 )
 
 from .. import spec
+from ..blender.sensors import home_of
 from ..spec import Param, Settings, param_of
 
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
@@ -216,6 +217,14 @@ def _make_groups() -> dict[type, type]:
 GROUPS = _make_groups()
 
 
+class FOREST_PG_sensor(bpy.types.PropertyGroup):
+    """The settings of a sensor, on its object: a group for each kind, of which that of its own is used."""
+
+    __annotations__ = {
+        kind: PointerProperty(type=GROUPS[cls]) for kind, cls in spec.SENSORS.items()
+    }
+
+
 class FOREST_PG_figure(bpy.types.PropertyGroup):
     """One line of a result: what, how much."""
 
@@ -224,15 +233,30 @@ class FOREST_PG_figure(bpy.types.PropertyGroup):
 
 
 class FOREST_PG_result(bpy.types.PropertyGroup):
-    """What the last run of something found; ``name`` says what ran."""
+    """What the last run of something found; ``name`` says what ran, ``kind`` which kind of thing it is."""
 
     name: StringProperty()
+    kind: StringProperty()
     title: StringProperty()
     figures: CollectionProperty(type=FOREST_PG_figure)
     shown: StringProperty(description="Object with what was found")
     file: StringProperty(subtype="FILE_PATH", description="File with what was found")
     picture: PointerProperty(type=bpy.types.Image)
     caption: StringProperty()
+
+
+def _choose_sensor(props: Any, context: bpy.types.Context) -> None:
+    """A sensor that is chosen in the list becomes the active object."""
+    home = home_of(props.id_data)
+    if home is None or not 0 <= props.active_sensor < len(home.objects):
+        return
+    thing = home.objects[props.active_sensor]
+    layer = context.view_layer
+    if thing.name in layer.objects and layer.objects.active != thing:
+        for other in layer.objects.selected:
+            other.select_set(False)
+        thing.select_set(True)
+        layer.objects.active = thing
 
 
 def _scene_group() -> type[bpy.types.PropertyGroup]:
@@ -246,10 +270,15 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
             "plantings": CollectionProperty(type=GROUPS[spec.Planting]),
             "active_plantings": IntProperty(options={"HIDDEN"}),
             "air": PointerProperty(type=GROUPS[spec.Air]),
-            **{
-                kind: PointerProperty(type=GROUPS[settings])
-                for kind, settings in spec.SENSORS.items()
-            },
+            "active_sensor": IntProperty(options={"HIDDEN"}, update=_choose_sensor),
+            "show_sensors": BoolProperty(
+                name="Sensors",
+                description="Draw where sensors look: beams to -3 dB, fans, paths of sound",
+                default=True,
+            ),
+            "show_intensity": BoolProperty(
+                name="Intensity", description="Draw where trees are likely to stand"
+            ),
             "folder": StringProperty(
                 name="Species Folder",
                 description="Folder that names of species files start from",
@@ -267,4 +296,4 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
 
 
 FOREST_PG_scene = _scene_group()
-CLASSES = (*GROUPS.values(), FOREST_PG_figure, FOREST_PG_result, FOREST_PG_scene)
+CLASSES = (*GROUPS.values(), FOREST_PG_sensor, FOREST_PG_figure, FOREST_PG_result, FOREST_PG_scene)

@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 from ..blender.cloud import show_cloud
-from ..blender.forest import RESULTS, part
+from ..blender.layout import RESULTS, part
 from ..growth.trimesh import GROUND, LEAF, WOOD
 from ..sensing import metrics
 from ..sensing.lidar import Cloud, TractorScan, to_cloud
@@ -30,12 +30,13 @@ def keep_forest(context: bpy.types.Context, settings: Scene, forest: Forest, sec
     props = context.scene.forest_sensing
     props.results.clear()
     figures = forest_figures(settings, forest)
-    _note(props, "forest", settings.name, figures | {"Time": f"{seconds:.1f} s"})
+    _note(props, "forest", "forest", settings.name, figures | {"Time": f"{seconds:.1f} s"})
     return f"{figures['Trees']} trees with {figures['Leaves']} leaves in {seconds:.1f} s"
 
 
 def keep_finding(
     context: bpy.types.Context,
+    thing: bpy.types.Object,
     sensor: Sensor,
     found: TractorScan | Cloud | Echo | ImpulseResponse,
     seconds: float,
@@ -43,7 +44,9 @@ def keep_finding(
     """Show, note and draw what a sensor found. Returns the key figures in a sentence."""
     props = context.scene.forest_sensing
     figures, sentence = figures_of(found)
-    result = _note(props, sensor.kind, sensor.TITLE, figures | {"Time": f"{seconds:.1f} s"})
+    result = _note(
+        props, thing.name, sensor.kind, thing.name, figures | {"Time": f"{seconds:.1f} s"}
+    )
     if isinstance(found, TractorScan | Cloud):
         cloud = to_cloud(found, sensor) if isinstance(sensor, Tractor) else found
         points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
@@ -56,8 +59,10 @@ def keep_finding(
     return f"{sentence} in {seconds:.1f} s"
 
 
-def save_finding(context: bpy.types.Context, folder: Path, sensor: Sensor, found: Any) -> Path:
-    """Write a result to a folder and note the file in the panel.
+def save_finding(
+    context: bpy.types.Context, folder: Path, sensor: str, name: str, found: Any
+) -> Path:
+    """Write a result to a folder under a name and note the file in the panel.
 
     Raises
     ------
@@ -67,8 +72,8 @@ def save_finding(context: bpy.types.Context, folder: Path, sensor: Sensor, found
         write_finding,  # brings in laspy, which showing a result does not need
     )
 
-    path = write_finding(folder, sensor.name, found)
-    context.scene.forest_sensing.results[sensor.kind].file = str(path)
+    path = write_finding(folder, name, found)
+    context.scene.forest_sensing.results[sensor].file = str(path)
     return path
 
 
@@ -155,7 +160,7 @@ def _share(mask: np.ndarray) -> str:
     return f"{100 * float(np.mean(mask)):.1f} %" if mask.size else "0 %"
 
 
-def _note(props: Any, name: str, title: str, figures: Figures) -> Any:
+def _note(props: Any, name: str, kind: str, title: str, figures: Figures) -> Any:
     """A new entry of this name at the top of the panel, in place of an earlier one."""
     earlier = props.results.find(name)
     if earlier >= 0:
@@ -163,7 +168,7 @@ def _note(props: Any, name: str, title: str, figures: Figures) -> Any:
     props.results.add()
     props.results.move(len(props.results) - 1, 0)
     result = props.results[0]
-    result.name, result.title = name, title
+    result.name, result.kind, result.title = name, kind, title
     for label, value in figures.items():
         figure = result.figures.add()
         figure.name, figure.value = label, value

@@ -7,7 +7,8 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
 from forest_addon.blender.depsgraph import TREE_KEY
-from forest_addon.blender.forest import ROOT, TREES, build, part, root
+from forest_addon.blender.forest import build
+from forest_addon.blender.layout import ROOT, TREES, part, root
 from forest_addon.blender.observe import Observer
 from forest_addon.formats.species_file import ASSETS, load_species
 from forest_addon.stand.forest import grow_forest, leaf_table

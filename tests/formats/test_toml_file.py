@@ -1,11 +1,18 @@
 """Whatever is wrong with a file of settings is said in one sentence with file, key and what is allowed."""
 
 import re
+import tempfile
+import tomllib
+from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from forest_addon.formats.toml_file import read_settings
-from forest_addon.spec import Scene, Sonar, SpecError
+from forest_addon.formats.toml_file import read_settings, write_settings
+from forest_addon.spec import Forest, Scene, Sonar, SpecError
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def read(tmp_path, text):
@@ -90,3 +97,27 @@ def test_missing_files_and_folders(tmp_path):
         read_settings(tmp_path / "none.toml", Scene)
     with pytest.raises(SpecError, match="is a folder"):
         read_settings(tmp_path, Scene)
+
+
+@pytest.mark.parametrize(
+    "scene", sorted((ROOT / "assets" / "scenes").glob("*.toml")), ids=lambda p: p.stem
+)
+def test_a_scene_that_is_written_is_read_as_it_was(scene, tmp_path):
+    settings = read_settings(scene, Scene)
+    write_settings(tmp_path / "again.toml", settings)
+    assert read_settings(tmp_path / "again.toml", Scene) == settings
+
+
+def test_what_is_the_default_is_not_written(tmp_path):
+    write_settings(tmp_path / "plain.toml", Scene())
+    assert tomllib.loads((tmp_path / "plain.toml").read_text()) == {}
+    write_settings(tmp_path / "sonar.toml", Scene(sensors=(Sonar(),)))
+    assert tomllib.loads((tmp_path / "sonar.toml").read_text()) == {"sensors": [{"kind": "sonar"}]}
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False, min_value=1e-300, max_value=1e5))
+def test_numbers_are_written_to_the_last_digit(number):
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.toml"
+        write_settings(path, Scene(forest=Forest(spacing=number)))
+        assert read_settings(path, Scene).forest.spacing == number

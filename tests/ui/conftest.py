@@ -29,7 +29,19 @@ def props(registered, empty_blender):
 
 
 @pytest.fixture
-def small(props):
+def sensor(props):
+    """Adds a sensor of a kind to the scene: its object, with settings that are given."""
+    from forest_addon import spec
+    from forest_addon.ui import exchange
+
+    def add(kind, **settings):
+        return exchange.add_sensor(bpy.context.scene, spec.SENSORS[kind](**settings))
+
+    return add
+
+
+@pytest.fixture
+def small(props, sensor):
     """The panel filled with a forest of about three hazels and coarse sensors in their midst."""
     props.seed = 3
     props.forest.size = (6, 6)
@@ -39,16 +51,9 @@ def small(props):
     planting.variants = 1
     planting.use_expected = True
     planting.expected = 4
-    props.terrestrial.position = (3, 3, 1)
-    props.terrestrial.angle_step_deg = 6
-    props.tractor.position = (-2, 0, 1)
-    props.tractor.track = 6
-    props.tractor.step = 1
-    props.tractor.angle_step_deg = 5
-    props.sonar.position = (-1, 3, 1)
-    props.sonar.max_range = 4
-    props.reverb.source = (1, 1, 1)
-    props.reverb.receiver = (5, 5, 1)
-    props.reverb.sample_rate = 4000
-    props.reverb.duration = 0.1
+    sensor("terrestrial", position=(3, 3, 1), angle_step_deg=6)
+    sensor("tractor", position=(-2, 0, 1), track=6, step=1, angle_step_deg=5)
+    sensor("sonar", position=(-1, 3, 1), max_range=4)
+    sensor("reverb", source=(1, 1, 1), receiver=(5, 5, 1), sample_rate=4000, duration=0.1)
+    bpy.context.view_layer.update()
     return props

@@ -16,11 +16,21 @@ from forest_addon.spec import Scene
 from forest_addon.ui import exchange, requirements
 
 ROOT = Path(__file__).resolve().parents[2]
-SENSES = {"scan": "tractor", "sweep": "terrestrial", "ping": "sonar", "clap": "reverb"}
+SENSORS = {"scan": "tractor", "cloud": "terrestrial", "echo": "sonar", "reverb": "reverb"}
+LIDARS = ("scan", "cloud")
 
 
 def press(name, **settings):
     return getattr(bpy.ops.forest, name)(**settings)
+
+
+def run(name, **settings):
+    return press("run", sensor=name, **settings)
+
+
+def settings_of(name):
+    """The settings on the object of a sensor."""
+    return getattr(bpy.data.objects[name].forest_sensor, SENSORS[name])
 
 
 def trees():
@@ -63,7 +73,7 @@ def test_build_plants_a_forest(built):
     assert 1 <= len(trees()) <= 12
     assert len({tree.data for tree in trees()}) == 1
     assert facts(built, "forest")["Trees"] == str(len(trees()))
-    assert {"scan", "cloud", "echo", "reverb source", "reverb receiver"} <= {
+    assert {*SENSORS, "reverb receiver"} == {
         thing.name for thing in forest_room.part(bpy.context.scene, "Sensors").objects
     }
 
@@ -88,8 +98,8 @@ def test_a_forest_without_trees_is_a_ground(small):
     small.plantings[0].expected = 0
     assert press("build") == {"FINISHED"}
     assert trees() == []
-    assert press("sweep") == {"FINISHED"}
-    assert facts(small, "terrestrial")["Ground"] == "100.0 %"
+    assert run("cloud") == {"FINISHED"}
+    assert facts(small, "cloud")["Ground"] == "100.0 %"
 
 
 @pytest.mark.parametrize(
@@ -100,7 +110,7 @@ def test_a_forest_without_trees_is_a_ground(small):
         (lambda p: setattr(p.plantings[0], "species", "no.toml"), "no.toml.*no such file"),
         (lambda p: setattr(p.plantings[0], "use_expected", False), "expected.*give a number"),
         (lambda p: setattr(p.plantings[0], "scale", (2, 1)), "smallest, largest"),
-        (lambda p: setattr(p.sonar, "name", "cloud"), "a name of its own"),
+        (lambda p: setattr(settings_of("echo"), "band", (8e4, 6e4)), r"echo\.band"),
     ],
 )
 def test_a_bad_setting_is_reported_and_the_old_forest_kept(built, spoil, words):
@@ -126,9 +136,10 @@ def test_a_build_that_breaks_midway_takes_back_what_it_made(built, monkeypatch):
     assert {tree.name for tree in trees()} == names
 
 
-def test_what_the_user_has_is_left_alone(small):
+def test_what_the_user_has_is_left_alone(props, request):
     own = bpy.data.collections.new("Forest")
     bpy.context.scene.collection.children.link(own)
+    request.getfixturevalue("small")
     cube = add_cube(own)
     for _ in range(2):
         press("build")
@@ -146,35 +157,35 @@ def test_the_first_press_starts_with_the_demo_scene(props, monkeypatch, tmp_path
     monkeypatch.setattr(operators, "DEMO", demo)
     assert press("build") == {"FINISHED"}
     assert props.name == "Demo forest"
-    assert exchange.to_spec(props).forest == read_settings(demo, Scene).forest
+    assert exchange.to_spec(bpy.context.scene).forest == read_settings(demo, Scene).forest
 
 
 # ------------------------------------------------------------------------------------------ sensing
 
 
-@pytest.mark.parametrize("name", SENSES)
+@pytest.mark.parametrize("name", SENSORS)
 def test_each_sensor_finds_something(built, name):
-    assert press(name) == {"FINISHED"}
-    figures = facts(built, SENSES[name])
-    found = {"scan": "Points", "sweep": "Points", "ping": "Leaves Heard", "clap": "Trunks Heard"}
+    assert run(name) == {"FINISHED"}
+    figures = facts(built, name)
+    found = {"scan": "Points", "cloud": "Points", "echo": "Leaves Heard", "reverb": "Trunks Heard"}
     assert int(figures[found[name]].split()[0].replace(",", "")) > 0
 
 
-@pytest.mark.parametrize("name", ["scan", "sweep"])
+@pytest.mark.parametrize("name", LIDARS)
 def test_points_are_shown_and_selected(built, name):
     add_cube().select_set(True)
-    press(name)
+    run(name)
     (cloud,) = clouds()
     assert bpy.context.selected_objects == [cloud]
     assert bpy.context.view_layer.objects.active == cloud
     assert cloud.visible_get()
-    assert len(cloud.data.vertices) == int(facts(built, SENSES[name])["Points"].replace(",", ""))
+    assert len(cloud.data.vertices) == int(facts(built, name)["Points"].replace(",", ""))
     assert {"tree", "organ", "distance"} <= set(cloud.data.attributes.keys())
 
 
 def test_points_of_both_lidars_lie_on_the_same_things(built):
-    press("scan")
-    press("sweep")
+    run("scan")
+    run("cloud")
     for cloud in clouds():
         ground = np.empty(len(cloud.data.vertices), dtype=np.int32)
         cloud.data.attributes["organ"].data.foreach_get("value", ground)
@@ -184,110 +195,164 @@ def test_points_of_both_lidars_lie_on_the_same_things(built):
         assert place[ground != 3, 2].min() > -0.05
 
 
-@pytest.mark.parametrize("name", SENSES)
+@pytest.mark.parametrize("name", SENSORS)
 def test_twice_in_a_row_nothing_piles_up(built, name):
-    press(name)
+    run(name)
     before = counts()
-    press(name)
+    run(name)
     assert counts() == before
     assert len(built.results) == 2
 
 
 def test_everything_twice_nothing_piles_up(small):
     def everything():
-        for name in ("build", *SENSES):
-            assert press(name) == {"FINISHED"}
+        assert press("build") == {"FINISHED"}
+        assert press("run") == {"FINISHED"}
 
     everything()
     everything()
     before = counts()
     everything()
     assert counts() == before
-    assert sorted(result.name for result in small.results) == sorted(["forest", *SENSES.values()])
+    assert sorted(result.name for result in small.results) == sorted(["forest", *SENSORS])
 
 
-@pytest.mark.parametrize("name", SENSES)
-def test_a_scene_with_nothing_in_it_says_build_first(props, name):
+def test_a_scene_with_nothing_in_it_says_build_first(props, sensor):
+    sensor("sonar")
     with pytest.raises(RuntimeError, match="Build a forest first"):
-        press(name)
+        press("run")
 
 
-@pytest.mark.parametrize("name", SENSES)
-def test_sensors_run_in_a_scene_of_the_users_own(props, name):
+def test_a_scene_without_sensors_says_add_one(props):
     add_cube()
-    props.terrestrial.angle_step_deg = 6
-    props.tractor.step = 5
-    assert press(name) == {"FINISHED"}
+    with pytest.raises(RuntimeError, match="no sensor yet"):
+        press("run")
 
 
-@pytest.mark.parametrize("name", SENSES)
+def test_a_sensor_that_is_gone_is_named(built):
+    with pytest.raises(RuntimeError, match="ear is no sensor"):
+        run("ear")
+
+
+def test_sensors_run_in_a_scene_of_the_users_own(props, sensor):
+    add_cube()
+    sensor("terrestrial", angle_step_deg=6)
+    sensor("tractor", step=5)
+    sensor("sonar")
+    sensor("reverb")
+    assert press("run") == {"FINISHED"}
+    assert len(props.results) == 4
+
+
+@pytest.mark.parametrize("name", SENSORS)
 def test_sensors_run_when_trees_or_results_were_deleted(built, name):
-    press(name)
+    run(name)
     for thing in [*trees(), *clouds()]:
         bpy.data.objects.remove(thing)
-    assert press(name) == {"FINISHED"}
-    assert len(clouds()) == (name in ("scan", "sweep"))
+    assert run(name) == {"FINISHED"}
+    assert len(clouds()) == (name in LIDARS)
 
 
-def test_sensors_run_when_our_collections_were_deleted(built):
-    press("sweep")
+def test_a_forest_is_built_when_our_collections_were_deleted(built, sensor):
+    run("cloud")
     bpy.data.collections.remove(forest_room.root(bpy.context.scene))
-    add_cube()
-    assert press("sweep") == {"FINISHED"}
     assert press("build") == {"FINISHED"}
+    sensor("terrestrial", name="another", position=(3, 3, 1), angle_step_deg=6)
+    assert run("another") == {"FINISHED"}
 
 
 def test_a_cloud_shows_even_where_its_collection_was_hidden(built):
     layer = bpy.context.view_layer.layer_collection.children["Forest"]
     layer.children["Results"].exclude = True
-    press("sweep")
+    run("cloud")
     (cloud,) = clouds()
     assert cloud.visible_get()
     assert cloud.select_get()
 
 
 @pytest.mark.parametrize(
-    ("name", "spoil", "words"),
+    ("name", "key", "value", "words"),
     [
-        ("sweep", lambda p: setattr(p.terrestrial, "azimuth_deg", (90, 10)), "from < to"),
-        ("scan", lambda p: setattr(p.tractor, "top", 0.5), r"tractor\.top.*above the scanner"),
-        ("ping", lambda p: setattr(p.sonar, "band", (1e5, 3e5)), r"sonar\.band.*sample_rate"),
-        ("clap", lambda p: setattr(p.reverb, "source", (1, 1, -1)), "above the ground"),
+        ("cloud", "azimuth_deg", (90, 10), "from < to"),
+        ("scan", "top", 0.5, r"scan\.top.*above the scanner"),
+        ("echo", "band", (1e5, 3e5), r"echo\.band.*sample_rate"),
     ],
 )
-def test_a_bad_sensor_is_reported_and_its_last_result_kept(built, name, spoil, words):
-    press(name)
-    before, figures = counts(), facts(built, SENSES[name])
-    spoil(built)
+def test_a_bad_sensor_is_reported_and_its_last_result_kept(built, name, key, value, words):
+    run(name)
+    before, figures = counts(), facts(built, name)
+    setattr(settings_of(name), key, value)
     with pytest.raises(RuntimeError, match=words):
-        press(name)
+        run(name)
     assert counts() == before
-    assert facts(built, SENSES[name]) == figures
+    assert facts(built, name) == figures
 
 
-def test_markers_follow_the_sensors(built):
+def test_a_source_below_the_ground_is_refused(built):
+    bpy.data.objects["reverb"].location.z = -1
+    bpy.context.view_layer.update()
+    with pytest.raises(RuntimeError, match="above the ground"):
+        run("reverb")
+
+
+def test_a_sensor_that_is_moved_sees_from_there(built):
+    run("cloud")
+    before = facts(built, "cloud")
+    bpy.data.objects["cloud"].location = (0, 0, 3)
+    bpy.context.view_layer.update()
+    run("cloud")
+    assert facts(built, "cloud") != before
+
+
+def test_a_new_forest_keeps_the_sensors_where_they_are(built):
+    echo = bpy.data.objects["echo"]
+    echo.location = (2, 2, 2)
+    press("build")
+    assert bpy.data.objects["echo"] == echo
+    assert tuple(echo.location) == (2, 2, 2)
+    assert echo.users_collection[0].name == "Sensors"
+
+
+def test_a_sensor_follows_the_frames(built, tmp_path):
+    scene, echo = bpy.context.scene, bpy.data.objects["echo"]
+    for frame, x in ((1, -1), (3, -2)):
+        echo.location.x = x
+        echo.keyframe_insert("location", frame=frame)
+    scene.frame_start, scene.frame_end, scene.frame_current = 1, 3, 2
+    built.output = str(tmp_path)
+    assert run("echo", frames="RANGE") == {"FINISHED"}
+    assert sorted(file.name for file in tmp_path.iterdir()) == [
+        f"echo-000{frame}.npz" for frame in (1, 2, 3)
+    ]
+    assert scene.frame_current == 2
+    records = [np.load(file)["impulse_response"] for file in sorted(tmp_path.iterdir())]
+    assert len({record.tobytes() for record in records}) == 3
+
+
+def test_sensors_are_added_chosen_and_removed(built):
+    for kind in SENSORS.values():
+        assert press("add_sensor", kind=kind) == {"FINISHED"}
+    assert bpy.context.view_layer.objects.active.name == "reverb.001"
     before = counts()["objects"]
-    built.sonar.position = (2, 2, 2)
-    press("ping")
-    assert counts()["objects"] == before
-    assert tuple(bpy.data.objects["echo"].location) == (2, 2, 2)
+    assert press("remove_sensor") == {"FINISHED"}
+    assert counts()["objects"] == before - 2  # the receiver goes too
+    assert "reverb.001" not in bpy.data.objects
 
 
 def test_a_new_forest_forgets_the_results_of_the_old_one(built):
-    for name in SENSES:
-        press(name)
+    press("run")
     press("build")
     assert [result.name for result in built.results] == ["forest"]
     assert clouds() == []
 
 
 def test_an_edit_of_the_scene_is_seen(built):
-    press("sweep")
-    before = facts(built, "terrestrial")
+    run("cloud")
+    before = facts(built, "cloud")
     roof = add_cube()
     roof.location, roof.scale = (-20, -20, 3), (40, 40, 1)
-    press("sweep")
-    assert facts(built, "terrestrial") != before
+    run("cloud")
+    assert facts(built, "cloud") != before
 
 
 # ------------------------------------------------------------------------------------------- saving
@@ -295,20 +360,19 @@ def test_an_edit_of_the_scene_is_seen(built):
 
 @pytest.mark.parametrize(
     ("name", "file"),
-    [("scan", "scan.npz"), ("sweep", "cloud.laz"), ("ping", "echo.npz"), ("clap", "reverb.wav")],
+    [("scan", "scan.npz"), ("cloud", "cloud.laz"), ("echo", "echo.npz"), ("reverb", "reverb.wav")],
 )
 def test_results_are_saved_where_the_user_says(built, name, file, tmp_path):
     built.output = str(tmp_path / "new" / "folder")
-    press(name)
+    run(name)
     written = tmp_path / "new" / "folder" / file
     assert written.stat().st_size > 0
-    assert built.results[SENSES[name]].file == str(written)
+    assert built.results[name].file == str(written)
 
 
 def test_nothing_is_saved_unless_asked(built, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for name in SENSES:
-        press(name)
+    press("run")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -316,14 +380,14 @@ def test_a_folder_that_cannot_be_is_said_before_the_work(built, tmp_path):
     (tmp_path / "file").write_text("x")
     built.output = str(tmp_path / "file" / "folder")
     with pytest.raises(RuntimeError, match=r"Save To.*cannot be made"):
-        press("sweep")
+        run("cloud")
     assert clouds() == []
 
 
 def test_a_folder_beside_an_unsaved_file_is_refused(built):
     built.output = "//results"
     with pytest.raises(RuntimeError, match="save that first"):
-        press("ping")
+        run("echo")
 
 
 def test_a_full_disk_keeps_the_result_in_the_scene(built, tmp_path, monkeypatch):
@@ -334,13 +398,23 @@ def test_a_full_disk_keeps_the_result_in_the_scene(built, tmp_path, monkeypatch)
 
     monkeypatch.setattr(findings, "write_las", full)
     built.output = str(tmp_path)
-    assert press("sweep") == {"FINISHED"}
+    assert run("cloud") == {"FINISHED"}
     assert len(clouds()) == 1
     assert list(tmp_path.iterdir()) == []
-    assert built.results["terrestrial"].file == ""
+    assert built.results["cloud"].file == ""
 
 
 # ------------------------------------------------------------------------------ scene files, modes
+
+
+def test_an_exported_scene_file_says_the_same(built, tmp_path):
+    path = tmp_path / "mine.toml"
+    assert press("save_scene", filepath=str(path)) == {"FINISHED"}
+    assert read_settings(path, Scene) == exchange.to_spec(bpy.context.scene)
+    before = exchange.to_spec(bpy.context.scene)
+    assert press("load_scene", filepath=str(path)) == {"FINISHED"}
+    bpy.context.view_layer.update()
+    assert exchange.to_spec(bpy.context.scene) == before
 
 
 def test_a_scene_file_is_opened(props):
@@ -364,10 +438,10 @@ def test_a_bad_scene_file_changes_nothing(small, tmp_path, text, words):
     path = tmp_path / "bad.toml"
     if text is not None:
         path.write_text(text)
-    before = exchange.to_spec(small)
+    before = exchange.to_spec(bpy.context.scene)
     with pytest.raises(RuntimeError, match=words):
         press("load_scene", filepath=str(path))
-    assert exchange.to_spec(small) == before
+    assert exchange.to_spec(bpy.context.scene) == before
 
 
 def test_species_files_are_found_beside_the_scene_file(props, tmp_path):
@@ -380,7 +454,7 @@ def test_species_files_are_found_beside_the_scene_file(props, tmp_path):
     assert press("build") == {"FINISHED"}
 
 
-@pytest.mark.parametrize("name", ["build", *SENSES])
+@pytest.mark.parametrize("name", ["build", "run"])
 def test_other_modes_are_refused_with_a_reason(built, name):
     bpy.context.view_layer.objects.active = add_cube()
     bpy.ops.object.mode_set(mode="EDIT")
@@ -389,7 +463,7 @@ def test_other_modes_are_refused_with_a_reason(built, name):
     bpy.ops.object.mode_set(mode="OBJECT")
 
 
-@pytest.mark.parametrize("name", ["build", *SENSES])
+@pytest.mark.parametrize("name", ["build", "run"])
 def test_a_missing_package_is_named(small, name, monkeypatch):
     monkeypatch.setattr(requirements, "missing", lambda: ("scipy",))
     with pytest.raises(RuntimeError, match="scipy is missing"):
@@ -397,19 +471,19 @@ def test_a_missing_package_is_named(small, name, monkeypatch):
 
 
 def test_a_saved_file_brings_everything_back(built, tmp_path):
-    press("sweep")
-    press("ping")
-    before, figures = exchange.to_spec(built), facts(built, "sonar")
+    run("cloud")
+    run("echo")
+    before, figures = exchange.to_spec(bpy.context.scene), facts(built, "echo")
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "forest.blend"))
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "forest.blend"))
     props = bpy.context.scene.forest_sensing
-    assert exchange.to_spec(props) == before
-    assert facts(props, "sonar") == figures
+    assert exchange.to_spec(bpy.context.scene) == before
+    assert facts(props, "echo") == figures
     count = counts()
     press("build")
-    press("sweep")
-    press("ping")
+    run("cloud")
+    run("echo")
     assert counts() == count
 
 
@@ -418,7 +492,7 @@ def test_each_scene_has_a_forest_of_its_own(built):
     number = len(trees())
     second = bpy.data.scenes.new("Second")
     with bpy.context.temp_override(scene=second, view_layer=second.view_layers[0]):
-        exchange.from_spec(second.forest_sensing, exchange.to_spec(built))
+        exchange.from_spec(second, exchange.to_spec(first))
         press("build")
     assert forest_room.root(first) is not None
     assert len(trees()) == 2 * number
@@ -431,7 +505,7 @@ def test_plantings_and_hills_are_added_and_removed(props):
     assert press("add_planting") == {"FINISHED"}
     assert press("add_gaussian") == {"FINISHED"}
     assert press("add_gaussian") == {"FINISHED"}
-    planting = exchange.to_spec(props).plantings[0]
+    planting = exchange.to_spec(bpy.context.scene).plantings[0]
     assert planting.species == "maple"
     assert planting.gaussians[0].centre == (15.0, 15.0)
     assert press("remove_gaussian") == {"FINISHED"}
@@ -443,7 +517,7 @@ def test_plantings_and_hills_are_added_and_removed(props):
 
 
 def test_points_are_selected_from_the_results(built):
-    press("sweep")
+    run("cloud")
     (cloud,) = clouds()
     cloud.select_set(False)
     assert press("select_result", shown=cloud.name) == {"FINISHED"}

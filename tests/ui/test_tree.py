@@ -1,7 +1,5 @@
 """Add > Mesh > L-system Tree, as its operator runs."""
 
-import atexit
-
 import numpy as np
 import pytest
 
@@ -12,21 +10,12 @@ from forest_addon.growth.trimesh import LEAF
 from forest_addon.ui import tree
 
 
-@pytest.fixture(scope="module")
-def operator():
-    bpy.utils.register_class(tree.FOREST_OT_add_tree)
-    atexit.register(bpy.utils.unregister_class, tree.FOREST_OT_add_tree)
-    yield
-    atexit.unregister(bpy.utils.unregister_class)
-    bpy.utils.unregister_class(tree.FOREST_OT_add_tree)
-
-
 def add(**settings):
     assert bpy.ops.forest.add_tree(**settings) == {"FINISHED"}
     return from_mesh(bpy.context.active_object.data)
 
 
-def test_a_tree_stands_at_the_cursor(operator, empty_blender):
+def test_a_tree_stands_at_the_cursor(props):
     bpy.context.scene.cursor.location = (1, 2, 3)
     add(species="hazelnut")
     thing = bpy.context.active_object
@@ -35,7 +24,7 @@ def test_a_tree_stands_at_the_cursor(operator, empty_blender):
     assert [slot.name for slot in thing.data.materials] == ["hazelnut bark", "hazelnut leaf"]
 
 
-def test_leaves_off_moves_no_branch(operator, empty_blender):
+def test_leaves_off_moves_no_branch(props):
     leafy, bare = add(species="maple", seed=4), add(species="maple", seed=4, leaves=False)
     assert np.any(leafy.part == LEAF)
     assert not np.any(bare.part == LEAF)
@@ -43,7 +32,7 @@ def test_leaves_off_moves_no_branch(operator, empty_blender):
     np.testing.assert_array_equal(bare.vertices[bare.triangles], wood.vertices[wood.triangles])
 
 
-def test_seed_and_generations_change_the_tree(operator, empty_blender):
+def test_seed_and_generations_change_the_tree(props):
     small = add(species="ginkgo", generations=4)
     assert len(add(species="ginkgo", generations=5).triangles) > len(small.triangles)
     other = add(species="ginkgo", generations=4, seed=2)
@@ -51,5 +40,5 @@ def test_seed_and_generations_change_the_tree(operator, empty_blender):
 
 
 @pytest.mark.parametrize("species", [name for name, _, _ in tree.species_items()])
-def test_every_preset_can_be_added(operator, empty_blender, species):
+def test_every_preset_can_be_added(props, species):
     assert len(add(species=species).triangles)
