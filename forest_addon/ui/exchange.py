@@ -78,6 +78,8 @@ def from_spec(scene: Any, settings: spec.Scene) -> None:
         sensors.remove_sensor(thing)
     for sensor in settings.sensors:
         add_sensor(scene, sensor)
+    for layer in scene.view_layers:  # until then objects do not say where they are
+        layer.update()
 
 
 def add_sensor(scene: Any, settings: Settings) -> Any:

@@ -59,6 +59,7 @@ class Working:
         global _current
         if bpy.app.background:
             return self.execute(context)
+        context.view_layer.update()
         manager = context.window_manager
         self._job = _current = Job(self.bl_label, self.work(context))
         self._timer = manager.event_timer_add(TICK, window=context.window)
@@ -98,6 +99,7 @@ class Working:
         self._leave(context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
+        context.view_layer.update()
         job = Job(self.bl_label, self.work(context))
         try:
             with _pointer(context) as tell:

@@ -290,7 +290,6 @@ def test_a_bad_sensor_is_reported_and_its_last_result_kept(built, name, key, val
 
 def test_a_source_below_the_ground_is_refused(built):
     bpy.data.objects["reverb"].location.z = -1
-    bpy.context.view_layer.update()
     with pytest.raises(RuntimeError, match="above the ground"):
         run("reverb")
 
@@ -299,7 +298,6 @@ def test_a_sensor_that_is_moved_sees_from_there(built):
     run("cloud")
     before = facts(built, "cloud")
     bpy.data.objects["cloud"].location = (0, 0, 3)
-    bpy.context.view_layer.update()
     run("cloud")
     assert facts(built, "cloud") != before
 
@@ -413,7 +411,6 @@ def test_an_exported_scene_file_says_the_same(built, tmp_path):
     assert read_settings(path, Scene) == exchange.to_spec(bpy.context.scene)
     before = exchange.to_spec(bpy.context.scene)
     assert press("load_scene", filepath=str(path)) == {"FINISHED"}
-    bpy.context.view_layer.update()
     assert exchange.to_spec(bpy.context.scene) == before
 
 
