@@ -34,7 +34,6 @@ class FOREST_OT_build(Working, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> Work:
         from ..blender.forest import build
-        from ..blender.layout import root
         from ..formats.species_file import find_species, load_species
         from ..stand.forest import grow_forest
         from .results import keep_forest
@@ -50,7 +49,7 @@ class FOREST_OT_build(Working, bpy.types.Operator):
             return grow_forest(settings, species, tell)
 
         forest = yield Task("growing trees", grow)
-        first = root(scene) is None
+        first = "forest" not in scene.forest_sensing.results
         build(scene, settings, forest)
         if first:
             _look_at(context, settings.forest)
