@@ -31,7 +31,7 @@ SCALES = (0.03, 0.08, 0.2)  # at which it is, in longer sides
 
 
 @dataclass(frozen=True)
-class Mixture:
+class FittedMixture:
     """A fitted intensity.
 
     base : trees/m². peak : (G,) trees/m². centre, width : (G, 2) metres, as in ``spec.Gaussian``.
@@ -62,7 +62,7 @@ class Mixture:
         return np.where(self.window.contains(points), value, 0.0)
 
 
-def fit_mixture(points: np.ndarray, window: Window, hills: int | None = None) -> Mixture:
+def fit_mixture(points: np.ndarray, window: Window, hills: int | None = None) -> FittedMixture:
     """Fit λ to points (N, 2) in a window, with a given number of hills or that of the smallest BIC.
 
     Every hill holds at least ``TREES_A_HILL`` trees. The order of the points does not matter.
@@ -89,7 +89,7 @@ def fit_mixture(points: np.ndarray, window: Window, hills: int | None = None) ->
     return data.mixture(min(fits, key=data.bic))
 
 
-def refit(mixture: Mixture, points: np.ndarray) -> Mixture:
+def refit(mixture: FittedMixture, points: np.ndarray) -> FittedMixture:
     """The same mixture fitted to other points (N, 2) in the same window, starting from its hills."""
     data = _Data.of(points, mixture.window)
     if not len(points):
@@ -152,7 +152,7 @@ class _Data:
     def bic(self, fit: _Fit) -> float:
         return -2 * fit.score + fit.parameters * float(np.log(max(len(self.points), 1)))
 
-    def fit_of(self, mixture: Mixture) -> _Fit:
+    def fit_of(self, mixture: FittedMixture) -> _Fit:
         deviation = mixture.width / np.sqrt(2)
         mass = self.window.gaussian_moments(mixture.centre, deviation)[0]
         trees = mixture.peak * np.pi * mixture.width.prod(axis=1) * mass
@@ -165,13 +165,13 @@ class _Data:
         )
         return _Fit(mixture.base * self.window.area, hill, mixture.log_likelihood)
 
-    def mixture(self, fit: _Fit) -> Mixture:
+    def mixture(self, fit: _Fit) -> FittedMixture:
         """A fit in metres. Its likelihood is that of trees per square metre."""
         deviation = np.exp(fit.hill[:, 3:])
         mass = self.unit.gaussian_moments(fit.hill[:, 1:3], deviation)[0]
         width = deviation * np.sqrt(2) * self.side
         scale = 2 * len(self.points) * np.log(self.side)
-        return Mixture(
+        return FittedMixture(
             base=fit.base / self.window.area,
             peak=np.exp(fit.hill[:, 0]) / (np.pi * width.prod(axis=1) * mass),
             centre=fit.hill[:, 1:3] * self.side + self.middle,

@@ -16,7 +16,8 @@ from scipy.ndimage import map_coordinates
 from scipy.signal import fftconvolve
 from scipy.special import ndtr, owens_t
 
-CHUNK = 4_000_000  # pairs of point and edge held at once
+from .polygon import Polygon
+
 TABLE = 1024  # cells along the longer side from which a polygon's set covariance is read
 
 
@@ -28,18 +29,14 @@ class Window:
 
     Raises
     ------
-    ValueError : a ring with fewer than three corners, a corner that is not finite, no area.
+    ValueError : a ring with fewer than three corners or without area, edges that cross, a hole outside.
     """
 
     rings: tuple[np.ndarray, ...]
 
     def __post_init__(self) -> None:
-        if not self.rings or any(ring.ndim != 2 or len(ring) < 3 for ring in self.rings):
-            raise ValueError("a window needs an outline of at least three corners")
-        if not all(np.isfinite(ring).all() for ring in self.rings):
-            raise ValueError("a corner of the window is not a finite number")
-        if not self.area > 0:
-            raise ValueError("the window has no area; give its corners in order")
+        if not (self.is_rectangle and self.area > 0):
+            self._polygon  # noqa: B018  refuses what is no polygon
 
     @staticmethod
     def rectangle(low: Sequence[float] | np.ndarray, high: Sequence[float] | np.ndarray) -> Window:
@@ -88,6 +85,10 @@ class Window:
         return bool(abs(self.area - np.prod(self.extent)) <= 1e-12 * self.area)
 
     @cached_property
+    def _polygon(self) -> Polygon:
+        return Polygon(self.rings[0], self.rings[1:], "window")
+
+    @cached_property
     def _edges(self) -> tuple[np.ndarray, np.ndarray]:
         """Starts and ends (E, 2) of all edges, metres from ``low``, the inside on their left."""
         starts, ends = [], []
@@ -106,15 +107,8 @@ class Window:
         if self.is_rectangle:
             rectangle: np.ndarray = ((points >= self.low) & (points <= self.high)).all(axis=1)
             return rectangle
-        (x0, y0), (x1, y1) = (corner.T for corner in self._edges)
-        slope = np.divide(x1 - x0, y1 - y0, out=np.zeros_like(x0), where=y1 != y0)
-        inside = np.zeros(len(points), dtype=bool)
-        step = max(1, CHUNK // len(x0))
-        for first in range(0, len(points), step):
-            x, y = (points[first : first + step] - self.low).T[:, :, None]
-            crossed = ((y0 <= y) != (y1 <= y)) & (x < x0 + (y - y0) * slope)
-            inside[first : first + step] = crossed.sum(axis=1) % 2 == 1
-        return inside
+        within: np.ndarray = self._polygon.at(points) > 0
+        return within
 
     def gaussian_moments(
         self, centre: np.ndarray, deviation: np.ndarray
