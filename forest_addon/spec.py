@@ -653,6 +653,12 @@ class Forest(Settings):
     margin: float = param(
         20.0, unit="m", help="how far the ground reaches beyond the field", ge=0, le=1e4
     )
+    instancing: str = param(
+        "auto",
+        help="trees in Blender: objects that can be moved one by one, points of one object that geometry "
+        "nodes put trees on (a hundred thousand stay light), or points from 1001 trees on",
+        choices=("auto", "objects", "points"),
+    )
 
     def check(self) -> None:
         _check_rings(self.polygon, self.holes)
