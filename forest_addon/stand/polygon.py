@@ -58,15 +58,13 @@ class Polygon(Mask):
         return float(areas[0] - sum(areas[1:]))
 
     def at(self, points: np.ndarray) -> np.ndarray:
-        x, y = (points - self.origin).T
-        slab = np.searchsorted(self._levels, y, side="right") - 1
-        known = (slab >= 0) & (slab < len(self._slabs))
-        slab = np.where(known, slab, 0)
-        odd = np.zeros(len(points), dtype=bool)
-        for k in range(self._slabs.shape[1]):
-            edge = self._slabs[slab, k]
-            odd ^= self._x[edge] + (y - self._y[edge]) * self._lean[edge] < x
-        return (odd & known).astype(float)
+        places = points - self.origin
+        column, row = self._bin(places).T
+        state = self._states[row, column]  # 0 outside, 1 inside, 2 crossed by an edge
+        state[((places < self._low) | (places > self._high)).any(axis=1)] = 0
+        near = np.flatnonzero(state == 2)
+        state[near] = self._odd(places[near])
+        return state.astype(float)
 
     def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         low, high = low - self.origin, high - self.origin
@@ -100,6 +98,18 @@ class Polygon(Mask):
         self._x, self._y = np.append(below[:, 0], np.inf), np.append(below[:, 1], 0.0)
         self._lean = np.append((above - below)[:, 0] / (above - below)[:, 1], 0.0)
 
+    def _odd(self, places: np.ndarray) -> np.ndarray:
+        """(N,) bool, whether an odd number of edges lies to the left of places (N, 2)."""
+        x, y = places.T
+        slab = np.searchsorted(self._levels, y, side="right") - 1
+        known = (slab >= 0) & (slab < len(self._slabs))
+        slab = np.where(known, slab, 0)
+        odd = np.zeros(len(places), dtype=bool)
+        for k in range(self._slabs.shape[1]):
+            edge = self._slabs[slab, k]
+            odd ^= self._x[edge] + (y - self._y[edge]) * self._lean[edge] < x
+        return np.asarray(odd & known)
+
     def _fill_bins(self, start: np.ndarray, end: np.ndarray) -> None:
         self._low, self._high = start.min(axis=0), start.max(axis=0)
         self._bin_size = (self._high - self._low) / BINS
@@ -128,7 +138,8 @@ class Polygon(Mask):
         middle = (
             self._low + (np.indices((BINS, BINS))[::-1].reshape(2, -1).T + 0.5) * self._bin_size
         )
-        inside = self.at(middle + self.origin).reshape(BINS, BINS)
+        inside = self._odd(middle).reshape(BINS, BINS)
+        self._states = np.where(edged, 2, inside).astype(np.int8)
         self._ranges = Pyramid(np.where(edged, 0.0, inside), np.where(edged, 1.0, inside))
 
     def _bin(self, places: np.ndarray) -> np.ndarray:

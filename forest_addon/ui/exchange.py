@@ -7,13 +7,23 @@ is this number, so 0.002 that was typed, or read from a scene file, is 0.002 aga
 
 from __future__ import annotations
 
+import json
 import struct
 from collections.abc import Iterable
 from typing import Any, TypeVar
 
 from .. import spec
 from ..spec import Settings, SpecError
-from .properties import LARGEST_INT, fields_of, is_sensor_kind, items_of, without_none
+from .properties import (
+    LARGEST_INT,
+    fields_of,
+    is_group,
+    is_sensor_kind,
+    is_text,
+    items_of,
+    text_of,
+    without_none,
+)
 
 T = TypeVar("T", bound=Settings)
 
@@ -28,6 +38,8 @@ def to_spec(props: Any, kinds: Iterable[str] = tuple(spec.SENSORS)) -> spec.Scen
     return spec.Scene(
         name=props.name,
         seed=props.seed,
+        offset=_parsed("offset", props.offset) or (0.0, 0.0, 0.0),
+        crs=props.crs,
         forest=read(props.forest, spec.Forest, "forest"),
         plantings=tuple(
             read(group, spec.Planting, f"plantings[{number}]")
@@ -50,6 +62,7 @@ def from_spec(props: Any, scene: spec.Scene) -> list[str]:
     if scene.seed > LARGEST_INT:
         raise SpecError("seed", f"{scene.seed} is too large for the panel; use up to {LARGEST_INT}")
     props.name, props.seed = scene.name, scene.seed
+    props.offset, props.crs = text_of(scene.offset), scene.crs
     write(props.forest, scene.forest)
     write(props.air, scene.air)
     _fill(props, "plantings", scene.plantings)
@@ -92,8 +105,12 @@ def read(group: Any, settings: type[T], place: str = "") -> T:
                 read(item, items, f"{place}.{name}[{number}]".lstrip("."))
                 for number, item in enumerate(getattr(group, name))
             )
+        elif is_group(kind):
+            values[name] = read(getattr(group, name), kind, f"{place}.{name}".lstrip("."))
         elif is_sensor_kind(name, known):
             continue
+        elif is_text(name, kind):
+            values[name] = _parsed(f"{place}.{name}".lstrip("."), getattr(group, name))
         elif without_none(kind) and not getattr(group, f"use_{name}"):
             values[name] = None
         else:
@@ -110,6 +127,10 @@ def write(group: Any, settings: Settings) -> None:
         value = getattr(settings, name)
         if items_of(kind):
             _fill(group, name, value)
+        elif is_group(kind):
+            write(getattr(group, name), value)
+        elif is_text(name, kind):
+            setattr(group, name, text_of(value))
         elif is_sensor_kind(name, known):
             continue
         else:
@@ -131,6 +152,24 @@ def _fill(group: Any, name: str, items: Iterable[Settings]) -> None:
     for item in items:
         write(collection.add(), item)
     setattr(group, f"active_{name}", 0)
+
+
+def _parsed(place: str, text: str) -> Any:
+    """Tuples of numbers from a text such as [[0, 0], [10, 0], [10, 5.5]]."""
+    try:
+        return _tuples(json.loads(text or "[]"))
+    except ValueError:
+        raise SpecError(
+            place, f'"{text}" is not a list of numbers; write [[0, 0], [1, 0], …]'
+        ) from None
+
+
+def _tuples(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(_tuples(item) for item in value)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ValueError
+    return float(value)
 
 
 def _plain(value: Any) -> Any:
