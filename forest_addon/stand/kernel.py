@@ -38,6 +38,11 @@ class KernelEstimate:
     expected: float
     leave_one_out: np.ndarray
 
+    @property
+    def pixels(self) -> np.ndarray:
+        """``value`` of the bounding box alone."""
+        return self.value[1:-1, 1:-1]
+
     def at(self, points: np.ndarray) -> np.ndarray:
         """λ (N,) at points (N, 2), bilinear between pixels; 0 outside the window."""
         corner, share, _ = _spread(points, self.window, self.value.shape)
