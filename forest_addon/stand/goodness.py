@@ -14,6 +14,7 @@ import numpy as np
 from .envelope import SIMULATIONS, Envelope, envelope
 from .kernel import KernelEstimate, kernel_estimate
 from .mixture import FittedMixture, refit
+from .region import SMALLEST, Region, region_of
 from .statistics import At, QuadratTest, choose_radii, inhomogeneous_k, quadrat_test
 from .window import Window
 
@@ -54,11 +55,15 @@ def examine(
         return None
     if simulations is None:
         simulations = SIMULATIONS if len(points) < MANY else 19
-    radius = choose_radii(points, window)
-    drawn = [law.simulate(number) for number in range(simulations)]
-    if min(len(trees) for trees in drawn) < FEWEST_TREES:
+    region = region_of(law.judge(points)[1], window)
+    within = points[region.contains(points)]
+    if len(within) < FEWEST_TREES:
         return None
-    judged = [_judge(trees, window, law, radius) for trees in [points, *drawn]]
+    radius = choose_radii(within, region)
+    drawn = [law.simulate(number) for number in range(simulations)]
+    if min(int(region.contains(trees).sum()) for trees in drawn) < 2:
+        return None
+    judged = [_judge(trees, window, region, law, radius) for trees in [points, *drawn]]
     curves = np.array([curve for curve, _ in judged])
     quadrats = judged[0][1]
     strays = np.array([test.statistic for _, test in judged])
@@ -80,17 +85,18 @@ def law_of(estimate: Estimate, simulate: Callable[[int], np.ndarray]) -> Law:
             fitted = refit(estimate, trees)
             return fitted.at(trees), fitted.at
         smoothed = kernel_estimate(trees, estimate.window, estimate.bandwidth)
-        # A tree far from all others has none to be judged by.
-        smallest = 1e-3 * len(trees) / estimate.window.area
+        # A tree at the rim, judged by the others alone, must not outweigh them all.
+        smallest = SMALLEST * float(smoothed.at(trees).mean())
         return np.maximum(smoothed.leave_one_out, smallest), smoothed.at
 
     return Law(simulate, judge)
 
 
 def _judge(
-    points: np.ndarray, window: Window, law: Law, radius: np.ndarray
+    points: np.ndarray, window: Window, region: Region, law: Law, radius: np.ndarray
 ) -> tuple[np.ndarray, QuadratTest]:
     """L(r) - r, and the quadrat test."""
     intensity, at = law.judge(points)
-    k = inhomogeneous_k(points, intensity, window, radius)
+    within = region.contains(points)
+    k = inhomogeneous_k(points[within], intensity[within], region, radius)
     return k.l_function - radius, quadrat_test(points, at, window)

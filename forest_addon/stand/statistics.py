@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,6 +24,18 @@ FEWEST = 5.0  # expected trees of a quadrat; those with fewer are pooled (Cochra
 FINE = 512  # points along the longer side by which λ is integrated over quadrats
 
 At = Callable[[np.ndarray], np.ndarray]  # λ (N,) at points (N, 2)
+
+
+class Extent(Protocol):
+    """A window as pairs see it."""
+
+    @property
+    def area(self) -> float: ...
+
+    @property
+    def extent(self) -> np.ndarray: ...
+
+    def set_covariance(self, shift: np.ndarray) -> np.ndarray: ...
 
 
 @dataclass(frozen=True)
@@ -58,7 +71,7 @@ class QuadratTest:
 def inhomogeneous_k(
     points: np.ndarray,
     intensity: np.ndarray,
-    window: Window,
+    window: Extent,
     radius: np.ndarray,
     *,
     renormalise: bool = True,
@@ -96,11 +109,11 @@ def inhomogeneous_k(
     return KFunction(radius, value, pairs)
 
 
-def choose_radii(points: np.ndarray, window: Window, steps: int = 60) -> np.ndarray:
+def choose_radii(points: np.ndarray, window: Extent, steps: int = 60) -> np.ndarray:
     """(steps,) radii up to a quarter of the shorter side, or to where a tree has ``NEIGHBOURS``."""
     even = np.sqrt(NEIGHBOURS * window.area / (np.pi * max(len(points), 1)))
-    largest = min(float(window.extent.min()) / 4, float(even))
-    tree = cKDTree(points - window.low)
+    largest = min(float(window.extent.min()) / 4, float(np.sqrt(window.area)) / 4, float(even))
+    tree = cKDTree(points - points[:1])
     some = tree.data[:: max(1, len(points) // 2000)]
     while len(some) and largest > 1e-6 * window.extent.max():  # less where trees crowd
         if tree.query_ball_point(some, largest, return_length=True).mean() <= NEIGHBOURS + 1:
