@@ -32,6 +32,7 @@ examples:
   python -m headless template wood.stl leaves.stl --name elm   a species from your tree
   python -m headless run my.toml --seed 8 --out out/my-8
   python -m headless estimate trees.csv --out site.toml   a scene like a site you mapped
+  python -m headless stand my.toml --out points.csv   where the trees stand, and a map
   python -m headless derive apple --generations 2   the string of an L-system
   blender -b --python headless/in_blender.py -- my.toml --out out/my
 
@@ -46,6 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         chosen.out = Path("out") / chosen.scene.stem
     if chosen.command == "template" and chosen.out is None:
         chosen.out = Path("out") / chosen.name
+    if chosen.command == "stand" and chosen.out is None:
+        chosen.out = Path("out") / chosen.scene.stem / "points.csv"
     if chosen.command == "estimate" and chosen.out is None:
         chosen.out = Path("out") / chosen.map.stem / "site.toml"
     from .interrupt import interruptible
@@ -94,6 +97,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_derive(commands)
     _add_template(commands)
     _add_species(commands)
+    _add_stand(commands)
     _add_estimate(commands)
     for command, folder in ((run, "out/SCENE"), (demo, "out/demo")):
         command.add_argument(
@@ -174,6 +178,31 @@ def _species(chosen: argparse.Namespace) -> int:
     if chosen.seed < 0:
         raise SpecError("--seed", f"{chosen.seed} is out of range; use at least 0")
     show_species(chosen.names, chosen.sheet, chosen.seed)
+    return 0
+
+
+def _add_stand(commands: argparse._SubParsersAction) -> None:
+    stand = commands.add_parser(
+        "stand",
+        help="sample where the trees of a scene stand: a table, and a map",
+        description="Sample the positions of a scene's trees, without growing them; write them as CSV or "
+        "GeoJSON, and a map beside that.",
+    )
+    stand.add_argument("scene", type=Path, metavar="SCENE.toml", help="the scene file")
+    stand.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help=".csv or .geojson (default out/SCENE/points.csv)",
+    )
+    stand.add_argument("--seed", type=int, help="another seed than the scene file's")
+    stand.set_defaults(do=_stand)
+
+
+def _stand(chosen: argparse.Namespace) -> int:
+    from .stand_command import sample_stand
+
+    sample_stand(chosen.scene, chosen.out, chosen.seed)
     return 0
 
 

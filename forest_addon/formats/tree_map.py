@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +22,8 @@ NAMES = {
     "y": ("y", "y_m", "northing", "north", "n"),
     "species": ("species", "kind", "planting"),
     "ring": ("ring", "part"),
+    "scale": ("scale", "size"),
+    "rotation": ("rotation", "rotation_rad", "turn"),
 }
 
 
@@ -43,10 +46,10 @@ def read_tree_map(path: Path) -> TreeMap:
     ------
     SpecError : the file is missing or no CSV with x and y; a row with what is not a finite number.
     """
-    rows = _rows(path, "species")
+    rows = read_rows(path, ("species",))
     return TreeMap(
         position=np.array([[x, y] for _, x, y, _ in rows], dtype=float).reshape(-1, 2),
-        species=np.array([name for *_, name in rows], dtype=np.str_),
+        species=np.array([name for *_, (name,) in rows], dtype=np.str_),
         line=np.array([line for line, *_ in rows], dtype=np.int64),
     )
 
@@ -59,13 +62,18 @@ def read_rings(path: Path) -> list[np.ndarray]:
     SpecError : as for a map of trees.
     """
     rings: dict[str, list[tuple[float, float]]] = {}
-    for _, x, y, ring in _rows(path, "ring"):
+    for _, x, y, (ring,) in read_rows(path, ("ring",)):
         rings.setdefault(ring, []).append((x, y))
     return [np.array(ring) for ring in rings.values()]
 
 
-def _rows(path: Path, extra: str) -> list[tuple[int, float, float, str]]:
-    """Line number, x, y and the text of another column, "" where there is none, of every row."""
+def read_rows(path: Path, extra: Sequence[str]) -> list[tuple[int, float, float, tuple[str, ...]]]:
+    """Line number, x, y and the texts of other columns, "" where there is none, of every row.
+
+    Raises
+    ------
+    SpecError : as for a map of trees.
+    """
     lines = _text(path).splitlines()
     told = [(k, text) for k, text in enumerate(lines, 1) if text.strip() and text[0] != "#"]
     if not told:
@@ -74,7 +82,7 @@ def _rows(path: Path, extra: str) -> list[tuple[int, float, float, str]]:
     head = [name.strip().lower() for name in _split(told[0][1], separator)]
     place = {
         key: next((k for k, name in enumerate(head) if name in NAMES[key]), None)
-        for key in ("x", "y", extra)
+        for key in ("x", "y", *extra)
     }
     for key in ("x", "y"):
         if place[key] is None:
@@ -91,8 +99,9 @@ def _rows(path: Path, extra: str) -> list[tuple[int, float, float, str]]:
                 str(path),
                 f"row {line} has {len(values)} values, its header {len(head)}; complete the row",
             )
-        x, y = (_number(path, line, key, values[place[key] or 0]) for key in ("x", "y"))
-        rows.append((line, x, y, "" if place[extra] is None else values[place[extra] or 0]))
+        x, y = (number_of(path, line, key, values[place[key] or 0]) for key in ("x", "y"))
+        found = (place[key] for key in extra)
+        rows.append((line, x, y, tuple("" if k is None else values[k] for k in found)))
     return rows
 
 
@@ -111,7 +120,13 @@ def _split(text: str, separator: str) -> list[str]:
     return next(csv.reader(io.StringIO(text), delimiter=separator))
 
 
-def _number(path: Path, line: int, key: str, value: str) -> float:
+def number_of(path: Path, line: int, key: str, value: str) -> float:
+    """The finite number that a text in a row says.
+
+    Raises
+    ------
+    SpecError : it says none.
+    """
     try:
         number = float(value)
     except ValueError:
