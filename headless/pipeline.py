@@ -27,6 +27,7 @@ from forest_addon.formats.findings import Finding as SensorFinding
 from forest_addon.formats.findings import write_finding
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.formats.stand_files import read_inputs
 from forest_addon.formats.table import write_csv
 from forest_addon.sensing.geometry import SceneGeometry
 from forest_addon.sensing.lidar import Cloud, TractorScan
@@ -36,6 +37,7 @@ from forest_addon.stand.forest import Forest, angle_table, grow_forest, leaf_tab
 
 from . import pictures, report
 from .progress import Stages, hushed
+from .stand_picture import draw_stand
 
 
 @dataclass
@@ -74,16 +76,19 @@ def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) 
     stages.say(f"{settings.name}, seed {settings.seed}")
     with stages.stage("read species and templates"):
         species = [_load(planting.species, folder) for planting in settings.plantings]
+        inputs = read_inputs(settings, folder)
     with stages.stage("grow trees") as progress:
-        forest = grow_forest(settings, species, progress)
+        forest = grow_forest(settings, species, progress, inputs)
     run = Run(settings, out, stages, forest)
-    run.findings.append(report.forest_finding(settings, forest))
+    with stages.stage("draw the stand"):
+        drawn = draw_stand(forest.stand, forest.labels, settings, inputs, run.path("stand.png"))
+    run.findings.append(report.forest_finding(settings, forest, drawn))
 
     with hushed():
         bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     with stages.stage("build Blender scene"):
-        build(scene, settings, forest)
+        build(scene, settings, forest, inputs.terrain)
     with stages.stage("write truth"):
         _write_truth(run)
     with stages.stage("read evaluated scene"):

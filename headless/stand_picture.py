@@ -177,7 +177,8 @@ def _name_species(axes: Axes, stand: Stand, labels: Sequence[str], colours: np.n
     handles = [
         Line2D([], [], marker="o", linestyle="none", markersize=7, color=colours[k]) for k in shown
     ]
-    names = [f"{labels[k]}\n{counts[k]:,} trees, {density[k]:,.3g}/ha" for k in shown]
+    each = [f"{d:,.0f}" if d >= 10 else f"{d:.2g}" for d in density]
+    names = [f"{labels[k]}\n{counts[k]:,} trees, {each[k]}/ha" for k in shown]
     if len(labels) > len(shown):
         handles.append(Line2D([], [], linestyle="none"))
         names.append(f"and {len(labels) - len(shown)} more")

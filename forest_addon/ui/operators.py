@@ -63,7 +63,9 @@ class FOREST_OT_build(_Work, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context, tell: Tell) -> str:
         from ..blender.forest import build, root
+        from ..blender.inputs import inputs_from_scene
         from ..formats.species_file import find_species, load_species
+        from ..formats.stand_files import read_inputs
         from ..stand.forest import grow_forest
         from .results import keep_forest
 
@@ -71,9 +73,11 @@ class FOREST_OT_build(_Work, bpy.types.Operator):
         settings = to_spec(context.scene.forest_sensing)
         folder = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
         species = [load_species(find_species(p.species, folder)) for p in settings.plantings]
-        forest = grow_forest(settings, species, tell)
+        files = read_inputs(settings, folder)
+        inputs = inputs_from_scene(settings, context.evaluated_depsgraph_get(), files)
+        forest = grow_forest(settings, species, tell, inputs)
         first = root(context.scene) is None
-        build(context.scene, settings, forest)
+        build(context.scene, settings, forest, inputs.terrain)
         if first:
             _look_at(context, settings.forest)
         return keep_forest(context, settings, forest, time.perf_counter() - started)

@@ -60,6 +60,7 @@ class FOREST_PT_forest(_Tab, bpy.types.Panel):
         column = _split(layout)
         column.prop(props, "seed")
         _draw_field(column, props.forest, "size")
+        _draw_field(column, props.forest, "instancing")
 
 
 class FOREST_PT_plantings(_OnceStarted, bpy.types.Panel):
