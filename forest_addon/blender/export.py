@@ -19,6 +19,7 @@ from ..formats.atomic import replacing
 from ..formats.glb import Copies, instance_nodes
 from .forest import GROUND_NAME, PART_KEY, TREES, root
 from .instances import read_points
+from .nodes import in_full
 
 NUMBERS = {"_TREE": "tree", "_SPECIES": "species"}
 
@@ -57,7 +58,7 @@ def export_glb(scene: bpy.types.Scene, path: str | os.PathLike[str]) -> None:
         if child.get(PART_KEY) in (TREES, GROUND_NAME)
         for thing in child.all_objects
     }
-    with _stand_ins(scene, wanted) as copies:
+    with in_full(bpy.context.evaluated_depsgraph_get()), _stand_ins(scene, wanted) as copies:
         bare = {thing for thing in wanted if thing.type == "MESH" and not thing.data.polygons}
         shown = (wanted - bare) | {scene.objects[name] for name in copies}
         with replacing(path) as partial, _selected(shown):

@@ -1,8 +1,8 @@
 """A forest as a Blender scene: variants as meshes, trees that share them, a ground.
 
 Everything stands in named collections below *Forest*: *Trees*, *Variants* (hidden; assets to drag in),
-*Ground*, *Sensors* and *Results*. Trees are objects, one collection a species, or points of one object that
-geometry nodes put variants on. A new forest is complete before an old one is touched, what was made of one
+their *Outlines* (hidden), *Ground*, *Sensors* and *Results*. Trees are objects, one collection a species, or
+points of one object that geometry nodes put variants on. A new forest is complete before an old one is touched, what was made of one
 that fails is taken back, and what others put into our collections is kept in those of the new forest.
 """
 
@@ -13,6 +13,8 @@ import numpy as np
 from mathutils import Matrix
 
 from .. import spec
+from ..growth.outline import outline
+from ..growth.trimesh import TriMesh
 from ..growth.truth import tree_truth
 from ..stand.forest import Forest
 from ..stand.terrain import Flat, Terrain
@@ -25,9 +27,9 @@ from .ours import all_or_nothing, claim, make_collection, make_object, remove, s
 
 ROOT_KEY = "forest_sensing"  # custom property that tells our collection from a user's own *Forest*
 PART_KEY = "forest_part"
-ROOT, TREES, VARIANTS, GROUND_NAME = "Forest", "Trees", "Variants", "Ground"
-SENSORS, RESULTS = "Sensors", "Results"
-PARTS = (TREES, VARIANTS, GROUND_NAME, SENSORS, RESULTS)
+ROOT, TREES, VARIANTS, OUTLINES = "Forest", "Trees", "Variants", "Outlines"
+GROUND_NAME, SENSORS, RESULTS = "Ground", "Sensors", "Results"
+PARTS = (TREES, VARIANTS, OUTLINES, GROUND_NAME, SENSORS, RESULTS)
 MARK_KEY = "forest_sensor"
 MANY = 1000  # trees; where there are more, they are points unless the settings say otherwise
 
@@ -47,7 +49,7 @@ def build(
     with all_or_nothing():
         made = _root()
         homes = {name: _part(name, made) for name in PARTS}
-        _plant(homes[TREES], homes[VARIANTS], settings.forest, forest)
+        _plant(homes, settings.forest, forest)
         lay_ground(homes[GROUND_NAME], settings.forest, terrain)
         _mark(homes[SENSORS], settings)
 
@@ -79,28 +81,40 @@ def mark_sensors(scene: bpy.types.Scene, settings: spec.Scene) -> None:
 
 
 def _plant(
-    trees: bpy.types.Collection, library: bpy.types.Collection, field: spec.Forest, forest: Forest
+    homes: dict[str, bpy.types.Collection], field: spec.Forest, forest: Forest
 ) -> None:
     """Make every variant, and stand the trees as points or as objects."""
-    number_of = _grow_library(library, forest)
     stand = forest.stand
+    points = len(stand) > MANY if field.instancing == "auto" else field.instancing == "points"
+    number_of = _fill_library(homes[VARIANTS], homes[OUTLINES], forest, points)
     pairs = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
     variant = np.array([number_of[pair] for pair in pairs], dtype=np.int64)
-    points = len(stand) > MANY if field.instancing == "auto" else field.instancing == "points"
     if not points:
-        _stand_objects(trees, library, forest, variant)
+        _stand_objects(homes[TREES], homes[VARIANTS], forest, variant)
     elif len(stand):
-        place = forest.transforms()[:, :, 3]
         thing = plant_points(
-            *("Trees", library, place, stand.rotation, stand.scale),
-            *(variant, stand.id, stand.species),
+            TREES,
+            homes[VARIANTS],
+            homes[OUTLINES],
+            position=forest.transforms()[:, :, 3],
+            rotation=stand.rotation,
+            scale=stand.scale,
+            variant=variant,
+            tree=stand.id,
+            species=stand.species,
         )
-        claim(thing, "Trees", trees)
+        claim(thing, TREES, homes[TREES])
 
 
-def _grow_library(home: bpy.types.Collection, forest: Forest) -> dict[tuple[int, int], int]:
+def _fill_library(
+    variants: bpy.types.Collection,
+    outlines: bpy.types.Collection,
+    forest: Forest,
+    with_outlines: bool,
+) -> dict[tuple[int, int], int]:
     """An object for every variant, named so that their order is their number; returns the numbers."""
-    home.hide_viewport = home.hide_render = True
+    for home in (variants, outlines):
+        home.hide_viewport = home.hide_render = True
     coats: dict[int, list[bpy.types.Material]] = {}
     for planting, label in enumerate(forest.labels):
         look = forest.species[planting].look
@@ -111,15 +125,24 @@ def _grow_library(home: bpy.types.Collection, forest: Forest) -> dict[tuple[int,
     digits = max(3, len(str(len(forest.variants))))
     for number, ((planting, variant), tree) in enumerate(forest.variants.items()):
         label = forest.labels[planting]
-        mesh = to_mesh(f"{label}.{variant:03d}", tree.mesh)
-        for material in coats[planting]:
-            mesh.materials.append(material)
-        for name, value in tree_truth(tree).items():  # custom properties, for whoever looks
-            mesh[name] = value
-        thing = make_object(f"{number:0{digits}d} {label}.{variant:03d}", mesh, home)
+        name = f"{label}.{variant:03d}"
+        mesh = _coated(name, tree.mesh, coats[planting])
+        for key, value in tree_truth(tree).items():  # custom properties, for whoever looks
+            mesh[key] = value
+        thing = make_object(f"{number:0{digits}d} {name}", mesh, variants)
         thing[SPECIES_KEY] = planting
         assets.mark(thing, forest.species[planting], label, tree.mesh)
+        if with_outlines:
+            rough = _coated(f"{name} outline", outline(tree.mesh), coats[planting])
+            make_object(f"{number:0{digits}d} {name} outline", rough, outlines)
     return {key: number for number, key in enumerate(forest.variants)}
+
+
+def _coated(name: str, mesh: TriMesh, coats: list[bpy.types.Material]) -> bpy.types.Mesh:
+    data = to_mesh(name, mesh)
+    for material in coats:
+        data.materials.append(material)
+    return data
 
 
 def _stand_objects(

@@ -16,7 +16,7 @@ import numpy as np
 from .depsgraph import SPECIES_KEY, TREE_KEY
 from .nodes import ROTATION, SCALE, VARIANT, add_instancer
 
-SHOWN_IN_FULL = 30_000_000  # triangles; where there are more, a view shows boxes until told otherwise
+SHOWN_IN_FULL = 30_000_000  # triangles; where there are more, views show outlines until told otherwise
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,7 @@ class Placed:
 def plant_points(
     name: str,
     variants: bpy.types.Collection,
+    outlines: bpy.types.Collection,
     position: np.ndarray,
     rotation: np.ndarray,
     scale: np.ndarray,
@@ -50,7 +51,7 @@ def plant_points(
     """An object of N trees, not yet linked to a collection.
 
     position : (N, 3) metres. rotation : (N,) radians about the vertical. scale : (N,) size factors.
-    variant : (N,) number of an object in ``variants``. tree, species : (N,) numbers that sensors report.
+    variant : (N,) number of an object in ``variants`` and ``outlines``. tree, species : (N,) numbers that sensors report.
 
     Raises
     ------
@@ -70,16 +71,10 @@ def plant_points(
         _fill(data, key, "INT", values, np.int32)
     data.update()
     thing = bpy.data.objects.new(name, data)
-    add_instancer(thing, variants)
-    faces = np.array([len(by_number.data.polygons) for by_number in library(variants)], dtype=int)
-    if faces[variant].sum() > SHOWN_IN_FULL:
-        thing.display_type = "BOUNDS"
+    ordered = sorted(variants.objects, key=lambda thing: thing.name)  # as geometry nodes count them
+    faces = np.array([len(source.data.polygons) for source in ordered], dtype=np.int64)
+    add_instancer(thing, variants, outlines, light=bool(faces[variant].sum() > SHOWN_IN_FULL))
     return thing
-
-
-def library(variants: bpy.types.Collection) -> list[bpy.types.Object]:
-    """The objects of a collection in the order in which geometry nodes count them."""
-    return sorted(variants.objects, key=lambda thing: thing.name.lower())
 
 
 def read_points(thing: bpy.types.Object) -> Placed:
