@@ -2,7 +2,7 @@
 
 λ(s) = Σ κ_σ(s - x_i) / e(x_i), κ_σ an isotropic normal, e(x) = ∫_W κ_σ(v - x)dv the share of it within the
 window: the edge correction of Jones (1993) and Diggle, which keeps ∫_W λ = n. Points are spread linearly on
-pixels no wider than σ/3 and filtered, so the time hardly grows with their number. σ maximises the Poisson
+pixels no wider than σ/4 and filtered, so the time hardly grows with their number. σ maximises the Poisson
 likelihood of every tree given the others (likelihood cross-validation; Loader 1999, ch. 5), in which trees
 at one place count as one tree, so that double entries do not draw σ to 0.
 """
@@ -17,8 +17,8 @@ from scipy.optimize import minimize_scalar
 
 from .window import Window
 
-FINEST, COARSEST = 1536, 96  # pixels along the longer side
-PIXELS_PER_SIGMA = 3.0
+FINEST, COARSEST = 2048, 96  # pixels along the longer side
+PIXELS_PER_SIGMA = 4.0
 REACH = 6.0  # standard deviations at which the kernel ends
 
 
