@@ -24,6 +24,7 @@ from forest_addon.sensing.slices import Trunks
 from forest_addon.sensing.sonar import Echo
 from forest_addon.spec import Reverb, Scene, Sonar, Terrestrial, Tractor
 from forest_addon.stand.forest import Forest
+from forest_addon.stand.goodness import Goodness
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,28 @@ def _stand_notes(settings: Scene, forest: Forest) -> Iterator[str]:
         yield f"{stand.off_ground.sum():,} trees were left out where the terrain has no ground."
     if stand.off_field.any():
         yield f"{stand.off_field.sum():,} places of rows or lists lie beyond the field."
+
+
+def goodness_finding(found: Goodness, picture: Path) -> Finding:
+    """Whether trees stand as their intensity says."""
+    bands, quadrats = found.excess, found.quadrats
+    return Finding(
+        "Where the trees stand",
+        "The inhomogeneous L function of the trees and their counts in quadrats, against "
+        f"{bands.simulations} other stands of the same settings. L(r) - r is 0 for a Poisson process, below "
+        "it where trees keep apart.",
+        {
+            "trees tested": f"{found.trees:,}",
+            "L function": f"p = {bands.p_value:.3f}",
+            f"quadrats ({quadrats.classes} classes)": f"p = {found.quadrat_p_value:.3f}",
+        },
+        (
+            "Edge correction by translation, within the region where the intensity is at least a tenth of "
+            "its mean over trees. The global envelope is the studentised maximum deviation at 5 %; one "
+            "stand in twenty lies beyond it by chance.",
+        ),
+        picture,
+    )
 
 
 def scan_finding(sensor: Tractor, scan: TractorScan, picture: Path) -> Finding:

@@ -39,14 +39,27 @@ def draw_site(grown: Sequence[Grown], window: Window, path: Path) -> Path:
     return save_figure(figure, path)
 
 
-def draw_places(points: np.ndarray, at: At, window: Window, found: Goodness, path: Path) -> Path:
-    """Trees on their intensity, and what the statistics say of them."""
-    figure = blank_figure((11, 4.4))
+def draw_goodness(found: Goodness, window: Window, path: Path) -> Path:
+    """What the statistics say of a stand: L(r) - r, and how far quadrats are off."""
+    figure = blank_figure((11, 4.2))
     grid = figure.add_gridspec(1, 2, width_ratios=(1.15, 1))
-    place, curve = (figure.add_subplot(grid[0, k]) for k in (0, 1))
-    show_intensity(place, points, at, window)
-    place.set_title(f"{len(points):,} trees on their intensity")
+    curve, quadrats = (figure.add_subplot(grid[0, k]) for k in (0, 1))
     show_goodness(curve, found)
+    expected = np.where(found.quadrats.expected > 1e-9, found.quadrats.expected, np.nan)
+    stray = (found.quadrats.count - expected) / np.sqrt(expected)
+    reach = max(3.0, float(np.nanmax(np.abs(stray), initial=0.0)))
+    image = quadrats.imshow(
+        stray,
+        extent=(window.low[0], window.high[0], window.low[1], window.high[1]),
+        origin="lower",
+        cmap="BrBG",
+        vmin=-reach,
+        vmax=reach,
+    )
+    figure.colorbar(image, ax=quadrats, label="standard deviations", pad=0.01)
+    quadrats.set_title("Trees in quadrats, against the intensity")
+    quadrats.set_xlabel("x, m")
+    quadrats.set_ylabel("y, m")
     return save_figure(figure, path)
 
 

@@ -11,15 +11,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..rng import stream
+from ..spec import Forest, Scene
+from .compose import corners_of, process_of
 from .envelope import SIMULATIONS, Envelope, envelope
+from .inputs import Inputs
 from .kernel import KernelEstimate, kernel_estimate
 from .mixture import FittedMixture, refit
+from .plan import Stand, plan_stand
 from .region import SMALLEST, Region, region_of
-from .statistics import At, QuadratTest, choose_radii, inhomogeneous_k, quadrat_test
+from .statistics import (
+    At,
+    QuadratTest,
+    choose_quadrats,
+    choose_radii,
+    inhomogeneous_k,
+    integrate_by_quadrat,
+    quadrat_test,
+)
 from .window import Window
 
 Estimate = KernelEstimate | FittedMixture
 FEWEST_TREES = 10  # that a test is worth drawing for
+MOST_TREES = 200_000
 MANY = 20_000  # trees beyond which fewer simulations are made
 
 
@@ -50,8 +64,9 @@ class Goodness:
 def examine(
     points: np.ndarray, window: Window, law: Law, simulations: int | None = None
 ) -> Goodness | None:
-    """Test points (N, 2) in a window against a law; None where there are too few to say anything."""
-    if len(points) < FEWEST_TREES:
+    """Test points (N, 2) in a window against a law; None where there are too few to say anything, or so
+    many that simulations would take minutes."""
+    if not FEWEST_TREES <= len(points) <= MOST_TREES:
         return None
     if simulations is None:
         simulations = SIMULATIONS if len(points) < MANY else 19
@@ -63,7 +78,8 @@ def examine(
     drawn = [law.simulate(number) for number in range(simulations)]
     if min(int(region.contains(trees).sum()) for trees in drawn) < 2:
         return None
-    judged = [_judge(trees, window, region, law, radius) for trees in [points, *drawn]]
+    judge = _Judge(window, region, law, radius, choose_quadrats(len(points), window))
+    judged = [judge(trees) for trees in [points, *drawn]]
     curves = np.array([curve for curve, _ in judged])
     quadrats = judged[0][1]
     strays = np.array([test.statistic for _, test in judged])
@@ -75,6 +91,37 @@ def examine(
         quadrat_p_value=min(1.0, 2 * float(beyond)),
         trees=len(points),
     )
+
+
+def law_of_scene(scene: Scene, inputs: Inputs) -> Law:
+    """The law of a scene's Poisson trees: other stands of the same settings, spacing and all, judged by
+    the intensity that they are drawn from."""
+    drawn = [number for number, p in enumerate(scene.plantings) if p.layout == "poisson"]
+    processes = [process_of(scene.plantings[number], scene.forest, inputs) for number in drawn]
+
+    def at(points: np.ndarray) -> np.ndarray:
+        return np.asarray(sum((p.at(points) for p in processes), np.zeros(len(points))))
+
+    def simulate(number: int) -> np.ndarray:
+        seed = int(stream(scene.seed, "goodness", number).integers(2**62))
+        return poisson_trees(scene, plan_stand(seed, scene.forest, scene.plantings, inputs))
+
+    return Law(simulate, lambda trees: (at(trees), at))
+
+
+def poisson_trees(scene: Scene, stand: Stand) -> np.ndarray:
+    """(N, 2) places of the trees that a Poisson process placed, not rows or a list."""
+    poisson = np.array([p.layout == "poisson" for p in scene.plantings], dtype=bool)
+    return stand.position[poisson[stand.species], :2] if len(stand) else np.empty((0, 2))
+
+
+def window_of(forest: Forest) -> Window:
+    """The field as a window."""
+    if forest.polygon:
+        return Window(
+            tuple(np.array(ring, dtype=float) for ring in (forest.polygon, *forest.holes))
+        )
+    return Window.rectangle(*corners_of(forest))
 
 
 def law_of(estimate: Estimate, simulate: Callable[[int], np.ndarray]) -> Law:
@@ -92,11 +139,23 @@ def law_of(estimate: Estimate, simulate: Callable[[int], np.ndarray]) -> Law:
     return Law(simulate, judge)
 
 
-def _judge(
-    points: np.ndarray, window: Window, region: Region, law: Law, radius: np.ndarray
-) -> tuple[np.ndarray, QuadratTest]:
-    """L(r) - r, and the quadrat test."""
-    intensity, at = law.judge(points)
-    within = region.contains(points)
-    k = inhomogeneous_k(points[within], intensity[within], region, radius)
-    return k.l_function - radius, quadrat_test(points, at, window)
+class _Judge:
+    """Makes L(r) - r and the quadrat test of trees; a λ that stays the same is integrated once."""
+
+    def __init__(
+        self, window: Window, region: Region, law: Law, radius: np.ndarray, shape: tuple[int, int]
+    ) -> None:
+        self.window, self.region, self.law, self.radius = window, region, law, radius
+        self.shape = shape
+        self.integrated: tuple[At, np.ndarray] | None = None
+
+    def __call__(self, trees: np.ndarray) -> tuple[np.ndarray, QuadratTest]:
+        intensity, at = self.law.judge(trees)
+        within = self.region.contains(trees)
+        k = inhomogeneous_k(trees[within], intensity[within], self.region, self.radius)
+        return k.l_function - self.radius, quadrat_test(trees, self._expected(at), self.window)
+
+    def _expected(self, at: At) -> np.ndarray:
+        if self.integrated is None or self.integrated[0] is not at:
+            self.integrated = at, integrate_by_quadrat(at, self.window, self.shape)
+        return self.integrated[1]

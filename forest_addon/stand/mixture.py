@@ -26,6 +26,7 @@ NARROWEST, WIDEST = 1e-4, 10.0  # standard deviation of a hill, in longer sides 
 CROWDED = 0.05  # share of the trees whose nearest neighbour is taken to be near
 OUTSIDE = 2.0  # how far from the window's middle a centre may lie, in longer sides
 SKETCH = 4000  # trees from which starting points are judged
+REFINING = 60  # steps of a fit that starts from a good one
 PIXELS = 64  # of the picture in which an excess of trees is sought
 SCALES = (0.03, 0.08, 0.2)  # at which it is, in longer sides
 
@@ -95,7 +96,7 @@ def refit(mixture: FittedMixture, points: np.ndarray) -> FittedMixture:
     if not len(points):
         return data.mixture(_Fit(0.0, np.empty((0, 5)), 0.0))
     start = data.fit_of(mixture)
-    return data.mixture(data.climb(start.scaled(len(points))))
+    return data.mixture(data.climb(start.scaled(len(points)), REFINING))
 
 
 @dataclass(frozen=True)

@@ -122,17 +122,12 @@ def choose_radii(points: np.ndarray, window: Extent, steps: int = 60) -> np.ndar
     return np.linspace(largest / steps, largest, steps)
 
 
-def quadrat_test(
-    points: np.ndarray, at: At, window: Window, across: int | None = None
-) -> QuadratTest:
-    """Test the counts of points (N, 2) in quadrats of equal size against λ.
-
-    across : quadrats along the longer side; left out, so many that ten trees are expected in each.
+def quadrat_test(points: np.ndarray, expected: np.ndarray, window: Window) -> QuadratTest:
+    """Test the counts of points (N, 2) in quadrats of equal size against ∫λ over each (rows, columns),
+    as ``integrate_by_quadrat`` gives it.
     """
-    shape = _quadrats(len(points), window, across)
-    expected = integrate_by_quadrat(at, window, shape)
-    expected *= len(points) / max(float(expected.sum()), 1e-300)
-    rows, columns = shape
+    expected = expected * (len(points) / max(float(expected.sum()), 1e-300))
+    rows, columns = expected.shape
     place = ((points - window.low) / window.extent * [columns, rows]).astype(int)
     place = np.minimum(place, [columns - 1, rows - 1])
     number = place[:, 1] * columns + place[:, 0]
@@ -141,7 +136,15 @@ def quadrat_test(
     statistic = float(((have - want) ** 2 / want).sum())
     above, below = chi2.sf(statistic, len(want) - 1), chi2.cdf(statistic, len(want) - 1)
     p_value = 2 * min(above, below) if len(want) > 1 else float("nan")
-    return QuadratTest(count.reshape(shape), expected, statistic, len(want), float(p_value))
+    return QuadratTest(count.reshape(rows, columns), expected, statistic, len(want), float(p_value))
+
+
+def choose_quadrats(count: int, window: Window) -> tuple[int, int]:
+    """Rows and columns of quadrats, so many that each has ten of ``count`` trees, up to 20 along a side."""
+    longest = float(window.extent.max())
+    across = np.sqrt(count / 10 * longest**2 / float(np.prod(window.extent)))
+    shape = np.maximum(np.rint(np.clip(across, 1, 20) * window.extent / longest), 1).astype(int)
+    return int(shape[1]), int(shape[0])
 
 
 def integrate_by_quadrat(at: At, window: Window, shape: tuple[int, int]) -> np.ndarray:
@@ -170,15 +173,6 @@ def _near_pairs(points: np.ndarray, reach: float) -> Iterator[tuple[np.ndarray, 
         pairs = tree.query_pairs(reach, output_type="ndarray")
         pairs = pairs[pairs[:, 0] < block]  # a pair of later trees comes with their own block
         yield order[first + pairs[:, 0]], order[first + pairs[:, 1]]
-
-
-def _quadrats(count: int, window: Window, across: int | None) -> tuple[int, int]:
-    longest = float(window.extent.max())
-    if across is None:
-        wanted = np.sqrt(count / 10 * longest**2 / float(np.prod(window.extent)))
-        across = int(np.clip(wanted, 1, 20))
-    columns, rows = np.maximum(np.rint(across * window.extent / longest), 1).astype(int)
-    return int(rows), int(columns)
 
 
 def _pool(count: np.ndarray, expected: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
