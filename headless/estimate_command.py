@@ -134,10 +134,11 @@ def _refuse_outside(path: Path, trees: TreeMap, window: Window) -> None:
     outside = np.flatnonzero(~window.contains(trees.position))
     if len(outside):
         x, y = trees.position[outside[0]]
+        others = f", as do {len(outside) - 1:,} more" if len(outside) > 1 else ""
         raise SpecError(
             str(path),
-            f"row {trees.line[outside[0]]}: the tree at ({x:.10g}, {y:.10g}) lies outside the window, as do "
-            f"{len(outside) - 1:,} more; leave them out, or widen --window",
+            f"row {trees.line[outside[0]]}: the tree at ({x:.10g}, {y:.10g}) lies outside the window"
+            f"{others}; leave it out, or widen --window",
         )
 
 

@@ -18,6 +18,7 @@ from scipy.special import ndtr, owens_t
 
 from .polygon import Polygon
 
+TOUCH = 1e-9  # part of the longer side within which a point is on an edge
 TABLE = 1024  # cells along the longer side from which a polygon's set covariance is read
 
 
@@ -103,11 +104,19 @@ class Window:
         return np.concatenate(starts), np.concatenate(ends)
 
     def contains(self, points: np.ndarray) -> np.ndarray:
-        """(N,) bool of points (N, 2): inside or, for a rectangle, on its edge."""
+        """(N,) bool of points (N, 2), inside or on an edge."""
         if self.is_rectangle:
             rectangle: np.ndarray = ((points >= self.low) & (points <= self.high)).all(axis=1)
             return rectangle
         within: np.ndarray = self._polygon.at(points) > 0
+        outside = np.flatnonzero(~within)
+        start, end = self._edges
+        along = end - start
+        for edge in range(len(start)):  # corners are often trees
+            from_start = points[outside] - self.low - start[edge]
+            part = np.clip(from_start @ along[edge] / (along[edge] @ along[edge]), 0, 1)
+            away = np.linalg.norm(from_start - part[:, None] * along[edge], axis=1)
+            within[outside[away <= TOUCH * self.extent.max()]] = True
         return within
 
     def gaussian_moments(

@@ -62,6 +62,14 @@ def test_orientation_and_place_do_not_matter():
     assert there[0] == pytest.approx(HOLED.gaussian_moments(*of)[0], abs=1e-8)
 
 
+def test_corners_and_edges_are_inside():
+    corners = np.concatenate(HOLED.rings) + UTM
+    window = Window(tuple(ring + UTM for ring in HOLED.rings))
+    assert window.contains(np.vstack([corners, (corners[:1] + corners[1:2]) / 2])).all()
+    away = np.array([[-1e-3, 2.0], [3.0, 2.5], [5.0, -1e-3], [20.0, 0.0]]) + UTM
+    assert not window.contains(away).any()
+
+
 def test_coverage_adds_up_to_the_area():
     for window in (TRIANGLE, HOLED):
         cover = window.coverage((50, 40))
