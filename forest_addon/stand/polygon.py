@@ -154,9 +154,15 @@ def _ring(corners: Sequence[Sequence[float]] | np.ndarray, name: str) -> np.ndar
         ring = ring[:-1]
     if not np.isfinite(ring).all():
         raise IntensityError(f"{name}: a corner is not finite; mend it")
-    if len(ring) < 3 or _area(ring) == 0:
+    if len(ring) < 3 or _in_line(ring):
         raise IntensityError(f"{name} has no area; give at least 3 corners that are not in line")
     return ring
+
+
+def _in_line(ring: np.ndarray) -> bool:
+    offset = ring - ring[0]
+    longest = offset[np.argmax((offset**2).sum(axis=1))]
+    return bool((offset[:, 0] * longest[1] == offset[:, 1] * longest[0]).all())
 
 
 def _area(ring: np.ndarray) -> float:

@@ -120,7 +120,9 @@ class Surface:
         weights = self.weights(points[owner], candidate)
         holds = (weights >= -EDGE).all(axis=1)
         owner, candidate, weights = owner[holds], candidate[holds], weights[holds]
-        height = (weights * self.vertices[self.triangles[candidate], 2]).sum(axis=1)
+        corner = self.vertices[self.triangles[candidate], 2]
+        rise = corner[:, 1:] - corner[:, :1]  # from the first corner: level ground stays level
+        height = corner[:, 0] + (weights[:, 1:] * rise).sum(axis=1)
         order = np.lexsort((height, owner))
         owner, candidate, height = owner[order], candidate[order], height[order]
         last = np.append(owner[1:] != owner[:-1], True) if len(owner) else np.zeros(0, dtype=bool)
