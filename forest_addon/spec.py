@@ -886,6 +886,10 @@ class Scene(Settings):
         le=1e8,
     )
     crs: str = param("", help="coordinate system of what is written, such as EPSG:32632")
+    blend: str = param(
+        "",
+        help="Blender file to start from, whose objects the settings name; left out: an empty one",
+    )
     forest: Forest = param(Forest(), help="the field")
     plantings: tuple[Planting, ...] = param((), help="species and where they stand")
     air: Air = param(Air(), help="the air")

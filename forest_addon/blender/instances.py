@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from .depsgraph import SPECIES_KEY, TREE_KEY
+from .depsgraph import SPECIES_KEY, TREE_KEY, WITH_NODES
 from .nodes import ROTATION, SCALE, VARIANT, add_instancer
 
 SHOWN_IN_FULL = 30_000_000  # triangles; where there are more, views show outlines until told otherwise
@@ -79,8 +79,8 @@ def plant_points(
 
 def read_points(thing: bpy.types.Object) -> Placed:
     """The trees of an evaluated object; none where its modifiers put none."""
-    geometry = thing.evaluated_geometry()
-    points = geometry.instances_pointcloud()
+    geometry = thing.evaluated_geometry() if thing.type in WITH_NODES else None
+    points = geometry.instances_pointcloud() if geometry is not None else None
     if points is None:
         empty = np.empty(0, dtype=np.int64)
         return Placed((), empty, np.empty((0, 3, 4)), empty, empty)

@@ -75,9 +75,9 @@ def set_input(modifier: bpy.types.Modifier, socket: str, value: Any) -> None:
     _, holder, key = _input(modifier, socket)
     if holder is modifier:
         modifier[key] = value
-        modifier.id_data.update_tag()
     else:
         holder.value = value
+    modifier.id_data.update_tag()
 
 
 def _is_instancer(group: bpy.types.NodeTree | None) -> bool:
