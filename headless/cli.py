@@ -31,6 +31,8 @@ examples:
   python -m headless run my.toml --out out/my     a scene of your own
   python -m headless template wood.stl leaves.stl --name elm   a species from your tree
   python -m headless run my.toml --seed 8 --out out/my-8
+  python -m headless estimate trees.csv --out site.toml   a scene like a site you mapped
+  python -m headless stand my.toml --out points.csv   where the trees stand, and a map
   python -m headless derive apple --generations 2   the string of an L-system
   blender -b --python headless/in_blender.py -- my.toml --out out/my
 
@@ -45,6 +47,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         chosen.out = Path("out") / chosen.scene.stem
     if chosen.command == "template" and chosen.out is None:
         chosen.out = Path("out") / chosen.name
+    if chosen.command == "stand" and chosen.out is None:
+        chosen.out = Path("out") / chosen.scene.stem / "points.csv"
+    if chosen.command == "estimate" and chosen.out is None:
+        chosen.out = Path("out") / chosen.map.stem / "site.toml"
     from .interrupt import interruptible
 
     kept = f"finished files are kept in {chosen.out}" if "out" in chosen else "nothing was written"
@@ -91,6 +97,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_derive(commands)
     _add_template(commands)
     _add_species(commands)
+    _add_stand(commands)
+    _add_estimate(commands)
     for command, folder in ((run, "out/SCENE"), (demo, "out/demo")):
         command.add_argument(
             "--out", type=Path, metavar="DIR", help=f"folder for the results (default {folder})"
@@ -170,6 +178,73 @@ def _species(chosen: argparse.Namespace) -> int:
     if chosen.seed < 0:
         raise SpecError("--seed", f"{chosen.seed} is out of range; use at least 0")
     show_species(chosen.names, chosen.sheet, chosen.seed)
+    return 0
+
+
+def _add_stand(commands: argparse._SubParsersAction) -> None:
+    stand = commands.add_parser(
+        "stand",
+        help="sample where the trees of a scene stand: a table, and a map",
+        description="Sample the positions of a scene's trees, without growing them; write them as CSV or "
+        "GeoJSON, and a map beside that.",
+    )
+    stand.add_argument("scene", type=Path, metavar="SCENE.toml", help="the scene file")
+    stand.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help=".csv or .geojson (default out/SCENE/points.csv)",
+    )
+    stand.add_argument("--seed", type=int, help="another seed than the scene file's")
+    stand.set_defaults(do=_stand)
+
+
+def _stand(chosen: argparse.Namespace) -> int:
+    from .stand_command import sample_stand
+
+    sample_stand(chosen.scene, chosen.out, chosen.seed)
+    return 0
+
+
+def _add_estimate(commands: argparse._SubParsersAction) -> None:
+    estimate = commands.add_parser(
+        "estimate",
+        help="make a scene like a site from a map of its trees (CSV)",
+        description="Estimate where trees stand on a site from a CSV of x, y (metres) and perhaps species, "
+        "and write a scene that plants forests like it, and a picture.",
+    )
+    estimate.add_argument("map", type=Path, metavar="TREES.csv", help="columns x, y, species")
+    estimate.add_argument(
+        "--out", type=Path, metavar="SITE.toml", help="the scene (default out/TREES/site.toml)"
+    )
+    estimate.add_argument(
+        "--method",
+        choices=("mixture", "kernel"),
+        default="mixture",
+        help="Gaussian hills of maximum likelihood, or a kernel estimate (default mixture)",
+    )
+    estimate.add_argument(
+        "--window",
+        nargs="+",
+        default=(),
+        metavar="W",
+        help="where trees were mapped: X0 Y0 X1 Y1, or a CSV of corners x, y, ring "
+        "(default: around the trees)",
+    )
+    estimate.add_argument(
+        "--species",
+        action="append",
+        default=[],
+        metavar="NAME=PRESET",
+        help="what to plant for a name of the map, or PRESET alone for all; may be repeated",
+    )
+    estimate.set_defaults(do=_estimate)
+
+
+def _estimate(chosen: argparse.Namespace) -> int:
+    from .estimate_command import estimate_site
+
+    estimate_site(chosen.map, chosen.out, chosen.method, chosen.window, chosen.species)
     return 0
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from forest_addon.blender.cloud import show_cloud
 from forest_addon.blender.export import export_glb, save_blend
 from forest_addon.blender.forest import build
+from forest_addon.blender.inputs import inputs_from_scene
 from forest_addon.blender.layout import RESULTS, part
 from forest_addon.blender.observe import Observer
 from forest_addon.blender.preview import render, set_stage
@@ -29,15 +30,20 @@ from forest_addon.formats.findings import Finding as SensorFinding
 from forest_addon.formats.findings import write_finding
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.formats.stand_files import read_inputs
 from forest_addon.formats.table import write_csv
 from forest_addon.sensing.geometry import SceneGeometry
 from forest_addon.sensing.lidar import Cloud, TractorScan
 from forest_addon.sensing.sonar import Echo
 from forest_addon.spec import Scene, SpecError
 from forest_addon.stand.forest import Forest, angle_table, grow_forest, leaf_table, tree_table
+from forest_addon.stand.goodness import examine, law_of_scene, poisson_trees, window_of
+from forest_addon.stand.inputs import Inputs
 
 from . import pictures, report
 from .progress import Stages, hushed
+from .site_picture import draw_goodness
+from .stand_picture import draw_stand
 
 
 @dataclass
@@ -76,16 +82,21 @@ def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) 
     stages.say(f"{settings.name}, seed {settings.seed}")
     with stages.stage("read species and templates"):
         species = [_load(planting.species, folder) for planting in settings.plantings]
+        _open_blender(settings, folder)
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        inputs = inputs_from_scene(settings, depsgraph, read_inputs(settings, folder))
     with stages.stage("grow trees") as progress:
-        forest = grow_forest(settings, species, progress)
+        forest = grow_forest(settings, species, progress, inputs)
     run = Run(settings, out, stages, forest)
-    run.findings.append(report.forest_finding(settings, forest))
+    with stages.stage("draw the stand"):
+        drawn = draw_stand(forest.stand, forest.labels, settings, inputs, run.path("stand.png"))
+    run.findings.append(report.forest_finding(settings, forest, drawn))
+    with stages.stage("test where trees stand"):
+        _test_stand(run, inputs)
 
-    with hushed():
-        bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     with stages.stage("build Blender scene"):
-        build(scene, settings, forest)
+        build(scene, settings, forest, inputs.terrain)
         for sensor in settings.sensors:
             new_sensor(scene, sensor)
     with stages.stage("write truth"):
@@ -117,6 +128,20 @@ def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) 
     stages.say(f"Done: {len(run.files) + 1} files in {out}. Open {out / 'report.html'}")
 
 
+def _open_blender(settings: Scene, folder: Path) -> None:
+    """Start from the scene's .blend file, or from nothing."""
+    with hushed():
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        if not settings.blend:
+            return
+        path = folder / settings.blend
+        try:
+            bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+        except RuntimeError as problem:
+            why = str(problem).strip().removeprefix("Error: ")
+            raise SpecError("blend", f"{path} cannot be opened ({why}); check the path") from None
+
+
 def _load(name: str, folder: Path) -> Any:
     return load_species(find_species(name, folder))
 
@@ -131,6 +156,16 @@ def _make_writable(out: Path) -> None:
         raise SpecError(
             f"--out {out}", f"cannot be written to ({problem.strerror}); choose another folder"
         ) from None
+
+
+def _test_stand(run: Run, inputs: Inputs) -> None:
+    """Compare the stand with others of the same settings, where it has enough trees."""
+    window = window_of(run.settings.forest)
+    trees = poisson_trees(run.settings, run.forest.stand)
+    found = examine(trees, window, law_of_scene(run.settings, inputs))
+    if found is not None:
+        picture = draw_goodness(found, window, run.path("goodness.png"))
+        run.findings.append(report.goodness_finding(found, picture))
 
 
 def _write_truth(run: Run) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import html
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from forest_addon.sensing.slices import Trunks
 from forest_addon.sensing.sonar import Echo
 from forest_addon.spec import Reverb, Scene, Sonar, Terrestrial, Tractor
 from forest_addon.stand.forest import Forest
+from forest_addon.stand.goodness import Goodness
 
 
 @dataclass(frozen=True)
@@ -37,32 +38,74 @@ class Finding:
     picture: Path | None = field(default=None, compare=False)
 
 
-def forest_finding(settings: Scene, forest: Forest) -> Finding:
-    """Trees, leaves and triangles of the forest."""
+def forest_finding(settings: Scene, forest: Forest, picture: Path) -> Finding:
+    """Trees, leaves and triangles of the forest, and where its trees stand."""
     stand = forest.stand
-    counts = np.bincount(stand.species, minlength=len(forest.labels))
     leaves = sum(len(forest.variant_of(tree).leaves) for tree in range(len(stand)))
     triangles = sum(len(forest.variant_of(tree).mesh.triangles) for tree in range(len(stand)))
     unique = sum(len(tree.mesh.triangles) for tree in forest.variants.values())
-    area = settings.forest.size[0] * settings.forest.size[1]
     facts = {
-        "trees": f"{len(stand)}",
-        **{label: f"{count}" for label, count in zip(forest.labels, counts, strict=True)},
+        "trees": f"{len(stand):,}",
+        **{label: f"{count:,}" for label, count in zip(forest.labels, stand.counts(), strict=True)},
         "leaves": f"{leaves:,}",
         "triangles": f"{triangles:,} ({unique:,} of them unique)",
-        "density": f"{len(stand) / area * 1e4:,.0f} trees/ha",
+        "density": f"{stand.density().sum() * 1e4:,.0f} trees/ha",
     }
-    notes = ()
-    if stand.removed:
-        notes = (
-            f"{stand.removed} trees were removed to keep {settings.forest.spacing:g} m apart.",
-        )
+    kinds = {planting.layout for planting in settings.plantings}
+    what = {frozenset({"rows"}): "An orchard", frozenset({"list"}): "A forest from a list of trees"}
     return Finding(
         "Forest",
-        f"An inhomogeneous Poisson forest on {settings.forest.size[0]:g} by "
-        f"{settings.forest.size[1]:g} m, grown from L-systems and STL branch templates.",
+        f"{what.get(frozenset(kinds), 'An inhomogeneous Poisson forest')} on "
+        f"{settings.forest.size[0]:g} by {settings.forest.size[1]:g} m, grown from L-systems and STL "
+        "branch templates.",
         facts,
-        notes,
+        tuple(_stand_notes(settings, forest)),
+        picture,
+    )
+
+
+def _stand_notes(settings: Scene, forest: Forest) -> Iterator[str]:
+    """What was expected, what was taken away and why."""
+    stand = forest.stand
+    sums = [
+        f"{label} {value:,.1f}" + (f" ± {error:.2g}" if error else "")
+        for label, value, error in zip(forest.labels, stand.expected, stand.error, strict=True)
+    ]
+    if sums:
+        yield f"Expected: {', '.join(sums)} trees."
+    if stand.removed:
+        lost = zip(forest.labels, stand.too_near, strict=True)
+        rule = {"matern": "Matérn II", "greedy": "greedy removal"}[settings.forest.spacing_rule]
+        yield (
+            f"{stand.removed:,} trees were removed to keep their distances ({rule}): "
+            + ", ".join(f"{label} {count:,}" for label, count in lost if count)
+            + "."
+        )
+    if stand.off_ground.any():
+        yield f"{stand.off_ground.sum():,} trees were left out where the terrain has no ground."
+    if stand.off_field.any():
+        yield f"{stand.off_field.sum():,} places of rows or lists lie beyond the field."
+
+
+def goodness_finding(found: Goodness, picture: Path) -> Finding:
+    """Whether trees stand as their intensity says."""
+    bands, quadrats = found.excess, found.quadrats
+    return Finding(
+        "Where the trees stand",
+        "The inhomogeneous L function of the trees and their counts in quadrats, against "
+        f"{bands.simulations} other stands of the same settings. L(r) - r is 0 for a Poisson process, below "
+        "it where trees keep apart.",
+        {
+            "trees tested": f"{found.trees:,}",
+            "L function": f"p = {bands.p_value:.3f}",
+            f"quadrats ({quadrats.classes} classes)": f"p = {found.quadrat_p_value:.3f}",
+        },
+        (
+            "Edge correction by translation, within the region where the intensity is at least a tenth of "
+            "its mean over trees. The global envelope is the studentised maximum deviation at 5 %; one "
+            "stand in twenty lies beyond it by chance.",
+        ),
+        picture,
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from ..growth.trimesh import GROUND, LEAF, WOOD
 from ..sensing.lidar import Cloud
 from .materials import coloured_points
+from .ours import make_object
 
 COLOUR_OF_ORGAN = {
     WOOD: (0.30, 0.17, 0.08, 1.0),
@@ -38,13 +39,12 @@ def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types
         bpy.data.objects.remove(old)
         if not mesh.users:
             bpy.data.meshes.remove(mesh)
-    thing = bpy.data.objects.new(f"{name} points", data)
+    thing = make_object(f"{name} points", data, home)
     thing[CLOUD_KEY] = name
     data.materials.append(bpy.data.materials.get(GROUP) or coloured_points(GROUP))
     modifier = thing.modifiers.new("Points", "NODES")
     modifier.node_group = bpy.data.node_groups.get(GROUP) or _points_group()
     thing.hide_render = True
-    home.objects.link(thing)
     return thing
 
 

@@ -2,7 +2,7 @@
 
 Modifiers, collection instances, geometry nodes, curves and text are all seen as Blender shows them.
 Meshes that several instances share are read once. Tree and species numbers are custom properties of
-the objects.
+the objects, or attributes of the points that geometry nodes put instances on.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from .meshes import from_mesh
 
 TREE_KEY, SPECIES_KEY = "forest_tree", "forest_species"
 SOLID_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
+WITH_NODES = {"MESH", "CURVE", "CURVES", "FONT", "POINTCLOUD"}  # what geometry nodes can be put on
 
 
 def read_scene(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:
@@ -24,6 +25,7 @@ def read_scene(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:
     number_of: dict[int, int] = {}
     meshes: list[TriMesh] = []
     index, transform, name, tree, species = [], [], [], [], []
+    on_points: dict[int, dict[str, list[int]]] = {}
     for instance in depsgraph.object_instances:
         thing = instance.object
         if thing.type not in SOLID_TYPES or not instance.show_self:
@@ -40,8 +42,17 @@ def read_scene(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:
         index.append(number_of[key])
         transform.append([row[:] for row in instance.matrix_world[:3]])
         name.append(owner.name)
-        tree.append(owner.get(TREE_KEY, thing.get(TREE_KEY, -1)))
-        species.append(owner.get(SPECIES_KEY, thing.get(SPECIES_KEY, -1)))
+        said: dict[str, list[int]] = {}
+        if owner is not thing:
+            if owner.as_pointer() not in on_points:
+                on_points[owner.as_pointer()] = _numbers_on_points(owner)
+            said = on_points[owner.as_pointer()]
+        place = instance.persistent_id[0]  # of an instance among those of the same points
+        for key, numbers in ((TREE_KEY, tree), (SPECIES_KEY, species)):
+            if key in said:
+                numbers.append(said[key][place])
+            else:
+                numbers.append(owner.get(key, thing.get(key, -1)))
     return SceneGeometry(
         meshes=tuple(meshes),
         transform=np.array(transform, dtype=np.float64).reshape(-1, 3, 4),
@@ -50,6 +61,22 @@ def read_scene(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:
         tree=np.array(tree, dtype=np.int64),
         species=np.array(species, dtype=np.int64),
     )
+
+
+def _numbers_on_points(owner: bpy.types.Object) -> dict[str, list[int]]:
+    """Tree and species numbers of the instances that an evaluated object's nodes make."""
+    if owner.type not in WITH_NODES:
+        return {}
+    geometry = owner.evaluated_geometry()  # the points live as long as this does
+    points = geometry.instances_pointcloud()
+    found = {}
+    for key in (TREE_KEY, SPECIES_KEY):
+        attribute = points.attributes.get(key) if points is not None else None
+        if attribute is not None and attribute.data_type == "INT":
+            values = np.empty(len(points.points), dtype=np.int32)
+            attribute.data.foreach_get("value", values)
+            found[key] = values.tolist()
+    return found
 
 
 def _read_mesh(thing: bpy.types.Object) -> TriMesh:

@@ -1,15 +1,20 @@
 """Where everything of ours stands in a Blender scene: the collections below *Forest*.
 
-*Trees* has one collection a species within it; *Ground*, *Sensors* and *Results* hold what their names
-say. A custom property tells our *Forest* from a user's own.
+*Trees*, the *Variants* that they are copies of, and their *Outlines* for the view; *Ground*, *Sensors* and
+*Results* hold what their names say. Custom properties tell our collections from a user's own.
 """
 
 from __future__ import annotations
 
 import bpy
 
+from .ours import make_collection
+
 ROOT_KEY = "forest_sensing"
-ROOT, TREES, GROUND_NAME, SENSORS, RESULTS = "Forest", "Trees", "Ground", "Sensors", "Results"
+PART_KEY = "forest_part"
+ROOT, TREES, VARIANTS, OUTLINES = "Forest", "Trees", "Variants", "Outlines"
+GROUND_NAME, SENSORS, RESULTS = "Ground", "Sensors", "Results"
+PARTS = (TREES, VARIANTS, OUTLINES, GROUND_NAME, SENSORS, RESULTS)
 
 
 def root(scene: bpy.types.Scene) -> bpy.types.Collection | None:
@@ -23,21 +28,24 @@ def part(scene: bpy.types.Scene, name: str) -> bpy.types.Collection:
     if top is None:
         top = new_root()
         scene.collection.children.link(top)
-    for child in top.children:
-        if child.name.startswith(name):
-            return child
-    return new_collection(name, top)
+    return find_part(scene, name) or new_part(name, top)
+
+
+def find_part(scene: bpy.types.Scene, name: str) -> bpy.types.Collection | None:
+    """One of the collections of the scene's forest, None where it is missing."""
+    top = root(scene)
+    return next((c for c in top.children if c.get(PART_KEY) == name), None) if top else None
 
 
 def new_root() -> bpy.types.Collection:
     """A collection *Forest* of ours, not yet in a scene."""
-    made = bpy.data.collections.new(ROOT)
+    made = make_collection(ROOT, None)
     made[ROOT_KEY] = True
     return made
 
 
-def new_collection(name: str, parent: bpy.types.Collection) -> bpy.types.Collection:
-    """A new collection within another."""
-    made = bpy.data.collections.new(name)
-    parent.children.link(made)
+def new_part(name: str, top: bpy.types.Collection) -> bpy.types.Collection:
+    """One of the collections of a forest, empty."""
+    made = make_collection(name, top)
+    made[PART_KEY] = name
     return made

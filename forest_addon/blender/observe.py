@@ -12,6 +12,7 @@ from ..sensing import lidar, reverb, slices, sonar
 from ..spec import Reverb, Scene, Sensor, Sonar, Terrestrial, Tractor
 from .bvh import BvhCaster
 from .depsgraph import read_scene
+from .nodes import in_full
 
 Progress = Callable[[int, int], None]
 Finding = lidar.TractorScan | lidar.Cloud | sonar.Echo | reverb.ImpulseResponse
@@ -21,7 +22,8 @@ class Observer:
     """An evaluated scene as arrays, with the casters and scatterers that sensors need, made once."""
 
     def __init__(self, depsgraph: bpy.types.Depsgraph) -> None:
-        self.geometry = read_scene(depsgraph)
+        with in_full(depsgraph):
+            self.geometry = read_scene(depsgraph)
 
     @cached_property
     def caster(self) -> BvhCaster:

@@ -12,6 +12,7 @@ from mathutils import Vector
 
 from .. import spec
 from ..formats.atomic import replacing
+from .instances import read_points
 from .layout import TREES, part
 
 Progress = Callable[[int, int], None]
@@ -76,13 +77,22 @@ def render(
 
 def _tree_corners(scene: bpy.types.Scene) -> np.ndarray:
     """(P, 3) corners of the bounding boxes of all trees; a small field where there is none."""
-    trees = part(scene, TREES).all_objects
-    corners = [
-        (np.array(thing.matrix_world) @ np.c_[np.array(thing.bound_box), np.ones(8)].T)[:3].T
-        for thing in trees
-    ]
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    corners = []
+    for thing in part(scene, TREES).all_objects:
+        placed = read_points(thing.evaluated_get(depsgraph))
+        for number, source in enumerate(placed.source):
+            corners.append(_corners(placed.transform[placed.index == number], source))
+        if not len(placed):
+            corners.append(_corners(np.array(thing.matrix_world)[None, :3], thing))
     field = np.array([[x, y, z] for x in (0, 10) for y in (0, 10) for z in (0, 4)], float)
     return np.concatenate(corners) if corners else field
+
+
+def _corners(transform: np.ndarray, thing: bpy.types.Object) -> np.ndarray:
+    """(8 N, 3) corners of an object's bounding box where it stands N times (N, 3, 4)."""
+    box = np.column_stack([np.array(thing.bound_box), np.ones(8)])
+    return np.asarray((transform @ box.T).transpose(0, 2, 1).reshape(-1, 3))
 
 
 def _point_camera(scene: bpy.types.Scene, corners: np.ndarray) -> None:

@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 
 from ..spec import Settings, SpecError
-from .layout import SENSORS, part, root
+from .layout import SENSORS, find_part, part
 from .single import shortest
 
 KIND_KEY = "forest_sensor"  # custom property of a sensor's object: its kind
@@ -73,9 +73,7 @@ def sensors_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 def home_of(scene: bpy.types.Scene) -> bpy.types.Collection | None:
     """The collection of a scene's sensors, None where it has none yet."""
-    top = root(scene)
-    children = top.children if top else ()
-    return next((child for child in children if child.name.startswith(SENSORS)), None)
+    return find_part(scene, SENSORS)
 
 
 def place(thing: bpy.types.Object, settings: Settings) -> None:

@@ -14,7 +14,9 @@ from ..growth.tree import Tree, grow
 from ..growth.truth import leaf_angles, wood_of_tree
 from ..rng import stream
 from ..spec import Scene, Species
+from .inputs import Inputs
 from .plan import Stand, labels, plan_stand
+from .terrain import Terrain, sink
 
 Progress = Callable[[int, int], None]
 TREE_COLUMNS = (
@@ -42,7 +44,7 @@ class Forest:
         return self.variants[int(self.stand.species[tree]), int(self.stand.variant[tree])]
 
     def transforms(self) -> np.ndarray:
-        """(N, 3, 4) local to world of every tree: turned, scaled, moved."""
+        """(N, 3, 4) local to world of every tree: turned, scaled, moved, sunk."""
         stand = self.stand
         matrix = np.zeros((len(stand), 3, 4))
         cos, sin = np.cos(stand.rotation) * stand.scale, np.sin(stand.rotation) * stand.scale
@@ -50,6 +52,7 @@ class Forest:
         matrix[:, 1, 0], matrix[:, 1, 1] = sin, cos
         matrix[:, 2, 2] = stand.scale
         matrix[:, :, 3] = stand.position
+        matrix[:, 2, 3] -= stand.sink
         return matrix
 
 
@@ -57,15 +60,18 @@ def grow_forest(
     scene: Scene,
     species: Sequence[tuple[Species, TreeTemplate | Blade | None]],
     progress: Progress | None = None,
+    inputs: Inputs | None = None,
 ) -> Forest:
-    """Plan the stand and grow the variants that occur in it.
+    """Plan the stand, grow the variants that occur in it and sink their feet into the ground.
 
     species : what each of ``scene.plantings`` plants, with its templates.
+    inputs : rasters, lists and terrain that the settings name.
 
     A variant's stream is keyed by the name of its planting and its number, so it is the same tree
     whatever else grows.
     """
-    stand = plan_stand(scene.seed, scene.forest, scene.plantings)
+    inputs = inputs or Inputs()
+    stand = plan_stand(scene.seed, scene.forest, scene.plantings, inputs)
     names = labels(scene.plantings)
     wanted = sorted({(int(s), int(v)) for s, v in zip(stand.species, stand.variant, strict=True)})
     variants: dict[tuple[int, int], Tree] = {}
@@ -74,7 +80,17 @@ def grow_forest(
         variants[planting, variant] = grow(*species[planting], rng)
         if progress:
             progress(done + 1, len(wanted))
-    return Forest(stand, tuple(names), tuple(s for s, _ in species), variants)
+    sunk = _sunk(stand, variants, inputs.ground(scene.forest.terrain.base))
+    return Forest(sunk, tuple(names), tuple(s for s, _ in species), variants)
+
+
+def _sunk(stand: Stand, variants: dict[tuple[int, int], Tree], ground: Terrain) -> Stand:
+    """The stand with every foot so deep that no gap shows on a slope."""
+    foot = np.zeros(len(stand))
+    for (planting, variant), tree in variants.items():
+        mine = (stand.species == planting) & (stand.variant == variant)
+        foot[mine] = float(tree.skeleton.radius[:1, 0].sum()) * stand.scale[mine]
+    return replace(stand, sink=sink(ground, stand.position[:, :2], foot))
 
 
 def leaf_table(forest: Forest) -> dict[str, np.ndarray]:

@@ -1,85 +1,153 @@
-"""Intensity functions: expected trees per square metre over a rectangular field.
+"""Intensity functions: expected trees per square metre.
 
-λ(x, y) = Σ C·exp(-(x-a)²/h² - (y-b)²/l²), T20's formula in its squared form, or a constant. Its integral
-over the field is closed (error functions), so an expected number of trees can be asked for directly.
+An ``Intensity`` knows its value at points, true bounds over cells (what exact thinning needs), and its
+integral over a rectangle where that is closed. Hills are T20's formula in its squared form,
+λ(x, y) = Σ C·exp(-(x-a)²/h² - (y-b)²/l²). Masks are intensities of 0 and 1: a product of one with
+anything keeps it within. Images, painted meshes, polygons and limits of the terrain are in modules of
+their own.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.special import erf
+from scipy.special import erf, erfc
 
-from ..spec import Forest, Planting
+
+class IntensityError(ValueError):
+    """An intensity that cannot be used: one sentence with what, where and what to do."""
+
+
+class Intensity(ABC):
+    """Expected trees per square metre over the plane; never negative."""
+
+    @abstractmethod
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """λ (N,) at points (N, 2), metres."""
+
+    @abstractmethod
+    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """True lower and upper bounds (C,) of λ over the closed cells ``low`` to ``high`` (C, 2)."""
+
+    def closed_integral(self, low: np.ndarray, high: np.ndarray) -> float | None:
+        """∫λ over the rectangle ``low`` to ``high`` (2,) in closed form, None where there is none."""
+        return None
 
 
 @dataclass(frozen=True)
-class Intensity:
-    """A mixture of Gaussian hills plus a constant, over a field.
+class Constant(Intensity):
+    """The same everywhere."""
 
-    peak : (G,) trees/m². centre, width : (G, 2) metres. constant : trees/m².
-    low, high : (2,) corners of the field, metres.
-    """
+    value: float
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        return np.full(len(points), self.value)
+
+    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        same = np.full(len(low), self.value)
+        return same, same
+
+    def closed_integral(self, low: np.ndarray, high: np.ndarray) -> float:
+        return self.value * float(np.prod(high - low))
+
+
+@dataclass(frozen=True)
+class Mixture(Intensity):
+    """Gaussian hills. peak : (G,) trees/m². centre, width : (G, 2) metres; σ is width/√2."""
 
     peak: np.ndarray
     centre: np.ndarray
     width: np.ndarray
-    constant: float
-    low: np.ndarray
-    high: np.ndarray
 
     def at(self, points: np.ndarray) -> np.ndarray:
-        """λ (N,) at points (N, 2); zero outside the field."""
-        offset = (points[:, None] - self.centre) / self.width
-        value = self.constant + np.exp(-(offset**2).sum(axis=2)) @ self.peak
-        inside = ((points >= self.low) & (points <= self.high)).all(axis=1)
-        return np.where(inside, value, 0.0)
+        value = np.zeros(len(points))
+        for peak, centre, width in zip(self.peak, self.centre, self.width, strict=True):
+            value += peak * np.exp(-(((points - centre) / width) ** 2).sum(axis=1))
+        return value
 
-    def expected(self, low: np.ndarray | None = None, high: np.ndarray | None = None) -> float:
-        """∫λ over a rectangle within the field, by default the whole of it."""
-        low = self.low if low is None else np.maximum(low, self.low)
-        high = self.high if high is None else np.minimum(high, self.high)
-        if (high <= low).any():
-            return 0.0
-        spans = erf((high - self.centre) / self.width) - erf((low - self.centre) / self.width)
-        hills = self.peak * np.prod(self.width * np.sqrt(np.pi) / 2 * spans, axis=1)
-        return float(hills.sum() + self.constant * np.prod(high - low))
+    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        lower, upper = np.zeros(len(low)), np.zeros(len(low))
+        for peak, centre, width in zip(self.peak, self.centre, self.width, strict=True):
+            nearest = np.clip(centre, low, high)
+            farthest = np.where(centre - low > high - centre, low, high)
+            upper += peak * np.exp(-(((nearest - centre) / width) ** 2).sum(axis=1))
+            lower += peak * np.exp(-(((farthest - centre) / width) ** 2).sum(axis=1))
+        return lower, upper
 
-    def scaled(self, factor: float) -> Intensity:
-        """λ times a factor."""
-        return Intensity(
-            self.peak * factor,
-            self.centre,
-            self.width,
-            self.constant * factor,
-            self.low,
-            self.high,
-        )
+    def closed_integral(self, low: np.ndarray, high: np.ndarray) -> float:
+        spans = _erf_between((low - self.centre) / self.width, (high - self.centre) / self.width)
+        return float(self.peak @ np.prod(self.width * np.sqrt(np.pi) / 2 * spans, axis=1))
+
+    def whole(self) -> np.ndarray:
+        """(G,) ∫ of each hill over the plane, C·π·h·l."""
+        return np.asarray(self.peak * np.pi * self.width.prod(axis=1))
 
 
-def intensity_of(planting: Planting, forest: Forest) -> Intensity:
-    """The intensity function of a species; ``expected`` scales it to that number of trees.
+def _erf_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """erf(b) - erf(a) for a <= b; in a tail by erfc, where erf has no digits left."""
+    right, left = a > 0, b < 0
+    near, far = np.where(left, -b, a), np.where(left, -a, b)
+    return np.where(right | left, erfc(near) - erfc(far), erf(b) - erf(a))
 
-    Raises
-    ------
-    ValueError : the hills lie so far outside the field that nothing could be scaled.
-    """
-    low = np.array(forest.origin)
-    intensity = Intensity(
-        peak=np.array([g.peak for g in planting.gaussians]),
-        centre=np.array([g.centre for g in planting.gaussians]).reshape(-1, 2),
-        width=np.array([g.width for g in planting.gaussians]).reshape(-1, 2),
-        constant=0.0 if planting.gaussians else 1.0,
-        low=low,
-        high=low + np.array(forest.size),
-    )
-    if planting.expected is None:
-        return intensity
-    total = intensity.expected()
-    if total == 0 and planting.expected > 0:
-        raise ValueError(
-            f"{planting.species}: the gaussians put nothing on the field, so {planting.expected:g} "
-            "trees cannot be expected there; move a centre or widen it"
-        )
-    return intensity.scaled(planting.expected / total if total else 0.0)
+
+def mixture_unsquared(peak: np.ndarray, centre: np.ndarray, width: np.ndarray) -> Mixture:
+    """Hills written as C·exp(-(x-a)²/h - (y-b)²/l), as in W and in T20's example: h and l are m²."""
+    return Mixture(np.asarray(peak), np.asarray(centre), np.sqrt(np.asarray(width)))
+
+
+@dataclass(frozen=True)
+class Sum(Intensity):
+    """Several intensities added."""
+
+    parts: tuple[Intensity, ...]
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        return np.asarray(sum((part.at(points) for part in self.parts), np.zeros(len(points))))
+
+    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        lower, upper = np.zeros(len(low)), np.zeros(len(low))
+        for part in self.parts:
+            least, most = part.bounds(low, high)
+            lower, upper = lower + least, upper + most
+        return lower, upper
+
+    def closed_integral(self, low: np.ndarray, high: np.ndarray) -> float | None:
+        closed = [part.closed_integral(low, high) for part in self.parts]
+        return None if None in closed else float(sum(c for c in closed if c is not None))
+
+
+@dataclass(frozen=True)
+class Product(Intensity):
+    """Several intensities multiplied; a mask is a factor of 0 and 1."""
+
+    parts: tuple[Intensity, ...]
+    factor: float = field(default=1.0)
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        value = np.full(len(points), self.factor)
+        for part in self.parts:
+            value *= part.at(points)
+        return value
+
+    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        lower, upper = np.full(len(low), self.factor), np.full(len(low), self.factor)
+        for part in self.parts:
+            least, most = part.bounds(low, high)
+            lower, upper = lower * least, upper * most
+        return lower, upper
+
+    def closed_integral(self, low: np.ndarray, high: np.ndarray) -> float | None:
+        """Closed where all factors but one are constant."""
+        constants = [part.value for part in self.parts if isinstance(part, Constant)]
+        others = [part for part in self.parts if not isinstance(part, Constant)]
+        factor = self.factor * float(np.prod(constants))
+        if len(others) > 1:
+            return None
+        closed = (others[0] if others else Constant(1.0)).closed_integral(low, high)
+        return None if closed is None else factor * closed
+
+
+class Mask(Intensity):
+    """An intensity of 0 and 1: where trees may stand."""

@@ -13,19 +13,28 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..rng import stream
-from ..spec import Forest, Planting
-from .intensity import intensity_of
+from ..spec import Forest, Planting, SpecError
+from .compose import area_of, corners_of, masks_of, process_of
+from .inputs import Inputs
+from .intensity import IntensityError
+from .layouts import orchard, trees_of
 from .poisson import sample
-from .spacing import matern_ii
+from .process import Integral
+from .spacing import Spacing, space
+from .terrain import Terrain
 
 
 @dataclass(frozen=True)
 class Stand:
-    """N trees.
+    """N trees of P plantings.
 
-    position : (N, 3) metres. rotation : (N,) radians about the vertical. scale : (N,).
+    position : (N, 3) metres, on the ground. rotation : (N,) radians about the vertical. scale : (N,).
     species : (N,) int64, number of the planting. variant : (N,) int64. id : (N,) int64, from 0.
-    removed : trees that spacing took away.
+    sink : (N,) metres that a tree's foot goes below its position; known when its variant has grown.
+    too_near : (P,) trees that spacing took away. off_ground : (P,) trees where there is no ground.
+    off_field : (P,) trees of a list beyond the field.
+    expected : (P,) ∫λ, or the number of places of a layout that draws none. error : (P,) of ∫λ.
+    area : of the field, m².
     """
 
     position: np.ndarray
@@ -34,38 +43,73 @@ class Stand:
     species: np.ndarray
     variant: np.ndarray
     id: np.ndarray
-    removed: int
+    sink: np.ndarray
+    too_near: np.ndarray
+    off_ground: np.ndarray
+    off_field: np.ndarray
+    expected: np.ndarray
+    error: np.ndarray
+    area: float
 
     def __len__(self) -> int:
         return len(self.id)
 
+    @property
+    def removed(self) -> int:
+        """Trees that spacing took away."""
+        return int(self.too_near.sum())
 
-def plan_stand(seed: int, forest: Forest, plantings: Sequence[Planting]) -> Stand:
-    """Sample every species, merge them, keep the spacing.
+    def counts(self) -> np.ndarray:
+        """(P,) trees of each planting."""
+        return np.bincount(self.species, minlength=len(self.expected))
+
+    def density(self) -> np.ndarray:
+        """(P,) trees per square metre of the field."""
+        return np.asarray(self.counts() / self.area)
+
+
+def plan_stand(
+    seed: int, forest: Forest, plantings: Sequence[Planting], inputs: Inputs | None = None
+) -> Stand:
+    """Place every species, set it on the ground, merge them, keep the spacing.
 
     Raises
     ------
-    ValueError : an intensity that cannot be scaled, or asks for too many trees.
+    ValueError : an intensity that cannot be used or scaled, or asks for too many trees; a list that
+    cannot be used.
+    SpecError : a distance between plantings that there are not.
     """
-    columns = [
-        _plant(seed, number, label, planting, forest)
-        for number, (label, planting) in enumerate(zip(labels(plantings), plantings, strict=True))
+    inputs = inputs or Inputs()
+    names = labels(plantings)
+    distance = distances_of(forest, names)
+    ground = inputs.ground(forest.terrain.base)
+    planted = [
+        _plant(seed, number, names, plantings, forest, inputs, ground)
+        for number in range(len(plantings))
     ]
-    points, mark, rotation, scale, species, variant = (
-        np.concatenate([column[k] for column in columns]) if columns else empty
-        for k, empty in enumerate(
-            [np.empty((0, 2)), *[np.empty(0)] * 3, *[np.empty(0, dtype=np.int64)] * 2]
-        )
-    )
-    keep = matern_ii(points, mark, forest.spacing)
+
+    def joined(name: str, empty: np.ndarray) -> np.ndarray:
+        return np.concatenate([getattr(p, name) for p in planted]) if planted else empty
+
+    position, mark = joined("position", np.empty((0, 3))), joined("mark", np.empty(0))
+    scale = joined("scale", np.empty(0))
+    species = np.repeat(np.arange(len(planted)), [len(p.mark) for p in planted])
+    crown = np.array([p.crown for p in plantings], dtype=float)[species] * scale
+    keep = space(position[:, :2], mark, Spacing(distance, species, crown), forest.spacing_rule)
     return Stand(
-        position=np.column_stack([points[keep], np.zeros(int(keep.sum()))]),
-        rotation=rotation[keep],
+        position=position[keep],
+        rotation=joined("rotation", np.empty(0))[keep],
         scale=scale[keep],
         species=species[keep],
-        variant=variant[keep],
+        variant=joined("variant", np.empty(0, dtype=np.int64))[keep],
         id=np.arange(int(keep.sum())),
-        removed=int((~keep).sum()),
+        sink=np.zeros(int(keep.sum())),
+        too_near=np.bincount(species[~keep], minlength=len(planted)),
+        off_ground=np.array([p.off_ground for p in planted], dtype=np.int64),
+        off_field=np.array([p.off_field for p in planted], dtype=np.int64),
+        expected=np.array([p.expected.value for p in planted]),
+        error=np.array([p.expected.error for p in planted]),
+        area=area_of(forest),
     )
 
 
@@ -79,21 +123,117 @@ def labels(plantings: Sequence[Planting]) -> list[str]:
     return names
 
 
+def distances_of(forest: Forest, names: Sequence[str]) -> np.ndarray:
+    """(P, P) distances that trees of two plantings keep, metres.
+
+    Raises
+    ------
+    SpecError : a distance between plantings that there are not.
+    """
+    matrix = np.full((max(1, len(names)),) * 2, forest.spacing)
+    for number, pair in enumerate(forest.distances):
+        for key in ("species", "other"):
+            if getattr(pair, key) not in names:
+                raise SpecError(
+                    f"forest.distances[{number}].{key}",
+                    f'"{getattr(pair, key)}" is not planted; use one of {", ".join(names)}',
+                )
+        a, b = names.index(pair.species), names.index(pair.other)
+        matrix[a, b] = matrix[b, a] = pair.distance
+    return matrix
+
+
+@dataclass(frozen=True)
+class _Planted:
+    """Trees of one planting before spacing."""
+
+    position: np.ndarray
+    mark: np.ndarray
+    rotation: np.ndarray
+    scale: np.ndarray
+    variant: np.ndarray
+    expected: Integral
+    off_ground: int
+    off_field: int
+
+
 def _plant(
-    seed: int, number: int, label: str, planting: Planting, forest: Forest
-) -> tuple[np.ndarray, ...]:
-    points = sample(intensity_of(planting, forest), stream(seed, "stand", label, "place"))
-    count = len(points)
+    seed: int,
+    number: int,
+    names: Sequence[str],
+    plantings: Sequence[Planting],
+    forest: Forest,
+    inputs: Inputs,
+    ground: Terrain,
+) -> _Planted:
+    planting, label = plantings[number], names[number]
     low, high = planting.scale
+    rng = stream(seed, "stand", label, "place")
+    given = np.empty((0, 3))  # height, scale and rotation of trees of a list
+    if planting.layout == "poisson":
+        process = process_of(planting, forest, inputs)
+        exactly = round(process.expected()) if planting.exact else None
+        points, expected = sample(process, rng, exactly), process.total
+        on_field = np.ones(len(points), dtype=bool)
+    else:
+        if planting.layout == "rows":
+            points = orchard(planting.rows, *corners_of(forest), rng)
+        else:
+            points, given = _listed(number, names, plantings, inputs)
+        expected = Integral(float(len(points)))
+        on_field = _on_field(points, planting, forest, inputs)
+    count = len(points)
 
     def draw(purpose: str) -> np.ndarray:
         return stream(seed, "stand", label, purpose).random(count)
 
-    return (
-        points,
-        draw("age"),
-        2 * np.pi * draw("turn"),
-        low * (high / low) ** draw("size"),
-        np.full(count, number, dtype=np.int64),
-        (draw("variant") * planting.variants).astype(np.int64),
+    rotation, scale = 2 * np.pi * draw("turn"), low * (high / low) ** draw("size")
+    height = ground.height(points)
+    if len(given):
+        height = np.where(np.isfinite(given[:, 0]), given[:, 0], height)
+        scale = np.where(np.isfinite(given[:, 1]), given[:, 1], scale)
+        rotation = np.where(np.isfinite(given[:, 2]), given[:, 2], rotation)
+    on_ground = np.isfinite(height)
+    stands = on_field & on_ground
+    return _Planted(
+        position=np.column_stack([points, height])[stands],
+        mark=draw("age")[stands],
+        rotation=rotation[stands],
+        scale=scale[stands],
+        variant=(draw("variant") * planting.variants).astype(np.int64)[stands],
+        expected=expected,
+        off_ground=int((on_field & ~on_ground).sum()),
+        off_field=int((~on_field).sum()),
     )
+
+
+def _on_field(points: np.ndarray, planting: Planting, forest: Forest, inputs: Inputs) -> np.ndarray:
+    """(N,) bool, which places lie on the field and where the planting may stand."""
+    low, high = corners_of(forest)
+    tidy = 1e-9 * float(np.max(high - low))  # a row on the very edge counts
+    good = ((points >= low - tidy) & (points <= high + tidy)).all(axis=1)
+    for mask in masks_of(planting, forest, inputs):
+        good &= mask.at(points) > 0
+    return np.asarray(good)
+
+
+def _listed(
+    number: int, names: Sequence[str], plantings: Sequence[Planting], inputs: Inputs
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places (N, 2) of a planting's list, and (N, 3) height, scale and rotation, NaN where not given."""
+    planting = plantings[number]
+    source = planting.trees or planting.collection
+    listed = inputs.lists.get(source)
+    if listed is None:
+        raise IntensityError(
+            f'{names[number]}: the list of trees "{source}" is not here; a collection needs Blender'
+        )
+    every = [*dict.fromkeys([*names, *(p.species for p in plantings)])]
+    chosen = trees_of(listed, (names[number], planting.species), every, source)
+    given = np.full((len(chosen), 3), np.nan)
+    if listed.position.shape[1] > 2:
+        given[:, 0] = listed.position[chosen, 2]
+    for column, values in ((1, listed.scale), (2, listed.rotation)):
+        if values is not None:
+            given[:, column] = values[chosen]
+    return listed.position[chosen, :2], given

@@ -7,6 +7,7 @@ properties on that object.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from typing import Any, TypeVar
 
@@ -14,7 +15,16 @@ from .. import spec
 from ..blender import sensors
 from ..blender.single import shortest
 from ..spec import Settings, SpecError
-from .properties import LARGEST_INT, fields_of, is_sensor_kind, items_of, without_none
+from .properties import (
+    LARGEST_INT,
+    fields_of,
+    is_group,
+    is_sensor_kind,
+    is_text,
+    items_of,
+    text_of,
+    without_none,
+)
 
 T = TypeVar("T", bound=Settings)
 
@@ -30,6 +40,8 @@ def to_spec(scene: Any, things: Iterable[Any] | None = None) -> spec.Scene:
     return spec.Scene(
         name=props.name,
         seed=props.seed,
+        offset=_parsed("offset", props.offset) or (0.0, 0.0, 0.0),
+        crs=props.crs,
         forest=read(props.forest, spec.Forest, "forest"),
         plantings=tuple(
             read(group, spec.Planting, f"plantings[{number}]")
@@ -71,6 +83,7 @@ def from_spec(scene: Any, settings: spec.Scene) -> None:
         )
     props = scene.forest_sensing
     props.name, props.seed = settings.name, settings.seed
+    props.offset, props.crs = text_of(settings.offset), settings.crs
     write(props.forest, settings.forest)
     write(props.air, settings.air)
     _fill(props, "plantings", settings.plantings)
@@ -127,8 +140,12 @@ def read(group: Any, settings: type[T], place: str = "", given: dict[str, Any] |
                 read(item, items, f"{place}.{name}[{number}]".lstrip("."))
                 for number, item in enumerate(getattr(group, name))
             )
+        elif is_group(kind):
+            values[name] = read(getattr(group, name), kind, f"{place}.{name}".lstrip("."))
         elif is_sensor_kind(name, known):
             continue
+        elif is_text(name, kind):
+            values[name] = _parsed(f"{place}.{name}".lstrip("."), getattr(group, name))
         elif without_none(kind) and not getattr(group, f"use_{name}"):
             values[name] = None
         else:
@@ -145,6 +162,10 @@ def write(group: Any, settings: Settings) -> None:
         value = getattr(settings, name)
         if items_of(kind):
             _fill(group, name, value)
+        elif is_group(kind):
+            write(getattr(group, name), value)
+        elif is_text(name, kind):
+            setattr(group, name, text_of(value))
         elif is_sensor_kind(name, known):
             continue
         else:
@@ -160,6 +181,24 @@ def _fill(group: Any, name: str, items: Iterable[Settings]) -> None:
     for item in items:
         write(collection.add(), item)
     setattr(group, f"active_{name}", 0)
+
+
+def _parsed(place: str, text: str) -> Any:
+    """Tuples of numbers from a text such as [[0, 0], [10, 0], [10, 5.5]]."""
+    try:
+        return _tuples(json.loads(text or "[]"))
+    except ValueError:
+        raise SpecError(
+            place, f'"{text}" is not a list of numbers; write [[0, 0], [1, 0], …]'
+        ) from None
+
+
+def _tuples(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(_tuples(item) for item in value)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ValueError
+    return float(value)
 
 
 def _plain(value: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, ClassVar
 
 import bpy
@@ -64,6 +65,26 @@ class FOREST_UL_sensors(bpy.types.UIList):
         return [self.bitflag_filter_item if kind_of(thing) else 0 for thing in things], []
 
 
+class FOREST_UL_rasters(bpy.types.UIList):
+    """Images of a species' intensity."""
+
+    def draw_item(self, context, layout, data, item, icon, active, name, index=0) -> None:
+        layout.label(text=Path(item.file).name or "(no file)", icon="IMAGE_DATA")
+        use = layout.row()
+        use.alignment = "RIGHT"
+        use.label(text=item.use)
+
+
+class FOREST_UL_distances(bpy.types.UIList):
+    """Distances between pairs of species."""
+
+    def draw_item(self, context, layout, data, item, icon, active, name, index=0) -> None:
+        layout.label(text=f"{item.species or '?'}, {item.other or '?'}", icon="DRIVER_DISTANCE")
+        number = layout.row()
+        number.alignment = "RIGHT"
+        number.label(text=f"{item.distance:g} m")
+
+
 class _Listed:
     """Adding to and removing from a list of the panel."""
 
@@ -80,14 +101,30 @@ class _Listed:
         return context.scene.is_editable and cls.owner(context) is not None
 
 
-class _Gaussians(_Listed):
-    items = "gaussians"
+class _OfPlanting(_Listed):
+    """A list of the chosen planting."""
 
     @classmethod
     def owner(cls, context: bpy.types.Context) -> Any:
         props = context.scene.forest_sensing
         active = props.active_plantings
         return props.plantings[active] if 0 <= active < len(props.plantings) else None
+
+
+class _Gaussians(_OfPlanting):
+    items = "gaussians"
+
+
+class _Rasters(_OfPlanting):
+    items = "rasters"
+
+
+class _Distances(_Listed):
+    items = "distances"
+
+    @classmethod
+    def owner(cls, context: bpy.types.Context) -> Any:
+        return context.scene.forest_sensing.forest
 
 
 class _Add(_Listed):
@@ -151,12 +188,55 @@ class FOREST_OT_remove_gaussian(_Remove, _Gaussians, bpy.types.Operator):
     bl_label = "Remove Hill"
 
 
+class FOREST_OT_add_raster(_Add, _Rasters, bpy.types.Operator):
+    """Add an image to the intensity function"""
+
+    bl_idname = "forest.add_raster"
+    bl_label = "Add Image"
+
+    def start(self, _raster: Any, _props: Any) -> None:
+        pass
+
+
+class FOREST_OT_remove_raster(_Remove, _Rasters, bpy.types.Operator):
+    """Remove the chosen image"""
+
+    bl_idname = "forest.remove_raster"
+    bl_label = "Remove Image"
+
+
+class FOREST_OT_add_distance(_Add, _Distances, bpy.types.Operator):
+    """Add a distance between trees of two species, at first of the chosen planting with itself"""
+
+    bl_idname = "forest.add_distance"
+    bl_label = "Add Distance"
+
+    def start(self, pair: Any, props: Any) -> None:
+        active = props.active_plantings
+        if 0 <= active < len(props.plantings):
+            pair.species = pair.other = props.plantings[active].species
+        pair.distance = props.forest.spacing
+
+
+class FOREST_OT_remove_distance(_Remove, _Distances, bpy.types.Operator):
+    """Remove the chosen distance"""
+
+    bl_idname = "forest.remove_distance"
+    bl_label = "Remove Distance"
+
+
 CLASSES = (
     FOREST_UL_sensors,
     FOREST_UL_plantings,
     FOREST_UL_gaussians,
+    FOREST_UL_rasters,
+    FOREST_UL_distances,
     FOREST_OT_add_planting,
     FOREST_OT_remove_planting,
     FOREST_OT_add_gaussian,
     FOREST_OT_remove_gaussian,
+    FOREST_OT_add_raster,
+    FOREST_OT_remove_raster,
+    FOREST_OT_add_distance,
+    FOREST_OT_remove_distance,
 )

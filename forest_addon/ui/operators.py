@@ -34,7 +34,9 @@ class FOREST_OT_build(Working, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> Work:
         from ..blender.forest import build
+        from ..blender.inputs import inputs_from_scene
         from ..formats.species_file import find_species, load_species
+        from ..formats.stand_files import read_inputs
         from ..stand.forest import grow_forest
         from .results import keep_forest
 
@@ -43,14 +45,16 @@ class FOREST_OT_build(Working, bpy.types.Operator):
             open_scene(scene, DEMO)
         settings = to_spec(scene)
         folder = Path(bpy.path.abspath(scene.forest_sensing.folder))
+        files = yield Task("reading files", lambda _: read_inputs(settings, folder))
+        inputs = inputs_from_scene(settings, context.evaluated_depsgraph_get(), files)
 
         def grow(tell: Any) -> Any:
             species = [load_species(find_species(p.species, folder)) for p in settings.plantings]
-            return grow_forest(settings, species, tell)
+            return grow_forest(settings, species, tell, inputs)
 
         forest = yield Task("growing trees", grow)
         first = "forest" not in scene.forest_sensing.results
-        build(scene, settings, forest)
+        build(scene, settings, forest, inputs.terrain)
         if first:
             _look_at(context, settings.forest)
         return keep_forest(context, settings, forest, time.perf_counter() - started)

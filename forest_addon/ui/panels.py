@@ -58,7 +58,7 @@ class FOREST_PT_forest(_Tab, bpy.types.Panel):
         column = _split(layout)
         column.prop(props, "seed")
         _draw_field(column, props.forest, "size")
-        _draw_field(column, props.forest, "spacing")
+        _draw_field(column, props.forest, "instancing")
 
 
 class FOREST_PT_plantings(_OnceStarted, bpy.types.Panel):
@@ -72,17 +72,87 @@ class FOREST_PT_plantings(_OnceStarted, bpy.types.Panel):
         if not props.plantings:
             layout.label(text="No trees: add a planting", icon="INFO")
             return
-        planting = props.plantings[min(props.active_plantings, len(props.plantings) - 1)]
-        column = _split(layout)
-        for name in ("species", "variants", "expected", "scale"):
+        column, planting = _split(layout), _planting(context)
+        for name in ("species", "variants", "layout", "expected", "density", "exact"):
             _draw_field(column, planting, name)
-        layout.label(text="Where They Stand")
+        for name in ("scale", "crown"):
+            _draw_field(column, planting, name)
+
+
+class _OfPlanting(_Tab):
+    """More of the chosen planting."""
+
+    bl_parent_id = "FOREST_PT_plantings"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return bool(context.scene.forest_sensing.plantings)
+
+
+class FOREST_PT_intensity(_OfPlanting, bpy.types.Panel):
+    bl_label = "Where They Stand"
+    bl_options: ClassVar[set[str]] = set()
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, planting = self.layout, _planting(context)
+        layout.active = planting.layout == "poisson"
         draw_list(layout, "FOREST_UL_gaussians", planting, "gaussians", "gaussian")
         if not planting.gaussians:
             layout.label(text="No hills: the same everywhere", icon="INFO")
-            return
-        hill = planting.gaussians[min(planting.active_gaussians, len(planting.gaussians) - 1)]
-        _draw_settings(_split(layout), hill)
+        else:
+            _draw_settings(_split(layout), _chosen(planting, "gaussians"))
+        layout.label(text="Images")
+        draw_list(layout, "FOREST_UL_rasters", planting, "rasters", "raster")
+        if planting.rasters:
+            _draw_settings(_split(layout), _chosen(planting, "rasters"))
+        column = _split(layout)
+        for name in ("base", "painted", "painted_value"):
+            _draw_field(column, planting, name)
+
+
+class FOREST_PT_limits(_OfPlanting, bpy.types.Panel):
+    bl_label = "Limits"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        column = _split(self.layout)
+        for name in ("slope_deg", "altitude", "polygon", "holes"):
+            _draw_field(column, _planting(context), name)
+
+
+class FOREST_PT_rows(_OfPlanting, bpy.types.Panel):
+    bl_label = "Orchard Rows"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        column, planting = _split(self.layout), _planting(context)
+        column.active = planting.layout == "rows"
+        _draw_settings(column, planting.rows)
+
+
+class FOREST_PT_list(_OfPlanting, bpy.types.Panel):
+    bl_label = "List of Trees"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        column, planting = _split(self.layout), _planting(context)
+        column.active = planting.layout == "list"
+        for name in ("trees", "collection"):
+            _draw_field(column, planting, name)
+
+
+class FOREST_PT_spacing(_OnceStarted, bpy.types.Panel):
+    bl_label = "Spacing"
+    bl_parent_id = "FOREST_PT_forest"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, forest = self.layout, context.scene.forest_sensing.forest
+        column = _split(layout)
+        for name in ("spacing", "spacing_rule"):
+            _draw_field(column, forest, name)
+        layout.label(text="Between Two Species")
+        draw_list(layout, "FOREST_UL_distances", forest, "distances", "distance")
+        if forest.distances:
+            _draw_settings(_split(layout), _chosen(forest, "distances"))
 
 
 class FOREST_PT_ground(_OnceStarted, bpy.types.Panel):
@@ -91,9 +161,16 @@ class FOREST_PT_ground(_OnceStarted, bpy.types.Panel):
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
+        props = context.scene.forest_sensing
         column = _split(self.layout)
-        for name in ("origin", "margin"):
-            _draw_field(column, context.scene.forest_sensing.forest, name)
+        for name in ("origin", "polygon", "holes", "margin"):
+            _draw_field(column, props.forest, name)
+        self.layout.label(text="Terrain")
+        _draw_settings(_split(self.layout), props.forest.terrain)
+        self.layout.label(text="On the Map")
+        column = _split(self.layout)
+        for name in ("offset", "crs"):
+            column.prop(props, name)
 
 
 # -------------------------------------------------------------------------------------------- sensors
@@ -208,6 +285,16 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
 # ------------------------------------------------------------------------------------ shared drawing
 
 
+def _planting(context: bpy.types.Context) -> Any:
+    """The planting that is chosen in the list."""
+    return _chosen(context.scene.forest_sensing, "plantings")
+
+
+def _chosen(owner: Any, name: str) -> Any:
+    listed = getattr(owner, name)
+    return listed[min(getattr(owner, f"active_{name}"), len(listed) - 1)]
+
+
 def _draw_start(layout: bpy.types.UILayout) -> None:
     """What a newcomer sees: one button that shows what this is."""
     column = layout.column(align=True)
@@ -281,6 +368,11 @@ def _draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
 CLASSES = (
     FOREST_PT_forest,
     FOREST_PT_plantings,
+    FOREST_PT_intensity,
+    FOREST_PT_limits,
+    FOREST_PT_rows,
+    FOREST_PT_list,
+    FOREST_PT_spacing,
     FOREST_PT_ground,
     FOREST_PT_sensors,
     FOREST_PT_sensor,

@@ -8,6 +8,7 @@ degrees, as in a scene file. A value that may be left out becomes a number with 
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import types
 import typing
@@ -44,13 +45,23 @@ PARTS = {
     "beam_width_deg": ("width", "height"),
     "band": ("low", "high"),
     "scale": ("min", "max"),
+    "slope_deg": ("from", "to"),
+    "altitude": ("from", "to"),
 }
 LABELS = {
     "beam_width_deg": "Beam (°)",
     "temperature_c": "Temp. (°C)",
+    "density": "Trees/m²",
+    "painted_value": "Painted (/m²)",
 }  # others are too long for a sidebar
 # What a number that was left out starts with when it is switched on.
-WHEN_USED = {"expected": 20.0, "sound_speed": 343.2}
+WHEN_USED = {
+    "expected": 20.0,
+    "density": 0.05,
+    "sound_speed": 343.2,
+    "size": (30.0, 30.0),
+    "origin": (0.0, 0.0),
+}
 
 
 # --------------------------------------------------------------------------- making property groups
@@ -59,8 +70,8 @@ WHEN_USED = {"expected": 20.0, "sound_speed": 343.2}
 def make_group(settings: type[Settings], groups: dict[type, type]) -> type[bpy.types.PropertyGroup]:
     """The property group of a settings class; ``groups`` holds those that it contains.
 
-    Its ``shown`` names what a panel draws one below the other: all but lists, and but the switches of
-    values that may be left out.
+    Its ``shown`` names what a panel draws one below the other: all but lists and groups within it, and
+    but the switches of values that may be left out.
     """
     annotations: dict[str, Any] = {}
     lists: dict[str, Any] = {}
@@ -69,6 +80,8 @@ def make_group(settings: type[Settings], groups: dict[type, type]) -> type[bpy.t
         if many:
             lists[name] = CollectionProperty(type=groups[many])
             lists[f"active_{name}"] = IntProperty(options={"HIDDEN"})
+        elif is_group(kind):
+            lists[name] = PointerProperty(type=groups[kind], description=_help(known))
         elif not is_sensor_kind(name, known):
             annotations |= _properties(name, kind, known, default)
     group = _group_class(settings.__name__.lower(), annotations | lists)
@@ -109,12 +122,15 @@ def _property(name: str, kind: Any, known: Param, default: Any) -> Any:
     size = len(typing.get_args(kind)) if typing.get_origin(kind) is tuple else 0
     item = typing.get_args(kind)[0] if size else kind
     words: dict[str, Any] = {"name": label_of(name, known), "description": _help(known)}
+    if is_text(name, kind):
+        return StringProperty(default=text_of(default), **words)
     if item is bool:
         return (BoolVectorProperty if size else BoolProperty)(default=default, **words)
     if item is str:
         return _text_property(name, known, default, words)
     if default is dataclasses.MISSING:
-        default = (max(known.minimum, 1.0 if known.open_minimum else 0.0),) * size
+        least = max(known.minimum, 1.0 if known.open_minimum else 0.0)
+        default = (least,) * size if size else least
     words |= {"default": default} | _limits(item, known)
     if size:
         words["size"] = size
@@ -189,6 +205,24 @@ def items_of(kind: Any) -> type[Settings] | None:
     return None
 
 
+def is_group(kind: Any) -> bool:
+    """Whether a field is one group of settings within another."""
+    return isinstance(kind, type) and issubclass(kind, Settings)
+
+
+def is_text(name: str, kind: Any) -> bool:
+    """Whether a field is written as text: corners, which Blender has no property for, and what needs
+    more digits than Blender's numbers keep.
+    """
+    nested = any(typing.get_origin(part) is tuple for part in typing.get_args(kind))
+    return name == "offset" or (typing.get_origin(kind) is tuple and nested)
+
+
+def text_of(value: Any) -> str:
+    """Numbers as a scene file writes them, [[0, 0], [10, 0], [10, 5.5]]; nothing for an empty list."""
+    return json.dumps(value) if value else ""
+
+
 def without_none(kind: Any) -> Any:
     """float of ``float | None``, None for a type that is always given."""
     if not isinstance(kind, types.UnionType):
@@ -209,7 +243,8 @@ def _group_class(name: str, annotations: dict[str, Any]) -> type[bpy.types.Prope
 
 def _make_groups() -> dict[type, type]:
     groups: dict[type, type] = {}
-    for settings in (spec.Forest, spec.Gaussian, spec.Planting, spec.Air, *spec.SENSORS.values()):
+    held = (spec.Distance, spec.Terrain, spec.Gaussian, spec.Raster, spec.Rows)
+    for settings in (*held, spec.Forest, spec.Planting, spec.Air, *spec.SENSORS.values()):
         groups[settings] = make_group(settings, groups)
     return groups
 
@@ -265,7 +300,7 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
     return _group_class(
         "scene",
         {
-            **{name: _property(name, *plain[name]) for name in ("name", "seed")},
+            **{name: _property(name, *plain[name]) for name in ("name", "seed", "offset", "crs")},
             "forest": PointerProperty(type=GROUPS[spec.Forest]),
             "plantings": CollectionProperty(type=GROUPS[spec.Planting]),
             "active_plantings": IntProperty(options={"HIDDEN"}),

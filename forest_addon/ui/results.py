@@ -29,7 +29,7 @@ def keep_forest(context: bpy.types.Context, settings: Scene, forest: Forest, sec
     """Note what stands now; results of the forest before go. Returns the figures in a sentence."""
     props = context.scene.forest_sensing
     props.results.clear()
-    figures = forest_figures(settings, forest)
+    figures = forest_figures(forest)
     _note(props, "forest", "forest", settings.name, figures | {"Time": f"{seconds:.1f} s"})
     return f"{figures['Trees']} trees with {figures['Leaves']} leaves in {seconds:.1f} s"
 
@@ -92,21 +92,22 @@ def select(context: bpy.types.Context, thing: bpy.types.Object) -> None:
         layer.objects.active = thing
 
 
-def forest_figures(settings: Scene, forest: Forest) -> Figures:
+def forest_figures(forest: Forest) -> Figures:
     """Trees, leaves and triangles of a forest."""
     stand = forest.stand
-    counts = np.bincount(stand.species, minlength=len(forest.labels))
     variants = [forest.variant_of(tree) for tree in range(len(stand))]
-    area = settings.forest.size[0] * settings.forest.size[1]
     figures = {"Trees": f"{len(stand):,}"}
     figures |= {
-        label.title(): f"{count:,}" for label, count in zip(forest.labels, counts, strict=True)
+        label.title(): f"{count:,}"
+        for label, count in zip(forest.labels, stand.counts(), strict=True)
     }
-    figures["Density"] = f"{len(stand) / area * 1e4:,.0f} trees/ha"
+    figures["Density"] = f"{stand.density().sum() * 1e4:,.0f} trees/ha"
     figures["Leaves"] = f"{sum(len(tree.leaves) for tree in variants):,}"
     figures["Triangles"] = f"{sum(len(tree.mesh.triangles) for tree in variants):,}"
     if stand.removed:
         figures["Too Close"] = f"{stand.removed:,} taken away"
+    if stand.off_ground.any():
+        figures["No Ground"] = f"{stand.off_ground.sum():,} left out"
     return figures
 
 

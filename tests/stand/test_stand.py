@@ -6,7 +6,7 @@ from scipy import integrate, stats
 
 from forest_addon.rng import stream
 from forest_addon.spec import Forest, Gaussian, Planting
-from forest_addon.stand.intensity import intensity_of
+from forest_addon.stand.compose import process_of
 from forest_addon.stand.plan import labels, plan_stand
 from forest_addon.stand.poisson import sample
 from forest_addon.stand.spacing import matern_ii
@@ -22,7 +22,7 @@ HILLS = Planting(
 
 
 def test_integral_is_the_numerical_one():
-    intensity = intensity_of(HILLS, FIELD)
+    intensity = process_of(HILLS, FIELD)
 
     def at(y, x):
         return float(intensity.at(np.array([[x, y]]))[0])
@@ -33,7 +33,7 @@ def test_integral_is_the_numerical_one():
 
 
 def test_counts_in_rectangles_are_poisson():
-    intensity = intensity_of(HILLS, FIELD)
+    intensity = process_of(HILLS, FIELD)
     samples = [sample(intensity, stream(s, "count")) for s in range(1500)]
     for low, high in [((0, 0), (20, 20)), ((3, 3), (6, 8)), ((16, 5), (20, 20))]:
         low, high = np.array(low), np.array(high)
@@ -46,7 +46,7 @@ def test_counts_in_rectangles_are_poisson():
 
 
 def test_positions_follow_the_intensity():
-    intensity = intensity_of(HILLS, FIELD)
+    intensity = process_of(HILLS, FIELD)
     x = np.concatenate([sample(intensity, stream(s, "pit")) for s in range(600)])[:, 0]
     low, high = np.zeros(2), np.array([20.0, 20.0])
     cdf = np.vectorize(lambda v: intensity.expected(low, np.array([v, 20.0])))
@@ -55,7 +55,7 @@ def test_positions_follow_the_intensity():
 
 
 def test_disjoint_cells_are_independent():
-    intensity = intensity_of(HILLS, FIELD)
+    intensity = process_of(HILLS, FIELD)
     counts = np.array(
         [
             [(p[:, 0] < 10).sum(), (p[:, 0] >= 10).sum()]
@@ -68,7 +68,7 @@ def test_disjoint_cells_are_independent():
 @pytest.mark.parametrize("gaussians", [HILLS.gaussians, ()])
 def test_expected_number_scales_the_intensity(gaussians):
     planting = Planting(species="m", expected=37.5, gaussians=gaussians)
-    assert intensity_of(planting, FIELD).expected() == pytest.approx(37.5, rel=1e-12)
+    assert process_of(planting, FIELD).expected() == pytest.approx(37.5, rel=1e-12)
 
 
 def test_zero_trees_and_nothing_to_scale():
@@ -76,19 +76,19 @@ def test_zero_trees_and_nothing_to_scale():
     assert len(plan_stand(0, FIELD, [Planting(species="m", expected=0)])) == 0
     far = (Gaussian(centre=(1e6, 0.0), width=(1.0, 1.0)),)
     with pytest.raises(ValueError, match="put nothing on the field"):
-        intensity_of(Planting(species="m", expected=3, gaussians=far), FIELD)
+        process_of(Planting(species="m", expected=3, gaussians=far), FIELD)
 
 
 def test_too_many_trees_are_refused_with_the_number():
     with pytest.raises(ValueError, match="40,000,000 trees"):
-        sample(intensity_of(Planting(species="m", expected=1e5), FIELD).scaled(400), stream(0, "x"))
+        sample(process_of(Planting(species="m", expected=1e5), FIELD).scaled(400), stream(0, "x"))
 
 
 def test_one_huge_spike_is_sampled_at_its_place():
     spike = Planting(
         species="m", gaussians=(Gaussian(peak=1e6, centre=(3.0, 4.0), width=(0.01, 0.01)),)
     )
-    points = sample(intensity_of(spike, FIELD), stream(0, "spike"))
+    points = sample(process_of(spike, FIELD), stream(0, "spike"))
     mean = 1e6 * np.pi * 1e-4
     assert abs(len(points) - mean) < 5 * np.sqrt(mean)
     assert np.abs(points - [3, 4]).max() < 0.06

@@ -55,4 +55,5 @@ def small(props, sensor):
     sensor("tractor", position=(-2, 0, 1), track=6, step=1, angle_step_deg=5)
     sensor("sonar", position=(-1, 3, 1), max_range=4)
     sensor("reverb", source=(1, 1, 1), receiver=(5, 5, 1), sample_rate=4000, duration=0.1)
+    bpy.context.view_layer.update()  # until then objects do not say where they are
     return props

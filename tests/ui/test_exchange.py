@@ -32,13 +32,24 @@ def values(kind, known, digits):
         return st.none() | values(typing.get_args(kind)[0], known, digits)
     if typing.get_origin(kind) is tuple:
         parts = typing.get_args(kind)
+        if parts[-1] is Ellipsis and typing.get_origin(parts[0]) is tuple:
+            item = values(parts[0], known, digits)
+            if typing.get_args(parts[0])[-1] is Ellipsis:  # holes: rings, none of them empty
+                return st.lists(item.filter(bool), max_size=2).map(tuple)
+            return st.just(()) | st.lists(item, min_size=3, max_size=4).map(tuple)
         if parts[-1] is Ellipsis:
             return st.lists(groups(parts[0], digits), max_size=3).map(tuple)
         return st.tuples(*(values(part, known, digits) for part in parts))
+    if properties.is_group(kind):
+        return groups(kind, digits)
     if kind is bool:
         return st.booleans()
     if kind is str:
-        return st.sampled_from(known.choices) if known.choices else st.text("abc-é", min_size=1)
+        return (
+            st.sampled_from(known.choices)
+            if known.choices
+            else st.text("abc-é", min_size=known.required, max_size=9)
+        )
     low, high = max(known.minimum, -1e7), min(known.maximum, 1e7)
     if kind is int:
         return st.integers(int(low), int(min(high, properties.LARGEST_INT)))
@@ -62,13 +73,23 @@ def groups(draw, cls, digits=6):
         assume(False)
 
 
-SINGLE = [spec.Forest, spec.Gaussian, spec.Planting, spec.Air, *spec.SENSORS.values()]
+OF_PLANTING = {spec.Gaussian: "gaussians", spec.Raster: "rasters"}
+SINGLE = [
+    *(spec.Forest, spec.Terrain, spec.Distance, *OF_PLANTING, spec.Rows, spec.Planting, spec.Air),
+    *spec.SENSORS.values(),
+]
 
 
 def group_for(props, cls):
     """A property group of this kind within the scene's."""
-    if cls is spec.Gaussian:
-        return props.plantings.add().gaussians.add()
+    if cls in OF_PLANTING:
+        return getattr(props.plantings.add(), OF_PLANTING[cls]).add()
+    if cls is spec.Rows:
+        return props.plantings.add().rows
+    if cls is spec.Distance:
+        return props.forest.distances.add()
+    if cls is spec.Terrain:
+        return props.forest.terrain
     if cls is spec.Planting:
         return props.plantings.add()
     if cls in spec.SENSORS.values():
@@ -95,6 +116,7 @@ def test_any_number_is_kept_to_single_precision(props, drawn):
     back = exchange.read(props.forest, spec.Forest)
     assert back.spacing == pytest.approx(drawn.spacing, rel=2**-23)
     assert back.size == pytest.approx(drawn.size, rel=2**-23)
+    assert back.polygon == drawn.polygon  # corners are kept as text, to the last digit
 
 
 def test_the_demo_scene_comes_back_as_it_was(props):
@@ -166,7 +188,7 @@ def test_properties_say_what_spec_says(props, cls):
     }  # ours after Blender's "name"
     for field in dataclasses.fields(cls):
         known = spec.param_of(field)
-        if field.name == "kind" or shown[field.name].type == "COLLECTION":
+        if field.name == "kind" or shown[field.name].type in ("COLLECTION", "POINTER"):
             continue
         prop = shown[field.name]
         assert prop.description.lower() == known.help.lower(), field.name
@@ -174,7 +196,7 @@ def test_properties_say_what_spec_says(props, cls):
         if prop.type in ("FLOAT", "INT"):
             assert prop.hard_min == pytest.approx(max(known.minimum, prop.hard_min), rel=1e-6)
             assert prop.hard_max == pytest.approx(min(known.maximum, prop.hard_max), rel=1e-6)
-        if known.unit == "m":
+        if known.unit == "m" and prop.type != "STRING":
             assert prop.unit == "LENGTH", field.name
         if known.unit == "Hz":
             assert prop.unit == "FREQUENCY", field.name
@@ -183,6 +205,21 @@ def test_properties_say_what_spec_says(props, cls):
 @pytest.mark.parametrize("cls", [spec.Forest, spec.Air, *spec.SENSORS.values()])
 def test_untouched_properties_are_the_defaults(props, cls):
     assert exchange.read(group_for(props, cls), cls) == cls()
+
+
+def test_an_offset_keeps_every_digit(props):
+    scene = spec.Scene(offset=(499987.123456789, 5400123.37, 212.5), crs="EPSG:32632")
+    exchange.from_spec(bpy.context.scene, scene)
+    back = exchange.to_spec(bpy.context.scene)
+    assert (back.offset, back.crs) == (scene.offset, scene.crs)
+
+
+@pytest.mark.parametrize("text", ["[[0, 0], [1, ]]", "7 8", '[["a", 1]]', "[true]"])
+def test_corners_that_are_no_numbers_are_refused(props, text):
+    props.forest.polygon = text
+    with pytest.raises(spec.SpecError, match="not a list of numbers") as caught:
+        exchange.to_spec(bpy.context.scene)
+    assert caught.value.key == "forest.polygon"
 
 
 def test_degrees_stay_degrees(props):

@@ -9,6 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon.blender import forest as forest_room
+from forest_addon.blender import layout
 from forest_addon.blender.cloud import CLOUD_KEY
 from forest_addon.blender.depsgraph import TREE_KEY
 from forest_addon.formats.toml_file import read_settings
@@ -74,7 +75,7 @@ def test_build_plants_a_forest(built):
     assert len({tree.data for tree in trees()}) == 1
     assert facts(built, "forest")["Trees"] == str(len(trees()))
     assert {*SENSORS, "reverb receiver"} == {
-        thing.name for thing in forest_room.part(bpy.context.scene, "Sensors").objects
+        thing.name for thing in layout.part(bpy.context.scene, "Sensors").objects
     }
 
 
@@ -129,7 +130,7 @@ def test_a_build_that_breaks_midway_takes_back_what_it_made(built, monkeypatch):
     def full(*_):
         raise MemoryError
 
-    monkeypatch.setattr(forest_room, "_lay_ground", full)
+    monkeypatch.setattr(forest_room, "lay_ground", full)
     with pytest.raises(RuntimeError, match="not enough memory"):
         press("build")
     assert counts() == before
@@ -255,7 +256,7 @@ def test_sensors_run_when_trees_or_results_were_deleted(built, name):
 
 def test_a_forest_is_built_when_our_collections_were_deleted(built, sensor):
     run("cloud")
-    bpy.data.collections.remove(forest_room.root(bpy.context.scene))
+    bpy.data.collections.remove(layout.root(bpy.context.scene))
     assert press("build") == {"FINISHED"}
     sensor("terrestrial", name="another", position=(3, 3, 1), angle_step_deg=6)
     assert run("another") == {"FINISHED"}
@@ -491,7 +492,7 @@ def test_each_scene_has_a_forest_of_its_own(built):
     with bpy.context.temp_override(scene=second, view_layer=second.view_layers[0]):
         exchange.from_spec(second, exchange.to_spec(first))
         press("build")
-    assert forest_room.root(first) is not None
+    assert layout.root(first) is not None
     assert len(trees()) == 2 * number
 
 

@@ -93,6 +93,8 @@ def test_a_newcomer_sees_one_button_and_a_way_to_open_a_file(props):
 
 def test_every_setting_has_its_place(small):
     small.plantings[0].gaussians.add()
+    small.plantings[0].rasters.add()
+    small.forest.distances.add()
     seen = []
     for thing in sensors.sensors_of(bpy.context.scene):
         bpy.context.view_layer.objects.active = thing
@@ -108,6 +110,8 @@ def test_every_setting_has_its_place(small):
 def test_labels_fit_beside_their_values(small):
     """At Blender's standard width of the sidebar; measured on photographs of it."""
     small.plantings[0].gaussians.add()
+    small.plantings[0].rasters.add()
+    small.forest.distances.add()
     assert [text for text in drawn() if len(text) > 28] == []
     for group in properties.GROUPS.values():
         for name in group.shown:

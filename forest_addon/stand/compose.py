@@ -1,0 +1,134 @@
+"""From settings to intensities: what a planting says, as one process on its field.
+
+λ = (base + hills + rasters and paint that are added) · rasters that multiply, within the field's polygon,
+the planting's polygon, its masks and its limits of slope and altitude; scaled to an expected number or a
+mean density where one is given.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .. import spec
+from .inputs import Inputs
+from .intensity import Constant, Intensity, IntensityError, Mask, Mixture, Product, Sum
+from .layers import PaintedMesh, Raster, RasterMask, TerrainLimits
+from .polygon import Polygon
+from .process import Process
+
+
+def process_of(
+    planting: spec.Planting, forest: spec.Forest, inputs: Inputs | None = None
+) -> Process:
+    """The Poisson process of a species.
+
+    Raises
+    ------
+    IntensityError : nothing of the intensity lies on the field, so that it could be scaled; a raster,
+    polygon or mesh that cannot be used.
+    """
+    inputs = inputs or Inputs()
+    low, high = corners_of(forest)
+    parts: list[Intensity] = [
+        _sum(_added(planting, forest, inputs)),
+        *(_raster(r, forest, inputs, planting) for r in planting.rasters if r.use == "multiply"),
+        *masks_of(planting, forest, inputs),
+    ]
+    process = Process(parts[0] if len(parts) == 1 else Product(tuple(parts)), low, high)
+    wanted = planting.expected
+    if planting.density is not None:
+        wanted = planting.density * area_of(forest)
+    if wanted is None:
+        return process
+    total = process.expected()
+    if total <= 0 and wanted > 0:
+        raise IntensityError(
+            f"{planting.species}: the {_what(planting)} put nothing on the field, so {wanted:g} "
+            "trees cannot be expected there; move a centre or widen it"
+        )
+    return process.scaled(wanted / total if total > 0 else 0.0)
+
+
+def corners_of(forest: spec.Forest) -> tuple[np.ndarray, np.ndarray]:
+    """(2,) corners of the field's rectangle, metres."""
+    low = np.array(forest.origin)
+    return low, low + np.array(forest.size)
+
+
+def area_of(forest: spec.Forest) -> float:
+    """m² of the field, within its polygon."""
+    low, high = corners_of(forest)
+    if not forest.polygon:
+        return float(np.prod(high - low))
+    return Polygon(forest.polygon, forest.holes, "forest.polygon").closed_integral(low, high)
+
+
+def masks_of(planting: spec.Planting, forest: spec.Forest, inputs: Inputs) -> list[Mask]:
+    """Where a planting's trees may stand within the field's rectangle."""
+    masks: list[Mask] = []
+    for owner, name in ((forest, "forest.polygon"), (planting, f"{planting.species}: polygon")):
+        if owner.polygon:
+            masks.append(Polygon(owner.polygon, owner.holes, name))
+    for raster in planting.rasters:
+        if raster.use == "mask":
+            unscaled = _pixels(raster, forest, inputs, planting)
+            masks.append(RasterMask(unscaled, raster.threshold))
+    defaults = {f: spec.Planting.__dataclass_fields__[f].default for f in ("slope_deg", "altitude")}
+    if any(getattr(planting, name) != default for name, default in defaults.items()):
+        ground = inputs.ground(forest.terrain.base)
+        steep = (np.deg2rad(planting.slope_deg[0]), np.deg2rad(planting.slope_deg[1]))
+        masks.append(TerrainLimits(ground, steep, planting.altitude))
+    return masks
+
+
+def _added(planting: spec.Planting, forest: spec.Forest, inputs: Inputs) -> list[Intensity]:
+    added: list[Intensity] = []
+    if planting.base:
+        added.append(Constant(planting.base))
+    if planting.gaussians:
+        added.append(
+            Mixture(
+                peak=np.array([g.peak for g in planting.gaussians]),
+                centre=np.array([g.centre for g in planting.gaussians]),
+                width=np.array([g.width for g in planting.gaussians]),
+            )
+        )
+    added += [_raster(r, forest, inputs, planting) for r in planting.rasters if r.use == "add"]
+    if planting.painted:
+        painted = inputs.painted.get(planting.painted)
+        if painted is None:
+            raise IntensityError(
+                f'{planting.species}: the painted mesh "{planting.painted}" is an object of a Blender '
+                "scene, and there is none here; plant it within Blender, or use a raster"
+            )
+        added.append(PaintedMesh(painted, planting.painted_value, planting.painted))
+    return added or [Constant(1.0)]
+
+
+def _sum(parts: list[Intensity]) -> Intensity:
+    return parts[0] if len(parts) == 1 else Sum(tuple(parts))
+
+
+def _raster(
+    raster: spec.Raster, forest: spec.Forest, inputs: Inputs, planting: spec.Planting
+) -> Raster:
+    return _pixels(raster, forest, inputs, planting, raster.value)
+
+
+def _pixels(
+    raster: spec.Raster,
+    forest: spec.Forest,
+    inputs: Inputs,
+    planting: spec.Planting,
+    value: float = 1.0,
+) -> Raster:
+    pixels = inputs.rasters.get(raster.file)
+    if pixels is None:
+        raise IntensityError(f"{planting.species}: the raster {raster.file} was not read")
+    low = np.array(forest.origin if raster.origin is None else raster.origin)
+    size = np.array(forest.size if raster.size is None else raster.size)
+    return Raster(value * pixels, low, size, raster.file)
+
+
+def _what(planting: spec.Planting) -> str:
+    return "gaussians" if planting.gaussians and not planting.rasters else "intensity"

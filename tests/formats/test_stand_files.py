@@ -1,0 +1,174 @@
+"""Files of a stand: what is written can be read by others and planted again; rasters mean what they say."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from forest_addon.formats.raster_file import read_raster
+from forest_addon.formats.stand_files import read_inputs
+from forest_addon.formats.stand_table import COLUMNS, write_stand
+from forest_addon.formats.stl import write_stl
+from forest_addon.formats.tree_list import read_tree_list
+from forest_addon.spec import Forest, Planting, Raster, Scene, SpecError, Terrain
+from forest_addon.stand.plan import plan_stand
+
+OFFSET = (499_987.125, 5_400_123.5, 212.25)
+PLANTINGS = tuple(
+    Planting(species=name, expected=30, variants=3) for name in ("oak", 'el,m "wych"')
+)
+NAMES = ("oak", 'el,m "wych"')
+
+
+@pytest.fixture
+def stand():
+    return plan_stand(3, Forest(), PLANTINGS)
+
+
+def test_csv_holds_every_digit_with_the_offset_added(stand, tmp_path):
+    write_stand(tmp_path / "p.csv", stand, NAMES, OFFSET, "EPSG:32632")
+    note, *lines = (tmp_path / "p.csv").read_text().splitlines()
+    assert note == (
+        "# coordinates are metres in EPSG:32632; "
+        "the offset 499987.125, 5400123.5, 212.25 has been added"
+    )
+    rows = list(csv.DictReader(lines))
+    assert tuple(rows[0]) == COLUMNS
+    place = np.array([[float(row[k]) for k in "xyz"] for row in rows])
+    assert (place == stand.position + OFFSET).all()
+    assert [row["species"] for row in rows] == [NAMES[s] for s in stand.species]
+    assert [int(row["variant"]) for row in rows] == stand.variant.tolist()
+    assert [float(row["rotation"]) for row in rows] == stand.rotation.tolist()
+
+
+def test_what_was_written_is_planted_again(stand, tmp_path):
+    write_stand(tmp_path / "p.csv", stand, NAMES, OFFSET)
+    again = tuple(Planting(species=p.species, layout="list", trees="p.csv") for p in PLANTINGS)
+    scene = Scene(plantings=again, offset=OFFSET)
+    back = plan_stand(9, scene.forest, again, read_inputs(scene, tmp_path))
+    assert back.position == pytest.approx(stand.position, abs=2e-9)  # rounding at 5e6 m
+    assert (back.scale == stand.scale).all()
+    assert (back.rotation == stand.rotation).all()
+    assert (back.species == stand.species).all()
+
+
+def test_geojson_says_its_coordinate_system(stand, tmp_path):
+    write_stand(tmp_path / "p.geojson", stand, NAMES, OFFSET, "EPSG:32632")
+    made = json.loads((tmp_path / "p.geojson").read_text())
+    assert made["crs"]["properties"]["name"] == "urn:ogc:def:crs:EPSG::32632"
+    assert "has been added; not longitude and latitude" in made["note"]
+    assert len(made["features"]) == len(stand)
+    for tree, feature in enumerate(made["features"]):
+        assert feature["id"] == tree
+        assert feature["geometry"]["type"] == "Point"
+        assert feature["geometry"]["coordinates"] == (stand.position[tree] + OFFSET).tolist()
+        assert feature["properties"]["species"] == NAMES[stand.species[tree]]
+
+
+def test_an_empty_stand_is_a_whole_file(tmp_path):
+    empty = plan_stand(0, Forest(), [])
+    write_stand(tmp_path / "p.csv", empty, [])
+    assert (tmp_path / "p.csv").read_text() == ",".join(COLUMNS) + "\n"
+    write_stand(tmp_path / "p.geojson", empty, [])
+    assert json.loads((tmp_path / "p.geojson").read_text())["features"] == []
+
+
+# ----------------------------------------------------------------------------------------- rasters
+
+
+def saved(path, array, mode=None):
+    image = Image.fromarray(array)
+    (image.convert(mode) if mode else image).save(path)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_black_is_0_and_white_is_1_at_any_depth(tmp_path, suffix):
+    grey = np.array([[0, 51, 255]], dtype=np.uint8)
+    expected = pytest.approx(np.array([[0, 0.2, 1]]))
+    assert read_raster(saved(tmp_path / f"a{suffix}", grey)) == expected
+    assert read_raster(saved(tmp_path / f"b{suffix}", grey, "RGB")) == expected
+    assert read_raster(saved(tmp_path / f"c{suffix}", grey, "LA")) == expected
+    deep = np.array([[0, 13107, 65535]], dtype=np.uint16)
+    assert read_raster(saved(tmp_path / f"d{suffix}", deep)) == expected
+    bit = np.array([[0, 0, 255]], dtype=np.uint8)
+    assert read_raster(saved(tmp_path / f"e{suffix}", bit, "1")).tolist() == [[0, 0, 1]]
+
+
+def test_arrays_and_float_images_count_as_they_are(tmp_path):
+    values = np.array([[0.5, -3.25], [1e4, 7]], dtype=np.float32)
+    np.save(tmp_path / "a.npy", values)
+    for path in (tmp_path / "a.npy", saved(tmp_path / "a.tif", values)):
+        assert read_raster(path).tolist() == values.tolist()
+
+
+@pytest.mark.parametrize("name", ["none.png", "text.png", "colour.png", "cube.npy", "object.npy"])
+def test_rasters_that_cannot_be_used_are_refused(tmp_path, name):
+    (tmp_path / "text.png").write_text("no image")
+    saved(tmp_path / "colour.png", np.array([[[9, 0, 0]]], dtype=np.uint8))
+    np.save(tmp_path / "cube.npy", np.zeros((2, 2, 2)))
+    np.save(tmp_path / "object.npy", np.array([{}]), allow_pickle=True)
+    with pytest.raises(SpecError, match=name):
+        read_raster(tmp_path / name)
+
+
+def test_a_scene_reads_its_files_once(tmp_path):
+    saved(tmp_path / "d.png", np.full((4, 4), 51, dtype=np.uint8))
+    np.save(tmp_path / "hill.npy", np.full((3, 3), 2.0))
+    plantings = tuple(
+        Planting(species=n, rasters=(Raster(file="d.png", value=0.5),)) for n in ("a", "b")
+    )
+    ground = Terrain(file="hill.npy", base=100.0, relief=10.0)
+    scene = Scene(forest=Forest(terrain=ground), plantings=plantings)
+    inputs = read_inputs(scene, tmp_path)
+    assert list(inputs.rasters) == ["d.png"]
+    stand = plan_stand(1, scene.forest, plantings, inputs)
+    assert stand.expected == pytest.approx([90, 90])  # 900 m² of 0.5 times 0.2
+    assert set(stand.position[:, 2].tolist()) == {120.0}
+
+
+def test_a_surface_of_triangles_is_ground(tmp_path):
+    corners = np.array([[[0, 0, 1], [30, 0, 1], [30, 30, 4]], [[0, 0, 1], [30, 30, 4], [0, 30, 4]]])
+    write_stl(tmp_path / "ground.stl", corners.astype(float))
+    scene = Scene(forest=Forest(terrain=Terrain(file="ground.stl")))
+    ground = read_inputs(scene, tmp_path).terrain
+    assert ground.height(np.array([[15.0, 15.0], [31.0, 5.0]])) == pytest.approx(
+        np.array([2.5, np.nan]), nan_ok=True
+    )
+
+
+@pytest.mark.parametrize("name", ["no.png", "no.stl", "bad.stl", "nan.npy"])
+def test_a_terrain_that_cannot_be_used_is_refused(tmp_path, name):
+    (tmp_path / "bad.stl").write_text("nothing")
+    np.save(tmp_path / "nan.npy", np.full((2, 2), np.nan))
+    scene = Scene(forest=Forest(terrain=Terrain(file=name)))
+    with pytest.raises(SpecError, match=name.replace(".", r"\.")):
+        read_inputs(scene, tmp_path)
+
+
+# ------------------------------------------------------------------------------------------- lists
+
+
+def test_a_list_may_leave_cells_empty(tmp_path):
+    (tmp_path / "t.csv").write_text("# mine\nx_m,y_m,scale,rotation_rad\n1,2,,0.5\n3,4,1.25,\n")
+    found = read_tree_list(tmp_path / "t.csv", (1.0, 1.0, 0.0))
+    assert found.position.tolist() == [[0, 1], [2, 3]]
+    assert found.species is None
+    assert found.scale.tolist() == pytest.approx([np.nan, 1.25], nan_ok=True)
+    assert found.rotation.tolist() == pytest.approx([0.5, np.nan], nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("x,y,scale\n1,2,-1\n", "row 2: scale is -1"),
+        ("x,y,scale\n1,2,big\n", 'row 2: scale is "big"'),
+        ("x,z\n1,2\n", "no column y"),
+    ],
+)
+def test_lists_that_cannot_be_used_are_refused(tmp_path, text, said):
+    (tmp_path / "t.csv").write_text(text)
+    with pytest.raises(SpecError, match=said):
+        read_tree_list(tmp_path / "t.csv")

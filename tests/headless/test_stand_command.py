@@ -1,0 +1,130 @@
+"""``python -m headless stand``: files, table and map, and the scenes of the papers."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from forest_addon.formats.species_file import ASSETS
+from forest_addon.formats.toml_file import read_settings
+from forest_addon.spec import Scene
+from forest_addon.stand.plan import plan_stand
+from headless.cli import main
+
+SCENES = ASSETS / "scenes"
+SCENE = """\
+offset = [500000.0, 5400000.0, 0.0]
+crs = "EPSG:32632"
+[forest]
+size = [40.0, 30.0]
+spacing = 1.0
+polygon = [[0, 0], [40, 0], [40, 30], [0, 30]]
+holes = [[[10, 10], [20, 10], [20, 20], [10, 20]]]
+terrain = { file = "hill.npy" }
+[[plantings]]
+species = "maple"
+expected = 200
+rasters = [{ file = "density.npy", use = "multiply" }]
+[[plantings]]
+species = "hazelnut"
+density = 0.05
+slope_deg = [0, 60]
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    y, x = np.mgrid[0:12, 0:16]
+    np.save(tmp_path / "hill.npy", np.sin(x / 3) + 0.2 * y)
+    np.save(tmp_path / "density.npy", x / 16)
+    (tmp_path / "scene.toml").write_text(SCENE)
+    return tmp_path / "scene.toml"
+
+
+def test_positions_and_map_are_written(scene, tmp_path, capsys):
+    out = tmp_path / "new" / "points.csv"
+    assert main(["stand", str(scene), "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "too near" in said
+    assert "together" in said
+    assert "EPSG:32632" in said
+    rows = list(csv.DictReader(line for line in out.open() if line[0] != "#"))
+    place = np.array([[float(row["x"]), float(row["y"])] for row in rows]) - [500_000, 5_400_000]
+    assert ((place >= 0) & (place <= [40, 30])).all()
+    assert not ((place > 10) & (place < 20)).all(axis=1).any()
+    gap = np.hypot(*(place[:, None] - place[None]).transpose(2, 0, 1)) + 9 * np.eye(len(place))
+    assert gap.min() >= 1 - 1e-8
+    assert imread(out.with_suffix(".png")).std() > 0.05
+
+
+def test_geojson_and_another_seed(scene, tmp_path):
+    made = {}
+    for seed in ("1", "1", "2"):
+        out = tmp_path / f"{seed}.geojson"
+        assert main(["stand", str(scene), "--out", str(out), "--seed", seed]) == 0
+        text = out.read_text()
+        assert made.setdefault(seed, text) == text  # again the same
+    assert made["1"] != made["2"]
+    assert json.loads(made["1"])["type"] == "FeatureCollection"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (("density.npy", "gone.npy"), "gone.npy: there is no such file"),
+        (("[20, 20], [10, 20]", "[10, 20], [20, 20]"), "cross or touch"),
+        (("expected = 200", "expected = 5e7"), "50,000,000 trees, more than 20,000,000"),
+    ],
+)
+def test_what_cannot_be_sampled_is_said_in_one_sentence(scene, tmp_path, capsys, spoil, said):
+    scene.write_text(SCENE.replace(*spoil))
+    assert main(["stand", str(scene), "--out", str(tmp_path / "p.csv")]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "p.csv").exists()
+
+
+def test_many_trees_are_drawn_as_pixels(tmp_path):
+    scene = tmp_path / "many.toml"
+    scene.write_text('[[plantings]]\nspecies = "maple"\nexpected = 30000\n')
+    assert main(["stand", str(scene), "--out", str(tmp_path / "p.csv")]) == 0
+    assert imread(tmp_path / "p.png").std() > 0.05
+
+
+EXPECTED = {  # plantings
+    "wahed-300m": 4,
+    "tanveer-20m": 2,
+    "tanveer-fig3-left": 2,
+    "tanveer-fig3-right": 2,
+    "simlidar-orchard": 1,
+}
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_scenes_of_the_papers_expect_what_their_formulas_say(name):
+    import mpmath
+
+    settings = read_settings(SCENES / f"{name}.toml", Scene)
+    stand = plan_stand(settings.seed, settings.forest, settings.plantings)
+    assert len(settings.plantings) == EXPECTED[name]
+    assert len(stand)
+    for planting, expected in zip(settings.plantings, stand.expected, strict=True):
+        total = mpmath.mpf(0)
+        for hill in planting.gaussians:
+            product = mpmath.mpf(hill.peak)
+            for k in (0, 1):
+                a, h, end = hill.centre[k], hill.width[k], settings.forest.size[k]
+                span = mpmath.erf((end - a) / h) - mpmath.erf(-a / h)
+                product *= mpmath.sqrt(mpmath.pi) / 2 * h * span
+            total += product
+        if planting.gaussians:
+            assert expected == pytest.approx(float(total), rel=1e-12)
+
+
+def test_unsquared_formulas_of_the_papers_became_squared_ones():
+    """W: h = l = 4000 m²; T20's example: 5, 6, 3, 6 m²."""
+    for name, widths in (("wahed-300m", [4000] * 8), ("tanveer-20m", [5, 6, 3, 6])):
+        settings = read_settings(SCENES / f"{name}.toml", Scene)
+        found = [w**2 for p in settings.plantings for g in p.gaussians for w in g.width]
+        assert found == pytest.approx(widths, rel=1e-8)
