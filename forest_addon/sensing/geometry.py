@@ -20,9 +20,12 @@ class SceneGeometry:
     meshes : unique meshes, each in its local space.
     transform : (I, 3, 4) float64, local to world.
     mesh_index : (I,) int64, which of ``meshes``.
-    object_name : I names of the objects that the instances come from.
+    object_name : names of the objects that the instances come from.
     tree : (I,) int64, tree id, -1 where the instance is no tree.
     species : (I,) int64, species number, -1 where the instance is no tree.
+    object_index : (I,) int64, which of ``object_name``; left out: each instance has a name of its own.
+    reflectance : (I,) of the object, NaN where it says nothing; left out: nowhere.
+    slot_reflectance : for each mesh (S,) of its material slots, NaN likewise; left out: nowhere.
     """
 
     meshes: tuple[TriMesh, ...]
@@ -31,9 +34,32 @@ class SceneGeometry:
     object_name: tuple[str, ...]
     tree: np.ndarray
     species: np.ndarray
+    object_index: np.ndarray = None  # type: ignore[assignment]  # filled in by __post_init__
+    reflectance: np.ndarray = None  # type: ignore[assignment]
+    slot_reflectance: tuple[np.ndarray, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.object_index is None:
+            object.__setattr__(self, "object_index", np.arange(len(self), dtype=np.int64))
+        if self.reflectance is None:
+            object.__setattr__(self, "reflectance", np.full(len(self), np.nan))
 
     def __len__(self) -> int:
         return len(self.mesh_index)
+
+    def reflectance_at(
+        self, instance: np.ndarray, triangle: np.ndarray, otherwise: float
+    ) -> np.ndarray:
+        """(R,) reflectance of what was hit: of its material, else of its object, else ``otherwise``."""
+        found = np.where(instance >= 0, np.append(self.reflectance, np.nan)[instance], np.nan)
+        mesh_of = np.append(self.mesh_index, -1)[instance]
+        for index, slots in enumerate(self.slot_reflectance):
+            if np.isfinite(slots).any():
+                rows = np.flatnonzero(mesh_of == index)
+                slot = self.meshes[index].material[triangle[rows]]
+                own = slots[np.clip(slot, 0, len(slots) - 1)]
+                found[rows] = np.where(np.isnan(own), found[rows], own)
+        return np.where(np.isnan(found), otherwise, found)
 
     def solid(self) -> SceneGeometry:
         """The same scene without leaves: what blocks a sound, or a line of sight."""

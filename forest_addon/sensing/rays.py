@@ -32,9 +32,21 @@ class Hits:
         """(R,) bool, whether anything was hit."""
         return self.instance >= 0
 
+    @classmethod
+    def misses(cls, count: int) -> Hits:
+        """Of rays that hit nothing."""
+        nothing = np.full(count, -1, dtype=np.int64)
+        return cls(np.full(count, np.inf), nothing, nothing.copy())
+
     def take(self, rows: np.ndarray | slice) -> Hits:
         """Some of the rays, by number, mask or slice."""
         return Hits(self.distance[rows], self.instance[rows], self.triangle[rows])
+
+    def put(self, rows: np.ndarray | slice, found: Hits) -> None:
+        """Write what some of the rays hit."""
+        self.distance[rows] = found.distance
+        self.instance[rows] = found.instance
+        self.triangle[rows] = found.triangle
 
 
 class RayCaster(Protocol):
@@ -47,15 +59,16 @@ class RayCaster(Protocol):
     surfaces at the same distance any one is. Flat instances (a singular transform), triangles without
     area and triangles with a corner that is not finite hit nothing.
 
-    Chained rays do not meet the surface they come from: ``leaving`` are the hits they start at, and a ray
-    never meets the triangle it leaves nor, going on along the same line, another face at that very
-    distance. To go on behind what was hit, and to start anew at it::
+    Chained rays do not meet the surface they come from: ``leaving`` are the hits they start at. Where a
+    ray leaves a triangle it never meets that triangle, and ``min_distance`` itself does not count, so
+    that faces which lie on each other are passed together. To go on behind what was hit, and to start
+    anew at it::
 
         caster.cast(origins, directions, limit, min_distance=hits.distance, leaving=hits)
         caster.cast(points, new_directions, limit, leaving=hits)
 
-    An engine that searches in float32 may pass over a surface that lies less than 1e-4 m behind the
-    one it leaves, at coordinates of 100 m.
+    An engine that searches in float32 may pass over a surface that lies less than about 1e-4 m behind the
+    one it leaves.
     """
 
     engine: str
