@@ -14,9 +14,11 @@ from matplotlib.patches import Patch
 from forest_addon.formats.atomic import replacing
 from forest_addon.growth.trimesh import GROUND, LEAF, OTHER, WOOD
 from forest_addon.sensing import metrics
-from forest_addon.sensing.lidar import ESCAPED, Cloud, TractorScan
+from forest_addon.sensing.cloud import Cloud
+from forest_addon.sensing.returns import ESCAPED
 from forest_addon.sensing.reverb import ImpulseResponse
 from forest_addon.sensing.sonar import Echo, LeafDiscs
+from forest_addon.sensing.tractor import TractorScan
 from forest_addon.spec import Sonar, Terrestrial
 from forest_addon.stand.forest import Forest
 

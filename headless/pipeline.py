@@ -28,9 +28,10 @@ from forest_addon.formats.findings import write_finding
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.formats.table import write_csv
+from forest_addon.sensing.cloud import Cloud
 from forest_addon.sensing.geometry import SceneGeometry
-from forest_addon.sensing.lidar import Cloud, TractorScan
 from forest_addon.sensing.sonar import Echo
+from forest_addon.sensing.tractor import TractorScan
 from forest_addon.spec import Scene, SpecError
 from forest_addon.stand.forest import Forest, angle_table, grow_forest, leaf_table, tree_table
 

@@ -18,10 +18,11 @@ import numpy as np
 from forest_addon.formats.atomic import replacing
 from forest_addon.growth.trimesh import GROUND, LEAF, WOOD
 from forest_addon.sensing import metrics
-from forest_addon.sensing.lidar import Cloud, TractorScan
+from forest_addon.sensing.cloud import Cloud
 from forest_addon.sensing.reverb import ImpulseResponse
 from forest_addon.sensing.slices import Trunks
 from forest_addon.sensing.sonar import Echo
+from forest_addon.sensing.tractor import TractorScan
 from forest_addon.spec import Reverb, Scene, Sonar, Terrestrial, Tractor
 from forest_addon.stand.forest import Forest
 

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ..growth.trimesh import GROUND, LEAF, WOOD
-from ..sensing.lidar import Cloud
+from ..sensing.cloud import Cloud
 from .materials import coloured_points
 
 COLOUR_OF_ORGAN = {

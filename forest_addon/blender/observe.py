@@ -8,13 +8,15 @@ from functools import cached_property
 import bpy
 
 from ..rng import stream
-from ..sensing import lidar, reverb, slices, sonar
-from ..spec import Reverb, Scene, Sensor, Sonar, Terrestrial, Tractor
+from ..sensing import lidar, reverb, slices, sonar, tractor
+from ..sensing.cloud import Cloud
+from ..spec import Mobile, Reverb, Scanner, Scene, Sensor, Sonar, Tractor
 from .bvh import BvhCaster
 from .depsgraph import read_scene
+from .platform import path_of_object
 
 Progress = Callable[[int, int], None]
-Finding = lidar.TractorScan | lidar.Cloud | sonar.Echo | reverb.ImpulseResponse
+Finding = tractor.TractorScan | Cloud | sonar.Echo | reverb.ImpulseResponse
 
 
 class Observer:
@@ -51,9 +53,10 @@ class Observer:
         ValueError : settings that this scene cannot serve; says what to change.
         """
         if isinstance(sensor, Tractor):
-            return lidar.drive(sensor, self.caster, progress)
-        if isinstance(sensor, Terrestrial):
-            return lidar.sweep(sensor, self.caster, progress)
+            return tractor.drive(sensor, self.caster, progress)
+        if isinstance(sensor, Scanner):
+            path = path_of_object(bpy.context.scene, sensor) if isinstance(sensor, Mobile) else None
+            return lidar.scan(sensor, self.caster, settings.seed, path, progress)
         if isinstance(sensor, Sonar):
             return sonar.ping(self.discs, sensor, settings.air, self.wood, progress)
         return reverb.impulse_response(

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..sensing.lidar import Cloud, TractorScan
+from ..sensing.cloud import Cloud
 from ..sensing.reverb import ImpulseResponse
 from ..sensing.sonar import Echo
+from ..sensing.tractor import TractorScan
 from .las import write_las
 from .npz import write_npz
 from .wav import write_wav

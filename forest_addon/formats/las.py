@@ -14,7 +14,7 @@ import laspy
 import numpy as np
 
 from ..growth.trimesh import GROUND, LEAF, WOOD
-from ..sensing.lidar import Cloud
+from ..sensing.cloud import Cloud
 from .atomic import replacing
 
 RESOLUTION = 1e-4  # metres

@@ -16,7 +16,7 @@ from forest_addon.growth.leaves import measure_leaves
 from forest_addon.growth.tree import grow
 from forest_addon.growth.trimesh import LEAF, OTHER, WOOD, TriMesh, join
 from forest_addon.rng import stream
-from forest_addon.sensing.lidar import label
+from forest_addon.sensing.returns import label
 
 
 def quad(x, part, leaf=-1):
