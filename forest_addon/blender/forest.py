@@ -133,8 +133,11 @@ def _mark(home: bpy.types.Collection, settings: spec.Scene) -> None:
             _place(home, f"{sensor.name} receiver", sensor.receiver, 0.0, 0.0, "SPHERE")
         elif isinstance(sensor, spec.Sonar):
             _place(home, sensor.name, sensor.position, sensor.azimuth_deg, sensor.elevation_deg)
-        elif isinstance(sensor, spec.Tractor):
+        elif isinstance(sensor, spec.Tractor | spec.Airborne):
             _place(home, sensor.name, sensor.position, sensor.heading_deg, 0.0)
+        elif isinstance(sensor, spec.Mobile):
+            for pose in sensor.poses[:1]:
+                _place(home, sensor.name, pose.position, pose.heading_deg, pose.pitch_deg)
         else:
             _place(home, sensor.name, sensor.position, 0.0, 0.0)
 

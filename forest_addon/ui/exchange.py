@@ -8,12 +8,12 @@ is this number, so 0.002 that was typed, or read from a scene file, is 0.002 aga
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
 from .. import spec
 from ..spec import Settings, SpecError
-from .properties import LARGEST_INT, fields_of, is_sensor_kind, items_of, without_none
+from .properties import LARGEST_INT, fields_of, is_sensor_kind, items_of, part_of, without_none
 
 T = TypeVar("T", bound=Settings)
 
@@ -86,8 +86,10 @@ def read(group: Any, settings: type[T], place: str = "") -> T:
     """
     values: dict[str, Any] = {}
     for name, kind, known, _ in fields_of(settings):
-        items = items_of(kind)
-        if items:
+        items, part = items_of(kind), part_of(kind)
+        if part:
+            values[name] = read(getattr(group, name), part, f"{place}.{name}".lstrip("."))
+        elif items:
             values[name] = tuple(
                 read(item, items, f"{place}.{name}[{number}]".lstrip("."))
                 for number, item in enumerate(getattr(group, name))
@@ -104,11 +106,15 @@ def read(group: Any, settings: type[T], place: str = "") -> T:
         raise SpecError(f"{place}.{problem.key}".strip("."), problem.problem) from None
 
 
-def write(group: Any, settings: Settings) -> None:
-    """Put settings into their property group."""
+def write(group: Any, settings: Settings, only: Mapping[str, Any] | None = None) -> None:
+    """Put settings into their property group; ``only`` those that such a table names."""
     for name, kind, known, _ in fields_of(type(settings)):
+        if only is not None and name not in only:
+            continue
         value = getattr(settings, name)
-        if items_of(kind):
+        if part_of(kind):
+            write(getattr(group, name), value, None if only is None else only[name])
+        elif items_of(kind):
             _fill(group, name, value)
         elif is_sensor_kind(name, known):
             continue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, ClassVar
 
 import bpy
@@ -39,6 +40,17 @@ class FOREST_UL_gaussians(bpy.types.UIList):
         number.label(text=f"peak {item.peak:.3g}")
 
 
+class FOREST_UL_poses(bpy.types.UIList):
+    """Poses of a moving scanner."""
+
+    def draw_item(self, context, layout, data, item, icon, active, name, index=0) -> None:
+        x, y, z = item.position
+        layout.label(text=f"{x:g}, {y:g}, {z:g} m", icon="EMPTY_ARROWS")
+        number = layout.row()
+        number.alignment = "RIGHT"
+        number.label(text=f"{item.time:g} s")
+
+
 class _Listed:
     """Adding to and removing from a list of the panel."""
 
@@ -63,6 +75,14 @@ class _Gaussians(_Listed):
         props = context.scene.forest_sensing
         active = props.active_plantings
         return props.plantings[active] if 0 <= active < len(props.plantings) else None
+
+
+class _Poses(_Listed):
+    items = "poses"
+
+    @classmethod
+    def owner(cls, context: bpy.types.Context) -> Any:
+        return context.scene.forest_sensing.mobile
 
 
 class _Add(_Listed):
@@ -126,11 +146,38 @@ class FOREST_OT_remove_gaussian(_Remove, _Gaussians, bpy.types.Operator):
     bl_label = "Remove Hill"
 
 
+class FOREST_OT_add_pose(_Add, _Poses, bpy.types.Operator):
+    """Add a place that the scanner passes, ten seconds and ten metres after the last"""
+
+    bl_idname = "forest.add_pose"
+    bl_label = "Add Pose"
+
+    def start(self, pose: Any, props: Any) -> None:
+        poses = props.mobile.poses
+        if len(poses) < 2:
+            return
+        last = poses[len(poses) - 2]
+        pose.time, pose.heading_deg = last.time + 10, last.heading_deg
+        x, y, z = last.position
+        heading = math.radians(last.heading_deg)
+        pose.position = (x + 10 * math.cos(heading), y + 10 * math.sin(heading), z)
+
+
+class FOREST_OT_remove_pose(_Remove, _Poses, bpy.types.Operator):
+    """Remove the chosen pose"""
+
+    bl_idname = "forest.remove_pose"
+    bl_label = "Remove Pose"
+
+
 CLASSES = (
     FOREST_UL_plantings,
     FOREST_UL_gaussians,
+    FOREST_UL_poses,
     FOREST_OT_add_planting,
     FOREST_OT_remove_planting,
     FOREST_OT_add_gaussian,
     FOREST_OT_remove_gaussian,
+    FOREST_OT_add_pose,
+    FOREST_OT_remove_pose,
 )

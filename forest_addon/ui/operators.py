@@ -132,6 +132,22 @@ class FOREST_OT_sweep(_Sense, bpy.types.Operator):
     kind = "terrestrial"
 
 
+class FOREST_OT_travel(_Sense, bpy.types.Operator):
+    """Scan the forest along the way of the mobile scanner and show the point cloud"""
+
+    bl_idname = "forest.travel"
+    bl_label = "Travel and Scan"
+    kind = "mobile"
+
+
+class FOREST_OT_fly(_Sense, bpy.types.Operator):
+    """Fly over the forest in strips and show the point cloud"""
+
+    bl_idname = "forest.fly"
+    bl_label = "Fly and Scan"
+    kind = "airborne"
+
+
 class FOREST_OT_ping(_Sense, bpy.types.Operator):
     """Send one call into the foliage and compute the echo of its leaves"""
 
@@ -199,6 +215,8 @@ CLASSES = (
     FOREST_OT_build,
     FOREST_OT_scan,
     FOREST_OT_sweep,
+    FOREST_OT_travel,
+    FOREST_OT_fly,
     FOREST_OT_ping,
     FOREST_OT_clap,
     FOREST_OT_load_scene,

@@ -19,6 +19,8 @@ ICONS = {
     "forest": "OUTLINER_OB_CURVES",
     "tractor": "AUTO",
     "terrestrial": "OUTLINER_OB_POINTCLOUD",
+    "mobile": "CON_FOLLOWPATH",
+    "airborne": "AXIS_TOP",
     "sonar": "OUTLINER_OB_SPEAKER",
     "reverb": "RNDCURVE",
 }
@@ -125,11 +127,37 @@ class _Sensor(_OnceStarted):
         group = getattr(context.scene.forest_sensing, self.kind)
         _big_button(self.layout, self.operator, ICONS[self.kind])
         _draw_settings(_split(self.layout), group)
+        for part in group.parts:
+            header, body = self.layout.panel(f"FOREST_{self.kind}_{part}", default_closed=True)
+            header.label(text=part.title())
+            if body is not None:
+                _draw_settings(_split(body), getattr(group, part))
 
 
 class FOREST_PT_terrestrial(_Sensor, bpy.types.Panel):
     bl_label = spec.Terrestrial.TITLE
     kind, operator = "terrestrial", "forest.sweep"
+
+
+class FOREST_PT_mobile(_Sensor, bpy.types.Panel):
+    bl_label = spec.Mobile.TITLE
+    kind, operator = "mobile", "forest.travel"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        _Sensor.draw(self, context)
+        group = context.scene.forest_sensing.mobile
+        if group.follow:
+            return
+        self.layout.label(text="Where It Goes")
+        draw_list(self.layout, "FOREST_UL_poses", group, "poses", "pose")
+        if group.poses:
+            pose = group.poses[min(group.active_poses, len(group.poses) - 1)]
+            _draw_settings(_split(self.layout), pose)
+
+
+class FOREST_PT_airborne(_Sensor, bpy.types.Panel):
+    bl_label = spec.Airborne.TITLE
+    kind, operator = "airborne", "forest.fly"
 
 
 class FOREST_PT_tractor(_Sensor, bpy.types.Panel):
@@ -265,6 +293,8 @@ CLASSES = (
     FOREST_PT_ground,
     FOREST_PT_sensors,
     FOREST_PT_terrestrial,
+    FOREST_PT_mobile,
+    FOREST_PT_airborne,
     FOREST_PT_tractor,
     FOREST_PT_sonar,
     FOREST_PT_reverb,

@@ -35,21 +35,26 @@ from ..spec import Param, Settings, param_of
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
 LARGEST_INT = 2**31 - 1  # what Blender's whole numbers hold
 UNITS = {"m": "LENGTH", "s": "TIME_ABSOLUTE", "Hz": "FREQUENCY", "m/s": "VELOCITY"}
-SUFFIXES = ("_deg", "_c", "_kpa")  # units within names; labels show the unit itself
+SUFFIXES = ("_deg", "_c", "_kpa", "_nm", "_mrad", "_ns", "_ppm")  # units within names; labels show the unit itself
 # Pairs that are not along x and y: what their two numbers are called.
 PARTS = {
     "azimuth_deg": ("from", "to"),
     "elevation_deg": ("from", "to"),
     "beam_width_deg": ("width", "height"),
     "band": ("low", "high"),
+    "field_deg": ("from", "to"),
+    "divergence_mrad": ("sweep", "across"),
     "scale": ("min", "max"),
 }
 LABELS = {
     "beam_width_deg": "Beam (°)",
     "temperature_c": "Temp. (°C)",
+    "divergence_mrad": "Spread (mrad)",
+    "extinction": "Air Loss (1/m)",
+    "leaf_transmittance": "Leaf Lets Pass",
 }  # others are too long for a sidebar
 # What a number that was left out starts with when it is switched on.
-WHEN_USED = {"expected": 20.0, "sound_speed": 343.2}
+WHEN_USED = {"expected": 20.0, "sound_speed": 343.2, "line_step_deg": 0.25}
 
 
 # --------------------------------------------------------------------------- making property groups
@@ -58,20 +63,25 @@ WHEN_USED = {"expected": 20.0, "sound_speed": 343.2}
 def make_group(settings: type[Settings], groups: dict[type, type]) -> type[bpy.types.PropertyGroup]:
     """The property group of a settings class; ``groups`` holds those that it contains.
 
-    Its ``shown`` names what a panel draws one below the other: all but lists, and but the switches of
-    values that may be left out.
+    Its ``shown`` names what a panel draws one below the other: all but lists, groups within it (its
+    ``parts``), and the switches of values that may be left out.
     """
     annotations: dict[str, Any] = {}
     lists: dict[str, Any] = {}
+    parts: dict[str, Any] = {}
     for name, kind, known, default in fields_of(settings):
-        many = items_of(kind)
+        many, part = items_of(kind), part_of(kind)
         if many:
             lists[name] = CollectionProperty(type=groups[many])
             lists[f"active_{name}"] = IntProperty(options={"HIDDEN"})
+        elif part:
+            words = {"name": name.title(), "description": _help(known)}
+            parts[name] = PointerProperty(type=groups[part], **words)
         elif not is_sensor_kind(name, known):
             annotations |= _properties(name, kind, known, default)
-    group = _group_class(settings.__name__.lower(), annotations | lists)
+    group = _group_class(settings.__name__.lower(), annotations | parts | lists)
     group.shown = tuple(name for name in annotations if not name.startswith("use_"))
+    group.parts = tuple(parts)
     return group
 
 
@@ -137,6 +147,11 @@ def _text_property(name: str, known: Param, default: Any, words: dict[str, Any])
         return EnumProperty(items=items, default=default, **words)
     if name == "species":
         words |= {"search": _known_species, "search_options": {"SUGGESTION"}}
+    elif name == "scanner":
+        words |= {"search": _known_scanners, "search_options": {"SUGGESTION"}}
+        words |= {"update": _take_scanner}
+    elif name == "follow":
+        words |= {"search": _known_paths, "search_options": {"SUGGESTION"}}
     return StringProperty(default="" if default is dataclasses.MISSING else default, **words)
 
 
@@ -144,6 +159,36 @@ def _known_species(_props: Any, _context: Any, typed: str) -> list[str]:
     """Presets to choose from; looked up when the field is opened."""
     presets = (ASSETS / "species").glob("*.toml")
     return sorted(path.stem for path in presets if typed in path.stem)
+
+
+def _known_scanners(props: Any, _context: Any, typed: str) -> list[str]:
+    """Presets that are used on this platform."""
+    from ..formats.scanner_file import read_scanner, scanner_names
+
+    kind = type(props).__name__.removeprefix("FOREST_PG_")
+    return [n for n in scanner_names() if typed in n and kind in read_scanner(n).tables]
+
+
+def _known_paths(_props: Any, context: Any, typed: str) -> list[str]:
+    """Curves, and objects that are animated."""
+    able = [t for t in context.scene.objects if t.type == "CURVE" or t.animation_data or t.parent]
+    return sorted(thing.name for thing in able if typed in thing.name)
+
+
+def _take_scanner(props: Any, _context: Any) -> None:
+    """Put the figures of the scanner that was chosen into the settings; they can be changed after."""
+    from ..formats.scanner_file import settings_of
+    from ..formats.toml_file import structure
+    from . import exchange
+
+    kind = type(props).__name__.removeprefix("FOREST_PG_")
+    folder = Path(bpy.path.abspath(props.id_data.forest_sensing.folder))
+    try:
+        figures = settings_of(props.scanner, kind, folder)
+        chosen = structure(figures, spec.SENSORS[kind])
+    except (spec.SpecError, ImportError):
+        return  # not a whole name yet, or none: what is set stays
+    exchange.write(props, chosen, figures)
 
 
 def _limits(item: type, known: Param) -> dict[str, Any]:
@@ -188,6 +233,11 @@ def items_of(kind: Any) -> type[Settings] | None:
     return None
 
 
+def part_of(kind: Any) -> type[Settings] | None:
+    """The settings class of a group within a group, None for any other type."""
+    return kind if isinstance(kind, type) and issubclass(kind, Settings) else None
+
+
 def without_none(kind: Any) -> Any:
     """float of ``float | None``, None for a type that is always given."""
     if not isinstance(kind, types.UnionType):
@@ -208,7 +258,11 @@ def _group_class(name: str, annotations: dict[str, Any]) -> type[bpy.types.Prope
 
 def _make_groups() -> dict[type, type]:
     groups: dict[type, type] = {}
-    for settings in (spec.Forest, spec.Gaussian, spec.Planting, spec.Air, *spec.SENSORS.values()):
+    for settings in (
+        *(spec.Forest, spec.Gaussian, spec.Planting, spec.Air),
+        *(spec.Beam, spec.Surfaces, spec.Noise, spec.Pose),
+        *spec.SENSORS.values(),
+    ):
         groups[settings] = make_group(settings, groups)
     return groups
 

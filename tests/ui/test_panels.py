@@ -24,7 +24,7 @@ class Layout:
 
     row = column = box = split = _inner
 
-    def panel(self, name):
+    def panel(self, name, default_closed=False):
         return Layout(self.seen), Layout(self.seen)
 
     def prop(self, group, name, index=-1, text=None, placeholder=""):
@@ -87,6 +87,7 @@ def test_a_newcomer_sees_one_button_and_a_way_to_open_a_file(props):
 
 def test_every_setting_has_its_place(small):
     small.plantings[0].gaussians.add()
+    small.mobile.poses.add()
     seen = drawn()
     for group in properties.GROUPS.values():
         for name in group.shown:
@@ -98,6 +99,7 @@ def test_every_setting_has_its_place(small):
 def test_labels_fit_beside_their_values(small):
     """At Blender's standard width of the sidebar; measured on photographs of it."""
     small.plantings[0].gaussians.add()
+    small.mobile.poses.add()
     assert [text for text in drawn() if len(text) > 28] == []
     for group in properties.GROUPS.values():
         for name in group.shown:
