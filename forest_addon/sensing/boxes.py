@@ -51,10 +51,9 @@ class BoxTree:
         Returns ray (P,), box (P,) and entry (P,) metres, by ray and then by entry. The entry is
         ``start`` inside of a box, and never later than in truth.
         """
-        slope = 1.0 / np.where(np.abs(directions) < TINY, TINY, directions)
-        whole = (self._low - self._slack, self._high + self._slack)
-        enters, leaves = _slabs(origins.T, slope.T, whole)
-        enters, leaves = np.maximum(enters, start), np.minimum(leaves, limit)
+        slope = _slope(directions)
+        low, high = self._low - self._slack, self._high + self._slack
+        enters, leaves = clip(low, high, origins, directions, start, limit)
         rays = np.flatnonzero(enters <= leaves)
         parts = [(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))]
         for first in range(0, len(rays), BLOCK):
@@ -97,10 +96,30 @@ class BoxTree:
         return ray, box, entry
 
 
-def _slabs(origin: np.ndarray, slope: np.ndarray, box: Box) -> tuple[np.ndarray, np.ndarray]:
-    """Where rays enter boxes, 0 inside, and where they leave them; slope is 1/direction."""
+def clip(
+    low: np.ndarray,
+    high: np.ndarray,
+    origins: np.ndarray,
+    directions: np.ndarray,
+    start: np.ndarray,
+    limit: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where rays (R, 3) enter and leave one box (3,), (3,), within their limits (R,); leave < enter: never."""
+    enters, leaves = _slabs(origins.T.copy(), _slope(directions).T.copy(), (low, high), -np.inf)
+    return np.maximum(enters, start), np.minimum(leaves, limit)
+
+
+def _slope(directions: np.ndarray) -> np.ndarray:
+    slope: np.ndarray = 1.0 / np.where(np.abs(directions) < TINY, TINY, directions)
+    return slope
+
+
+def _slabs(
+    origin: np.ndarray, slope: np.ndarray, box: Box, start: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where rays enter boxes, not before ``start``, and where they leave them; slope is 1/direction."""
     low, high = box
-    entry: np.ndarray | float = 0.0
+    entry: np.ndarray | float = start
     leave: np.ndarray | float = np.inf
     for axis in range(3):
         a = low[axis] - origin[axis]
