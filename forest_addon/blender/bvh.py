@@ -26,7 +26,6 @@ from ..sensing.search import Search
 BEFORE = 1e-3  # metres, and BEFORE_SHARE of the way: where a ray starts before a box
 BEFORE_SHARE = 1e-5
 FAR = 3e38  # the longest way that float32 holds
-ROWS = 32_768  # rays at a time: their tuples stay in the cache
 
 
 class BvhCaster(Search):
@@ -45,13 +44,9 @@ class BvhCaster(Search):
     def _nearest(
         self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
     ) -> Hits:
-        hits = Hits.misses(len(origins))
+        hits = Hits.misses(len(start))
         with _no_collection():
-            for first in range(0, len(origins), ROWS):
-                part = slice(first, first + ROWS)
-                self._visit(
-                    origins[part], directions[part], start[part], limit[part], hits.take(part)
-                )
+            self._visit(origins, directions, start, limit, hits)
         return hits
 
     def _visit(
@@ -64,8 +59,8 @@ class BvhCaster(Search):
     ) -> None:
         """Let rays visit their instances, and write what they hit."""
         ray, box, entry = self._boxes.pairs(origins, directions, start, limit)
-        turn = np.searchsorted(ray, np.arange(len(origins)))
-        last = np.searchsorted(ray, np.arange(len(origins)), side="right")
+        turn = np.searchsorted(ray, np.arange(len(limit)))
+        last = np.searchsorted(ray, np.arange(len(limit)), side="right")
         best = limit.copy()
         rays = np.flatnonzero(turn < last)
         while len(rays):
@@ -74,10 +69,12 @@ class BvhCaster(Search):
             pair = turn[rays]
             begin = np.maximum(entry[pair] * (1 - BEFORE_SHARE) - BEFORE, start[rays])
             into = box[pair]
-            triangle = self._enter(origins[rays], directions[rays], begin, best[rays], into)
+            triangle = self._enter(origins[:, rays], directions[:, rays], begin, best[rays], into)
             met = np.flatnonzero(triangle >= 0)
             found, into, triangle = rays[met], into[met], triangle[met]
-            distance = self._surfaces.distance(origins[found], directions[found], into, triangle)
+            distance = self._surfaces.distance(
+                origins[:, found], directions[:, found], into, triangle
+            )
             held, holder = best[found], hits.instance[found]
             # Of two at the same distance the first instance stays, in whatever order they come.
             first = (holder < 0) | (into < holder)
@@ -96,10 +93,10 @@ class BvhCaster(Search):
         limit: np.ndarray,
         instance: np.ndarray,
     ) -> np.ndarray:
-        """(R,) first triangle, -1 for none, of each ray (R, 3) in one instance (R,); sorted by mesh."""
-        m = self._to_local[instance].T.copy()  # (12, R): each coefficient is one contiguous array
-        d = directions.T.copy()
-        o = origins.T + begin * d
+        """(R,) first triangle, -1 for none, of each ray (3, R) in one instance (R,); sorted by mesh."""
+        m = self._to_local[instance].T.copy()  # (12, R)
+        d = directions
+        o = origins + begin * d
         origin = [m[i] * o[0] + m[i + 1] * o[1] + m[i + 2] * o[2] + m[i + 3] for i in (0, 4, 8)]
         way = [m[i] * d[0] + m[i + 1] * d[1] + m[i + 2] * d[2] for i in (0, 4, 8)]
         stretch = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)

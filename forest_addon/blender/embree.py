@@ -47,7 +47,10 @@ class EmbreeCaster(Search):
         low, high = scene.bounds()
         low[~np.isfinite(invert_transforms(scene.transform)).all(axis=(1, 2))] = np.nan
         known = np.flatnonzero(np.isfinite(low).all(axis=1))  # the others are flat or empty
-        self._low, self._high = low[known].min(0, initial=np.inf), high[known].max(0, initial=-np.inf)
+        self._low, self._high = (
+            low[known].min(0, initial=np.inf),
+            high[known].max(0, initial=-np.inf),
+        )
         self._centre = (self._low + self._high) / 2 if len(known) else np.zeros(3)
         self._slack = 1e-6 * float((self._high - self._low).max() if len(known) else 0.0) + 1e-6
 
@@ -55,7 +58,9 @@ class EmbreeCaster(Search):
         device = self._library.rtcNewDevice(f"threads={threads}".encode())
         build = _Build(self._library, device)
         weakref.finalize(self, build.release)
-        self._usable = {m: whole_triangles(scene.meshes[m]) for m in np.unique(scene.mesh_index[known])}
+        self._usable = {
+            m: whole_triangles(scene.meshes[m]) for m in np.unique(scene.mesh_index[known])
+        }
         of_mesh = {m: build.mesh(scene.meshes[m], rows) for m, rows in self._usable.items()}
         self._whole = all(len(r) == len(scene.meshes[m].triangles) for m, r in self._usable.items())
         place = scene.transform.copy()
@@ -69,38 +74,38 @@ class EmbreeCaster(Search):
     def _nearest(
         self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
     ) -> Hits:
-        hits = Hits.misses(len(origins))
+        hits = Hits.misses(len(start))
         enters, leaves = clip(
             self._low - self._slack, self._high + self._slack, origins, directions, start, limit
         )
         rays = np.flatnonzero(enters <= leaves)
         if not len(rays):
             return hits
-        begin = enters[rays]
-        origins, directions = origins[rays], directions[rays]
-        moved = origins - self._centre + begin[:, None] * directions
-        reach = (limit[rays] - begin) * (1 + 1e-6) + self._slack
-        packets = _pack(moved, directions, reach)
-        self._run_packets(packets)
-        whole = packets.view(np.uint32)
-        instance = whole[:, INSTANCE].reshape(-1)[: len(rays)]
-        met = np.flatnonzero(whole[:, GEOMETRY].reshape(-1)[: len(rays)] != NONE)
-        instance = instance[met].astype(np.int64)
-        triangle = whole[:, PRIMITIVE].reshape(-1)[met].astype(np.int64)
+        begin, origins, directions = enters[rays], origins[:, rays], directions[:, rays]
+        moved = origins - self._centre[:, None]
+        moved += begin * directions
+        packets = _pack(moved, directions, (limit[rays] - begin) * (1 + 1e-6) + self._slack)
+        self._trace(packets)
+        primitive, geometry, instance = (
+            packets.view(np.uint32)[:, row].reshape(-1) for row in (PRIMITIVE, GEOMETRY, INSTANCE)
+        )
+        met = np.flatnonzero(geometry[: len(rays)] != NONE)
+        instance, triangle = instance[met].astype(np.int64), primitive[met].astype(np.int64)
         if not self._whole:
             triangle = self._numbered(instance, triangle)
-        distance = self._surfaces.distance(origins[met], directions[met], instance, triangle)
+        distance = self._surfaces.distance(origins[:, met], directions[:, met], instance, triangle)
         hits.put(rays[met], Hits(distance, instance, triangle))
         return hits
 
-    def _run_packets(self, packets: np.ndarray) -> None:
+    def _trace(self, packets: np.ndarray) -> None:
         valid = _aligned((PACKET,), np.int32)
         valid[:] = -1
         first, step = packets.ctypes.data, packets.strides[0]
         addresses = range(first, first + step * len(packets), step)
         run = self._library.rtcIntersect16
         deque(
-            map(run, repeat(valid.ctypes.data), repeat(self._top), addresses, repeat(None)), maxlen=0
+            map(run, repeat(valid.ctypes.data), repeat(self._top), addresses, repeat(None)),
+            maxlen=0,
         )
 
     def _numbered(self, instance: np.ndarray, primitive: np.ndarray) -> np.ndarray:
@@ -124,7 +129,9 @@ class _Build:
 
     def mesh(self, mesh: TriMesh, rows: np.ndarray) -> int:
         """A scene of these triangles of a mesh, in its local space."""
-        vertices = np.zeros((len(mesh.vertices) + 1, 3), dtype=np.float32)  # read 16 bytes at a time
+        vertices = np.zeros(
+            (len(mesh.vertices) + 1, 3), dtype=np.float32
+        )  # read 16 bytes at a time
         vertices[:-1] = np.nan_to_num(mesh.vertices, nan=0.0, posinf=0.0, neginf=0.0)
         triangles = np.ascontiguousarray(mesh.triangles[rows], dtype=np.uint32)
         self._arrays += [vertices, triangles]
@@ -179,8 +186,8 @@ class _Build:
 
 
 def _pack(origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """(P, 21, 16) float32: rays (R, 3) as Embree wants them; the last packet is filled up."""
-    count = len(origins)
+    """(P, 21, 16) float32: rays (3, R) as Embree wants them; the last packet is filled up."""
+    count = len(reach)
     packets = _aligned((-(-count // PACKET), ROWS, PACKET), np.float32)
     whole = packets.view(np.uint32)
     packets[:, [TNEAR, TIME]] = 0.0
@@ -194,8 +201,8 @@ def _pack(origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> np.
         packets[:, row] = filled.reshape(-1, PACKET)
 
     for axis in range(3):
-        put(axis, origins[:, axis])
-        put(DIRECTION + axis, directions[:, axis])
+        put(axis, origins[axis])
+        put(DIRECTION + axis, directions[axis])
     filled[:] = -1.0
     put(TFAR, np.minimum(reach, FAR))
     return packets

@@ -46,7 +46,7 @@ class BoxTree:
     ) -> Pairs:
         """Rays, the boxes that each meets between ``start`` and ``limit``, and where it enters them.
 
-        origins, directions : (R, 3) finite, unit directions. start, limit : (R,) metres from the origin.
+        origins, directions : (3, R) finite, unit directions. start, limit : (R,) metres from the origin.
 
         Returns ray (P,), box (P,) and entry (P,) metres, by ray and then by entry. The entry is
         ``start`` inside of a box, and never later than in truth.
@@ -60,8 +60,10 @@ class BoxTree:
             block = rays[first : first + BLOCK]
             begin = enters[block]
             ray, box, entry = self._meet(
-                (origins[block] - self._centre + begin[:, None] * directions[block]).T.astype("f4"),
-                slope[block].T.astype("f4"),
+                (origins[:, block] - self._centre[:, None] + begin * directions[:, block]).astype(
+                    "f4"
+                ),
+                slope[:, block].astype("f4"),
                 ((leaves[block] - begin) * WIDER + self._slack).astype("f4"),
             )
             order = np.lexsort((entry, ray))
@@ -104,8 +106,8 @@ def clip(
     start: np.ndarray,
     limit: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where rays (R, 3) enter and leave one box (3,), (3,), within their limits (R,); leave < enter: never."""
-    enters, leaves = _slabs(origins.T.copy(), _slope(directions).T.copy(), (low, high), -np.inf)
+    """Where rays (3, R) enter and leave a box (3,), (3,), within their limits (R,); leave < enter: never."""
+    enters, leaves = _slabs(origins, _slope(directions), (low, high), -np.inf)
     return np.maximum(enters, start), np.minimum(leaves, limit)
 
 

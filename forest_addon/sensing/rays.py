@@ -101,13 +101,17 @@ class RayCaster(Protocol):
 
 def unit_directions(directions: np.ndarray) -> np.ndarray:
     """(R, 3) float64 unit vectors; NaN rows where a direction is zero or not finite."""
-    d = np.asarray(directions, dtype=np.float64)
+    return unit_columns(np.asarray(directions).T).T
+
+
+def unit_columns(directions: np.ndarray) -> np.ndarray:
+    """The same of (3, R): each coordinate is one contiguous array."""
+    d = np.array(directions, dtype=np.float64, order="C")
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        d = d / np.abs(d).max(
-            axis=1, keepdims=True
-        )  # 1e-20 and 1e30 long vectors do not under/overflow
-        d = d / np.linalg.norm(d, axis=1, keepdims=True)
-    return np.where(np.isfinite(d).all(axis=1, keepdims=True), d, np.nan)
+        d /= np.maximum(np.maximum(np.abs(d[0]), np.abs(d[1])), np.abs(d[2]))  # 1e-300 to 1e300
+        d /= np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+        d[:, ~(np.abs(d[0] + d[1] + d[2]) < 2.0)] = np.nan
+    return d
 
 
 def plane_distance(origins: np.ndarray, directions: np.ndarray, corners: np.ndarray) -> np.ndarray:

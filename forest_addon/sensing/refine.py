@@ -38,7 +38,7 @@ class Surfaces:
         instance: np.ndarray,
         triangle: np.ndarray,
     ) -> np.ndarray:
-        """(R,) metres along rays (R, 3) with unit directions to the planes of their triangles (R,).
+        """(R,) metres along rays (3, R) with unit directions to the planes of their triangles (R,).
 
         A ray that float32 found to hit and that passes just beside the triangle may meet its plane
         far away, or never: the distance is kept within that of the triangle's corners.
@@ -47,7 +47,7 @@ class Surfaces:
         for first in range(0, len(instance), ROWS):
             part = slice(first, first + ROWS)
             found[part] = self._distance(
-                origins[part], directions[part], instance[part], triangle[part]
+                origins[:, part], directions[:, part], instance[part], triangle[part]
             )
         return found
 
@@ -58,11 +58,10 @@ class Surfaces:
         instance: np.ndarray,
         triangle: np.ndarray,
     ) -> np.ndarray:
-        # Coordinates first, rays second: each row of these is one contiguous array.
         m = self._transform[instance].reshape(-1, 12).T.copy()  # (12, R)
         number = self._triangles[self._first[instance] + triangle]
-        foot = (m[3] - origins[:, 0], m[7] - origins[:, 1], m[11] - origins[:, 2])
-        d = directions.T.copy()
+        foot = [m[3 + 4 * i] - origins[i] for i in range(3)]
+        d = directions
         corner = []
         for k in range(3):
             x, y, z = self._vertices[number[:, k]].T.copy()

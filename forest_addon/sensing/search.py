@@ -16,10 +16,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from .geometry import SceneGeometry
-from .rays import Hits, unit_directions
+from .rays import Hits, unit_columns
 from .refine import Surfaces
 
-TASK = 65_536  # rays; a multiple of 16, so that packets do not depend on the number of threads
+TASK = 32_768  # rays; a multiple of 16, so that packets do not depend on the number of threads
 MARGIN = 1e-3  # metres before min_distance where a search begins
 STEP = 1e-6  # metres: the first step behind what does not count
 
@@ -40,8 +40,9 @@ class Search(ABC):
     ) -> Hits:
         """The nearest triangle of each ray between ``start`` and ``limit`` (R,), as float32 sees it.
 
-        origins, directions : (R, 3) float64, finite, unit directions. Distances in the hits are
-        exact and from the origin; they may lie a little outside of the limits.
+        origins, directions : (3, R) float64, each coordinate one contiguous array; finite, unit
+        directions. Distances in the hits are exact and from the origin; they may lie a little outside
+        of the limits.
         """
 
     def cast(
@@ -98,24 +99,35 @@ class Search(ABC):
         leaving: Hits | None,
     ) -> Hits:
         """One task."""
-        origins = origins.astype(np.float64, copy=False)
-        directions = unit_directions(directions)
-        left = Hits.misses(len(origins)) if leaving is None else leaving
-        leaves = left.found
-        start = np.where(leaves, near, near - MARGIN)
-        rays = np.flatnonzero(
-            np.isfinite(origins).all(axis=1) & ~np.isnan(directions[:, 0]) & (near <= far)
-        )
-        hits = Hits.misses(len(origins))
+        origins = np.array(origins.T, dtype=np.float64, order="C")
+        directions = unit_columns(directions.T)
+        left = Hits.misses(len(near)) if leaving is None else leaving
+        start = near - MARGIN if leaving is None else np.where(left.found, near, near - MARGIN)
+        hits = Hits.misses(len(near))
+        valid = np.isfinite(origins.sum(axis=0) + directions.sum(axis=0)) & (near <= far)
+        rays = np.flatnonzero(valid)
         step = STEP
         while len(rays):
-            hits.put(rays, self._nearest(origins[rays], directions[rays], start[rays], far[rays]))
-            met = hits.take(rays)
-            same = (met.instance == left.instance[rays]) & (met.triangle == left.triangle[rays])
-            too_near = np.where(leaves[rays], met.distance <= near[rays], met.distance < near[rays])
-            refused = met.found & (too_near | (leaves[rays] & same))
+            hits.put(rays, self._nearest(*_taken(rays, origins, directions, start, far)))
+            refused = _refused(hits.take(rays), near[rays], left.take(rays))
             rays = rays[refused]
             start[rays] = np.maximum(start[rays], hits.distance[rays]) + step
             step *= 2.0
         hits.put(hits.distance > far, Hits.misses(1))
         return hits
+
+
+def _taken(rays: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Some rays of arrays (..., R); no copies where they are all."""
+    if len(rays) == arrays[0].shape[-1]:
+        return arrays
+    return tuple(np.ascontiguousarray(array[..., rays]) for array in arrays)
+
+
+def _refused(hits: Hits, near: np.ndarray, left: Hits) -> np.ndarray:
+    """(R,) bool: what does not count, being too near or the triangle that the ray leaves."""
+    refused: np.ndarray = hits.distance < near
+    if left.found.any():
+        same = (hits.instance == left.instance) & (hits.triangle == left.triangle)
+        refused |= left.found & hits.found & (same | (hits.distance <= near))
+    return refused
