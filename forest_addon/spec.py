@@ -846,6 +846,18 @@ SENSORS: dict[str, type[Settings]] = {
 # ------------------------------------------------------------------------------------- scene
 
 
+class Rays(Settings):
+    """How rays are cast; what they find does not depend on it."""
+
+    TITLE: ClassVar[str] = "Rays"
+    engine: str = param(
+        "auto",
+        help="Blender's own Embree, its BVHTree, or the first of them that works",
+        choices=("auto", "bvhtree", "embree"),
+    )
+    threads: int = param(0, help="threads of Embree; 0: as many as there are cores", ge=0, le=1024)
+
+
 class Output(Settings):
     """What is written besides the sensors' results."""
 
@@ -874,6 +886,7 @@ class Scene(Settings):
     forest: Forest = param(Forest(), help="the field")
     plantings: tuple[Planting, ...] = param((), help="species and where they stand")
     air: Air = param(Air(), help="the air")
+    rays: Rays = param(Rays(), help="how rays are cast")
     sensors: tuple[Sensor, ...] = param((), help="what looks at the forest")
     output: Output = param(Output(), help="what is written")
 

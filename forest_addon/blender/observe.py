@@ -10,8 +10,9 @@ import bpy
 from ..rng import stream
 from ..sensing import lidar, reverb, slices, sonar, tractor
 from ..sensing.cloud import Cloud
-from ..spec import Mobile, Reverb, Scanner, Scene, Sensor, Sonar, Tractor
-from .bvh import BvhCaster
+from ..sensing.rays import RayCaster
+from ..spec import Mobile, Rays, Reverb, Scanner, Scene, Sensor, Sonar, Tractor
+from .casters import make_caster
 from .depsgraph import read_scene
 from .platform import path_of_object
 
@@ -22,18 +23,19 @@ Finding = tractor.TractorScan | Cloud | sonar.Echo | reverb.ImpulseResponse
 class Observer:
     """An evaluated scene as arrays, with the casters and scatterers that sensors need, made once."""
 
-    def __init__(self, depsgraph: bpy.types.Depsgraph) -> None:
+    def __init__(self, depsgraph: bpy.types.Depsgraph, rays: Rays | None = None) -> None:
         self.geometry = read_scene(depsgraph)
+        self._rays = rays or Rays()
 
     @cached_property
-    def caster(self) -> BvhCaster:
+    def caster(self) -> RayCaster:
         """Rays that meet everything."""
-        return BvhCaster(self.geometry)
+        return make_caster(self.geometry, self._rays)
 
     @cached_property
-    def wood(self) -> BvhCaster:
+    def wood(self) -> RayCaster:
         """Rays that pass leaves: lines of sight of sound."""
-        return BvhCaster(self.geometry.solid())
+        return make_caster(self.geometry.solid(), self._rays)
 
     @cached_property
     def discs(self) -> sonar.LeafDiscs:

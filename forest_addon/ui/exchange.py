@@ -34,6 +34,7 @@ def to_spec(props: Any, kinds: Iterable[str] = tuple(spec.SENSORS)) -> spec.Scen
             for number, group in enumerate(props.plantings)
         ),
         air=read(props.air, spec.Air, "air"),
+        rays=read(props.rays, spec.Rays, "rays"),
         sensors=tuple(read(getattr(props, kind), spec.SENSORS[kind], kind) for kind in kinds),
     )
 
@@ -52,6 +53,7 @@ def from_spec(props: Any, scene: spec.Scene) -> list[str]:
     props.name, props.seed = scene.name, scene.seed
     write(props.forest, scene.forest)
     write(props.air, scene.air)
+    write(props.rays, scene.rays)
     _fill(props, "plantings", scene.plantings)
     first: dict[str, Settings] = {}
     for sensor in scene.sensors:

@@ -184,6 +184,15 @@ class FOREST_PT_air(_OnceStarted, bpy.types.Panel):
         _draw_settings(_split(self.layout), context.scene.forest_sensing.air)
 
 
+class FOREST_PT_rays(_OnceStarted, bpy.types.Panel):
+    bl_label = spec.Rays.TITLE
+    bl_parent_id = "FOREST_PT_sensors"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        _draw_settings(_split(self.layout), context.scene.forest_sensing.rays)
+
+
 # -------------------------------------------------------------------------------------------- results
 
 
@@ -299,5 +308,6 @@ CLASSES = (
     FOREST_PT_sonar,
     FOREST_PT_reverb,
     FOREST_PT_air,
+    FOREST_PT_rays,
     FOREST_PT_results,
 )

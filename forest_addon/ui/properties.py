@@ -35,7 +35,15 @@ from ..spec import Param, Settings, param_of
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
 LARGEST_INT = 2**31 - 1  # what Blender's whole numbers hold
 UNITS = {"m": "LENGTH", "s": "TIME_ABSOLUTE", "Hz": "FREQUENCY", "m/s": "VELOCITY"}
-SUFFIXES = ("_deg", "_c", "_kpa", "_nm", "_mrad", "_ns", "_ppm")  # units within names; labels show the unit itself
+SUFFIXES = (
+    "_deg",
+    "_c",
+    "_kpa",
+    "_nm",
+    "_mrad",
+    "_ns",
+    "_ppm",
+)  # units within names; labels show the unit itself
 # Pairs that are not along x and y: what their two numbers are called.
 PARTS = {
     "azimuth_deg": ("from", "to"),
@@ -259,7 +267,7 @@ def _group_class(name: str, annotations: dict[str, Any]) -> type[bpy.types.Prope
 def _make_groups() -> dict[type, type]:
     groups: dict[type, type] = {}
     for settings in (
-        *(spec.Forest, spec.Gaussian, spec.Planting, spec.Air),
+        *(spec.Forest, spec.Gaussian, spec.Planting, spec.Air, spec.Rays),
         *(spec.Beam, spec.Surfaces, spec.Noise, spec.Pose),
         *spec.SENSORS.values(),
     ):
@@ -300,6 +308,7 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
             "plantings": CollectionProperty(type=GROUPS[spec.Planting]),
             "active_plantings": IntProperty(options={"HIDDEN"}),
             "air": PointerProperty(type=GROUPS[spec.Air]),
+            "rays": PointerProperty(type=GROUPS[spec.Rays]),
             **{
                 kind: PointerProperty(type=GROUPS[settings])
                 for kind, settings in spec.SENSORS.items()

@@ -62,7 +62,7 @@ def groups(draw, cls, digits=6):
         assume(False)
 
 
-SINGLE = [spec.Forest, spec.Gaussian, spec.Planting, spec.Air, *spec.SENSORS.values()]
+SINGLE = [spec.Forest, spec.Gaussian, spec.Planting, spec.Air, spec.Rays, *spec.SENSORS.values()]
 
 
 def group_for(props, cls):
