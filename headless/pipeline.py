@@ -88,7 +88,7 @@ def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) 
     with stages.stage("write truth"):
         _write_truth(run)
     with stages.stage("read evaluated scene"):
-        observer = Observer(bpy.context.evaluated_depsgraph_get())
+        observer = Observer(bpy.context.evaluated_depsgraph_get(), settings.rays)
         engine = observer.caster.engine
     for sensor in settings.sensors:
         with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
