@@ -57,7 +57,7 @@ class Run:
 
     def write(self, name: str, found: SensorFinding) -> None:
         """Write a sensor's result; it is listed in the report."""
-        self.files.append(write_finding(self.out, name, found).name)
+        self.files.append(write_finding(self.out, name, found, self.settings.offset).name)
 
 
 def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) -> None:

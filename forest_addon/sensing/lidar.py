@@ -38,16 +38,16 @@ class Scan:
         self, scanner: LiDAR, caster: RayCaster, seed: int = 0, path: Trajectory | None = None
     ) -> None:
         self.scanner, self.caster = scanner, caster
-        self._pattern = pattern_of(scanner, path)
+        self.pattern = pattern_of(scanner, path)
         self._key = first_key(seed, "lidar", scanner.name)
-        self.pulses = self._pattern.count
+        self.pulses = self.pattern.count
         self.at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
 
     def look(self, first: int, stop: int) -> Cloud:
         """The returns of the pulses from number ``first`` to before ``stop``."""
         scanner, beam = self.scanner, self.scanner.beam
         number = np.arange(first, stop)
-        pulses = self._pattern.pulses(number)
+        pulses = self.pattern.pulses(number)
         keys = daughter_keys(self._key, number)
         origins, directions = spread(pulses, beam, keys)
         ray_keys = keys

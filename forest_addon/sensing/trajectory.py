@@ -119,4 +119,5 @@ class Strips:
             + along[:, None] * forward
             + (strip * flight.spacing)[:, None] * right
         )
-        return where, Rotation.from_euler("z", np.where(back, heading + np.pi, heading))
+        turn = np.where(back, heading + np.pi, heading)
+        return where, Rotation.from_euler("Z", turn[:, None])
