@@ -115,12 +115,13 @@ class Sweep:
         """See ``Pattern``; the scan angle is counted from nadir, spinning: from the horizon."""
         scanner = self._scanner
         time = number / scanner.pulse_rate
+        turns = number * scanner.line_rate / scanner.pulse_rate  # whole ones stay whole
         if scanner.pattern == "spinning":
             way, across, angle = self._spinning(number)
         elif scanner.pattern == "circles":
-            way, across, angle = self._circles(time)
+            way, across, angle = self._circles(turns)
         else:
-            way, across, angle = self._lines(time)
+            way, across, angle = self._lines(turns)
         where, attitude = self._path.at(self._path.start + time)
         turn = attitude * self._mount
         return Pulses(
@@ -131,24 +132,24 @@ class Sweep:
             scan_angle=angle,
         )
 
-    def _lines(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _lines(self, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A fan across the way, swept from left to right, or to and fro."""
-        line, place = np.divmod(time * self._scanner.line_rate, 1.0)
+        line, place = np.divmod(turns, 1.0)
         if self._scanner.pattern == "zigzag":
             place = np.where(line % 2 == 1, 1.0 - place, place)
         angle = self._field[0] + place * (self._field[1] - self._field[0])
-        cos, sin, none = np.cos(angle), np.sin(angle), np.zeros(len(time))
+        cos, sin, none = np.cos(angle), np.sin(angle), np.zeros(len(turns))
         return np.stack([none, -sin, -cos], 1), np.stack([none, -cos, sin], 1), angle
 
-    def _circles(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _circles(self, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A cone about nadir (Palmer scan), clockwise seen from above, from straight ahead on."""
-        turn = 2 * np.pi * self._scanner.line_rate * time
+        turn = 2 * np.pi * turns
         cone = float(self._field[1])
         cos, sin = np.cos(turn), np.sin(turn)
         way = np.stack(
-            [np.sin(cone) * cos, -np.sin(cone) * sin, np.full(len(time), -np.cos(cone))], 1
+            [np.sin(cone) * cos, -np.sin(cone) * sin, np.full(len(turns), -np.cos(cone))], 1
         )
-        across = np.stack([-sin, -cos, np.zeros(len(time))], 1)
+        across = np.stack([-sin, -cos, np.zeros(len(turns))], 1)
         return way, across, np.where(sin >= 0, cone, -cone)
 
     def _spinning(self, number: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
