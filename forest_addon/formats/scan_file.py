@@ -43,6 +43,17 @@ class Written:
     resumed_at: int
 
 
+@dataclass(frozen=True)
+class State:
+    """How far an unfinished scan is: which scan, its pulses, those of a chunk, those done, its points."""
+
+    scan: str
+    pulses: int
+    at_once: int
+    done: int = 0
+    points: int = 0
+
+
 def write_scan(
     path: Path,
     scan: Scan,
@@ -66,31 +77,25 @@ def write_scan(
     kind = path.suffix.lower().lstrip(".")
     if kind not in FORMATS:
         raise SpecError(str(path), f"cannot be written; end its name in .{', .'.join(FORMATS)}")
-    record = {
-        "scan": _digest(scan, seed, offset),
-        "pulses": scan.pulses,
-        "at_once": at_once or scan.at_once,
-        "done": 0,
-        "points": 0,
-    }
-    state, partial = path.with_suffix(".partial.json"), path.with_suffix(".partial.ply")
-    if resume and state.is_file():
-        record = _resumed(state, record)
-    begin = int(record["done"])
+    state = State(_digest(scan, seed, offset), scan.pulses, at_once or scan.at_once)
+    noted, partial = path.with_suffix(".partial.json"), path.with_suffix(".partial.ply")
+    if resume and noted.is_file():
+        state = _resumed(noted, state)
+    begin = state.done
     comments = (f"Forest Sensing {scan.scanner.kind} scan {scan.scanner.name}, seed {seed}",)
-    file = PlyFile(partial, POINT, comments, keep=int(record["points"]))
+    file = PlyFile(partial, POINT, comments, keep=state.points)
     try:
-        for done, cloud in scan.chunks(begin, int(record["at_once"])):
+        for done, cloud in scan.chunks(begin, state.at_once):
             file.append(records(cloud, offset))
-            record |= {"done": done, "points": file.count}
-            with replacing(state) as text:
-                text.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+            state = dataclasses.replace(state, done=done, points=file.count)
+            with replacing(noted) as text:
+                text.write_text(json.dumps(dataclasses.asdict(state)) + "\n", encoding="utf-8")
             if progress:
                 progress(done, scan.pulses)
     finally:
         file.close()
     _finish(file, path, kind)
-    state.unlink(missing_ok=True)
+    noted.unlink(missing_ok=True)
     return Written(path, scan.pulses, file.count, begin)
 
 
@@ -125,18 +130,16 @@ def write_npz_rows(path: Path, rows: np.ndarray) -> None:
                 np.lib.format.write_array(file, np.array(unit))
 
 
-def _resumed(state: Path, fresh: dict[str, str | int]) -> dict[str, str | int]:
+def _resumed(noted: Path, fresh: State) -> State:
     """What an unfinished scan says of itself; its chunks go on as they were."""
     try:
-        known: dict[str, str | int] = json.loads(state.read_text(encoding="utf-8"))
-        same = known["scan"] == fresh["scan"] and known["pulses"] == fresh["pulses"]
-        complete = {"at_once", "done", "points"} <= known.keys()
-    except (ValueError, KeyError, TypeError):
-        same = complete = False
-    if not (same and complete):
+        known = State(**json.loads(noted.read_text(encoding="utf-8")))
+    except (ValueError, TypeError):
+        known = None
+    if known is None or (known.scan, known.pulses) != (fresh.scan, fresh.pulses):
         raise SpecError(
             "resume",
-            f"{state.name} is of another scan: its settings, seed or scene differ; run again without it",
+            f"{noted.name} is of another scan: its settings, seed or scene differ; run again without it",
         )
     return known
 

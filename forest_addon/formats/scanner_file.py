@@ -52,11 +52,15 @@ def read_scanner(name: str, folder: Path = Path()) -> ScannerFile:
         raise SpecError("scanner", f"{path} cannot be read: {problem}") from None
     known_keys = {"title", "source", "assumed", "common", *PLATFORMS}
     for key in table.keys() - known_keys:
-        raise SpecError("scanner", f"{path}: {key} is not known; use {', '.join(sorted(known_keys))}")
+        raise SpecError(
+            "scanner", f"{path}: {key} is not known; use {', '.join(sorted(known_keys))}"
+        )
     common = table.get("common", {})
     platforms = {kind: merged(common, table[kind]) for kind in PLATFORMS if kind in table}
     if not platforms:
-        raise SpecError("scanner", f"{path} has no table for any of {', '.join(PLATFORMS)}; add one")
+        raise SpecError(
+            "scanner", f"{path} has no table for any of {', '.join(PLATFORMS)}; add one"
+        )
     return ScannerFile(
         title=str(table.get("title", path.stem)),
         source=str(table.get("source", "")),

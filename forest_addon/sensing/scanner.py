@@ -80,7 +80,8 @@ class Tripod:
         if scanner.azimuth_deg[1] - scanner.azimuth_deg[0] >= 360:
             azimuth = azimuth[azimuth < low + 2 * np.pi - 1e-9]  # no direction twice
         self._azimuth = azimuth
-        self._elevation = steps(*np.deg2rad(scanner.elevation_deg), line_step)
+        lowest, highest = np.deg2rad(scanner.elevation_deg)
+        self._elevation = steps(lowest, highest, line_step)
         self.count = len(self._azimuth) * len(self._elevation)
 
     def pulses(self, number: np.ndarray) -> Pulses:
@@ -156,7 +157,8 @@ class Sweep:
         """Channels from the lowest up, fired one after the other while the head turns clockwise."""
         scanner = self._scanner
         channels = scanner.channels
-        elevation = np.linspace(*self._field, channels) if channels > 1 else self._field[:1]
+        low, high = self._field
+        elevation = np.linspace(low, high, channels) if channels > 1 else self._field[:1]
         turn = -2 * np.pi * scanner.line_rate * (number // channels) * channels / scanner.pulse_rate
         el = elevation[number % channels]
         cos, sin = np.cos(turn), np.sin(turn)

@@ -20,8 +20,15 @@ from ..spec import Airborne, Pose
 class Trajectory(Protocol):
     """What a scanner asks of a platform."""
 
-    start: float  # seconds
-    duration: float
+    @property
+    def start(self) -> float:
+        """Seconds at which it begins."""
+        ...
+
+    @property
+    def duration(self) -> float:
+        """Seconds that it takes; 0 where the platform stands still."""
+        ...
 
     def at(self, time: np.ndarray) -> tuple[np.ndarray, Rotation]:
         """(P, 3) positions and P attitudes, platform to world, at times (P,)."""
