@@ -75,7 +75,7 @@ def _trial_scene() -> SceneGeometry:
             [[1.0, 0.7, 0.0], [0.0, 1.0, 0.3], [0.0, 0.0, 1.0]],
         ]
     )
-    place = np.array([[5e5, 4e6, 100.0]]) + [[0, 0, 0], [2, 1, 0], [-2, 1, 1]]
+    place = np.array([[0.0, 0.0, 0.0], [2.0, 1.0, 0.0], [-2.0, 1.0, 1.0]]) + [5e5, 4e6, 100.0]
     nothing = np.full(3, -1)
     return SceneGeometry(
         meshes=meshes,

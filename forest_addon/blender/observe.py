@@ -14,6 +14,7 @@ from ..sensing.rays import RayCaster
 from ..spec import Mobile, Rays, Reverb, Scanner, Scene, Sensor, Sonar, Tractor
 from .casters import make_caster
 from .depsgraph import read_scene
+from .kept import kept
 from .platform import path_of_object
 
 Progress = Callable[[int, int], None]
@@ -26,6 +27,11 @@ class Observer:
     def __init__(self, depsgraph: bpy.types.Depsgraph, rays: Rays | None = None) -> None:
         self.geometry = read_scene(depsgraph)
         self._rays = rays or Rays()
+
+    @classmethod
+    def of(cls, depsgraph: bpy.types.Depsgraph, rays: Rays) -> Observer:
+        """The observer of before, with all it has made, as long as nothing changes."""
+        return kept(depsgraph, cls, rays)
 
     @cached_property
     def caster(self) -> RayCaster:

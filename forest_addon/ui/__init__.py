@@ -27,6 +27,9 @@ def unregister() -> None:
     """Take everything back, in reverse order."""
     import bpy
 
+    from ..blender.kept import unwatch
+
+    unwatch()
     del bpy.types.Scene.forest_sensing
     for cls in reversed(_classes()):
         bpy.utils.unregister_class(cls)

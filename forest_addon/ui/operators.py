@@ -103,7 +103,7 @@ class _Sense(_Work):
         settings = to_spec(props, [self.kind])
         folder = _folder(props.output)
         (sensor,) = settings.sensors
-        observer = Observer(context.evaluated_depsgraph_get(), settings.rays)
+        observer = Observer.of(context.evaluated_depsgraph_get(), settings.rays)
         found = observer.observe(sensor, settings, tell)
         mark_sensors(context.scene, settings)
         sentence = keep_finding(context, sensor, found, time.perf_counter() - started)
