@@ -43,19 +43,34 @@ def spread(pulses: Pulses, beam: Beam, keys: np.ndarray) -> tuple[np.ndarray, np
     """
     if beam.subrays == 1:
         return pulses.origin, pulses.direction
-    r = radii(beam.subrays)
+    r, angle = radii(beam.subrays), GOLDEN_ANGLE * np.arange(beam.subrays)
+    x, y = r * np.cos(angle), r * np.sin(angle)  # (N,) before the turn of each pulse
     turn = 2 * np.pi * keyed_uniform(keys, "footprint")
-    angle = turn[:, None] + GOLDEN_ANGLE * np.arange(beam.subrays)  # (P, N)
-    cos, sin = r * np.cos(angle), r * np.sin(angle)
-    half = np.array(beam.divergence_mrad) * 0.5e-3
+    cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
+    along, across = np.array(beam.divergence_mrad) * 0.5e-3
     u, v = pulses.across, np.cross(pulses.direction, pulses.across)
-
-    def place(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return a[..., None] * u[:, None, :] + b[..., None] * v[:, None, :]
-
-    origin = pulses.origin[:, None, :] + place(
-        cos * beam.exit_diameter / 2, sin * beam.exit_diameter / 2
+    exit_radius = beam.exit_diameter / 2
+    origin = _placed(
+        pulses.origin, exit_radius * (cos * u + sin * v), x, exit_radius * (cos * v - sin * u), y
     )
-    way = pulses.direction[:, None, :] + place(-sin * half[0], cos * half[1])
-    way /= np.linalg.norm(way, axis=2, keepdims=True)
-    return origin.reshape(-1, 3), way.reshape(-1, 3)
+    way = _placed(
+        pulses.direction,
+        across * cos * v - along * sin * u,
+        x,
+        -along * cos * u - across * sin * v,
+        y,
+    )
+    way /= np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
+    return origin.T, way.T
+
+
+def _placed(
+    start: np.ndarray, a: np.ndarray, x: np.ndarray, b: np.ndarray, y: np.ndarray
+) -> np.ndarray:
+    """(3, P·N) start + a·x + b·y of vectors (P, 3) and numbers (N,), each coordinate in one piece."""
+    places = np.empty((3, len(a), len(x)))
+    for axis, place in enumerate(places):
+        np.multiply(a[:, axis, None], x, out=place)
+        place += b[:, axis, None] * y
+        place += start[:, axis, None]
+    return places.reshape(3, -1)

@@ -21,8 +21,8 @@ from .cloud import Cloud, join
 from .footprint import spread
 from .passage import Contacts, meet
 from .radiometry import detection_limit, intensity, reflectance_of
-from .rays import RayCaster
-from .returns import label, take
+from .rays import RayCaster, hit_normals
+from .returns import cosines, label
 from .scanner import LiDAR, Pulses, pattern_of
 from .trajectory import Trajectory
 from .waveform import LIGHT, Echoes, find_echoes, pulse_length
@@ -77,18 +77,18 @@ class Scan:
     ) -> Cloud:
         """What the receiver makes of the light that comes back."""
         scanner, scene = self.scanner, self.caster.scene
-        seen = label(scene, contacts.hits, directions[contacts.ray])
-        reflectance = reflectance_of(scene, contacts.hits, contacts.organ, scanner.surfaces)
+        hits, ways = contacts.hits, directions[contacts.ray]
+        reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         energy = intensity(
             reflectance * contacts.light / scanner.beam.subrays,
-            seen.cos_incidence,
-            seen.distance,
+            cosines(hit_normals(scene, hits), ways),
+            hits.distance,
             scanner.beam.extinction,
         )
-        counts = np.flatnonzero((energy > 0) & (seen.distance >= scanner.min_range))
+        counts = np.flatnonzero((energy > 0) & (hits.distance >= scanner.min_range))
         pulse, subray = np.divmod(contacts.ray[counts], scanner.beam.subrays)
         sigma = pulse_length(scanner.beam.pulse_ns)
-        echoes = find_echoes(pulse, subray, seen.distance[counts], energy[counts], sigma)
+        echoes = find_echoes(pulse, subray, hits.distance[counts], energy[counts], sigma)
         echoes = _taken(echoes, np.flatnonzero(echoes.energy >= detection_limit(scanner)))
 
         return_keys = daughter_keys(keys[echoes.pulse], _rank(echoes.pulse))
@@ -98,7 +98,8 @@ class Scan:
         kept = np.flatnonzero(rank < scanner.beam.max_returns)
         echoes, return_keys, rank = _taken(echoes, kept), return_keys[kept], rank[kept]
 
-        seen = take(seen, counts[echoes.contact])
+        chosen = counts[echoes.contact]
+        seen = label(scene, hits.take(chosen), ways[chosen])
         measured = echoes.distance + noise.range_error(
             scanner.noise, echoes.distance, seen.cos_incidence, return_keys
         )

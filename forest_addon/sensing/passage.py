@@ -15,7 +15,7 @@ from ..growth.trimesh import LEAF
 from ..rng import daughter_keys, keyed_uniform
 from ..spec import Surfaces
 from .rays import Hits, RayCaster
-from .returns import parts
+from .returns import organs
 
 FAINT = 1e-6  # share of the light below which a ray is not followed further
 
@@ -53,7 +53,7 @@ def meet(
     while True:
         met = np.flatnonzero(hits.found)
         ray, light, hits = ray[met], light[met], hits.take(met)
-        organ, _ = parts(caster.scene, hits)
+        organ = organs(caster.scene, hits)
         sends, goes_on, kept = _split(organ, light, surfaces, keys[ray], len(found))
         found.append(Contacts(ray[sends], hits.take(sends), organ[sends], light[sends]))
         if not len(goes_on):

@@ -37,33 +37,41 @@ class Returns:
 def label(scene: SceneGeometry, hits: Hits, directions: np.ndarray) -> Returns:
     """What hits are: organ, leaf, tree, species, and the angle of incidence of unit directions (R, 3)."""
     normal = hit_normals(scene, hits)
-    organ, leaf = parts(scene, hits)
     of_tree = np.append(scene.tree, -1)  # a miss has instance -1
     of_species = np.append(scene.species, -1)
     return Returns(
         distance=hits.distance,
         normal=normal,
-        cos_incidence=np.abs(np.einsum("ri,ri->r", normal, directions)),
-        organ=organ,
-        leaf=leaf,
+        cos_incidence=cosines(normal, directions),
+        organ=organs(scene, hits),
+        leaf=_of_triangle(scene, hits, "leaf", np.dtype(np.int32)),
         tree=of_tree[hits.instance],
         species=of_species[hits.instance],
         instance=hits.instance,
     )
 
 
-def parts(scene: SceneGeometry, hits: Hits) -> tuple[np.ndarray, np.ndarray]:
-    """(R,) int8 organ and (R,) int32 leaf number of hits."""
-    organ = np.full(len(hits.distance), ESCAPED, dtype=np.int8)
-    leaf = np.full(len(hits.distance), -1, dtype=np.int32)
+def cosines(normal: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """(R,) |cos| between unit vectors (R, 3)."""
+    n, d = normal, directions
+    cosine: np.ndarray = np.abs(n[:, 0] * d[:, 0] + n[:, 1] * d[:, 1] + n[:, 2] * d[:, 2])
+    return cosine
+
+
+def organs(scene: SceneGeometry, hits: Hits) -> np.ndarray:
+    """(R,) int8 parts of what was hit, ``ESCAPED`` where nothing was."""
+    return _of_triangle(scene, hits, "part", np.dtype(np.int8))
+
+
+def _of_triangle(scene: SceneGeometry, hits: Hits, name: str, dtype: np.dtype) -> np.ndarray:
+    """(R,) an array of the meshes' triangles at what was hit, -1 where nothing was."""
+    values = np.full(len(hits.distance), -1, dtype=dtype)
     found = np.flatnonzero(hits.found)
     mesh_of = scene.mesh_index[hits.instance[found]]
-    for number in np.unique(mesh_of):
+    for number in np.flatnonzero(np.bincount(mesh_of)):
         rows = found[mesh_of == number]
-        mesh = scene.meshes[number]
-        organ[rows] = mesh.part[hits.triangle[rows]]
-        leaf[rows] = mesh.leaf[hits.triangle[rows]]
-    return organ, leaf
+        values[rows] = getattr(scene.meshes[number], name)[hits.triangle[rows]]
+    return values
 
 
 def take(returns: Returns, rows: np.ndarray) -> Returns:
