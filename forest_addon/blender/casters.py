@@ -75,7 +75,7 @@ def _trial_scene() -> SceneGeometry:
             [[1.0, 0.7, 0.0], [0.0, 1.0, 0.3], [0.0, 0.0, 1.0]],
         ]
     )
-    place = np.array([[0.0, 0.0, 0.0], [2.0, 1.0, 0.0], [-2.0, 1.0, 1.0]]) + [5e5, 4e6, 100.0]
+    place = np.array([[5e5, 4e6, 100.0], [5e5 + 2, 4e6 + 1, 100.0], [5e5 - 2, 4e6 + 1, 101.0]])
     nothing = np.full(3, -1)
     return SceneGeometry(
         meshes=meshes,
