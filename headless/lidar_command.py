@@ -16,7 +16,7 @@ from typing import Any
 
 from forest_addon.formats.scanner_file import PLATFORMS, merged, read_scanner, scanner_names
 from forest_addon.formats.toml_file import structure
-from forest_addon.spec import SENSORS, Airborne, Mobile, Scanner, SpecError, Terrestrial
+from forest_addon.spec import SENSORS, Airborne, Mobile, Rays, Scanner, SpecError, Terrestrial
 
 FORMATS = ("laz", "las", "ply", "npz")
 
@@ -61,6 +61,9 @@ def add_lidar(commands: argparse._SubParsersAction) -> None:
     lidar.add_argument("--format", choices=FORMATS, help="default: as --out ends, else laz")
     lidar.add_argument("--resume", action="store_true", help="go on with an unfinished scan")
     lidar.add_argument("--chunk", type=int, metavar="N", help="pulses between two savings")
+    lidar.add_argument(
+        "--engine", default="auto", choices=("auto", "bvhtree", "embree"), help="who casts rays"
+    )
     lidar.add_argument("--quiet", action="store_true", help="say nothing but errors")
     lidar.set_defaults(do=run_lidar)
 
@@ -223,7 +226,7 @@ def _scan(
         except RuntimeError:
             raise SpecError(str(chosen.blend), "is no .blend file that Blender can open") from None
     with stages.stage("read evaluated scene"):
-        observer = Observer(bpy.context.evaluated_depsgraph_get())
+        observer = Observer(bpy.context.evaluated_depsgraph_get(), Rays(engine=chosen.engine))
         if not len(observer.geometry):
             raise SpecError(
                 str(chosen.blend), "has nothing to scan: no visible object of its scene has faces"

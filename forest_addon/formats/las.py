@@ -21,7 +21,7 @@ from .atomic import replacing
 
 RESOLUTION = 1e-4  # metres
 REACH = 2**31  # steps to each side of the offset
-ROWS_AT_ONCE = 1_000_000
+ROWS_AT_ONCE = 50_000  # what stays in the cache while its fields are copied
 CLASS_OF_ORGAN = np.ones(128, dtype=np.uint8)  # ASPRS: unclassified, high vegetation, ground
 CLASS_OF_ORGAN[[WOOD, LEAF, GROUND]] = 5, 5, 2
 EXTRA = {

@@ -28,7 +28,7 @@ from .trajectory import Trajectory
 from .waveform import LIGHT, Echoes, find_echoes, pulse_length
 
 Progress = Callable[[int, int], None]
-RAYS_AT_ONCE = 131_072
+RAYS_AT_ONCE = 65_536
 
 
 class Scan:
@@ -78,10 +78,11 @@ class Scan:
         """What the receiver makes of the light that comes back."""
         scanner, scene = self.scanner, self.caster.scene
         hits, ways = contacts.hits, directions[contacts.ray]
+        normal = hit_normals(scene, hits)
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         energy = intensity(
             reflectance * contacts.light / scanner.beam.subrays,
-            cosines(hit_normals(scene, hits), ways),
+            cosines(normal, ways),
             hits.distance,
             scanner.beam.extinction,
         )
@@ -99,7 +100,7 @@ class Scan:
         echoes, return_keys, rank = _taken(echoes, kept), return_keys[kept], rank[kept]
 
         chosen = counts[echoes.contact]
-        seen = label(scene, hits.take(chosen), ways[chosen])
+        seen = label(scene, hits.take(chosen), ways[chosen], normal[chosen])
         measured = echoes.distance + noise.range_error(
             scanner.noise, echoes.distance, seen.cos_incidence, return_keys
         )

@@ -34,9 +34,14 @@ class Returns:
     instance: np.ndarray
 
 
-def label(scene: SceneGeometry, hits: Hits, directions: np.ndarray) -> Returns:
-    """What hits are: organ, leaf, tree, species, and the angle of incidence of unit directions (R, 3)."""
-    normal = hit_normals(scene, hits)
+def label(
+    scene: SceneGeometry, hits: Hits, directions: np.ndarray, normal: np.ndarray | None = None
+) -> Returns:
+    """What hits are: organ, leaf, tree, species, and the angle of incidence of unit directions (R, 3).
+
+    normal : (R, 3) normals of the triangles, where they are known already.
+    """
+    normal = hit_normals(scene, hits) if normal is None else normal
     of_tree = np.append(scene.tree, -1)  # a miss has instance -1
     of_species = np.append(scene.species, -1)
     return Returns(

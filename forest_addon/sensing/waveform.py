@@ -62,12 +62,11 @@ def find_echoes(
     pulse, subray : (C,) which pulse, and which of its rays from the axis outwards.
     distance : (C,) metres. energy : (C,). sigma : metres, see ``pulse_length``.
     """
+    if (np.diff(pulse) > 0).all():  # one contact a pulse: that is its echo
+        return Echoes(pulse, distance, energy, np.full(len(pulse), sigma), np.arange(len(pulse)))
     order = np.lexsort((subray, distance, pulse))
     pulse, subray, energy = pulse[order], subray[order], energy[order]
     at = distance[order]
-    if not len(at):
-        none = np.zeros(0)
-        return Echoes(pulse, none, none, none, order)
     new = (np.diff(pulse) != 0) | (np.diff(at) > APART * sigma)
     first = np.flatnonzero(np.append(True, new))
     size = np.diff(np.append(first, len(at)))
