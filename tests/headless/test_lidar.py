@@ -23,9 +23,7 @@ def words(*arguments):
 
 
 def headless(*arguments):
-    return subprocess.run(
-        words(*arguments), cwd=ROOT, capture_output=True, text=True, timeout=300
-    )
+    return subprocess.run(words(*arguments), cwd=ROOT, capture_output=True, text=True, timeout=300)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +52,9 @@ SCAN += ("--set", "beam.subrays=7")
 
 def test_a_scene_of_ones_own(park, tmp_path):
     out = tmp_path / "scan.laz"
-    ended = headless(park, *SCAN, "--azimuth", "-45,45", "--offset", "465000,5473000,0", "--out", out)
+    ended = headless(
+        park, *SCAN, "--azimuth", "-45,45", "--offset", "465000,5473000,0", "--out", out
+    )
     assert ended.returncode == 0, ended.stderr
     assert "points of" in ended.stderr.splitlines()[-1]
     assert [p.name for p in tmp_path.iterdir()] == ["scan.laz"]
@@ -146,7 +146,10 @@ def test_the_list_of_scanners():
         (("PARK", *SCAN, "--out", "x.txt"), "must end in one of .laz"),
         (("none.blend", *SCAN), "there is no such file"),
         (("pyproject.toml", *SCAN), "is no .blend file"),
-        (("PARK", "--scanner", "riegl-vux-1uav", "--along", "Road"), "curves and empties here: Drone"),
+        (
+            ("PARK", "--scanner", "riegl-vux-1uav", "--along", "Road"),
+            "curves and empties here: Drone",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_one_sentence(park, tmp_path, capfd, arguments, said):

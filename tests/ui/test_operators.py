@@ -12,7 +12,7 @@ from forest_addon.blender import forest as forest_room
 from forest_addon.blender.cloud import CLOUD_KEY
 from forest_addon.blender.depsgraph import TREE_KEY
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.spec import Scene
+from forest_addon.spec import Scene, Terrestrial
 from forest_addon.ui import exchange, requirements
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -338,6 +338,53 @@ def test_a_full_disk_keeps_the_result_in_the_scene(built, tmp_path, monkeypatch)
     assert len(clouds()) == 1
     assert list(tmp_path.iterdir()) == []
     assert built.results["terrestrial"].file == ""
+
+
+# --------------------------------------------------------------------------------- moving scanners
+
+
+def test_a_scanner_travels_along_poses(built):
+    for x in (-2.0, 4.0):
+        assert press("add_pose") == {"FINISHED"}
+        built.mobile.poses[-1].position = (x, 3, 2)
+    built.mobile.pulse_rate, built.mobile.line_rate = 200, 2
+    built.mobile.field_deg = (-180, 180)
+    assert built.mobile.poses[1].time == 10
+    assert press("travel") == {"FINISHED"}
+    assert int(facts(built, "mobile")["Points"].replace(",", "")) > 500
+    assert bpy.data.objects["track"].location.x == -2  # its marker
+    assert press("remove_pose") == {"FINISHED"}
+    assert len(built.mobile.poses) == 1
+
+
+def test_a_scanner_without_a_way_is_told_so(built):
+    with pytest.raises(RuntimeError, match="give poses, or the object to follow"):
+        press("travel")
+    built.mobile.follow = "Nothing"
+    with pytest.raises(RuntimeError, match='no object "Nothing"'):
+        press("travel")
+
+
+def test_a_scanner_flies_over_the_forest(built):
+    built.airborne.position, built.airborne.track, built.airborne.speed = (3, -2, 30), 10, 10
+    built.airborne.pulse_rate, built.airborne.line_rate = 2000, 20
+    assert press("fly") == {"FINISHED"}
+    figures = facts(built, "airborne")
+    assert figures["Beams"] == "2,000"
+    assert int(figures["Points"].replace(",", "")) > 100
+
+
+def test_choosing_a_scanner_fills_in_its_figures(props):
+    props.terrestrial.max_range = 77
+    props.terrestrial.name = "mine"
+    props.terrestrial.scanner = "riegl-vz-400"  # not complete yet
+    assert props.terrestrial.max_range == 77
+    props.terrestrial.scanner = "riegl-vz-400i"
+    sensor = exchange.read(props.terrestrial, Terrestrial)
+    assert (sensor.max_range, sensor.min_range, sensor.beam.exit_diameter) == (800, 1.5, 0.007)
+    assert (sensor.name, sensor.position) == ("mine", Terrestrial().position)
+    props.terrestrial.beam.subrays = 3
+    assert exchange.read(props.terrestrial, Terrestrial).beam.subrays == 3
 
 
 # ------------------------------------------------------------------------------ scene files, modes
