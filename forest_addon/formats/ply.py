@@ -61,7 +61,7 @@ class PlyFile:
         end = self._start + keep * dtype.itemsize
         if keep and (not path.is_file() or path.stat().st_size < end):
             raise OSError(f"{path.name} has lost rows; start again without it")
-        self._file = open(path, "r+b" if keep else "w+b")
+        self._file = open(path, "r+b" if keep else "w+b")  # noqa: SIM115  closed by close()
         self._file.truncate(end)
         self._say_count()
 

@@ -48,8 +48,10 @@ def run(say: Say) -> None:
     say(f"\nSub-rays of a beam of 0.35 mrad in ten trees, against {MANY}:\n")
     table(
         say,
-        ["sub-rays", "µs a pulse", "energy, mean error", "energy, bias", "no echo for an echo"]
-        + ["first range, median error", "first range, 90 %"],
+        [
+            *("sub-rays", "µs a pulse", "energy, mean error", "energy, bias"),
+            *("no echo for an echo", "first range, median error", "first range, 90 %"),
+        ],
         _convergence(make_caster(forest(10, 200_000), ONE_THREAD)),
     )
 

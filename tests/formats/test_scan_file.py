@@ -38,9 +38,8 @@ def read_ply(path):
     lines = head.decode("ascii").splitlines()
     assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
     (count,) = [int(line.split()[2]) for line in lines if line.startswith("element vertex")]
-    kinds = dict(
-        double="<f8", float="<f4", uint="<u4", int="<i4", short="<i2", char="i1", uchar="u1"
-    )
+    kinds = {"double": "<f8", "float": "<f4", "uint": "<u4", "int": "<i4"}
+    kinds |= {"short": "<i2", "char": "i1", "uchar": "u1"}
     fields = [line.split()[1:] for line in lines if line.startswith("property")]
     dtype = np.dtype([(name, kinds[kind]) for kind, name in fields])
     return np.frombuffer(body[: count * dtype.itemsize], dtype), len(body) - count * dtype.itemsize

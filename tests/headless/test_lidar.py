@@ -164,6 +164,32 @@ def test_what_cannot_be_used_is_one_sentence(park, tmp_path, capfd, arguments, s
     assert "Traceback" not in told
 
 
+def test_scanners_of_a_scene_file(tmp_path):
+    """Every platform, from presets, through a whole run with pictures and report."""
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        "offset = [465000.0, 5473000.0, 100.0]\n[forest]\nsize = [6.0, 6.0]\n"
+        '[[plantings]]\nspecies = "hazelnut"\nvariants = 1\nexpected = 3\n'
+        '[[sensors]]\nkind = "terrestrial"\nname = "puck"\nscanner = "velodyne-vlp-16"\n'
+        "position = [-1.0, 3.0, 1.0]\nangle_step_deg = 2.0\n"
+        '[[sensors]]\nkind = "mobile"\nname = "walk"\nscanner = "velodyne-vlp-16"\n'
+        "pulse_rate = 4000\n"
+        "poses = [{ position = [-2, 0, 1.5] }, { time = 1, position = [-2, 6, 1.5] }]\n"
+        '[[sensors]]\nkind = "airborne"\nname = "drone"\nscanner = "riegl-vux-1uav"\n'
+        "position = [3.0, -5.0, 40.0]\ntrack = 16.0\npulse_rate = 4000\n"
+        "[output]\nblend = false\nglb = false\npreview = false\n"
+    )
+    assert main(["run", str(scene), "--out", str(tmp_path / "o"), "--quiet"]) == 0
+    for name in ("puck", "walk", "drone"):
+        las = laspy.read(tmp_path / "o" / f"{name}.laz")
+        assert len(las) > 200
+        assert np.abs(np.median(las.x) - 465000) < 60
+        assert (tmp_path / "o" / f"{name}.png").stat().st_size > 10_000
+    page = (tmp_path / "o" / "report.html").read_text()
+    assert "Airborne LiDAR: drone" in page
+    assert "by riegl-vux-1uav gave" in page
+
+
 def test_an_empty_scene(tmp_path):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     path = tmp_path / "empty.blend"
