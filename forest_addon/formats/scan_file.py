@@ -162,6 +162,7 @@ def _scene_digest(scene: SceneGeometry) -> bytes:
     for mesh in scene.meshes:
         for array in (mesh.vertices, mesh.triangles, mesh.part, mesh.leaf):
             total.update(np.ascontiguousarray(array).view(np.uint8).data)
-    for array in (scene.transform, scene.mesh_index, scene.tree, scene.species, scene.reflectance):
+    owned = (scene.transform, scene.mesh_index, scene.tree, scene.species, scene.reflectance)
+    for array in (*owned, *scene.slot_reflectance):
         total.update(np.ascontiguousarray(array).view(np.uint8).data)
     return total.digest()
