@@ -37,7 +37,7 @@ class BoxTree:
         wide &= len(known) > TOP
         self._wide = [(known[i], (low[i], high[i])) for i in np.flatnonzero(wide)]
         small = np.flatnonzero(~wide)
-        small = small[np.argsort(_morton(low[small] + high[small]), kind="stable")]
+        small = small[np.argsort(morton(low[small] + high[small]), kind="stable")]
         self._number = known[small]
         self._levels = _levels(low[small].T, high[small].T)
 
@@ -77,8 +77,8 @@ class BoxTree:
         found = []
         for number, box in self._wide:
             entry, leave = _slabs(origin, slope, box)
-            ray = np.flatnonzero(_meets(entry, leave, limit))
-            found.append((ray, np.full(len(ray), number), entry[ray]))
+            rays = np.flatnonzero(_meets(entry, leave, limit))
+            found.append((rays, np.full(len(rays), number), entry[rays]))
 
         low, high = self._levels[0]
         entry, leave = _slabs(origin[:, :, None], slope[:, :, None], (low, high))
@@ -94,8 +94,8 @@ class BoxTree:
             entry = entry[pair, child]
             ray, node = ray[pair], node[pair] * WIDTH + child
         found.append((ray, self._number[node], entry))
-        ray, box, entry = (np.concatenate(part) for part in zip(*found, strict=True))
-        return ray, box, entry
+        ray, instance, entry = (np.concatenate(part) for part in zip(*found, strict=True))
+        return ray, instance, entry
 
 
 def clip(
@@ -152,7 +152,7 @@ def _levels(low: np.ndarray, high: np.ndarray) -> list[Box]:
     return [(low.astype("f4"), high.astype("f4")) for low, high in reversed(levels)]
 
 
-def _morton(centre: np.ndarray) -> np.ndarray:
+def morton(centre: np.ndarray) -> np.ndarray:
     """(n,) place of points (n, 3) along a Morton curve: the bits of x, y and z in turn."""
     if not len(centre):
         return np.empty(0, dtype=np.int64)
