@@ -66,6 +66,24 @@ def keyed_uniform(keys: np.ndarray, purpose: str) -> np.ndarray:
     return (bits.astype(np.float64) + 0.5) * 2.0**-53
 
 
+def keyed_normal(keys: np.ndarray, purpose: str) -> np.ndarray:
+    """(N,) standard normals, a function of key and purpose alone: ``keyed_uniform`` by inversion."""
+    z: np.ndarray = ndtri(keyed_uniform(keys, purpose))
+    return z
+
+
+def first_key(seed: int, *key: int | str) -> np.ndarray:
+    """(1,) uint64 key that ``daughter_keys`` descend from; the same lineage as ``stream``.
+
+    Raises
+    ------
+    ValueError : a negative seed or key.
+    """
+    words = tuple(_word(part) for part in key)
+    seeds = np.random.SeedSequence(seed, spawn_key=words)
+    return seeds.generate_state(1, np.uint64)
+
+
 def _mix(keys: np.ndarray) -> np.ndarray:
     """The finaliser of splitmix64: every bit of a key changes half the bits of the result."""
     z = np.asarray(keys, np.uint64) + np.uint64(0x9E3779B97F4A7C15)

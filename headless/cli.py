@@ -18,6 +18,7 @@ from forest_addon.spec import Scene, SpecError
 
 from .bench import SECTIONS
 from .bench import run as run_sections
+from .lidar_command import add_lidar, target_of, with_values_joined
 
 DEMO = ASSETS / "scenes" / "demo.toml"
 
@@ -34,6 +35,7 @@ examples:
   python -m headless estimate trees.csv --out site.toml   a scene like a site you mapped
   python -m headless stand my.toml --out points.csv   where the trees stand, and a map
   python -m headless derive apple --generations 2   the string of an L-system
+  python -m headless lidar my.blend --scanner riegl-vz-400i --at 0,0,1.6
   blender -b --python headless/in_blender.py -- my.toml --out out/my
 
 A scene file is TOML; assets/scenes/demo.toml is one with every table explained.
@@ -42,7 +44,8 @@ Start with out/.../report.html: pictures, counts, timings."""
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code."""
-    chosen = _parser().parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    chosen = _parser().parse_args(with_values_joined(words))
     if chosen.command in ("run", "demo") and chosen.out is None:
         chosen.out = Path("out") / chosen.scene.stem
     if chosen.command == "template" and chosen.out is None:
@@ -54,6 +57,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from .interrupt import interruptible
 
     kept = f"finished files are kept in {chosen.out}" if "out" in chosen else "nothing was written"
+    if chosen.command == "lidar":
+        chosen.out = target_of(chosen)
+        kept = f"what was scanned is kept beside {chosen.out}; --resume goes on with it"
     with interruptible(kept):
         try:
             return int(chosen.do(chosen))
@@ -99,6 +105,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_species(commands)
     _add_stand(commands)
     _add_estimate(commands)
+    add_lidar(commands)
     for command, folder in ((run, "out/SCENE"), (demo, "out/demo")):
         command.add_argument(
             "--out", type=Path, metavar="DIR", help=f"folder for the results (default {folder})"

@@ -14,10 +14,12 @@ from matplotlib.patches import Patch
 from forest_addon.formats.atomic import replacing
 from forest_addon.growth.trimesh import GROUND, LEAF, OTHER, WOOD
 from forest_addon.sensing import metrics
-from forest_addon.sensing.lidar import ESCAPED, Cloud, TractorScan
+from forest_addon.sensing.cloud import Cloud
+from forest_addon.sensing.returns import ESCAPED
 from forest_addon.sensing.reverb import ImpulseResponse
 from forest_addon.sensing.sonar import Echo, LeafDiscs
-from forest_addon.spec import Sonar, Terrestrial
+from forest_addon.sensing.tractor import TractorScan
+from forest_addon.spec import Scanner, Sonar, Terrestrial
 from forest_addon.stand.forest import Forest
 
 INK, FAINT, LEAF_GREEN, BARK, SOIL, SKY, RED = (
@@ -83,45 +85,64 @@ def draw_scan(scan: TractorScan, path: Path) -> Path:
     return save_figure(figure, path)
 
 
-def draw_cloud(cloud: Cloud, scanner: Terrestrial, path: Path) -> Path:
-    """A terrestrial scan: the panorama by distance, and the points from above."""
-    figure, (panorama, above) = _figure(1, 2, (12.5, 5.2), widths=(1.75, 1))
-    step = scanner.angle_step_deg
-    low_az, low_el = scanner.azimuth_deg[0], scanner.elevation_deg[0]
-    column = np.rint((np.rad2deg(cloud.azimuth) - low_az) / step).astype(int)
-    row = np.rint((np.rad2deg(cloud.elevation) - low_el) / step).astype(int)
-    high_el = scanner.elevation_deg[1]
-    shape = (
-        round((high_el - low_el) / step) + 1,
-        round((scanner.azimuth_deg[1] - low_az) / step) + 1,
-    )
+def draw_cloud(cloud: Cloud, scanner: Scanner, path: Path) -> Path:
+    """A scan of points: from a tripod the panorama by distance, else the side; and from above."""
+    figure, (left, above) = _figure(1, 2, (12.5, 5.2), widths=(1.75, 1))
+    every = max(1, len(cloud) // 150_000)
+    order = np.argsort(cloud.position[::every, 2], kind="stable")
+    points, organ = cloud.position[::every][order], cloud.returns.organ[::every][order]
+    colours = np.array([ORGANS[o][1] for o in range(GROUND + 1)])[organ]
+    if isinstance(scanner, Terrestrial):
+        _panorama(figure, left, cloud, scanner)
+        near = np.abs(points[:, :2] - np.array(scanner.position)[:2]).max(axis=1) < 22.0
+        points, colours = points[near], colours[near]
+    else:
+        left.scatter(*points[:, [0, 2]].T, s=0.5, c=colours, linewidths=0, rasterized=True)
+        left.set_aspect("equal", adjustable="datalim")
+        left.set_title("Points from the side")
+        left.set_xlabel("x, m")
+        left.set_ylabel("z, m")
+    above.scatter(*points[:, :2].T, s=0.5, c=colours, linewidths=0, rasterized=True)
+    if isinstance(scanner, Terrestrial):
+        _mark_scanner(above, scanner)
+    above.set_aspect("equal")
+    above.set_title("Points from above")
+    above.set_xlabel("x, m")
+    above.set_ylabel("y, m")
+    _organ_legend(above, (WOOD, LEAF, GROUND))
+    return save_figure(figure, path)
+
+
+def _panorama(figure: Figure, axes: Axes, cloud: Cloud, scanner: Terrestrial) -> None:
+    """Distances of the first returns, azimuth by elevation."""
+    step, line_step = scanner.angle_step_deg, scanner.line_step_deg or scanner.angle_step_deg
+    (low_az, high_az), (low_el, high_el) = scanner.azimuth_deg, scanner.elevation_deg
+    first = cloud.number == 1
+    turned = (np.rad2deg(cloud.azimuth[first]) - low_az + step / 2) % 360 - step / 2
+    column = np.rint(turned / step).astype(int)
+    row = np.rint((np.rad2deg(cloud.elevation[first]) - low_el) / line_step).astype(int)
+    shape = round((high_el - low_el) / line_step) + 1, round((high_az - low_az) / step) + 1
     image = np.full(shape, np.nan)
-    image[row, column] = cloud.returns.distance
-    shown = panorama.imshow(
+    image[row, column] = cloud.returns.distance[first]
+    shown = axes.imshow(
         np.ma.masked_invalid(image),
-        extent=(low_az, scanner.azimuth_deg[1], low_el, high_el),
+        extent=(low_az, high_az, low_el, high_el),
         origin="lower",
         aspect="auto",
         cmap="viridis_r",
         norm="log",
         rasterized=True,
     )
-    panorama.set_facecolor(SKY)
-    panorama.set_title("Panorama: distance of the first hit")
-    panorama.set_xlabel("azimuth, °")
-    panorama.set_ylabel("elevation, °")
-    _distance_bar(figure, shown, panorama)
+    axes.set_facecolor(SKY)
+    axes.set_title("Panorama: distance of the first hit")
+    axes.set_xlabel("azimuth, °")
+    axes.set_ylabel("elevation, °")
+    _distance_bar(figure, shown, axes)
 
-    every = max(1, len(cloud.position) // 150_000)
-    order = np.argsort(cloud.position[::every, 2], kind="stable")
-    points = cloud.position[::every][order]
-    organ = cloud.returns.organ[::every][order]
-    reach = 22.0
-    near = np.abs(points[:, :2] - np.array(scanner.position)[:2]).max(axis=1) < reach
-    colours = np.array([ORGANS[o][1] for o in range(GROUND + 1)])
-    above.scatter(*points[near, :2].T, s=0.5, c=colours[organ[near]], linewidths=0, rasterized=True)
-    above.plot(*scanner.position[:2], "o", color=RED, markersize=5)
-    above.annotate(
+
+def _mark_scanner(axes: Axes, scanner: Terrestrial) -> None:
+    axes.plot(*scanner.position[:2], "o", color=RED, markersize=5)
+    axes.annotate(
         "scanner",
         scanner.position[:2],
         xytext=(7, 6),
@@ -129,12 +150,6 @@ def draw_cloud(cloud: Cloud, scanner: Terrestrial, path: Path) -> Path:
         color=RED,
         bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5},
     )
-    above.set_aspect("equal")
-    above.set_title("Points from above")
-    above.set_xlabel("x, m")
-    above.set_ylabel("y, m")
-    _organ_legend(above, (WOOD, LEAF, GROUND))
-    return save_figure(figure, path)
 
 
 def draw_echo(echo: Echo, sonar: Sonar, discs: LeafDiscs, forest: Forest, path: Path) -> Path:

@@ -32,9 +32,10 @@ from forest_addon.formats.npz import write_npz
 from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.formats.stand_files import read_inputs
 from forest_addon.formats.table import write_csv
+from forest_addon.sensing.cloud import Cloud
 from forest_addon.sensing.geometry import SceneGeometry
-from forest_addon.sensing.lidar import Cloud, TractorScan
 from forest_addon.sensing.sonar import Echo
+from forest_addon.sensing.tractor import TractorScan
 from forest_addon.spec import Scene, SpecError
 from forest_addon.stand.forest import Forest, angle_table, grow_forest, leaf_table, tree_table
 from forest_addon.stand.goodness import examine, law_of_scene, poisson_trees, window_of
@@ -64,7 +65,7 @@ class Run:
 
     def write(self, name: str, found: SensorFinding) -> None:
         """Write a sensor's result; it is listed in the report."""
-        self.files.append(write_finding(self.out, name, found).name)
+        self.files.append(write_finding(self.out, name, found, self.settings.offset).name)
 
 
 def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) -> None:
@@ -102,7 +103,7 @@ def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) 
     with stages.stage("write truth"):
         _write_truth(run)
     with stages.stage("read evaluated scene"):
-        observer = Observer(bpy.context.evaluated_depsgraph_get())
+        observer = Observer(bpy.context.evaluated_depsgraph_get(), settings.rays)
         engine = observer.caster.engine
     for sensor in settings.sensors:
         with stages.stage(f"{sensor.kind} {sensor.name}") as progress:

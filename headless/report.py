@@ -18,11 +18,12 @@ import numpy as np
 from forest_addon.formats.atomic import replacing
 from forest_addon.growth.trimesh import GROUND, LEAF, WOOD
 from forest_addon.sensing import metrics
-from forest_addon.sensing.lidar import Cloud, TractorScan
+from forest_addon.sensing.cloud import Cloud
 from forest_addon.sensing.reverb import ImpulseResponse
 from forest_addon.sensing.slices import Trunks
 from forest_addon.sensing.sonar import Echo
-from forest_addon.spec import Reverb, Scene, Sonar, Terrestrial, Tractor
+from forest_addon.sensing.tractor import TractorScan
+from forest_addon.spec import Reverb, Scanner, Scene, Sonar, Terrestrial, Tractor
 from forest_addon.stand.forest import Forest
 from forest_addon.stand.goodness import Goodness
 
@@ -131,22 +132,31 @@ def scan_finding(sensor: Tractor, scan: TractorScan, picture: Path) -> Finding:
     )
 
 
-def cloud_finding(sensor: Terrestrial, cloud: Cloud, picture: Path) -> Finding:
-    """The terrestrial scan."""
-    organ = cloud.returns.organ
+def cloud_finding(sensor: Scanner, cloud: Cloud, picture: Path) -> Finding:
+    """A scan that gives points: from a tripod, a vehicle, an aircraft."""
+    organ, beam = cloud.returns.organ, sensor.beam
     trees = np.unique(cloud.returns.tree[cloud.returns.tree >= 0])
+    spacing = f" every {sensor.angle_step_deg:g}°" if isinstance(sensor, Terrestrial) else ""
+    instrument = f" by {sensor.scanner}" if sensor.scanner else ""
+    facts = {
+        "points": f"{len(organ):,}",
+        "trees seen": f"{len(trees)}",
+        "wood": _share(organ == WOOD),
+        "leaves": _share(organ == LEAF),
+        "ground": _share(organ == GROUND),
+    }
+    if beam.max_returns > 1:
+        facts["of several returns"] = _share(cloud.count > 1)
     return Finding(
-        f"Terrestrial LiDAR: {sensor.name}",
-        f"{cloud.pulses:,} pulses every {sensor.angle_step_deg:g}° gave {len(organ):,} points.",
-        {
-            "points": f"{len(organ):,}",
-            "trees seen": f"{len(trees)}",
-            "wood": _share(organ == WOOD),
-            "leaves": _share(organ == LEAF),
-            "ground": _share(organ == GROUND),
-        },
+        f"{sensor.kind.title()} LiDAR: {sensor.name}",
+        f"{cloud.pulses:,} pulses{spacing}{instrument} gave {len(organ):,} points.",
+        facts,
         (
-            "LAS coordinates are stored to 0.1 mm; tree, species, organ, leaf and object are extra bytes.",
+            "One ray a pulse."
+            if beam.subrays == 1
+            else f"{beam.subrays} rays of equal energy a pulse, over a Gaussian footprint.",
+            "LAS coordinates are stored to 0.1 mm; labels and truth (range without noise, normal, angle "
+            "of incidence) are extra bytes.",
         ),
         picture,
     )

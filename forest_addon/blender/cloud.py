@@ -1,4 +1,10 @@
-"""A point cloud as a Blender object: vertices with named attributes, shown as points by a modifier."""
+"""A point cloud as a Blender object: vertices with named attributes, shown as points by a modifier.
+
+Every value and label of a return is an attribute. The modifier has a menu *Colour By*: organs in the
+colours of nature, numbers (trees, leaves, objects) in colours of their own, measures on a scale from
+their smallest to their largest value. It stores what was chosen as the attribute ``colour``, which the
+material shows.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +12,7 @@ import bpy
 import numpy as np
 
 from ..growth.trimesh import GROUND, LEAF, WOOD
-from ..sensing.lidar import Cloud
+from ..sensing.cloud import Cloud
 from .materials import coloured_points
 from .ours import make_object
 
@@ -15,6 +21,10 @@ COLOUR_OF_ORGAN = {
     LEAF: (0.08, 0.42, 0.06, 1.0),
     GROUND: (0.45, 0.40, 0.30, 1.0),
 }
+NUMBERS = ("tree", "species", "leaf", "object", "return_number")
+MEASURES = ("height", "distance", "intensity", "incidence", "width", "scan_angle", "time")
+SCALE = ((0.09, 0.0, 0.16), (0.03, 0.20, 0.29), (0.02, 0.45, 0.25), (0.98, 0.80, 0.02))
+GOLDEN = 0.6180339887498949  # numbers one after the other get hues far apart
 GROUP = "Forest points"
 CLOUD_KEY = "forest_cloud"
 
@@ -22,16 +32,29 @@ CLOUD_KEY = "forest_cloud"
 def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types.Object:
     """Put a sensor's cloud into a collection, in place of that sensor's last one."""
     data = bpy.data.meshes.new(name)
-    data.vertices.add(len(cloud.position))
-    _fill(data, "position", "FLOAT_VECTOR", cloud.position.astype(np.float32), "vector")
-    _fill(data, "distance", "FLOAT", cloud.returns.distance.astype(np.float32))
-    _fill(data, "intensity", "FLOAT", cloud.intensity.astype(np.float32))
+    data.vertices.add(len(cloud))
+    _fill(data, "position", "FLOAT_VECTOR", cloud.position, "vector")
+    _fill(data, "surface_normal", "FLOAT_VECTOR", cloud.returns.normal, "vector")
+    for measure, values in {
+        "distance": cloud.returns.distance,
+        "true_range": cloud.true_range,
+        "intensity": cloud.intensity,
+        "width": cloud.width,
+        "incidence": np.arccos(np.minimum(cloud.returns.cos_incidence, 1.0)),
+        "scan_angle": cloud.scan_angle,
+        "time": cloud.time,
+    }.items():
+        _fill(data, measure, "FLOAT", values)
     for label in ("tree", "species", "organ", "leaf"):
-        _fill(data, label, "INT", getattr(cloud.returns, label).astype(np.int32))
-    colour = np.full((128, 4), 0.5, dtype=np.float32)
+        _fill(data, label, "INT", getattr(cloud.returns, label))
+    _fill(data, "object", "INT", cloud.returns.instance)
+    _fill(data, "pulse", "INT", cloud.pulse)
+    _fill(data, "return_number", "INT", cloud.number)
+    _fill(data, "number_of_returns", "INT", cloud.count)
+    colour = np.full((128, 4), 0.5)
     for organ, shade in COLOUR_OF_ORGAN.items():
         colour[organ] = shade
-    _fill(data, "colour", "FLOAT_COLOR", colour[cloud.returns.organ], "color")
+    _fill(data, "organ_colour", "FLOAT_COLOR", colour[cloud.returns.organ], "color")
     data.update()
 
     for old in [thing for thing in home.objects if thing.get(CLOUD_KEY) == name]:
@@ -49,7 +72,7 @@ def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types
 
 
 def _points_group() -> bpy.types.NodeTree:
-    """Mesh vertices to points of 15 mm; the radius and the material can be edited by hand."""
+    """Mesh vertices to points of 15 mm in the chosen colour; all of it can be edited by hand."""
     group = bpy.data.node_groups.new(GROUP, "GeometryNodeTree")
     group.is_modifier = True
     group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
@@ -57,22 +80,119 @@ def _points_group() -> bpy.types.NodeTree:
     radius.subtype = "DISTANCE"
     radius.default_value = 0.015
     radius.min_value = 0.0
+    menu = group.interface.new_socket("Colour By", in_out="INPUT", socket_type="NodeSocketMenu")
     group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     start, end = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
     points = group.nodes.new("GeometryNodeMeshToPoints")
+    paint = group.nodes.new("GeometryNodeStoreNamedAttribute")
+    paint.data_type = "FLOAT_COLOR"
+    paint.inputs["Name"].default_value = "colour"
     coat = group.nodes.new("GeometryNodeSetMaterial")
     coat.inputs["Material"].default_value = bpy.data.materials[GROUP]
-    for column, node in enumerate((start, points, coat, end)):
-        node.location = (200 * column, 0)
-    group.links.new(start.outputs["Geometry"], points.inputs["Mesh"])
+    chosen = _colour_menu(group, start.outputs["Geometry"])
+    group.links.new(start.outputs["Colour By"], chosen.inputs["Menu"])
+    menu.default_value = "Organ"
+    for column, node in enumerate((start, chosen, paint, points, coat, end)):
+        node.location = (220 * column - 220 * (column == 0), 0)
+    group.links.new(start.outputs["Geometry"], paint.inputs["Geometry"])
+    group.links.new(chosen.outputs["Output"], paint.inputs["Value"])
+    group.links.new(paint.outputs["Geometry"], points.inputs["Mesh"])
     group.links.new(start.outputs["Radius"], points.inputs["Radius"])
     group.links.new(points.outputs["Points"], coat.inputs["Geometry"])
     group.links.new(coat.outputs["Geometry"], end.inputs["Geometry"])
     return group
 
 
+def _colour_menu(
+    group: bpy.types.NodeTree, geometry: bpy.types.NodeSocket
+) -> bpy.types.GeometryNode:
+    """A menu switch with the colour of each attribute."""
+    switch = group.nodes.new("GeometryNodeMenuSwitch")
+    switch.data_type = "RGBA"
+    switch.enum_items.clear()
+    colours = {"organ": _attribute(group, "organ_colour", "FLOAT_COLOR", (0, -200))}
+    for row, name in enumerate(NUMBERS, 1):
+        colours[name] = _hue(group, name, -200 - 160 * row)
+    for row, name in enumerate(MEASURES, 1 + len(NUMBERS)):
+        colours[name] = _on_scale(group, geometry, name, -200 - 160 * row)
+    for name, colour in colours.items():
+        label = name.replace("_", " ").title()
+        switch.enum_items.new(label)
+        group.links.new(colour, switch.inputs[label])
+    return switch
+
+
+def _hue(group: bpy.types.NodeTree, name: str, y: float) -> bpy.types.NodeSocket:
+    """A number as a hue of its own; -1, which is none, as grey."""
+    number = _attribute(group, name, "FLOAT", (-900, y))
+    hue = _maths(group, "FRACT", _maths(group, "MULTIPLY", number, GOLDEN, y), 0.0, y)
+    colour = group.nodes.new("FunctionNodeCombineColor")
+    colour.mode = "HSV"
+    colour.location = (-300, y)
+    known = _maths(group, "GREATER_THAN", number, -0.5, y)
+    group.links.new(hue, colour.inputs[0])
+    group.links.new(_maths(group, "MULTIPLY", known, 0.75, y), colour.inputs[1])
+    colour.inputs[2].default_value = 0.6
+    return colour.outputs[0]
+
+
+def _on_scale(
+    group: bpy.types.NodeTree, geometry: bpy.types.NodeSocket, name: str, y: float
+) -> bpy.types.NodeSocket:
+    """A measure on a scale of colours; intensities by their logarithm."""
+    if name == "height":
+        place = group.nodes.new("GeometryNodeInputPosition")
+        split = group.nodes.new("ShaderNodeSeparateXYZ")
+        place.location, split.location = (-1200, y), (-1050, y)
+        group.links.new(place.outputs[0], split.inputs[0])
+        value = split.outputs["Z"]
+    else:
+        value = _attribute(group, name, "FLOAT", (-1050, y))
+    if name == "intensity":
+        value = _maths(group, "LOGARITHM", _maths(group, "MAXIMUM", value, 1e-20, y), 10.0, y)
+    ends = group.nodes.new("GeometryNodeAttributeStatistic")
+    share = group.nodes.new("ShaderNodeMapRange")
+    ramp = group.nodes.new("ShaderNodeValToRGB")
+    ends.location, share.location, ramp.location = (-750, y), (-550, y), (-300, y)
+    elements = ramp.color_ramp.elements
+    while len(elements) < len(SCALE):
+        elements.new(0.5)
+    for index, colour in enumerate(SCALE):
+        elements[index].position = index / (len(SCALE) - 1)
+        elements[index].color = (*colour, 1.0)
+    group.links.new(geometry, ends.inputs["Geometry"])
+    group.links.new(value, ends.inputs["Attribute"])
+    group.links.new(value, share.inputs["Value"])
+    group.links.new(ends.outputs["Min"], share.inputs["From Min"])
+    group.links.new(ends.outputs["Max"], share.inputs["From Max"])
+    group.links.new(share.outputs["Result"], ramp.inputs["Fac"])
+    return ramp.outputs["Color"]
+
+
+def _attribute(
+    group: bpy.types.NodeTree, name: str, kind: str, place: tuple[float, float]
+) -> bpy.types.NodeSocket:
+    node = group.nodes.new("GeometryNodeInputNamedAttribute")
+    node.data_type = kind
+    node.inputs["Name"].default_value = name
+    node.location = place
+    return node.outputs["Attribute"]
+
+
+def _maths(
+    group: bpy.types.NodeTree, what: str, value: bpy.types.NodeSocket, other: float, y: float
+) -> bpy.types.NodeSocket:
+    node = group.nodes.new("ShaderNodeMath")
+    node.operation = what
+    node.inputs[1].default_value = other
+    node.location = (-600, y)
+    group.links.new(value, node.inputs[0])
+    return node.outputs[0]
+
+
 def _fill(
     data: bpy.types.Mesh, name: str, kind: str, values: np.ndarray, key: str = "value"
 ) -> None:
     attribute = data.attributes.get(name) or data.attributes.new(name, kind, "POINT")
-    attribute.data.foreach_set(key, np.ascontiguousarray(values).ravel())
+    dtype = np.int32 if kind == "INT" else np.float32
+    attribute.data.foreach_set(key, np.ascontiguousarray(values, dtype=dtype).ravel())

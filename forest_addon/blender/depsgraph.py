@@ -1,11 +1,15 @@
 """The evaluated scene to arrays: every instance of every object that evaluates to faces.
 
-Modifiers, collection instances, geometry nodes, curves and text are all seen as Blender shows them.
-Meshes that several instances share are read once. Tree and species numbers are custom properties of
-the objects, or attributes of the points that geometry nodes put instances on.
+Modifiers, collection instances, geometry nodes, curves, text and metaballs are all seen as Blender shows
+them; what is hidden is not. Meshes that several instances share are read once. Custom properties of
+objects say more: ``forest_tree`` and ``forest_species`` number trees, ``forest_ignored`` keeps an
+object from all sensors, ``forest_reflectance`` (of a material, too) is for LiDAR. What was read is
+kept until Blender reports any change.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import bpy
 import numpy as np
@@ -13,77 +17,182 @@ import numpy as np
 from ..growth.leaves import separate_leaves
 from ..growth.trimesh import TriMesh
 from ..sensing.geometry import SceneGeometry
+from .kept import kept
 from .meshes import from_mesh
+from .standings import (
+    SPECIES_KEY,
+    TREE_KEY,
+    NeedsIterator,
+    Standing,
+    has_duplis,
+    has_nodes,
+    standings,
+)
 
-TREE_KEY, SPECIES_KEY = "forest_tree", "forest_species"
+IGNORED_KEY, REFLECTANCE_KEY = "forest_ignored", "forest_reflectance"
 SOLID_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
-WITH_NODES = {"MESH", "CURVE", "CURVES", "FONT", "POINTCLOUD"}  # what geometry nodes can be put on
 
 
 def read_scene(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:
-    """Read what an evaluated depsgraph holds; hidden objects are not in it."""
-    number_of: dict[int, int] = {}
-    meshes: list[TriMesh] = []
-    index, transform, name, tree, species = [], [], [], [], []
-    on_points: dict[int, dict[str, list[int]]] = {}
+    """Read what an evaluated depsgraph holds; the same object again as long as nothing changes."""
+    return kept(depsgraph, _read)
+
+
+def _read(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:
+    found = _Found()
+    by_nodes = set()
+    plain = []
+    iterate = _has_other_instances(depsgraph)
+    for thing in depsgraph.objects:
+        if not has_nodes(thing):
+            plain.append(thing)
+            continue
+        try:
+            stands = standings(thing)
+        except NeedsIterator:
+            iterate = True
+            continue
+        by_nodes.add(thing.name_full)
+        for standing in stands:
+            found.add_many(standing, thing)
+    if not iterate:
+        for thing in plain:
+            if thing.type == "MESH":
+                found.add(thing.data, thing, thing, thing.matrix_world)
+            elif thing.type in SOLID_TYPES:
+                for standing in standings(thing):
+                    found.add_many(standing, thing)
+        return found.scene()
     for instance in depsgraph.object_instances:
         thing = instance.object
-        if thing.type not in SOLID_TYPES or not instance.show_self:
-            continue
-        # Objects without modifiers share their evaluated mesh; a curve's own data is no mesh.
-        source = thing.data if thing.type == "MESH" else thing
-        key = source.as_pointer()
-        if key not in number_of:
-            number_of[key] = len(meshes)
-            meshes.append(_read_mesh(thing))
-        if not len(meshes[number_of[key]].triangles):
+        # What is no mesh itself, as a curve or a text, comes a second time as the mesh it evaluates to.
+        if thing.type != "MESH" or not instance.show_self:
             continue
         owner = instance.parent if instance.is_instance and instance.parent else thing
-        index.append(number_of[key])
-        transform.append([row[:] for row in instance.matrix_world[:3]])
-        name.append(owner.name)
-        said: dict[str, list[int]] = {}
-        if owner is not thing:
-            if owner.as_pointer() not in on_points:
-                on_points[owner.as_pointer()] = _numbers_on_points(owner)
-            said = on_points[owner.as_pointer()]
-        place = instance.persistent_id[0]  # of an instance among those of the same points
-        for key, numbers in ((TREE_KEY, tree), (SPECIES_KEY, species)):
-            if key in said:
-                numbers.append(said[key][place])
-            else:
-                numbers.append(owner.get(key, thing.get(key, -1)))
-    return SceneGeometry(
-        meshes=tuple(meshes),
-        transform=np.array(transform, dtype=np.float64).reshape(-1, 3, 4),
-        mesh_index=np.array(index, dtype=np.int64),
-        object_name=tuple(name),
-        tree=np.array(tree, dtype=np.int64),
-        species=np.array(species, dtype=np.int64),
-    )
+        if owner.name_full not in by_nodes:
+            found.add(thing.data, thing, owner, instance.matrix_world)
+    return found.scene()
 
 
-def _numbers_on_points(owner: bpy.types.Object) -> dict[str, list[int]]:
-    """Tree and species numbers of the instances that an evaluated object's nodes make."""
-    if owner.type not in WITH_NODES:
-        return {}
-    geometry = owner.evaluated_geometry()  # the points live as long as this does
-    points = geometry.instances_pointcloud()
-    found = {}
-    for key in (TREE_KEY, SPECIES_KEY):
-        attribute = points.attributes.get(key) if points is not None else None
-        if attribute is not None and attribute.data_type == "INT":
-            values = np.empty(len(points.points), dtype=np.int32)
-            attribute.data.foreach_get("value", values)
-            found[key] = values.tolist()
-    return found
+def _has_other_instances(depsgraph: bpy.types.Depsgraph) -> bool:
+    """Whether something instances otherwise than by nodes, or is hidden and its instances are not."""
+    viewport = depsgraph.mode == "VIEWPORT"
+    for thing in depsgraph.ids:
+        if isinstance(thing, bpy.types.Object) and (
+            has_duplis(thing)
+            or not (
+                thing.show_instancer_for_viewport if viewport else thing.show_instancer_for_render
+            )
+        ):
+            return True
+    return False
 
 
-def _read_mesh(thing: bpy.types.Object) -> TriMesh:
-    if thing.type == "MESH":
-        return separate_leaves(from_mesh(thing.data))
-    data = thing.to_mesh()
-    try:
-        return from_mesh(data) if data is not None else from_mesh(bpy.data.meshes.new("empty"))
-    finally:
-        thing.to_mesh_clear()
+class _Found:
+    """What has been found so far: meshes, each once, and instances one by one and by the thousand."""
+
+    def __init__(self) -> None:
+        self._number_of: dict[int, int] = {}
+        self._meshes: list[TriMesh] = []
+        self._slots: list[np.ndarray] = []
+        self._names: dict[str, int] = {}
+        self._single: list[tuple] = []
+        self._many: list[tuple] = []
+        self._keepers: list[Any] = []
+
+    def add(
+        self, mesh: bpy.types.Mesh, thing: bpy.types.Object, owner: bpy.types.Object, matrix: Any
+    ) -> None:
+        """One instance of an object's mesh, of which ``owner`` is the reason."""
+        number = self._number(mesh)
+        if number < 0 or _says(owner, thing, IGNORED_KEY, False):
+            return
+        self._single.append(
+            (
+                number,
+                [row[:] for row in matrix[:3]],
+                self._name(owner),
+                _says(owner, thing, TREE_KEY, -1),
+                _says(owner, thing, SPECIES_KEY, -1),
+                _says(owner, thing, REFLECTANCE_KEY, np.nan),
+            )
+        )
+
+    def add_many(self, standing: Standing, owner: bpy.types.Object) -> None:
+        """All instances of a mesh that the nodes of ``owner`` make."""
+        self._keepers.append(standing.keeper)  # its meshes tell each other apart by where they are
+        number = self._number(standing.mesh)
+        source = standing.source or owner
+        if number < 0 or _says(owner, source, IGNORED_KEY, False):
+            return
+        count = len(standing.transform)
+        world = np.array(owner.matrix_world) @ standing.transform
+        tree, species = (
+            np.where(own >= 0, own, _says(owner, source, key, -1))
+            for own, key in ((standing.tree, TREE_KEY), (standing.species, SPECIES_KEY))
+        )
+        reflectance = _says(owner, source, REFLECTANCE_KEY, np.nan)
+        self._many.append(
+            (
+                np.full(count, number),
+                world[:, :3],
+                np.full(count, self._name(owner)),
+                tree,
+                species,
+                np.full(count, reflectance),
+            )
+        )
+
+    def scene(self) -> SceneGeometry:
+        """All of it as arrays."""
+        columns = list(zip(*self._single, strict=True)) or [[]] * 6
+        kinds = (np.int64, np.float64, np.int64, np.int64, np.int64, np.float64)
+        shapes = ((-1,), (-1, 3, 4), (-1,), (-1,), (-1,), (-1,))
+        index, transform, name, tree, species, reflectance = (
+            np.concatenate(
+                [np.array(column, dtype=kind).reshape(shape), *(many[k] for many in self._many)],
+                dtype=kind,
+            )
+            for k, (column, kind, shape) in enumerate(zip(columns, kinds, shapes, strict=True))
+        )
+        return SceneGeometry(
+            meshes=tuple(self._meshes),
+            transform=transform,
+            mesh_index=index,
+            object_name=tuple(self._names),
+            tree=tree,
+            species=species,
+            object_index=name,
+            reflectance=reflectance,
+            slot_reflectance=tuple(self._slots),
+        )
+
+    def _number(self, mesh: bpy.types.Mesh) -> int:
+        """Which of the unique meshes this is, -1 for one without faces."""
+        key = mesh.as_pointer()
+        if key not in self._number_of:
+            empty = not len(mesh.polygons)
+            self._number_of[key] = -1 if empty else len(self._meshes)
+            if not empty:
+                self._meshes.append(separate_leaves(from_mesh(mesh)))
+                self._slots.append(_slot_reflectance(mesh))
+        return self._number_of[key]
+
+    def _name(self, thing: bpy.types.Object) -> int:
+        return self._names.setdefault(thing.name, len(self._names))
+
+
+def _says(owner: bpy.types.Object, thing: bpy.types.Object, key: str, otherwise: Any) -> Any:
+    """A custom property of the owner, else of the thing itself; what is no number does not count."""
+    for place in (owner, thing):
+        value = place.get(key)
+        if isinstance(value, (bool, int, float)):
+            return value
+    return otherwise
+
+
+def _slot_reflectance(mesh: bpy.types.Mesh) -> np.ndarray:
+    """(S,) reflectance of the materials, NaN where they say nothing."""
+    values = [m.get(REFLECTANCE_KEY) if m else None for m in mesh.materials]
+    known = [v if isinstance(v, (int, float)) else np.nan for v in values]
+    return np.array(known or [np.nan], dtype=np.float64)

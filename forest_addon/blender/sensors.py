@@ -26,6 +26,8 @@ RECEIVER_KEY = "forest_receiver"  # custom property of a reverb's source: its re
 POSED: dict[str, tuple[str, ...]] = {
     "tractor": ("position", "heading_deg"),
     "terrestrial": ("position",),
+    "mobile": (),
+    "airborne": ("position", "heading_deg"),
     "sonar": ("position", "azimuth_deg", "elevation_deg"),
     "reverb": ("source", "receiver"),
 }
@@ -81,7 +83,7 @@ def place(thing: bpy.types.Object, settings: Settings) -> None:
     azimuth = elevation = 0.0
     if settings.kind == "sonar":
         azimuth, elevation = settings.azimuth_deg, settings.elevation_deg
-    elif settings.kind == "tractor":
+    elif settings.kind in ("tractor", "airborne"):
         azimuth = settings.heading_deg
     thing.rotation_mode = "XYZ"
     thing.rotation_euler = (0.0, -math.radians(elevation), math.radians(azimuth))
@@ -90,8 +92,10 @@ def place(thing: bpy.types.Object, settings: Settings) -> None:
         receiver = receiver_of(thing)
         if receiver is not None:
             receiver.location = settings.receiver
-    else:
+    elif settings.kind != "mobile":
         thing.location = settings.position
+    elif settings.poses:
+        thing.location = settings.poses[0].position
 
 
 def pose(thing: bpy.types.Object) -> dict[str, Any]:
@@ -107,11 +111,13 @@ def pose(thing: bpy.types.Object) -> dict[str, Any]:
         if receiver is None:
             raise SpecError(thing.name, "its receiver is gone; choose an object as receiver")
         return {"source": _place_of(thing), "receiver": _place_of(receiver)}
+    if kind == "mobile":  # it goes where its poses, or what it follows, say
+        return {}
     found: dict[str, Any] = {"position": _place_of(thing)}
     azimuth, elevation = _direction_of(thing)
     if kind == "sonar":
         found |= {"azimuth_deg": azimuth, "elevation_deg": elevation}
-    elif kind == "tractor":
+    elif kind in ("tractor", "airborne"):
         found["heading_deg"] = azimuth
     return found
 

@@ -1,6 +1,6 @@
 """What a sensor found, as the one file of data that belongs to it, named after the sensor.
 
-A tractor scan and an echo become named arrays (.npz), a terrestrial scan a point cloud (.laz), an impulse
+A tractor scan and an echo become named arrays (.npz), a scan of points a point cloud (.laz), an impulse
 response a sound (.wav).
 """
 
@@ -8,18 +8,24 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..sensing.lidar import Cloud, TractorScan
+from ..sensing.cloud import Cloud
 from ..sensing.reverb import ImpulseResponse
 from ..sensing.sonar import Echo
+from ..sensing.tractor import TractorScan
 from .las import write_las
 from .npz import write_npz
+from .points import records
 from .wav import write_wav
 
 Finding = TractorScan | Cloud | Echo | ImpulseResponse
 
 
-def write_finding(folder: Path, name: str, found: Finding) -> Path:
+def write_finding(
+    folder: Path, name: str, found: Finding, offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Path:
     """Write a sensor's result into a folder; returns the file.
+
+    offset : metres added to the positions of points, the scene's ``offset``.
 
     Raises
     ------
@@ -37,7 +43,7 @@ def write_finding(folder: Path, name: str, found: Finding) -> Path:
         write_npz(path, arrays, {"distance": "m", "angle": "rad", "track": "m"})
     elif isinstance(found, Cloud):
         path = folder / f"{name}.laz"
-        write_las(path, found)
+        write_las(path, records(found, offset))
     elif isinstance(found, Echo):
         path = folder / f"{name}.npz"
         arrays = {

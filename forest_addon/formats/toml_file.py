@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 from ..spec import SENSORS, Sensor, Settings, SpecError
 from .atomic import replacing
+from .scanner_file import PLATFORMS, merged, settings_of
 
 T = TypeVar("T", bound=Settings)
 
@@ -43,7 +44,7 @@ def read_settings(path: Path, cls: type[T]) -> T:
     except tomllib.TOMLDecodeError as problem:
         raise SpecError(str(path), f"is not TOML: {problem}") from None
     try:
-        return structure(table, cls)
+        return structure(table, cls, path.parent)
     except SpecError as problem:
         raise SpecError(str(path), f"{problem.key}: {problem.problem}") from None
 
@@ -82,8 +83,10 @@ def _toml(value: Any) -> Any:
     return [_toml(item) for item in value] if isinstance(value, tuple) else value
 
 
-def structure(table: Any, cls: type[T]) -> T:
+def structure(table: Any, cls: type[T], folder: Path = Path()) -> T:
     """A settings object from plain tables, lists, texts and numbers.
+
+    folder : that scanner files are relative to.
 
     Raises
     ------
@@ -92,7 +95,7 @@ def structure(table: Any, cls: type[T]) -> T:
     from cattrs.errors import BaseValidationError
 
     try:
-        return _converter().structure(table, cls)
+        return _converter(folder).structure(table, cls)
     except (BaseValidationError, SpecError) as problem:
         raise explain(problem, cls) from None
 
@@ -123,7 +126,7 @@ def _urgency(problem: BaseException) -> int:
     return 1 if isinstance(problem, KeyError) else 0
 
 
-def _converter() -> Any:
+def _converter(folder: Path) -> Any:
     from cattrs import Converter
 
     converter = Converter(detailed_validation=True)
@@ -133,7 +136,7 @@ def _converter() -> Any:
     converter.register_structure_hook(str, _strict(str, (str,), "a text in quotes"))
     converter.register_structure_hook_func(_is_tuple, lambda v, t: _tuple(converter, v, t))
     converter.register_structure_hook_func(
-        lambda t: t == Sensor, lambda value, _: _sensor(converter, value)
+        lambda t: t == Sensor, lambda value, _: _sensor(converter, value, folder)
     )
     converter.register_structure_hook_factory(
         lambda t: isinstance(t, type) and issubclass(t, Settings),
@@ -173,12 +176,14 @@ def _table_hook(converter: Any, cls: type[Settings]) -> Any:
     return hook
 
 
-def _sensor(converter: Any, value: Any) -> Any:
+def _sensor(converter: Any, value: Any, folder: Path) -> Any:
     kind = value.get("kind") if isinstance(value, dict) else None
     if kind not in SENSORS:
         known = ", ".join(f'"{k}"' for k in SENSORS)
         said = f"{_shown(kind)} is not known" if kind is not None else "is missing"
         raise SpecError("kind", f"{said}; use one of {known}")
+    if kind in PLATFORMS and isinstance(value.get("scanner"), str) and value["scanner"]:
+        value = merged(settings_of(value["scanner"], kind, folder), value)
     return converter.structure(value, SENSORS[kind])
 
 

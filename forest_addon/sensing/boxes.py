@@ -1,38 +1,165 @@
-"""Which instances a ray may meet: rays against axis-aligned boxes, in float64."""
+"""Which instances a ray may meet: a tree of axis-aligned boxes, walked by many rays at a time.
+
+The boxes, in the order of their centres along a Morton curve, are the leaves of an implicit tree with
+``WIDTH`` children a node; a level is two arrays. A block of rays meets the whole top level at once, then
+each pair of a ray and a node it meets is replaced by those with the node's children: the front of a
+breadth-first walk. This happens in float32 about the scene's centre, with boxes that are larger by
+more than float32 can be wrong, so that rounding never loses one. Boxes half as large as the scene (a
+ground) would spoil the tree and are met one by one.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
+WIDTH = 4  # children of a node
+TOP = 32  # nodes that every ray is tested against
+BLOCK = 2048  # rays at a time: their pairs stay in the cache
+WIDER = np.float32(1 + 4e-6)  # more than a distance is wrong after its few operations
+TINY = 1e-30  # stands for a direction's zero, so that there is no 0/0
 
-def candidates(
+Pairs = tuple[np.ndarray, np.ndarray, np.ndarray]  # ray (P,), box (P,), entry (P,)
+Box = tuple[np.ndarray, np.ndarray]  # smallest and largest coordinates, (3, ...) each
+
+
+class BoxTree:
+    """Boxes from (I, 3) to (I, 3), metres; those with NaN are never met."""
+
+    def __init__(self, low: np.ndarray, high: np.ndarray) -> None:
+        known = np.flatnonzero(np.isfinite(low).all(axis=1) & np.isfinite(high).all(axis=1))
+        low, high = low[known], high[known]
+        self._low, self._high = low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf)
+        self._centre = (self._low + self._high) / 2 if len(known) else np.zeros(3)
+        size = float((self._high - self._low).max()) if len(known) else 0.0
+        self._slack = 4e-7 * size + 1e-7
+        low, high = low - self._centre - self._slack, high - self._centre + self._slack
+        wide = (high - low).max(axis=1, initial=0.0) > 0.5 * size
+        wide &= len(known) > TOP
+        self._wide = [(known[i], (low[i], high[i])) for i in np.flatnonzero(wide)]
+        small = np.flatnonzero(~wide)
+        small = small[np.argsort(morton(low[small] + high[small]), kind="stable")]
+        self._number = known[small]
+        self._levels = _levels(low[small].T, high[small].T)
+
+    def pairs(
+        self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
+    ) -> Pairs:
+        """Rays, the boxes that each meets between ``start`` and ``limit``, and where it enters them.
+
+        origins, directions : (3, R) finite, unit directions. start, limit : (R,) metres from the origin.
+
+        Returns ray (P,), box (P,) and entry (P,) metres, by ray and then by entry. The entry is
+        ``start`` inside of a box, and never later than in truth.
+        """
+        slope = _slope(directions)
+        low, high = self._low - self._slack, self._high + self._slack
+        enters, leaves = clip(low, high, origins, directions, start, limit)
+        rays = np.flatnonzero(enters <= leaves)
+        parts = [(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))]
+        for first in range(0, len(rays), BLOCK):
+            block = rays[first : first + BLOCK]
+            begin = enters[block]
+            ray, box, entry = self._meet(
+                (origins[:, block] - self._centre[:, None] + begin * directions[:, block]).astype(
+                    "f4"
+                ),
+                slope[:, block].astype("f4"),
+                ((leaves[block] - begin) * WIDER + self._slack).astype("f4"),
+            )
+            order = np.lexsort((entry, ray))
+            ray, entry = ray[order], entry[order] / WIDER
+            parts.append((block[ray], box[order], begin[ray] + entry))
+        ray, box, entry = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return ray, box, entry
+
+    def _meet(self, origin: np.ndarray, slope: np.ndarray, limit: np.ndarray) -> Pairs:
+        """Pairs of a block of rays (3, R), float32 about the centre, in no order."""
+        found = []
+        for number, box in self._wide:
+            entry, leave = _slabs(origin, slope, box)
+            rays = np.flatnonzero(_meets(entry, leave, limit))
+            found.append((rays, np.full(len(rays), number), entry[rays]))
+
+        low, high = self._levels[0]
+        entry, leave = _slabs(origin[:, :, None], slope[:, :, None], (low, high))
+        ray, node = np.nonzero(_meets(entry, leave, limit[:, None]))
+        entry = entry[ray, node]
+        for low, high in self._levels[1:]:
+            children = (
+                low.reshape(3, -1, WIDTH)[:, node],
+                high.reshape(3, -1, WIDTH)[:, node],
+            )
+            entry, leave = _slabs(origin[:, ray, None], slope[:, ray, None], children)
+            pair, child = np.nonzero(_meets(entry, leave, limit[ray, None]))
+            entry = entry[pair, child]
+            ray, node = ray[pair], node[pair] * WIDTH + child
+        found.append((ray, self._number[node], entry))
+        ray, instance, entry = (np.concatenate(part) for part in zip(*found, strict=True))
+        return ray, instance, entry
+
+
+def clip(
     low: np.ndarray,
     high: np.ndarray,
     origins: np.ndarray,
     directions: np.ndarray,
+    start: np.ndarray,
     limit: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of ray and box that meet within the limit, sorted by ray and then by distance of entry.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where rays (3, R) enter and leave a box (3,), (3,), within their limits (R,); leave < enter: never."""
+    enters, leaves = _slabs(origins, _slope(directions), (low, high), -np.inf)
+    return np.maximum(enters, start), np.minimum(leaves, limit)
 
-    low, high : (I, 3) corners; NaN boxes are never met.
-    origins, directions : (R, 3), unit directions. limit : (R,) metres.
 
-    Returns ray (P,), box (P,), entry (P,) metres, 0 where the ray starts inside. The boxes are taken
-    slightly larger, so that rounding never loses one.
-    """
-    slack = 1e-9 * (1.0 + np.nanmax(np.abs(np.stack([low, high])), initial=0.0))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        inverse = 1.0 / directions
-        near = np.zeros((len(origins), len(low)))
-        far = np.broadcast_to(limit[:, None], near.shape).copy()
+def _slope(directions: np.ndarray) -> np.ndarray:
+    slope: np.ndarray = 1.0 / np.where(np.abs(directions) < TINY, TINY, directions)
+    return slope
+
+
+def _slabs(
+    origin: np.ndarray, slope: np.ndarray, box: Box, start: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where rays enter boxes, not before ``start``, and where they leave them; slope is 1/direction."""
+    low, high = box
+    entry: np.ndarray | float = start
+    leave: np.ndarray | float = np.inf
+    for axis in range(3):
+        a = low[axis] - origin[axis]
+        a *= slope[axis]
+        b = high[axis] - origin[axis]
+        b *= slope[axis]
+        entry = np.maximum(entry, np.minimum(a, b))
+        leave = np.minimum(leave, np.maximum(a, b))
+    return np.asarray(entry), np.asarray(leave)
+
+
+def _meets(entry: np.ndarray, leave: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    met: np.ndarray = entry <= np.minimum(leave * WIDER, limit)
+    return met
+
+
+def _levels(low: np.ndarray, high: np.ndarray) -> list[Box]:
+    """Boxes (3, n) and the levels above them, from the top; padded by boxes that are never met."""
+    levels = []
+    while low.shape[1] > TOP:
+        pad = ((0, 0), (0, -low.shape[1] % WIDTH))
+        low = np.pad(low, pad, constant_values=np.nan)
+        high = np.pad(high, pad, constant_values=np.nan)
+        levels.append((low, high))
+        low = np.fmin.reduce(low.reshape(3, -1, WIDTH), axis=2)
+        high = np.fmax.reduce(high.reshape(3, -1, WIDTH), axis=2)
+    levels.append((low, high))
+    return [(low.astype("f4"), high.astype("f4")) for low, high in reversed(levels)]
+
+
+def morton(centre: np.ndarray) -> np.ndarray:
+    """(n,) place of points (n, 3) along a Morton curve: the bits of x, y and z in turn."""
+    if not len(centre):
+        return np.empty(0, dtype=np.int64)
+    spread = max(float(np.ptp(centre, axis=0).max()), 1e-30)
+    cell = ((centre - centre.min(axis=0)) / spread * 1023).astype(np.int64)
+    code = np.zeros(len(centre), dtype=np.int64)
+    for bit in range(10):
         for axis in range(3):
-            a = (low[:, axis] - slack - origins[:, axis, None]) * inverse[:, axis, None]
-            b = (high[:, axis] + slack - origins[:, axis, None]) * inverse[:, axis, None]
-            # A ray in a face's plane gives 0·inf = NaN there: that slab does not limit it.
-            near = np.fmax(near, np.fmin(a, b))
-            far = np.fmin(far, np.fmax(a, b))
-    empty = ~np.isfinite(low).all(axis=1)
-    ray, box = np.nonzero((near <= far) & ~empty & np.isfinite(directions).all(axis=1)[:, None])
-    entry = near[ray, box]
-    order = np.lexsort((entry, ray))
-    return ray[order], box[order], entry[order]
+            code |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return code

@@ -7,10 +7,15 @@ that a forest costs the memory of its variants and a hit can be refined to float
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from ..growth.trimesh import LEAF, TriMesh
+from .boxes import morton
+
+PIECES = 64  # boxes that a mesh is bounded by
+BOXES = 1_000_000  # of all its instances together, so that memory stays small
 
 
 @dataclass(frozen=True)
@@ -20,9 +25,12 @@ class SceneGeometry:
     meshes : unique meshes, each in its local space.
     transform : (I, 3, 4) float64, local to world.
     mesh_index : (I,) int64, which of ``meshes``.
-    object_name : I names of the objects that the instances come from.
+    object_name : names of the objects that the instances come from.
     tree : (I,) int64, tree id, -1 where the instance is no tree.
     species : (I,) int64, species number, -1 where the instance is no tree.
+    object_index : (I,) int64, which of ``object_name``; left out: each instance has a name of its own.
+    reflectance : (I,) of the object, NaN where it says nothing; left out: nowhere.
+    slot_reflectance : for each mesh (S,) of its material slots, NaN likewise; left out: nowhere.
     """
 
     meshes: tuple[TriMesh, ...]
@@ -31,28 +39,68 @@ class SceneGeometry:
     object_name: tuple[str, ...]
     tree: np.ndarray
     species: np.ndarray
+    object_index: np.ndarray = None  # type: ignore[assignment]  # filled in by __post_init__
+    reflectance: np.ndarray = None  # type: ignore[assignment]
+    slot_reflectance: tuple[np.ndarray, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.object_index is None:
+            object.__setattr__(self, "object_index", np.arange(len(self), dtype=np.int64))
+        if self.reflectance is None:
+            object.__setattr__(self, "reflectance", np.full(len(self), np.nan))
 
     def __len__(self) -> int:
         return len(self.mesh_index)
+
+    def reflectance_at(
+        self, instance: np.ndarray, triangle: np.ndarray, otherwise: float
+    ) -> np.ndarray:
+        """(R,) reflectance of what was hit: of its material, else of its object, else ``otherwise``."""
+        found = np.where(instance >= 0, np.append(self.reflectance, np.nan)[instance], np.nan)
+        mesh_of = np.append(self.mesh_index, -1)[instance]
+        for index, slots in enumerate(self.slot_reflectance):
+            if np.isfinite(slots).any():
+                rows = np.flatnonzero(mesh_of == index)
+                slot = self.meshes[index].material[triangle[rows]]
+                own = slots[np.clip(slot, 0, len(slots) - 1)]
+                found[rows] = np.where(np.isnan(own), found[rows], own)
+        return np.where(np.isnan(found), otherwise, found)
 
     def solid(self) -> SceneGeometry:
         """The same scene without leaves: what blocks a sound, or a line of sight."""
         return replace(self, meshes=tuple(m.select(m.part != LEAF) for m in self.meshes))
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """(I, 3) smallest and (I, 3) largest world coordinates of each instance; NaN where empty."""
-        low = np.full((len(self.meshes), 3), np.nan)
+        """(I, 3) smallest and (I, 3) largest world coordinates of each instance; NaN where empty.
+
+        They are those of some boxes around pieces of the mesh: one around all of it would grow by half
+        when it is turned.
+        """
+        low = np.full((len(self), 3), np.nan)
         high = low.copy()
-        for index, mesh in enumerate(self.meshes):
-            used = mesh.vertices[np.unique(mesh.triangles)]
-            used = used[np.isfinite(used).all(axis=1)]
-            if len(used):
-                low[index], high[index] = used.min(axis=0), used.max(axis=0)
-        middle, half = (low + high) / 2, (high - low) / 2
-        linear, shift = self.transform[:, :, :3], self.transform[:, :, 3]
-        centre = np.einsum("nij,nj->ni", linear, middle[self.mesh_index]) + shift
-        extent = np.einsum("nij,nj->ni", np.abs(linear), half[self.mesh_index])
-        return centre - extent, centre + extent
+        order = np.argsort(self.mesh_index, kind="stable")
+        cuts = np.searchsorted(self.mesh_index[order], np.arange(len(self.meshes) + 1))
+        for mesh, (first, last) in zip(self.meshes, pairwise(cuts.tolist()), strict=True):
+            rows = order[first:last]
+            least, most = _pieces(mesh, int(np.clip(BOXES // max(len(rows), 1), 1, PIECES)))
+            if not len(least):
+                continue
+            linear, shift = self.transform[rows, :, :3], self.transform[rows, None, :, 3]
+            centre = np.einsum("nij,kj->nki", linear, (least + most) / 2) + shift
+            extent = np.einsum("nij,kj->nki", np.abs(linear), (most - least) / 2)
+            low[rows], high[rows] = (centre - extent).min(axis=1), (centre + extent).max(axis=1)
+        return low, high
+
+
+def _pieces(mesh: TriMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(K, 3), (K, 3) boxes around at most ``count`` groups of vertices that lie near each other."""
+    used = mesh.vertices[np.unique(mesh.triangles)]
+    used = used[np.isfinite(used).all(axis=1)]
+    first = np.unique(np.linspace(0, len(used), count, endpoint=False).astype(np.int64))
+    if not len(used):
+        return used, used
+    used = used[np.argsort(morton(used))]
+    return np.minimum.reduceat(used, first), np.maximum.reduceat(used, first)
 
 
 def apply_transform(transform: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -1,243 +1,161 @@
-"""LiDAR: rays of a scanner, and what they return.
+"""A LiDAR scan: pulses go out, their sub-rays meet surfaces, echoes come back as a point cloud.
 
-``drive`` is SIMLIDAR's tractor (S): a vertical fan across the direction of travel, repeated every step;
-the result is the matrix of distances, scans by angles, and ``to_cloud`` makes points of it. ``sweep`` is
-a scanner on a tripod, azimuth by elevation; the result is a point cloud with labels. A beam is one ray
-here.
+    pulses (``scanner``) → sub-rays (``footprint``) → contacts (``passage``) → light that comes back
+    (``radiometry``) → echoes (``waveform``) → errors (``noise``) → returns with labels and truth
+
+Each pulse is a function of its number and the seed alone, so a scan may be cut anywhere. A surface
+counts where its distance lies in [min_range, max_range], both ends included; what is nearer hides what
+is behind it all the same. Limits hold for the true range; noise is added after.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from ..growth.trimesh import TriMesh
-from ..spec import Terrestrial, Tractor
-from .geometry import SceneGeometry
-from .rays import Hits, RayCaster, hit_normals
+from ..rng import daughter_keys, first_key
+from . import noise
+from .cloud import Cloud, join
+from .footprint import spread
+from .passage import Contacts, meet
+from .radiometry import detection_limit, intensity, reflectance_of
+from .rays import RayCaster, hit_normals
+from .returns import cosines, label
+from .scanner import LiDAR, Pulses, pattern_of
+from .trajectory import Trajectory
+from .waveform import LIGHT, Echoes, find_echoes, pulse_length
 
 Progress = Callable[[int, int], None]
-Rays = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # beam numbers to origins, directions
 RAYS_AT_ONCE = 65_536
-ESCAPED = -1  # organ of a beam that meets nothing
 
 
-@dataclass(frozen=True)
-class Returns:
-    """What R rays met; where a ray met nothing: inf, NaN or -1.
+class Scan:
+    """A scanner in a scene, ready to send its pulses."""
 
-    distance : (R,) metres. cos_incidence : (R,) |cos| between ray and surface normal.
-    organ : (R,) int8, ``trimesh.PART_NAMES`` or ``ESCAPED``. leaf, tree, species, instance : (R,).
-    """
+    def __init__(
+        self, scanner: LiDAR, caster: RayCaster, seed: int = 0, path: Trajectory | None = None
+    ) -> None:
+        self.scanner, self.caster = scanner, caster
+        self.pattern = pattern_of(scanner, path)
+        self._key = first_key(seed, "lidar", scanner.name)
+        self.pulses = self.pattern.count
+        self.at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
 
-    distance: np.ndarray
-    cos_incidence: np.ndarray
-    organ: np.ndarray
-    leaf: np.ndarray
-    tree: np.ndarray
-    species: np.ndarray
-    instance: np.ndarray
-
-
-@dataclass(frozen=True)
-class TractorScan:
-    """SIMLIDAR's matrix: N scans by M angles.
-
-    angle : (M,) radians from the horizontal. track : (N,) metres travelled.
-    returns : of the N·M beams, row by row; ``distance`` reshapes them to (N, M).
-    engine : which ray caster ran.
-    """
-
-    angle: np.ndarray
-    track: np.ndarray
-    returns: Returns
-    engine: str
-
-    @property
-    def distance(self) -> np.ndarray:
-        """(N, M) metres, inf where a beam escaped."""
-        return self.returns.distance.reshape(len(self.track), len(self.angle))
-
-    @property
-    def organ(self) -> np.ndarray:
-        """(N, M) what was hit."""
-        return self.returns.organ.reshape(len(self.track), len(self.angle))
-
-
-@dataclass(frozen=True)
-class Cloud:
-    """A point cloud of P returns out of ``pulses`` beams.
-
-    position : (P, 3) metres. pulse : (P,) number of the beam. azimuth, elevation : (P,) radians.
-    intensity : (P,) reflectance·|cos|/R², as a share of a facing surface's at 1 m.
-    returns : the labels of the P points.
-    """
-
-    position: np.ndarray
-    pulse: np.ndarray
-    azimuth: np.ndarray
-    elevation: np.ndarray
-    intensity: np.ndarray
-    returns: Returns
-    pulses: int
-    engine: str
-
-
-def drive(tractor: Tractor, caster: RayCaster, progress: Progress | None = None) -> TractorScan:
-    """Drive a tractor scanner past the scene (S, eqs 8-13, angles from the horizontal)."""
-    angle, track = fan(tractor), positions(tractor)
-    rays = _driven_rays(tractor, angle, track)
-    returns = _look(rays, len(track) * len(angle), caster, 0.0, tractor.max_range, progress)
-    return TractorScan(angle, track, returns, caster.engine)
-
-
-def to_cloud(scan: TractorScan, tractor: Tractor) -> Cloud:
-    """The points that a drive met, in world coordinates; the surface is taken to be white."""
-    pulse = np.flatnonzero(np.isfinite(scan.returns.distance))
-    seen = _take(scan.returns, pulse)
-    origin, way = _driven_rays(tractor, scan.angle, scan.track)(pulse)
-    return Cloud(
-        position=origin + seen.distance[:, None] * way,
-        pulse=pulse,
-        azimuth=np.arctan2(way[:, 1], way[:, 0]),
-        elevation=np.arcsin(way[:, 2]),
-        intensity=seen.cos_incidence / seen.distance**2,
-        returns=seen,
-        pulses=len(scan.returns.distance),
-        engine=scan.engine,
-    )
-
-
-def _driven_rays(tractor: Tractor, angle: np.ndarray, track: np.ndarray) -> Rays:
-    """Origins and directions of beams, by their number: scan by scan, each from below upwards."""
-    heading = np.deg2rad(tractor.heading_deg)
-    forward = np.array([np.cos(heading), np.sin(heading), 0.0])
-    sideways = np.array([forward[1], -forward[0], 0.0]) * (1 if tractor.side == "right" else -1)
-    beams = np.cos(angle)[:, None] * sideways + np.sin(angle)[:, None] * np.array([0.0, 0.0, 1.0])
-    start = np.array(tractor.position)
-
-    def rays(beam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        scan, step = np.divmod(beam, len(angle))
-        return start + track[scan, None] * forward, beams[step]
-
-    return rays
-
-
-def fan(tractor: Tractor) -> np.ndarray:
-    """(M,) angles of a scan, radians from the horizontal: θ1 = -atan(z0/reach) upwards (S, eq. 8)."""
-    lowest = -np.arctan2(tractor.position[2], tractor.reach)
-    highest = np.arctan2(tractor.top - tractor.position[2], tractor.reach)
-    return _steps(lowest, highest, np.deg2rad(tractor.angle_step_deg))
-
-
-def positions(tractor: Tractor) -> np.ndarray:
-    """(N,) metres travelled at each scan; ``gap`` scans are skipped after each."""
-    return _steps(0.0, tractor.track, tractor.step * (tractor.gap + 1))
-
-
-def sweep(scanner: Terrestrial, caster: RayCaster, progress: Progress | None = None) -> Cloud:
-    """Scan azimuth by elevation from a tripod."""
-    step = np.deg2rad(scanner.angle_step_deg)
-    azimuth = _steps(*_radians(scanner.azimuth_deg), step)
-    if scanner.azimuth_deg[1] - scanner.azimuth_deg[0] >= 360:
-        azimuth = azimuth[azimuth < np.deg2rad(scanner.azimuth_deg[0]) + 2 * np.pi - 1e-9]
-    elevation = _steps(*_radians(scanner.elevation_deg), step)
-    start = np.array(scanner.position)
-
-    def angles(beam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        column, row = np.divmod(beam, len(elevation))
-        return azimuth[column], elevation[row]
-
-    def rays(beam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        az, el = angles(beam)
-        way = np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)], axis=1)
-        return np.broadcast_to(start, way.shape), way
-
-    pulses = len(azimuth) * len(elevation)
-    returns = _look(rays, pulses, caster, scanner.min_range, scanner.max_range, progress)
-    pulse = np.flatnonzero(np.isfinite(returns.distance))
-    seen = _take(returns, pulse)
-    az, el = angles(pulse)
-    return Cloud(
-        position=start + seen.distance[:, None] * rays(pulse)[1],
-        pulse=pulse,
-        azimuth=az,
-        elevation=el,
-        intensity=scanner.reflectance * seen.cos_incidence / seen.distance**2,
-        returns=seen,
-        pulses=pulses,
-        engine=caster.engine,
-    )
-
-
-def label(scene: SceneGeometry, hits: Hits, directions: np.ndarray) -> Returns:
-    """What hits are: organ, leaf, tree, species, and the angle of incidence."""
-    count = len(hits.distance)
-    organ = np.full(count, ESCAPED, dtype=np.int8)
-    leaf = np.full(count, -1, dtype=np.int32)
-    found = np.flatnonzero(hits.found)
-    mesh_of = scene.mesh_index[hits.instance[found]]
-    for number in np.unique(mesh_of):
-        rows = found[mesh_of == number]
-        mesh: TriMesh = scene.meshes[number]
-        organ[rows] = mesh.part[hits.triangle[rows]]
-        leaf[rows] = mesh.leaf[hits.triangle[rows]]
-    cosine = np.abs(np.einsum("ri,ri->r", hit_normals(scene, hits), directions))
-    of_tree = np.append(scene.tree, -1)  # a miss has instance -1
-    of_species = np.append(scene.species, -1)
-    return Returns(
-        distance=hits.distance,
-        cos_incidence=cosine,
-        organ=organ,
-        leaf=leaf,
-        tree=of_tree[hits.instance],
-        species=of_species[hits.instance],
-        instance=hits.instance,
-    )
-
-
-def _look(
-    rays: Rays,
-    count: int,
-    caster: RayCaster,
-    min_range: float,
-    max_range: float,
-    progress: Progress | None,
-) -> Returns:
-    """Cast ``count`` beams in pieces; a hit nearer than ``min_range`` is no return."""
-    pieces: list[Returns] = []
-    for first in range(0, count, RAYS_AT_ONCE):
-        beam = np.arange(first, min(first + RAYS_AT_ONCE, count))
-        origins, directions = rays(beam)
-        hits = caster.cast(origins, directions, max_range)
-        near = hits.distance < min_range
-        if near.any():
-            hits = Hits(
-                np.where(near, np.inf, hits.distance),
-                np.where(near, -1, hits.instance),
-                np.where(near, -1, hits.triangle),
+    def look(self, first: int, stop: int) -> Cloud:
+        """The returns of the pulses from number ``first`` to before ``stop``."""
+        scanner, beam = self.scanner, self.scanner.beam
+        number = np.arange(first, stop)
+        pulses = self.pattern.pulses(number)
+        keys = daughter_keys(self._key, number)
+        origins, directions = spread(pulses, beam, keys)
+        ray_keys = keys
+        if beam.subrays > 1:
+            ray_keys = daughter_keys(
+                np.repeat(keys, beam.subrays), np.tile(np.arange(beam.subrays), len(number))
             )
-        pieces.append(label(caster.scene, hits, directions))
+        contacts = meet(
+            self.caster, origins, directions, scanner.max_range, scanner.surfaces, ray_keys
+        )
+        return self._measure(pulses, number, keys, directions, contacts)
+
+    def chunks(self, first: int = 0, at_once: int | None = None) -> Iterator[tuple[int, Cloud]]:
+        """Pieces of the scan from pulse ``first`` on: where each ends, and what it found."""
+        step = at_once or self.at_once
+        for begin in range(first, self.pulses, step):
+            stop = min(begin + step, self.pulses)
+            yield stop, self.look(begin, stop)
+
+    def _measure(
+        self,
+        pulses: Pulses,
+        number: np.ndarray,
+        keys: np.ndarray,
+        directions: np.ndarray,
+        contacts: Contacts,
+    ) -> Cloud:
+        """What the receiver makes of the light that comes back."""
+        scanner, scene = self.scanner, self.caster.scene
+        hits, ways = contacts.hits, directions[contacts.ray]
+        normal = hit_normals(scene, hits)
+        reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
+        energy = intensity(
+            reflectance * contacts.light / scanner.beam.subrays,
+            cosines(normal, ways),
+            hits.distance,
+            scanner.beam.extinction,
+        )
+        counts = np.flatnonzero((energy > 0) & (hits.distance >= scanner.min_range))
+        pulse, subray = np.divmod(contacts.ray[counts], scanner.beam.subrays)
+        sigma = pulse_length(scanner.beam.pulse_ns)
+        echoes = find_echoes(pulse, subray, hits.distance[counts], energy[counts], sigma)
+        echoes = _taken(echoes, np.flatnonzero(echoes.energy >= detection_limit(scanner)))
+
+        return_keys = daughter_keys(keys[echoes.pulse], _rank(echoes.pulse))
+        kept = np.flatnonzero(noise.kept(scanner.noise, return_keys))
+        echoes, return_keys = _taken(echoes, kept), return_keys[kept]
+        rank = _rank(echoes.pulse)
+        kept = np.flatnonzero(rank < scanner.beam.max_returns)
+        echoes, return_keys, rank = _taken(echoes, kept), return_keys[kept], rank[kept]
+
+        chosen = counts[echoes.contact]
+        seen = label(scene, hits.take(chosen), ways[chosen], normal[chosen])
+        measured = echoes.distance + noise.range_error(
+            scanner.noise, echoes.distance, seen.cos_incidence, return_keys
+        )
+        way = pulses.direction[echoes.pulse]
+        return Cloud(
+            position=pulses.origin[echoes.pulse] + measured[:, None] * way,
+            pulse=number[echoes.pulse],
+            time=pulses.time[echoes.pulse],
+            number=(rank + 1).astype(np.uint8),
+            count=np.bincount(echoes.pulse, minlength=len(pulses))[echoes.pulse].astype(np.uint8),
+            azimuth=np.arctan2(way[:, 1], way[:, 0]),
+            elevation=np.arcsin(np.clip(way[:, 2], -1, 1)),
+            scan_angle=pulses.scan_angle[echoes.pulse],
+            intensity=echoes.energy,
+            width=echoes.width * 2 / LIGHT,
+            true_range=echoes.distance,
+            returns=replace(seen, distance=measured),
+            pulses=len(pulses),
+            engine=self.caster.engine,
+        )
+
+
+def scan(
+    scanner: LiDAR,
+    caster: RayCaster,
+    seed: int = 0,
+    path: Trajectory | None = None,
+    progress: Progress | None = None,
+) -> Cloud:
+    """A whole scan in memory; ``formats.scan_file`` writes one of any size to disk.
+
+    seed : scene seed, for noise and chances. path : see ``scanner.pattern_of``.
+
+    Raises
+    ------
+    SpecError : a mobile scanner that has nowhere to go.
+    """
+    work = Scan(scanner, caster, seed, path)
+    found = []
+    for done, piece in work.chunks():
+        found.append(piece)
         if progress:
-            progress(int(beam[-1]) + 1, count)
-    return Returns(
-        **{
-            name: np.concatenate([getattr(piece, name) for piece in pieces])
-            for name in Returns.__dataclass_fields__
-        }
-    )
+            progress(done, work.pulses)
+    return join(found)
 
 
-def _take(returns: Returns, rows: np.ndarray) -> Returns:
-    return Returns(**{n: getattr(returns, n)[rows] for n in Returns.__dataclass_fields__})
+def _taken(echoes: Echoes, rows: np.ndarray) -> Echoes:
+    return Echoes(**{n: getattr(echoes, n)[rows] for n in Echoes.__dataclass_fields__})
 
 
-def _steps(low: float, high: float, step: float) -> np.ndarray:
-    """From ``low`` to at most ``high``, without the drift of adding steps up."""
-    return low + step * np.arange(int(np.floor((high - low) / step + 1e-9)) + 1)
-
-
-def _radians(span_deg: tuple[float, float]) -> tuple[float, float]:
-    return float(np.deg2rad(span_deg[0])), float(np.deg2rad(span_deg[1]))
+def _rank(pulse: np.ndarray) -> np.ndarray:
+    """(E,) how many echoes of the same pulse come before each, of sorted pulses."""
+    if not len(pulse):
+        return pulse
+    first = np.flatnonzero(np.append(True, np.diff(pulse) != 0))
+    size = np.diff(np.append(first, len(pulse)))
+    rank: np.ndarray = np.arange(len(pulse)) - np.repeat(first, size)
+    return rank

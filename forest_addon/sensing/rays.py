@@ -1,8 +1,8 @@
-"""Ray casting: what a caster promises, and the float64 refinement of what it finds.
+"""Ray casting: what a sensor asks of a scene, and what a caster promises to answer.
 
-A sensor hands a batch of world rays to a ``RayCaster`` and gets ``Hits`` back. Casters work in float32
-inside; ``refine`` intersects the plane of the triangle they name again, in float64 and in the local
-space of the instance, which takes the error of a distance from 1e-5 m to 1e-13 m.
+A sensor hands a batch of world rays to a ``RayCaster`` and gets ``Hits`` back. There are two engines in
+``blender/`` that search in float32, and one without any tree in the tests; ``refine`` is where what they
+find becomes exact.
 """
 
 from __future__ import annotations
@@ -32,39 +32,86 @@ class Hits:
         """(R,) bool, whether anything was hit."""
         return self.instance >= 0
 
+    @classmethod
+    def misses(cls, count: int) -> Hits:
+        """Of rays that hit nothing."""
+        nothing = np.full(count, -1, dtype=np.int64)
+        return cls(np.full(count, np.inf), nothing, nothing.copy())
+
+    def take(self, rows: np.ndarray | slice) -> Hits:
+        """Some of the rays, by number, mask or slice."""
+        return Hits(self.distance[rows], self.instance[rows], self.triangle[rows])
+
+    def put(self, rows: np.ndarray | slice, found: Hits) -> None:
+        """Write what some of the rays hit."""
+        self.distance[rows] = found.distance
+        self.instance[rows] = found.instance
+        self.triangle[rows] = found.triangle
+
 
 class RayCaster(Protocol):
     """Closest-hit and occlusion queries over batches of world rays.
 
-    Directions need not be unit vectors; a direction that is zero or not finite hits nothing. A hit at
-    exactly ``max_distance`` counts. Both faces of a triangle are hit.
+    Rays are ``origins`` (R, 3) and ``directions`` (R, 3), in metres. Directions need not be unit vectors;
+    one that is zero or not finite hits nothing, nor does a ray whose origin or limits are NaN. A hit
+    counts where ``min_distance <= distance <= max_distance``, both ends included, each a number or (R,);
+    what is nearer neither counts nor hides what is behind it. Both faces of a triangle are hit; of
+    surfaces at the same distance any one is. Flat instances (a singular transform), triangles without
+    area and triangles with a corner that is not finite hit nothing.
+
+    Chained rays do not meet the surface they come from: ``leaving`` are the hits they start at. Where a
+    ray leaves a triangle it never meets that triangle, and ``min_distance`` itself does not count, so
+    that faces which lie on each other are passed together. To go on behind what was hit, and to start
+    anew at it::
+
+        caster.cast(origins, directions, limit, min_distance=hits.distance, leaving=hits)
+        caster.cast(points, new_directions, limit, leaving=hits)
+
+    An engine that searches in float32 may pass over a surface that lies less than about 1e-4 m behind the
+    one it leaves.
     """
 
     engine: str
     scene: SceneGeometry
 
     def cast(
-        self, origins: np.ndarray, directions: np.ndarray, max_distance: float | np.ndarray
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_distance: float | np.ndarray = np.inf,
+        *,
+        min_distance: float | np.ndarray = 0.0,
+        leaving: Hits | None = None,
     ) -> Hits:
-        """Closest hits of rays (R, 3), (R, 3) within ``max_distance``, a number or (R,)."""
+        """The closest hit of each ray."""
         ...
 
     def occluded(
-        self, origins: np.ndarray, directions: np.ndarray, max_distance: float | np.ndarray
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_distance: float | np.ndarray = np.inf,
+        *,
+        min_distance: float | np.ndarray = 0.0,
+        leaving: Hits | None = None,
     ) -> np.ndarray:
-        """(R,) bool: whether anything is hit within ``max_distance``."""
+        """(R,) bool: whether ``cast`` with the same arguments finds anything."""
         ...
 
 
 def unit_directions(directions: np.ndarray) -> np.ndarray:
     """(R, 3) float64 unit vectors; NaN rows where a direction is zero or not finite."""
-    d = np.asarray(directions, dtype=np.float64)
+    return unit_columns(np.asarray(directions).T).T
+
+
+def unit_columns(directions: np.ndarray) -> np.ndarray:
+    """The same of (3, R): each coordinate is one contiguous array."""
+    d = np.array(directions, dtype=np.float64, order="C")
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        d = d / np.abs(d).max(
-            axis=1, keepdims=True
-        )  # 1e-20 and 1e30 long vectors do not under/overflow
-        d = d / np.linalg.norm(d, axis=1, keepdims=True)
-    return np.where(np.isfinite(d).all(axis=1, keepdims=True), d, np.nan)
+        d /= np.maximum(np.maximum(np.abs(d[0]), np.abs(d[1])), np.abs(d[2]))  # 1e-300 to 1e300
+        d /= np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+        d[:, ~(np.abs(d[0] + d[1] + d[2]) < 2.0)] = np.nan
+    return d
 
 
 def plane_distance(origins: np.ndarray, directions: np.ndarray, corners: np.ndarray) -> np.ndarray:

@@ -26,6 +26,9 @@ def register() -> None:
 
 def unregister() -> None:
     """Take everything back, in reverse order."""
+    from ..blender.kept import unwatch
+
+    unwatch()
     for _, undo in reversed(list(_steps())):
         undo()
 

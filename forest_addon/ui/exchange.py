@@ -8,7 +8,7 @@ properties on that object.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
 from .. import spec
@@ -48,6 +48,7 @@ def to_spec(scene: Any, things: Iterable[Any] | None = None) -> spec.Scene:
             for number, group in enumerate(props.plantings)
         ),
         air=read(props.air, spec.Air, "air"),
+        rays=read(props.rays, spec.Rays, "rays"),
         sensors=tuple(sensor_of(thing) for thing in _all_of(scene, things)),
     )
 
@@ -86,6 +87,7 @@ def from_spec(scene: Any, settings: spec.Scene) -> None:
     props.offset, props.crs = text_of(settings.offset), settings.crs
     write(props.forest, settings.forest)
     write(props.air, settings.air)
+    write(props.rays, settings.rays)
     _fill(props, "plantings", settings.plantings)
     for thing in sensors.sensors_of(scene):
         sensors.remove_sensor(thing)
@@ -156,14 +158,16 @@ def read(group: Any, settings: type[T], place: str = "", given: dict[str, Any] |
         raise SpecError(f"{place}.{problem.key}".strip("."), problem.problem) from None
 
 
-def write(group: Any, settings: Settings) -> None:
-    """Put settings into their property group."""
+def write(group: Any, settings: Settings, only: Mapping[str, Any] | None = None) -> None:
+    """Put settings into their property group; ``only`` those that such a table names."""
     for name, kind, known, _ in fields_of(type(settings)):
+        if only is not None and name not in only:
+            continue
         value = getattr(settings, name)
-        if items_of(kind):
+        if is_group(kind):
+            write(getattr(group, name), value, None if only is None else only[name])
+        elif items_of(kind):
             _fill(group, name, value)
-        elif is_group(kind):
-            write(getattr(group, name), value)
         elif is_text(name, kind):
             setattr(group, name, text_of(value))
         elif is_sensor_kind(name, known):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -85,6 +86,17 @@ class FOREST_UL_distances(bpy.types.UIList):
         number.label(text=f"{item.distance:g} m")
 
 
+class FOREST_UL_poses(bpy.types.UIList):
+    """Poses of a moving scanner."""
+
+    def draw_item(self, context, layout, data, item, icon, active, name, index=0) -> None:
+        x, y, z = item.position
+        layout.label(text=f"{x:g}, {y:g}, {z:g} m", icon="EMPTY_ARROWS")
+        number = layout.row()
+        number.alignment = "RIGHT"
+        number.label(text=f"{item.time:g} s")
+
+
 class _Listed:
     """Adding to and removing from a list of the panel."""
 
@@ -125,6 +137,16 @@ class _Distances(_Listed):
     @classmethod
     def owner(cls, context: bpy.types.Context) -> Any:
         return context.scene.forest_sensing.forest
+
+
+class _Poses(_Listed):
+    items = "poses"
+
+    @classmethod
+    def owner(cls, context: bpy.types.Context) -> Any:
+        thing = context.view_layer.objects.active
+        mobile = thing is not None and kind_of(thing) == "mobile"
+        return thing.forest_sensor.mobile if mobile else None
 
 
 class _Add(_Listed):
@@ -225,12 +247,37 @@ class FOREST_OT_remove_distance(_Remove, _Distances, bpy.types.Operator):
     bl_label = "Remove Distance"
 
 
+class FOREST_OT_add_pose(_Add, _Poses, bpy.types.Operator):
+    """Add a place that the scanner passes, ten seconds and ten metres after the last"""
+
+    bl_idname = "forest.add_pose"
+    bl_label = "Add Pose"
+
+    def start(self, pose: Any, _props: Any) -> None:
+        poses = self.owner(bpy.context).poses
+        if len(poses) < 2:
+            return
+        last = poses[len(poses) - 2]
+        pose.time, pose.heading_deg = last.time + 10, last.heading_deg
+        x, y, z = last.position
+        heading = math.radians(last.heading_deg)
+        pose.position = (x + 10 * math.cos(heading), y + 10 * math.sin(heading), z)
+
+
+class FOREST_OT_remove_pose(_Remove, _Poses, bpy.types.Operator):
+    """Remove the chosen pose"""
+
+    bl_idname = "forest.remove_pose"
+    bl_label = "Remove Pose"
+
+
 CLASSES = (
     FOREST_UL_sensors,
     FOREST_UL_plantings,
     FOREST_UL_gaussians,
     FOREST_UL_rasters,
     FOREST_UL_distances,
+    FOREST_UL_poses,
     FOREST_OT_add_planting,
     FOREST_OT_remove_planting,
     FOREST_OT_add_gaussian,
@@ -239,4 +286,6 @@ CLASSES = (
     FOREST_OT_remove_raster,
     FOREST_OT_add_distance,
     FOREST_OT_remove_distance,
+    FOREST_OT_add_pose,
+    FOREST_OT_remove_pose,
 )

@@ -120,7 +120,8 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         from ..blender.observe import Observer
         from .results import keep_finding, save_finding
 
-        observer = Observer(context.evaluated_depsgraph_get())
+        rays = to_spec(context.scene, []).rays
+        observer = Observer.of(context.evaluated_depsgraph_get(), rays)
         sentence = ""
         for thing in things:
             started = time.perf_counter()
@@ -305,7 +306,7 @@ def chosen_sensor(context: bpy.types.Context) -> bpy.types.Object | None:
 
 def settings_height(settings: spec.Settings) -> float:
     """How high above z = 0 a new sensor stands."""
-    place = getattr(settings, "position", None) or settings.source
+    place = getattr(settings, "position", None) or getattr(settings, "source", (0.0, 0.0, 2.0))
     return float(place[2])
 
 

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import bpy
 
+from .. import spec
 from ..blender import sensors
 from . import requirements
 from .exchange import untouched
@@ -228,8 +229,19 @@ class FOREST_PT_sensor(_OnceStarted, bpy.types.Panel):
             column.prop(thing, f'["{sensors.RECEIVER_KEY}"]', text="Receiver")
         elif kind != "terrestrial":
             column.prop(thing, "rotation_euler", text="Rotation")
+        group = getattr(thing.forest_sensor, kind)
         hidden = {"name", *sensors.POSED.get(kind, ())}
-        _draw_settings(_split(self.layout), getattr(thing.forest_sensor, kind), hidden)
+        _draw_settings(_split(self.layout), group, hidden)
+        for part in group.parts:
+            header, body = self.layout.panel(f"FOREST_{kind}_{part}", default_closed=True)
+            header.label(text=part.title())
+            if body is not None:
+                _draw_settings(_split(body), getattr(group, part))
+        if kind == "mobile" and not group.follow:
+            self.layout.label(text="Where It Goes")
+            draw_list(self.layout, "FOREST_UL_poses", group, "poses", "pose")
+            if group.poses:
+                _draw_settings(_split(self.layout), _chosen(group, "poses"))
 
 
 class FOREST_PT_air(_OnceStarted, bpy.types.Panel):
@@ -239,6 +251,15 @@ class FOREST_PT_air(_OnceStarted, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         _draw_settings(_split(self.layout), context.scene.forest_sensing.air)
+
+
+class FOREST_PT_rays(_OnceStarted, bpy.types.Panel):
+    bl_label = spec.Rays.TITLE
+    bl_parent_id = "FOREST_PT_sensors"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        _draw_settings(_split(self.layout), context.scene.forest_sensing.rays)
 
 
 # -------------------------------------------------------------------------------------------- results
@@ -377,5 +398,6 @@ CLASSES = (
     FOREST_PT_sensors,
     FOREST_PT_sensor,
     FOREST_PT_air,
+    FOREST_PT_rays,
     FOREST_PT_results,
 )

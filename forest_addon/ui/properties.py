@@ -37,13 +37,23 @@ from ..spec import Param, Settings, param_of
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
 LARGEST_INT = 2**31 - 1  # what Blender's whole numbers hold
 UNITS = {"m": "LENGTH", "s": "TIME_ABSOLUTE", "Hz": "FREQUENCY", "m/s": "VELOCITY"}
-SUFFIXES = ("_deg", "_c", "_kpa")  # units within names; labels show the unit itself
+SUFFIXES = (
+    "_deg",
+    "_c",
+    "_kpa",
+    "_nm",
+    "_mrad",
+    "_ns",
+    "_ppm",
+)  # units within names; labels show the unit itself
 # Pairs that are not along x and y: what their two numbers are called.
 PARTS = {
     "azimuth_deg": ("from", "to"),
     "elevation_deg": ("from", "to"),
     "beam_width_deg": ("width", "height"),
     "band": ("low", "high"),
+    "field_deg": ("from", "to"),
+    "divergence_mrad": ("sweep", "across"),
     "scale": ("min", "max"),
     "slope_deg": ("from", "to"),
     "altitude": ("from", "to"),
@@ -53,12 +63,16 @@ LABELS = {
     "temperature_c": "Temp. (°C)",
     "density": "Trees/m²",
     "painted_value": "Painted (/m²)",
+    "divergence_mrad": "Spread (mrad)",
+    "extinction": "Air Loss (1/m)",
+    "leaf_transmittance": "Leaf Lets Pass",
 }  # others are too long for a sidebar
 # What a number that was left out starts with when it is switched on.
 WHEN_USED = {
     "expected": 20.0,
     "density": 0.05,
     "sound_speed": 343.2,
+    "line_step_deg": 0.25,
     "size": (30.0, 30.0),
     "origin": (0.0, 0.0),
 }
@@ -70,22 +84,25 @@ WHEN_USED = {
 def make_group(settings: type[Settings], groups: dict[type, type]) -> type[bpy.types.PropertyGroup]:
     """The property group of a settings class; ``groups`` holds those that it contains.
 
-    Its ``shown`` names what a panel draws one below the other: all but lists and groups within it, and
-    but the switches of values that may be left out.
+    Its ``shown`` names what a panel draws one below the other: all but lists, groups within it (its
+    ``parts``), and the switches of values that may be left out.
     """
     annotations: dict[str, Any] = {}
     lists: dict[str, Any] = {}
+    parts: dict[str, Any] = {}
     for name, kind, known, default in fields_of(settings):
         many = items_of(kind)
         if many:
             lists[name] = CollectionProperty(type=groups[many])
             lists[f"active_{name}"] = IntProperty(options={"HIDDEN"})
         elif is_group(kind):
-            lists[name] = PointerProperty(type=groups[kind], description=_help(known))
+            words = {"name": name.title(), "description": _help(known)}
+            parts[name] = PointerProperty(type=groups[kind], **words)
         elif not is_sensor_kind(name, known):
             annotations |= _properties(name, kind, known, default)
-    group = _group_class(settings.__name__.lower(), annotations | lists)
+    group = _group_class(settings.__name__.lower(), annotations | parts | lists)
     group.shown = tuple(name for name in annotations if not name.startswith("use_"))
+    group.parts = tuple(parts)
     return group
 
 
@@ -154,6 +171,11 @@ def _text_property(name: str, known: Param, default: Any, words: dict[str, Any])
         return EnumProperty(items=items, default=default, **words)
     if name == "species":
         words |= {"search": _known_species, "search_options": {"SUGGESTION"}}
+    elif name == "scanner":
+        words |= {"search": _known_scanners, "search_options": {"SUGGESTION"}}
+        words |= {"update": _take_scanner}
+    elif name == "follow":
+        words |= {"search": _known_paths, "search_options": {"SUGGESTION"}}
     return StringProperty(default="" if default is dataclasses.MISSING else default, **words)
 
 
@@ -161,6 +183,36 @@ def _known_species(_props: Any, _context: Any, typed: str) -> list[str]:
     """Presets to choose from; looked up when the field is opened."""
     presets = (ASSETS / "species").glob("*.toml")
     return sorted(path.stem for path in presets if typed in path.stem)
+
+
+def _known_scanners(props: Any, _context: Any, typed: str) -> list[str]:
+    """Presets that are used on this platform."""
+    from ..formats.scanner_file import read_scanner, scanner_names
+
+    kind = type(props).__name__.removeprefix("FOREST_PG_")
+    return [n for n in scanner_names() if typed in n and kind in read_scanner(n).tables]
+
+
+def _known_paths(_props: Any, context: Any, typed: str) -> list[str]:
+    """Curves, and objects that are animated."""
+    able = [t for t in context.scene.objects if t.type == "CURVE" or t.animation_data or t.parent]
+    return sorted(thing.name for thing in able if typed in thing.name)
+
+
+def _take_scanner(props: Any, context: Any) -> None:
+    """Put the figures of the scanner that was chosen into the settings; they can be changed after."""
+    from ..formats.scanner_file import settings_of
+    from ..formats.toml_file import structure
+    from . import exchange
+
+    kind = type(props).__name__.removeprefix("FOREST_PG_")
+    folder = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
+    try:
+        figures = settings_of(props.scanner, kind, folder)
+        chosen = structure(figures, spec.SENSORS[kind])
+    except (spec.SpecError, ImportError):
+        return  # not a whole name yet, or none: what is set stays
+    exchange.write(props, chosen, figures)
 
 
 def _limits(item: type, known: Param) -> dict[str, Any]:
@@ -244,7 +296,9 @@ def _group_class(name: str, annotations: dict[str, Any]) -> type[bpy.types.Prope
 def _make_groups() -> dict[type, type]:
     groups: dict[type, type] = {}
     held = (spec.Distance, spec.Terrain, spec.Gaussian, spec.Raster, spec.Rows)
-    for settings in (*held, spec.Forest, spec.Planting, spec.Air, *spec.SENSORS.values()):
+    of_scanners = (spec.Beam, spec.Surfaces, spec.Noise, spec.Pose)
+    of_scene = (spec.Forest, spec.Planting, spec.Air, spec.Rays)
+    for settings in (*held, *of_scanners, *of_scene, *spec.SENSORS.values()):
         groups[settings] = make_group(settings, groups)
     return groups
 
@@ -305,6 +359,7 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
             "plantings": CollectionProperty(type=GROUPS[spec.Planting]),
             "active_plantings": IntProperty(options={"HIDDEN"}),
             "air": PointerProperty(type=GROUPS[spec.Air]),
+            "rays": PointerProperty(type=GROUPS[spec.Rays]),
             "active_sensor": IntProperty(options={"HIDDEN"}, update=_choose_sensor),
             "show_sensors": BoolProperty(
                 name="Sensors",

@@ -15,9 +15,10 @@ from ..blender.cloud import show_cloud
 from ..blender.layout import RESULTS, part
 from ..growth.trimesh import GROUND, LEAF, WOOD
 from ..sensing import metrics
-from ..sensing.lidar import Cloud, TractorScan, to_cloud
+from ..sensing.cloud import Cloud
 from ..sensing.reverb import ImpulseResponse
 from ..sensing.sonar import Echo
+from ..sensing.tractor import TractorScan, to_cloud
 from ..spec import Scene, Sensor, Tractor
 from ..stand.forest import Forest
 from .picture import FLOOR_DB, draw_level

@@ -8,15 +8,22 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from forest_addon.blender import kept
 from forest_addon.blender.bvh import BvhCaster
-from forest_addon.blender.depsgraph import SPECIES_KEY, TREE_KEY, read_scene
+from forest_addon.blender.depsgraph import (
+    IGNORED_KEY,
+    REFLECTANCE_KEY,
+    SPECIES_KEY,
+    TREE_KEY,
+    read_scene,
+)
 from forest_addon.blender.meshes import from_mesh, to_mesh
 from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.growth.leaves import measure_leaves
 from forest_addon.growth.tree import grow
 from forest_addon.growth.trimesh import LEAF, OTHER, WOOD, TriMesh, join
 from forest_addon.rng import stream
-from forest_addon.sensing.lidar import label
+from forest_addon.sensing.returns import label
 
 
 def quad(x, part, leaf=-1):
@@ -139,30 +146,266 @@ def test_collection_instances_are_seen_where_they_stand(empty_blender):
     assert sorted(scene.transform[:, 0, 3].tolist()) == [0, 3]
 
 
-def test_geometry_nodes_instances_are_seen(empty_blender):
-    group = bpy.data.node_groups.new("row", "GeometryNodeTree")
+def node_group(build):
+    """A geometry node group; ``build`` gets the group, its input and its output."""
+    group = bpy.data.node_groups.new("nodes", "GeometryNodeTree")
     group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
     group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    line, copy = (
-        group.nodes.new("GeometryNodeMeshLine"),
-        group.nodes.new("GeometryNodeInstanceOnPoints"),
-    )
-    line.inputs["Count"].default_value = 4
-    line.inputs["Offset"].default_value = (2, 0, 0)
-    start, end = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
-    group.links.new(line.outputs["Mesh"], copy.inputs["Points"])
-    group.links.new(start.outputs["Geometry"], copy.inputs["Instance"])
-    group.links.new(copy.outputs["Instances"], end.inputs["Geometry"])
-    thing = add(quad(0, WOOD))
-    thing.modifiers.new("Row", "NODES").node_group = group
+    build(group, group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput"))
+    return group
+
+
+def with_nodes(thing, build):
+    thing.modifiers.new("Nodes", "NODES").node_group = node_group(build)
+    return thing
+
+
+def row(count, offset, what=None, keep=False):
+    """Nodes that set ``what`` (an object, a collection, or the geometry itself) in a row."""
+
+    def build(group, start, end):
+        line, copy, join = (
+            group.nodes.new(f"GeometryNode{name}")
+            for name in ("MeshLine", "InstanceOnPoints", "JoinGeometry")
+        )
+        line.inputs["Count"].default_value = count
+        line.inputs["Offset"].default_value = offset
+        group.links.new(line.outputs["Mesh"], copy.inputs["Points"])
+        source = start.outputs["Geometry"]
+        if isinstance(what, bpy.types.Object):
+            info = group.nodes.new("GeometryNodeObjectInfo")
+            info.inputs["Object"].default_value = what
+            info.inputs["As Instance"].default_value = True
+            source = info.outputs["Geometry"]
+        elif what is not None:
+            info = group.nodes.new("GeometryNodeCollectionInfo")
+            info.inputs["Collection"].default_value = what
+            source = info.outputs[0]
+        group.links.new(source, copy.inputs["Instance"])
+        group.links.new(copy.outputs["Instances"], join.inputs["Geometry"])
+        if keep:
+            group.links.new(start.outputs["Geometry"], join.inputs["Geometry"])
+        group.links.new(join.outputs["Geometry"], end.inputs["Geometry"])
+
+    return build
+
+
+def places(scene):
+    """Where each triangle of the scene stands: (mesh size, rounded centre), sorted."""
+    found = []
+    for transform, number in zip(scene.transform, scene.mesh_index, strict=True):
+        mesh = scene.meshes[number]
+        corners = mesh.vertices[mesh.triangles] @ transform[:, :3].T + transform[:, 3]
+        found += [tuple(np.round(c, 4) + 0.0) for c in corners.mean(axis=1)]
+    return sorted(found)
+
+
+def shown_by_iterator():
+    """The same of what the depsgraph's own iterator shows, one by one."""
+    found = []
+    for instance in bpy.context.evaluated_depsgraph_get().object_instances:
+        if instance.object.type == "MESH" and instance.show_self:
+            mesh = from_mesh(instance.object.data)
+            matrix = np.array(instance.matrix_world)
+            corners = mesh.vertices[mesh.triangles] @ matrix[:3, :3].T + matrix[:3, 3]
+            found += [tuple(np.round(c, 4) + 0.0) for c in corners.mean(axis=1)]
+    return sorted(found)
+
+
+def library_of(*things):
+    library = bpy.data.collections.new("library")
+    for thing in things:
+        library.objects.link(thing)
+        bpy.context.scene.collection.objects.unlink(thing)
+    return library
+
+
+def test_geometry_nodes_instances_are_seen(empty_blender):
+    with_nodes(add(quad(0, WOOD)), row(4, (2, 0, 0)))
     scene = read()
+    assert len(scene.meshes) == 1
     assert sorted(np.round(scene.transform[:, 0, 3], 6).tolist()) == [0, 2, 4, 6]
+
+
+def build_nested():
+    """Nodes that instance an object whose nodes instance a third."""
+    inner = with_nodes(add(quad(0, WOOD)), row(2, (0.5, 0, 0), add(quad(3, LEAF, 0)), keep=True))
+    outer = with_nodes(add(quad(0, WOOD)), row(3, (0, 0, 2), inner, keep=True))
+    outer.location, outer.scale, outer.rotation_euler = (1, 2, 3), (1, -2, 0.5), (0.3, 0.2, 0.1)
+    return outer
+
+
+def build_collection_within_nodes():
+    with_nodes(add(quad(0, WOOD)), row(3, (0, 0, 2), library_of(add(quad(1, LEAF, 0)))))
+
+
+def build_nodes_within_collection():
+    holder = bpy.data.objects.new("holder", None)
+    holder.instance_type = "COLLECTION"
+    holder.instance_collection = library_of(with_nodes(add(quad(0, WOOD)), row(2, (1, 0, 0))))
+    holder.location.z = 4
+    bpy.context.scene.collection.objects.link(holder)
+    build_nested()
+
+
+def build_hidden_instancer():
+    build_nested().show_instancer_for_viewport = False
+
+
+def build_duplis_on_faces():
+    parent, child = add(quad(2, WOOD)), add(quad(0, LEAF, 0))
+    child.parent, parent.instance_type = parent, "FACES"
+    build_nested()
+
+
+def build_curves():
+    curve = bpy.data.curves.new("branch", "CURVE")
+    curve.dimensions, curve.bevel_depth = "3D", 0.1
+    curve.splines.new("POLY").points.add(1)
+    curve.splines[0].points[1].co = (0, 0, 2, 1)
+    branch = bpy.data.objects.new("branch", curve)
+    bpy.context.scene.collection.objects.link(branch)
+    with_nodes(add(quad(0, WOOD)), row(2, (3, 0, 0), branch))
+
+
+BUILDERS = [
+    build_nested,
+    build_collection_within_nodes,
+    build_nodes_within_collection,
+    build_hidden_instancer,
+    build_duplis_on_faces,
+    build_curves,
+]
+
+
+@pytest.mark.parametrize("build", BUILDERS, ids=lambda b: b.__name__.removeprefix("build_"))
+def test_each_instance_is_read_exactly_once(empty_blender, build):
+    build()
+    scene = read()
+    assert len(scene) >= 2
+    assert places(scene) == shown_by_iterator()
+
+
+def test_instances_carry_the_trees_of_their_points(empty_blender):
+    trees = [add(quad(0, WOOD), "a", **{SPECIES_KEY: 7}), add(quad(1, WOOD), "b")]
+    library = library_of(*trees)
+    points = bpy.data.meshes.new("points")
+    points.from_pydata([(x, 0, 0) for x in range(4)], [], [])
+    for name, values in ((TREE_KEY, [40, 41, 42, 43]), (SPECIES_KEY, [-1, 1, -1, 1])):
+        points.attributes.new(name, "INT", "POINT").data.foreach_set("value", values)
+    forest = bpy.data.objects.new("forest", points)
+    bpy.context.scene.collection.objects.link(forest)
+
+    def build(group, start, end):
+        copy = group.nodes.new("GeometryNodeInstanceOnPoints")
+        info = group.nodes.new("GeometryNodeCollectionInfo")
+        info.inputs["Collection"].default_value = library
+        info.inputs["Separate Children"].default_value = True
+        copy.inputs["Pick Instance"].default_value = True
+        group.links.new(start.outputs["Geometry"], copy.inputs["Points"])
+        group.links.new(info.outputs[0], copy.inputs["Instance"])
+        group.links.new(copy.outputs["Instances"], end.inputs["Geometry"])
+
+    with_nodes(forest, build)
+    scene = read()
+    order = np.argsort(scene.tree)
+    assert scene.tree[order].tolist() == [40, 41, 42, 43]
+    assert np.round(scene.transform[order, 0, 3], 6).tolist() == [0, 1, 2, 3]
+    # The point knows best, then the object that instances, then the one that stands there.
+    assert scene.species[order].tolist() == [7, 1, 7, 1]
+    assert scene.object_name == ("forest",)
+    assert (scene.object_index == 0).all()
 
 
 def test_hidden_objects_are_left_out(empty_blender):
     add(quad(0, WOOD)).hide_viewport = True
     add(quad(1, WOOD)).hide_set(True)
+    apart = bpy.data.collections.new("apart")
+    bpy.context.scene.collection.children.link(apart)
+    apart.objects.link(bpy.data.objects.new("far", to_mesh("far", quad(2, WOOD))))
+    assert len(read()) == 1
+    bpy.context.view_layer.layer_collection.children["apart"].exclude = True
     assert len(read()) == 0
+
+
+def test_an_ignored_object_is_not_seen_and_casts_no_instances(empty_blender):
+    add(quad(0, WOOD), "a", forest_ignored=True)
+    with_nodes(add(quad(1, WOOD), "b", forest_ignored=1), row(3, (1, 0, 0)))
+    seen = add(quad(3, WOOD), "c", forest_ignored=False)
+    scene = read()
+    assert scene.object_name == ("c",)
+    seen[IGNORED_KEY] = True
+    seen.update_tag()
+    assert len(read()) == 0
+
+
+def test_reflectance_of_material_then_object_then_scanner(empty_blender):
+    leaf, plain = bpy.data.materials.new("leaf"), bpy.data.materials.new("plain")
+    leaf[REFLECTANCE_KEY] = 0.45
+    mesh = to_mesh("m", quad(0, WOOD))
+    for material in (plain, leaf):
+        mesh.materials.append(material)
+    mesh.polygons[1].material_index = 1
+    thing = bpy.data.objects.new("m", mesh)
+    thing[REFLECTANCE_KEY] = 0.2
+    bpy.context.scene.collection.objects.link(thing)
+    add(quad(5, WOOD), "n")
+    scene = read()
+    first = scene.object_name.index("m")
+    m, n = (np.flatnonzero(scene.object_index == k)[0] for k in (first, 1 - first))
+    found = scene.reflectance_at(np.array([m, m, n, -1]), np.array([0, 1, 0, -1]), 0.5)
+    assert found.tolist() == [0.2, 0.45, 0.5, 0.5]
+
+
+def changes(thing):
+    """Everything a user does to a scene, one at a time."""
+
+    def animate():
+        thing.location.x = 7
+        thing.keyframe_insert("location", frame=1)
+        thing.location.x = 9
+        thing.keyframe_insert("location", frame=10)
+        bpy.context.scene.frame_set(1)
+
+    yield lambda: setattr(thing.location, "x", 1.5)
+    yield lambda: setattr(thing.data.vertices[0].co, "x", 0.25)
+    yield lambda: setattr(thing.modifiers.new("a", "ARRAY"), "count", 3)
+    yield lambda: setattr(thing.modifiers["a"], "count", 2)
+    yield lambda: with_nodes(thing, row(2, (0, 0, 5)))
+    yield lambda: setattr(
+        thing.modifiers["Nodes"].node_group.nodes["Mesh Line"].inputs["Count"], "default_value", 4
+    )
+    yield lambda: add(quad(4, WOOD))
+    yield lambda: setattr(thing, "parent", add(quad(4, WOOD)))
+    yield lambda: setattr(thing.parent.location, "y", 3.0)
+    yield animate
+    yield lambda: bpy.context.scene.frame_set(5)
+    yield lambda: thing.hide_set(True)
+    yield lambda: thing.hide_set(False)
+    yield lambda: bpy.data.objects.remove(thing)
+
+
+def test_what_is_kept_is_never_stale(empty_blender):
+    thing = add(quad(0, WOOD))
+    for number, change in enumerate(changes(thing)):
+        before = read()
+        assert read() is before, "nothing changed"
+        change()
+        after = read()
+        assert after is not before, number
+        assert places(after) == shown_by_iterator(), number
+        assert places(after) != places(before), number
+
+
+def test_a_loaded_file_is_read_anew(empty_blender, tmp_path):
+    add(quad(0, WOOD))
+    before = read()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
+    assert read() is not before
+    assert read() is read()
+    kept.unwatch()
+    assert not any(kept.forget in handlers for handlers in kept._reports())
 
 
 def test_curves_and_text_are_seen(empty_blender):
@@ -176,7 +419,7 @@ def test_curves_and_text_are_seen(empty_blender):
         bpy.data.objects.new("word", bpy.data.curves.new("word", "FONT"))
     )
     scene = read()
-    assert len(scene) >= 1
+    assert len(scene) == 2  # each once
     assert distance_along_x(scene) == pytest.approx(4.9, abs=0.02)
 
 

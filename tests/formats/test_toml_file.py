@@ -70,7 +70,7 @@ def test_an_empty_file_is_the_default_scene(tmp_path):
             "plantings[0].gaussians[0].width",
             "is missing",
         ),
-        ("[[sensors]]\nkind = 'radar'", "sensors[0].kind", '"tractor", "terrestrial", "sonar"'),
+        ("[[sensors]]\nkind = 'radar'", "sensors[0].kind", '"tractor", "terrestrial", "mobile"'),
         ("[[sensors]]\nname = 'x'", "sensors[0].kind", "is missing"),
         ("[[sensors]]\nkind = 'sonar'\nband = [1, 'a']", "sensors[0].band[1]", "not a number"),
         ("[output]\nblend = 1", "output.blend", "1 is not true or false"),

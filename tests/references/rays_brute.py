@@ -25,38 +25,54 @@ class BruteCaster:
         self.scene = scene
 
     def cast(
-        self, origins: np.ndarray, directions: np.ndarray, max_distance: float | np.ndarray
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_distance: float | np.ndarray = np.inf,
+        *,
+        min_distance: float | np.ndarray = 0.0,
+        leaving: Hits | None = None,
     ) -> Hits:
-        """Closest hits of rays (R, 3), (R, 3) within ``max_distance``, a number or (R,)."""
+        """The closest hit of each ray, by meeting them all."""
         origin = np.asarray(origins, np.float64).reshape(-1, 3)
         direction = unit_directions(np.asarray(directions, np.float64).reshape(-1, 3))
-        limit = np.broadcast_to(np.asarray(max_distance, np.float64), (len(origin),))
-        distance = np.full(len(origin), np.inf)
-        instance = np.full(len(origin), -1, np.int64)
-        triangle = np.full(len(origin), -1, np.int64)
+        far = np.broadcast_to(np.asarray(max_distance, np.float64), len(origin))
+        near = np.broadcast_to(np.asarray(min_distance, np.float64), len(origin))
+        left = Hits.misses(len(origin)) if leaving is None else leaving
+        hits = Hits.misses(len(origin))
         for index in range(len(self.scene)):
             corners = self._corners(index)
             if not len(corners):
                 continue
             step = max(1, PAIRS // len(corners))
             for first in range(0, len(origin), step):
-                rows = slice(first, first + step)
-                near = origin[rows] - self.scene.transform[index, :, 3]
-                t = ray_parameters(near, direction[rows], corners)
-                t[~(t <= limit[rows, None])] = np.inf
+                rows = np.arange(first, min(first + step, len(origin)))
+                start = origin[rows] - self.scene.transform[index, :, 3]
+                t = ray_parameters(start, direction[rows], corners)
+                t[~(t <= far[rows, None]) | ~(t >= near[rows, None])] = np.inf
+                t[left.found[rows, None] & (t <= near[rows, None])] = np.inf
+                own = left.instance[rows] == index
+                t[own, left.triangle[rows[own]]] = np.inf
                 nearest = t.argmin(axis=1)
                 reached = t[np.arange(len(t)), nearest]
-                closer = np.flatnonzero(reached < distance[rows])
-                distance[rows][closer] = reached[closer]
-                instance[rows][closer] = index
-                triangle[rows][closer] = nearest[closer]
-        return Hits(distance, instance, triangle)
+                closer = np.flatnonzero(reached < hits.distance[rows])
+                found = Hits(reached[closer], np.full(len(closer), index), nearest[closer])
+                hits.put(rows[closer], found)
+        return hits
 
     def occluded(
-        self, origins: np.ndarray, directions: np.ndarray, max_distance: float | np.ndarray
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_distance: float | np.ndarray = np.inf,
+        *,
+        min_distance: float | np.ndarray = 0.0,
+        leaving: Hits | None = None,
     ) -> np.ndarray:
-        """(R,) bool: whether anything is hit within ``max_distance``."""
-        return self.cast(origins, directions, max_distance).found
+        """(R,) bool: whether ``cast`` finds anything."""
+        return self.cast(
+            origins, directions, max_distance, min_distance=min_distance, leaving=leaving
+        ).found
 
     def _corners(self, index: int) -> np.ndarray:
         """(T, 3, 3) corners of one instance's triangles, turned as the world, from its origin."""

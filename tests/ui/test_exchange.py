@@ -76,6 +76,7 @@ def groups(draw, cls, digits=6):
 OF_PLANTING = {spec.Gaussian: "gaussians", spec.Raster: "rasters"}
 SINGLE = [
     *(spec.Forest, spec.Terrain, spec.Distance, *OF_PLANTING, spec.Rows, spec.Planting, spec.Air),
+    spec.Rays,
     *spec.SENSORS.values(),
 ]
 

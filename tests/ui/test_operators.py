@@ -403,6 +403,55 @@ def test_a_full_disk_keeps_the_result_in_the_scene(built, tmp_path, monkeypatch)
     assert built.results["cloud"].file == ""
 
 
+# --------------------------------------------------------------------------------- moving scanners
+
+
+def test_a_scanner_travels_along_poses(built):
+    press("add_sensor", kind="mobile")
+    track = bpy.data.objects["track"].forest_sensor.mobile
+    for x in (-2.0, 4.0):
+        assert press("add_pose") == {"FINISHED"}
+        track.poses[-1].position = (x, 3, 2)
+    track.pulse_rate, track.line_rate = 200, 2
+    track.field_deg = (-180, 180)
+    assert track.poses[1].time == 10
+    assert run("track") == {"FINISHED"}
+    assert int(facts(built, "track")["Points"].replace(",", "")) > 500
+    assert press("remove_pose") == {"FINISHED"}
+    assert len(track.poses) == 1
+
+
+def test_a_scanner_without_a_way_is_told_so(built, sensor):
+    track = sensor("mobile").forest_sensor.mobile
+    with pytest.raises(RuntimeError, match="give poses, or the object to follow"):
+        run("track")
+    track.follow = "Nothing"
+    with pytest.raises(RuntimeError, match='no object "Nothing"'):
+        run("track")
+
+
+def test_a_scanner_flies_over_the_forest(built, sensor):
+    settings = {"position": (3, -2, 30), "track": 10, "speed": 10}
+    sensor("airborne", pulse_rate=2000, line_rate=20, **settings)
+    assert run("flight") == {"FINISHED"}
+    figures = facts(built, "flight")
+    assert figures["Beams"] == "2,000"
+    assert int(figures["Points"].replace(",", "")) > 100
+
+
+def test_choosing_a_scanner_fills_in_its_figures(built):
+    settings = settings_of("cloud")
+    settings.max_range = 77
+    settings.scanner = "riegl-vz-400"  # not complete yet
+    assert settings.max_range == 77
+    settings.scanner = "riegl-vz-400i"
+    found = exchange.sensor_of(bpy.data.objects["cloud"])
+    assert (found.max_range, found.min_range, found.beam.exit_diameter) == (800, 1.5, 0.007)
+    assert (found.name, found.position) == ("cloud", (3, 3, 1))
+    settings.beam.subrays = 3
+    assert exchange.sensor_of(bpy.data.objects["cloud"]).beam.subrays == 3
+
+
 # ------------------------------------------------------------------------------ scene files, modes
 
 

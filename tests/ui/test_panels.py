@@ -9,6 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from forest_addon import spec
 from forest_addon.blender import sensors
 from forest_addon.ui import lists, panels, properties, requirements
 
@@ -25,7 +26,7 @@ class Layout:
 
     row = column = box = split = _inner
 
-    def panel(self, name):
+    def panel(self, name, default_closed=False):
         return Layout(self.seen), Layout(self.seen)
 
     def prop(self, group, name, index=-1, text=None, placeholder="", icon="NONE", emboss=True):
@@ -91,10 +92,12 @@ def test_a_newcomer_sees_one_button_and_a_way_to_open_a_file(props):
     assert "Seed" not in seen
 
 
-def test_every_setting_has_its_place(small):
+def test_every_setting_has_its_place(small, sensor):
     small.plantings[0].gaussians.add()
     small.plantings[0].rasters.add()
     small.forest.distances.add()
+    sensor("mobile", poses=(spec.Pose(),))
+    sensor("airborne")
     seen = []
     for thing in sensors.sensors_of(bpy.context.scene):
         bpy.context.view_layer.objects.active = thing

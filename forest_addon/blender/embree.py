@@ -1,0 +1,221 @@
+"""The fast engine: Blender's own Embree, instanced, on all cores.
+
+Every unique mesh is an Embree scene of triangles in local space; above them is one of instances, about
+the centre of them all, where float32 holds them best. Rays enter its box in float64 and go in packets of
+16. Python's lock is free meanwhile, so that threads work side by side.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+from collections import deque
+from itertools import repeat
+
+import numpy as np
+
+from ..growth.trimesh import TriMesh
+from ..sensing.boxes import clip
+from ..sensing.geometry import SceneGeometry, invert_transforms
+from ..sensing.rays import Hits
+from ..sensing.refine import whole_triangles
+from ..sensing.search import Search
+from . import embree_library as embree
+from .embree_library import EmbreeError
+
+PACKET = 16
+# Rows of RTCRayHit16; between them normal 12-14, u 15, v 16, and 20 the place in an array of instances.
+TNEAR, DIRECTION, TIME, TFAR, MASK, ID, FLAGS = 3, 4, 7, 8, 9, 10, 11
+PRIMITIVE, GEOMETRY, INSTANCE, ROWS = 17, 18, 19, 21
+NONE = 0xFFFFFFFF
+FAR = 3e38  # the longest way that float32 holds
+
+
+class EmbreeCaster(Search):
+    """Closest hits and occlusion through Embree (see ``sensing.rays.RayCaster``).
+
+    No ray slips through an edge. Of a million aimed exactly at vertices a few may: the signs of all
+    edges that meet there can be rounded alike.
+    """
+
+    engine = "embree"
+
+    def __init__(self, scene: SceneGeometry, threads: int = 1) -> None:
+        """Build all trees.
+
+        Raises
+        ------
+        EmbreeError : Embree is not there, or has no memory left.
+        """
+        super().__init__(scene, threads)
+        low, high = scene.bounds()
+        low[~np.isfinite(invert_transforms(scene.transform)).all(axis=(1, 2))] = np.nan
+        known = np.flatnonzero(np.isfinite(low).all(axis=1))  # the others are flat or empty
+        self._low, self._high = (
+            low[known].min(0, initial=np.inf),
+            high[known].max(0, initial=-np.inf),
+        )
+        self._centre = (self._low + self._high) / 2 if len(known) else np.zeros(3)
+        size = float((self._high - self._low).max()) if len(known) else 0.0
+        self._slack = 1e-6 * size + 1e-6
+
+        self._library = embree.load()
+        device = self._library.rtcNewDevice(f"threads={threads}".encode())
+        build = _Build(self._library, device)
+        weakref.finalize(self, build.release)
+        self._usable = {
+            m: whole_triangles(scene.meshes[m]) for m in np.unique(scene.mesh_index[known])
+        }
+        of_mesh = {m: build.mesh(scene.meshes[m], rows) for m, rows in self._usable.items()}
+        self._whole = all(len(r) == len(scene.meshes[m].triangles) for m, r in self._usable.items())
+        place = scene.transform.copy()
+        place[:, :, 3] -= self._centre
+        self._top = build.instances(
+            known.tolist(),
+            [of_mesh[m] for m in scene.mesh_index[known]],
+            place[known].astype(np.float32),
+        )
+
+    def _nearest(
+        self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
+    ) -> Hits:
+        hits = Hits.misses(len(start))
+        enters, leaves = clip(
+            self._low - self._slack, self._high + self._slack, origins, directions, start, limit
+        )
+        rays = np.flatnonzero(enters <= leaves)
+        if not len(rays):
+            return hits
+        begin, origins, directions = enters[rays], origins[:, rays], directions[:, rays]
+        moved = origins - self._centre[:, None]
+        moved += begin * directions
+        packets = _pack(moved, directions, (limit[rays] - begin) * (1 + 1e-6) + self._slack)
+        self._trace(packets)
+        primitive, geometry, instance = (
+            packets.view(np.uint32)[:, row].reshape(-1) for row in (PRIMITIVE, GEOMETRY, INSTANCE)
+        )
+        met = np.flatnonzero(geometry[: len(rays)] != NONE)
+        instance, triangle = instance[met].astype(np.int64), primitive[met].astype(np.int64)
+        if not self._whole:
+            triangle = self._numbered(instance, triangle)
+        distance = self._surfaces.distance(origins[:, met], directions[:, met], instance, triangle)
+        hits.put(rays[met], Hits(distance, instance, triangle))
+        return hits
+
+    def _trace(self, packets: np.ndarray) -> None:
+        valid = _aligned((PACKET,), np.int32)
+        valid[:] = -1
+        first, step = packets.ctypes.data, packets.strides[0]
+        addresses = range(first, first + step * len(packets), step)
+        run = self._library.rtcIntersect16
+        deque(
+            map(run, repeat(valid.ctypes.data), repeat(self._top), addresses, repeat(None)),
+            maxlen=0,
+        )
+
+    def _numbered(self, instance: np.ndarray, primitive: np.ndarray) -> np.ndarray:
+        """Triangles of the meshes, from those that Embree was given."""
+        triangle = primitive.copy()
+        mesh_of = self.scene.mesh_index[instance]
+        for number, rows in self._usable.items():
+            here = mesh_of == number
+            triangle[here] = rows[primitive[here]]
+        return triangle
+
+
+class _Build:
+    """Embree's scenes on one device, and the arrays that they read where they are."""
+
+    def __init__(self, library: ctypes.CDLL, device: int) -> None:
+        self._library = library
+        self._device = device
+        self._scenes: list[int] = []
+        self._arrays: list[np.ndarray] = []
+
+    def mesh(self, mesh: TriMesh, rows: np.ndarray) -> int:
+        """A scene of these triangles of a mesh, in its local space."""
+        vertices = np.zeros(
+            (len(mesh.vertices) + 1, 3), dtype=np.float32
+        )  # read 16 bytes at a time
+        vertices[:-1] = np.nan_to_num(mesh.vertices, nan=0.0, posinf=0.0, neginf=0.0)
+        triangles = np.ascontiguousarray(mesh.triangles[rows], dtype=np.uint32)
+        self._arrays += [vertices, triangles]
+        geometry = self._library.rtcNewGeometry(self._device, embree.TRIANGLE)
+        for kind, form, array, count in (
+            (embree.VERTEX_BUFFER, embree.FLOAT3, vertices, len(vertices) - 1),
+            (embree.INDEX_BUFFER, embree.UINT3, triangles, len(triangles)),
+        ):
+            self._library.rtcSetSharedGeometryBuffer(
+                geometry, kind, 0, form, array.ctypes.data, 0, 12, count
+            )
+        scene = self._scene()
+        self._attach(scene, geometry, 0)
+        return self._commit(scene)
+
+    def instances(self, numbers: list[int], scenes: list[int], place: np.ndarray) -> int:
+        """A scene of instances; a hit names the instance by its number. place : (I, 3, 4) float32."""
+        top = self._scene()
+        row = place.ctypes.data
+        for number, scene in zip(numbers, scenes, strict=True):
+            geometry = self._library.rtcNewGeometry(self._device, embree.INSTANCE)
+            self._library.rtcSetGeometryInstancedScene(geometry, scene)
+            self._library.rtcSetGeometryTransform(geometry, 0, embree.FLOAT3X4_ROWS, row)
+            self._attach(top, geometry, number)
+            row += place.strides[0]
+        return self._commit(top)
+
+    def release(self) -> None:
+        """Give everything back, the last made first."""
+        for scene in reversed(self._scenes):
+            self._library.rtcReleaseScene(scene)
+        self._library.rtcReleaseDevice(self._device)
+        self._arrays.clear()
+
+    def _scene(self) -> int:
+        scene: int = self._library.rtcNewScene(self._device)
+        self._scenes.append(scene)
+        self._library.rtcSetSceneFlags(scene, embree.ROBUST)
+        return scene
+
+    def _attach(self, scene: int, geometry: int, number: int) -> None:
+        self._library.rtcCommitGeometry(geometry)
+        self._library.rtcAttachGeometryByID(scene, geometry, number)
+        self._library.rtcReleaseGeometry(geometry)
+
+    def _commit(self, scene: int) -> int:
+        self._library.rtcCommitScene(scene)
+        error = self._library.rtcGetDeviceError(self._device)
+        if error:
+            raise EmbreeError(f"Embree could not build the scene (its error {error})")
+        return scene
+
+
+def _pack(origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """(P, 21, 16) float32: rays (3, R) as Embree wants them; the last packet is filled up."""
+    count = len(reach)
+    packets = _aligned((-(-count // PACKET), ROWS, PACKET), np.float32)
+    whole = packets.view(np.uint32)
+    packets[:, [TNEAR, TIME]] = 0.0
+    whole[:, MASK] = NONE
+    whole[:, [ID, FLAGS]] = 0
+    whole[:, PRIMITIVE:] = NONE
+    filled = np.full(len(packets) * PACKET, -1.0, dtype=np.float32)  # ends before it starts: idle
+
+    def put(row: int, values: np.ndarray) -> None:
+        filled[:count] = values
+        packets[:, row] = filled.reshape(-1, PACKET)
+
+    for axis in range(3):
+        put(axis, origins[axis])
+        put(DIRECTION + axis, directions[axis])
+    filled[:] = -1.0
+    put(TFAR, np.minimum(reach, FAR))
+    return packets
+
+
+def _aligned(shape: tuple[int, ...], dtype: type) -> np.ndarray:
+    """An array that starts at a multiple of 64 bytes."""
+    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    room = np.empty(size + 64, dtype=np.uint8)
+    start = -room.ctypes.data % 64
+    return room[start : start + size].view(dtype).reshape(shape)

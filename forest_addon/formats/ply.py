@@ -1,0 +1,94 @@
+"""Point clouds as binary PLY: every field of a record as a property, to the last digit.
+
+``PlyFile`` also grows: rows are added at its end, then the number of vertices in its header is raised.
+Whenever it is cut off, a reader finds the rows that were there when the number was last written. The
+header keeps its length, because a comment takes the place that the number does not need.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from .atomic import replacing
+
+PLY_TYPE = {
+    "f8": "double",
+    "f4": "float",
+    "u4": "uint",
+    "i4": "int",
+    "i2": "short",
+    "i1": "char",
+    "u1": "uchar",
+}
+DIGITS = 18  # of the number of vertices
+
+
+def write_ply(path: str | os.PathLike[str], rows: np.ndarray, comments: Sequence[str] = ()) -> None:
+    """Write rows (P,) of a structured array."""
+    with replacing(path) as partial, open(partial, "wb") as file:
+        file.write(header_of(rows.dtype, len(rows), comments))
+        rows.tofile(file)
+
+
+def header_of(dtype: np.dtype, count: int, comments: Sequence[str] = ()) -> bytes:
+    """A header whose length depends on the type and the comments, not on the count."""
+    lines = ["ply", "format binary_little_endian 1.0"]
+    lines += [f"comment {text}" for text in comments]
+    lines += [f"element vertex {count}", "comment " + "-" * (DIGITS - len(str(count)))]
+    lines += [f"property {PLY_TYPE[dtype[n].str[1:]]} {n}" for n in dtype.names or ()]
+    return ("\n".join([*lines, "end_header"]) + "\n").encode("ascii", "replace")
+
+
+class PlyFile:
+    """A PLY file that grows, and is whole after each ``append``."""
+
+    def __init__(
+        self, path: Path, dtype: np.dtype, comments: Sequence[str] = (), keep: int = 0
+    ) -> None:
+        """Open a file; its first ``keep`` rows stay, the rest is cut off.
+
+        Raises
+        ------
+        OSError : it cannot be written, or it has not so many rows.
+        """
+        self.path, self.dtype, self.count = path, dtype, keep
+        self._comments = comments
+        self._start = len(header_of(dtype, 0, comments))
+        end = self._start + keep * dtype.itemsize
+        if keep and (not path.is_file() or path.stat().st_size < end):
+            raise OSError(f"{path.name} has lost rows; start again without it")
+        self._file = open(path, "r+b" if keep else "w+b")  # noqa: SIM115  closed by close()
+        self._file.truncate(end)
+        self._say_count()
+
+    def append(self, rows: np.ndarray) -> None:
+        """Add rows (P,); they are on the disk when this returns."""
+        self._file.seek(self._start + self.count * self.dtype.itemsize)
+        self._file.write(rows.tobytes())
+        self._flush()
+        self.count += len(rows)
+        self._say_count()
+
+    def rows(self) -> np.ndarray:
+        """All rows (N,), read from the disk as they are used."""
+        if not self.count:
+            return np.empty(0, dtype=self.dtype)
+        shape = (self.count,)
+        return np.memmap(self.path, self.dtype, mode="r", offset=self._start, shape=shape)
+
+    def close(self) -> None:
+        """Close the file; it stays whole."""
+        self._file.close()
+
+    def _say_count(self) -> None:
+        self._file.seek(0)
+        self._file.write(header_of(self.dtype, self.count, self._comments))
+        self._flush()
+
+    def _flush(self) -> None:
+        self._file.flush()
+        os.fsync(self._file.fileno())

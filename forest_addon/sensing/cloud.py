@@ -1,0 +1,60 @@
+"""A point cloud: what a scanner gives back, with its labels and its truth."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .returns import Returns
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """P returns of ``pulses`` pulses, sorted by pulse and then by range.
+
+    position : (P, 3) metres, at the measured range on the axis of the beam.
+    pulse : (P,) number of the pulse. time : (P,) seconds at which it was sent.
+    number, count : (P,) uint8, which return of its pulse, from 1, and of how many.
+    azimuth, elevation : (P,) radians, of the axis of the beam. scan_angle : (P,) radians, elevation of a
+        scanner on a tripod, angle from nadir of one that moves, right positive.
+    intensity : (P,) energy that came back, as a share of a white Lambert surface's at 1 m.
+    width : (P,) seconds, standard deviation of the echo; 0 where a pulse has no length.
+    true_range : (P,) metres, the range without noise.
+    returns : measured range, surface and labels of the P returns.
+    """
+
+    position: np.ndarray
+    pulse: np.ndarray
+    time: np.ndarray
+    number: np.ndarray
+    count: np.ndarray
+    azimuth: np.ndarray
+    elevation: np.ndarray
+    scan_angle: np.ndarray
+    intensity: np.ndarray
+    width: np.ndarray
+    true_range: np.ndarray
+    returns: Returns
+    pulses: int
+    engine: str
+
+    def __len__(self) -> int:
+        return len(self.pulse)
+
+
+def join(clouds: Sequence[Cloud]) -> Cloud:
+    """One cloud of the pieces of a scan, in order; at least one piece."""
+    arrays = {
+        field.name: np.concatenate([getattr(cloud, field.name) for cloud in clouds])
+        for field in dataclasses.fields(Cloud)
+        if field.name not in ("returns", "pulses", "engine")
+    }
+    labels = {
+        field.name: np.concatenate([getattr(cloud.returns, field.name) for cloud in clouds])
+        for field in dataclasses.fields(Returns)
+    }
+    pulses = sum(cloud.pulses for cloud in clouds)
+    return Cloud(**arrays, returns=Returns(**labels), pulses=pulses, engine=clouds[0].engine)

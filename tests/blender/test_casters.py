@@ -1,0 +1,454 @@
+"""Both engines against float64 brute force, against each other, and on the hardest rays."""
+
+import gc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("bpy")
+
+from references.rays_brute import BruteCaster
+
+from forest_addon.blender.bvh import BvhCaster
+from forest_addon.blender.embree import EmbreeCaster
+from forest_addon.growth.trimesh import LEAF, OTHER, TriMesh, join
+from forest_addon.growth.tubes import tube
+from forest_addon.rng import stream
+from forest_addon.sensing.geometry import SceneGeometry
+from forest_addon.sensing.rays import hit_normals
+
+BOX = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+BOX_FACES = np.array(
+    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+     [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+)  # fmt: skip
+
+
+@pytest.fixture(params=[BvhCaster, EmbreeCaster], ids=["bvhtree", "embree"])
+def engine(request):
+    return request.param
+
+
+def scene_of(meshes, transforms, index=None):
+    transforms = np.asarray(transforms, float)
+    count = len(transforms)
+    return SceneGeometry(
+        meshes=tuple(meshes),
+        transform=transforms,
+        mesh_index=np.zeros(count, np.int64) if index is None else np.asarray(index),
+        object_name=("x",) * count,
+        tree=np.arange(count),
+        species=np.zeros(count, np.int64),
+    )
+
+
+def pose(linear=None, shift=(0, 0, 0)):
+    return np.column_stack([np.eye(3) if linear is None else linear, shift])
+
+
+def box():
+    return TriMesh.of_part(BOX, BOX_FACES, OTHER)
+
+
+def crumpled_sphere():
+    """A closed mesh, star-shaped about its centre, of 960 triangles of all shapes."""
+    rng = stream(11, "sphere")
+    rings, columns = 16, 32
+    polar = np.pi * np.arange(1, rings)[:, None] / rings
+    azimuth = 2 * np.pi * np.arange(columns) / columns
+    ball = np.stack(
+        [
+            np.sin(polar) * np.cos(azimuth),
+            np.sin(polar) * np.sin(azimuth),
+            np.broadcast_to(np.cos(polar), (rings - 1, columns)),
+        ],
+        axis=2,
+    ).reshape(-1, 3)
+    ball *= rng.uniform(0.95, 1.05, (len(ball), 1))
+    number = np.arange(len(ball)).reshape(rings - 1, columns)
+    right = np.roll(number, -1, axis=1)
+    top, bottom = len(ball), len(ball) + 1
+    faces = [
+        np.stack([number[:-1], number[1:], right[:-1]], axis=2).reshape(-1, 3),
+        np.stack([right[:-1], number[1:], right[1:]], axis=2).reshape(-1, 3),
+        np.stack([np.full(columns, top), number[0], right[0]], axis=1),
+        np.stack([np.full(columns, bottom), right[-1], number[-1]], axis=1),
+    ]
+    poles = [[0, 0, 1.0], [0, 0, -1.0]]
+    return TriMesh.of_part(np.concatenate([ball, poles]), np.concatenate(faces), OTHER)
+
+
+def small_tree(seed):
+    """A bent trunk and a cloud of leaf triangles."""
+    rng = stream(seed, "tree")
+    line = np.cumsum(rng.normal([0, 0, 0.4], 0.1, (12, 3)), axis=0)
+    trunk = TriMesh.of_part(*tube(line, np.linspace(0.2, 0.05, 12), 8), OTHER)
+    centre = line[-1] + rng.normal(0, 0.8, (150, 1, 3))
+    corners = (centre + rng.normal(0, 0.08, (150, 3, 3))).reshape(-1, 3)
+    crown = TriMesh.of_part(corners, np.arange(450).reshape(-1, 3), LEAF)
+    return join([trunk, crown])
+
+
+def forest(count, seed=0, far=0.0):
+    rng = stream(seed, "forest")
+    poses = []
+    for _ in range(count):
+        linear = np.linalg.qr(rng.normal(size=(3, 3)))[0] * rng.uniform(0.5, 2)
+        shift = np.array([*rng.uniform(-15, 15, 2), rng.uniform(0, 2)]) + far
+        poses.append(pose(linear, shift))
+    return scene_of([small_tree(1), small_tree(2)], poses, rng.integers(2, size=count))
+
+
+def random_rays(count, seed=0, far=0.0):
+    rng = stream(seed, "rays")
+    return rng.uniform(-20, 20, (count, 3)) + far, rng.normal(size=(count, 3))
+
+
+@pytest.mark.parametrize("count", [1, 3, 40])
+def test_equals_brute_force_on_random_rays(engine, count):
+    scene = forest(count)
+    rays = 40_000 // (count + 10)
+    origins, directions = random_rays(rays)
+    aimed = scene.transform[np.arange(rays) % count, :, 3] + stream(5, "aim").normal(
+        0, 1, (rays, 3)
+    )
+    directions[::2] = (aimed - origins)[::2]
+    ours = engine(scene).cast(origins, directions, np.inf)
+    exact = BruteCaster(scene).cast(origins, directions, np.inf)
+    assert exact.found.sum() > 30
+    assert (ours.found == exact.found).mean() > 0.999
+    same = (ours.instance == exact.instance) & (ours.triangle == exact.triangle) & exact.found
+    assert same.sum() / exact.found.sum() > 0.999  # the rest graze an edge
+    assert np.abs(ours.distance[same] - exact.distance[same]).max() < 1e-9
+
+
+def test_utm_offset_loses_nothing(engine):
+    near, far = forest(5), forest(5, far=5e5)
+    origins, directions = random_rays(3000)
+    a = engine(near).cast(origins, directions, np.inf)
+    b = engine(far).cast(origins + 5e5, directions, np.inf)
+    assert (a.found == b.found).mean() > 0.999
+    both = (a.triangle == b.triangle) & a.found & b.found
+    assert both.sum() / a.found.sum() > 0.999
+    # 5e5 m in float64 is spaced by 6e-11 m; a grazing plane multiplies that.
+    assert np.quantile(np.abs(a.distance[both] - b.distance[both]), 0.99) < 1e-8
+
+
+@pytest.mark.parametrize("far", [0.0, 5e5])
+def test_no_leak_through_edges_and_vertices_of_a_closed_mesh(engine, far):
+    """Within a closed crumpled sphere, a million rays for each engine, each fifth at a vertex."""
+    rays = 500_000
+    rng = stream(3, "edges")
+    sphere = crumpled_sphere()
+    linear = np.linalg.qr(rng.normal(size=(3, 3)))[0] @ np.diag([2.0, 3.0, 1.0])
+    scene = scene_of([sphere], [pose(linear, (5 + far, far - 2, 7))])
+    corner = sphere.triangles[rng.integers(len(sphere.triangles), size=rays)]
+    at_vertex = np.arange(rays) % 5 == 0
+    share = np.where(at_vertex, 0.0, rng.random(rays))[:, None]
+    target = sphere.vertices[corner[:, 0]] * (1 - share) + sphere.vertices[corner[:, 1]] * share
+    target = target @ linear.T + scene.transform[0, :, 3]
+    origins = scene.transform[0, :, 3] + rng.uniform(-0.05, 0.05, (rays, 3))
+    hits = engine(scene).cast(origins, target - origins)
+    # A robust Embree is tight at edges, and all but tight at vertices.
+    lost_vertices = 5e-5 if engine is EmbreeCaster else 0.0
+    assert hits.found[~at_vertex].all()
+    assert (~hits.found[at_vertex]).mean() <= lost_vertices
+    aimed = np.linalg.norm(target - origins, axis=1)
+    assert (hits.distance - aimed)[hits.found].max() < 1e-4  # beside an edge is the next face
+
+
+@pytest.mark.parametrize("direction", [(0, 0, 0), (np.nan, 0, 1), (np.inf, 0, 0), (0, 0, -np.inf)])
+def test_impossible_directions_hit_nothing(engine, direction):
+    caster = engine(scene_of([box()], [pose()]))
+    hits = caster.cast(np.array([[0.5, 0.5, 0.5]]), np.array([direction], float), np.inf)
+    assert hits.distance[0] == np.inf
+    assert hits.instance[0] == hits.triangle[0] == -1
+
+
+@pytest.mark.parametrize("length", [1e-20, 1.0, 1e30, 1e-300])
+def test_the_length_of_a_direction_does_not_matter(engine, length):
+    caster = engine(scene_of([box()], [pose()]))
+    hits = caster.cast(np.array([[0.3, 0.4, -2.0]]), np.array([[0, 0, length]]), np.inf)
+    assert hits.distance[0] == pytest.approx(2.0, abs=1e-12)
+
+
+def test_the_limit_is_inclusive(engine):
+    caster = engine(scene_of([box()], [pose()]))
+    origins, up = np.tile([0.3, 0.4, -2.0], (3, 1)), np.tile([0, 0, 1.0], (3, 1))
+    limits = np.array([2.0, np.nextafter(2.0, 0), 2.1])
+    assert caster.cast(origins, up, limits).found.tolist() == [True, False, True]
+    assert caster.occluded(origins, up, limits).tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize(
+    "linear",
+    [
+        np.diag([-1.0, 1, 1]),
+        np.diag([3.0, 0.1, 1]),
+        np.array([[1, 0.7, 0], [0, 1, 0.3], [0, 0, 1]]),
+        np.eye(3) * 1e-3,
+        np.eye(3) * 1e4,
+    ],
+    ids=["mirrored", "non-uniform", "sheared", "tiny", "huge"],
+)
+def test_instance_matrices_of_every_kind(engine, linear):
+    scene = scene_of([box()], [pose(linear, (1, 2, 3))])
+    rng = stream(8, "matrix")
+    target = rng.random((500, 3)) @ linear.T + [1, 2, 3]
+    origins = target + rng.normal(size=(500, 3)) * np.abs(linear).max() * 3
+    ours = engine(scene).cast(origins, target - origins, np.inf)
+    exact = BruteCaster(scene).cast(origins, target - origins, np.inf)
+    assert ours.found.all()
+    assert np.allclose(ours.distance, exact.distance, rtol=1e-9, atol=1e-9 * np.abs(linear).max())
+
+
+@pytest.mark.parametrize(
+    "linear", [np.zeros((3, 3)), np.diag([1.0, 1, 0]), np.full((3, 3), np.nan)]
+)
+def test_an_instance_without_volume_is_met_by_nothing_and_harms_no_other(engine, linear):
+    scene = scene_of([box()], [pose(linear), pose(shift=(0, 0, 5))])
+    hits = engine(scene).cast(np.array([[0.3, 0.4, -2.0]]), np.array([[0, 0, 1.0]]), np.inf)
+    assert hits.instance[0] == 1
+    assert hits.distance[0] == pytest.approx(7.0)
+
+
+def test_degenerate_and_nan_geometry_harms_no_other(engine):
+    broken = TriMesh.of_part(
+        np.concatenate([BOX, [[np.nan, 0, 0], [0.5, 0.5, -1], [0.5, 0.5, -1]]]),
+        np.concatenate([[[8, 0, 1], [9, 10, 9], [0, 0, 0]], BOX_FACES]),
+        OTHER,
+    )
+    scene = scene_of([broken], [pose()])
+    hits = engine(scene).cast(np.array([[0.3, 0.4, -2.0]]), np.array([[0, 0, 1.0]]), np.inf)
+    assert hits.distance[0] == pytest.approx(2.0)
+    assert hits.triangle[0] >= 3
+
+
+def test_thin_twig_far_away(engine):
+    twig = TriMesh.of_part(*tube(np.array([[0, 0, 0], [0, 0, 1.0]]), np.full(2, 0.0005), 8), OTHER)
+    scene = scene_of([twig], [pose(shift=(100.0, 0, 0))])
+    y = np.linspace(-0.00045, 0.00045, 200)
+    target = np.stack([np.full(200, 100.0), y, np.full(200, 0.5)], axis=1)
+    hits = engine(scene).cast(np.zeros((200, 3)), target, np.inf)
+    assert hits.found.all()
+    assert np.abs(hits.distance - 100).max() < 0.002
+
+
+def test_grazing_rays_keep_their_distance(engine):
+    wide = BOX * [400, 2, 1] - [0, 1, 1]  # top face at z = 0
+    scene = scene_of([TriMesh.of_part(wide, BOX_FACES, OTHER)], [pose()])
+    start = np.array([[0.0, 0.013, 195 * np.sin(np.deg2rad(0.5))]])
+    way = np.array([[np.cos(np.deg2rad(0.5)), 0, -np.sin(np.deg2rad(0.5))]])
+    hits = engine(scene).cast(start, way, np.inf)
+    assert hits.distance[0] == pytest.approx(195.0, abs=1e-9)
+
+
+def test_nothing_to_hit(engine):
+    empty = TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3)), OTHER)
+    for scene in (scene_of([], np.empty((0, 3, 4))), scene_of([empty], [pose()])):
+        assert not engine(scene).cast(*random_rays(10), np.inf).found.any()
+    assert len(engine(forest(2)).cast(np.empty((0, 3)), np.empty((0, 3)), np.inf).distance) == 0
+
+
+def test_order_and_grouping_of_rays_do_not_matter(engine):
+    scene = forest(12)
+    origins, directions = random_rays(3000)
+    caster = engine(scene)
+    whole = caster.cast(origins, directions, np.inf)
+    order = stream(2, "order").permutation(3000)
+    parts = [caster.cast(origins[o], directions[o], np.inf) for o in np.array_split(order, 7)]
+    assert (np.concatenate([p.distance for p in parts]) == whole.distance[order]).all()
+    assert (np.concatenate([p.triangle for p in parts]) == whole.triangle[order]).all()
+
+
+def test_engines_agree_on_a_forest_of_leaves():
+    scene = forest(60)
+    origins, directions = random_rays(60_000)
+    ours = BvhCaster(scene).cast(origins, directions)
+    theirs = EmbreeCaster(scene).cast(origins, directions)
+    same = (ours.instance == theirs.instance) & (ours.triangle == theirs.triangle)
+    assert same.mean() > 0.999
+    assert (ours.distance[same] == theirs.distance[same]).all()
+    # The others pass an edge of what one of the two found within what float32 resolves.
+    other = np.flatnonzero(~same)
+    for ray in other.tolist():
+        gaps = [edge_gap(scene, hits, ray, origins, directions) for hits in (ours, theirs)]
+        assert min(gaps) < 1e-5
+
+
+def edge_gap(scene, hits, ray, origins, directions):
+    """How far a ray passes from the nearest edge of the triangle it is said to hit, metres."""
+    instance = hits.instance[ray]
+    if instance < 0:
+        return np.inf
+    mesh, transform = scene.meshes[scene.mesh_index[instance]], scene.transform[instance]
+    corners = mesh.vertices[mesh.triangles[hits.triangle[ray]]] @ transform[:, :3].T
+    corners = corners + transform[:, 3] - origins[ray]
+    way = directions[ray] / np.linalg.norm(directions[ray])
+    gaps = []
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        normal = np.cross(way, b - a)
+        gaps.append(abs(a @ normal) / np.linalg.norm(normal))
+    return min(gaps)
+
+
+def test_rays_that_start_on_a_surface_or_at_a_limit_count_it(engine):
+    caster = engine(scene_of([box()], [pose(shift=(3e5, 4e5, 5))]))
+    start = np.tile([3e5 + 0.3, 4e5 + 0.4, 5.0], (4, 1)) + np.array(
+        [[0, 0, z] for z in (0, 0, -2, -2)]
+    )
+    up = np.tile([0, 0, 1.0], (4, 1))
+    near = np.array([0.0, np.nextafter(0, 1), 2.0, np.nextafter(2.0, 3)])
+    hits = caster.cast(start, up, np.inf, min_distance=near)
+    assert hits.distance == pytest.approx([0, 1, 2, 3], abs=1e-9)
+    hits = caster.cast(start, up, 2.5, min_distance=near)
+    assert hits.found.tolist() == [True, True, True, False]
+
+
+@pytest.mark.parametrize("bad", [np.nan, -1.0])
+def test_impossible_limits_hit_nothing(engine, bad):
+    caster = engine(scene_of([box()], [pose()]))
+    start, up = np.array([[0.3, 0.4, -2.0]]), np.array([[0, 0, 1.0]])
+    assert not caster.cast(start, up, bad).found.any()
+    assert not caster.cast(start, up, 1.9, min_distance=2.1).found.any()
+    assert not caster.cast(start * np.nan, up).found.any()
+    assert not caster.cast(start, up, np.inf, min_distance=np.nan).found.any()
+
+
+def test_chained_rays_pass_every_surface_once(engine):
+    """Along one line through a forest: what brute force finds one behind the other."""
+    scene = forest(12)
+    origins, _ = random_rays(300, seed=4)
+    target = scene.transform[np.arange(300) % 12, :, 3] + stream(6, "aim").normal(0, 1, (300, 3))
+    directions = target - origins
+    caster, brute = engine(scene), BruteCaster(scene)
+    ours, exact = caster.cast(origins, directions), brute.cast(origins, directions)
+    for _ in range(6):
+        same = (ours.instance == exact.instance) & (ours.triangle == exact.triangle)
+        assert same.mean() > 0.995  # what float32 sees otherwise at edges adds up
+        both = same & exact.found
+        assert np.abs(ours.distance[both] - exact.distance[both]).max() < 1e-9
+        last = exact
+        ours, exact = (
+            c.cast(origins, directions, min_distance=last.distance, leaving=last)
+            for c in (caster, brute)
+        )
+        assert (ours.distance > last.distance)[ours.found].all()
+
+
+def test_reflected_rays_do_not_meet_the_face_they_leave(engine):
+    """In a closed room every ray meets another wall, again and again, wherever the room stands."""
+    rng = stream(9, "room")
+    for far in (0.0, 5e5):
+        scene = scene_of([box()], [pose(np.diag([4.0, 5.0, 3.0]), (far, far, 0))])
+        caster = engine(scene)
+        points = np.array([far, far, 0]) + rng.uniform(0.5, 2.5, (2000, 3))
+        ways = rng.normal(size=(2000, 3))
+        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+        hits = caster.cast(points, ways)
+        for _ in range(20):
+            assert hits.found.all()
+            points = points + hits.distance[:, None] * ways
+            normal = hit_normals(scene, hits)
+            ways = ways - 2 * np.einsum("ri,ri->r", ways, normal)[:, None] * normal
+            last, hits = hits, caster.cast(points, ways, leaving=hits)
+            assert (hits.triangle != last.triangle).all()
+        inside = points - [far, far, 0]
+        assert (inside > -1e-6).all()
+        assert (inside < np.array([4, 5, 3]) + 1e-6).all()
+
+
+def test_faces_that_lie_on_each_other_are_passed_together(engine):
+    double = TriMesh.of_part(
+        np.concatenate([BOX, BOX]), np.concatenate([BOX_FACES, BOX_FACES + 8]), OTHER
+    )
+    caster = engine(scene_of([double, box()], [pose(), pose()], [0, 1]))
+    start, up = np.array([[0.3, 0.4, -2.0]]), np.array([[0, 0, 1.0]])
+    first = caster.cast(start, up)
+    second = caster.cast(start, up, min_distance=first.distance, leaving=first)
+    third = caster.cast(start, up, min_distance=second.distance, leaving=second)
+    assert (first.distance[0], second.distance[0], third.found[0]) == (2.0, 3.0, False)
+
+
+def test_both_faces_are_hit_and_normals_are_of_the_world(engine):
+    mirrored = np.diag([-1.0, 2.0, 0.5])
+    scene = scene_of([box()], [pose(mirrored, (1, 2, 3))])
+    middle = np.tile([0.5, 3.0, 3.25], (6, 1)) + 0.01
+    ways = np.concatenate([np.eye(3), -np.eye(3)])
+    hits = engine(scene).cast(middle, ways)
+    assert hits.found.all()
+    assert np.abs(np.einsum("ri,ri->r", hit_normals(scene, hits), ways)) == pytest.approx(1)
+
+
+def test_occlusion_says_what_cast_finds(engine):
+    scene = forest(20)
+    origins, directions = random_rays(5000)
+    caster = engine(scene)
+    hits = caster.cast(origins, directions)
+    limit = np.where(hits.found, hits.distance, 20.0)
+    rows = np.flatnonzero(hits.found)
+    assert (caster.occluded(origins, directions, limit) == hits.found).all()
+    short = np.nextafter(limit, 0)
+    assert not caster.occluded(origins[rows], directions[rows], short[rows]).any()
+    passed = caster.occluded(origins, directions, 30.0, min_distance=limit, leaving=hits)
+    behind = caster.cast(origins, directions, 30.0, min_distance=limit, leaving=hits)
+    assert (passed == behind.found).all()
+
+
+def test_far_origins_and_near_ones_meet_the_same(engine):
+    """Rays of an airborne scanner, from 5 km and from 50 m."""
+    scene = forest(20)
+    rng = stream(13, "far")
+    target = scene.transform[np.arange(4000) % 20, :, 3] + rng.normal(0, 1, (4000, 3))
+    way = rng.normal([0, 0, -1], 0.2, (4000, 3))
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    caster = engine(scene)
+    near, far = (caster.cast(target - way * d, way) for d in (50.0, 5000.0))
+    assert near.found.sum() > 300
+    same = (near.instance == far.instance) & (near.triangle == far.triangle)
+    assert same.mean() > 0.998
+    both = same & near.found
+    assert np.abs(near.distance[both] + 4950.0 - far.distance[both]).max() < 1e-8
+
+
+def test_a_ground_among_many_instances(engine):
+    """One box as large as the scene above hundreds of small ones: all are met."""
+    rng = stream(14, "ground")
+    plane = TriMesh.of_part(BOX * [400, 400, 0.1] - [200, 200, 0.1], BOX_FACES, OTHER)
+    poses = [pose(), *(pose(shift=(*xy, 0)) for xy in rng.uniform(-190, 190, (300, 2)))]
+    scene = scene_of([plane, box()], poses, [0, *[1] * 300])
+    xy = rng.uniform(-195, 195, (3000, 2))
+    xy[:300] = scene.transform[1:, :2, 3] + 0.5
+    origins = np.column_stack([xy, np.full(3000, 50.0)])
+    down = np.tile([0, 0, -1.0], (3000, 1))
+    ours, exact = engine(scene).cast(origins, down), BruteCaster(scene).cast(origins, down)
+    assert exact.distance.min() == 49
+    assert (np.abs(ours.distance - exact.distance) < 1e-9).all()
+
+
+def test_threads_change_nothing():
+    scene = forest(20)
+    origins, directions = random_rays(100_000)
+    one, three = (EmbreeCaster(scene, n).cast(origins, directions) for n in (1, 3))
+    for name in ("distance", "instance", "triangle"):
+        assert (getattr(one, name) == getattr(three, name)).all()
+
+
+def test_embree_gives_its_memory_back():
+    resource = pytest.importorskip("resource")
+    page = resource.getpagesize()
+
+    def used():
+        return int(Path("/proc/self/statm").read_text().split()[1]) * page
+
+    if not Path("/proc/self/statm").exists():
+        pytest.skip("memory is read from /proc")
+    scene = forest(30)
+    for _ in range(5):
+        EmbreeCaster(scene)
+    before = used()
+    for _ in range(200):
+        EmbreeCaster(scene)
+    gc.collect()
+    assert used() - before < 200 * 20_000  # bytes; its triangles alone take more

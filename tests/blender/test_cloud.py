@@ -1,0 +1,97 @@
+"""Clouds as Blender objects: every attribute is there, and any of them colours the points."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from references.lidar_scenes import ground, scene_with, wall
+from references.rays_brute import BruteCaster
+
+from forest_addon.blender.cloud import GROUP, MEASURES, NUMBERS, show_cloud
+from forest_addon.sensing.lidar import scan
+from forest_addon.spec import Beam, Terrestrial
+
+
+@pytest.fixture
+def cloud():
+    scanner = Terrestrial(
+        azimuth_deg=(-50.0, 50.0),
+        elevation_deg=(-40.0, 20.0),
+        angle_step_deg=5.0,
+        beam=Beam(subrays=7, divergence_mrad=(30.0, 30.0), max_returns=4),
+    )
+    return scan(scanner, BruteCaster(scene_with(ground(), wall(9.0, half=3.0))))
+
+
+def values(owner, name, key, width=1):
+    attribute = owner.attributes[name]
+    dtype = np.int32 if attribute.data_type == "INT" else np.float32
+    out = np.empty(width * len(attribute.data), dtype=dtype)
+    attribute.data.foreach_get(key, out)
+    return out.reshape(-1, width) if width > 1 else out
+
+
+def shown(thing):
+    """Colours of the evaluated points."""
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    depsgraph.update()
+    geometry = thing.evaluated_get(depsgraph).evaluated_geometry()  # owns the points
+    return values(geometry.pointcloud, "colour", "color", 4)
+
+
+def test_every_value_of_a_return_is_an_attribute(empty_blender, cloud):
+    mesh = show_cloud(bpy.context.scene.collection, "a", cloud).data
+    assert values(mesh, "position", "vector", 3) == pytest.approx(
+        cloud.position, rel=1e-6, abs=1e-6
+    )
+    assert values(mesh, "surface_normal", "vector", 3) == pytest.approx(cloud.returns.normal)
+    assert (values(mesh, "return_number", "value") == cloud.number).all()
+    assert (values(mesh, "number_of_returns", "value") == cloud.count).all()
+    assert (values(mesh, "tree", "value") == cloud.returns.tree).all()
+    assert (values(mesh, "object", "value") == cloud.returns.instance).all()
+    assert (values(mesh, "pulse", "value") == cloud.pulse).all()
+    assert values(mesh, "true_range", "value") == pytest.approx(cloud.true_range, rel=1e-6)
+    assert values(mesh, "intensity", "value") == pytest.approx(cloud.intensity, rel=1e-6)
+    assert np.cos(values(mesh, "incidence", "value")) == pytest.approx(
+        cloud.returns.cos_incidence, abs=1e-6
+    )
+
+
+@pytest.mark.parametrize("choice", ["organ", *NUMBERS, *MEASURES])
+def test_any_attribute_colours_the_points(empty_blender, cloud, choice):
+    group = show_cloud(bpy.context.scene.collection, "a", cloud).modifiers[0].node_group
+    assert all(link.is_valid for link in group.links)
+    menu = next(item for item in group.interface.items_tree if item.name == "Colour By")
+    assert menu.default_value == "Organ"
+    menu.default_value = choice.replace("_", " ").title()
+    thing = show_cloud(bpy.context.scene.collection, "a", cloud)  # takes the menu's default
+    colour = shown(thing)
+    assert len(colour) == len(cloud)
+    assert np.isfinite(colour).all()
+    seen = {
+        "organ": cloud.returns.organ,
+        "object": cloud.returns.instance,
+        "return_number": cloud.number,
+        "height": cloud.position[:, 2].round(3),
+        "distance": cloud.true_range.round(3),
+    }.get(choice)
+    if seen is not None:  # as many colours as values, up to rounding of the scale
+        kinds = len(np.unique(colour.round(4), axis=0))
+        assert (kinds > 1) == (len(np.unique(seen)) > 1)
+
+
+def test_the_scale_runs_from_the_smallest_to_the_largest(empty_blender, cloud):
+    group = show_cloud(bpy.context.scene.collection, "a", cloud).modifiers[0].node_group
+    menu = next(item for item in group.interface.items_tree if item.name == "Colour By")
+    menu.default_value = "Distance"
+    colour = shown(show_cloud(bpy.context.scene.collection, "a", cloud))
+    assert colour[np.argmin(cloud.true_range), :3] == pytest.approx([0.09, 0.0, 0.16], abs=1e-3)
+    assert colour[np.argmax(cloud.true_range), :3] == pytest.approx([0.98, 0.80, 0.02], abs=1e-3)
+
+
+def test_the_material_shows_that_colour(empty_blender, cloud):
+    thing = show_cloud(bpy.context.scene.collection, "a", cloud)
+    nodes = bpy.data.materials[GROUP].node_tree.nodes
+    assert [n.attribute_name for n in nodes if n.type == "ATTRIBUTE"] == ["colour"]
+    assert thing.data.materials[0].name == GROUP

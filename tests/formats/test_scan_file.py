@@ -1,0 +1,186 @@
+"""Scans on disk: whole at any time, the same bytes however often they are interrupted."""
+
+import dataclasses
+import json
+import zipfile
+
+import laspy
+import numpy as np
+import pytest
+from references.lidar_scenes import ground, scene_with, wall
+from references.rays_brute import BruteCaster
+
+from forest_addon.formats.ply import PlyFile, header_of, write_ply
+from forest_addon.formats.points import POINT, records
+from forest_addon.formats.scan_file import FORMATS, write_scan
+from forest_addon.sensing.lidar import Scan, scan
+from forest_addon.spec import Beam, Noise, SpecError, Terrestrial
+
+SCANNER = Terrestrial(
+    position=(0.0, 0.0, 1.5),
+    elevation_deg=(-40.0, 20.0),
+    azimuth_deg=(-60.0, 60.0),
+    angle_step_deg=4.0,
+    beam=Beam(subrays=4, divergence_mrad=(9.0, 9.0), max_returns=4),
+    noise=Noise(range_sd=0.02, drop_out=0.1),
+)
+OFFSET = (465_000.0, 5_473_000.0, 110.0)
+
+
+def work(scanner=SCANNER, x=9.0):
+    return Scan(scanner, BruteCaster(scene_with(ground(), wall(x, half=3.0))), seed=5)
+
+
+def read_ply(path):
+    """A PLY by its own header alone."""
+    raw = path.read_bytes()
+    head, _, body = raw.partition(b"end_header\n")
+    lines = head.decode("ascii").splitlines()
+    assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
+    (count,) = [int(line.split()[2]) for line in lines if line.startswith("element vertex")]
+    kinds = {"double": "<f8", "float": "<f4", "uint": "<u4", "int": "<i4"}
+    kinds |= {"short": "<i2", "char": "i1", "uchar": "u1"}
+    fields = [line.split()[1:] for line in lines if line.startswith("property")]
+    dtype = np.dtype([(name, kinds[kind]) for kind, name in fields])
+    return np.frombuffer(body[: count * dtype.itemsize], dtype), len(body) - count * dtype.itemsize
+
+
+class Killed(BaseException):
+    """What ends a scan in the middle."""
+
+
+def killed_after(pulses):
+    def progress(done, _):
+        if done >= pulses:
+            raise Killed
+
+    return progress
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_every_format_holds_the_scan(tmp_path, kind):
+    path = tmp_path / f"scan.{kind}"
+    done = write_scan(path, work(), 5, offset=OFFSET, at_once=100)
+    expected = records(scan(SCANNER, work().caster, 5), OFFSET)
+    assert done.points == len(expected) > 200
+    assert sorted(p.name for p in tmp_path.iterdir()) == [path.name]
+    if kind == "ply":
+        rows, rest = read_ply(path)
+        assert rest == 0
+        assert rows.tobytes() == expected.tobytes()
+    elif kind == "npz":
+        with np.load(path) as data:
+            for name in POINT.names:
+                assert data[name].tobytes() == np.ascontiguousarray(expected[name]).tobytes(), name
+            assert str(data["width_unit"]) == "ns"
+        assert zipfile.ZipFile(path).testzip() is None
+    else:
+        las = laspy.read(path)
+        assert len(las) == len(expected)
+        assert las.y == pytest.approx(expected["y"], abs=0.51e-4)
+        assert (np.asarray(las["true_range"]) == expected["true_range"]).all()
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("kills", [(1,), (150, 300)])
+def test_an_interrupted_scan_ends_with_the_same_bytes(tmp_path, kind, kills):
+    whole, cut = tmp_path / f"whole.{kind}", tmp_path / f"cut.{kind}"
+    write_scan(whole, work(), 5, at_once=64)
+    for pulses in kills:
+        with pytest.raises(Killed):
+            write_scan(cut, work(), 5, at_once=64, resume=True, progress=killed_after(pulses))
+        assert not cut.exists()
+        rows, rest = read_ply(tmp_path / "cut.partial.ply")
+        noted = json.loads((tmp_path / "cut.partial.json").read_text())
+        assert (len(rows), rest) == (noted["points"], 0)
+        assert len(rows) > 0
+    done = write_scan(cut, work(), 5, resume=True)
+    assert done.resumed_at >= kills[-1]
+    assert cut.read_bytes() == whole.read_bytes()
+
+
+def test_rows_that_were_written_but_not_noted_are_cut_off(tmp_path):
+    path = tmp_path / "a.ply"
+    with pytest.raises(Killed):
+        write_scan(path, work(), 5, at_once=64, progress=killed_after(128))
+    partial = tmp_path / "a.partial.ply"
+    with open(partial, "ab") as file:
+        file.write(b"half a row that was being written")
+    _, rest = read_ply(partial)
+    assert rest == 33  # readers stop at the number of the header
+    write_scan(path, work(), 5, resume=True)
+    write_scan(tmp_path / "b.ply", work(), 5, at_once=64)
+    assert path.read_bytes() == (tmp_path / "b.ply").read_bytes()
+
+
+@pytest.mark.parametrize("at_once", [1, 33, 10_000])
+def test_the_size_of_chunks_changes_no_byte(tmp_path, at_once):
+    write_scan(tmp_path / "a.ply", work(), 5)
+    write_scan(tmp_path / "b.ply", work(), 5, at_once=at_once)
+    assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        lambda: (work(dataclasses.replace(SCANNER, max_range=99.0)), 5),
+        lambda: (work(x=9.1), 5),
+        lambda: (work(), 6),
+    ],
+)
+def test_another_scan_is_not_gone_on_with(tmp_path, other):
+    path = tmp_path / "a.laz"
+    with pytest.raises(Killed):
+        write_scan(path, work(), 5, progress=killed_after(1))
+    changed, seed = other()
+    with pytest.raises(SpecError, match="of another scan"):
+        write_scan(path, changed, seed, resume=True)
+    assert (tmp_path / "a.partial.ply").exists()
+    write_scan(path, changed, seed)  # without it, it starts anew
+    assert path.exists()
+
+
+def test_a_note_that_is_no_json_is_refused(tmp_path):
+    (tmp_path / "a.partial.json").write_text("{")
+    with pytest.raises(SpecError, match="of another scan"):
+        write_scan(tmp_path / "a.laz", work(), 5, resume=True)
+
+
+def test_rows_that_were_lost_are_noticed(tmp_path):
+    with pytest.raises(Killed):
+        write_scan(tmp_path / "a.laz", work(), 5, at_once=64, progress=killed_after(200))
+    (tmp_path / "a.partial.ply").unlink()
+    with pytest.raises(OSError, match="lost rows"):
+        write_scan(tmp_path / "a.laz", work(), 5, resume=True)
+
+
+def test_an_ending_that_is_not_known(tmp_path):
+    with pytest.raises(SpecError, match=r"\.laz, \.las, \.ply, \.npz"):
+        write_scan(tmp_path / "a.xyz", work(), 5)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_a_scan_that_sees_nothing(tmp_path, kind):
+    sky = dataclasses.replace(SCANNER, elevation_deg=(60.0, 80.0))
+    done = write_scan(tmp_path / f"a.{kind}", work(sky), 5)
+    assert done.points == 0
+    assert (tmp_path / f"a.{kind}").stat().st_size > 0
+
+
+def test_a_ply_header_keeps_its_length():
+    sizes = {len(header_of(POINT, count, ["x"])) for count in (0, 9, 10, 123456, 10**18 - 1)}
+    assert len(sizes) == 1
+
+
+def test_a_ply_file_grows(tmp_path):
+    rows = np.zeros(5, dtype=POINT)
+    rows["x"] = np.arange(5)
+    file = PlyFile(tmp_path / "a.ply", POINT)
+    for part in (rows[:2], rows[2:2], rows[2:]):
+        file.append(part)
+        assert len(read_ply(tmp_path / "a.ply")[0]) == file.count
+    assert file.rows()["x"].tolist() == [0, 1, 2, 3, 4]
+    file.close()
+    write_ply(tmp_path / "b.ply", rows)
+    assert (tmp_path / "b.ply").read_bytes() == (tmp_path / "a.ply").read_bytes()

@@ -1,0 +1,199 @@
+"""The command ``lidar`` on scenes of one's own, in a process that is really killed."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from headless.cli import main
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def words(*arguments):
+    return [sys.executable, "-m", "headless", "lidar", *map(str, arguments)]
+
+
+def headless(*arguments):
+    return subprocess.run(words(*arguments), cwd=ROOT, capture_output=True, text=True, timeout=300)
+
+
+@pytest.fixture(scope="module")
+def park(tmp_path_factory):
+    """A .blend without anything of ours: ground, spheres, a curve, an animated empty."""
+    path = tmp_path_factory.mktemp("park") / "park.blend"
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_plane_add(size=60)
+    for place in ((6, 0, 2), (0, 6, 2), (-6, 0, 2)):
+        bpy.ops.mesh.primitive_uv_sphere_add(radius=1, location=place)
+    bpy.ops.curve.primitive_nurbs_path_add(radius=2, location=(0, 0, 5))
+    bpy.context.object.name = "Way"
+    drone = bpy.data.objects.new("Drone", None)
+    bpy.context.scene.collection.objects.link(drone)
+    bpy.context.scene.frame_end = 5
+    for frame, x in ((1, -2.0), (5, 2.0)):
+        drone.location = (x, 0, 20)
+        drone.keyframe_insert("location", frame=frame)
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return path
+
+
+SCAN = ("--scanner", "riegl-vz-400i", "--at", "-1,0.5,1.6", "--set", "angle_step_deg=1.0")
+SCAN += ("--set", "beam.subrays=7")
+
+
+def test_a_scene_of_ones_own(park, tmp_path):
+    out = tmp_path / "scan.laz"
+    ended = headless(
+        park, *SCAN, "--azimuth", "-45,45", "--offset", "465000,5473000,0", "--out", out
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert "points of" in ended.stderr.splitlines()[-1]
+    assert [p.name for p in tmp_path.iterdir()] == ["scan.laz"]
+    las = laspy.read(out)
+    place = las.xyz - [465000 - 1, 5473000 + 0.5, 1.6]
+    away = np.linalg.norm(place, axis=1)
+    assert away == pytest.approx(np.asarray(las["range"]), abs=1e-4)
+    assert np.abs(np.asarray(las["range"]) - np.asarray(las["true_range"])).std() < 0.006
+    azimuth = np.rad2deg(np.arctan2(place[:, 1], place[:, 0]))
+    assert (np.abs(azimuth) < 45.1).all()
+    assert len(np.unique(las["object"])) == 2  # ground, and the sphere in front
+
+
+def killed_while(park, out, *more):
+    """Start a scan, wait until some of it is on disk, and kill it as a power cut would."""
+    process = subprocess.Popen(
+        words(park, *SCAN, "--out", out, "--chunk", 700, "--quiet", *more), cwd=ROOT
+    )
+    noted = out.with_suffix(".partial.json")
+    end = time.monotonic() + 120
+    while not (noted.exists() and json.loads(noted.read_text())["done"] > 2000):
+        assert process.poll() is None, "the scan was over before it could be killed"
+        assert time.monotonic() < end
+        time.sleep(0.001)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    return json.loads(noted.read_text())
+
+
+def test_a_killed_scan_goes_on_to_the_same_bytes(park, tmp_path):
+    whole, cut = tmp_path / "whole.laz", tmp_path / "cut.laz"
+    assert headless(park, *SCAN, "--out", whole, "--quiet").returncode == 0
+    noted = killed_while(park, cut)
+    assert not cut.exists()
+    head = (tmp_path / "cut.partial.ply").read_bytes()[:400].decode("ascii", "replace")
+    (count,) = [int(line.split()[2]) for line in head.splitlines() if "element vertex" in line]
+    assert count >= noted["points"] > 0  # readable up to the last chunk
+    ended = headless(park, *SCAN, "--out", cut, "--resume")
+    assert ended.returncode == 0, ended.stderr
+    assert cut.read_bytes() == whole.read_bytes()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["cut.laz", "whole.laz"]
+
+
+@pytest.mark.parametrize("follow", ["Way", "Drone"])
+def test_a_scanner_follows_a_curve_or_an_object(park, tmp_path, follow):
+    out = tmp_path / "scan.npz"
+    more = ("--set", "pulse_rate=20000", "--set", "line_rate=20", "--set", "min_range=1")
+    ended = headless(
+        park, "--scanner", "riegl-minivux-1uav", "--along", follow, *more, "--out", out
+    )
+    assert ended.returncode == 0, ended.stderr
+    with np.load(out) as data:
+        assert len(data["x"]) > 500
+        assert np.ptp(data["time"]) > 0.1
+        assert data["z"].min() > -0.2  # nothing lies below the ground but noise
+
+
+def test_a_flight_over_it(park, tmp_path):
+    more = ("--set", "track=20", "--set", "speed=20", "--set", "pulse_rate=10000")
+    out = tmp_path / "scan.ply"
+    ended = headless(
+        park, "--scanner", "riegl-vux-1uav", "--at", "-10,0,60", "--azimuth", 0, *more, "--out", out
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert out.stat().st_size > 97 * 100
+
+
+def test_the_list_of_scanners():
+    ended = headless("--list")
+    assert ended.returncode == 0
+    assert "riegl-vz-400i" in ended.stdout
+    assert len(ended.stdout.splitlines()) == 9
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((), "needs a .blend file"),
+        (("PARK",), "--scanner: is missing"),
+        (("PARK", "--scanner", "rigel"), "use one of faro-focus-s350"),
+        (("PARK", "--scanner", "riegl-vz-400i"), "--at: is missing"),
+        (("PARK", "--scanner", "riegl-vz-400i", "--at", "1,2"), "is not 3 numbers with commas"),
+        (("PARK", "--scanner", "riegl-vz-400i", "--along", "Way"), "is no mobile scanner"),
+        (("PARK", *SCAN, "--set", "angel_step_deg=1"), 'did you mean "angle_step_deg"'),
+        (("PARK", *SCAN, "--set", "max_range=-3"), "max_range: -3 m is out of range"),
+        (("PARK", *SCAN, "--set", "nonsense"), "is not KEY=VALUE"),
+        (("PARK", *SCAN, "--seed", "-1"), "--seed: -1 is out of range"),
+        (("PARK", *SCAN, "--chunk", "0"), "--chunk: 0 is out of range"),
+        (("PARK", *SCAN, "--out", "x.txt"), "must end in one of .laz"),
+        (("none.blend", *SCAN), "there is no such file"),
+        (("pyproject.toml", *SCAN), "is no .blend file"),
+        (
+            ("PARK", "--scanner", "riegl-vux-1uav", "--along", "Road"),
+            "curves and empties here: Drone",
+        ),
+    ],
+)
+def test_what_cannot_be_used_is_one_sentence(park, tmp_path, capfd, arguments, said):
+    arguments = [park if word == "PARK" else word for word in arguments]
+    if "--out" not in arguments and arguments:
+        arguments += ["--out", tmp_path / "o.laz"]
+    assert main(["lidar", *map(str, arguments)]) == 2
+    told = capfd.readouterr().err
+    lines = [line for line in told.splitlines() if line.startswith("error: ")]
+    assert len(lines) == 1
+    assert said in lines[0]
+    assert "Traceback" not in told
+
+
+def test_scanners_of_a_scene_file(tmp_path):
+    """Every platform, from presets, through a whole run with pictures and report."""
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        "offset = [465000.0, 5473000.0, 100.0]\n[forest]\nsize = [6.0, 6.0]\n"
+        '[[plantings]]\nspecies = "hazelnut"\nvariants = 1\nexpected = 3\n'
+        '[[sensors]]\nkind = "terrestrial"\nname = "puck"\nscanner = "velodyne-vlp-16"\n'
+        "position = [-1.0, 3.0, 1.0]\nangle_step_deg = 2.0\n"
+        '[[sensors]]\nkind = "mobile"\nname = "walk"\nscanner = "velodyne-vlp-16"\n'
+        "pulse_rate = 4000\n"
+        "poses = [{ position = [-2, 0, 1.5] }, { time = 1, position = [-2, 6, 1.5] }]\n"
+        '[[sensors]]\nkind = "airborne"\nname = "drone"\nscanner = "riegl-vux-1uav"\n'
+        "position = [3.0, -5.0, 40.0]\ntrack = 16.0\npulse_rate = 4000\n"
+        "[output]\nblend = false\nglb = false\npreview = false\n"
+    )
+    assert main(["run", str(scene), "--out", str(tmp_path / "o"), "--quiet"]) == 0
+    for name in ("puck", "walk", "drone"):
+        las = laspy.read(tmp_path / "o" / f"{name}.laz")
+        assert len(las) > 200
+        assert np.abs(np.median(las.x) - 465000) < 60
+        assert (tmp_path / "o" / f"{name}.png").stat().st_size > 10_000
+    page = (tmp_path / "o" / "report.html").read_text()
+    assert "Airborne LiDAR: drone" in page
+    assert "by riegl-vux-1uav gave" in page
+
+
+def test_an_empty_scene(tmp_path):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    path = tmp_path / "empty.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    ended = headless(path, *SCAN, "--out", tmp_path / "o.laz")
+    assert ended.returncode == 2
+    assert "has nothing to scan" in ended.stderr
