@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import bpy
 
 from ..blender.sensors import kind_of
+from .operators import chosen_sensor
 
 ICONS = {
     "forest": "OUTLINER_OB_CURVES",
@@ -144,7 +145,7 @@ class _Poses(_Listed):
 
     @classmethod
     def owner(cls, context: bpy.types.Context) -> Any:
-        thing = context.view_layer.objects.active
+        thing = chosen_sensor(context)
         mobile = thing is not None and kind_of(thing) == "mobile"
         return thing.forest_sensor.mobile if mobile else None
 
