@@ -2,8 +2,9 @@
 
 Everything stands in named collections below *Forest*: *Trees*, *Variants* (hidden; assets to drag in),
 their *Outlines* (hidden), *Ground*, *Sensors* and *Results*. Trees are objects, one collection a species, or
-points of one object that geometry nodes put variants on. A new forest is complete before an old one is touched, what was made of one
-that fails is taken back, and what others put into our collections is kept in those of the new forest.
+points of one object that geometry nodes put variants on. A new forest is complete before an old one is
+touched, what was made of one that fails is taken back, and what others put into our collections is kept in
+those of the new forest.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from .depsgraph import SPECIES_KEY, TREE_KEY
 from .ground import lay_ground
 from .instances import plant_points
 from .meshes import to_mesh
-from .ours import all_or_nothing, claim, make_collection, make_object, remove, settle
+from .ours import all_or_nothing, claim, make_collection, make_object, remove, settle, want
 
 ROOT_KEY = "forest_sensing"  # custom property that tells our collection from a user's own *Forest*
 PART_KEY = "forest_part"
@@ -80,9 +81,7 @@ def mark_sensors(scene: bpy.types.Scene, settings: spec.Scene) -> None:
     _mark(part(scene, SENSORS), settings)
 
 
-def _plant(
-    homes: dict[str, bpy.types.Collection], field: spec.Forest, forest: Forest
-) -> None:
+def _plant(homes: dict[str, bpy.types.Collection], field: spec.Forest, forest: Forest) -> None:
     """Make every variant, and stand the trees as points or as objects."""
     stand = forest.stand
     points = len(stand) > MANY if field.instancing == "auto" else field.instancing == "points"
@@ -140,6 +139,7 @@ def _fill_library(
 
 def _coated(name: str, mesh: TriMesh, coats: list[bpy.types.Material]) -> bpy.types.Mesh:
     data = to_mesh(name, mesh)
+    want(data, name)
     for material in coats:
         data.materials.append(material)
     return data

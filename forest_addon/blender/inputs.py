@@ -81,7 +81,9 @@ def read_painted(
         faces = np.empty(len(triangles), dtype=np.int32)
         data.loop_triangles.foreach_get("polygon_index", faces)
         corner = values[loops] if domain == "CORNER" else np.repeat(values[faces, None], 3, axis=1)
-        apart = np.arange(3 * len(triangles)).reshape(-1, 3)  # a vertex may weigh differently a face
+        apart = np.arange(3 * len(triangles)).reshape(
+            -1, 3
+        )  # a vertex may weigh differently a face
         return Painted(vertices[triangles].reshape(-1, 3), apart, corner.ravel())
     finally:
         thing.to_mesh_clear()
@@ -151,7 +153,9 @@ def _layer(
         return "POINT", weights
     attribute = data.attributes.get(layer) if layer else data.color_attributes.active_color
     usable = [
-        a for a in data.attributes if a.data_type in WIDTH and a.domain != "EDGE" and a.name[0] != "."
+        a
+        for a in data.attributes
+        if a.data_type in WIDTH and a.domain != "EDGE" and a.name[0] != "."
     ]
     if attribute is None or attribute.name not in {a.name for a in usable}:
         known = [g.name for g in thing.vertex_groups] + [a.name for a in usable]

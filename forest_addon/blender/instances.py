@@ -16,7 +16,9 @@ import numpy as np
 from .depsgraph import SPECIES_KEY, TREE_KEY, WITH_NODES
 from .nodes import ROTATION, SCALE, VARIANT, add_instancer
 
-SHOWN_IN_FULL = 30_000_000  # triangles; where there are more, views show outlines until told otherwise
+SHOWN_IN_FULL = (
+    30_000_000  # triangles; where there are more, views show outlines until told otherwise
+)
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,8 @@ def plant_points(
     """An object of N trees, not yet linked to a collection.
 
     position : (N, 3) metres. rotation : (N,) radians about the vertical. scale : (N,) size factors.
-    variant : (N,) number of an object in ``variants`` and ``outlines``. tree, species : (N,) numbers that sensors report.
+    variant : (N,) number of an object in ``variants``, and in ``outlines``, by the order of their names.
+    tree, species : (N,) numbers that sensors report.
 
     Raises
     ------

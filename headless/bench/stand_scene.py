@@ -49,9 +49,9 @@ def measure(instancing: str, count: int) -> dict[str, float]:
     """Build, evaluate, read, save and open one forest: CPU seconds, GB, MB, metres."""
     import bpy
 
-    from forest_addon.blender.observe import Observer
     from forest_addon.blender.export import save_blend
     from forest_addon.blender.forest import build
+    from forest_addon.blender.observe import Observer
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     told: dict[str, float] = {}

@@ -74,10 +74,12 @@ def forest_on(name, **changes):
     settings = spec.Scene(
         seed=5,
         forest=spec.Forest(size=(10.0, 10.0), terrain=spec.Terrain(object=name), **changes),
-        plantings=(spec.Planting(species="apple-leafless", variants=1, expected=40, exact=True),),
+        plantings=(
+            spec.Planting(species="abop-monopodial-a", variants=1, expected=40, exact=True),
+        ),
     )
     inputs = inputs_from_scene(settings, depsgraph())
-    species = load_species(ASSETS / "species" / "apple-leafless.toml")
+    species = load_species(ASSETS / "species" / "abop-monopodial-a.toml")
     return settings, inputs, grow_forest(settings, [species], inputs=inputs)
 
 
@@ -137,9 +139,9 @@ def forest_on_flat():
     settings = spec.Scene(
         seed=5,
         forest=spec.Forest(size=(10.0, 10.0), margin=3.0),
-        plantings=(spec.Planting(species="apple-leafless", variants=1, expected=2),),
+        plantings=(spec.Planting(species="abop-monopodial-a", variants=1, expected=2),),
     )
-    species = load_species(ASSETS / "species" / "apple-leafless.toml")
+    species = load_species(ASSETS / "species" / "abop-monopodial-a.toml")
     return settings, None, grow_forest(settings, [species])
 
 
@@ -250,9 +252,7 @@ def test_objects_say_where_trees_stand(empty_blender):
         plantings=(spec.Planting(species="apple", layout="list", collection="surveyed"),),
     )
     inputs = inputs_from_scene(settings, depsgraph(), Inputs())
-    forest = grow_forest(
-        settings, [load_species(ASSETS / "species" / "apple.toml")], inputs=inputs
-    )
+    forest = grow_forest(settings, [load_species(ASSETS / "species" / "apple.toml")], inputs=inputs)
     assert np.allclose(forest.stand.position, found.position)
     assert np.allclose(forest.stand.scale, found.scale)
 
