@@ -17,7 +17,6 @@ from .meshes import from_mesh
 
 TREE_KEY, SPECIES_KEY = "forest_tree", "forest_species"
 SOLID_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
-WITH_NODES = {"MESH", "CURVE", "CURVES", "FONT", "POINTCLOUD"}  # what geometry nodes can be put on
 
 
 def read_scene(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:
@@ -63,9 +62,14 @@ def read_scene(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:
     )
 
 
+def has_nodes(thing: bpy.types.Object) -> bool:
+    """Whether geometry nodes may make instances for an object; asking it costs Blender 4.5 a few bytes."""
+    return any(modifier.type == "NODES" for modifier in thing.modifiers)
+
+
 def _numbers_on_points(owner: bpy.types.Object) -> dict[str, list[int]]:
     """Tree and species numbers of the instances that an evaluated object's nodes make."""
-    if owner.type not in WITH_NODES:
+    if not has_nodes(owner):
         return {}
     geometry = owner.evaluated_geometry()  # the points live as long as this does
     points = geometry.instances_pointcloud()

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from .depsgraph import SPECIES_KEY, TREE_KEY, WITH_NODES
+from .depsgraph import SPECIES_KEY, TREE_KEY, has_nodes
 from .nodes import ROTATION, SCALE, VARIANT, add_instancer
 
 SHOWN_IN_FULL = (
@@ -82,7 +82,7 @@ def plant_points(
 
 def read_points(thing: bpy.types.Object) -> Placed:
     """The trees of an evaluated object; none where its modifiers put none."""
-    geometry = thing.evaluated_geometry() if thing.type in WITH_NODES else None
+    geometry = thing.evaluated_geometry() if has_nodes(thing) else None
     points = geometry.instances_pointcloud() if geometry is not None else None
     if points is None:
         empty = np.empty(0, dtype=np.int64)
