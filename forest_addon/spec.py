@@ -449,7 +449,7 @@ class Raster(Settings):
     file: str = param(help="PNG, TIFF or npy file, relative to the scene file")
     use: str = param(
         "add",
-        help="add it to the hills, multiply what there is by it, or keep trees where it reaches the threshold",
+        help="add it to the hills, multiply what there is, or keep trees where it reaches threshold",
         choices=("add", "multiply", "mask"),
     )
     value: float = param(
@@ -562,7 +562,7 @@ class Planting(Settings):
     rows: Rows = param(Rows(), help="the orchard, where the layout is rows")
     trees: str = param(
         "",
-        help="CSV of trees, where the layout is list: x,y and any of species,scale,rotation (rad)",
+        help="CSV of trees (list): x,y on the map, offset included, and any of species,scale,rotation",
     )
     collection: str = param(
         "", help="collection of the Blender scene whose objects say where trees stand (list)"

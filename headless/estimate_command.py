@@ -106,7 +106,7 @@ def estimate_site(
         written.write_text(_scene_text(scene, path.name, method, trees.position), encoding="utf-8")
     from .site_picture import draw_site
 
-    picture = draw_site(grown, frame, out.with_suffix(".png"))
+    picture = draw_site(grown, frame, out.with_name(f"{out.stem}-estimate.png"))
     say(f"Wrote {out}, {''.join(f'{file}, ' for file in arrays)}{picture.name}.")
     say(f"Next: python -m headless stand {out} --out points.csv")
     return out

@@ -45,7 +45,7 @@ def draw_goodness(found: Goodness, window: Window, path: Path) -> Path:
     grid = figure.add_gridspec(1, 2, width_ratios=(1.15, 1))
     curve, quadrats = (figure.add_subplot(grid[0, k]) for k in (0, 1))
     show_goodness(curve, found)
-    expected = np.where(found.quadrats.expected > 1e-9, found.quadrats.expected, np.nan)
+    expected = np.where(found.quadrats.expected >= 1, found.quadrats.expected, np.nan)
     stray = (found.quadrats.count - expected) / np.sqrt(expected)
     reach = max(3.0, float(np.nanmax(np.abs(stray), initial=0.0)))
     image = quadrats.imshow(
@@ -57,7 +57,7 @@ def draw_goodness(found: Goodness, window: Window, path: Path) -> Path:
         vmax=reach,
     )
     figure.colorbar(image, ax=quadrats, label="standard deviations", pad=0.01)
-    quadrats.set_title("Trees in quadrats, against the intensity")
+    quadrats.set_title("Trees in quadrats that expect one or more, against the intensity")
     quadrats.set_xlabel("x, m")
     quadrats.set_ylabel("y, m")
     return save_figure(figure, path)

@@ -2,8 +2,9 @@
 
 Everything stands in named collections below *Forest*: *Trees*, *Variants* (hidden; assets to drag in),
 their *Outlines* (hidden), *Ground*, *Sensors* and *Results*. Trees are objects, one collection a species, or
-points of one object that geometry nodes put variants on. A new forest is complete before an old one is touched, what was made of one
-that fails is taken back, and what others put into our collections is kept in those of the new forest.
+points of one object that geometry nodes put variants on. A new forest is complete before an old one is
+touched, what was made of one that fails is taken back, and what others put into our collections is kept in
+those of the new forest.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from .layout import (
     root,
 )
 from .meshes import to_mesh
-from .ours import all_or_nothing, claim, make_collection, make_object, remove, settle
+from .ours import all_or_nothing, claim, make_collection, make_object, remove, settle, want
 
 MANY = 1000  # trees; where there are more, they are points unless the settings say otherwise
 
@@ -123,6 +124,7 @@ def _fill_library(
 
 def _coated(name: str, mesh: TriMesh, coats: list[bpy.types.Material]) -> bpy.types.Mesh:
     data = to_mesh(name, mesh)
+    want(data, name)
     for material in coats:
         data.materials.append(material)
     return data

@@ -14,9 +14,7 @@ import bpy
 import numpy as np
 
 from .nodes import ROTATION, SCALE, VARIANT, add_instancer
-from .standings import SPECIES_KEY, TREE_KEY
-
-WITH_NODES = {"MESH", "CURVE", "CURVES", "FONT", "POINTCLOUD"}  # what geometry nodes can be put on
+from .standings import SPECIES_KEY, TREE_KEY, has_nodes
 
 SHOWN_IN_FULL = (
     30_000_000  # triangles; where there are more, views show outlines until told otherwise
@@ -84,7 +82,7 @@ def plant_points(
 
 def read_points(thing: bpy.types.Object) -> Placed:
     """The trees of an evaluated object; none where its modifiers put none."""
-    geometry = thing.evaluated_geometry() if thing.type in WITH_NODES else None
+    geometry = thing.evaluated_geometry() if has_nodes(thing) else None
     points = geometry.instances_pointcloud() if geometry is not None else None
     if points is None:
         empty = np.empty(0, dtype=np.int64)

@@ -38,19 +38,27 @@ def make_collection(name: str, parent: bpy.types.Collection | None) -> bpy.types
     return made
 
 
+def want(block: bpy.types.ID, name: str) -> None:
+    """Note the name that a new block was to have, if another block still has it."""
+    if block.name != name:
+        block[NAME_KEY] = name
+
+
 def settle(collection: bpy.types.Collection) -> None:
-    """Give what is in a collection of ours the names it was meant to have, as far as they are free now."""
-    for block in (collection, *collection.children_recursive, *collection.all_objects):
+    """Give what is in a collection of ours the names that were wanted, as far as they are free now."""
+    things = collection.all_objects
+    meshes = {thing.data for thing in things if thing.type == "MESH"}
+    for block in (collection, *collection.children_recursive, *things, *meshes):
         if NAME_KEY in block:
             block.name = block[NAME_KEY]
-            block[MADE_KEY] = block.name
             del block[NAME_KEY]
+            if MADE_KEY in block:
+                block[MADE_KEY] = block.name
 
 
 def _own(block: bpy.types.ID, name: str) -> None:
     block[MADE_KEY] = block.name
-    if block.name != name:
-        block[NAME_KEY] = name
+    want(block, name)
 
 
 def is_ours(block: bpy.types.ID) -> bool:

@@ -93,7 +93,9 @@ def write_glb(path: str | os.PathLike[str], document: dict[str, Any], binary: by
         document.setdefault("buffers", [{}])[0]["byteLength"] = len(binary)
     text = json.dumps(document, separators=(",", ":"), ensure_ascii=False).encode()
     text += b" " * (-len(text) % 4)
-    chunks = [(JSON, text), *([(BINARY, binary)] if binary else [])]
+    chunks: list[tuple[int, bytes | bytearray]] = [(JSON, text)]
+    if binary:
+        chunks.append((BINARY, binary))
     total = 12 + sum(8 + len(chunk) for _, chunk in chunks)
     with open(path, "wb") as file:
         file.write(struct.pack("<III", MAGIC, 2, total))

@@ -19,6 +19,10 @@ from .window import Window
 
 FINEST, COARSEST = 2048, 96  # pixels along the longer side
 PIXELS_PER_SIGMA = 4.0
+STEPS, WORSE = (
+    16,
+    3,
+)  # of the search from the widest to the narrowest kernel; worse ones that end it
 REACH = 6.0  # standard deviations at which the kernel ends
 
 
@@ -73,22 +77,28 @@ def kernel_estimate(
 def choose_bandwidth(points: np.ndarray, window: Window) -> float:
     """σ in metres that maximises the cross-validated likelihood Σ log λ_{-i}(x_i) - ∫λ.
 
-    With the edge correction ∫λ is always n. Searched from the finest pixels to the longer side of the
-    window; where trees stand at fewer than two places it is an eighth of the shorter side.
+    With the edge correction ∫λ is always n. Searched from the longer side of the window down, until it
+    has become worse over a factor of 3.5 in σ; where trees stand at fewer than two places it is an eighth of
+    the shorter side.
     """
     if len(np.unique(points, axis=0)) < 2:
         return float(window.extent.min()) / 8
     longest = float(window.extent.max())
-    steps = np.log(np.geomspace(PIXELS_PER_SIGMA * longest / FINEST, longest, 16))
+    steps = np.log(np.geomspace(longest, PIXELS_PER_SIGMA * longest / FINEST, STEPS))
     mean = len(points) / window.area
 
     def loss(log_sigma: float) -> float:
         left = _estimate(points, window, float(np.exp(log_sigma))).leave_one_out
         return -float(np.log(np.maximum(left / mean, 1e-12)).sum())
 
-    losses = [loss(step) for step in steps]
-    best = int(np.argmin(losses))
-    low, high = steps[max(best - 1, 0)], steps[min(best + 1, len(steps) - 1)]
+    losses: list[float] = []
+    best = 0
+    for step in steps:
+        losses.append(loss(step))
+        best = int(np.argmin(losses))
+        if len(losses) - 1 - best == WORSE:
+            break
+    high, low = steps[max(best - 1, 0)], steps[min(best + 1, len(steps) - 1)]
     found = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 0.02})
     return float(np.exp(found.x if found.fun < losses[best] else steps[best]))
 

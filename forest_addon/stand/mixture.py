@@ -206,7 +206,7 @@ class _Data:
             jac=True,
             method="L-BFGS-B",
             bounds=bounds,
-            options={"maxiter": iterations, "ftol": 1e-11, "gtol": 1e-7, "maxcor": 20},
+            options={"maxiter": iterations, "ftol": 1e-10, "gtol": 1e-6, "maxcor": 20},
         )
         base = float(np.exp(found.x[0])) if based else 0.0
         # At a maximum ∫λ = n; setting it so only removes what the last step left.

@@ -19,7 +19,7 @@ from .process import Process
 from .quadtree import Cells, refine
 
 MAX_POINTS = 20_000_000
-SPARE = 8.0  # candidates that a cell may waste; cutting it costs about as much
+SPARE = 32.0  # candidates that a cell may waste; cutting it costs about as much
 ROUNDING = 1e-9  # room above a bound for the rounding of sums and products
 MAX_ROUND = 4_000_000  # candidates drawn at once where a number of points is wanted
 WASTE = 10.0  # points drawn by component over points kept, above which cells are the better way

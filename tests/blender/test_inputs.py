@@ -75,10 +75,12 @@ def forest_on(name, **changes):
     settings = spec.Scene(
         seed=5,
         forest=spec.Forest(size=(10.0, 10.0), terrain=spec.Terrain(object=name), **changes),
-        plantings=(spec.Planting(species="apple-leafless", variants=1, expected=40, exact=True),),
+        plantings=(
+            spec.Planting(species="abop-monopodial-a", variants=1, expected=40, exact=True),
+        ),
     )
     inputs = inputs_from_scene(settings, depsgraph())
-    species = load_species(ASSETS / "species" / "apple-leafless.toml")
+    species = load_species(ASSETS / "species" / "abop-monopodial-a.toml")
     return settings, inputs, grow_forest(settings, [species], inputs=inputs)
 
 
@@ -138,9 +140,9 @@ def forest_on_flat():
     settings = spec.Scene(
         seed=5,
         forest=spec.Forest(size=(10.0, 10.0), margin=3.0),
-        plantings=(spec.Planting(species="apple-leafless", variants=1, expected=2),),
+        plantings=(spec.Planting(species="abop-monopodial-a", variants=1, expected=2),),
     )
-    species = load_species(ASSETS / "species" / "apple-leafless.toml")
+    species = load_species(ASSETS / "species" / "abop-monopodial-a.toml")
     return settings, None, grow_forest(settings, [species])
 
 

@@ -139,3 +139,10 @@ def test_another_forest_of_the_same_file_is_left_alone(empty_blender, grown):
     assert len(bpy.data.node_groups) == 1
     assert len(part(other, VARIANTS).objects) == len(grown.variants)
     assert np.isfinite(trees.dimensions).all()
+
+
+def test_meshes_keep_the_number_of_their_variant(empty_blender, grown):
+    for _ in range(3):
+        plant(grown)
+        for thing in part(bpy.context.scene, VARIANTS).objects:
+            assert thing.name.split(" ", 1)[1] == thing.data.name

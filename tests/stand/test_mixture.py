@@ -98,7 +98,7 @@ def test_hills_on_a_base():
 
 
 def test_order_and_place_of_the_map_do_not_matter():
-    points, _ = drawn(HILLS, 6000, "order")  # more than the sketch
+    points, _ = drawn(HILLS, 4500, "order")  # more than the sketch
     fit = fit_mixture(points, FIELD)
     again = fit_mixture(points[stream(1, "order").permutation(len(points))], FIELD)
     assert (again.centre == fit.centre).all()

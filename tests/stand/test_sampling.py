@@ -61,7 +61,7 @@ def process(name, total=60.0):
 
 @pytest.mark.parametrize("name", KINDS)
 def test_counts_in_rectangles_are_poisson(name):
-    made, runs = process(name), 600
+    made, runs = process(name), 300
     samples = [sample(made, stream(s, "count", name)) for s in range(runs)]
     for low, high in [((0, 0), (60, 40)), ((5, 5), (30, 20)), ((15, 20), (52, 36))]:
         low, high = LOW + low, LOW + high
@@ -95,7 +95,7 @@ def marginals(made):
 def test_positions_follow_the_intensity(name, exactly):
     """PIT of x and of y by their marginals; false alarm 1e-4 each, 2e-3 together."""
     made = process(name)
-    points = np.concatenate([sample(made, stream(s, "pit", name), exactly) for s in range(300)])
+    points = np.concatenate([sample(made, stream(s, "pit", name), exactly) for s in range(150)])
     for axis, (cut, share) in enumerate(marginals(made)):
         pit = np.interp(points[:, axis], cut, share)
         found = stats.kstest(pit, "uniform").statistic
@@ -104,7 +104,7 @@ def test_positions_follow_the_intensity(name, exactly):
 
 @pytest.mark.parametrize("name", ["thinned hills", "raster"])
 def test_disjoint_cells_are_independent(name):
-    made, runs = process(name), 600
+    made, runs = process(name), 300
     counts = np.zeros((runs, 2))
     for s in range(runs):
         west = sample(made, stream(s, "cells", name))[:, 0] < LOW[0] + 30

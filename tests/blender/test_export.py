@@ -1,0 +1,135 @@
+"""The forest as .glb: as it was planned, valid, and small where trees are points."""
+
+import json
+
+import numpy as np
+import pytest
+from references import gltf
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon import spec
+from forest_addon.blender import nodes
+from forest_addon.blender.export import export_glb
+from forest_addon.blender.forest import TREES, VARIANTS, build, part
+from forest_addon.formats.glb import EXTENSION, read_glb
+from forest_addon.formats.species_file import ASSETS, load_species
+from forest_addon.stand.forest import grow_forest
+
+MESHES = 4  # variants of two species
+
+
+def settings(instancing, count):
+    return spec.Scene(
+        seed=7,
+        forest=spec.Forest(size=(60.0, 60.0), margin=4.0, instancing=instancing),
+        plantings=(
+            spec.Planting(species="abop-monopodial-a", variants=2, expected=count, exact=True),
+            spec.Planting(species="abop-sympodial-a", variants=2, expected=count, exact=True),
+        ),
+    )
+
+
+def planted(instancing, count=15):
+    scene = settings(instancing, count)
+    kinds = [load_species(ASSETS / "species" / f"{p.species}.toml") for p in scene.plantings]
+    forest = grow_forest(scene, kinds)
+    build(bpy.context.scene, scene, forest)
+    return forest
+
+
+def in_order(transforms):
+    return transforms[np.lexsort(transforms[:, :2, 3].round(3).T)]
+
+
+@pytest.mark.parametrize("instancing", ["points", "objects"])
+def test_blender_reads_back_every_tree_where_it_stood(empty_blender, instancing, tmp_path):
+    forest = planted(instancing)
+    export_glb(bpy.context.scene, tmp_path / "forest.glb")
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.import_scene.gltf(filepath=str(tmp_path / "forest.glb"))
+    found = np.array(
+        [
+            thing.matrix_world
+            for thing in bpy.context.scene.objects
+            if thing.type == "MESH" and thing.data.name.split(".")[0] in forest.labels
+        ]
+    )
+    assert len(found) == len(forest.stand)
+    assert np.abs(in_order(found[:, :3]) - in_order(forest.transforms())).max() < 2e-5
+
+
+def test_points_are_one_node_a_variant_with_their_numbers(empty_blender, tmp_path):
+    forest = planted("points")
+    export_glb(bpy.context.scene, tmp_path / "forest.glb")
+    document, binary = read_glb(tmp_path / "forest.glb")
+    shared = [node for node in document["nodes"] if EXTENSION in node.get("extensions", {})]
+    assert len(shared) == len(document["meshes"]) - 1 == MESHES
+    assert len(document["nodes"]) == MESHES + 1
+    seen = {}
+    for node in shared:
+        assert document["meshes"][node["mesh"]]["name"] == node["name"]
+        indices = node["extensions"][EXTENSION]["attributes"]
+        tree, species = (numbers(document, binary, indices[key]) for key in ("_TREE", "_SPECIES"))
+        assert {forest.labels[s] for s in species} == {node["name"].split(".")[0]}
+        variant = int(node["name"].split(".")[1])
+        assert (forest.stand.variant[tree] == variant).all()
+        seen |= dict.fromkeys(tree.tolist(), node["name"])
+    assert seen.keys() == set(forest.stand.id.tolist())
+
+
+def numbers(document, binary, index):
+    accessor = document["accessors"][index]
+    view = document["bufferViews"][accessor["bufferView"]]
+    return np.frombuffer(binary, "<f4", accessor["count"], view["byteOffset"]).astype(int)
+
+
+def test_ten_thousand_trees_add_fifty_bytes_each(empty_blender, tmp_path):
+    planted("points", 10)
+    export_glb(bpy.context.scene, tmp_path / "few.glb")
+    forest = planted("points", 5000)
+    export_glb(bpy.context.scene, tmp_path / "many.glb")
+    few, many = ((tmp_path / f"{name}.glb").stat().st_size for name in ("few", "many"))
+    assert many - few < 50 * len(forest.stand)
+    issues = gltf.validate(tmp_path / "many.glb")
+    if issues is not None:
+        assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"][:5]
+
+
+def test_the_scene_is_as_before(empty_blender, tmp_path):
+    planted("points")
+    hidden = bpy.data.collections.new("away")
+    bpy.context.scene.collection.children.link(hidden)
+    hidden.objects.link(bpy.data.objects.new("lamp", None))
+    bpy.context.view_layer.layer_collection.children["away"].exclude = True
+    (trees,) = part(bpy.context.scene, TREES).objects
+    trees.select_set(True)
+    before = set(bpy.data.objects), len(bpy.data.meshes)
+    export_glb(bpy.context.scene, tmp_path / "forest.glb")
+    assert (set(bpy.data.objects), len(bpy.data.meshes)) == before
+    assert list(bpy.context.selected_objects) == [trees]
+
+
+def test_a_light_view_exports_whole_trees(empty_blender, tmp_path, monkeypatch):
+    planted("points")
+    export_glb(bpy.context.scene, tmp_path / "full.glb")
+    monkeypatch.setattr("forest_addon.blender.instances.SHOWN_IN_FULL", 1)
+    planted("points")
+    (trees,) = part(bpy.context.scene, TREES).objects
+    assert nodes.is_light(trees.modifiers[0])
+    export_glb(bpy.context.scene, tmp_path / "light.glb")
+    full, light = (read_glb(tmp_path / f"{n}.glb")[0] for n in ("full", "light"))
+    assert json.dumps(full["nodes"], sort_keys=True) == json.dumps(light["nodes"], sort_keys=True)
+    assert full["accessors"] == light["accessors"]
+
+
+def test_nodes_that_pick_collections_are_refused_in_words(empty_blender, tmp_path):
+    planted("points")
+    variants = part(bpy.context.scene, VARIANTS)
+    grove = bpy.data.collections.new("0 grove")
+    variants.children.link(grove)
+    grove.objects.link(variants.objects[0])
+    with pytest.raises(ValueError, match="pick mesh objects"):
+        export_glb(bpy.context.scene, tmp_path / "forest.glb")
+    assert not list(tmp_path.iterdir())
+    assert not list(bpy.context.scene.collection.objects)
