@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-SECTIONS = ("growth", "rays", "sonar", "reverb")
+SECTIONS = ("growth", "lidar", "sonar", "reverb")
 
 Say = Callable[[str], None]
 
