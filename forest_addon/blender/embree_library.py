@@ -43,7 +43,6 @@ SIGNATURES = {
     "rtcSetGeometryInstancedScene": (None, [_P, _P]),
     "rtcSetGeometryTransform": (None, [_P, _U, _I, _P]),
     "rtcIntersect16": (None, [_P, _P, _P, _P]),
-    "rtcOccluded16": (None, [_P, _P, _P, _P]),
 }
 
 
