@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import special
 
 from ..acoustics.cylinder import transfer
 from ..acoustics.spectrum import delay_factors, frequency_panels
@@ -23,6 +24,8 @@ Progress = Callable[[int, int], None]
 PANEL_KA = 3.0  # width of a panel in ka of the octave's thickest trunk
 TRUNKS_AT_ONCE = 512
 BINS_AT_ONCE = 512
+RINGING = 0.3  # s; by then a trunk's answer has fallen to 1e-7 of its peak (it falls as t^-2.5)
+SPREAD = 256  # samples; so far does the roll-off spread an arrival, to 1e-8 of its peak
 
 
 @dataclass(frozen=True)
@@ -62,10 +65,12 @@ def trunk_paths(
     receiver: np.ndarray,
     strength: float,
     spreading: float,
+    gain: np.ndarray | None = None,
 ) -> TrunkPaths:
     """Paths by M trunks between a source (2,) and a receiver (2,).
 
     strength, spreading : β and α.
+    gain : (M,) further amplitude of each path; None: 1.
 
     A distance to a trunk's axis is at least its radius. The angle comes from both products of the legs,
     which keeps its digits straight ahead and straight back; it is 0 where a leg has no length.
@@ -78,7 +83,7 @@ def trunk_paths(
     first, second = np.maximum(first, trunks.radius), np.maximum(second, trunks.radius)
     return TrunkPaths(
         length=first + second,
-        weight=strength / (first * second**spreading),
+        weight=strength / (first * second**spreading) * (1.0 if gain is None else gain),
         angle=np.arctan2(np.abs(across), along),
         radius=trunks.radius,
         clamped=clamped,
@@ -123,3 +128,13 @@ def scattered_spectrum(
             if progress:
                 progress(done, len(paths.length))
     return spectrum
+
+
+def roll_off(share: np.ndarray) -> np.ndarray:
+    """Gain at a share of the sampling rate: 1 up to 0.45, a Gaussian step down to 0 at 0.5.
+
+    A band that ends at once gives every arrival that is not on a sample tails of 1/t.
+    """
+    step = 0.5 * special.erfc((share - 0.475) / 0.025 * 4.0)  # 8e-9 from 0 and 1 at the ends
+    gain: np.ndarray = np.where(share <= 0.45, 1.0, np.where(share >= 0.5, 0.0, step))
+    return gain
