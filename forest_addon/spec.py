@@ -659,7 +659,7 @@ class Reverb(Settings):
         ge=0,
         le=0.01,
     )
-    multiple_scattering: int = param(
+    rescattering: int = param(
         0,
         help="trunks around the pair for which single scattering is compared with exact multiple "
         "scattering; 0: no comparison",
