@@ -32,6 +32,7 @@ from ..acoustics.air import absorption
 from ..acoustics.spectrum import delay_factors
 from ..spec import Air, Reverb
 from .continuation import Field, continue_trunks
+from .fast_scattering import Expansions
 from .rays import RayCaster
 from .scattering import SPREAD, roll_off
 from .slices import Trunks
@@ -57,6 +58,7 @@ class ImpulseResponse:
     trunks : how many trunks were heard. continued : how many of them stand beyond the field.
     late : how many more are so far away that they would be heard after the end.
     clamped : how many trunks cover the source or the receiver.
+    exact : whether every trunk was summed at every frequency, rather than to the tolerance.
     """
 
     sample_rate: float
@@ -70,6 +72,7 @@ class ImpulseResponse:
     continued: int
     late: int
     clamped: int
+    exact: bool
 
     @property
     def samples(self) -> np.ndarray:
@@ -85,6 +88,7 @@ def impulse_response(
     wood: RayCaster | None = None,
     rng: np.random.Generator | None = None,
     field: Field | None = None,
+    expansions: Expansions | None = None,
     progress: Progress | None = None,
 ) -> ImpulseResponse:
     """The impulse response of a forest.
@@ -92,6 +96,7 @@ def impulse_response(
     trunks : of the modelled field; all of them scatter.
     wood : what blocks the direct and the ground sound; None: nothing does.
     rng, field : for ``reverb.continue_to``: the random stream, and corner and extent of the field.
+    expansions : what the fast sum set up for other responses; None: it is set up for this one.
     progress : called as progress(done, total).
 
     Raises
@@ -101,7 +106,9 @@ def impulse_response(
     source, receiver = np.asarray(reverb.source), np.asarray(reverb.receiver)
     direct_clear, ground_clear = lines_of_sight(source, receiver, wood)
     forest = continued(trunks, reverb, rng, field)
-    trees = tree_response(forest, source, receiver, reverb, air, progress=progress)
+    trees = tree_response(
+        forest, source, receiver, reverb, air, expansions=expansions, progress=progress
+    )
     mirrored = source * (1.0, 1.0, -1.0)
     straight, bounced = (max(math.dist(receiver, start), NEAREST) for start in (source, mirrored))
     count = len(trees.samples)
@@ -117,6 +124,7 @@ def impulse_response(
         continued=int(trees.heard[len(trunks) :].sum()),
         late=int((~trees.heard).sum()),
         clamped=trees.clamped,
+        exact=trees.exact,
     )
 
 

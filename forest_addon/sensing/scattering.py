@@ -24,7 +24,8 @@ Progress = Callable[[int, int], None]
 PANEL_KA = 3.0  # width of a panel in ka of the octave's thickest trunk
 TRUNKS_AT_ONCE = 512
 BINS_AT_ONCE = 512
-RINGING = 0.3  # s; by then a trunk's answer has fallen to 1e-7 of its peak (it falls as t^-2.5)
+RINGING = 2500.0  # a/c; what comes later is 1e-7 of a trunk's answer (it falls as t^-2.5)
+LONGEST_RINGING = 3.0  # s, however thick the trunk
 SPREAD = 256  # samples; so far does the roll-off spread an arrival, to 1e-8 of its peak
 
 
@@ -48,8 +49,8 @@ class TrunkPaths:
         """(M,) metres the first sound travels: by the trunk's near face, 2a shorter at most."""
         return self.length - 2.0 * self.radius
 
-    def select(self, rows: np.ndarray) -> TrunkPaths:
-        """The paths of some rows, a mask or numbers."""
+    def select(self, rows: np.ndarray | slice) -> TrunkPaths:
+        """The paths of some rows, a mask, numbers or a slice."""
         return TrunkPaths(
             self.length[rows],
             self.weight[rows],

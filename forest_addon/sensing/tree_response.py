@@ -16,10 +16,20 @@ from scipy import fft
 
 from ..acoustics.air import absorption
 from ..spec import Air, Reverb
-from .scattering import RINGING, SPREAD, TrunkPaths, roll_off, scattered_spectrum, trunk_paths
+from .fast_scattering import FEW_RADII, Expansions
+from .scattering import (
+    LONGEST_RINGING,
+    RINGING,
+    SPREAD,
+    TrunkPaths,
+    roll_off,
+    scattered_spectrum,
+    trunk_paths,
+)
 from .slices import Trunks
 
 Progress = Callable[[int, int], None]
+FEW_EACH = (50, 500)  # trunks that are summed exactly: of few, and of many different radii
 
 
 @dataclass(frozen=True)
@@ -29,11 +39,13 @@ class TreeResponse:
     samples : (N,) re the source's impulse at 1 m.
     heard : (M,) bool, which trunks are heard before the end.
     clamped : how many trunks cover the source or the receiver.
+    exact : whether every trunk was summed at every frequency.
     """
 
     samples: np.ndarray
     heard: np.ndarray
     clamped: int
+    exact: bool
 
 
 def tree_response(
@@ -44,13 +56,15 @@ def tree_response(
     air: Air,
     *,
     gain: np.ndarray | None = None,
+    expansions: Expansions | None = None,
     progress: Progress | None = None,
 ) -> TreeResponse:
     """The sound of all trunks from a source to a receiver, each (3,) or (2,) metres.
 
     reverb : its sample_rate, duration, strength, spreading and tolerance are used.
     gain : (M,) amplitude of each trunk's path besides K's weight, as of a directed source; None: 1.
-    progress : called as progress(trunks done, all trunks).
+    expansions : what the fast sum set up for other pairs; None: it is set up for this one.
+    progress : called as progress(trunks done, all trunks), by the exact sum alone.
     """
     paths = trunk_paths(
         trunks,
@@ -62,8 +76,20 @@ def tree_response(
     )
     count = max(1, round(reverb.duration * reverb.sample_rate))
     heard = paths.earliest <= (reverb.duration + SPREAD / reverb.sample_rate) * air.speed()
-    samples = direct_sum(paths.select(heard), reverb.sample_rate, count, air, progress)
-    return TreeResponse(samples=samples, heard=heard, clamped=int(paths.clamped.sum()))
+    within = paths.select(heard)
+    exact = reverb.tolerance == 0 or len(within.length) <= _soon_summed(within.radius)
+    if exact:
+        samples = direct_sum(within, reverb.sample_rate, count, air, progress)
+    else:
+        prepared = Expansions() if expansions is None else expansions
+        samples = prepared.sum(within, reverb.sample_rate, count, air, reverb.tolerance)
+    return TreeResponse(samples, heard, int(paths.clamped.sum()), exact)
+
+
+def _soon_summed(radius: np.ndarray) -> int:
+    """Up to so many trunks the exact sum takes no longer than setting up the fast one."""
+    few = len(np.unique(radius[: FEW_EACH[1] + 1])) <= FEW_RADII
+    return FEW_EACH[0] if few else FEW_EACH[1]
 
 
 def direct_sum(
@@ -75,8 +101,8 @@ def direct_sum(
     """
     if len(paths.length) == 0:
         return np.zeros(count)
-    longest = float(paths.length.max())
-    size = math.ceil((longest / air.speed() + RINGING) * rate) + SPREAD
+    ringing = np.minimum(RINGING * paths.radius / air.speed(), LONGEST_RINGING)
+    size = math.ceil(float((paths.length / air.speed() + ringing).max()) * rate) + SPREAD
     size = fft.next_fast_len(max(size, count), real=True)
     frequency = np.arange(size // 2 + 1) * (rate / size)
     loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
