@@ -35,7 +35,7 @@ LAST_TERMS = 60
 CROSSOVER = (0.073, 0.365)  # c/a; from the low to the high layer, 100 to 500 Hz for 0.25 m
 CROSSING = 12.8 / (CROSSOVER[1] - CROSSOVER[0])  # a/c; so far the crossover spreads an arrival
 HIGH_RINGING = 10.0  # a/c; sound that creeps around the trunk has left it
-RINGING, RINGING_ERROR = 60.0, 6e-4  # a/c of the low layer at this tolerance; error falls as t^-2
+RINGING, RINGING_ERROR = 60.0, 2.4e-3  # a/c of the low layer at this tolerance; error falls as t^-2
 GRID = 2  # periods of the filters' spectrum over their length
 SHARE = 0.2  # of the tolerance, for leaving out terms
 FEWEST = 400  # frequencies at which terms are found
@@ -196,7 +196,7 @@ class _Band:
         triangle = linalg.qr(stacked, mode="r", check_finite=False)[0][: self.orders]
 
         def terms(low: float, high: float) -> int:
-            turns = self._turns(self.orders + 16, low, high)
+            turns = self._turns(self._enough_points(low, high), low, high)
             return self._count(linalg.svdvals(triangle @ turns, check_finite=False))
 
         cuts = []
@@ -239,13 +239,18 @@ class _Band:
         chosen = shares.reshape(-1, terms)[pivots]
         return _Draft(low, high, turns, pivots, chosen, self._series(shares, sizes[:terms]))
 
+    def _enough_points(self, low: float, high: float) -> int:
+        """Chebyshev points over a sector in cos φ that leave nothing of cos nφ out."""
+        span = math.acos(low) - math.acos(high)
+        return min(self.orders, math.ceil(0.55 * self.orders * span) + 8) + 16
+
     def _points_across(self, low: float, high: float) -> int:
-        """Chebyshev points over a sector in cos φ: enough for the thickest trunk."""
+        """Chebyshev points over a sector: of a range of radii no more than the tolerance asks for."""
+        count = self._enough_points(low, high)
         if len(self.radii) == 1:
-            return self.orders + 16
-        n = self.orders + 16
-        values = self.few[np.argmax(self.radii)] @ self._turns(n, low, high)
-        size = np.abs(chebyshev.chebfit(_points(n), values.T, n - 1)).max(axis=1)
+            return count
+        values = self.few[np.argmax(self.radii)] @ self._turns(count, low, high)
+        size = np.abs(_fit(values.T)).max(axis=1)
         return int(np.flatnonzero(size > 0.01 * self.tolerance * size.max())[-1]) + 4
 
     def _filters(self, draft: _Draft, columns: np.ndarray) -> np.ndarray:

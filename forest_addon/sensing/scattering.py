@@ -104,12 +104,12 @@ def scattered_spectrum(
     progress : called as progress(trunks done, all trunks).
     """
     spectrum = np.zeros(len(loss), dtype=np.complex128)
-    octave = np.floor(np.log2(np.where(paths.radius > 0, paths.radius, 1.0)))
-    done = 0
-    for number in np.unique(octave):
-        rows = np.flatnonzero((octave == number) & (paths.radius > 0))
-        thickest = paths.radius[rows].max(initial=np.finfo(float).tiny)
-        width = PANEL_KA * sound_speed / (2.0 * math.pi * thickest)
+    wide = paths.radius > 0  # a trunk of no width scatters nothing
+    octave = np.floor(np.log2(np.where(wide, paths.radius, 1.0)))
+    done = int((~wide).sum())
+    for number in np.unique(octave[wide]):
+        rows = np.flatnonzero((octave == number) & wide)
+        width = PANEL_KA * sound_speed / (2.0 * math.pi * paths.radius[rows].max())
         panels = frequency_panels(len(loss) - 1, spacing, width)
         for start in range(0, len(rows), TRUNKS_AT_ONCE):
             some = paths.select(rows[start : start + TRUNKS_AT_ONCE])
