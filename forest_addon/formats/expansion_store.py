@@ -67,6 +67,6 @@ class ExpansionStore:
 def _sector(stored: np.lib.npyio.NpzFile, name: str) -> Sector:
     low, high, lead = stored[f"{name}_ends"].tolist()
     filters, series = stored[f"{name}_filters"], stored[f"{name}_series"]
-    if filters.ndim != 2 or series.ndim != 2 or len(filters) != series.shape[1]:
+    if filters.ndim != 2 or series.ndim != 4 or len(filters) != series.shape[3]:
         raise ValueError("not an expansion")
     return Sector(low, high, filters, series, int(lead))
