@@ -1014,11 +1014,26 @@ class Reverb(Settings):
         ge=0,
         le=2000,
     )
+    tolerance: float = param(
+        1e-4,
+        help="relative error allowed to the sum over trunks; 0 sums every trunk and frequency",
+        ge=0,
+        le=0.01,
+    )
+    rescattering: int = param(
+        0,
+        help="trunks around the pair for which single scattering is compared with exact multiple "
+        "scattering; 0: no comparison",
+        ge=0,
+        le=400,
+    )
 
     def check(self) -> None:
         for key in ("source", "receiver"):
             if getattr(self, key)[2] <= 0:
                 raise SpecError(f"{key}[2]", "must be above the ground, z = 0; raise it")
+        if 0 < self.tolerance < 1e-6:
+            raise SpecError("tolerance", "must be 0 (exact) or from 1e-6 to 0.01")
 
 
 Sensor = Tractor | Terrestrial | Mobile | Airborne | Sonar | Reverb

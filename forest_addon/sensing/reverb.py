@@ -14,6 +14,9 @@ wood between source and receiver takes the direct and the ground sound away.
 
 The band ends in a smooth roll-off from 0.45 to 0.5 of the sampling rate, and the transform is longer
 than the last path and its ringing, so that nothing wraps around into the impulse response.
+
+``tree_response`` gives the third part for one pair of source and receiver, by the exact or the fast
+sum; call it once a pair, with the same ``expansions``, which are what takes time to set up.
 """
 
 from __future__ import annotations
@@ -23,22 +26,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, special
+from scipy import fft
 
 from ..acoustics.air import absorption
 from ..acoustics.spectrum import delay_factors
 from ..spec import Air, Reverb
 from .continuation import Field, continue_trunks
+from .fast_scattering import Expansions
 from .rays import RayCaster
-from .scattering import scattered_spectrum, trunk_paths
+from .scattering import SPREAD, roll_off
 from .slices import Trunks
+from .tree_response import tree_response
 
 Progress = Callable[[int, int], None]
 NEAREST = (
     0.1  # m; a source has an extent, so that the direct sound is not louder than at this distance
 )
-RINGING = 0.3  # s; by then a trunk's answer has fallen to 1e-7 of its peak (it falls as t^-2.5)
-SPREAD = 256  # samples; so far does the roll-off spread an arrival, to 1e-8 of its peak
 GROUND_CLEARANCE = (
     0.05  # m; lower than this, a line of sight is not tested against the ground itself
 )
@@ -55,6 +58,7 @@ class ImpulseResponse:
     trunks : how many trunks were heard. continued : how many of them stand beyond the field.
     late : how many more are so far away that they would be heard after the end.
     clamped : how many trunks cover the source or the receiver.
+    exact : whether every trunk was summed at every frequency, rather than to the tolerance.
     """
 
     sample_rate: float
@@ -68,6 +72,7 @@ class ImpulseResponse:
     continued: int
     late: int
     clamped: int
+    exact: bool
 
     @property
     def samples(self) -> np.ndarray:
@@ -83,6 +88,7 @@ def impulse_response(
     wood: RayCaster | None = None,
     rng: np.random.Generator | None = None,
     field: Field | None = None,
+    expansions: Expansions | None = None,
     progress: Progress | None = None,
 ) -> ImpulseResponse:
     """The impulse response of a forest.
@@ -90,6 +96,7 @@ def impulse_response(
     trunks : of the modelled field; all of them scatter.
     wood : what blocks the direct and the ground sound; None: nothing does.
     rng, field : for ``reverb.continue_to``: the random stream, and corner and extent of the field.
+    expansions : what the fast sum set up for other responses; None: it is set up for this one.
     progress : called as progress(done, total).
 
     Raises
@@ -99,59 +106,40 @@ def impulse_response(
     source, receiver = np.asarray(reverb.source), np.asarray(reverb.receiver)
     direct_clear, ground_clear = lines_of_sight(source, receiver, wood)
     forest = continued(trunks, reverb, rng, field)
-    paths = trunk_paths(forest, source[:2], receiver[:2], reverb.strength, reverb.spreading)
-    speed, rate = air.speed(), reverb.sample_rate
-    end = (reverb.duration + SPREAD / rate) * speed  # in metres
-    heard = paths.earliest <= end
+    trees = tree_response(
+        forest, source, receiver, reverb, air, expansions=expansions, progress=progress
+    )
     mirrored = source * (1.0, 1.0, -1.0)
     straight, bounced = (max(math.dist(receiver, start), NEAREST) for start in (source, mirrored))
-
-    within = [x for x in (straight, bounced, *paths.length[heard]) if x <= end]
-    length = math.ceil((max(within, default=0.0) / speed + RINGING) * rate) + SPREAD
-    length = fft.next_fast_len(length, real=True)
-    frequency = np.arange(length // 2 + 1) * (rate / length)
-    loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
-
-    def arrival(path: float, gain: float) -> np.ndarray:
-        if path > end or gain == 0:
-            return np.zeros(len(frequency))
-        delay = delay_factors(0.0, rate / length, len(frequency), np.array([path / speed]))[:, 0]
-        return gain / path * np.exp(-loss * path) * delay
-
-    spectra = np.stack(
-        [
-            arrival(straight, float(direct_clear)),
-            arrival(bounced, reverb.ground * ground_clear),
-            scattered_spectrum(paths.select(heard), rate / length, loss, speed, progress),
-        ]
-    )
-    count = max(1, round(reverb.duration * rate))
-    samples = np.zeros((3, count))
-    whole = fft.irfft(spectra * roll_off(frequency / rate), length, axis=1)[:, :count]
-    samples[:, : whole.shape[1]] = whole
+    count = len(trees.samples)
     return ImpulseResponse(
-        sample_rate=rate,
-        direct=samples[0],
-        ground=samples[1],
-        trees=samples[2],
-        direct_delay=math.dist(source, receiver) / speed,
+        sample_rate=reverb.sample_rate,
+        direct=arrival(straight, float(direct_clear), reverb.sample_rate, count, air),
+        ground=arrival(bounced, reverb.ground * ground_clear, reverb.sample_rate, count, air),
+        trees=trees.samples,
+        direct_delay=math.dist(source, receiver) / air.speed(),
         direct_clear=direct_clear,
         ground_clear=ground_clear,
-        trunks=int(heard.sum()),
-        continued=int(heard[len(trunks) :].sum()),
-        late=int((~heard).sum()),
-        clamped=int(paths.clamped.sum()),
+        trunks=int(trees.heard.sum()),
+        continued=int(trees.heard[len(trunks) :].sum()),
+        late=int((~trees.heard).sum()),
+        clamped=trees.clamped,
+        exact=trees.exact,
     )
 
 
-def roll_off(share: np.ndarray) -> np.ndarray:
-    """Gain at a share of the sampling rate: 1 up to 0.45, a Gaussian step down to 0 at 0.5.
-
-    A band that ends at once gives every arrival that is not on a sample tails of 1/t.
-    """
-    step = 0.5 * special.erfc((share - 0.475) / 0.025 * 4.0)  # 8e-9 from 0 and 1 at the ends
-    gain: np.ndarray = np.where(share <= 0.45, 1.0, np.where(share >= 0.5, 0.0, step))
-    return gain
+def arrival(path: float, gain: float, rate: float, count: int, air: Air) -> np.ndarray:
+    """(count,) samples of one arrival, gain/path·e^{-(b+ik)path}, after ``path`` metres."""
+    delay = path / air.speed()
+    if gain == 0 or (delay - count / rate) * rate > SPREAD:
+        return np.zeros(count)
+    size = fft.next_fast_len(max(count, math.ceil(delay * rate)) + 2 * SPREAD, real=True)
+    frequency = np.arange(size // 2 + 1) * (rate / size)
+    loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
+    carried = delay_factors(0.0, rate / size, len(frequency), np.array([delay]))[:, 0]
+    spectrum = gain / path * np.exp(-loss * path) * carried * roll_off(frequency / rate)
+    samples: np.ndarray = fft.irfft(spectrum, size)[:count]
+    return samples
 
 
 def lines_of_sight(

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import special
 
 from ..acoustics.cylinder import transfer
 from ..acoustics.spectrum import delay_factors, frequency_panels
@@ -23,6 +24,9 @@ Progress = Callable[[int, int], None]
 PANEL_KA = 3.0  # width of a panel in ka of the octave's thickest trunk
 TRUNKS_AT_ONCE = 512
 BINS_AT_ONCE = 512
+RINGING = 2500.0  # a/c; what comes later is 1e-7 of a trunk's answer (it falls as t^-2.5)
+LONGEST_RINGING = 3.0  # s, however thick the trunk
+SPREAD = 256  # samples; so far does the roll-off spread an arrival, to 1e-8 of its peak
 
 
 @dataclass(frozen=True)
@@ -45,8 +49,8 @@ class TrunkPaths:
         """(M,) metres the first sound travels: by the trunk's near face, 2a shorter at most."""
         return self.length - 2.0 * self.radius
 
-    def select(self, rows: np.ndarray) -> TrunkPaths:
-        """The paths of some rows, a mask or numbers."""
+    def select(self, rows: np.ndarray | slice) -> TrunkPaths:
+        """The paths of some rows, a mask, numbers or a slice."""
         return TrunkPaths(
             self.length[rows],
             self.weight[rows],
@@ -62,10 +66,12 @@ def trunk_paths(
     receiver: np.ndarray,
     strength: float,
     spreading: float,
+    gain: np.ndarray | None = None,
 ) -> TrunkPaths:
     """Paths by M trunks between a source (2,) and a receiver (2,).
 
     strength, spreading : β and α.
+    gain : (M,) further amplitude of each path; None: 1.
 
     A distance to a trunk's axis is at least its radius. The angle comes from both products of the legs,
     which keeps its digits straight ahead and straight back; it is 0 where a leg has no length.
@@ -78,7 +84,7 @@ def trunk_paths(
     first, second = np.maximum(first, trunks.radius), np.maximum(second, trunks.radius)
     return TrunkPaths(
         length=first + second,
-        weight=strength / (first * second**spreading),
+        weight=strength / (first * second**spreading) * (1.0 if gain is None else gain),
         angle=np.arctan2(np.abs(across), along),
         radius=trunks.radius,
         clamped=clamped,
@@ -98,12 +104,12 @@ def scattered_spectrum(
     progress : called as progress(trunks done, all trunks).
     """
     spectrum = np.zeros(len(loss), dtype=np.complex128)
-    octave = np.floor(np.log2(np.where(paths.radius > 0, paths.radius, 1.0)))
-    done = 0
-    for number in np.unique(octave):
-        rows = np.flatnonzero((octave == number) & (paths.radius > 0))
-        thickest = paths.radius[rows].max(initial=np.finfo(float).tiny)
-        width = PANEL_KA * sound_speed / (2.0 * math.pi * thickest)
+    wide = paths.radius > 0  # a trunk of no width scatters nothing
+    octave = np.floor(np.log2(np.where(wide, paths.radius, 1.0)))
+    done = int((~wide).sum())
+    for number in np.unique(octave[wide]):
+        rows = np.flatnonzero((octave == number) & wide)
+        width = PANEL_KA * sound_speed / (2.0 * math.pi * paths.radius[rows].max())
         panels = frequency_panels(len(loss) - 1, spacing, width)
         for start in range(0, len(rows), TRUNKS_AT_ONCE):
             some = paths.select(rows[start : start + TRUNKS_AT_ONCE])
@@ -123,3 +129,13 @@ def scattered_spectrum(
             if progress:
                 progress(done, len(paths.length))
     return spectrum
+
+
+def roll_off(share: np.ndarray) -> np.ndarray:
+    """Gain at a share of the sampling rate: 1 up to 0.45, a Gaussian step down to 0 at 0.5.
+
+    A band that ends at once gives every arrival that is not on a sample tails of 1/t.
+    """
+    step = 0.5 * special.erfc((share - 0.475) / 0.025 * 4.0)  # 8e-9 from 0 and 1 at the ends
+    gain: np.ndarray = np.where(share <= 0.45, 1.0, np.where(share >= 0.5, 0.0, step))
+    return gain
