@@ -104,7 +104,8 @@ class _Sense(_Work):
         folder = _folder(props.output)
         (sensor,) = settings.sensors
         observer = Observer(context.evaluated_depsgraph_get())
-        found = observer.observe(sensor, settings, tell)
+        home = Path(bpy.path.abspath(props.folder))
+        found = observer.observe(sensor, settings, tell, home)
         mark_sensors(context.scene, settings)
         sentence = keep_finding(context, sensor, found, time.perf_counter() - started)
         if folder is None:

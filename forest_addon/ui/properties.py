@@ -41,11 +41,13 @@ PARTS = {
     "azimuth_deg": ("from", "to"),
     "elevation_deg": ("from", "to"),
     "beam_width_deg": ("width", "height"),
+    "hearing_width_deg": ("width", "height"),
     "band": ("low", "high"),
     "scale": ("min", "max"),
 }
 LABELS = {
     "beam_width_deg": "Beam (°)",
+    "hearing_width_deg": "Hearing (°)",
     "temperature_c": "Temp. (°C)",
 }  # others are too long for a sidebar
 # What a number that was left out starts with when it is switched on.
