@@ -664,9 +664,10 @@ class Sonar(Settings):
     wood: bool = param(True, help="let trunks and branches sound, as cylinders")
     facets: bool = param(True, help="let ground, rocks and walls sound, as facets")
     leaf_model: str = param(
-        "piston",
-        help="how a leaf scatters: physical optics of a hard disc, or the paper's fit",
-        choices=("piston", "paper"),
+        "exact",
+        help="how a leaf scatters: as a hard disc, exactly or by physical optics (piston), or by the "
+        "paper's fit",
+        choices=("exact", "piston", "paper"),
     )
     shading: str = param(
         "trunks",

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SIZE = 192
+SIZE = 96
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from ..growth.pieces import part
 from ..growth.trimesh import WOOD as WOOD_PART
 from ..growth.trimesh import TriMesh
 from .clusters import cluster
-from .scatterers import CLEAR, FACET, Rows, Sight
+from .scatterers import CLEAR, FACET, Rows, Sight, Views
 
 FLAT = 1e-5  # sine of the angle between facets that are in one plane
 PIECE = 0.125  # of √(λr): the longest piece of a rim
@@ -85,12 +85,10 @@ class FacetPopulation:
     def __len__(self) -> int:
         return len(self.blocks.order)
 
-    def ceiling(
-        self, stretch: np.ndarray, nearest: np.ndarray, lowest: float, highest: float
-    ) -> np.ndarray:
+    def ceiling(self, views: Views, lowest: float, highest: float) -> np.ndarray:
         # |p|·r² of a facet: its glint h/2, and its rims (h/4π)·∫|dφ|, at most two turns.
-        farthest = nearest + 2 * stretch[:, :1] * self.blocks.radius
-        return self.blocks.count * farthest * 1.5
+        farthest = views.nearest + 2 * views.stretch[:, 0] * self.blocks.radius[views.block]
+        return self.blocks.count[views.block] * farthest * 1.5
 
     def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> Rims:
         corners = self._corners[rows] @ transform[:, :3].T + (transform[:, 3] - sight.point)
@@ -216,12 +214,12 @@ def _rims(
     swing = np.arctan2(
         np.einsum("mi,mi->m", np.cross(a, b), normal[row]), np.einsum("mi,mi->m", a, b)
     )
-    return Rims(
-        (low + high) / 2,
-        -height[row] * swing / (4.0 * math.pi),
-        np.linalg.norm(high, axis=1) - np.linalg.norm(low, axis=1),
-        number[row],
-    )
+    near, far = np.linalg.norm(low, axis=1), np.linalg.norm(high, axis=1)
+    centre = (low + high) / 2
+    distance = np.linalg.norm(centre, axis=1)
+    sag = (near + far - 2.0 * distance) / 6.0  # from the middle's distance to the mean (Simpson)
+    centre *= (1.0 + sag / np.maximum(distance, 1e-30))[:, None]
+    return Rims(centre, -height[row] * swing / (4.0 * math.pi), far - near, number[row])
 
 
 def _within(ends: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:

@@ -17,9 +17,23 @@ import numpy as np
 
 from ..acoustics.disc import amplitude_bound, backscatter_amplitude
 from .clusters import Blocks, cluster
-from .discs import Foliage
+from .discs import SIMILAR, Foliage
+
+
+
+def spiral(count: int) -> np.ndarray:
+    """(count, 3) unit directions evenly over the upper hemisphere (Fibonacci's spiral)."""
+    z = (np.arange(count) + 0.5) / count
+    turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
+    side = np.sqrt(1.0 - z**2)
+    return np.stack([side * np.cos(turn), side * np.sin(turn), z], axis=1)
+
 
 LEAF, WOOD, FACET = "leaf", "wood", "facet"
+SPREADS = np.array([0.08, 0.16, 0.32])  # radians between views of one block
+VIEWS = spiral(96)  # of a block, one of each pair of opposite directions
+BETWEEN = 0.23  # radians from any direction to the nearest of these, at most
+RADII, STEPS = 8, 90  # classes of radii, steps of incidence
 CLEAR = 1e-3  # m; what is so close before a scatterer is what it sits on
 
 S = TypeVar("S", bound="Rows")
@@ -88,6 +102,22 @@ class Sight:
     reach: float
 
 
+@dataclass(frozen=True)
+class Views:
+    """P blocks of one population as a sonar views them.
+
+    block : (P,) which. stretch : (P, 3) singular values of the instances' transforms, descending.
+    nearest : (P,) metres to the nearest that a block may hold. direction : (P, 3) unit, local, in which
+    its middle is seen; spread : (P,) radians that directions within it depart from that.
+    """
+
+    block: np.ndarray
+    stretch: np.ndarray
+    nearest: np.ndarray
+    direction: np.ndarray
+    spread: np.ndarray
+
+
 class Population(Protocol):
     """What one mesh has of one kind, local; rows are in the order of the blocks."""
 
@@ -96,14 +126,8 @@ class Population(Protocol):
 
     def __len__(self) -> int: ...
 
-    def ceiling(
-        self, stretch: np.ndarray, nearest: np.ndarray, lowest: float, highest: float
-    ) -> np.ndarray:
-        """(I, B) no Σ|f| of a block between two wavenumbers is larger.
-
-        stretch : (I, 3) singular values of the instances' transforms, descending.
-        nearest : (I, B) metres to the nearest that a block may hold.
-        """
+    def ceiling(self, views: Views, lowest: float, highest: float) -> np.ndarray:
+        """(P,) no Σ|f| of a block, as it is viewed, between two wavenumbers is larger."""
         ...
 
     def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> Scatterers:
@@ -176,17 +200,53 @@ class LeafPopulation:
         self.blocks = cluster(centre, np.where(np.isfinite(radius), 0.0, np.nan))
         self._foliage, self._model = foliage, model
         self._largest = self.blocks.largest(radius[self.blocks.order])
+        self._tables: dict[tuple[float, float], np.ndarray] = {}
 
     def __len__(self) -> int:
         return len(self.blocks.order)
 
-    def ceiling(
-        self, stretch: np.ndarray, nearest: np.ndarray, lowest: float, highest: float
-    ) -> np.ndarray:
-        widened = np.sqrt(stretch[:, 0] * stretch[:, 1])[:, None] * self._largest
-        return self.blocks.count * amplitude_bound(
+    def ceiling(self, views: Views, lowest: float, highest: float) -> np.ndarray:
+        widened = np.sqrt(views.stretch[:, 0] * views.stretch[:, 1]) * self._largest[views.block]
+        most = self.blocks.count[views.block] * amplitude_bound(
             lowest, highest, widened, np.zeros(1), self._model
         )
+        scale = views.stretch[:, 0]
+        alike = scale - views.stretch[:, 2] <= 2 * SIMILAR * scale
+        spread = np.searchsorted(SPREADS, views.spread)
+        known = np.flatnonzero(alike & (spread < len(SPREADS)))
+        if len(known):
+            # A bound grows with the radius at most as its square, and at least as its root.
+            larger = np.maximum(scale[known] ** 2, np.sqrt(scale[known]))
+            view = np.abs(views.direction[known] @ VIEWS.T).argmax(axis=1)
+            table = self._directed(lowest, highest)
+            some = larger * table[views.block[known], view, spread[known]]
+            most[known] = np.minimum(most[known], some)
+        return most
+
+    def _directed(self, lowest: float, highest: float) -> np.ndarray:
+        """(B, V, S) bounds on Σ|f| of blocks that are seen from ``VIEWS``, give or take ``SPREADS``.
+
+        Radii are rounded up to a few classes, incidences down to steps, and a bound is made to fall with
+        the incidence, so that two look-ups a leaf and view do.
+        """
+        key = (lowest, highest)
+        if key not in self._tables:
+            _, normal, radius = (values[self.blocks.order] for values in self._foliage.local)
+            radius = np.nan_to_num(radius, posinf=0.0)
+            classes = np.quantile(radius, np.linspace(0.0, 1.0, RADII + 1)[1:])
+            step = np.linspace(0.0, np.pi / 2, STEPS + 1)
+            bound = amplitude_bound(lowest, highest, classes[:, None], step, self._model)
+            bound = np.maximum.accumulate(bound[:, ::-1], axis=1)[:, ::-1].astype(np.float32)
+            row = np.searchsorted(classes, radius)[:, None] * np.int64(STEPS + 1)
+            cosine = np.abs(normal @ VIEWS.T)
+            incidence = np.arccos(np.minimum(np.nan_to_num(cosine), 1.0)).astype(np.float32)
+            tables = []
+            for spread in SPREADS:
+                place = np.maximum(incidence - np.float32(spread + BETWEEN), 0.0) * (2 * STEPS / np.pi)
+                some = bound.ravel().take(row + place.astype(np.int64))
+                tables.append(np.add.reduceat(some, self.blocks.first[:-1], axis=0))
+            self._tables[key] = 1.00001 * np.stack(tables, axis=-1)  # sums in single precision
+        return self._tables[key]
 
     def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> Leaves:
         leaf = self.blocks.order[rows]

@@ -85,6 +85,7 @@ class Station:
         self.point = pose.position
         self.ear = pose.position + ears.offset @ pose.frame  # (E, 3)
         self.ear_frame = ears.frame @ pose.frame  # (E, 3, 3)
+        self.together = len(ears) == 1 and sonar.ear_turn_deg == 0
         self.apart = float(np.linalg.norm(ears.offset, axis=1).max())
         self.sound_speed = air.speed()
         self.wavenumbers = tuple(2.0 * math.pi * f / self.sound_speed for f in sonar.band)
@@ -117,9 +118,11 @@ class Station:
     def paths(self, centre: np.ndarray) -> Paths:
         """The ways from the mouth by places (M, 3) to the ears."""
         out = centre - self.point
-        distance = np.linalg.norm(out, axis=1)
+        distance = np.sqrt(np.einsum("mi,mi->m", out, out))
         direction = out / distance[:, None]
         emitted = np.stack(beam_offsets(direction, self.pose.frame))
+        if self.together:
+            return Paths(direction, distance, distance[None], emitted, emitted[None])
         legs, heard = [], []
         for ear, frame in zip(self.ear, self.ear_frame, strict=True):
             back = centre - ear
@@ -162,7 +165,7 @@ class Paths:
         """(Q, M), see above."""
         equipment = station.equipment
         sent = equipment.emit.gain(*self.emitted, frequency)
-        if equipment.hear is equipment.emit and np.array_equal(self.heard[ear], self.emitted):
+        if equipment.hear is equipment.emit and station.together:
             gain = sent * sent
         else:
             gain = sent * equipment.hear.gain(*self.heard[ear], frequency)
@@ -178,7 +181,8 @@ class Paths:
         sent = equipment.emit.loudest(*self.emitted, band)
         most = np.zeros(len(sent))
         for ear in range(len(self.leg)):
-            heard = equipment.hear.loudest(*self.heard[ear], band)
+            same = station.together and equipment.hear is equipment.emit
+            heard = sent if same else equipment.hear.loudest(*self.heard[ear], band)
             weaker = np.exp(-lowest * self.length[ear]) / (self.distance * self.leg[ear])
             most = np.maximum(most, sent * heard * weaker)
         return most

@@ -20,7 +20,7 @@ from .clusters import moved_spheres
 from .discs import Foliage, LeafDiscs
 from .facets import FacetPopulation
 from .geometry import SceneGeometry
-from .scatterers import LeafPopulation, Population, Rows, Scatterers, Sight
+from .scatterers import LeafPopulation, Population, Rows, Scatterers, Sight, Views
 from .wood import WoodPopulation
 
 KINDS = ("leaves", "wood", "facets")
@@ -115,25 +115,32 @@ class Targets:
             near = np.flatnonzero(~(away > sonar.max_range))
             far += (len(stand.instance) - len(near)) * len(stand.population)
             linear = stand.transform[near, :, :3]
-            centre = np.einsum("iab,nb->ina", linear, blocks.centre)
-            centre += stand.transform[near, None, :, 3]
+            towards = blocks.centre @ linear.transpose(0, 2, 1)  # (I, B, 3)
+            towards += (stand.transform[near, :, 3] - point)[:, None]
             radius = stand.stretch[near, :1] * blocks.radius
-            nearest = np.linalg.norm(centre - point, axis=2) - radius
-            inside = ~(nearest > sonar.max_range)
+            distance = np.sqrt(np.einsum("ibk,ibk->ib", towards, towards))
+            inside = ~(distance - radius > sonar.max_range)
+            far += int((~inside @ blocks.count).sum())
             member, block = np.nonzero(inside)
-            far += int((blocks.count * ~inside).sum())
-            nearest = np.maximum(np.nan_to_num(nearest, nan=0.0), sonar.near_limit)
-            strength = stand.population.ceiling(stand.stretch[near], nearest, lowest, highest)
+            towards, radius, distance = towards[inside], radius[inside], distance[inside]
+            nearest = np.maximum(np.nan_to_num(distance - radius), sonar.near_limit)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                spread = np.where(distance > radius, np.arcsin(np.minimum(radius / distance, 1)), np.pi)
+                local = np.einsum("pk,pka->pa", towards, linear[member])
+                local /= np.linalg.norm(local, axis=1, keepdims=True)
+            views = Views(block, stand.stretch[near][member], nearest, local, spread)
+            strength = stand.population.ceiling(views, lowest, highest)
+            strength[~np.isfinite(distance - radius)] = np.inf
             found.append(
                 Candidates(
                     np.full(len(member), number),
                     near[member],
                     block,
-                    centre[inside],
-                    radius[inside],
+                    towards + point,
+                    radius,
                     blocks.count[block],
-                    nearest[inside],
-                    np.nan_to_num(strength[inside], nan=np.inf),
+                    nearest,
+                    strength,
                 )
             )
         return _joined(found), far

