@@ -15,6 +15,7 @@ import numpy as np
 from ..spec import Sonar
 
 EDGE = 0.1  # share of a call over which it fades in, and out
+ROOM = 0.05  # share of the band left free at each end, where a call's spectrum falls off
 SWEEP = 0.2  # share of a CF-FM call that is its sweep
 
 
@@ -46,10 +47,11 @@ class Call:
 
 
 def synthesise(sonar: Sonar) -> Call:
-    """The FM or CF-FM call of a sonar."""
+    """The FM or CF-FM call of a sonar, a little within its band."""
     rate = sonar.sample_rate
     time = np.arange(max(2, round(sonar.call_duration * rate))) / rate
-    low, high = sonar.band
+    room = ROOM * (sonar.band[1] - sonar.band[0])
+    low, high = sonar.band[0] + room, sonar.band[1] - room
     sweep = sonar.call_duration * (1.0 if sonar.call == "fm" else SWEEP)
     turns = _sweep(time - (sonar.call_duration - sweep), sweep, low, high)
     samples = np.sin(2.0 * math.pi * turns) * _fade(len(time))

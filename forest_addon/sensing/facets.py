@@ -4,7 +4,7 @@ Physical optics of a sound-hard facet for sound sent and heard at one point, at 
 plane: p = (ik/2π)∫ (h/r³)·e^{-2ikr} dA. In polar coordinates about the point's foot the integral over r
 is done, but for terms of 1/(2kr); what is left runs along the rim:
 
-    p = [foot on the facet]·e^{-2ikh}/(2h) − ∮ (h/4πr²)·e^{-2ikr} dφ.
+    p = [share of the turn about the foot]·e^{-2ikh}/(2h) − ∮ (h/4πr²)·e^{-2ikr} dφ.
 
 So an endless plane gives its image source, a small facet its far field, and a large one needs no small
 pieces. The rim is cut so that its phase is linear on a piece, which gives sinc(kΔr/2). A rim between two
@@ -25,6 +25,7 @@ from .clusters import cluster
 from .scatterers import CLEAR, FACET, Rows, Sight, Views
 
 FLAT = 1e-5  # sine of the angle between facets that are in one plane
+RADIAL = 1e-9  # sine below which an edge runs through the foot
 PIECE = 0.125  # of √(λr): the longest piece of a rim
 
 
@@ -34,6 +35,7 @@ class RimStrength(Rows):
 
     weight: np.ndarray
     slope: np.ndarray
+    noise = 0.0
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         k = np.asarray(wavenumber)[:, None]
@@ -105,8 +107,9 @@ class FacetPopulation:
         foot = -height[lit, None] * normal
         height = np.abs(height[lit])
 
-        glint = _holds(corners, foot, normal) & (height <= sight.reach)
-        pieces = [_glints(foot[glint], height[glint], number[glint])]
+        share = _share(corners, foot, normal)
+        glint = (share > 0) & (height <= sight.reach)
+        pieces = [_glints(foot[glint], height[glint], share[glint], number[glint])]
         for corner in range(3):
             some = rim[:, corner]
             ends = corners[some][:, [corner, (corner + 1) % 3]]
@@ -158,34 +161,24 @@ def _facets(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return corners, rim.reshape(-1, 3), outward
 
 
-def _holds(corners: np.ndarray, foot: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """(M,) whether the foot (M, 3) lies on the triangle (M, 3, 3) whose plane it is in.
-
-    Of two triangles that share the edge it lies on, one holds it: an edge belongs to the side to which
-    its direction, taken from its lower to its upper end, has it on the left.
-    """
-    left = np.ones(len(foot), dtype=bool)
-    right = left.copy()
-    for corner in range(3):
-        a, b = corners[:, corner], corners[:, (corner + 1) % 3]
-        swapped = _before(b, a)
-        low, high = np.where(swapped[:, None], b, a), np.where(swapped[:, None], a, b)
-        area = np.einsum("mi,mi->m", np.cross(low - foot, high - foot), normal)
-        beside = np.where(area >= 0, 1.0, -1.0) * np.where(swapped, -1.0, 1.0)
-        left &= beside > 0
-        right &= beside < 0
-    return left | right
+def _swing(a: np.ndarray, b: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """(M,) angle from a to b about unit normals (all (M, 3)); 0 where a line through both meets 0."""
+    sine, cosine = np.einsum("mi,mi->m", np.cross(a, b), normal), np.einsum("mi,mi->m", a, b)
+    size = np.sqrt(np.einsum("mi,mi->m", a, a) * np.einsum("mi,mi->m", b, b))
+    return np.where(np.abs(sine) <= RADIAL * size, 0.0, np.arctan2(sine, cosine))
 
 
-def _before(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(M,) whether points a come before b by x, then y, then z."""
-    by_x, by_y = a[:, 0] == b[:, 0], a[:, 1] == b[:, 1]
-    return np.where(by_x, np.where(by_y, a[:, 2] < b[:, 2], a[:, 1] < b[:, 1]), a[:, 0] < b[:, 0])
+def _share(corners: np.ndarray, foot: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """(M,) of the turn about its foot that each triangle fills: 1 within, ½ on an edge, 0 outside."""
+    ends = corners - foot[:, None]
+    turn = sum(_swing(ends[:, n], ends[:, (n + 1) % 3], normal) for n in range(3))
+    share: np.ndarray = turn / (2.0 * math.pi)
+    return np.where(share > 1e-6, share, 0.0)
 
 
-def _glints(foot: np.ndarray, height: np.ndarray, number: np.ndarray) -> Rims:
-    """A = 1/2h, so that f = A·h² = h/2."""
-    return Rims(foot, height / 2.0, np.zeros(len(height)), number)
+def _glints(foot: np.ndarray, height: np.ndarray, share: np.ndarray, number: np.ndarray) -> Rims:
+    """A = share/2h, so that f = A·h² = share·h/2."""
+    return Rims(foot, share * height / 2.0, np.zeros(len(height)), number)
 
 
 def _rims(
@@ -210,10 +203,7 @@ def _rims(
     low = ends[row, 0] + (start[row] + place * step)[:, None] * span[row]
     high = low + step[:, None] * span[row]
 
-    a, b = low - foot[row], high - foot[row]
-    swing = np.arctan2(
-        np.einsum("mi,mi->m", np.cross(a, b), normal[row]), np.einsum("mi,mi->m", a, b)
-    )
+    swing = _swing(low - foot[row], high - foot[row], normal[row])
     near, far = np.linalg.norm(low, axis=1), np.linalg.norm(high, axis=1)
     centre = (low + high) / 2
     distance = np.linalg.norm(centre, axis=1)

@@ -33,6 +33,7 @@ LEAF, WOOD, FACET = "leaf", "wood", "facet"
 SPREADS = np.array([0.08, 0.16, 0.32])  # radians between views of one block
 VIEWS = spiral(96)  # of a block, one of each pair of opposite directions
 BETWEEN = 0.23  # radians from any direction to the nearest of these, at most
+TABLE_NOISE = 1e-4  # of a leaf at a random angle, where a table is 1e-5 of it face-on
 RADII, STEPS = 8, 90  # classes of radii, steps of incidence
 CLEAR = 1e-3  # m; what is so close before a scatterer is what it sits on
 
@@ -52,7 +53,12 @@ class Rows:
 
 
 class Strength(Protocol):
-    """How M scatterers send sound back to one point."""
+    """How M scatterers send sound back to one point.
+
+    noise : error of typical amplitudes as a share of themselves; no sum need be more exact.
+    """
+
+    noise: float
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         """(Q, M) complex f in metres at wavenumbers (Q,), e^{+iωt}."""
@@ -145,6 +151,10 @@ class DiscStrength(Rows):
     radius: np.ndarray
     incidence: np.ndarray
     model: str
+
+    @property
+    def noise(self) -> float:
+        return TABLE_NOISE if self.model == "exact" else 0.0
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         k = np.asarray(wavenumber)[:, None]

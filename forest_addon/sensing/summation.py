@@ -31,7 +31,8 @@ def sum_echoes(
     """(E, K) spectrum at the ears, without a window, and the mean |A| of every group's scatterers (M,)
     over the band (Hann) at the first ear.
 
-    tolerance : largest error as a share of Σ max|A|; 0: the direct sum, exact to rounding.
+    tolerance : largest error as a share of Σ max|A|, not below what the amplitudes themselves are known
+        to (``Strength.noise``); 0: the direct sum, exact to rounding.
     progress : called as progress(scatterers done, all of them).
     """
     total, done = sum(len(group) for group in groups) * len(station.ear), 0
@@ -46,7 +47,7 @@ def sum_echoes(
                 grid.start,
                 grid.spacing,
                 grid.count,
-                tolerance=tolerance,
+                tolerance=max(tolerance, heard.noise) if tolerance else 0.0,
                 spread=heard.reach / station.sound_speed,
             )
             spectrum[ear] += found.spectrum
@@ -65,7 +66,7 @@ class _Heard:
         self._group, self._station, self._ear = group, station, ear
         self._band, self._bins = band, bins
         self._strength = group.seen(station, ear)
-        self.reach = self._strength.reach()
+        self.reach, self.noise = self._strength.reach(), self._strength.noise
         self.mean = np.zeros(len(group))
 
     def __call__(self, frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:

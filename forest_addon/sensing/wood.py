@@ -47,6 +47,7 @@ class CylinderStrength(Rows):
     sine: np.ndarray
     cosine: np.ndarray
     nearness: np.ndarray
+    noise = 1e-6
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         k = np.asarray(wavenumber)[:, None]
