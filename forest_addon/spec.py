@@ -719,7 +719,9 @@ class Sonar(Settings):
         ):
             raise SpecError("band", "must lie within 60 to 80 kHz, where T20's beam width is known")
         if self.doppler and self.call == "impulse":
-            raise SpecError("doppler", 'needs a call that lasts; use call = "fm", "cf-fm" or "file"')
+            raise SpecError(
+                "doppler", 'needs a call that lasts; use call = "fm", "cf-fm" or "file"'
+            )
         if self.call != "impulse" and self.band[0] == self.band[1]:
             raise SpecError("call", "needs a band; a tone has none")
 

@@ -78,7 +78,11 @@ def draw_flight(
 
 
 def _map(
-    axes: Axes, echoes: tuple[Echo, ...] | list[Echo], sonar: Sonar, leaves: np.ndarray, forest: Forest
+    axes: Axes,
+    echoes: tuple[Echo, ...] | list[Echo],
+    sonar: Sonar,
+    leaves: np.ndarray,
+    forest: Forest,
 ) -> None:
     """The scene from above: leaves, those that are heard in red, poses with their -3 dB contours."""
     axes.scatter(*leaves.T, s=0.4, c="#a9c59f", linewidths=0, rasterized=True)
@@ -108,7 +112,9 @@ def _map(
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal", adjustable="box")
-    axes.set_title(f"From above: leaves within {HEARD_DB:.0f} dB of the loudest (red), -3 dB contours")
+    axes.set_title(
+        f"From above: leaves within {HEARD_DB:.0f} dB of the loudest (red), -3 dB contours"
+    )
     axes.set_xlabel("x, m")
     axes.set_ylabel("y, m")
 
@@ -239,9 +245,7 @@ def _waveforms(axes: Axes, flight: Flight) -> None:
     for number, echo in enumerate(shown):
         wave = echo.waveforms[0]
         peak = float(np.abs(wave).max(initial=0.0))
-        axes.plot(
-            echo.time * 1e3, -number + 0.45 * wave / (peak or 1.0), color=INK, linewidth=0.35
-        )
+        axes.plot(echo.time * 1e3, -number + 0.45 * wave / (peak or 1.0), color=INK, linewidth=0.35)
         level = f"{20 * math.log10(peak):.0f} dB" if peak else "silence"
         axes.annotate(
             level, (1.0, -number), xycoords=("axes fraction", "data"), xytext=(3, 0),

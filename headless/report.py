@@ -173,7 +173,9 @@ def _echo_notes(sensor: Sonar, bound: float) -> tuple[str, ...]:
         "trunks": "Leaves do not shade each other; wood hides them as straight rays would.",
         "extinction": "Leaves weaken what lies behind them by Beer-Lambert; wood hides nothing.",
     }
-    both = "Leaves weaken what lies behind them by Beer-Lambert, wood hides it as straight rays would."
+    both = (
+        "Leaves weaken what lies behind them by Beer-Lambert, wood hides it as straight rays would."
+    )
     return (
         f"{summed}; what is left out as too weak adds at most {bound:.1e} of them.",
         shade.get(sensor.shading, both),

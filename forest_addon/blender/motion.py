@@ -26,7 +26,9 @@ def follow(scene: bpy.types.Scene, sonar: Sonar) -> list[Pose]:
     """
     thing = scene.objects.get(sonar.follow)
     if thing is None:
-        raise SpecError("follow", f'there is no object "{sonar.follow}" in the scene; check the name')
+        raise SpecError(
+            "follow", f'there is no object "{sonar.follow}" in the scene; check the name'
+        )
     if thing.type == "CURVE":
         return _along_curve(thing, sonar)
     return _over_frames(scene, sonar)
@@ -65,16 +67,22 @@ def _matrix(scene: bpy.types.Scene, name: str, frame: float) -> np.ndarray:
     return np.array(scene.objects[name].evaluated_get(depsgraph).matrix_world)
 
 
+def _points(curve: bpy.types.Object) -> np.ndarray:
+    """(N, 3) points of an evaluated curve in its local space."""
+    mesh = curve.to_mesh()
+    try:
+        points = np.empty(3 * (len(mesh.vertices) if mesh else 0), dtype=np.float32)
+        if len(points):
+            mesh.vertices.foreach_get("co", points)
+    finally:
+        curve.to_mesh_clear()
+    return points.reshape(-1, 3).astype(np.float64)
+
+
 def _along_curve(thing: bpy.types.Object, sonar: Sonar) -> list[Pose]:
     """Poses evenly along the first spline of a curve."""
     evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    mesh = evaluated.to_mesh()
-    try:
-        points = np.empty(3 * len(mesh.vertices), dtype=np.float32)
-        mesh.vertices.foreach_get("co", points)
-    finally:
-        evaluated.to_mesh_clear()
-    points = points.reshape(-1, 3).astype(np.float64)
+    points = _points(evaluated)
     splines = thing.data.splines
     if len(splines) and splines[0].use_cyclic_u and len(points):
         points = np.concatenate([points, points[:1]])
@@ -84,7 +92,7 @@ def _along_curve(thing: bpy.types.Object, sonar: Sonar) -> list[Pose]:
     if len(points) < 2 or not length[-1] > 0:
         raise SpecError("follow", f'the curve "{thing.name}" has no length; draw it, without bevel')
 
-    closed = bool(splines[0].use_cyclic_u)
+    closed = splines[0].use_cyclic_u
     place = np.linspace(0.0, length[-1], sonar.poses, endpoint=not closed)
     position = np.stack([np.interp(place, length, axis) for axis in points.T], axis=1)
     small = 1e-3 * length[-1]

@@ -18,9 +18,7 @@ from .depsgraph import read_scene
 from .motion import follow
 
 Progress = Callable[[int, int], None]
-Finding = (
-    lidar.TractorScan | lidar.Cloud | sonar.Echo | flight.Flight | reverb.ImpulseResponse
-)
+Finding = lidar.TractorScan | lidar.Cloud | sonar.Echo | flight.Flight | reverb.ImpulseResponse
 
 
 class Observer:

@@ -62,11 +62,15 @@ def read_pattern(path: Path) -> Measured:
     """
     head, rows = _numbers(path)
     if not head or head[0] != "angle_deg" or len(head) < 2:
-        raise SpecError(str(path), 'needs the columns "angle_deg" and one or more frequencies in Hz')
+        raise SpecError(
+            str(path), 'needs the columns "angle_deg" and one or more frequencies in Hz'
+        )
     try:
         frequency = np.array([float(name) for name in head[1:]])
     except ValueError:
-        raise SpecError(str(path), "has a column that is no frequency; name them 60000, 70000") from None
+        raise SpecError(
+            str(path), "has a column that is no frequency; name them 60000, 70000"
+        ) from None
     angle = np.deg2rad(rows[:, 0])
     if len(angle) < 2 or angle[0] != 0 or (np.diff(angle) <= 0).any():
         raise SpecError(str(path), "needs two or more angles that rise from 0")
@@ -135,4 +139,4 @@ def _numbers(path: Path) -> tuple[list[str], np.ndarray]:
         raise SpecError(str(path), f"{problem}; write numbers with a point") from None
     if not np.isfinite(rows).all():
         raise SpecError(str(path), "holds a number that is not finite")
-    return head, rows.reshape(-1, len(head))
+    return head, rows.reshape(len(lines) - 1 if lines else 0, len(head))

@@ -81,10 +81,3 @@ def cluster(points: np.ndarray, extent: np.ndarray) -> Blocks:
 def _sphere(points: np.ndarray, extent: np.ndarray) -> tuple[np.ndarray, float]:
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
     return centre, float((np.linalg.norm(points - centre, axis=1) + extent).max())
-
-
-def moved_spheres(blocks: Blocks, transform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centres (B, 3) and radii (B,) of the blocks through one (3, 4) transform."""
-    linear = transform[:, :3]
-    stretch = float(np.linalg.norm(linear, 2)) if np.isfinite(linear).all() else np.inf
-    return blocks.centre @ linear.T + transform[:, 3], blocks.radius * stretch

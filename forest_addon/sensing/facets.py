@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from ..growth.pieces import part
 from ..growth.trimesh import WOOD as WOOD_PART
 from ..growth.trimesh import TriMesh
 from .clusters import cluster
-from .scatterers import CLEAR, FACET, Rows, Sight, Views
+from .scatterers import CLEAR, FACET, Rows, Scatterers, Sight, Views
 
 FLAT = 1e-5  # sine of the angle between facets that are in one plane
 RADIAL = 1e-9  # sine below which an edge runs through the foot
@@ -35,7 +36,7 @@ class RimStrength(Rows):
 
     weight: np.ndarray
     slope: np.ndarray
-    noise = 0.0
+    noise: ClassVar[float] = 0.0
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         k = np.asarray(wavenumber)[:, None]
@@ -58,7 +59,7 @@ class Rims(Rows):
     weight: np.ndarray
     slope: np.ndarray
     number: np.ndarray
-    kind = FACET
+    kind: ClassVar[str] = FACET
 
     def __len__(self) -> int:
         return len(self.weight)
@@ -74,7 +75,7 @@ class Rims(Rows):
 class FacetPopulation:
     """The facets of one mesh that are neither leaf nor wood."""
 
-    kind = FACET
+    kind: ClassVar[str] = FACET
 
     def __init__(self, mesh: TriMesh) -> None:
         corners, rim, outward = _facets(mesh)
@@ -92,7 +93,7 @@ class FacetPopulation:
         farthest = views.nearest + 2 * views.stretch[:, 0] * self.blocks.radius[views.block]
         return self.blocks.count[views.block] * farthest * 1.5
 
-    def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> Rims:
+    def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> Scatterers:
         corners = self._corners[rows] @ transform[:, :3].T + (transform[:, 3] - sight.point)
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         area = np.linalg.norm(normal, axis=1)
@@ -171,8 +172,8 @@ def _swing(a: np.ndarray, b: np.ndarray, normal: np.ndarray) -> np.ndarray:
 def _share(corners: np.ndarray, foot: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """(M,) of the turn about its foot that each triangle fills: 1 within, ½ on an edge, 0 outside."""
     ends = corners - foot[:, None]
-    turn = sum(_swing(ends[:, n], ends[:, (n + 1) % 3], normal) for n in range(3))
-    share: np.ndarray = turn / (2.0 * math.pi)
+    turns = [_swing(ends[:, n], ends[:, (n + 1) % 3], normal) for n in range(3)]
+    share = np.sum(turns, axis=0) / (2.0 * math.pi)
     return np.where(share > 1e-6, share, 0.0)
 
 
@@ -196,7 +197,9 @@ def _rims(
     middle = ends[:, 0] + ((start + stop) / 2)[:, None] * span
     nearest = np.maximum(np.linalg.norm(middle, axis=1) - length / 2, np.maximum(height, 1e-3))
     longest = PIECE * np.sqrt(2.0 * math.pi * nearest / sight.wavenumber)
-    parts = np.where(stop > start, np.clip(np.ceil(length / longest), 1, 1 << 16), 0).astype(np.int64)
+    parts = np.where(stop > start, np.clip(np.ceil(length / longest), 1, 1 << 16), 0).astype(
+        np.int64
+    )
     row = np.repeat(np.arange(len(ends)), parts)
     place = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
     step = ((stop - start) / np.maximum(parts, 1))[row]

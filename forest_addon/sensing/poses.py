@@ -57,7 +57,9 @@ def along(
     step = np.gradient(position, axis=0)
     length = np.linalg.norm(step, axis=1, keepdims=True)
     way = np.divide(step, length, out=np.zeros_like(step), where=length > 0)
-    return [replace(pose, velocity=speed * towards) for pose, towards in zip(poses, way, strict=True)]
+    return [
+        replace(pose, velocity=speed * towards) for pose, towards in zip(poses, way, strict=True)
+    ]
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,13 @@ of its rows when a sonar comes near.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Protocol, TypeVar
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 
 from ..acoustics.disc import amplitude_bound, backscatter_amplitude
 from .clusters import Blocks, cluster
 from .discs import SIMILAR, Foliage
-
 
 
 def spiral(count: int) -> np.ndarray:
@@ -37,13 +36,11 @@ TABLE_NOISE = 1e-4  # of a leaf at a random angle, where a table is 1e-5 of it f
 RADII, STEPS = 8, 90  # classes of radii, steps of incidence
 CLEAR = 1e-3  # m; what is so close before a scatterer is what it sits on
 
-S = TypeVar("S", bound="Rows")
-
 
 class Rows:
     """Base of dataclasses whose fields are arrays of the same length."""
 
-    def select(self: S, rows: np.ndarray | slice) -> S:
+    def select(self, rows: np.ndarray | slice) -> Self:
         """Some rows of every field."""
         kept = {}
         for field in fields(self):  # type: ignore[arg-type]
@@ -58,7 +55,8 @@ class Strength(Protocol):
     noise : error of typical amplitudes as a share of themselves; no sum need be more exact.
     """
 
-    noise: float
+    @property
+    def noise(self) -> float: ...
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         """(Q, M) complex f in metres at wavenumbers (Q,), e^{+iωt}."""
@@ -72,7 +70,7 @@ class Strength(Protocol):
         """(M,) metres that the echo is spread by about its path, half of it to either side."""
         ...
 
-    def select(self: S, rows: np.ndarray | slice) -> S: ...
+    def select(self, rows: np.ndarray | slice) -> Self: ...
 
 
 class Scatterers(Protocol):
@@ -82,10 +80,16 @@ class Scatterers(Protocol):
     nothing.
     """
 
-    kind: str
-    centre: np.ndarray
-    number: np.ndarray
-    clear: np.ndarray
+    kind: ClassVar[str]
+
+    @property
+    def centre(self) -> np.ndarray: ...
+
+    @property
+    def number(self) -> np.ndarray: ...
+
+    @property
+    def clear(self) -> np.ndarray: ...
 
     def __len__(self) -> int: ...
 
@@ -93,7 +97,7 @@ class Scatterers(Protocol):
         """The strength towards a point (3,)."""
         ...
 
-    def select(self: S, rows: np.ndarray | slice) -> S: ...
+    def select(self, rows: np.ndarray | slice) -> Self: ...
 
 
 @dataclass(frozen=True)
@@ -127,7 +131,7 @@ class Views:
 class Population(Protocol):
     """What one mesh has of one kind, local; rows are in the order of the blocks."""
 
-    kind: str
+    kind: ClassVar[str]
     blocks: Blocks
 
     def __len__(self) -> int: ...
@@ -178,7 +182,7 @@ class Leaves(Rows):
     radius: np.ndarray
     number: np.ndarray
     model: str
-    kind = LEAF
+    kind: ClassVar[str] = LEAF
 
     def __len__(self) -> int:
         return len(self.radius)
@@ -203,7 +207,7 @@ class Leaves(Rows):
 class LeafPopulation:
     """The leaves of one mesh."""
 
-    kind = LEAF
+    kind: ClassVar[str] = LEAF
 
     def __init__(self, foliage: Foliage, model: str) -> None:
         centre, _, radius = foliage.local
@@ -252,13 +256,17 @@ class LeafPopulation:
             incidence = np.arccos(np.minimum(np.nan_to_num(cosine), 1.0)).astype(np.float32)
             tables = []
             for spread in SPREADS:
-                place = np.maximum(incidence - np.float32(spread + BETWEEN), 0.0) * (2 * STEPS / np.pi)
+                place = np.maximum(incidence - np.float32(spread + BETWEEN), 0.0) * (
+                    2 * STEPS / np.pi
+                )
                 some = bound.ravel().take(row + place.astype(np.int64))
                 tables.append(np.add.reduceat(some, self.blocks.first[:-1], axis=0))
             self._tables[key] = 1.00001 * np.stack(tables, axis=-1)  # sums in single precision
         return self._tables[key]
 
-    def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> Leaves:
+    def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> Scatterers:
         leaf = self.blocks.order[rows]
         centre, normal, radius = self._foliage.moved(transform, leaf)
-        return Leaves(centre, normal, radius, self._foliage.leaf[leaf].astype(np.int64), self._model)
+        return Leaves(
+            centre, normal, radius, self._foliage.leaf[leaf].astype(np.int64), self._model
+        )

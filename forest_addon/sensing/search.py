@@ -92,7 +92,9 @@ def search(
     order = np.argsort(-bound, kind="stable")
     order = order[: np.count_nonzero(bound)]
     rest = np.append(np.cumsum(bound[order][::-1])[::-1], 0.0)
-    unbounded = int(np.count_nonzero(np.isinf(bound)))  # blocks with something not finite come first
+    unbounded = int(
+        np.count_nonzero(np.isinf(bound))
+    )  # blocks with something not finite come first
     finder = _Finder(targets, station, band, hidden, latest, Counts(far=far))
 
     opened, known, loudest = 0, GUESS * float(rest[unbounded]), LOUDEST

@@ -83,7 +83,9 @@ class Extinction:
         angle = np.hypot(*offset.T)
         side = offset * np.sinc(angle / math.pi)[:, None]
         forward, left, up = self._station.pose.frame
-        way = np.outer(np.cos(angle), forward) + np.outer(side[:, 0], left) + np.outer(side[:, 1], up)
+        way = (
+            np.outer(np.cos(angle), forward) + np.outer(side[:, 0], left) + np.outer(side[:, 1], up)
+        )
 
         travelled = np.zeros(len(way))
         alive = np.flatnonzero(angle < math.pi)

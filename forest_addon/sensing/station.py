@@ -113,7 +113,9 @@ class Station:
         gain = gain * equipment.hear.ceiling(off[:, 1:].min(axis=1), band)
         lowest = float(self.loss(np.array([self.sonar.band[0]]))[0])
         back = np.maximum(some.nearest - self.apart, 0.5 * self.sonar.near_limit)
-        return some.strength * gain * np.exp(-lowest * (some.nearest + back)) / (some.nearest * back)
+        return (
+            some.strength * gain * np.exp(-lowest * (some.nearest + back)) / (some.nearest * back)
+        )
 
     def paths(self, centre: np.ndarray) -> Paths:
         """The ways from the mouth by places (M, 3) to the ears."""
@@ -164,11 +166,11 @@ class Paths:
     def gain(self, station: Station, ear: int, frequency: np.ndarray) -> np.ndarray:
         """(Q, M), see above."""
         equipment = station.equipment
-        sent = equipment.emit.gain(*self.emitted, frequency)
+        sent = equipment.emit.gain(self.emitted[0], self.emitted[1], frequency)
         if equipment.hear is equipment.emit and station.together:
             gain = sent * sent
         else:
-            gain = sent * equipment.hear.gain(*self.heard[ear], frequency)
+            gain = sent * equipment.hear.gain(self.heard[ear, 0], self.heard[ear, 1], frequency)
         gain = gain / (self.distance * self.leg[ear])
         if station.sonar.absorption:
             gain = gain * np.exp(np.outer(-station.loss(frequency), self.length[ear]))
@@ -178,11 +180,15 @@ class Paths:
         """(M,) no gain in the band is larger, at any ear."""
         band, equipment = station.sonar.band, station.equipment
         lowest = float(station.loss(np.array([band[0]]))[0])
-        sent = equipment.emit.loudest(*self.emitted, band)
+        sent = equipment.emit.loudest(self.emitted[0], self.emitted[1], band)
         most = np.zeros(len(sent))
         for ear in range(len(self.leg)):
             same = station.together and equipment.hear is equipment.emit
-            heard = sent if same else equipment.hear.loudest(*self.heard[ear], band)
+            heard = (
+                sent
+                if same
+                else equipment.hear.loudest(self.heard[ear, 0], self.heard[ear, 1], band)
+            )
             weaker = np.exp(-lowest * self.length[ear]) / (self.distance * self.leg[ear])
             most = np.maximum(most, sent * heard * weaker)
         return most

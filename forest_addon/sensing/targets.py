@@ -16,7 +16,6 @@ import numpy as np
 from ..growth.trimesh import LEAF as LEAF_PART
 from ..growth.trimesh import TriMesh
 from ..spec import Sonar
-from .clusters import moved_spheres
 from .discs import Foliage, LeafDiscs
 from .facets import FacetPopulation
 from .geometry import SceneGeometry
@@ -125,7 +124,9 @@ class Targets:
             towards, radius, distance = towards[inside], radius[inside], distance[inside]
             nearest = np.maximum(np.nan_to_num(distance - radius), sonar.near_limit)
             with np.errstate(invalid="ignore", divide="ignore"):
-                spread = np.where(distance > radius, np.arcsin(np.minimum(radius / distance, 1)), np.pi)
+                spread = np.where(
+                    distance > radius, np.arcsin(np.minimum(radius / distance, 1)), np.pi
+                )
                 local = np.einsum("pk,pka->pa", towards, linear[member])
                 local /= np.linalg.norm(local, axis=1, keepdims=True)
             views = Views(block, stand.stretch[near][member], nearest, local, spread)
@@ -152,13 +153,13 @@ class Targets:
         opened = []
         order = np.lexsort((some.block, some.member, some.stand))
         stand, member, block = some.stand[order], some.member[order], some.block[order]
-        starts = np.flatnonzero((np.diff(stand, prepend=-1) != 0) | (np.diff(member, prepend=-1) != 0))
+        starts = np.flatnonzero(
+            (np.diff(stand, prepend=-1) != 0) | (np.diff(member, prepend=-1) != 0)
+        )
         for first, last in pairwise([*starts, len(stand)] if len(starts) else []):
             chosen = self.stands(sonar)[stand[first]]
             bounds = chosen.population.blocks.first
-            rows = np.concatenate(
-                [np.arange(bounds[b], bounds[b + 1]) for b in block[first:last]]
-            )
+            rows = np.concatenate([np.arange(bounds[b], bounds[b + 1]) for b in block[first:last]])
             which = member[first]
             made = chosen.population.scatterers(chosen.transform[which], rows, sight)
             opened.append((made, np.full(len(made), chosen.instance[which])))

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -27,7 +28,7 @@ from ..growth.pieces import part
 from ..growth.trimesh import WOOD as WOOD_PART
 from ..growth.trimesh import TriMesh
 from .clusters import cluster
-from .scatterers import WOOD, Rows, Sight, Views
+from .scatterers import WOOD, Rows, Scatterers, Sight, Views
 
 STRAIGHT = 0.002  # m between a centreline and the chords that stand for it
 ALIKE = 0.1  # relative change of the radius along a chord
@@ -47,7 +48,7 @@ class CylinderStrength(Rows):
     sine: np.ndarray
     cosine: np.ndarray
     nearness: np.ndarray
-    noise = 1e-6
+    noise: ClassVar[float] = 1e-6
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         k = np.asarray(wavenumber)[:, None]
@@ -77,7 +78,7 @@ class Cylinders(Rows):
     length: np.ndarray
     radius: np.ndarray
     number: np.ndarray
-    kind = WOOD
+    kind: ClassVar[str] = WOOD
 
     def __len__(self) -> int:
         return len(self.radius)
@@ -98,7 +99,7 @@ class Cylinders(Rows):
 class WoodPopulation:
     """The wood of one mesh."""
 
-    kind = WOOD
+    kind: ClassVar[str] = WOOD
 
     def __init__(self, mesh: TriMesh) -> None:
         start, end, radius = wood_segments(mesh)
@@ -118,7 +119,7 @@ class WoodPopulation:
         size = _largest_backscatter(highest * widest * self._thickest[views.block])
         return widest * self._length[views.block] / math.pi * size
 
-    def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> Cylinders:
+    def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> Scatterers:
         linear, shift = transform[:, :3], transform[:, 3]
         start, end = self._start[rows] @ linear.T + shift, self._end[rows] @ linear.T + shift
         span = end - start
@@ -190,7 +191,10 @@ def _cut(
     place = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
     middle = start[row] + ((place + 0.5) / parts[row])[:, None] * span[row]
     axis = np.divide(
-        span, length[:, None], out=np.tile([0.0, 0.0, 1.0], (len(span), 1)), where=length[:, None] > 0
+        span,
+        length[:, None],
+        out=np.tile([0.0, 0.0, 1.0], (len(span), 1)),
+        where=length[:, None] > 0,
     )[row]
     towards = sight.point - middle
     square = towards - np.einsum("mi,mi->m", towards, axis)[:, None] * axis

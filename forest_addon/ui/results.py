@@ -122,7 +122,9 @@ def figures_of(found: TractorScan | Cloud | Echo | Flight | ImpulseResponse) -> 
     if isinstance(found, Flight):
         loudest = max(found.echoes, key=lambda echo: float(echo.envelope.max(initial=0.0)))
         figures, sentence = _echo_figures(loudest)
-        return {"Pings": f"{len(found):,}"} | figures, f"{len(found):,} pings, the loudest: {sentence}"
+        return {
+            "Pings": f"{len(found):,}"
+        } | figures, f"{len(found):,} pings, the loudest: {sentence}"
     return _echo_figures(found)
 
 

@@ -22,9 +22,7 @@ def scene_of(mesh: TriMesh, *transforms: np.ndarray) -> SceneGeometry:
     )
 
 
-def square_leaves(
-    centre: np.ndarray, normal: np.ndarray, side: float, seed: int = 0
-) -> TriMesh:
+def square_leaves(centre: np.ndarray, normal: np.ndarray, side: float, seed: int = 0) -> TriMesh:
     """Square leaves of two triangles at places (L, 3), facing (L, 3)."""
     rng = np.random.default_rng(seed)
     normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)

@@ -61,8 +61,12 @@ def test_an_echo_of_a_call_is_the_call_delayed_and_weaker() -> None:
     inner = slice(150, -150)
     fine = np.corrcoef(mine[inner], slope[inner])[0, 1]
     assert fine > 0.99
-    assert np.abs(mine[inner]).max() == pytest.approx(np.abs(mine[inner] @ slope[inner]) / np.abs(
-        slope[inner] @ slope[inner]) * np.abs(slope[inner]).max(), rel=0.1)
+    assert np.abs(mine[inner]).max() == pytest.approx(
+        np.abs(mine[inner] @ slope[inner])
+        / np.abs(slope[inner] @ slope[inner])
+        * np.abs(slope[inner]).max(),
+        rel=0.1,
+    )
     assert not np.allclose(echo.waveforms, echo.responses)
     assert np.abs(echo.waveforms[0][: start - 400]).max() < 1e-2 * np.abs(mine).max()
 

@@ -103,7 +103,9 @@ def test_mirrored_and_squeezed_instances() -> None:
     mesh = sphere(1.0, (0, 0, 0))
     for stretch in ([0.2, 0.3, 0.1], [-0.2, 0.3, 0.1]):
         placed = np.column_stack([np.diag(stretch), [1.5, 0, 0]])
-        moved = TriMesh.of_part(mesh.vertices @ np.diag(stretch) + [1.5, 0, 0], mesh.triangles, OTHER)
+        moved = TriMesh.of_part(
+            mesh.vertices @ np.diag(stretch) + [1.5, 0, 0], mesh.triangles, OTHER
+        )
         one, other = echo_of(mesh, placed), echo_of(moved)
         size = np.abs(other.spectrum).max()
         np.testing.assert_allclose(one.spectrum, other.spectrum, atol=1e-6 * size)

@@ -60,7 +60,9 @@ def test_depth_grows_along_the_way_and_starts_at_nothing() -> None:
 def test_two_ways_weaken_the_pressure_by_the_depth() -> None:
     """A target behind a wall of leaves: e^{-τ}, and nothing is lost in front of it."""
     screen = haze(800, 0.05, facing=True)
-    target = square_leaves(np.array([[4.0, 0, 0], [1.5, 0.3, 0]]), np.array([[1.0, 0, 0]] * 2), 0.05)
+    target = square_leaves(
+        np.array([[4.0, 0, 0], [1.5, 0.3, 0]]), np.array([[1.0, 0, 0]] * 2), 0.05
+    )
     targets = Targets(scene_of(join([screen, target])))
     caster = BruteCaster(targets.scene)
     settings = {"position": (0, 0, 0), "cull": 0.0}
@@ -83,7 +85,9 @@ def test_trunks_and_leaves_together() -> None:
         np.array([[0, 1, 2], [0, 2, 3]]),
         WOOD,
     )
-    behind = square_leaves(np.array([[4.0, 0.2, 0], [4.0, -0.2, 0]]), np.array([[1.0, 0, 0]] * 2), 0.05)
+    behind = square_leaves(
+        np.array([[4.0, 0.2, 0], [4.0, -0.2, 0]]), np.array([[1.0, 0, 0]] * 2), 0.05
+    )
     mesh = join([board, haze(800, 0.05, facing=True), behind])
     targets = Targets(scene_of(mesh))
     everything, wood = BruteCaster(targets.scene), BruteCaster(targets.scene.solid())

@@ -11,8 +11,8 @@ import pytest
 from references.echo_direct import echo_spectrum_direct, leaf_direct
 from references.rays_brute import BruteCaster
 
-from forest_addon.growth.trimesh import WOOD, TriMesh
 from forest_addon.acoustics import nonuniform
+from forest_addon.growth.trimesh import WOOD, TriMesh
 from forest_addon.sensing import search
 from forest_addon.sensing.geometry import SceneGeometry
 from forest_addon.sensing.sonar import Echo, LeafDiscs, ping
@@ -154,7 +154,9 @@ def test_paper_leaf_has_its_level() -> None:
     discs = discs_of([[2.0, 0, 2]], [1.0, 0, 0], 0.02)
     echo = ping(discs, Sonar(absorption=False, leaf_model="paper"), AIR)
     c = 2 * np.pi * echo.frequency / 340.0 * 0.02
-    np.testing.assert_allclose(np.abs(echo.spectrum), (0.5003 * c**2 + 0.6867) * 0.02 / c / 4, rtol=1e-6)
+    np.testing.assert_allclose(
+        np.abs(echo.spectrum), (0.5003 * c**2 + 0.6867) * 0.02 / c / 4, rtol=1e-6
+    )
 
 
 def test_air_takes_its_share() -> None:

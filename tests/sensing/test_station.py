@@ -29,7 +29,9 @@ def echo_of(places: Any, **settings: Any) -> Echo:
 def measured() -> Measured:
     """A pattern with a notch at 20° and a side lobe at 40°, narrower at high frequencies."""
     angle = np.deg2rad([0, 10, 20, 40, 90, 180])
-    level = np.array([[0, -3, -40, -12, -30, -45], [0, -6, -30, -18, -40, -50], [0, -9, -35, -25, -50, -60.0]])
+    level = np.array(
+        [[0, -3, -40, -12, -30, -45], [0, -6, -30, -18, -40, -50], [0, -9, -35, -25, -50, -60.0]]
+    )
     return Measured(angle, np.array([60e3, 70e3, 80e3]), level.T)
 
 
@@ -90,7 +92,9 @@ def test_a_measured_beam_is_heard() -> None:
     with pytest.raises(ValueError, match="has not been read"):
         ping(discs, sonar, AIR)
     equipment = Equipment(measured(), measured(), None)
-    gain = ping(discs, sonar, AIR, equipment=equipment).spectrum / echo_of(place, beam="omni").spectrum
+    gain = (
+        ping(discs, sonar, AIR, equipment=equipment).spectrum / echo_of(place, beam="omni").spectrum
+    )
     at = echo_of(place, beam="omni").frequency
     expected = measured().gain(np.array([0.3]), np.zeros(1), at)[:, 0] ** 2
     np.testing.assert_allclose(np.abs(gain), expected, rtol=1e-5)

@@ -45,7 +45,9 @@ def grove(count: int = 1500) -> Targets:
     """One tree, eight times: turned, scaled, mirrored, squeezed, sheared, flattened, shrunk to a point."""
     rng = np.random.default_rng(9)
     mesh = square_leaves(crown(count), rng.normal(size=(count, 3)), 0.05)
-    shifts = np.array([[4, 0, 2], [5, 3, 2], [3, -2, 2], [7, 1, 3], [4, 4, 1], [6, -3, 2], [2, 1, 3], [3, 3, 3]])
+    shifts = np.array(
+        [[4, 0, 2], [5, 3, 2], [3, -2, 2], [7, 1, 3], [4, 4, 1], [6, -3, 2], [2, 1, 3], [3, 3, 3]]
+    )
     placed = [np.column_stack([m, s]) for m, s in zip(LINEAR.values(), shifts, strict=True)]
     return Targets(scene_of(mesh, *placed))
 
@@ -96,7 +98,9 @@ def test_no_block_is_louder_than_its_ceiling(model: str) -> None:
             ((made, _),) = targets.scatterers(sonar, one, sight)
             distance = np.linalg.norm(made.centre - point, axis=1)
             made = made.select((distance > sonar.near_limit) & (distance < sonar.max_range))
-            bound = station.paths(made.centre).bound(station) * made.seen(point).bound(lowest, highest)
+            bound = station.paths(made.centre).bound(station) * made.seen(point).bound(
+                lowest, highest
+            )
             assert bound.sum() <= ceiling[row] * (1 + 1e-9)
 
 
@@ -135,7 +139,7 @@ def test_identical_points_make_blocks_too() -> None:
 def test_broken_leaves_do_not_open_the_forest() -> None:
     """One vertex that is not a number: its leaf is counted, the others are found as before."""
     rng = np.random.default_rng(1)
-    mesh = square_leaves(crown(400) + [5, 0, 2], rng.normal(size=(400, 3)), 0.05)
+    mesh = square_leaves(crown(400) + np.array([5.0, 0, 2]), rng.normal(size=(400, 3)), 0.05)
     sonar = Sonar(cull=0.0, shading="none")
     whole = ping(Targets(scene_of(mesh)), sonar, AIR)
     vertices = mesh.vertices.copy()

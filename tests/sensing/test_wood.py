@@ -73,9 +73,7 @@ def test_a_tilted_pole_is_heard_where_it_is_square_to_the_sound() -> None:
         [[math.cos(lean), 0, math.sin(lean)], [0, 1, 0], [-math.sin(lean), 0, math.cos(lean)]]
     )
     placed = np.column_stack([turn, [1.5, 0, 0]])
-    echo = ping(
-        Targets(scene_of(pole(0.01, 0.0), placed)), Sonar(position=(0, 0, 0), **QUIET), AIR
-    )
+    echo = ping(Targets(scene_of(pole(0.01, 0.0), placed)), Sonar(position=(0, 0, 0), **QUIET), AIR)
     axis = turn[:, 2]
     foot = np.array([1.5, 0, 0]) - (np.array([1.5, 0, 0]) @ axis) * axis
     assert np.linalg.norm(echo.heard.position[0] - foot) < 0.05
@@ -98,7 +96,11 @@ def test_strength_is_never_above_its_bound() -> None:
     rng = np.random.default_rng(4)
     cosine = rng.uniform(-1, 1, 2000)
     strength = CylinderStrength(
-        rng.uniform(0, 0.2, 2000), rng.uniform(0, 0.1, 2000), np.sqrt(1 - cosine**2), cosine, np.ones(2000)
+        rng.uniform(0, 0.2, 2000),
+        rng.uniform(0, 0.1, 2000),
+        np.sqrt(1 - cosine**2),
+        cosine,
+        np.ones(2000),
     )
     k = np.linspace(1100, 1480, 60)
     assert (np.abs(strength.amplitude(k)) <= strength.bound(1100, 1480) * (1 + 1e-9)).all()
