@@ -22,7 +22,7 @@ LAST = 128.0  # ka
 ERROR = 1e-5
 
 MARGIN = 10  # points beyond the domain: what a spline does at its end has decayed by a factor of 4 a point
-KA_STEP, KA_SHIFT = 0.022, 1.0
+KA_STEP, KA_SHIFT = 0.008, 1.0
 ANGLE_STEP, ANGLE_SHIFT = 0.0035, 0.03
 
 
@@ -37,7 +37,8 @@ def tabulated_ka() -> np.ndarray:
 
 def level(ka: np.ndarray) -> np.ndarray:
     """What k·f is divided by in the table."""
-    value: np.ndarray = ka**3 / np.sqrt(4.0 + ka * ka)
+    square = ka * ka
+    value: np.ndarray = square * ka / np.sqrt(4.0 + square)
     return value
 
 

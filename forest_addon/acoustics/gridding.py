@@ -14,10 +14,14 @@ from functools import lru_cache
 import numpy as np
 from scipy import fft, sparse, special
 
-WIDEST = 16  # points of the kernel; rounding, not the kernel, is what limits it then
 OVERSAMPLING = 2
 SHAPE = 2.32  # β/width: the least aliasing at this oversampling
-ALIASING = 60.0  # largest error of a term is below this times 10^-width, 3 to 15 points
+NARROWEST = 3  # points of the kernel
+# Largest error of a term, for kernels of 3, 4, … points.
+ALIASING = (
+    *(1.7e-2, 2.6e-3, 2.1e-4, 1.7e-5, 1.7e-6, 3e-7, 3.1e-8),
+    *(3.4e-9, 5.2e-10, 5.1e-11, 6.2e-12, 5e-13, 7e-14),
+)
 
 
 class Kernel:
@@ -63,18 +67,16 @@ class Kernel:
         return window
 
 
-@lru_cache(maxsize=WIDEST)
+@lru_cache(maxsize=len(ALIASING))
 def kernel(width: int) -> Kernel:
     """The kernel of a width; kept."""
     return Kernel(width)
 
 
 def width_for(tolerance: float) -> int:
-    """Points of the narrowest kernel whose aliasing is below ``tolerance`` of Σ|weights|."""
-    for width in range(3, WIDEST):
-        if ALIASING * 10.0**-width <= tolerance:
-            return width
-    return WIDEST
+    """Points of the narrowest kernel whose error is at most ``tolerance`` of Σ|weights|; or the widest."""
+    enough = [error <= tolerance for error in ALIASING]
+    return NARROWEST + (enough.index(True) if enough[-1] else len(enough) - 1)
 
 
 class DelayGrid:

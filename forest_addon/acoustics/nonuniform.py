@@ -22,17 +22,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from .gridding import ALIASING, WIDEST, DelayGrid, width_for
+from .gridding import ALIASING, NARROWEST, DelayGrid, width_for
 from .spectrum import delay_factors
 
 Amplitude = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 LEVELS = (3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 27, 33, 40, 48, 58, 70, 85, 100, 120, 150, 200)
-ROWS_AT_ONCE = 8192
-VALUES_AT_ONCE = 1 << 18  # amplitudes in memory at once, in the direct sum
-FEW = 1 << 15  # products of echoes and bins that are summed directly: the fast way costs more
+VALUES_AT_ONCE = 1 << 16  # amplitudes at once: what is computed on the way fits a core's cache
+FEW = 1 << 16  # products of echoes and bins that are summed directly: the fast way costs more
 PROBED = 64  # echoes that show how many nodes the others start with
-PASSING = 0.9  # share of these that must be accurate enough then
+OVERHEAD = 3  # what the deposit of an echo costs, in evaluations of its amplitude
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ def sum_delayed(
     the amplitudes, plus about 0.2 µs an echo at 1e-6.
     """
     delay = np.asarray(delay, dtype=np.float64)
-    direct = tolerance < ALIASING * 10.0**-WIDEST or len(delay) * count <= FEW
+    direct = tolerance < 2.0 * ALIASING[-1] or len(delay) * count <= FEW
     levels = [] if direct else [level for level in LEVELS if level <= count // 2]
     task = _Task(amplitude, delay, start, spacing, count, tolerance)
     pending = task.groups(levels, np.broadcast_to(np.asarray(spread, np.float64), delay.shape))
@@ -115,27 +114,30 @@ class _Task:
         reach = _reach(self._allowed)[: len(levels)]
         level = np.searchsorted(reach, math.pi * self._count * self._spacing * np.abs(spread))
         level += self._head_start(levels, level)
-        np.minimum(level, len(levels), out=level)
+        np.clip(level, 0, len(levels), out=level)
         order = np.argsort(level, kind="stable")
         return np.split(order, np.searchsorted(level[order], np.arange(1, len(levels) + 1)))
 
     def _head_start(self, levels: list[int], level: np.ndarray) -> int:
-        """How many levels more than the spread asks for the amplitudes need, judged by a few echoes."""
+        """How many levels above what the spread asks for the echoes start, at the least cost.
+
+        A few of them are tried at every level; one that starts too low is computed again at the next.
+        """
         probe = np.arange(0, len(level), -(-len(level) // PROBED))
-        need = np.zeros(len(probe), dtype=np.int64)
-        pending = np.arange(len(probe))
-        for extra in range(len(levels)):
-            at = np.minimum(level[probe[pending]] + extra, len(levels) - 1)
-            passed = np.zeros(len(pending), dtype=bool)
-            for one in np.unique(at):
-                mine = at == one
-                values = self._values(levels[one], probe[pending[mine]])
-                passed[mine] = self._tail_fits(values)
-            need[pending] = extra
-            pending = pending[~passed]
-            if len(pending) <= (1.0 - PASSING) * len(probe):
+        fits = np.zeros((len(levels) + 1, len(probe)), dtype=bool)
+        fits[-1] = True  # summed directly
+        for index, nodes in enumerate(levels):
+            fits[index] = self._tail_fits(self._values(nodes, probe))
+            if fits[index].all():
+                fits[index:] = True
                 break
-        return int(need.max())
+        good = np.where(fits, np.arange(len(fits))[:, None], len(levels))
+        fitting = np.minimum.accumulate(good[::-1])[::-1]  # from each level on, the first
+        cost = np.cumsum([0, *(nodes + OVERHEAD for nodes in levels), self._count])
+        shifts = np.arange(-len(levels), len(levels) + 1)
+        first = np.clip(level[probe] + shifts[:, None], 0, len(levels))
+        last = fitting[first, np.arange(len(probe))]
+        return int(shifts[np.argmin((cost[last + 1] - cost[first]).sum(axis=1))])
 
     def _values(self, nodes: int, rows: np.ndarray) -> np.ndarray:
         """(R, m) amplitudes at the nodes."""
@@ -159,9 +161,9 @@ class _Task:
     def interpolate(self, rows: np.ndarray, nodes: int) -> np.ndarray:
         """Add the echoes ``rows``; what comes back are those that need more nodes."""
         grid = DelayGrid(self._count, nodes, self._width)
-        rejected = []
-        for first in range(0, len(rows), ROWS_AT_ONCE):
-            some = rows[first : first + ROWS_AT_ONCE]
+        rejected, step = [], VALUES_AT_ONCE // nodes
+        for first in range(0, len(rows), step):
+            some = rows[first : first + step]
             values = self._values(nodes, some)
             fits = self._tail_fits(values)
             if not fits.all():
@@ -187,7 +189,7 @@ class _Task:
             self._nodes[self._count] = self._nodes.get(self._count, 0) + len(some)
 
     def result(self) -> DelayedSum:
-        kernel = ALIASING * 10.0**-self._width
+        kernel = ALIASING[self._width - NARROWEST]
         interpolated = sum(self._nodes.values()) - self._nodes.get(self._count, 0)
         error = (kernel + 2.0 * self._allowed) * self._size if interpolated else 0.0
         return DelayedSum(self._spectrum, self._size, error, self._nodes)
