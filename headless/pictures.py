@@ -17,10 +17,8 @@ from forest_addon.sensing import metrics
 from forest_addon.sensing.cloud import Cloud
 from forest_addon.sensing.returns import ESCAPED
 from forest_addon.sensing.reverb import ImpulseResponse
-from forest_addon.sensing.sonar import Echo, LeafDiscs
 from forest_addon.sensing.tractor import TractorScan
-from forest_addon.spec import Scanner, Sonar, Terrestrial
-from forest_addon.stand.forest import Forest
+from forest_addon.spec import Scanner, Terrestrial
 
 INK, FAINT, LEAF_GREEN, BARK, SOIL, SKY, RED = (
     "#24302a",
@@ -152,39 +150,6 @@ def _mark_scanner(axes: Axes, scanner: Terrestrial) -> None:
     )
 
 
-def draw_echo(echo: Echo, sonar: Sonar, discs: LeafDiscs, forest: Forest, path: Path) -> Path:
-    """A ping: the leaves in the beam from above, the echo in time, its spectrum."""
-    figure = blank_figure((12.5, 6.2))
-    grid = figure.add_gridspec(2, 2, width_ratios=(1, 1.45))
-    _beam_map(figure.add_subplot(grid[:, 0]), echo, sonar, discs, forest)
-
-    wave = figure.add_subplot(grid[0, 1])
-    level = 20 * np.log10(np.maximum(echo.envelope, 1e-9))
-    wave.plot(echo.time * 1e3, level, color=LEAF_GREEN, linewidth=0.7)
-    wave.set_ylim(max(float(level.max()) - 80, -178), float(level.max()) + 5)
-    wave.set_ylabel("dB re the call at 1 m")
-    wave.set_title("Envelope of the echo")
-    wave.set_xlabel("ms after the call")
-    wave.margins(x=0)
-    metres = wave.secondary_xaxis(
-        "top",
-        functions=(
-            lambda t: t * echo.sound_speed / 2e3,
-            lambda r: r * 2e3 / echo.sound_speed,
-        ),
-    )
-    metres.set_xlabel("distance, m")
-
-    spectrum = figure.add_subplot(grid[1, 1])
-    level = 20 * np.log10(np.maximum(np.abs(echo.spectrum), 1e-12))
-    spectrum.plot(echo.frequency / 1e3, level, color=INK, linewidth=0.6)
-    spectrum.set_title("Spectrum of the echo")
-    spectrum.set_xlabel("kHz")
-    spectrum.set_ylabel("dB re the call at 1 m")
-    spectrum.margins(x=0)
-    return save_figure(figure, path)
-
-
 def draw_reverb(response: ImpulseResponse, path: Path) -> Path:
     """An impulse response: waveform, energy decay, spectrogram."""
     figure, (wave, decay, tone) = _figure(3, 1, (11, 8.2))
@@ -240,33 +205,6 @@ def _distance_bar(figure: Figure, image: ScalarMappable, axes: Axes) -> None:
     ticks = [t for t in (0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500) if low <= t <= high]
     bar.set_ticks(ticks, labels=[f"{t:g}" for t in ticks])
     bar.minorticks_off()
-
-
-def _beam_map(axes: Axes, echo: Echo, sonar: Sonar, discs: LeafDiscs, forest: Forest) -> None:
-    """The scene from above: every leaf, those that are heard in red, the -3 dB beam."""
-    every = max(1, len(discs.centre) // 60_000)
-    axes.scatter(*discs.centre[::every, :2].T, s=0.4, c="#a9c59f", linewidths=0, rasterized=True)
-    heard = discs.centre[echo.heard]
-    axes.scatter(*heard[:, :2].T, s=1.2, c=RED, linewidths=0, rasterized=True)
-    axes.plot(*forest.stand.position[:, :2].T, "o", color=BARK, markersize=2.5, linestyle="none")
-    half = np.deg2rad(sonar.beam_width_deg[0] / 2)
-    heading = np.deg2rad(sonar.azimuth_deg)
-    reach = sonar.max_range * np.cos(np.deg2rad(sonar.elevation_deg))
-    edge = heading + np.linspace(-half, half, 40)
-    x, y = sonar.position[:2]
-    outline = np.concatenate(
-        [[[x, y]], np.stack([x + reach * np.cos(edge), y + reach * np.sin(edge)], 1), [[x, y]]]
-    )
-    axes.plot(*outline.T, color=INK, linewidth=0.9)
-    axes.plot(x, y, ">", color=INK, markersize=6)
-    span = sonar.max_range + 2
-    middle = np.array([x, y]) + 0.45 * reach * np.array([np.cos(heading), np.sin(heading)])
-    axes.set_xlim(middle[0] - 0.75 * span, middle[0] + 0.75 * span)
-    axes.set_ylim(middle[1] - 0.9 * span, middle[1] + 0.9 * span)
-    axes.set_aspect("equal", adjustable="box")
-    axes.set_title("From above: leaves heard (red), -3 dB beam")
-    axes.set_xlabel("x, m")
-    axes.set_ylabel("y, m")
 
 
 def _organ_image(axes: Axes, organ: np.ndarray, extent: tuple[float, ...]) -> None:

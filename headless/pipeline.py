@@ -33,15 +33,16 @@ from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.formats.stand_files import read_inputs
 from forest_addon.formats.table import write_csv
 from forest_addon.sensing.cloud import Cloud
+from forest_addon.sensing.flight import Flight
 from forest_addon.sensing.geometry import SceneGeometry
 from forest_addon.sensing.sonar import Echo
 from forest_addon.sensing.tractor import TractorScan
-from forest_addon.spec import Scene, SpecError
+from forest_addon.spec import Scene, Sensor, SpecError
 from forest_addon.stand.forest import Forest, angle_table, grow_forest, leaf_table, tree_table
 from forest_addon.stand.goodness import examine, law_of_scene, poisson_trees, window_of
 from forest_addon.stand.inputs import Inputs
 
-from . import pictures, report
+from . import pictures, pictures_sonar, report
 from .progress import Stages, hushed
 from .site_picture import draw_goodness
 from .stand_picture import draw_stand
@@ -63,9 +64,10 @@ class Run:
         self.files.append(name)
         return self.out / name
 
-    def write(self, name: str, found: SensorFinding) -> None:
-        """Write a sensor's result; it is listed in the report."""
-        self.files.append(write_finding(self.out, name, found, self.settings.offset).name)
+    def write(self, sensor: Sensor, found: SensorFinding) -> None:
+        """Write a sensor's result; its files are listed in the report."""
+        files = write_finding(self.out, sensor, found, self.settings.offset)
+        self.files += [file.name for file in files]
 
 
 def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) -> None:
@@ -107,8 +109,8 @@ def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) 
         engine = observer.caster.engine
     for sensor in settings.sensors:
         with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
-            found = observer.observe(sensor, settings, progress)
-            run.write(sensor.name, found)
+            found = observer.observe(sensor, settings, progress, folder)
+            run.write(sensor, found)
             if isinstance(found, Cloud):
                 show_cloud(part(scene, RESULTS), sensor.name, found)
             run.findings.append(_describe(run, sensor, found, observer))
@@ -184,8 +186,13 @@ def _describe(run: Run, sensor: Any, found: SensorFinding, observer: Observer) -
     if isinstance(found, Cloud):
         return report.cloud_finding(sensor, found, pictures.draw_cloud(found, sensor, path))
     if isinstance(found, Echo):
-        picture = pictures.draw_echo(found, sensor, observer.discs, run.forest, path)
+        leaves = pictures_sonar.sample_leaves(observer.targets)
+        picture = pictures_sonar.draw_echo(found, sensor, leaves, run.forest, path)
         return report.echo_finding(sensor, found, picture)
+    if isinstance(found, Flight):
+        leaves = pictures_sonar.sample_leaves(observer.targets)
+        picture = pictures_sonar.draw_flight(found, sensor, leaves, run.forest, path)
+        return report.flight_finding(sensor, found, picture)
     picture = pictures.draw_reverb(found, path)
     return report.reverb_finding(sensor, found, observer.trunks(sensor), picture)
 

@@ -19,6 +19,7 @@ from forest_addon.formats.atomic import replacing
 from forest_addon.growth.trimesh import GROUND, LEAF, WOOD
 from forest_addon.sensing import metrics
 from forest_addon.sensing.cloud import Cloud
+from forest_addon.sensing.flight import Flight
 from forest_addon.sensing.reverb import ImpulseResponse
 from forest_addon.sensing.slices import Trunks
 from forest_addon.sensing.sonar import Echo
@@ -164,32 +165,73 @@ def cloud_finding(sensor: Scanner, cloud: Cloud, picture: Path) -> Finding:
 
 def echo_finding(sensor: Sonar, echo: Echo, picture: Path) -> Finding:
     """The foliage echo."""
-    peak = int(np.argmax(echo.envelope)) if len(echo.envelope) else 0
-    silent = not np.any(echo.envelope)
     return Finding(
         f"Biosonar: {sensor.name}",
-        f"One ping of {sensor.band[0] / 1e3:g} to {sensor.band[1] / 1e3:g} kHz with a "
-        f"{sensor.beam_width_deg[0]:g}° beam; leaves scatter as "
-        + ("hard discs (physical optics)." if sensor.leaf_model == "piston" else "in T20's fit."),
-        {
-            "leaves in the scene": f"{echo.leaves:,}",
-            "leaves heard": f"{int(np.count_nonzero(echo.heard)):,}",
-            "hidden by wood": f"{echo.hidden:,}",
-            "strongest echo from": "nothing"
-            if silent
-            else f"{echo.time[peak] * echo.sound_speed / 2:.2f} m",
-            "level": "silence"
-            if silent
-            else f"{20 * np.log10(echo.envelope[peak]):.1f} dB re call at 1 m",
-        },
-        (
-            f"Direct sum over every leaf and frequency in float64; leaves left out as too weak add at "
-            f"most {echo.cull_bound:.1e} of all amplitudes.",
-            "Leaves do not shade each other; wood hides them as straight rays would."
-            if sensor.shading == "trunks"
-            else "Nothing shades anything, as in the paper.",
-        ),
+        f"One ping of {_call_in_words(sensor)}.",
+        _echo_facts(echo),
+        _echo_notes(sensor, echo.cull_bound),
         picture,
+    )
+
+
+def flight_finding(sensor: Sonar, flight: Flight, picture: Path) -> Finding:
+    """Echoes along a way; the facts are those of the loudest."""
+    loudest = max(flight.echoes, key=lambda echo: float(echo.envelope.max(initial=0.0)))
+    bound = max(echo.cull_bound for echo in flight.echoes)
+    return Finding(
+        f"Biosonar: {sensor.name}",
+        f"{len(flight)} pings of {_call_in_words(sensor)}; what follows is of the loudest.",
+        _echo_facts(loudest),
+        _echo_notes(sensor, bound),
+        picture,
+    )
+
+
+def _call_in_words(sensor: Sonar) -> str:
+    beam = {"horseshoe": "a horseshoe bat's", "file": "a measured", "omni": "an even"}
+    model = {"piston": "hard discs (physical optics)", "paper": "T20's fit"}
+    return (
+        f"{sensor.band[0] / 1e3:g} to {sensor.band[1] / 1e3:g} kHz with "
+        f"{beam.get(sensor.beam, f'a {sensor.beam_width_deg[0]:g}°')} beam, at {sensor.ears} "
+        f"ear{'s' if sensor.ears > 1 else ''}; leaves scatter as "
+        f"{model.get(sensor.leaf_model, 'hard discs (exact)')}"
+    )
+
+
+def _echo_facts(echo: Echo) -> dict[str, str]:
+    peak = int(np.argmax(echo.envelope)) if np.any(echo.envelope) else None
+    kinds = {kind: int(np.count_nonzero(echo.heard.kind == kind)) for kind in ("wood", "facet")}
+    metres = "nothing" if peak is None else f"{echo.time[peak] * echo.sound_speed / 2:.2f} m"
+    level = "silence" if peak is None else f"{20 * np.log10(echo.envelope[peak]):.1f} dB"
+    facts = {
+        "leaves in the scene": f"{echo.leaves:,}",
+        "leaves heard": f"{echo.leaves_heard:,}",
+        "pieces of wood heard": f"{kinds['wood']:,}",
+        "glints and rims heard": f"{kinds['facet']:,}",
+        "hidden by wood": f"{echo.hidden:,}",
+        "strongest echo from": metres,
+        "level": level if peak is None else f"{level} re call at 1 m",
+    }
+    return facts | ({"later than the record": f"{echo.late:,}"} if echo.late else {})
+
+
+def _echo_notes(sensor: Sonar, bound: float) -> tuple[str, ...]:
+    summed = (
+        f"Fast sum, error at most {sensor.tolerance:.0e} of all amplitudes"
+        if sensor.tolerance
+        else "Direct sum over every scatterer and frequency in float64"
+    )
+    shade = {
+        "none": "Nothing shades anything, as in the paper.",
+        "trunks": "Leaves do not shade each other; wood hides them as straight rays would.",
+        "extinction": "Leaves weaken what lies behind them by Beer-Lambert; wood hides nothing.",
+    }
+    both = (
+        "Leaves weaken what lies behind them by Beer-Lambert, wood hides it as straight rays would."
+    )
+    return (
+        f"{summed}; what is left out as too weak adds at most {bound:.1e} of them.",
+        shade.get(sensor.shading, both),
     )
 
 

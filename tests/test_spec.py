@@ -31,7 +31,7 @@ def test_every_field_has_help_and_a_default_within_its_range(group):
         (lambda: spec.Forest(size=(0.0, 2.0)), "size[0]", "larger than 0"),
         (lambda: spec.Forest(spacing=float("nan")), "spacing", "nan"),
         (lambda: spec.Forest(spacing=float("inf")), "spacing", "inf"),
-        (lambda: spec.Sonar(leaf_model="wood"), "leaf_model", '"piston", "paper"'),
+        (lambda: spec.Sonar(leaf_model="wood"), "leaf_model", '"exact", "piston", "paper"'),
         (lambda: spec.Sonar(band=(60e3, 250e3)), "band", "half the sample_rate"),
         (lambda: spec.Planting(species="maple"), "expected", "give a number"),
         (lambda: spec.Planting(species="m", expected=1, scale=(2.0, 1.0)), "scale", "smallest"),

@@ -1,9 +1,13 @@
-"""How a leaf scatters sound back: a rigid disc of radius a.
+"""How a leaf scatters sound: a rigid disc of radius a.
 
 The size ka and the angle of incidence (between the disc's normal and the direction of the sound) go
 in; the far-field scattering amplitude f comes out, as L = k|f| or as the complex number k·f. In the
 far field the echo's pressure is p = p₀·f·exp(-ikr)/r (e^{+iωt}), p₀ the incident pressure at the disc.
 
+``exact``   the sound-hard disc (``disc_exact``). Straight back it comes from a table (``disc_table``),
+            within 1e-5 of its value at normal incidence up to ka = 120; until 128 the table passes over
+            to ``piston`` with the edge's diffraction, -ka/2·cosβ·J₀(x) more (Keller; Ufimtsev), which
+            is within 1e-3 there and gets better as (ka)^-1.5.
 ``piston``  physical optics (Kirchhoff): the lit face reflects as an endless hard mirror would,
             k·f = i·(ka)²/2 · cosβ · 2J₁(x)/x with x = 2ka·sinβ, for sound sent and heard at one place.
             It is right for ka >> 1 away from grazing; against the exact disc it is 1.5 dB low at ka = 5
@@ -17,19 +21,23 @@ far field the echo's pressure is p = p₀·f·exp(-ikr)/r (e^{+iωt}), p₀ the 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-MODELS = ("piston", "paper")
+from .disc_exact import hard_disc_amplitude
+from .disc_table import LAST, tabulated, tabulated_bound
 
-# What physical optics can reach beyond its main lobe: |2J₁(x)/x| <= 1.6501·x^{-3/2} for every x > 0,
-# from max √x·|J₁(x)| = 0.82503 at x = 2.1659.
-LOBE_DECAY = 1.6501
+MODELS = ("paper", "piston", "exact")
+BISTATIC = ("piston", "exact")
+
+HANDOVER = 120.0  # ka from where the table passes over to the formula for large discs
+LOBES = 256  # of J₁ whose heights are known to the bound
 
 
-def backscatter(ka: ArrayLike, incidence: ArrayLike, model: str = "piston") -> np.ndarray:
+def backscatter(ka: ArrayLike, incidence: ArrayLike, model: str = "exact") -> np.ndarray:
     """L = k|f|, dimensionless, of sound scattered back to where it came from; never negative.
 
     ka : wavenumber times radius, 0 or larger; a disc of size 0 scatters nothing.
@@ -43,35 +51,76 @@ def backscatter(ka: ArrayLike, incidence: ArrayLike, model: str = "piston") -> n
     return np.abs(backscatter_amplitude(ka, incidence, model))
 
 
-def backscatter_amplitude(ka: ArrayLike, incidence: ArrayLike, model: str = "piston") -> np.ndarray:
+def backscatter_amplitude(ka: ArrayLike, incidence: ArrayLike, model: str = "exact") -> np.ndarray:
     """The complex k·f of ``backscatter`` under e^{+iωt}; same arguments."""
     size, angle = np.asarray(ka, dtype=np.float64), _acute(incidence)
+    if model == "exact":
+        return _exact(size, angle)
     if model == "piston":
         return 1j * _piston(size, angle)
     if model == "paper":
         return _paper(size, angle)
-    known = ", ".join(f'"{name}"' for name in MODELS)
-    raise ValueError(f'leaf model "{model}" is not known; use one of {known}')
+    raise _unknown(model, MODELS)
+
+
+def scattering_amplitude(
+    ka: ArrayLike,
+    incidence: ArrayLike,
+    scattered: ArrayLike,
+    azimuth: ArrayLike,
+    model: str = "exact",
+) -> np.ndarray:
+    """The complex k·f of sound that is sent from one direction and heard in another; broadcasts.
+
+    incidence, scattered : radians from the disc's normal to the source and to the receiver, 0 to π;
+        beyond π/2 is the other face's side.
+    azimuth : radians between the projections of these directions on the disc; 0 with equal angles
+        is straight back, π with equal angles the mirror's direction.
+    model : one of ``BISTATIC``. "exact" solves the disc's equations for each distinct ka, which takes
+        milliseconds (``disc_exact``). "piston" is k·f = i·(ka)²/2·|cosβ|·cosβ'/cosβ·2J₁(x)/x, x = ka
+        times the length of the sum of the projections; it is not reciprocal.
+
+    Raises
+    ------
+    ValueError : the model is not known, or has no such amplitude.
+    """
+    if model == "exact":
+        return hard_disc_amplitude(ka, incidence, scattered, azimuth)
+    if model != "piston":
+        raise _unknown(model, BISTATIC)
+    size = np.asarray(ka, dtype=np.float64)
+    sent, heard = np.sin(incidence), np.sin(scattered)
+    # The length of the sum of two vectors, without the cancellation of the law of cosines.
+    across = np.hypot(
+        sent - heard, 2.0 * np.sqrt(np.abs(sent * heard)) * np.cos(0.5 * np.asarray(azimuth))
+    )
+    side = np.sign(np.cos(incidence)) * np.cos(scattered)
+    return 0.5j * size**2 * side * jinc(size * across)
 
 
 def amplitude_bound(
-    lowest: float, highest: float, radius: np.ndarray, incidence: np.ndarray, model: str
+    lowest: float, highest: float, radius: ArrayLike, incidence: ArrayLike, model: str
 ) -> np.ndarray:
     """A bound on |f| in metres that holds for every wavenumber from ``lowest`` to ``highest`` (1/m).
 
     radius, incidence : metres and radians, broadcasting.
 
-    For the piston k a²/2·cosβ, largest at the highest k, times the decay of the side lobes, largest at
-    the lowest. For the paper P₁(ka)/k, which is convex in k, so that its larger end is its maximum.
+    At normal incidence it also holds for every smaller radius and every other incidence.
     """
-    radius, angle = np.asarray(radius, dtype=np.float64), _acute(incidence)
+    size, angle = np.broadcast_arrays(np.asarray(radius, dtype=np.float64), _acute(incidence))
     if model == "paper":
-        ends = [_paper_peak(k * radius) / k for k in (lowest, highest)]
-        return np.where(radius > 0, np.maximum(*ends), 0.0)
-    face: np.ndarray = 0.5 * highest * radius**2 * np.cos(angle)
+        return _paper_bound(lowest, highest, size, angle)
+    if model not in MODELS:
+        raise _unknown(model, MODELS)
+    optics = _piston_bound(lowest, highest, size, angle)
+    if model == "piston":
+        return optics
+    inside = tabulated_bound(lowest * size, np.minimum(highest * size, LAST), angle)
     with np.errstate(divide="ignore"):
-        lobes = LOBE_DECAY * (2.0 * lowest * radius * np.sin(angle)) ** -1.5
-    return face * np.minimum(lobes, 1.0)
+        rim = np.minimum(1.0, (math.pi * lowest * size * np.sin(angle)) ** -0.5)  # |J₀|
+    beyond = np.where(highest * size > HANDOVER, optics + 0.5 * size * np.cos(angle) * rim, 0.0)
+    bound: np.ndarray = np.maximum(np.where(lowest * size < LAST, size * inside, 0.0), beyond)
+    return bound
 
 
 def _acute(incidence: ArrayLike) -> np.ndarray:
@@ -81,29 +130,94 @@ def _acute(incidence: ArrayLike) -> np.ndarray:
     return folded
 
 
+def jinc(x: ArrayLike) -> np.ndarray:
+    """2·J₁(x)/x, 1 at x = 0."""
+    size = np.maximum(np.abs(np.asarray(x, dtype=np.float64)), 1e-9)  # 1 to rounding, and not 0/0
+    value: np.ndarray = special.j1(size)
+    return 2.0 * value / size
+
+
+def _exact(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    value = tabulated(ka, angle)
+    if np.any(ka > HANDOVER):
+        sizes, angles = np.broadcast_arrays(ka, angle)
+        large = sizes > HANDOVER
+        passed = np.minimum((sizes[large] - HANDOVER) / (LAST - HANDOVER), 1.0)
+        share = 0.5 + 0.5 * np.cos(math.pi * passed)
+        value[large] = share * value[large] + (1.0 - share) * _large(sizes[large], angles[large])
+    return value
+
+
+def _large(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """k·f for ka >> 1: physical optics, and what the edge adds."""
+    edge = 0.5 * ka * np.cos(angle) * special.j0(2.0 * ka * np.sin(angle))
+    value: np.ndarray = 1j * _piston(ka, angle) - edge
+    return value
+
+
 def _piston(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """k·f/i of physical optics; negative in every other side lobe."""
     return 0.5 * ka**2 * np.cos(angle) * jinc(2.0 * ka * np.sin(angle))
 
 
-def jinc(x: ArrayLike) -> np.ndarray:
-    """2·J₁(x)/x, 1 at x = 0."""
-    x = np.asarray(x, dtype=np.float64)
-    small = np.abs(x) < 1e-4  # the series is exact to rounding here, and 0/0 is avoided
-    safe = np.where(small, 1.0, x)
-    value: np.ndarray = np.where(small, 1.0 - x * x / 8.0, 2.0 * special.j1(safe) / safe)
-    return value
+def _piston_bound(
+    lowest: float, highest: float, radius: np.ndarray, angle: np.ndarray
+) -> np.ndarray:
+    """Largest |f| of physical optics: k·|J₁(x)/x|, x = 2ka·sinβ, at the ends of the band, or at the first
+    peak of |J₁| between them; the later ones are lower."""
+    across = 2.0 * radius * np.sin(angle)
+    largest = np.maximum(*(k * np.abs(jinc(k * across)) for k in (lowest, highest)))
+    peaks, heights = _lobes()
+    following = np.searchsorted(peaks[:-1], lowest * across)  # the next peak
+    within = peaks[following] < highest * across
+    inner = 2.0 * heights[following] / np.where(within, across, np.inf)
+    bound: np.ndarray = 0.5 * radius**2 * np.cos(angle) * np.maximum(largest, inner)
+    return bound
+
+
+@lru_cache(maxsize=1)
+def _lobes() -> tuple[np.ndarray, np.ndarray]:
+    """Positions of the peaks of |J₁| and their heights; after the last, always the height of the last."""
+    peaks = special.jnp_zeros(1, LOBES)
+    heights = np.abs(special.j1(peaks))
+    return np.append(peaks, 0.0), np.append(heights, heights[-1])
 
 
 def _paper(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """L·e^{-i·phase} of the paper's fit, L with its sign."""
     empty = ka == 0  # the fit does not vanish there, and its angle factor has no limit
     c = np.where(empty, 1.0, ka)
-    size = _paper_peak(c) * np.cos((0.3999 * c**-0.9065 + 0.9979) * angle)
-    phase = special.erf((0.9824 * c**0.3523 - 0.9459) * (math.pi / 2 - angle)) - 2.6343
+    size = _paper_peak(c) * np.cos(_paper_turn(c) * angle)
+    steepness = 0.9824 * np.exp(0.3523 * np.log(c)) - 0.9459  # faster than powers
+    phase = special.erf(steepness * (math.pi / 2 - angle)) - 2.6343
     value: np.ndarray = np.where(empty, 0.0, size * np.exp(-1j * phase))
     return value
 
 
-def _paper_peak(c: np.ndarray) -> np.ndarray:
-    return 0.5003 * c * c + 0.6867
+def _paper_bound(
+    lowest: float, highest: float, radius: np.ndarray, angle: np.ndarray
+) -> np.ndarray:
+    """P₁(ka)/k, convex in k, at its larger end, times |cos| where it is the largest: P₂ falls with k."""
+    empty = radius == 0
+    ends = [k * np.where(empty, 1.0, radius) for k in (highest, lowest)]
+    peak = np.maximum(_paper_peak(ends[0]) / highest, _paper_peak(ends[1]) / lowest)
+    low, high = (_paper_turn(c) * angle for c in ends)
+    crest = np.ceil(low / math.pi) <= np.floor(high / math.pi)
+    wave = np.where(crest, 1.0, np.maximum(np.abs(np.cos(low)), np.abs(np.cos(high))))
+    bound: np.ndarray = np.where(empty, 0.0, peak * wave)
+    return bound
+
+
+def _paper_peak(ka: np.ndarray) -> np.ndarray:
+    value: np.ndarray = 0.5003 * ka * ka + 0.6867
+    return value
+
+
+def _paper_turn(ka: np.ndarray) -> np.ndarray:
+    value: np.ndarray = 0.3999 * np.exp(-0.9065 * np.log(ka)) + 0.9979
+    return value
+
+
+def _unknown(model: str, models: tuple[str, ...]) -> ValueError:
+    known = ", ".join(f'"{name}"' for name in models)
+    return ValueError(f'leaf model "{model}" is not known; use one of {known}')

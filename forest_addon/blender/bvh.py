@@ -19,9 +19,9 @@ from mathutils.bvhtree import BVHTree
 
 from ..sensing.boxes import BoxTree
 from ..sensing.geometry import SceneGeometry, invert_transforms
+from ..sensing.ray_search import Search
 from ..sensing.rays import Hits
 from ..sensing.refine import whole_triangles
-from ..sensing.search import Search
 
 BEFORE = 1e-3  # metres, and BEFORE_SHARE of the way: where a ray starts before a box
 BEFORE_SHARE = 1e-5

@@ -15,7 +15,7 @@ from ..growth.trimesh import OTHER, TriMesh
 from ..growth.tubes import tube
 from ..rng import stream
 from ..sensing.geometry import SceneGeometry
-from ..sensing.search import Search
+from ..sensing.ray_search import Search
 from ..spec import Rays
 from .bvh import BvhCaster
 from .embree import EmbreeCaster

@@ -17,9 +17,9 @@ import numpy as np
 from ..growth.trimesh import TriMesh
 from ..sensing.boxes import clip
 from ..sensing.geometry import SceneGeometry, invert_transforms
+from ..sensing.ray_search import Search
 from ..sensing.rays import Hits
 from ..sensing.refine import whole_triangles
-from ..sensing.search import Search
 from . import embree_library as embree
 from .embree_library import EmbreeError
 

@@ -4,22 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
+from pathlib import Path
 
 import bpy
 
+from ..formats.sonar_files import equip, find, read_route
 from ..rng import stream
-from ..sensing import lidar, reverb, slices, sonar, tractor
+from ..sensing import flight, lidar, reverb, slices, sonar, tractor
 from ..sensing.cloud import Cloud
+from ..sensing.poses import Pose
 from ..sensing.rays import RayCaster
+from ..sensing.trajectory import Path as Track
 from ..spec import Mobile, Rays, Reverb, Scanner, Scene, Sensor, Sonar, Tractor
 from .casters import make_caster
 from .depsgraph import read_scene
 from .kept import kept
+from .motion import follow
 from .nodes import in_full
 from .platform import path_of_object
 
 Progress = Callable[[int, int], None]
-Finding = tractor.TractorScan | Cloud | sonar.Echo | reverb.ImpulseResponse
+Way = list[Pose] | Track | None
+Finding = tractor.TractorScan | Cloud | sonar.Echo | flight.Flight | reverb.ImpulseResponse
 
 
 class Observer:
@@ -50,25 +56,39 @@ class Observer:
         """Every leaf as a disc."""
         return sonar.leaf_discs(self.geometry)
 
+    @cached_property
+    def targets(self) -> sonar.Targets:
+        """Everything that sounds back to a sonar."""
+        return sonar.Targets(self.geometry)
+
     def trunks(self, sensor: Reverb) -> slices.Trunks:
         """Trunks where the height between source and receiver cuts them."""
         height = (sensor.source[2] + sensor.receiver[2]) / 2
         return slices.trunks_at_height(self.geometry, height, sensor.min_radius)
 
-    def observe(self, sensor: Sensor, settings: Scene, progress: Progress | None = None) -> Finding:
-        """Run one sensor of a scene.
+    def observe(
+        self,
+        sensor: Sensor,
+        settings: Scene,
+        progress: Progress | None = None,
+        folder: Path = Path(),
+        way: Way = None,
+    ) -> Finding:
+        """Run one sensor of a scene; with its ``way`` given, this touches no Blender data.
+
+        folder : that files named in the settings are relative to.
 
         Raises
         ------
         ValueError : settings that this scene cannot serve; says what to change.
         """
+        way = self.way(sensor, folder) if way is None else way
         if isinstance(sensor, Tractor):
             return tractor.drive(sensor, self.caster, progress)
         if isinstance(sensor, Scanner):
-            path = path_of_object(bpy.context.scene, sensor) if isinstance(sensor, Mobile) else None
-            return lidar.scan(sensor, self.caster, settings.seed, path, progress)
+            return lidar.scan(sensor, self.caster, settings.seed, way, progress)
         if isinstance(sensor, Sonar):
-            return sonar.ping(self.discs, sensor, settings.air, self.wood, progress)
+            return self._listen(sensor, settings, progress, folder, way)
         return reverb.impulse_response(
             self.trunks(sensor),
             sensor,
@@ -78,3 +98,38 @@ class Observer:
             field=(settings.forest.origin, settings.forest.size),
             progress=progress,
         )
+
+    @staticmethod
+    def way(sensor: Sensor, folder: Path = Path()) -> Way:
+        """Where a moving sensor goes, sampled from Blender's scene or read from a file; None: it stays.
+
+        Raises
+        ------
+        ValueError : what it should follow, or the file of its route, is not there or cannot be used.
+        """
+        scene = bpy.context.scene
+        if isinstance(sensor, Mobile):
+            return path_of_object(scene, sensor)
+        if isinstance(sensor, Sonar) and sensor.route:
+            return read_route(find(sensor.route, folder, "route"), sensor.speed)
+        if isinstance(sensor, Sonar) and sensor.follow:
+            return follow(scene, sensor)
+        return None
+
+    def _listen(
+        self,
+        sensor: Sonar,
+        settings: Scene,
+        progress: Progress | None,
+        folder: Path,
+        poses: list[Pose] | None,
+    ) -> sonar.Echo | flight.Flight:
+        """One ping, or one from every pose of a route."""
+        given = {
+            "equipment": equip(sensor, folder),
+            "everything": self.caster if "extinction" in sensor.shading else None,
+        }
+        wood = self.wood if "trunks" in sensor.shading else None
+        if poses is None:
+            return sonar.ping(self.targets, sensor, settings.air, wood, progress, **given)
+        return flight.fly(self.targets, sensor, settings.air, poses, wood, progress, **given)

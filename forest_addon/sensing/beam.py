@@ -1,43 +1,156 @@
-"""How loud a sonar is in a direction: a Gaussian beam about its axis.
+"""How loud a sonar is in a direction: beams in the sonar's own frame.
 
-Directions go in, the amplitude relative to the axis comes out: exp(-az²/2σ_x² - el²/2σ_y²) (T20), with
-σ from the full -3 dB width. The offsets az and el are measured from the beam axis in the sonar's own
-frame: the angle off the axis is laid out along the side to which the direction lies off. So they are
-the plain azimuth and elevation in the two planes of the axis, have neither pole nor wrap, and a beam
-that looks straight up is like any other.
+Directions go in, the amplitude relative to the axis comes out, for sending or for hearing. The offsets
+az and el are measured from the beam axis in the sonar's own frame: the angle off the axis is laid out
+along the side to which the direction lies off. So they are the plain azimuth and elevation in the two
+planes of the axis, have neither pole nor wrap, and a beam that looks straight up is like any other.
+
+``Gaussian``   exp(-az²/2σ_x² - el²/2σ_y²) with σ from the full -3 dB width (T20).
+``Horseshoe``  the same with T20's width of a horseshoe bat's call, which falls with the frequency.
+``Measured``   a table of dB by angle off the axis and frequency, smoothed over the frequency.
+``Omni``       everywhere alike.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 HALF_POWER = -2.0 * math.log(10.0 ** (-3.0 / 20.0))  # T20 print -2·ln 0.7079
+DEGREES = 4  # of the polynomials in frequency through a measured pattern
+HORSESHOE = (0.011333, -2.3219, 156.15, -3402.7)  # degrees, of the frequency in kHz (T20)
+
+
+class Beam(Protocol):
+    """A directivity, 1 on its axis or where it is largest."""
+
+    def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+        """(Q, M), or (1, M) where it is alike at every frequency (Q,), at offsets (M,) radians."""
+        ...
+
+    def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
+        """(M,) no gain in the band is larger at these offsets."""
+        ...
+
+    def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
+        """(M,) no gain in the band is larger at ``away`` (M,) radians off the axis or more."""
+        ...
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """A beam of the same full -3 dB ``width`` (radians; azimuth, elevation) at every frequency."""
+
+    width: tuple[float, float]
+
+    def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+        across, along = self.width
+        return np.exp(_exponent(az, el) @ (1.0 / np.square([across, along])))[None]
+
+    def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
+        return self.gain(az, el, np.array(band))[0]
+
+    def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
+        return np.exp(-2.0 * HALF_POWER * np.square(away / max(self.width)))
+
+
+@dataclass(frozen=True)
+class Horseshoe:
+    """T20's beam: a Gaussian whose width follows from the frequency, 60 to 80 kHz."""
+
+    def width(self, frequency: np.ndarray) -> np.ndarray:
+        """Full -3 dB width in radians."""
+        return np.deg2rad(np.polyval(HORSESHOE, np.asarray(frequency) / 1e3))
+
+    def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+        away = _exponent(az, el).sum(axis=1)
+        return np.exp(away / np.square(self.width(frequency))[:, None])
+
+    def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
+        return self.gain(az, el, np.array(band[:1]))[0]  # the width falls with the frequency
+
+    def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
+        return np.exp(-2.0 * HALF_POWER * np.square(away / self.width(np.array(band[0]))))
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A pattern about the axis.
+
+    angle : (A,) radians off the axis, ascending from 0. frequency : (F,) Hz. level : (A, F) dB.
+
+    Between angles dB are interpolated; beyond the last they stay. Over the frequency they follow a
+    polynomial of at most the fourth degree, so that echoes stay smooth in frequency; beyond the first
+    and last frequency they stay.
+    """
+
+    angle: np.ndarray
+    frequency: np.ndarray
+    level: np.ndarray
+
+    def levels(self, frequency: np.ndarray) -> np.ndarray:
+        """(A, Q) dB at other frequencies."""
+        if len(self.frequency) == 1:
+            return np.repeat(self.level, len(frequency), axis=1)
+        low, high = self.frequency[0], self.frequency[-1]
+        known = 2.0 * (self.frequency - low) / (high - low) - 1.0
+        wanted = 2.0 * (np.clip(frequency, low, high) - low) / (high - low) - 1.0
+        degree = min(DEGREES, len(known) - 1)
+        fit = np.polynomial.chebyshev.chebfit(known, self.level.T, degree)
+        return np.polynomial.chebyshev.chebval(wanted, fit)
+
+    def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+        off = np.hypot(az, el)
+        levels = self.levels(frequency)
+        at = [np.interp(off, self.angle, level) for level in levels.T]
+        return 10.0 ** (np.array(at) / 20.0)
+
+    def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
+        return self.ceiling(np.hypot(az, el), band)
+
+    def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
+        loudest = self.levels(np.linspace(*band, 65)).max(axis=1)
+        beyond = np.maximum.accumulate(loudest[::-1])[::-1]
+        before = np.searchsorted(self.angle, away, side="right") - 1
+        return 10.0 ** (beyond[np.clip(before, 0, None)] / 20.0)
+
+
+@dataclass(frozen=True)
+class Omni:
+    """The same in every direction."""
+
+    def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+        return np.ones((1, len(az)))
+
+    def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
+        return np.ones(len(az))
+
+    def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
+        return np.ones(len(away))
 
 
 def beam_gain(
     directions: np.ndarray, azimuth: float, elevation: float, width: tuple[float, float]
 ) -> np.ndarray:
-    """(L,) amplitude, 1 on the axis, towards unit directions (L, 3), one way.
+    """(L,) amplitude of a Gaussian beam, 1 on the axis, towards unit directions (L, 3), one way.
 
     azimuth, elevation : of the axis, radians; from +X towards +Y, and up from the horizon.
     width : full -3 dB width in azimuth and elevation, radians.
     """
-    az, el = beam_offsets(directions, azimuth, elevation)
-    across, along = (half / 2.0 / math.sqrt(HALF_POWER) for half in width)
-    gain: np.ndarray = np.exp(-0.5 * ((az / across) ** 2 + (el / along) ** 2))
-    return gain
+    az, el = beam_offsets(directions, beam_frame(azimuth, elevation))
+    return Gaussian(width).gain(az, el, np.zeros(1))[0]
 
 
-def beam_offsets(
-    directions: np.ndarray, azimuth: float, elevation: float
-) -> tuple[np.ndarray, np.ndarray]:
+def beam_offsets(directions: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Azimuth and elevation (L,) off the axis, radians; their hypotenuse is the angle off the axis.
 
-    Positive to the left and up. Straight behind, where the side is open, all of it is azimuth.
+    frame : (3, 3) of ``beam_frame``. Positive to the left and up. Straight behind, where the side is
+    open, all of it is azimuth.
     """
-    forward, left, up = beam_frame(azimuth, elevation) @ directions.T
+    forward, left, up = frame @ directions.T
     side = np.hypot(left, up)
     angle = np.arctan2(side, forward)
     aside = side > 0
@@ -50,3 +163,9 @@ def beam_frame(azimuth: float, elevation: float) -> np.ndarray:
     ca, sa = math.cos(azimuth), math.sin(azimuth)
     ce, se = math.cos(elevation), math.sin(elevation)
     return np.array([[ce * ca, ce * sa, se], [-sa, ca, 0.0], [-se * ca, -se * sa, ce]])
+
+
+def _exponent(az: np.ndarray, el: np.ndarray) -> np.ndarray:
+    """(M, 2) what a Gaussian's exponent is times the squared widths: -2·ln½-power·angle²."""
+    offsets: np.ndarray = -2.0 * HALF_POWER * np.square(np.stack([az, el], axis=1))
+    return offsets

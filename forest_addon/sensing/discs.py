@@ -41,7 +41,7 @@ class LeafDiscs:
 
 def leaf_discs(scene: SceneGeometry) -> LeafDiscs:
     """Every leaf of a scene: the triangles with ``leaf >= 0``, by instance and number."""
-    meshes = {index: _Foliage(scene.meshes[index]) for index in np.unique(scene.mesh_index)}
+    meshes = {index: Foliage(scene.meshes[index]) for index in np.unique(scene.mesh_index)}
     counts = np.array([len(meshes[index].leaf) for index in scene.mesh_index], dtype=np.int64)
     ends = np.cumsum(counts)
     total = int(ends[-1]) if len(ends) else 0
@@ -59,47 +59,74 @@ def leaf_discs(scene: SceneGeometry) -> LeafDiscs:
 Measured = tuple[np.ndarray, np.ndarray, np.ndarray]  # centre (L, 3), normal (L, 3), radius (L,)
 
 
-class _Foliage:
-    """The leaves of one mesh: F facets, and what they measure in local space."""
+class Foliage:
+    """The leaves of one mesh: F facets, leaf by leaf, and what they measure in local space.
+
+    leaf : (L,) their numbers. local : centre, normal and radius of each.
+    """
 
     def __init__(self, mesh: TriMesh) -> None:
-        facets = mesh.leaf >= 0
-        self.leaf, self._owner = np.unique(mesh.leaf[facets], return_inverse=True)
+        facets = np.flatnonzero(mesh.leaf >= 0)
+        facets = facets[np.argsort(mesh.leaf[facets], kind="stable")]
+        self.leaf, owner = np.unique(mesh.leaf[facets], return_inverse=True)
+        self._first = np.searchsorted(owner, np.arange(len(self.leaf) + 1))
         corners = mesh.vertices[mesh.triangles[facets]]
         self._middle = corners.mean(axis=1)
         vector = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        self._vector = _turned_alike(vector, self._owner, len(self.leaf))
-        self._local = self._measure(self._middle, self._vector)
+        self._vector = _turned_alike(vector, owner, len(self.leaf))
+        self.local = _measure(self._middle, self._vector, owner, len(self.leaf))
 
-    def moved(self, transform: np.ndarray) -> Measured:
-        """The leaves through one (3, 4) transform."""
+    @classmethod
+    def of_discs(cls, discs: LeafDiscs) -> Foliage:
+        """Discs that are measured already, in the world; only similarities may move them."""
+        made = cls.__new__(cls)
+        made.leaf, made.local = discs.leaf, (discs.centre, discs.normal, discs.radius)
+        return made
+
+    def moved(self, transform: np.ndarray, rows: np.ndarray | None = None) -> Measured:
+        """The leaves, or those of some rows, through one (3, 4) transform."""
         linear = transform[:, :3]
-        if not len(self.leaf):
-            return self._local
-        gram = linear.T @ linear
-        scale = math.sqrt(max(gram[0, 0], 0.0))
-        if np.abs(gram - scale**2 * np.eye(3)).max() <= SIMILAR * scale**2:
-            centre, normal, radius = self._local
+        centre, normal, radius = self.local if rows is None else [v[rows] for v in self.local]
+        scale = similarity(linear)
+        if not len(radius):
+            return centre, normal, radius
+        if scale is not None:
             turned = normal @ linear.T / (scale or 1.0)
             return apply_transform(transform, centre), turned, scale * radius
-        x, y, z = linear.T
-        cofactor = np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
-        middle = apply_transform(transform, self._middle)
-        return self._measure(middle, self._vector @ cofactor.T)
+        rows = np.arange(len(self.leaf)) if rows is None else rows
+        size = self._first[rows + 1] - self._first[rows]
+        owner = np.repeat(np.arange(len(rows)), size)
+        facet = np.arange(len(owner)) + np.repeat(self._first[rows] - np.cumsum(size) + size, size)
+        middle = apply_transform(transform, self._middle[facet])
+        return _measure(middle, self._vector[facet] @ cofactor(linear).T, owner, len(rows))
 
-    def _measure(self, middle: np.ndarray, vector: np.ndarray) -> Measured:
-        count = len(self.leaf)
-        area = np.linalg.norm(vector, axis=1)
-        whole = np.bincount(self._owner, area, count)
-        weight = np.where(whole[self._owner] > 0, area, 1.0)  # no area: the mean of the facets
-        centre = _sum(middle * weight[:, None], self._owner, count)
-        centre /= np.bincount(self._owner, weight, count)[:, None]
-        normal = _sum(vector, self._owner, count)
-        length = np.linalg.norm(normal, axis=1, keepdims=True)
-        normal = np.divide(
-            normal, length, out=np.tile([0.0, 0.0, 1.0], (count, 1)), where=length > 0
-        )
-        return centre, normal, np.sqrt(whole / math.pi)
+
+def similarity(linear: np.ndarray) -> float | None:
+    """The scale of a (3, 3) matrix that turns, mirrors and scales evenly; None of any other."""
+    gram = linear.T @ linear
+    scale = math.sqrt(max(gram[0, 0], 0.0))
+    if np.abs(gram - scale**2 * np.eye(3)).max() <= SIMILAR * scale**2:
+        return scale
+    return None
+
+
+def cofactor(linear: np.ndarray) -> np.ndarray:
+    """(3, 3) what area vectors go through when points go through ``linear``."""
+    x, y, z = linear.T
+    return np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)], axis=1)
+
+
+def _measure(middle: np.ndarray, vector: np.ndarray, owner: np.ndarray, count: int) -> Measured:
+    """Centre, normal and radius of ``count`` leaves from facets (F, 3), (F, 3) and their owners."""
+    area = np.linalg.norm(vector, axis=1)
+    whole = np.bincount(owner, area, count)
+    weight = np.where(whole[owner] > 0, area, 1.0)  # no area: the mean of the facets
+    centre = _sum(middle * weight[:, None], owner, count)
+    centre /= np.bincount(owner, weight, count)[:, None]
+    normal = _sum(vector, owner, count)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    normal = np.divide(normal, length, out=np.tile([0.0, 0.0, 1.0], (count, 1)), where=length > 0)
+    return centre, normal, np.sqrt(whole / math.pi)
 
 
 def _turned_alike(vector: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:

@@ -19,7 +19,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import fft, sparse
 
-from ..acoustics.gridding import OVERSAMPLING, Kernel
+from ..acoustics.kaiser_bessel import OVERSAMPLING, Kernel
 from ..spec import Air
 from .air_filter import AirFilter
 from .expansion import Key, Layer, Store, expand

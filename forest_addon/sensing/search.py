@@ -1,133 +1,251 @@
-"""What the engines share: batches in tasks, limits on both ends, chained rays, exact distances.
+"""Who is heard: scatterers taken block by block until the rest can add next to nothing.
 
-An engine only searches in float32: which triangle does each ray meet first behind its ``start``?
-``Search`` answers all of ``RayCaster`` with that. The search begins a little before ``min_distance`` and
-ends a little behind ``max_distance``, the float64 distance of what was found then decides. Where it says
-no (too near, or the triangle that the ray leaves), the ray starts again just behind what it met, by a
-step that doubles from try to try.
+Blocks are opened in order of their bounds, loudest first, until the bounds of those that stay shut are at
+most half of ``cull``·Σ|A|; of the scatterers within, the weakest go until their bounds fill the other
+half. Σ|A| is known from below by the loudest few, each averaged over the band (Hann), so the promise
+is kept whatever the others add:
+
+    Σ bound of what is left out  <=  cull · Σ|A| of what is heard.
+
+A bound holds at every frequency of the band, so it also holds at every instant of the impulse response.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .geometry import SceneGeometry
-from .rays import Hits, unit_columns
-from .refine import Surfaces
+from .bands import Band
+from .scatterers import Rows, Scatterers, Sight, Strength
+from .station import Paths, Station
+from .targets import Candidates, Targets
 
-TASK = 32_768  # rays; a multiple of 16, so that packets do not depend on the number of threads
-MARGIN = 1e-3  # metres before min_distance where a search begins
-STEP = 1e-6  # metres: the first step behind what does not count
+LOUDEST = 2048  # scatterers whose Σ|A| is the first lower bound
+CAUTION = 0.9  # a mean over few frequencies may be a little too large
+GUESS = 0.01  # of Σ|A| over the bounds of the blocks, where the search starts
+
+Shade = Callable[[Scatterers, Paths], np.ndarray]
 
 
-class Search(ABC):
-    """A ``RayCaster`` over an engine's ``_nearest``, on ``threads`` threads."""
+@dataclass(frozen=True)
+class Group(Rows):
+    """Scatterers of one kind and instance with their ways; ``shade`` (M,) is 0 where wood hides them."""
 
-    engine: str
+    scatterers: Scatterers
+    instance: np.ndarray
+    paths: Paths
+    bound: np.ndarray
+    shade: np.ndarray
 
-    def __init__(self, scene: SceneGeometry, threads: int = 1) -> None:
-        self.scene = scene
-        self.threads = threads
-        self._surfaces = Surfaces(scene)
+    def __len__(self) -> int:
+        return len(self.bound)
 
-    @abstractmethod
-    def _nearest(
-        self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
-    ) -> Hits:
-        """The nearest triangle of each ray between ``start`` and ``limit`` (R,), as float32 sees it.
+    def select(self, rows: np.ndarray | slice) -> Group:
+        """Some of them."""
+        return Group(
+            self.scatterers.select(rows),
+            self.instance[rows],
+            self.paths.select(rows),
+            self.bound[rows],
+            self.shade[rows],
+        )
 
-        origins, directions : (3, R) float64, each coordinate one contiguous array; finite, unit
-        directions. Distances in the hits are exact and from the origin; they may lie a little outside
-        of the limits.
-        """
+    def seen(self, station: Station, ear: int) -> Strength:
+        """Their strength half way between mouth and ear."""
+        return self.scatterers.seen((station.point + station.ear[ear]) / 2)
 
-    def cast(
+
+@dataclass
+class Counts:
+    """What became of the scatterers: beyond the range, too near, not finite, hidden by wood."""
+
+    far: int = 0
+    near: int = 0
+    broken: int = 0
+    hidden: int = 0
+    late: int = 0
+
+
+@dataclass(frozen=True)
+class Found:
+    """Groups that are heard, what the others add at most (Σ of bounds), and the counts."""
+
+    groups: list[Group]
+    rest: float
+    counts: Counts
+
+
+def search(
+    targets: Targets, station: Station, band: Band, hidden: Shade | None, latest: float
+) -> Found:
+    """Find what is heard from a station.
+
+    hidden : (M,) bool of scatterers and their ways, whether wood hides them; None: nothing does.
+    latest : seconds; later echoes are cut.
+    """
+    lowest, highest = station.wavenumbers
+    sonar = station.sonar
+    blocks, far = targets.candidates(sonar, station.point, lowest, highest)
+    bound = station.ceiling(blocks)
+    order = np.argsort(-bound, kind="stable")
+    order = order[: np.count_nonzero(bound)]
+    rest = np.append(np.cumsum(bound[order][::-1])[::-1], 0.0)
+    unbounded = int(
+        np.count_nonzero(np.isinf(bound))
+    )  # blocks with something not finite come first
+    finder = _Finder(targets, station, band, hidden, latest, Counts(far=far))
+
+    opened, known, loudest = 0, GUESS * float(rest[unbounded]), LOUDEST
+    while True:
+        until = int(np.searchsorted(-rest, -0.5 * sonar.cull * known))
+        until = max(until, opened, unbounded)
+        finder.open(blocks.select(order[opened:until]))
+        opened = until
+        known = finder.least(loudest)
+        shut = float(rest[opened])
+        if shut <= 0.5 * sonar.cull * known or opened == len(order):
+            return finder.keep(sonar.cull * known - shut, shut)
+        loudest *= 4
+
+
+class _Finder:
+    """Opened blocks as groups, and how loud they are at least."""
+
+    def __init__(
         self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        max_distance: float | np.ndarray = np.inf,
-        *,
-        min_distance: float | np.ndarray = 0.0,
-        leaving: Hits | None = None,
-    ) -> Hits:
-        """The closest hit of each ray; see ``RayCaster``."""
-        origins, directions = np.asarray(origins), np.asarray(directions)
-        count = len(origins)
-        far = np.broadcast_to(np.asarray(max_distance, dtype=np.float64), count)
-        near = np.broadcast_to(np.asarray(min_distance, dtype=np.float64), count)
-        hits = Hits.misses(count)
+        targets: Targets,
+        station: Station,
+        band: Band,
+        hidden: Shade | None,
+        latest: float,
+        counts: Counts,
+    ) -> None:
+        self._targets, self._station, self._band = targets, station, band
+        self._hidden, self._latest, self._counts = hidden, latest, counts
+        sonar = station.sonar
+        self._sight = Sight(station.point, station.wavenumbers[1], sonar.max_range)
+        self._groups: list[Group] = []
+        self._checked: list[np.ndarray] = []  # (M,) of each group: whether wood was asked for
 
-        def task(part: slice) -> None:
-            left = None if leaving is None else leaving.take(part)
-            hits.put(part, self._cast(origins[part], directions[part], near[part], far[part], left))
+    def open(self, blocks: Candidates) -> None:
+        """Move the scatterers of some blocks into the world and bound each."""
+        station = self._station
+        sonar, counts = station.sonar, self._counts
+        for made, instance in self._targets.scatterers(sonar, blocks, self._sight):
+            distance = np.linalg.norm(made.centre - station.point, axis=1)
+            finite = np.isfinite(distance) & _finite(made)
+            near, far = distance < sonar.near_limit, distance > sonar.max_range
+            counts.broken += int(np.count_nonzero(~finite))
+            counts.near += int(np.count_nonzero(near & finite))
+            counts.far += int(np.count_nonzero(far & finite))
+            kept = finite & ~near & ~far
+            if station.apart:  # an ear may be nearer than the mouth
+                legs = np.linalg.norm(made.centre[None] - station.ear[:, None], axis=2)
+                kept &= legs.min(axis=0) >= 0.5 * sonar.near_limit
+            made, instance = made.select(kept), instance[kept]
+            paths = station.paths(made.centre)
+            late = paths.length.max(axis=0, initial=0.0) > self._latest * station.sound_speed
+            counts.late += int(np.count_nonzero(late))
+            bound = paths.bound(station) * made.seen(station.point).bound(*station.wavenumbers)
+            loud = ~late & (bound > 0)
+            group = Group(made, instance, paths, bound, np.ones(len(bound))).select(loud)
+            if len(group):
+                self._groups.append(group)
+                self._checked.append(np.zeros(len(group), dtype=bool))
 
-        self._run(task, [slice(first, first + TASK) for first in range(0, count, TASK)])
-        return hits
+    def least(self, count: int) -> float:
+        """Σ|A| of the ``count`` loudest, by their bounds: no more than Σ|A| of all."""
+        if not self._groups:
+            return 0.0
+        bounds = np.concatenate([group.bound for group in self._groups])
+        limit = np.partition(bounds, -count)[-count] if count < len(bounds) else 0.0
+        total = 0.0
+        for number in range(len(self._groups)):
+            rows = np.flatnonzero(self._groups[number].bound >= limit)
+            self._look(number, rows)
+            group = self._groups[number].select(rows)
+            lit = group.select(group.shade > 0)
+            total += float(mean_amplitude(lit, self._station, self._band).sum())
+        return CAUTION * total
 
-    def occluded(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        max_distance: float | np.ndarray = np.inf,
-        *,
-        min_distance: float | np.ndarray = 0.0,
-        leaving: Hits | None = None,
-    ) -> np.ndarray:
-        """Whether anything is hit; see ``RayCaster``."""
-        return self.cast(
-            origins, directions, max_distance, min_distance=min_distance, leaving=leaving
-        ).found
+    def keep(self, budget: float, shut: float) -> Found:
+        """All but the weakest, whose bounds add up to at most ``budget``."""
+        bounds = np.concatenate([group.bound for group in self._groups] or [np.empty(0)])
+        ascending = np.sort(bounds)
+        sums = np.cumsum(ascending)
+        dropped = int(np.searchsorted(sums, budget, side="right"))
+        limit = ascending[dropped] if dropped < len(bounds) else np.inf
+        kept, left_out = [], 0.0
+        for number in range(len(self._groups)):
+            rows = np.flatnonzero(self._groups[number].bound >= limit)
+            self._look(number, rows)
+            group = self._groups[number]
+            left_out += float(group.bound.sum() - group.bound[rows].sum())
+            group = group.select(rows)
+            self._counts.hidden += int(np.count_nonzero(group.shade == 0))
+            kept.append(group.select(group.shade > 0))
+        rest = shut + max(left_out, 0.0) if dropped or shut else 0.0
+        return Found(merged(kept), rest, self._counts)
 
-    def _run(self, task: Callable[[slice], None], parts: list[slice]) -> None:
-        if self.threads == 1 or len(parts) < 2:
-            for part in parts:
-                task(part)
+    def _look(self, number: int, rows: np.ndarray) -> None:
+        """Ask wood for rows of a group that have not been asked for."""
+        if self._hidden is None:
             return
-        with ThreadPoolExecutor(self.threads) as pool:
-            list(pool.map(task, parts))
-
-    def _cast(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        near: np.ndarray,
-        far: np.ndarray,
-        leaving: Hits | None,
-    ) -> Hits:
-        """One task."""
-        origins = np.array(origins.T, dtype=np.float64, order="C")
-        directions = unit_columns(directions.T)
-        left = Hits.misses(len(near)) if leaving is None else leaving
-        start = near - MARGIN if leaving is None else np.where(left.found, near, near - MARGIN)
-        hits = Hits.misses(len(near))
-        valid = np.isfinite(origins.sum(axis=0) + directions.sum(axis=0)) & (near <= far)
-        rays = np.flatnonzero(valid)
-        step = STEP
-        while len(rays):
-            hits.put(rays, self._nearest(*_taken(rays, origins, directions, start, far)))
-            refused = _refused(hits.take(rays), near[rays], left.take(rays))
-            rays = rays[refused]
-            start[rays] = np.maximum(start[rays], hits.distance[rays]) + step
-            step *= 2.0
-        hits.put(hits.distance > far, Hits.misses(1))
-        return hits
+        group, checked = self._groups[number], self._checked[number]
+        rows = rows[~checked[rows]]
+        if len(rows):
+            some = group.select(rows)
+            group.shade[rows] = ~self._hidden(some.scatterers, some.paths)
+            checked[rows] = True
 
 
-def _taken(rays: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Some rays of arrays (..., R); no copies where they are all."""
-    if len(rays) == arrays[0].shape[-1]:
-        return arrays
-    return tuple(np.ascontiguousarray(array[..., rays]) for array in arrays)
+def mean_amplitude(group: Group, station: Station, band: Band) -> np.ndarray:
+    """(M,) mean |A| over the band (Hann) at the first ear, on the band's own few frequencies."""
+    frequency, weight = band.sample()
+    k = 2.0 * np.pi * frequency / station.sound_speed
+    size = np.abs(group.seen(station, 0).amplitude(k)) * group.paths.gain(station, 0, frequency)
+    return group.shade * (weight @ size)
 
 
-def _refused(hits: Hits, near: np.ndarray, left: Hits) -> np.ndarray:
-    """(R,) bool: what does not count, being too near or the triangle that the ray leaves."""
-    refused: np.ndarray = hits.distance < near
-    if left.found.any():
-        same = (hits.instance == left.instance) & (hits.triangle == left.triangle)
-        refused |= left.found & hits.found & (same | (hits.distance <= near))
-    return refused
+def merged(groups: list[Group]) -> list[Group]:
+    """Groups of the same kind as one."""
+    kinds: dict[type, list[Group]] = {}
+    for group in groups:
+        if len(group):
+            kinds.setdefault(type(group.scatterers), []).append(group)
+    return [_join(some) for some in kinds.values()]
+
+
+def _join(groups: list[Group]) -> Group:
+    if len(groups) == 1:
+        return groups[0]
+    first = groups[0].scatterers
+    columns = {}
+    for name, value in vars(first).items():
+        parts = [getattr(group.scatterers, name) for group in groups]
+        columns[name] = np.concatenate(parts) if isinstance(value, np.ndarray) else value
+    paths = [group.paths for group in groups]
+    return Group(
+        replace(first, **columns),  # type: ignore[type-var]
+        np.concatenate([group.instance for group in groups]),
+        Paths(
+            np.concatenate([p.direction for p in paths]),
+            np.concatenate([p.distance for p in paths]),
+            np.concatenate([p.leg for p in paths], axis=1),
+            np.concatenate([p.emitted for p in paths], axis=1),
+            np.concatenate([p.heard for p in paths], axis=2),
+        ),
+        np.concatenate([group.bound for group in groups]),
+        np.concatenate([group.shade for group in groups]),
+    )
+
+
+def _finite(made: Scatterers) -> np.ndarray:
+    """(M,) whether every number of each is finite."""
+    finite = np.ones(len(made), dtype=bool)
+    for value in vars(made).values():
+        if isinstance(value, np.ndarray) and value.dtype.kind == "f":
+            finite &= np.isfinite(value.reshape(len(value), -1)).all(axis=1)
+    return finite

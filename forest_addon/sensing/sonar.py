@@ -1,22 +1,21 @@
-"""A ping at foliage: the echo of all leaves, as a bat-like sonar hears it (T20).
+"""A ping at a scene: the echo of leaves, wood and ground, as a bat-like sonar hears it (T20).
 
-Leaf discs go in; the echo's spectrum and impulse response come out. With f_i the leaf's scattering
-amplitude (``acoustics/disc``), S the beam, once for sending and once for hearing, b the absorption of
-the air and r_i the distance,
+What sounds back (``targets``) goes in; the echo's spectrum and impulse response at every ear come out.
+With f_i the scattering amplitude, S the beams of call and ear, b the absorption of the air, r_t and r_e
+the distances from mouth and to ear,
 
-    Y(f) = Σ_i S_i²·f_i(k)/r_i²·e^{-2b(f)r_i}·e^{-i2kr_i}
+    Y(f) = Σ_i S_emit·S_hear·f_i(k)/(r_t·r_e)·e^{-b(f)(r_t + r_e)}·e^{-ik(r_t + r_e)}
 
 is the echo's pressure relative to the sent one at 1 m on the axis; S·L·λ/(2πr²) of T20 is the same.
 
 The impulse response is the echo of a call whose spectrum is a Hann window over the band and whose
 envelope at 1 m on the axis has the peak 1. So a leaf gives a pulse at 2r/c with the height of its |A|,
-averaged over the band. The record reaches past the farthest leaf that is heard, and past the pulse's
-tails (``TAILS``): nothing wraps around.
+averaged over the band. The record reaches past the farthest that is heard, and past the pulse's tails:
+nothing wraps around. ``Echo.waveform`` is the echo of the sonar's own call.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -24,211 +23,208 @@ import numpy as np
 from scipy import fft
 
 from ..spec import Air, Sonar
+from .bands import Band, Grid, grid_of
 from .discs import LeafDiscs, leaf_discs
-from .foliage import Grid, Scatterers, amplitudes, audible, sum_echoes
+from .doppler import shifted_sum, widened
+from .poses import Pose, posed
 from .rays import RayCaster
+from .search import Group, search
+from .shading import Extinction, behind_wood
+from .station import Equipment, Station
+from .summation import sum_echoes
+from .targets import Targets
 
-__all__ = ["Echo", "LeafDiscs", "leaf_discs", "ping"]
+__all__ = ["Contributions", "Echo", "LeafDiscs", "Targets", "leaf_discs", "ping"]
 
 Progress = Callable[[int, int], None]
 
-# What became of a leaf.
-HEARD, WEAK, HIDDEN, NEAR, FAR, BROKEN = range(6)
 
-TAILS = (
-    64.0  # pulse tails in periods of the bandwidth: the Hann pulse has fallen to 1/(π·64³) = 1e-6
-)
-MARGIN = 1e-3  # m; wood so close before a leaf is what it grows on
-LEAVES_AT_ONCE = 1024  # in the search for the loudest
-COARSE = 33  # frequencies of that search
-MOST_SAMPLES = 2**27
+@dataclass(frozen=True)
+class Contributions:
+    """What M scatterers add, the loudest first.
+
+    kind : (M,) text, "leaf", "wood" or "facet". instance, tree, number : (M,) int64, of the scene, the
+    stand (-1 where none) and the mesh. position : (M, 3) metres. distance : (M,) metres from the mouth.
+    delay : (M,) s at the first ear. amplitude : (M,) mean |A| over the band (Hann).
+    """
+
+    kind: np.ndarray
+    instance: np.ndarray
+    tree: np.ndarray
+    number: np.ndarray
+    position: np.ndarray
+    distance: np.ndarray
+    delay: np.ndarray
+    amplitude: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.amplitude)
+
+    def around(self, time: float, sample_rate: float) -> np.ndarray:
+        """Rows whose echo lies within a sample of ``time`` s, the loudest first."""
+        return np.flatnonzero(np.abs(self.delay - time) <= 1.0 / sample_rate)
 
 
 @dataclass(frozen=True)
 class Echo:
     """The echo of one ping; pressures are relative to what was sent, at 1 m on the axis.
 
-    frequency : (K,) Hz, the band. spectrum : (K,) complex, the transfer function, not windowed.
-    time : (N,) s after the call. impulse_response : (N,). envelope : (N,) of its analytic signal.
-    fate : (L,) int8 of each leaf: ``HEARD``; ``WEAK``, left out because it adds next to nothing;
-    ``HIDDEN`` by wood; ``NEAR`` or ``FAR``, outside the limits of range; ``BROKEN``, not finite.
-    amplitude : (L,) mean |A| over the band (Hann) of each leaf that is heard, else 0.
-    cull_bound : all weak leaves together add at most this share of Σ|A| of those heard, at every
-    frequency of the band.
+    frequency : (K,) Hz, the band. spectra : (E, K) complex, the transfer function, not windowed.
+    time : (N,) s after the call. responses : (E, N) of the band's pulse. envelopes : (E, N) of their
+    analytic signals. waveforms : (E, N) of the sonar's call; those of a pulse are the responses.
+    heard : what is in the sum. leaves, others : how many leaves, and cylinders and facets before they are
+    cut, the scene has of the kinds that sound. near, far, broken, hidden, late : scatterers outside the
+    limits of range, not finite, behind wood, after the end of the record.
+    cull_bound : all that is left out as too weak adds at most this share of Σ|A| of what is heard.
     """
 
     frequency: np.ndarray
-    spectrum: np.ndarray
+    spectra: np.ndarray
     time: np.ndarray
-    impulse_response: np.ndarray
-    envelope: np.ndarray
-    fate: np.ndarray
-    amplitude: np.ndarray
+    responses: np.ndarray
+    envelopes: np.ndarray
+    waveforms: np.ndarray
+    heard: Contributions
+    leaves: int
+    others: int
+    near: int
+    far: int
+    broken: int
+    hidden: int
+    late: int
     cull_bound: float
     sound_speed: float
     sample_rate: float
+    pose: Pose
 
     @property
-    def leaves(self) -> int:
-        """How many leaves the scene has."""
-        return len(self.fate)
+    def spectrum(self) -> np.ndarray:
+        """(K,) at the first ear."""
+        first: np.ndarray = self.spectra[0]
+        return first
 
     @property
-    def heard(self) -> np.ndarray:
-        """(L,) bool, whether a leaf is in the sum."""
-        mask: np.ndarray = self.fate == HEARD
-        return mask
+    def impulse_response(self) -> np.ndarray:
+        """(N,) at the first ear."""
+        first: np.ndarray = self.responses[0]
+        return first
 
     @property
-    def weak(self) -> int:
-        """How many leaves were left out because they add next to nothing."""
-        return int(np.count_nonzero(self.fate == WEAK))
+    def envelope(self) -> np.ndarray:
+        """(N,) at the first ear."""
+        first: np.ndarray = self.envelopes[0]
+        return first
 
     @property
-    def hidden(self) -> int:
-        """How many leaves wood hides."""
-        return int(np.count_nonzero(self.fate == HIDDEN))
-
-    @property
-    def near(self) -> int:
-        """How many leaves are nearer than the near limit."""
-        return int(np.count_nonzero(self.fate == NEAR))
-
-    @property
-    def far(self) -> int:
-        """How many leaves are beyond the range."""
-        return int(np.count_nonzero(self.fate == FAR))
-
-    @property
-    def broken(self) -> int:
-        """How many leaves have coordinates that are not finite."""
-        return int(np.count_nonzero(self.fate == BROKEN))
+    def leaves_heard(self) -> int:
+        """How many leaves are in the sum."""
+        return int(np.count_nonzero(self.heard.kind == "leaf"))
 
 
 def ping(
-    discs: LeafDiscs,
+    targets: Targets | LeafDiscs,
     sonar: Sonar,
     air: Air,
     wood: RayCaster | None = None,
     progress: Progress | None = None,
+    *,
+    pose: Pose | None = None,
+    equipment: Equipment | None = None,
+    everything: RayCaster | None = None,
 ) -> Echo:
-    """Send one ping and sum the echo of every leaf.
+    """Send one ping and sum the echo of all that sounds.
 
-    wood : what hides leaves if ``sonar.shading`` is "trunks"; None: nothing does.
-    progress : called as progress(leaves done, all leaves).
+    wood : what hides scatterers where ``sonar.shading`` has "trunks"; None: nothing does.
+    progress : called as progress(scatterers done, all of them).
+    pose : where the sonar is, in place of the one its settings say.
+    equipment : beams and call; needed where the settings name files.
+    everything : rays that meet leaves, needed where ``sonar.shading`` has "extinction".
 
     Raises
     ------
-    ValueError : the record would be longer than memory; the sentence says what to change.
+    ValueError : the record would be longer than memory, or something needed is not given; the sentence
+        says what to change.
     """
-    fate = _ranged(discs, sonar)
-    low, high = sonar.band
-    coarse = Grid.of(low, (high - low) / (COARSE - 1), COARSE, sonar, air)
-    leaves = audible(discs, np.flatnonzero(fate == HEARD), sonar, coarse)
-    fate[leaves.row] = WEAK
-    leaves = leaves.select(slice(np.count_nonzero(leaves.bound)))  # loudest first: 0 is at the end
-    search = _Search(leaves, coarse, sonar, wood if sonar.shading == "trunks" else None)
-    share = sonar.cull
-    while True:
-        loudest = search.take(share)
-        grid, window, length, samples = _record(loudest, sonar, air)
-        spectrum, whole, mean = sum_echoes(loudest, grid, sonar.leaf_model, window, progress)
-        if search.rest <= sonar.cull * whole.min():
-            break
-        # Between the coarse frequencies Σ|A| is smaller than at them: ask for a smaller rest.
-        share = 0.9 * sonar.cull * whole.min() / search.whole.min()
+    if isinstance(targets, LeafDiscs):
+        targets = Targets.of_discs(targets)
+    station = Station(sonar, air, pose or posed(sonar), equipment or Equipment.of(sonar))
+    call = station.equipment.call
+    band, rate = Band(*sonar.band), sonar.sample_rate
+    hidden = behind_wood(wood, station.point) if wood and "trunks" in sonar.shading else None
+    found = search(targets, station, band, hidden, sonar.record or np.inf)
+    if "extinction" in sonar.shading:
+        if everything is None:
+            raise ValueError("shading by extinction needs rays that meet leaves; give a caster")
+        found = Extinction(everything, station).shade(found)
+    latest = max((float(g.paths.length.max()) for g in found.groups), default=0.0)
+    lasts = call.duration if call else 0.0
+    moving = float(np.linalg.norm(station.pose.velocity)) if call and sonar.doppler else 0.0
+    wide = widened(band, moving, station.sound_speed) if moving else band
+    grid = grid_of(wide, rate, latest / station.sound_speed, sonar.record, lasts)
+    spectra, mean = sum_echoes(found.groups, station, wide, grid, sonar.tolerance, progress)
 
-    fate[leaves.row[: search.taken]] = np.where(search.visible[: search.taken], HEARD, HIDDEN)
-    amplitude = np.zeros(len(discs))
-    amplitude[loudest.row] = mean
-
-    analytic = np.zeros(length, dtype=np.complex128)
-    first = round(grid.start / grid.spacing)
-    analytic[first : first + grid.count] = spectrum * window
-    analytic = fft.ifft(analytic, overwrite_x=True)[:samples] * (length / window.sum())
+    window = band.window(grid.frequency)
+    analytic = _in_time(spectra * window, grid, grid.length / window.sum())
+    waveforms = np.ascontiguousarray(analytic.real)
+    responses = waveforms
+    if call is not None:
+        sent = call.spectrum(grid.frequency)
+        if moving:
+            called = shifted_sum(found.groups, station, wide, grid, sonar.tolerance, call)
+        else:
+            called = spectra * sent
+        waveforms = _in_time(called, grid, 2.0).real
+    heard, whole = _contributions(found.groups, mean, station, targets)
+    counts = found.counts
     return Echo(
         frequency=grid.frequency,
-        spectrum=spectrum,
-        time=np.arange(samples) / sonar.sample_rate,
-        impulse_response=np.ascontiguousarray(analytic.real),
-        envelope=np.abs(analytic),
-        fate=fate,
-        amplitude=amplitude,
-        cull_bound=search.rest / float(whole.min()) if search.rest > 0 else 0.0,
-        sound_speed=grid.sound_speed,
-        sample_rate=sonar.sample_rate,
+        spectra=spectra,
+        time=np.arange(grid.samples) / rate,
+        responses=responses,
+        envelopes=np.abs(analytic),
+        waveforms=waveforms,
+        heard=heard,
+        leaves=targets.total(sonar, "leaf"),
+        others=targets.total(sonar) - targets.total(sonar, "leaf"),
+        **vars(counts),
+        cull_bound=found.rest / whole if found.rest > 0 else 0.0,
+        sound_speed=station.sound_speed,
+        sample_rate=rate,
+        pose=station.pose,
     )
 
 
-def _ranged(discs: LeafDiscs, sonar: Sonar) -> np.ndarray:
-    """(L,) int8: ``NEAR``, ``FAR``, ``BROKEN``, else ``HEARD`` for now."""
-    distance = np.linalg.norm(discs.centre - np.asarray(sonar.position), axis=1)
-    fate = np.full(len(discs), HEARD, dtype=np.int8)
-    fate[distance < sonar.near_limit] = NEAR
-    fate[distance > sonar.max_range] = FAR
-    sound = (
-        np.isfinite(distance) & np.isfinite(discs.radius) & np.isfinite(discs.normal).all(axis=1)
-    )
-    fate[~sound] = BROKEN
-    return fate
+def _in_time(spectra: np.ndarray, grid: Grid, scale: float) -> np.ndarray:
+    """(E, N) analytic signals of one-sided spectra (E, K): scale·(1/length)·Σ_k."""
+    if grid.count == 1:
+        turns = grid.start / grid.spacing * np.arange(grid.samples)
+        tone: np.ndarray = spectra * np.exp(2j * np.pi * np.remainder(turns, 1.0))
+        return tone
+    analytic = np.zeros((len(spectra), grid.length), dtype=np.complex128)
+    first = round(grid.start / grid.spacing)
+    analytic[:, first : first + grid.count] = spectra
+    return fft.ifft(analytic, axis=1, overwrite_x=True)[:, : grid.samples] * scale
 
 
-class _Search:
-    """Takes leaves in order of their bounds until those not taken can add next to nothing.
-
-    taken : how many. visible : (M,) which of them wood does not hide. rest : sum of the bounds of those
-    not taken. whole : (COARSE,) Σ|A| of the visible ones.
-    """
-
-    def __init__(
-        self, leaves: Scatterers, coarse: Grid, sonar: Sonar, wood: RayCaster | None
-    ) -> None:
-        self._leaves, self._coarse, self._wood = leaves, coarse, wood
-        self._position, self._model = np.asarray(sonar.position, np.float64), sonar.leaf_model
-        self._rest = np.append(np.cumsum(leaves.bound[::-1])[::-1], 0.0)
-        self.taken = 0
-        self.visible = np.zeros(len(leaves), dtype=bool)
-        self.whole = np.zeros(coarse.count)
-
-    @property
-    def rest(self) -> float:
-        return float(self._rest[self.taken])
-
-    def take(self, share: float) -> Scatterers:
-        """The visible ones so far, when ``rest`` is at most ``share`` of Σ|A| at its least."""
-        while self.rest > share * self.whole.min():
-            rows = slice(self.taken, min(self.taken + LEAVES_AT_ONCE, len(self._leaves)))
-            leaves = self._leaves.select(rows)
-            self.visible[rows] = self._seen(leaves)
-            sizes = np.abs(amplitudes(leaves.select(self.visible[rows]), self._coarse, self._model))
-            self.whole += sizes.sum(axis=1)
-            self.taken = rows.stop
-        return self._leaves.select(np.flatnonzero(self.visible[: self.taken]))
-
-    def _seen(self, leaves: Scatterers) -> np.ndarray:
-        if self._wood is None:
-            return np.ones(len(leaves), dtype=bool)
-        origins = np.broadcast_to(self._position, (len(leaves), 3))
-        reach = np.maximum(leaves.distance - MARGIN, 0.0)
-        return ~self._wood.occluded(origins, leaves.direction, reach)
-
-
-def _record(leaves: Scatterers, sonar: Sonar, air: Air) -> tuple[Grid, np.ndarray, int, int]:
-    """The band's frequencies for a record that holds these leaves, their Hann window (K,), the length
-    of the transform, and how many of its samples are the record (the rest is time before the call)."""
-    low, high = sonar.band
-    rate = sonar.sample_rate
-    tail = TAILS / (high - low)
-    farthest = 2.0 * float(leaves.distance.max(initial=0.0)) / air.speed()
-    needed = (farthest + 2.0 * tail) * rate
-    if needed > MOST_SAMPLES:
-        raise ValueError(
-            f"the echo would have {needed:.2g} samples; "
-            "widen the band, or lower max_range or sample_rate"
-        )
-    length = fft.next_fast_len(math.ceil(needed))
-    spacing = rate / length
-    first, last = math.ceil(low / spacing), math.floor(high / spacing)
-    grid = Grid.of(first * spacing, spacing, last - first + 1, sonar, air)
-    window = 0.5 - 0.5 * np.cos(2.0 * math.pi * (grid.frequency - low) / (high - low))
-    return grid, window, length, math.ceil((farthest + tail) * rate)
+def _contributions(
+    groups: list[Group], mean: list[np.ndarray], station: Station, targets: Targets
+) -> tuple[Contributions, float]:
+    """What each adds, loudest first, and Σ|A|."""
+    if not groups:
+        none, whole = np.empty(0), np.empty(0, np.int64)
+        empty = np.empty(0, "U5")
+        return Contributions(empty, whole, whole, whole, np.empty((0, 3)), none, none, none), 0.0
+    amplitude = np.concatenate(mean)
+    order = np.argsort(-amplitude, kind="stable")
+    instance = np.concatenate([g.instance for g in groups])[order]
+    legs = np.concatenate([g.paths.length[0] for g in groups])[order]
+    return Contributions(
+        kind=np.repeat([g.scatterers.kind for g in groups], [len(g) for g in groups])[order],
+        instance=instance,
+        tree=targets.scene.tree[instance],
+        number=np.concatenate([g.scatterers.number for g in groups])[order],
+        position=np.concatenate([g.scatterers.centre for g in groups])[order],
+        distance=np.concatenate([g.paths.distance for g in groups])[order],
+        delay=legs / station.sound_speed,
+        amplitude=amplitude[order],
+    ), float(amplitude.sum())

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -122,19 +124,22 @@ class FOREST_OT_run(Working, bpy.types.Operator):
 
         rays = to_spec(context.scene, []).rays
         observer = Observer.of(context.evaluated_depsgraph_get(), rays)
+        home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
         sentence = ""
         for thing in things:
             started = time.perf_counter()
             settings = to_spec(context.scene, [thing])
             (sensor,) = settings.sensors
-            found = yield Task(
-                f"{thing.name}{number}",
-                lambda tell, one=sensor, scene=settings: observer.observe(one, scene, tell),
-            )
+            observe = partial(observer.observe, sensor, settings, folder=home)
+            way = observer.way(sensor, home)
+            found = yield Task(f"{thing.name}{number}", partial(observe, way=way))
             sentence = keep_finding(context, thing, sensor, found, time.perf_counter() - started)
             if folder is not None:
                 try:
-                    path = save_finding(context, folder, thing.name, sensor.name + number, found)
+                    numbered = replace(sensor, name=sensor.name + number)
+                    path = save_finding(
+                        context, folder, thing.name, numbered, found, settings.offset
+                    )
                     sentence = f"{sentence}, saved as {path}"
                 except (OSError, ImportError) as problem:
                     self.report({"WARNING"}, f"Not saved: {in_words(problem)}")

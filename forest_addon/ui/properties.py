@@ -51,6 +51,7 @@ PARTS = {
     "azimuth_deg": ("from", "to"),
     "elevation_deg": ("from", "to"),
     "beam_width_deg": ("width", "height"),
+    "hearing_width_deg": ("width", "height"),
     "band": ("low", "high"),
     "field_deg": ("from", "to"),
     "divergence_mrad": ("sweep", "across"),
@@ -60,6 +61,7 @@ PARTS = {
 }
 LABELS = {
     "beam_width_deg": "Beam (°)",
+    "hearing_width_deg": "Hearing (°)",
     "temperature_c": "Temp. (°C)",
     "density": "Trees/m²",
     "painted_value": "Painted (/m²)",

@@ -16,6 +16,7 @@ from ..blender.layout import RESULTS, part
 from ..growth.trimesh import GROUND, LEAF, WOOD
 from ..sensing import metrics
 from ..sensing.cloud import Cloud
+from ..sensing.flight import Flight
 from ..sensing.reverb import ImpulseResponse
 from ..sensing.sonar import Echo
 from ..sensing.tractor import TractorScan, to_cloud
@@ -39,7 +40,7 @@ def keep_finding(
     context: bpy.types.Context,
     thing: bpy.types.Object,
     sensor: Sensor,
-    found: TractorScan | Cloud | Echo | ImpulseResponse,
+    found: TractorScan | Cloud | Echo | Flight | ImpulseResponse,
     seconds: float,
 ) -> str:
     """Show, note and draw what a sensor found. Returns the key figures in a sentence."""
@@ -54,16 +55,21 @@ def keep_finding(
         select(context, points)
         result.shown = points.name
     else:
-        signal = found.envelope if isinstance(found, Echo) else found.samples
+        signal, rate = _signal(found)
         result.picture, drawn = draw_level(f"Forest {sensor.name}", signal)
-        result.caption = f"{1e3 * drawn / found.sample_rate:.0f} ms, {-FLOOR_DB:.0f} dB"
+        result.caption = f"{1e3 * drawn / rate:.0f} ms, {-FLOOR_DB:.0f} dB"
     return f"{sentence} in {seconds:.1f} s"
 
 
 def save_finding(
-    context: bpy.types.Context, folder: Path, sensor: str, name: str, found: Any
+    context: bpy.types.Context,
+    folder: Path,
+    name: str,
+    sensor: Sensor,
+    found: Any,
+    offset: tuple[float, float, float],
 ) -> Path:
-    """Write a result to a folder under a name and note the file in the panel.
+    """Write a result to a folder and note the file in the panel, at the result of this name.
 
     Raises
     ------
@@ -73,8 +79,8 @@ def save_finding(
         write_finding,  # brings in laspy, which showing a result does not need
     )
 
-    path = write_finding(folder, name, found)
-    context.scene.forest_sensing.results[sensor].file = str(path)
+    path = write_finding(folder, sensor, found, offset)[0]
+    context.scene.forest_sensing.results[name].file = str(path)
     return path
 
 
@@ -112,7 +118,7 @@ def forest_figures(forest: Forest) -> Figures:
     return figures
 
 
-def figures_of(found: TractorScan | Cloud | Echo | ImpulseResponse) -> tuple[Figures, str]:
+def figures_of(found: TractorScan | Cloud | Echo | Flight | ImpulseResponse) -> tuple[Figures, str]:
     """The key figures of a result, and the most telling of them in a few words."""
     if isinstance(found, TractorScan):
         hits = int(np.count_nonzero(found.organ >= 0))
@@ -123,7 +129,24 @@ def figures_of(found: TractorScan | Cloud | Echo | ImpulseResponse) -> tuple[Fig
         points = f"{len(found.position):,}"
         figures = {"Beams": f"{found.pulses:,}", "Points": points, "Trees Seen": f"{len(seen):,}"}
         return figures | _organs(found.returns.organ, found.engine), f"{points} points"
-    return _echo_figures(found) if isinstance(found, Echo) else _reverb_figures(found)
+    if isinstance(found, ImpulseResponse):
+        return _reverb_figures(found)
+    if isinstance(found, Flight):
+        loudest = max(found.echoes, key=lambda echo: float(echo.envelope.max(initial=0.0)))
+        figures, sentence = _echo_figures(loudest)
+        return {
+            "Pings": f"{len(found):,}"
+        } | figures, f"{len(found):,} pings, the loudest: {sentence}"
+    return _echo_figures(found)
+
+
+def _signal(found: Echo | Flight | ImpulseResponse) -> tuple[np.ndarray, float]:
+    """What is drawn of a sound, and its sampling rate: of a flight, one ping after the other."""
+    if isinstance(found, ImpulseResponse):
+        return found.samples, found.sample_rate
+    if isinstance(found, Flight):
+        return found.stacked("envelopes")[:, 0].ravel(), found.echoes[0].sample_rate
+    return found.envelope, found.sample_rate
 
 
 def _organs(organ: np.ndarray, engine: str) -> Figures:
@@ -135,11 +158,11 @@ def _organs(organ: np.ndarray, engine: str) -> Figures:
 
 
 def _echo_figures(echo: Echo) -> tuple[Figures, str]:
-    heard = int(np.count_nonzero(echo.heard))
+    heard = echo.leaves_heard
     figures = {"Leaves Heard": f"{heard:,} of {echo.leaves:,}", "Behind Wood": f"{echo.hidden:,}"}
     peak = int(np.argmax(echo.envelope)) if np.any(echo.envelope) else None
     if peak is None:
-        return figures | {"Level": "silence"}, "silence: no leaf in the beam"
+        return figures | {"Level": "silence"}, "silence: nothing in the beam"
     figures["Strongest"] = f"{echo.time[peak] * echo.sound_speed / 2:.2f} m away"
     figures["Level"] = f"{20 * np.log10(echo.envelope[peak]):.1f} dB re 1 m"
     return figures, f"{heard:,} leaves heard"

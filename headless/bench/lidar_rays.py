@@ -23,8 +23,8 @@ from forest_addon.growth.tree import grow
 from forest_addon.growth.trimesh import TriMesh
 from forest_addon.rng import stream
 from forest_addon.sensing.geometry import SceneGeometry
+from forest_addon.sensing.ray_search import Search
 from forest_addon.sensing.rays import Hits
-from forest_addon.sensing.search import Search
 
 from . import Say, median_seconds, table
 from .exact_rays import cast_exactly

@@ -1,4 +1,4 @@
-"""Leaf scattering: closed forms, the Kirchhoff integral by quadrature, and limits."""
+"""Leaf scattering: closed forms, the Kirchhoff integral by quadrature, limits and bounds."""
 
 from __future__ import annotations
 
@@ -10,15 +10,20 @@ from references.echo_direct import scattering_direct
 from scipy import integrate
 
 from forest_addon.acoustics.disc import (
+    BISTATIC,
+    HANDOVER,
     MODELS,
     amplitude_bound,
     backscatter,
     backscatter_amplitude,
     jinc,
+    scattering_amplitude,
 )
+from forest_addon.acoustics.disc_exact import HardDisc
+from forest_addon.acoustics.disc_table import LAST
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", ["paper", "piston"])
 def test_scalar_reference(model: str) -> None:
     for ka in (0.0, 1e-3, 0.3, 1.0, 5.0, 28.3, 90.0):
         for incidence in (0.0, 0.02, 0.7, 1.3, math.pi / 2):
@@ -67,7 +72,8 @@ def test_paper_fit() -> None:
 
 
 def test_large_discs_agree_face_on() -> None:
-    for ka in (10.0, 40.0):
+    for ka in (10.0, 40.0, 124.0, 300.0):
+        assert backscatter(ka, 0.0, "exact") == pytest.approx(ka**2 / 2, rel=0.02)
         assert backscatter(ka, 0.0, "piston") == pytest.approx(ka**2 / 2)
         assert backscatter(ka, 0.0, "paper") == pytest.approx(ka**2 / 2, rel=0.02)
 
@@ -104,7 +110,7 @@ def test_jinc() -> None:
 def test_bound_holds_over_the_band(model: str) -> None:
     rng = np.random.default_rng(1)
     radius, angle = rng.uniform(0, 0.1, 500), rng.uniform(0, math.pi / 2, 500)
-    for lowest, highest in ((1.0, 3000.0), (1100.0, 1480.0), (1.0, 10.0)):
+    for lowest, highest in ((1.0, 3000.0), (1100.0, 1480.0), (1.0, 10.0), (900.0, 4000.0)):
         k = np.linspace(lowest, highest, 300)[:, None]
         size = backscatter(k * radius, angle, model) / k
         bound = amplitude_bound(lowest, highest, radius, angle, model)
@@ -113,7 +119,89 @@ def test_bound_holds_over_the_band(model: str) -> None:
 
 
 def test_unknown_model() -> None:
-    with pytest.raises(
-        ValueError, match='leaf model "mirror" is not known; use one of "piston", "paper"'
-    ):
+    known = 'leaf model "mirror" is not known; use one of "paper", "piston", "exact"'
+    with pytest.raises(ValueError, match=known):
         backscatter(1.0, 0.0, "mirror")
+    with pytest.raises(ValueError, match=known):
+        amplitude_bound(1.0, 2.0, np.ones(1), np.zeros(1), "mirror")
+    with pytest.raises(ValueError, match='"paper" is not known; use one of "piston", "exact"'):
+        scattering_amplitude(1.0, 0.0, 0.0, 0.0, "paper")
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_bound_is_close(model: str) -> None:
+    """Over a band it is the largest value in it; a spline's coefficients are somewhat larger than it."""
+    rng = np.random.default_rng(2)
+    radius, angle = rng.uniform(0.005, 0.08, 500), rng.uniform(0, math.pi / 2 - 0.1, 500)
+    k = np.linspace(1100.0, 1480.0, 400)[:, None]
+    size = (backscatter(k * radius, angle, model) / k).max(axis=0)
+    ratio = size / amplitude_bound(1100.0, 1480.0, radius, angle, model)
+    assert np.median(ratio) > (0.85 if model == "exact" else 0.999)
+    assert ratio.min() > (0.5 if model == "exact" else 0.99)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_bound_at_normal_incidence_holds_for_smaller_and_turned_discs(model: str) -> None:
+    rng = np.random.default_rng(3)
+    for largest in (1e-4, 0.003, 0.02, 0.12):
+        radius, angle = rng.uniform(0, largest, 2000), rng.uniform(0, math.pi / 2, 2000)
+        bound = amplitude_bound(1100.0, 1480.0, largest, 0.0, model)
+        for k in (1100.0, 1290.0, 1480.0):
+            assert (backscatter(k * radius, angle, model) / k <= bound * (1 + 1e-12)).all()
+
+
+def test_beyond_the_table() -> None:
+    """Large discs: optics and edge, and no step where the table ends."""
+    angle = np.linspace(0, math.pi / 2, 300)
+    for ka, largest in ((LAST - 1, 1e-3), (LAST, 1e-3), (200.0, 5e-4)):
+        error = np.abs(backscatter_amplitude(ka, angle) - HardDisc(ka).backscatter(angle))
+        assert error.max() < largest * ka**2 / 2
+    for edge in (HANDOVER, LAST):
+        below, above = (
+            backscatter_amplitude(ka, angle)
+            for ka in (np.nextafter(edge, 0), np.nextafter(edge, 999))
+        )
+        assert np.abs(above - below).max() < 1e-6 * edge**2 / 2
+
+
+@pytest.mark.parametrize("model", BISTATIC)
+def test_bistatic_holds_the_monostatic(model: str) -> None:
+    ka, angle = np.array([0.3, 4.0, 25.0])[:, None], np.linspace(0.01, 1.5, 9)
+    both = scattering_amplitude(ka, angle, angle, 0.0, model)
+    error = np.abs(both - backscatter_amplitude(ka, angle, model))
+    assert (error < 1e-5 * backscatter(ka, 0.0)).all()
+
+
+def test_bistatic_piston_is_the_kirchhoff_integral() -> None:
+    ka, incidence, scattered, azimuth = 6.0, 0.5, 1.1, 2.2
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    rho, turn = 0.5 * (nodes + 1), 2 * math.pi * np.arange(80) / 80
+    x, y = rho[:, None] * np.cos(turn), rho[:, None] * np.sin(turn)
+    phase = x * math.sin(incidence) + math.sin(scattered) * (
+        x * math.cos(azimuth) + y * math.sin(azimuth)
+    )
+    integral = (0.5 * weights * rho) @ np.exp(1j * ka * phase).sum(axis=1) * 2 * math.pi / 80
+    expected = 1j * ka**2 * math.cos(scattered) / (2 * math.pi) * integral
+    value = scattering_amplitude(ka, incidence, scattered, azimuth, "piston")
+    assert value == pytest.approx(expected, abs=1e-10)
+    # The other face is lit: what was ahead is now behind.
+    turned = scattering_amplitude(ka, math.pi - incidence, scattered, azimuth, "piston")
+    assert turned == pytest.approx(-expected, abs=1e-10)
+
+
+def test_piston_in_the_mirror_direction() -> None:
+    for incidence in (0.0, 0.4, 1.3):
+        value = scattering_amplitude(30.0, incidence, incidence, math.pi, "piston")
+        assert value == pytest.approx(450j * math.cos(incidence))
+
+
+def test_models_differ_as_published() -> None:
+    """PHYSICS 4.1: rms over directions, piston re exact; the paper at random orientation."""
+    angle = np.arccos((np.arange(20000) + 0.5) / 20000)
+
+    def rms_db(ka: float, model: str) -> float:
+        return 10 * math.log10(np.mean(backscatter(ka, angle, model) ** 2))
+
+    for ka, expected in ((5, -1.5), (8, -0.5), (32, -0.15)):
+        assert rms_db(ka, "piston") - rms_db(ka, "exact") == pytest.approx(expected, abs=0.06)
+    assert 11 < rms_db(28, "paper") - rms_db(28, "exact") < 28

@@ -16,7 +16,7 @@ pytest.importorskip("bpy")
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = Path(__file__).with_name("small.toml")
 RESULTS = [
-    *("cloud.laz", "cloud.png", "echo.npz", "echo.png", "forest.blend", "forest.glb"),
+    *("cloud.laz", "cloud.png", "echo.npz", "echo.png", "echo.wav", "forest.blend", "forest.glb"),
     *(
         "leaf_angles.csv",
         "leaves.npz",

@@ -87,6 +87,7 @@ def test_archive_holds_the_extension_and_nothing_else(archive):
     assert {"__init__.py", "blender_manifest.toml", "LICENSE", "forest_addon/__init__.py"} <= set(
         names
     )
+    assert "forest_addon/acoustics/hard_disc.npz" in names
     tops = {name.split("/")[0] for name in names}
     assert tops <= {
         *("__init__.py", "blender_manifest.toml", "LICENSE", "README.md", "CHANGELOG.md"),

@@ -26,7 +26,7 @@ def test_offsets_in_the_two_planes(azimuth: float, elevation: float, angle: floa
     forward, left, up = beam_frame(azimuth, elevation)
     for side, expected in ((left, (angle, 0)), (-left, (-angle, 0)), (up, (0, angle))):
         way = math.cos(angle) * forward + math.sin(angle) * side
-        offsets = np.concatenate(beam_offsets(way[None], azimuth, elevation))
+        offsets = np.concatenate(beam_offsets(way[None], beam_frame(azimuth, elevation)))
         np.testing.assert_allclose(offsets, expected, atol=1e-14)
 
 
@@ -34,7 +34,7 @@ def test_offsets_of_a_level_sonar_are_azimuth_and_elevation_nearby() -> None:
     az, el = 0.05, -0.04
     way = [[math.cos(el) * math.cos(az), math.cos(el) * math.sin(az), math.sin(el)]]
     np.testing.assert_allclose(
-        np.concatenate(beam_offsets(np.array(way), 0, 0)), [az, el], rtol=2e-3
+        np.concatenate(beam_offsets(np.array(way), beam_frame(0, 0))), [az, el], rtol=2e-3
     )
 
 

@@ -1,0 +1,100 @@
+"""The frequencies of an echo: the band and its window, the grid of the record.
+
+A ``Band`` is what a sonar listens to, a ``Grid`` the even frequencies that belong to the length of its
+record.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+SAMPLED = 9  # frequencies of a mean over the band
+TAILS = 64.0  # periods of the bandwidth after which the Hann pulse has fallen to 1/(π·64³) = 1e-6
+MOST_SAMPLES = 2**27
+
+
+@dataclass(frozen=True)
+class Band:
+    """From ``low`` to ``high`` Hz; the same twice is a tone."""
+
+    low: float
+    high: float
+
+    def sample(self) -> tuple[np.ndarray, np.ndarray]:
+        """A few frequencies (Q,) Hz and the weights (Q,) of a mean over the band by a Hann window."""
+        if self.low == self.high:
+            return np.array([self.low]), np.ones(1)
+        share = (np.arange(SAMPLED) + 0.5) / SAMPLED
+        weight = np.sin(math.pi * share) ** 2
+        return self.low + share * (self.high - self.low), weight / weight.sum()
+
+    def window(self, frequency: np.ndarray) -> np.ndarray:
+        """Hann window over the band, 0 beyond, at frequencies (K,)."""
+        if self.low == self.high:
+            return np.ones(len(frequency))
+        share = np.clip((frequency - self.low) / (self.high - self.low), 0.0, 1.0)
+        turn = 2.0 * math.pi * share
+        window: np.ndarray = 0.5 - 0.5 * np.cos(turn)
+        return window
+
+    def mean_weights(self, frequency: np.ndarray, *, even: bool) -> np.ndarray:
+        """(Q,) weights of a mean over the band by a Hann window, of values at frequencies (Q,).
+
+        even : whether they are evenly spaced; otherwise they are Chebyshev points of their range.
+        """
+        weight = self.window(frequency)
+        if not even:
+            weight = weight * np.sin(math.pi * (np.arange(len(weight)) + 0.5) / len(weight))
+        total = weight.sum()
+        return np.asarray(weight / total if total > 0 else np.full(len(weight), 1 / len(weight)))
+
+
+@dataclass(frozen=True)
+class Grid:
+    """``count`` frequencies from ``start`` Hz, ``spacing`` apart, of a record that holds ``samples``.
+
+    length : samples of the transform; what is beyond ``samples`` is time before the call.
+    """
+
+    start: float
+    spacing: float
+    count: int
+    samples: int
+    length: int
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """(K,) Hz."""
+        return self.start + self.spacing * np.arange(self.count)
+
+
+def grid_of(band: Band, rate: float, latest: float, record: float, after: float = 0.0) -> Grid:
+    """The grid of a record that no echo wraps around in.
+
+    latest : seconds until the last echo. record : seconds that are wanted, 0: as long as needed.
+    after : seconds that a call goes on.
+
+    Raises
+    ------
+    ValueError : the record would be longer than memory; the sentence says what to change.
+    """
+    width = band.high - band.low
+    tail = TAILS / width if width else 0.0
+    needed = (latest + after + 2.0 * tail) * rate
+    wanted = (record or latest + after + tail) * rate
+    if max(needed, wanted) > MOST_SAMPLES:
+        raise ValueError(
+            f"the echo would have {max(needed, wanted):.2g} samples; "
+            "widen the band, or lower max_range, record or sample_rate"
+        )
+    samples = max(1, math.ceil(wanted))
+    if not width:
+        return Grid(band.low, rate, 1, samples, samples)
+    length = fft.next_fast_len(max(math.ceil(needed), math.ceil(wanted + tail * rate)))
+    spacing = rate / length
+    first, last = math.ceil(band.low / spacing), math.floor(band.high / spacing)
+    return Grid(first * spacing, spacing, last - first + 1, samples, length)

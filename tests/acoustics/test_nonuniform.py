@@ -1,0 +1,200 @@
+"""Fast sums over echoes against the direct sum: tolerances, hard cases, and the kernel alone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from forest_addon.acoustics.disc import MODELS, backscatter_amplitude
+from forest_addon.acoustics.gridding import ALIASING, NARROWEST, DelayGrid, kernel
+from forest_addon.acoustics.nonuniform import sum_delayed
+
+START, SPACING, COUNT, SPEED = 60e3, 50.0, 401, 340.0
+FREQUENCY = START + SPACING * np.arange(COUNT)
+
+
+def direct(amplitude, delay, start=START, spacing=SPACING, count=COUNT):
+    """(K,) Σ A·e^{-i2πfτ} and Σ max|A|, echo by echo; whole turns are exact in integers."""
+    total, size = np.zeros(count, dtype=np.complex128), 0.0
+    frequency = start + spacing * np.arange(count)
+    for row in range(len(delay)):
+        values = amplitude(frequency, np.array([row]))[:, 0]
+        total += values * np.exp(-2j * np.pi * np.mod(frequency * delay[row], 1.0))
+        size += np.abs(values).max()
+    return total, size
+
+
+def leaves(model, count, seed=1):
+    """Amplitudes of random leaves, their delays, and how far their own responses reach."""
+    rng = np.random.default_rng(seed)
+    distance, radius = rng.uniform(0.5, 6, count), rng.uniform(0.002, 0.06, count)
+    angle = np.arccos(rng.uniform(0, 1, count))
+
+    def amplitude(frequency, rows):
+        k = 2 * np.pi * frequency[:, None] / SPEED
+        return backscatter_amplitude(k * radius[rows], angle[rows], model) / (
+            k * distance[rows] ** 2
+        )
+
+    return amplitude, 2 * distance / SPEED, 2 * radius * np.sin(angle) / SPEED
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_tolerance_is_kept(model: str) -> None:
+    amplitude, delay, spread = leaves(model, 600)
+    exact, size = direct(amplitude, delay)
+    errors = []
+    for tolerance in (1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10, 1e-12):
+        found = sum_delayed(
+            amplitude, delay, START, SPACING, COUNT, tolerance=tolerance, spread=spread
+        )
+        errors.append(np.abs(found.spectrum - exact).max() / size)
+        assert errors[-1] <= tolerance
+        assert found.error_bound <= 1.001 * tolerance * size
+        assert found.size == pytest.approx(size, rel=0.05)
+        assert sum(found.nodes.values()) == 600
+    assert errors[0] > 1e-9  # it is not the direct sum that was tested
+    unknown = sum_delayed(amplitude, delay, START, SPACING, COUNT, tolerance=1e-4)
+    assert np.abs(unknown.spectrum - exact).max() <= 1e-4 * size
+
+
+def test_tolerance_is_kept_when_all_errors_add_up() -> None:
+    """Identical echoes: nothing averages out."""
+    amplitude, delay, spread = leaves("piston", 1)
+    count = 5000
+    rows = np.zeros(count, dtype=np.int64)
+    exact, size = direct(amplitude, delay)
+    for tolerance in (1e-3, 1e-5, 1e-7, 1e-11):
+        found = sum_delayed(
+            lambda f, some: amplitude(f, rows[some]),
+            delay[rows],
+            START,
+            SPACING,
+            COUNT,
+            tolerance=tolerance,
+            spread=spread[rows],
+        )
+        assert np.abs(found.spectrum - count * exact).max() <= tolerance * count * size
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-12, 0.0])
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 64, 65])
+def test_few_bins(count: int, tolerance: float) -> None:
+    amplitude, delay, _ = leaves("piston", 2000)
+    exact, size = direct(amplitude, delay, count=count)
+    found = sum_delayed(amplitude, delay, START, SPACING, count, tolerance=tolerance)
+    assert found.spectrum.shape == (count,)
+    assert np.abs(found.spectrum - exact).max() <= max(tolerance, 1e-13) * size
+
+
+@pytest.mark.parametrize("echoes", [0, 1, 2])
+def test_few_echoes(echoes: int) -> None:
+    amplitude, delay, _ = leaves("paper", echoes)
+    exact, size = direct(amplitude, delay, count=40000, spacing=0.5)  # enough for the fast way
+    found = sum_delayed(amplitude, delay, START, 0.5, 40000, tolerance=1e-6)
+    assert np.abs(found.spectrum - exact).max() <= 1e-6 * size
+    if not echoes:
+        assert (found.spectrum == 0).all()
+        assert found.size == found.error_bound == 0
+        assert found.nodes == {}
+
+
+def ones(frequency, rows):
+    return np.ones((len(frequency), len(rows)))
+
+
+@pytest.mark.parametrize(
+    "delay",
+    [
+        np.zeros(500),
+        np.arange(500) / (SPACING * 810),  # on the points of the grid (2·405)
+        np.arange(500) / SPACING,  # whole records: all the same
+        np.nextafter(np.arange(500) / SPACING, -1),  # the last point, which is also the first
+        -np.linspace(0, 0.5, 500),
+        2.0**20 + np.linspace(0, 0.01, 500),  # 8e10 periods of the carrier
+    ],
+    ids=["zero", "on the grid", "records", "just before", "negative", "huge"],
+)
+def test_hard_delays(delay: np.ndarray) -> None:
+    exact, size = direct(ones, delay)
+    rounding = 2 * math.pi * 2.0**-52 * 80e3 * np.abs(delay).max()
+    for tolerance in (1e-3, 1e-6, 1e-10):
+        found = sum_delayed(ones, delay, START, SPACING, COUNT, tolerance=tolerance)
+        assert np.abs(found.spectrum - exact).max() <= (tolerance + rounding) * size
+        assert found.nodes.keys() != {COUNT}  # the fast way was taken
+
+
+def test_band_edges_are_as_good_as_the_middle() -> None:
+    rng = np.random.default_rng(4)
+    delay = rng.uniform(0, 0.02, 400)
+    exact, size = direct(ones, delay)
+    found = sum_delayed(ones, delay, START, SPACING, COUNT, tolerance=1e-5)
+    error = np.abs(found.spectrum - exact) / size
+    assert max(error[0], error[-1]) <= 1e-5
+
+
+def test_discs_of_no_size_add_nothing() -> None:
+    def amplitude(frequency, rows):
+        k = 2 * np.pi * frequency[:, None] / SPEED
+        return backscatter_amplitude(k * np.zeros(len(rows)), np.ones(len(rows)), "piston") / k
+
+    found = sum_delayed(amplitude, np.full(500, 0.01), START, SPACING, COUNT)
+    assert (found.spectrum == 0).all()
+    assert found.error_bound == 0
+
+
+def test_an_amplitude_that_is_not_smooth_is_summed_directly() -> None:
+    rng = np.random.default_rng(7)
+    delay, kink = rng.uniform(0, 0.02, 300), rng.uniform(62e3, 78e3, 300)
+
+    def amplitude(frequency, rows):
+        smooth = np.ones((len(frequency), len(rows)))
+        return np.where(rows % 3 == 0, np.abs(frequency[:, None] - kink[rows]) / 1e4, smooth)
+
+    exact, size = direct(amplitude, delay)
+    found = sum_delayed(amplitude, delay, START, SPACING, COUNT, tolerance=1e-8)
+    assert np.abs(found.spectrum - exact).max() <= 1e-8 * size
+    assert found.nodes[COUNT] == 100
+
+
+def test_a_wrong_spread_costs_time_only() -> None:
+    amplitude, delay, spread = leaves("piston", 300)
+    exact, size = direct(amplitude, delay)
+    for wrong in (0.0, 0.01 * spread, 100 * spread):
+        found = sum_delayed(amplitude, delay, START, SPACING, COUNT, tolerance=1e-6, spread=wrong)
+        assert np.abs(found.spectrum - exact).max() <= 1e-6 * size
+
+
+def test_same_numbers_give_the_same_bytes() -> None:
+    amplitude, delay, spread = leaves("exact", 800)
+    first, again = (
+        sum_delayed(amplitude, delay, START, SPACING, COUNT, spread=spread) for _ in range(2)
+    )
+    np.testing.assert_array_equal(first.spectrum, again.spectrum)
+
+
+@pytest.mark.parametrize(("width", "stated"), list(enumerate(ALIASING, NARROWEST)))
+def test_aliasing_of_the_kernel(width: int, stated: float) -> None:
+    """Every delay between two points, every bin: within the stated bound, and no wider than needed."""
+    bins, delays = 64, np.linspace(0, 1 / 128, 65)
+    worst = 0.0
+    for delay in delays:
+        grid = DelayGrid(bins, 1, width)
+        grid.add(np.array([delay]), np.ones((1, 1)))
+        exact = np.exp(-2j * np.pi * delay * (np.arange(bins) - bins // 2))
+        worst = max(worst, np.abs(grid.spectrum()[0] - exact).max())
+    assert worst < stated
+    assert worst > 0.5 * stated
+
+
+def test_kernel_has_the_transform_it_claims() -> None:
+    chosen = kernel(7)
+    offset = np.linspace(-0.5, 0.5, 2001)
+    points = (np.arange(7) - 3)[:, None] - offset
+    frequency = np.array([0.0, 0.1, 0.25])
+    waves = np.exp(-2j * np.pi * frequency[:, None, None] * points)
+    values = (waves * chosen.taps(offset).T).sum(axis=1)
+    numeric = values.mean(axis=1) - 0.5 * (values[:, 0] + values[:, -1]) / 2001
+    np.testing.assert_allclose(numeric * 2001 / 2000, chosen.transform(frequency), atol=1e-6)

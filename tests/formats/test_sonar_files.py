@@ -1,0 +1,141 @@
+"""Patterns, routes and calls from files, and echoes into files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from references.leaf_discs import discs_of
+from scipy.io import wavfile
+
+from forest_addon.formats.echo_files import write_echo
+from forest_addon.formats.sonar_files import equip, find, read_pattern, read_route
+from forest_addon.formats.species_file import ASSETS
+from forest_addon.formats.toml_file import read_settings
+from forest_addon.sensing.flight import fly
+from forest_addon.sensing.poses import posed
+from forest_addon.sensing.sonar import Targets, ping
+from forest_addon.spec import Air, Scene, Sonar, SpecError
+
+LEAVES = discs_of([[2, 0, 2], [3, 0.2, 2]], [1.0, 0, 0], 0.02)
+
+
+def test_a_pattern_is_read_in_degrees_hertz_and_decibels(tmp_path: Path) -> None:
+    path = tmp_path / "beam.csv"
+    path.write_text("# a sonarhead\nangle_deg,60000,80000\n0,0,0\n30,-3,-6\n180,-40,-50\n")
+    pattern = read_pattern(path)
+    np.testing.assert_allclose(pattern.angle, np.deg2rad([0, 30, 180]))
+    assert pattern.frequency.tolist() == [60000, 80000]
+    assert pattern.level.tolist() == [[0, 0], [-3, -6], [-40, -50]]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "angle_deg"),
+        ("angle,60000\n0,0\n", "angle_deg"),
+        ("angle_deg,high\n0,0\n9,1\n", "no frequency"),
+        ("angle_deg,60000\n5,0\n9,1\n", "rise from 0"),
+        ("angle_deg,60000\n0,0\n0,1\n", "rise from 0"),
+        ("angle_deg,70000,60000\n0,0,0\n5,1,1\n", "left to right"),
+        ("angle_deg,60000\n0,0\n5\n", "row 3 has 1 values"),
+        ("angle_deg,60000\n0,0\n5,1,5\n", "give 2"),
+        ("angle_deg,60000\n0,zero\n5,1\n", "numbers with a point"),
+        ("angle_deg,60000\n0,0\n5,nan\n", "not finite"),
+    ],
+)
+def test_bad_patterns_are_refused(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "beam.csv"
+    path.write_text(text)
+    with pytest.raises(SpecError, match=words):
+        read_pattern(path)
+
+
+def test_routes(tmp_path: Path) -> None:
+    path = tmp_path / "way.csv"
+    path.write_text(
+        "x_m,y_m,z_m,azimuth_deg,elevation_deg,beam_width_deg\n0,0,1,90,0,30\n0,2,1,90,0,65\n"
+    )
+    first, last = read_route(path, 4.0)
+    np.testing.assert_allclose(first.frame[0], [0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(first.velocity, [0, 4, 0])
+    assert np.rad2deg([first.width, last.width]) == pytest.approx([30, 65])
+    for text, words in (
+        ("x_m,y_m\n0,0\n", "needs the columns"),
+        ("x_m,y_m,z_m,azimuth_deg,elevation_deg\n", "no poses"),
+        ("x_m,y_m,z_m,azimuth_deg,elevation_deg,beam_width_deg\n0,0,0,0,0,0\n", "larger than 0"),
+        ("x_m,y_m,z_m,azimuth_deg,elevation_deg,speed\n0,0,0,0,0,0\n", "may have"),
+    ):
+        path.write_text(text)
+        with pytest.raises(SpecError, match=words):
+            read_route(path, 0.0)
+    with pytest.raises(SpecError, match="is not in"):
+        find("no.csv", tmp_path, "route")
+    assert find("t20-eight.csv", tmp_path, "route").is_file()
+
+
+def test_a_call_from_a_wav_file(tmp_path: Path) -> None:
+    rate, count = 250_000, 500
+    tone = np.sin(2 * np.pi * 70e3 * np.arange(count) / rate) * np.hanning(count)
+    wavfile.write(tmp_path / "call.wav", rate, (2000 * tone).astype(np.int16))
+    sonar = Sonar(call="file", call_file="call.wav")
+    call = equip(sonar, tmp_path).call
+    assert call is not None
+    assert call.duration == pytest.approx(count / rate)
+    echo = ping(LEAVES, sonar, Air(), equipment=equip(sonar, tmp_path))
+    assert np.abs(echo.waveforms).max() > 0
+    wavfile.write(tmp_path / "call.wav", rate, np.zeros(10, np.int16))
+    with pytest.raises(SpecError, match="silent"):
+        equip(sonar, tmp_path)
+    (tmp_path / "call.wav").write_bytes(b"no sound")
+    with pytest.raises(SpecError, match="cannot be used"):
+        equip(sonar, tmp_path)
+
+
+def test_an_echo_in_files(tmp_path: Path) -> None:
+    sonar = Sonar(contributions=True, time_expansion=20.0)
+    echo = ping(LEAVES, sonar, Air())
+    arrays, sound, heard = write_echo(tmp_path, "echo", echo, sonar)
+    with np.load(arrays) as data:
+        assert data["impulse_response"].shape == data["time"].shape
+        np.testing.assert_array_equal(data["spectrum"], echo.spectrum)
+        assert str(data["time_unit"]) == "s"
+        gain = float(data["wav_gain"])
+    rate, samples = wavfile.read(sound)
+    assert rate == 20_000
+    np.testing.assert_allclose(samples / gain, echo.impulse_response, atol=1e-7 / gain)
+    assert np.abs(samples).max() == pytest.approx(0.9, rel=1e-6)
+    with np.load(heard) as data:
+        assert data["number"].tolist() == [0, 1]
+        assert data["kind"].tolist() == ["leaf", "leaf"]
+        assert str(data["amplitude_unit"]) == "re call at 1 m"
+
+
+def test_a_flight_in_files(tmp_path: Path) -> None:
+    sonar = Sonar(ears=2, contributions=True)
+    flight = fly(Targets.of_discs(LEAVES), sonar, Air(), [posed(sonar)] * 3)
+    arrays, sound, heard = write_echo(tmp_path, "way", flight, sonar)
+    with np.load(arrays) as data:
+        assert data["impulse_response"].shape == (3, 2, len(data["time"]))
+        assert data["position"].shape == data["axis"].shape == (3, 3)
+    _, samples = wavfile.read(sound)
+    assert samples.shape == (3 * len(flight.time), 2)
+    with np.load(heard) as data:
+        assert np.bincount(data["pose"]).tolist() == [2, 2, 2]
+
+
+def test_silence_can_be_written(tmp_path: Path) -> None:
+    sonar = Sonar(max_range=1.0)
+    files = write_echo(tmp_path, "quiet", ping(LEAVES, sonar, Air()), sonar)
+    assert not wavfile.read(files[1])[1].any()
+
+
+@pytest.mark.parametrize("path", sorted((ASSETS / "scenes").glob("*.toml")), ids=lambda p: p.stem)
+def test_every_scene_file_can_be_read_with_its_files(path: Path) -> None:
+    scene = read_settings(path, Scene)
+    for sonar in scene.sensors:
+        if isinstance(sonar, Sonar):
+            equip(sonar, path.parent)
+            if sonar.route:
+                assert read_route(find(sonar.route, path.parent, "route"), sonar.speed)
