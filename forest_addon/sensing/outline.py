@@ -10,10 +10,11 @@ import math
 
 import numpy as np
 
-from ..spec import Reverb, Sensor, Sonar, Terrestrial, Tractor
+from ..spec import Airborne, Mobile, Reverb, Sensor, Sonar, Terrestrial, Tractor
 from .beam import beam_frame
 
 AROUND = 64  # segments of a full circle
+FLAT = math.radians(80.0)  # a beam nearer to the horizon is drawn at this angle from the vertical
 RAYS = 8  # lines from a sonar to the contour of its beam
 
 
@@ -25,6 +26,10 @@ def outline(sensor: Sensor) -> np.ndarray:
         return fan_outline(sensor)
     if isinstance(sensor, Terrestrial):
         return sweep_outline(sensor)
+    if isinstance(sensor, Airborne):
+        return strips_outline(sensor)
+    if isinstance(sensor, Mobile):
+        return _chain(np.array([pose.position for pose in sensor.poses]).reshape(-1, 3))
     return path_outline(sensor)
 
 
@@ -86,6 +91,22 @@ def sweep_outline(scanner: Terrestrial, radius: float = 2.0) -> np.ndarray:
     ]
     rising = np.linspace(low, high, AROUND // 4 + 1)
     parts += [_chain(at(np.full(1, azimuth), rising)) for azimuth in np.linspace(first, last, 9)]
+    return np.concatenate(parts)
+
+
+def strips_outline(flight: Airborne) -> np.ndarray:
+    """The strips of a flight, and the fan of beams down to z = 0 at the start of each."""
+    heading = math.radians(flight.heading_deg)
+    ahead = np.array([math.cos(heading), math.sin(heading), 0.0])
+    right = np.array([ahead[1], -ahead[0], 0.0])
+    height = max(flight.position[2], 0.0)
+    edges = np.clip(np.radians(flight.field_deg), -FLAT, FLAT)
+    parts = []
+    for strip in range(flight.strips):
+        start = np.asarray(flight.position) + strip * flight.spacing * right
+        foot = start + np.tan(edges)[:, None] * height * right - [0.0, 0.0, height]
+        parts += [_chain(np.array([start, start + flight.track * ahead])), _from(start, foot)]
+        parts.append(_chain(foot))
     return np.concatenate(parts)
 
 

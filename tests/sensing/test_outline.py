@@ -7,7 +7,7 @@ import pytest
 
 from forest_addon.sensing.beam import beam_gain
 from forest_addon.sensing.outline import AROUND, outline
-from forest_addon.spec import Reverb, Sonar, Terrestrial, Tractor
+from forest_addon.spec import Airborne, Mobile, Pose, Reverb, Sonar, Terrestrial, Tractor
 
 
 @pytest.mark.parametrize("axis", [(0, 0), (110, 12), (-30, 90), (45, -90)])
@@ -55,3 +55,21 @@ def test_the_ground_path_is_as_long_as_from_the_mirrored_source():
     assert down[1][2] == 0
     length = np.linalg.norm(down[1] - down[0]) + np.linalg.norm(up[1] - up[0])
     assert length == pytest.approx(math.hypot(9, 3))
+
+
+def test_a_flight_is_its_strips_and_where_its_beams_meet_the_ground():
+    flight = Airborne(position=(0, 0, 50), heading_deg=90, track=80, strips=2, spacing=30)
+    segments = outline(flight)
+    np.testing.assert_allclose(segments[0], [(0, 0, 50), (0, 80, 50)], atol=1e-12)
+    np.testing.assert_allclose(segments[4], [(30, 0, 50), (30, 80, 50)], atol=1e-12)
+    reach = 50 * math.tan(math.radians(30))
+    np.testing.assert_allclose(segments[1:3, 1], [(-reach, 0, 0), (reach, 0, 0)], atol=1e-12)
+
+
+def test_a_mobile_scanner_is_its_poses():
+    poses = (Pose(), Pose(time=1, position=(5, 0, 2)), Pose(time=2, position=(5, 5, 2)))
+    assert outline(Mobile(poses=poses)).tolist() == [
+        [[0, 0, 2], [5, 0, 2]],
+        [[5, 0, 2], [5, 5, 2]],
+    ]
+    assert len(outline(Mobile())) == 0

@@ -320,11 +320,10 @@ def test_a_sensor_follows_the_frames(built, tmp_path):
     scene.frame_start, scene.frame_end, scene.frame_current = 1, 3, 2
     built.output = str(tmp_path)
     assert run("echo", frames="RANGE") == {"FINISHED"}
-    assert sorted(file.name for file in tmp_path.iterdir()) == [
-        f"echo-000{frame}.npz" for frame in (1, 2, 3)
-    ]
+    written = sorted(tmp_path.glob("*.npz"))
+    assert [file.name for file in written] == [f"echo-000{frame}.npz" for frame in (1, 2, 3)]
     assert scene.frame_current == 2
-    records = [np.load(file)["impulse_response"] for file in sorted(tmp_path.iterdir())]
+    records = [np.load(file)["impulse_response"] for file in written]
     assert len({record.tobytes() for record in records}) == 3
 
 
