@@ -18,6 +18,8 @@ from forest_addon.formats.scanner_file import PLATFORMS, merged, read_scanner, s
 from forest_addon.formats.toml_file import structure
 from forest_addon.spec import SENSORS, Airborne, Mobile, Rays, Scanner, SpecError, Terrestrial
 
+from .progress import Stages, hushed
+
 FORMATS = ("laz", "las", "ply", "npz")
 
 EPILOG = """\
@@ -204,27 +206,44 @@ def _setting(word: str) -> dict[str, Any]:
 def _scan(
     chosen: argparse.Namespace, sensor: Scanner, target: Path, offset: tuple[float, ...]
 ) -> None:
-    from .progress import Stages, hushed
-
     stages = Stages(chosen.quiet)
     if not chosen.blend.is_file():
         raise SpecError(str(chosen.blend), "there is no such file; check the path")
     target.parent.mkdir(parents=True, exist_ok=True)
     with hushed():
         import bpy
+    try:
+        with stages.stage(f"open {chosen.blend.name}"), hushed(errors=True):
+            _open(chosen.blend)
+        _scan_opened(chosen, sensor, target, offset, stages)
+    finally:
+        with hushed():  # with an evaluated scene at hand, bpy 4.5 never ends
+            bpy.ops.wm.read_factory_settings(use_empty=True)
 
-        from forest_addon.blender.observe import Observer
-        from forest_addon.blender.platform import path_of_object
-        from forest_addon.formats.scan_file import write_scan
-        from forest_addon.sensing.lidar import Scan
 
-    with stages.stage(f"open {chosen.blend.name}"), hushed(errors=True):
-        try:
-            bpy.ops.wm.open_mainfile(
-                filepath=str(chosen.blend.resolve()), load_ui=False, use_scripts=False
-            )
-        except RuntimeError:
-            raise SpecError(str(chosen.blend), "is no .blend file that Blender can open") from None
+def _open(blend: Path) -> None:
+    import bpy
+
+    try:
+        bpy.ops.wm.open_mainfile(filepath=str(blend.resolve()), load_ui=False, use_scripts=False)
+    except RuntimeError:
+        raise SpecError(str(blend), "is no .blend file that Blender can open") from None
+
+
+def _scan_opened(
+    chosen: argparse.Namespace,
+    sensor: Scanner,
+    target: Path,
+    offset: tuple[float, ...],
+    stages: Stages,
+) -> None:
+    import bpy
+
+    from forest_addon.blender.observe import Observer
+    from forest_addon.blender.platform import path_of_object
+    from forest_addon.formats.scan_file import write_scan
+    from forest_addon.sensing.lidar import Scan
+
     with stages.stage("read evaluated scene"):
         observer = Observer(bpy.context.evaluated_depsgraph_get(), Rays(engine=chosen.engine))
         if not len(observer.geometry):
