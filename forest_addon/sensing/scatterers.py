@@ -170,6 +170,8 @@ class DiscStrength(Rows):
     def reach(self) -> np.ndarray:
         if self.model == "paper":  # has the beam of the mirror direction, and no rim
             return np.zeros(len(self.radius))
+        if self.model == "exact":  # sound also runs across the face, from rim to rim
+            return 2.0 * self.radius
         return 2.0 * self.radius * np.sin(self.incidence)
 
 

@@ -367,7 +367,6 @@ def test_all_leaves_hidden_is_silence() -> None:
 def test_blocks_do_not_matter(tolerance: float, monkeypatch: pytest.MonkeyPatch) -> None:
     discs = foliage_of(100)
     whole = ping(discs, Sonar(tolerance=tolerance), AIR)
-    monkeypatch.setattr(nonuniform, "ROWS_AT_ONCE", 7)
     monkeypatch.setattr(nonuniform, "VALUES_AT_ONCE", 101)
     steps: list[tuple[int, int]] = []
     parts = ping(

@@ -63,7 +63,8 @@ def test_blocks_find_what_all_leaves_sum_up_to(model: str) -> None:
         ours, all_of_them = ping(targets, sonar, AIR), ping(discs, sonar, AIR)
         scale = all_of_them.heard.amplitude.sum()
         assert len(ours.heard) == len(all_of_them.heard)
-        assert np.abs(ours.spectrum - all_of_them.spectrum).max() < 1e-6 * scale
+        error = np.abs(ours.spectrum - all_of_them.spectrum).max()
+        assert error < (1e-4 if model == "exact" else 1e-6) * scale
         assert ours.leaves == len(discs)
 
 
