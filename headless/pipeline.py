@@ -23,11 +23,13 @@ from forest_addon.blender.forest import RESULTS, build, part
 from forest_addon.blender.observe import Observer
 from forest_addon.blender.preview import render, set_stage
 from forest_addon.formats.atomic import replacing
+from forest_addon.formats.expansion_store import ExpansionStore
 from forest_addon.formats.findings import Finding as SensorFinding
 from forest_addon.formats.findings import write_finding
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.formats.table import write_csv
+from forest_addon.sensing.fast_scattering import Expansions
 from forest_addon.sensing.geometry import SceneGeometry
 from forest_addon.sensing.lidar import Cloud, TractorScan
 from forest_addon.sensing.sonar import Echo
@@ -35,6 +37,7 @@ from forest_addon.spec import Scene, SpecError
 from forest_addon.stand.forest import Forest, angle_table, grow_forest, leaf_table, tree_table
 
 from . import pictures, report
+from .cache import user_cache
 from .progress import Stages, hushed
 
 
@@ -87,7 +90,8 @@ def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) 
     with stages.stage("write truth"):
         _write_truth(run)
     with stages.stage("read evaluated scene"):
-        observer = Observer(bpy.context.evaluated_depsgraph_get())
+        expansions = Expansions(ExpansionStore(user_cache() / "trunks"))
+        observer = Observer(bpy.context.evaluated_depsgraph_get(), expansions)
         engine = observer.caster.engine
     for sensor in settings.sensors:
         with stages.stage(f"{sensor.kind} {sensor.name}") as progress:

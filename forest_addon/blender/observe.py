@@ -9,6 +9,7 @@ import bpy
 
 from ..rng import stream
 from ..sensing import lidar, reverb, slices, sonar
+from ..sensing.fast_scattering import Expansions
 from ..spec import Reverb, Scene, Sensor, Sonar, Terrestrial, Tractor
 from .bvh import BvhCaster
 from .depsgraph import read_scene
@@ -20,8 +21,11 @@ Finding = lidar.TractorScan | lidar.Cloud | sonar.Echo | reverb.ImpulseResponse
 class Observer:
     """An evaluated scene as arrays, with the casters and scatterers that sensors need, made once."""
 
-    def __init__(self, depsgraph: bpy.types.Depsgraph) -> None:
+    def __init__(
+        self, depsgraph: bpy.types.Depsgraph, expansions: Expansions | None = None
+    ) -> None:
         self.geometry = read_scene(depsgraph)
+        self.expansions = Expansions() if expansions is None else expansions
 
     @cached_property
     def caster(self) -> BvhCaster:
@@ -63,5 +67,6 @@ class Observer:
             wood=self.wood,
             rng=stream(settings.seed, "reverb", sensor.name, "continuation"),
             field=(settings.forest.origin, settings.forest.size),
+            expansions=self.expansions,
             progress=progress,
         )
