@@ -26,6 +26,7 @@ from forest_addon.blender.observe import Observer
 from forest_addon.blender.preview import render, set_stage
 from forest_addon.blender.sensors import new_sensor
 from forest_addon.formats.atomic import replacing
+from forest_addon.formats.expansion_store import ExpansionStore
 from forest_addon.formats.findings import Finding as SensorFinding
 from forest_addon.formats.findings import write_finding
 from forest_addon.formats.npz import write_npz
@@ -33,6 +34,7 @@ from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.formats.stand_files import read_inputs
 from forest_addon.formats.table import write_csv
 from forest_addon.sensing.cloud import Cloud
+from forest_addon.sensing.fast_scattering import Expansions
 from forest_addon.sensing.flight import Flight
 from forest_addon.sensing.geometry import SceneGeometry
 from forest_addon.sensing.sonar import Echo
@@ -43,6 +45,7 @@ from forest_addon.stand.goodness import examine, law_of_scene, poisson_trees, wi
 from forest_addon.stand.inputs import Inputs
 
 from . import pictures, pictures_sonar, report
+from .cache import user_cache
 from .progress import Stages, hushed
 from .site_picture import draw_goodness
 from .stand_picture import draw_stand
@@ -105,7 +108,8 @@ def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) 
     with stages.stage("write truth"):
         _write_truth(run)
     with stages.stage("read evaluated scene"):
-        observer = Observer(bpy.context.evaluated_depsgraph_get(), settings.rays)
+        expansions = Expansions(ExpansionStore(user_cache() / "trunks"))
+        observer = Observer(bpy.context.evaluated_depsgraph_get(), settings.rays, expansions)
         engine = observer.caster.engine
     for sensor in settings.sensors:
         with stages.stage(f"{sensor.kind} {sensor.name}") as progress:

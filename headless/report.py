@@ -20,6 +20,7 @@ from forest_addon.growth.trimesh import GROUND, LEAF, WOOD
 from forest_addon.sensing import metrics
 from forest_addon.sensing.cloud import Cloud
 from forest_addon.sensing.flight import Flight
+from forest_addon.sensing.model_error import ModelError
 from forest_addon.sensing.reverb import ImpulseResponse
 from forest_addon.sensing.slices import Trunks
 from forest_addon.sensing.sonar import Echo
@@ -252,15 +253,32 @@ def reverb_finding(
             "C50": f"{clarity:.1f} dB" if np.isfinite(clarity) else "no late sound",
             "direct path": "clear" if response.direct_clear else "blocked by wood",
             "ground path": "clear" if response.ground_clear else "blocked by wood",
+            **_multiple_scattering(response.model_error),
         },
         (
-            "Direct sum over every trunk and frequency in float64. Single scattering itself is the "
-            "larger error, and grows with the density of the stand.",
+            (
+                "Direct sum over every trunk and frequency in float64."
+                if response.exact
+                else f"Sum over trunks to a relative error of {sensor.tolerance:.0e}."
+            )
+            + " Single scattering itself is the larger error, and grows with the density of the stand"
+            " (rescattering = 100 measures it).",
             "Reverberation time is read from -5 to -35 dB of the energy decay; C50 with the onset at "
             "-20 dB.",
         ),
         picture,
     )
+
+
+def _multiple_scattering(found: ModelError | None) -> dict[str, str]:
+    """What single scattering leaves out, if it was measured and there was something to measure."""
+    if found is None or not len(found.frequency):
+        return {}
+    return {
+        "error of single scattering": f"{100 * found.relative:.0f} % (L2), {found.level_db:+.1f} dB "
+        f"against exact multiple scattering by the {len(found.trunks)} trunks with the shortest paths, "
+        f"line source in the plane, {found.frequency[0]:.0f} to {found.frequency[-1]:.0f} Hz",
+    }
 
 
 def write(

@@ -12,6 +12,7 @@ from ..formats.sonar_files import equip, find, read_route
 from ..rng import stream
 from ..sensing import flight, lidar, reverb, slices, sonar, tractor
 from ..sensing.cloud import Cloud
+from ..sensing.fast_scattering import Expansions
 from ..sensing.poses import Pose
 from ..sensing.rays import RayCaster
 from ..sensing.trajectory import Path as Track
@@ -31,15 +32,23 @@ Finding = tractor.TractorScan | Cloud | sonar.Echo | flight.Flight | reverb.Impu
 class Observer:
     """An evaluated scene as arrays, with the casters and scatterers that sensors need, made once."""
 
-    def __init__(self, depsgraph: bpy.types.Depsgraph, rays: Rays | None = None) -> None:
+    def __init__(
+        self,
+        depsgraph: bpy.types.Depsgraph,
+        rays: Rays | None = None,
+        expansions: Expansions | None = None,
+    ) -> None:
         with in_full(depsgraph):
             self.geometry = read_scene(depsgraph)
         self._rays = rays or Rays()
+        self.expansions = Expansions() if expansions is None else expansions
 
     @classmethod
-    def of(cls, depsgraph: bpy.types.Depsgraph, rays: Rays) -> Observer:
+    def of(
+        cls, depsgraph: bpy.types.Depsgraph, rays: Rays, expansions: Expansions | None = None
+    ) -> Observer:
         """The observer of before, with all it has made, as long as nothing changes."""
-        return kept(depsgraph, cls, rays)
+        return kept(depsgraph, cls, rays, expansions)
 
     @cached_property
     def caster(self) -> RayCaster:
@@ -96,6 +105,7 @@ class Observer:
             wood=self.wood,
             rng=stream(settings.seed, "reverb", sensor.name, "continuation"),
             field=(settings.forest.origin, settings.forest.size),
+            expansions=self.expansions,
             progress=progress,
         )
 

@@ -25,7 +25,7 @@ from .air_filter import AirFilter
 from .expansion import Key, Layer, Store, expand
 from .scattering import SPREAD, TrunkPaths
 
-TRUNKS_AT_ONCE = 32768
+TRUNKS_AT_ONCE, HEIGHTS_AT_ONCE = 32768, 1 << 20  # at least so many trunks; so many heights
 FEW_RADII = 4
 WIDEST = 256.0  # thickest over thinnest radius of an expansion
 BESIDE = 64  # samples of a low layer that are kept before and after the record
@@ -129,15 +129,17 @@ class _LayerSum:
         first = -(SPREAD // self.step) - BESIDE * (self.step > 1)
         last = -(-(count - SPREAD) // self.step) + BESIDE * (self.step > 1)
         total: np.ndarray = np.zeros(last - first, self.dtype)
+        left: np.ndarray | slice = slice(None)  # trunks of the sectors to come
         for number, sector in enumerate(self.sectors):
-            within = cosine <= sector.high
-            if number:
-                within &= cosine > sector.low
-            rows = np.flatnonzero(within)
-            if len(rows):
-                start, part = self._sector_sum(
-                    number, paths.length[rows], cosine[rows], paths.radius[rows], paths.weight[rows]
-                )
+            within = cosine[left] <= sector.high
+            if within.all():
+                rows, left = left, np.empty(0, np.int64)
+            else:
+                numbers = np.arange(len(cosine))[left]
+                rows, left = numbers[within], numbers[~within]
+            some, turned = paths.select(rows), cosine[rows]
+            if len(turned):
+                start, part = self._sector_sum(number, some, turned)
                 _add(total, part, start - first)
         if self.step == 1:
             return total
@@ -145,16 +147,11 @@ class _LayerSum:
         return _upsampled(total, self.step)[skipped : skipped + count]
 
     def _sector_sum(
-        self,
-        number: int,
-        length: np.ndarray,
-        cosine: np.ndarray,
-        radius: np.ndarray,
-        weight: np.ndarray,
+        self, number: int, paths: TrunkPaths, cosine: np.ndarray
     ) -> tuple[int, np.ndarray]:
         """First sample and samples of one sector's trunks."""
         sector, width = self.sectors[number], self.kernel.width
-        place = length * (self.rate / self.speed)
+        place = paths.length * (self.rate / self.speed)
         base = int(place.min()) - width
         span = int(place.max()) - base + width + 2 + sector.filters.shape[1]
         size = transform_size(span)
@@ -162,7 +159,9 @@ class _LayerSum:
         place *= OVERSAMPLING
         angular = (cosine - sector.low) * (2.0 / (sector.high - sector.low)) - 1.0
         grid: np.ndarray = np.zeros((size * OVERSAMPLING, sector.terms), self.dtype)
-        for rows, heights in _heights(sector.series, angular, self._radial(radius), weight):
+        for rows, heights in _heights(
+            sector.series, angular, self._radial(paths.radius), paths.weight
+        ):
             grid += self._deposit(place[rows], heights, len(grid))
         spectra = fft.rfft(grid.T.copy(), axis=1)[:, : size // 2 + 1]
         spectra *= self._filter_spectra(number, size)
@@ -204,17 +203,18 @@ def _heights(
     """
     bins, across_bin, across_sector, terms = series.shape
     dtype = series.dtype
+    several = max(TRUNKS_AT_ONCE, HEIGHTS_AT_ONCE // terms)
     if bins * across_bin == 1:
-        for start in range(0, len(angular), TRUNKS_AT_ONCE):
-            piece = slice(start, start + TRUNKS_AT_ONCE)
+        for start in range(0, len(angular), several):
+            piece = slice(start, start + several)
             in_sector = _chebyshev(angular[piece], across_sector, dtype, weight[piece])
             yield piece, in_sector.T @ series[0, 0]
         return
     place = radial * bins
     bin_of = np.minimum(place.astype(np.int64), bins - 1)
     by_bin = np.argsort(bin_of, kind="stable")
-    for start in range(0, len(by_bin), TRUNKS_AT_ONCE):
-        some = by_bin[start : start + TRUNKS_AT_ONCE]
+    for start in range(0, len(by_bin), several):
+        some = by_bin[start : start + several]
         ends = np.searchsorted(bin_of[some], np.arange(bins + 1))
         heights = np.empty((len(some), terms), dtype)
         for number in np.flatnonzero(np.diff(ends)):

@@ -33,6 +33,7 @@ from ..acoustics.spectrum import delay_factors
 from ..spec import Air, Reverb
 from .continuation import Field, continue_trunks
 from .fast_scattering import Expansions
+from .model_error import ModelError, model_error
 from .rays import RayCaster
 from .scattering import SPREAD, roll_off
 from .slices import Trunks
@@ -59,6 +60,7 @@ class ImpulseResponse:
     late : how many more are so far away that they would be heard after the end.
     clamped : how many trunks cover the source or the receiver.
     exact : whether every trunk was summed at every frequency, rather than to the tolerance.
+    model_error : what single scattering leaves out, None if it was not asked for.
     """
 
     sample_rate: float
@@ -73,6 +75,7 @@ class ImpulseResponse:
     late: int
     clamped: int
     exact: bool
+    model_error: ModelError | None = None
 
     @property
     def samples(self) -> np.ndarray:
@@ -125,6 +128,9 @@ def impulse_response(
         late=int((~trees.heard).sum()),
         clamped=trees.clamped,
         exact=trees.exact,
+        model_error=model_error(forest, source, receiver, reverb.rescattering, air)
+        if reverb.rescattering
+        else None,
     )
 
 

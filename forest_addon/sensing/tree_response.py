@@ -102,8 +102,8 @@ def direct_sum(
     if len(paths.length) == 0:
         return np.zeros(count)
     ringing = np.minimum(RINGING * paths.radius / air.speed(), LONGEST_RINGING)
-    size = math.ceil(float((paths.length / air.speed() + ringing).max()) * rate) + SPREAD
-    size = fft.next_fast_len(max(size, count), real=True)
+    size = math.ceil(float((paths.length / air.speed() + ringing).max()) * rate)
+    size = fft.next_fast_len(max(size, count) + 2 * SPREAD, real=True)
     frequency = np.arange(size // 2 + 1) * (rate / size)
     loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
     spectrum = scattered_spectrum(paths, rate / size, loss, air.speed(), progress)

@@ -143,6 +143,43 @@ def test_gain_of_each_path() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("source", "receiver"),
+    [
+        ((0.0, 0.0), (0.0, 0.0)),  # source is receiver
+        ((0.0, 0.0), (1e-9, 0.0)),
+        ((-5.0, 0.0), (5.0, 0.0)),
+        ((-5.0, 0.0), (8.0, 0.1)),  # the receiver in a trunk
+        ((8.0, 0.0), (8.0, 0.0)),  # both at a trunk's axis
+    ],
+)
+def test_hard_places(source: tuple[float, float], receiver: tuple[float, float]) -> None:
+    """Trunks exactly between, exactly behind, on and around both; one 3 km away; any number."""
+    rng = np.random.default_rng(4)
+    rows = [(0.5, 0.0), (8.0, 0.0), (-8.0, 0.0), (0.0, 3000.0), *rng.uniform(-40, 40, (63, 2))]
+    trunks = Trunks(np.array(rows), np.full(67, 0.3), np.arange(67))
+    exact, fast = (
+        tree_response(
+            trunks,
+            np.array(source),
+            np.array(receiver),
+            Reverb(duration=20.0, sample_rate=4000.0, tolerance=tolerance),
+            AIR,
+        )
+        for tolerance in (0.0, 1e-4)
+    )
+    assert exact.exact
+    assert not fast.exact
+    assert fast.heard.all()
+    assert fast.clamped == exact.clamped == (np.hypot(8 - receiver[0], receiver[1]) < 0.3)
+    assert max(errors(fast.samples, exact.samples, 4000.0)) < 1e-4
+
+
+def test_no_trunks() -> None:
+    none = paths(0, 10.0, 150.0, 0.25)
+    assert not Expansions().sum(none, 24e3, 100, AIR, 1e-4).any()
+
+
 def test_sectors_cover_every_angle_once() -> None:
     for layer in expand(Key(24e3, 0.25, 0.25, 343.0, 1e-4)):
         assert layer.sectors[0].low == -1.0
