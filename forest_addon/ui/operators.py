@@ -21,6 +21,7 @@ from ..blender import sensors
 from ..blender.jobs import Task, Work
 from ..spec import SpecError
 from .exchange import add_sensor, file_name, from_spec, to_spec, untouched
+from .preferences import expansions, rays_of
 from .properties import ASSETS
 from .running import PROBLEMS, FOREST_OT_cancel, Working, in_words
 
@@ -122,8 +123,8 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         from ..blender.observe import Observer
         from .results import keep_finding, save_finding
 
-        rays = to_spec(context.scene, []).rays
-        observer = Observer.of(context.evaluated_depsgraph_get(), rays)
+        rays = rays_of(to_spec(context.scene, []).rays)
+        observer = Observer.of(context.evaluated_depsgraph_get(), rays, expansions())
         home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
         sentence = ""
         for thing in things:

@@ -125,10 +125,10 @@ def _properties(name: str, kind: Any, known: Param, default: Any) -> dict[str, A
     """The one Blender property of a field, or two where it may be left out."""
     optional = without_none(kind)
     if optional is None:
-        return {name: _property(name, kind, known, default)}
+        return {name: property_of(name, kind, known, default)}
     start = WHEN_USED[name] if default is None else default
     return {
-        name: _property(name, optional, known, start),
+        name: property_of(name, optional, known, start),
         f"use_{name}": BoolProperty(
             name=f"Use {label_of(name, known)}",
             description=_help(known),
@@ -137,7 +137,7 @@ def _properties(name: str, kind: Any, known: Param, default: Any) -> dict[str, A
     }
 
 
-def _property(name: str, kind: Any, known: Param, default: Any) -> Any:
+def property_of(name: str, kind: Any, known: Param, default: Any) -> Any:
     size = len(typing.get_args(kind)) if typing.get_origin(kind) is tuple else 0
     item = typing.get_args(kind)[0] if size else kind
     words: dict[str, Any] = {"name": label_of(name, known), "description": _help(known)}
@@ -356,7 +356,7 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
     return _group_class(
         "scene",
         {
-            **{name: _property(name, *plain[name]) for name in ("name", "seed", "offset", "crs")},
+            **{name: property_of(name, *plain[name]) for name in ("name", "seed", "offset", "crs")},
             "forest": PointerProperty(type=GROUPS[spec.Forest]),
             "plantings": CollectionProperty(type=GROUPS[spec.Planting]),
             "active_plantings": IntProperty(options={"HIDDEN"}),

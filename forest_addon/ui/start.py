@@ -1,0 +1,92 @@
+"""Add > Forest: whole set-ups of the papers, an empty start, and the demo."""
+
+from __future__ import annotations
+
+import functools
+import tomllib
+from typing import ClassVar
+
+import bpy
+
+from .properties import ASSETS
+from .running import PROBLEMS, in_words, obstacle
+
+SCENES = ASSETS / "scenes"
+
+
+@functools.cache
+def presets() -> tuple[tuple[str, str], ...]:
+    """(file, title) of every scene that comes with the add-on, the demo first."""
+    found = []
+    for path in sorted(SCENES.glob("*.toml"), key=lambda path: (path.stem != "demo", path.stem)):
+        found.append(
+            (path.stem, tomllib.loads(path.read_text(encoding="utf-8")).get("name", path.stem))
+        )
+    return tuple(found)
+
+
+class FOREST_OT_start(bpy.types.Operator):
+    """Take this set-up: species, field, sensors. Build Forest then grows it"""
+
+    bl_idname = "forest.start"
+    bl_label = "Start a Forest"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    preset: bpy.props.StringProperty(
+        name="Preset", description="A scene of the add-on; empty: nothing planted, no sensor"
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        reason = obstacle(context)
+        if reason:
+            cls.poll_message_set(reason)
+        return not reason
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from .. import spec
+        from .exchange import from_spec
+        from .operators import open_scene
+
+        try:
+            if self.preset:
+                name = open_scene(context.scene, SCENES / f"{self.preset}.toml")
+            else:
+                from_spec(context.scene, spec.Scene(name="My forest", seed=1))
+                name = "An empty forest"
+        except PROBLEMS as problem:
+            self.report({"ERROR"}, in_words(problem))
+            return {"CANCELLED"}
+        self.report({"INFO"}, f"{name} is set up. Press Build Forest in the sidebar to grow it")
+        return {"FINISHED"}
+
+
+class FOREST_MT_start(bpy.types.Menu):
+    """Set-ups to start from"""
+
+    bl_idname = "FOREST_MT_start"
+    bl_label = "Forest"
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        for file, title in presets():
+            self.layout.operator("forest.start", text=title).preset = file
+        self.layout.separator()
+        self.layout.operator("forest.start", text="Empty", icon="FILE_NEW").preset = ""
+
+
+def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    """The entry in Add."""
+    menu.layout.menu(FOREST_MT_start.bl_idname, icon="OUTLINER_OB_CURVES")
+
+
+CLASSES = (FOREST_OT_start, FOREST_MT_start)
+
+
+def register() -> None:
+    """Add the entry to Blender's menu."""
+    bpy.types.VIEW3D_MT_add.append(draw_in_menu)
+
+
+def unregister() -> None:
+    """Take it back."""
+    bpy.types.VIEW3D_MT_add.remove(draw_in_menu)
