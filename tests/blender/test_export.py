@@ -11,7 +11,8 @@ bpy = pytest.importorskip("bpy")
 from forest_addon import spec
 from forest_addon.blender import nodes
 from forest_addon.blender.export import export_glb
-from forest_addon.blender.forest import TREES, VARIANTS, build, part
+from forest_addon.blender.forest import build
+from forest_addon.blender.layout import TREES, VARIANTS, part
 from forest_addon.formats.glb import EXTENSION, read_glb
 from forest_addon.formats.species_file import ASSETS, load_species
 from forest_addon.stand.forest import grow_forest
