@@ -13,6 +13,7 @@ import numpy as np
 
 from ..growth.trimesh import GROUND, LEAF, WOOD
 from ..sensing.cloud import Cloud
+from ..sensing.sonar import Contributions
 from .materials import coloured_points
 from .ours import make_object
 
@@ -25,6 +26,8 @@ NUMBERS = ("tree", "species", "leaf", "object", "return_number")
 MEASURES = ("height", "distance", "intensity", "incidence", "width", "scan_angle", "time")
 SCALE = ((0.09, 0.0, 0.16), (0.03, 0.20, 0.29), (0.02, 0.45, 0.25), (0.98, 0.80, 0.02))
 GOLDEN = 0.6180339887498949  # numbers one after the other get hues far apart
+QUIETEST = 1e-3  # amplitude, of the loudest, that is shown faintest
+FAINT, LOUD = np.array([0.25, 0.02, 0.0, 1.0]), np.array([1.0, 0.35, 0.05, 1.0])
 GROUP = "Forest points"
 CLOUD_KEY = "forest_cloud"
 
@@ -55,8 +58,28 @@ def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types
     for organ, shade in COLOUR_OF_ORGAN.items():
         colour[organ] = shade
     _fill(data, "organ_colour", "FLOAT_COLOR", colour[cloud.returns.organ], "color")
-    data.update()
+    return _show(home, name, data)
 
+
+def show_heard(home: bpy.types.Collection, name: str, heard: Contributions) -> bpy.types.Object:
+    """Put what a sonar heard into a collection as points, brighter where it is louder."""
+    data = bpy.data.meshes.new(name)
+    data.vertices.add(len(heard))
+    _fill(data, "position", "FLOAT_VECTOR", heard.position, "vector")
+    loudest = float(heard.amplitude.max(initial=0.0)) or 1.0
+    level = 20.0 * np.log10(np.maximum(heard.amplitude / loudest, QUIETEST))
+    share = (1.0 - level / (20.0 * np.log10(QUIETEST)))[:, None]
+    _fill(data, "level", "FLOAT", level)
+    _fill(data, "distance", "FLOAT", heard.distance)
+    for label in ("tree", "instance", "number"):
+        _fill(data, label, "INT", getattr(heard, label))
+    _fill(data, "organ_colour", "FLOAT_COLOR", FAINT + share * (LOUD - FAINT), "color")
+    return _show(home, name, data)
+
+
+def _show(home: bpy.types.Collection, name: str, data: bpy.types.Mesh) -> bpy.types.Object:
+    """An object of these points, in place of the last one of this name."""
+    data.update()
     for old in [thing for thing in home.objects if thing.get(CLOUD_KEY) == name]:
         mesh = old.data
         bpy.data.objects.remove(old)

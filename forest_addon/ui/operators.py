@@ -270,6 +270,28 @@ class FOREST_OT_select_result(bpy.types.Operator):
         return {"FINISHED"}
 
 
+class FOREST_OT_show_picture(bpy.types.Operator):
+    """Show this picture in an Image Editor, in a window of its own where none is open"""
+
+    bl_idname = "forest.show_picture"
+    bl_label = "Show in Image Editor"
+    result: bpy.props.StringProperty(options={"HIDDEN"})
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        results = context.scene.forest_sensing.results
+        picture = results[self.result].large if self.result in results else None
+        if picture is None:
+            self.report({"ERROR"}, "This picture is no longer there. Run its sensor again")
+            return {"CANCELLED"}
+        area = next((a for a in context.screen.areas if a.type == "IMAGE_EDITOR"), None)
+        if area is None:
+            bpy.ops.wm.window_new()
+            area = context.window_manager.windows[-1].screen.areas[0]
+            area.type = "IMAGE_EDITOR"
+        area.spaces.active.image = picture
+        return {"FINISHED"}
+
+
 CLASSES = (
     FOREST_OT_build,
     FOREST_OT_run,
@@ -279,6 +301,7 @@ CLASSES = (
     FOREST_OT_load_scene,
     FOREST_OT_save_scene,
     FOREST_OT_select_result,
+    FOREST_OT_show_picture,
 )
 
 

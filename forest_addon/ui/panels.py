@@ -283,6 +283,9 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
     if result.shown:
         chosen = header.operator("forest.select_result", text="", icon="RESTRICT_SELECT_OFF")
         chosen.shown = result.shown
+    if result.large is not None:
+        shown = header.operator("forest.show_picture", text="", icon="IMAGE_DATA")
+        shown.result = result.name
     if result.file:
         opened = header.operator("wm.path_open", text="", icon="FILE_FOLDER")
         opened.filepath = result.file

@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..blender.cloud import show_cloud
+from ..blender.cloud import show_cloud, show_heard
 from ..blender.layout import RESULTS, part
 from ..growth.trimesh import GROUND, LEAF, WOOD
 from ..sensing import metrics
@@ -22,6 +22,7 @@ from ..sensing.sonar import Echo
 from ..sensing.tractor import TractorScan, to_cloud
 from ..spec import Scene, Sensor, Tractor
 from ..stand.forest import Forest
+from . import images
 from .picture import FLOOR_DB, draw_level
 
 Figures = dict[str, str]
@@ -54,7 +55,16 @@ def keep_finding(
         points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
         select(context, points)
         result.shown = points.name
+        if isinstance(found, TractorScan):
+            picture = images.scan_picture(found.distance, sensor.max_range)
+            result.large = images.show(f"Forest {sensor.name} scan", picture)
     else:
+        if isinstance(found, Echo):
+            home = part(context.scene, RESULTS)
+            result.shown = show_heard(home, sensor.name, found.heard).name
+        result.large = images.show(
+            f"Forest {sensor.name} sound", images.sound_picture(*_sound(found))
+        )
         signal, rate = _signal(found)
         result.picture, drawn = draw_level(f"Forest {sensor.name}", signal)
         result.caption = f"{1e3 * drawn / rate:.0f} ms, {-FLOOR_DB:.0f} dB"
@@ -147,6 +157,15 @@ def _signal(found: Echo | Flight | ImpulseResponse) -> tuple[np.ndarray, float]:
     if isinstance(found, Flight):
         return found.stacked("envelopes")[:, 0].ravel(), found.echoes[0].sample_rate
     return found.envelope, found.sample_rate
+
+
+def _sound(found: Echo | Flight | ImpulseResponse) -> tuple[np.ndarray, float]:
+    """What sounds, and its sampling rate: of a flight, one ping after the other."""
+    if isinstance(found, ImpulseResponse):
+        return found.samples, found.sample_rate
+    if isinstance(found, Flight):
+        return found.stacked("waveforms")[:, 0].ravel(), found.echoes[0].sample_rate
+    return found.waveforms[0], found.sample_rate
 
 
 def _organs(organ: np.ndarray, engine: str) -> Figures:
