@@ -10,7 +10,7 @@ import numpy as np
 
 from .trimesh import LEAF, WOOD, TriMesh
 
-BANDS, SIDES = 6, 6
+BANDS, SIDES = 5, 5
 MOST = 85.0  # percent of the vertices of a band that its ring encloses
 
 
