@@ -7,6 +7,7 @@ handlers: whoever finds ours missing keeps nothing either. So what is kept is ne
 
 from __future__ import annotations
 
+import atexit
 from collections.abc import Callable, Hashable, Iterable
 from typing import Any, TypeVar
 
@@ -41,6 +42,9 @@ def unwatch() -> None:
     for handlers in _reports():
         if forget in handlers:
             handlers.remove(forget)
+
+
+atexit.register(unwatch)  # with a handler of ours left, bpy 4.5 does not end
 
 
 def _reports() -> Iterable[list]:
