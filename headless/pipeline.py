@@ -40,7 +40,15 @@ from forest_addon.sensing.geometry import SceneGeometry
 from forest_addon.sensing.sonar import Echo
 from forest_addon.sensing.tractor import TractorScan
 from forest_addon.spec import Scene, Sensor, SpecError
-from forest_addon.stand.forest import Forest, angle_table, grow_forest, leaf_table, tree_table
+from forest_addon.stand.forest import (
+    Forest,
+    angle_table,
+    grow_forest,
+    leaf_count,
+    leaf_table,
+    tree_table,
+    variant_leaf_table,
+)
 from forest_addon.stand.goodness import examine, law_of_scene, poisson_trees, window_of
 from forest_addon.stand.inputs import Inputs
 
@@ -49,6 +57,8 @@ from .cache import user_cache
 from .progress import Stages, hushed
 from .site_picture import draw_goodness
 from .stand_picture import draw_stand
+
+MOST_LEAVES = 5_000_000  # rows of leaves.npz; beyond, leaves are written once a variant
 
 
 @dataclass
@@ -179,7 +189,9 @@ def _write_truth(run: Run) -> None:
     write_csv(run.path("trees.csv"), tree_table(run.forest))
     write_csv(run.path("leaf_angles.csv"), angle_table(run.forest))
     metres = dict.fromkeys(("centre", "length", "width", "radius"), "m")
-    write_npz(run.path("leaves.npz"), leaf_table(run.forest), metres | {"normal": "1", "axis": "1"})
+    many = leaf_count(run.forest) > MOST_LEAVES
+    name, table = ("variant_leaves", variant_leaf_table) if many else ("leaves", leaf_table)
+    write_npz(run.path(f"{name}.npz"), table(run.forest), metres | {"normal": "1", "axis": "1"})
 
 
 def _describe(run: Run, sensor: Any, found: SensorFinding, observer: Observer) -> report.Finding:

@@ -45,12 +45,7 @@ def to_mesh(name: str, mesh: TriMesh) -> bpy.types.Mesh:
 
 def from_mesh(data: bpy.types.Mesh) -> TriMesh:
     """Any Blender mesh as triangles in its local space, with our face attributes where it has them."""
-    data.calc_loop_triangles()
-    count = len(data.loop_triangles)
-    triangles = np.empty(3 * count, dtype=np.int32)
-    face = np.empty(count, dtype=np.int32)
-    data.loop_triangles.foreach_get("vertices", triangles)
-    data.loop_triangles.foreach_get("polygon_index", face)
+    triangles, face = _triangles(data)
     position = np.empty(3 * len(data.vertices), dtype=np.float32)
     if len(position):
         data.attributes["position"].data.foreach_get("vector", position)
@@ -61,6 +56,22 @@ def from_mesh(data: bpy.types.Mesh) -> TriMesh:
         leaf=_face_values(data, "leaf", np.int32, -1)[face],
         material=_face_values(data, "material_index", np.int32, 0)[face],
     )
+
+
+def _triangles(data: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray | slice]:
+    """(3 T,) vertices of the triangles of a mesh, and which face each is a part of."""
+    if len(data.loops) == 3 * len(data.polygons):  # nothing to cut up
+        corners = np.empty(len(data.loops), dtype=np.int32)
+        if len(corners):
+            data.attributes[".corner_vert"].data.foreach_get("value", corners)
+        return corners, slice(None)
+    data.calc_loop_triangles()
+    count = len(data.loop_triangles)
+    corners = np.empty(3 * count, dtype=np.int32)
+    face = np.empty(count, dtype=np.int32)
+    data.loop_triangles.foreach_get("vertices", corners)
+    data.loop_triangles.foreach_get("polygon_index", face)
+    return corners, face
 
 
 def _face_values(data: bpy.types.Mesh, name: str, dtype: type, default: int) -> np.ndarray:

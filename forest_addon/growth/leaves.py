@@ -98,7 +98,7 @@ def separate_leaves(mesh: TriMesh) -> TriMesh:
     its number; further pieces are numbered on from the largest.
     """
     is_leaf = np.flatnonzero(mesh.leaf >= 0)
-    if not len(is_leaf):
+    if not len(is_leaf) or _plainly_one_piece_each(mesh.leaf[is_leaf], mesh.triangles[is_leaf]):
         return mesh
     used, corner = np.unique(mesh.triangles[is_leaf], return_inverse=True)
     corner = corner.reshape(-1, 3)
@@ -117,6 +117,16 @@ def separate_leaves(mesh: TriMesh) -> TriMesh:
     leaf = mesh.leaf.copy()
     leaf[is_leaf] = number[pair]
     return replace(mesh, leaf=leaf)
+
+
+def _plainly_one_piece_each(leaf: np.ndarray, triangles: np.ndarray) -> bool:
+    """Whether each leaf is one run of triangles of which each touches the one before, as we make them."""
+    same = leaf[1:] == leaf[:-1]
+    touches = (triangles[1:, :, None] == triangles[:-1, None, :]).any(axis=(1, 2))
+    if not touches[same].all():
+        return False
+    runs = leaf[np.concatenate([[True], ~same])]
+    return len(np.unique(runs)) == len(runs)
 
 
 def join_leaves(parts: Sequence[Leaves]) -> Leaves:

@@ -124,6 +124,29 @@ def leaf_table(forest: Forest) -> dict[str, np.ndarray]:
     }
 
 
+def variant_leaf_table(forest: Forest) -> dict[str, np.ndarray]:
+    """The truth of every leaf of every variant, in the space of its tree; ``species`` and ``variant`` say
+    of which. With the places, turns and scales of the trees it is that of the whole forest.
+    """
+    grown = list(forest.variants.items())
+    counts = [len(tree.leaves) for _, tree in grown]
+    leaves = join_leaves([tree.leaves for _, tree in grown])
+    names = ("centre", "normal", "axis", "length", "width", "radius", "branch")
+    columns = {name: getattr(leaves, name) for name in names}
+    columns["leaf"] = np.concatenate([np.arange(count) for count in counts] or [np.empty(0, int)])
+    for place, name in enumerate(("species", "variant")):
+        columns[name] = np.repeat(np.array([key[place] for key, _ in grown], dtype=int), counts)
+    return columns
+
+
+def leaf_count(forest: Forest) -> int:
+    """How many leaves all trees bear together."""
+    of_variant = {key: len(tree.leaves) for key, tree in forest.variants.items()}
+    stand = forest.stand
+    keys = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
+    return sum(of_variant[key] for key in keys)
+
+
 def angle_table(forest: Forest) -> dict[str, np.ndarray]:
     """Leaf-angle distribution of each planting, all its trees together: density per radian of the angle
     between leaf normal and vertical, by leaf area, in bins of equal width from 0 to 90°.
@@ -131,11 +154,12 @@ def angle_table(forest: Forest) -> dict[str, np.ndarray]:
     stand = forest.stand
     columns: dict[str, np.ndarray] = {}
     for planting, label in enumerate(forest.labels):
-        grown = [
-            forest.variant_of(int(tree)).leaves
-            for tree in np.flatnonzero(stand.species == planting)
-        ]
-        sizes = np.repeat(stand.scale[stand.species == planting], [len(g) for g in grown])
+        rows = np.flatnonzero(stand.species == planting)
+        used, which = np.unique(stand.variant[rows], return_inverse=True)
+        grown = [forest.variants[planting, int(variant)].leaves for variant in used]
+        # Leaves count by area: all trees of a variant together weigh Σ scale².
+        weight = np.bincount(which, stand.scale[rows] ** 2, minlength=len(used))
+        sizes = np.repeat(np.sqrt(weight), [len(leaves) for leaves in grown])
         leaves = join_leaves(grown)
         edges, density = leaf_angles(replace(leaves, radius=leaves.radius * sizes))
         columns |= {"from_deg": np.rad2deg(edges[:-1]), "to_deg": np.rad2deg(edges[1:])}
@@ -148,10 +172,13 @@ def tree_table(forest: Forest) -> dict[str, list[object]]:
     stand = forest.stand
     rows = []
     wood = {variant: wood_of_tree(tree) for variant, tree in forest.variants.items()}
+    height = {key: tree.height for key, tree in forest.variants.items()}
+    shade = {key: np.pi * (tree.leaves.radius**2).sum() for key, tree in forest.variants.items()}
     for tree in range(len(stand)):
         grown, scale = forest.variant_of(tree), float(stand.scale[tree])
         planting = int(stand.species[tree])
-        timber = wood[planting, int(stand.variant[tree])]
+        key = (planting, int(stand.variant[tree]))
+        timber = wood[key]
         rows.append(
             {
                 "tree": int(stand.id[tree]),
@@ -163,10 +190,10 @@ def tree_table(forest: Forest) -> dict[str, list[object]]:
                 "z_m": float(stand.position[tree, 2]),
                 "rotation_rad": float(stand.rotation[tree]),
                 "scale": scale,
-                "height_m": grown.height * scale,
+                "height_m": height[key] * scale,
                 "foot_radius_m": float(grown.skeleton.radius[:1, 0].sum()) * scale,
                 "leaves": len(grown.leaves),
-                "leaf_area_m2": float((np.pi * grown.leaves.radius**2).sum()) * scale**2,
+                "leaf_area_m2": float(shade[key]) * scale**2,
                 "wood_volume_m3": timber.volume * scale**3,
                 "wood_area_m2": timber.area * scale**2,
                 "projected_wood_m2": timber.projected * scale**2,
