@@ -70,10 +70,10 @@ class Counts:
 
 @dataclass(frozen=True)
 class Found:
-    """Groups that are heard, what the others add at most (Σ of bounds), and the counts."""
+    """Groups that are heard, what the others add at most as a share of Σ|A|, and the counts."""
 
     groups: list[Group]
-    rest: float
+    bound: float
     counts: Counts
 
 
@@ -106,7 +106,7 @@ def search(
         known = finder.least(loudest)
         shut = float(rest[opened])
         if shut <= 0.5 * sonar.cull * known or opened == len(order):
-            return finder.keep(sonar.cull * known - shut, shut)
+            return finder.keep(sonar.cull * known, shut, known)
         loudest *= 4
 
 
@@ -170,12 +170,15 @@ class _Finder:
             total += float(mean_amplitude(lit, self._station, self._band).sum())
         return CAUTION * total
 
-    def keep(self, budget: float, shut: float) -> Found:
-        """All but the weakest, whose bounds add up to at most ``budget``."""
+    def keep(self, budget: float, shut: float, known: float) -> Found:
+        """All but the weakest, whose bounds and ``shut`` add up to at most ``budget``.
+
+        known : Σ|A| at least.
+        """
         bounds = np.concatenate([group.bound for group in self._groups] or [np.empty(0)])
         ascending = np.sort(bounds)
         sums = np.cumsum(ascending)
-        dropped = int(np.searchsorted(sums, budget, side="right"))
+        dropped = int(np.searchsorted(sums, budget - shut, side="right"))
         limit = ascending[dropped] if dropped < len(bounds) else np.inf
         kept, left_out = [], 0.0
         for number in range(len(self._groups)):
@@ -186,8 +189,8 @@ class _Finder:
             group = group.select(rows)
             self._counts.hidden += int(np.count_nonzero(group.shade == 0))
             kept.append(group.select(group.shade > 0))
-        rest = shut + max(left_out, 0.0) if dropped or shut else 0.0
-        return Found(merged(kept), rest, self._counts)
+        rest = shut + (max(left_out, 0.0) if dropped else 0.0)
+        return Found(merged(kept), rest / known if rest > 0 else 0.0, self._counts)
 
     def _look(self, number: int, rows: np.ndarray) -> None:
         """Ask wood for rows of a group that have not been asked for."""

@@ -19,7 +19,8 @@ from ..spec import Sonar
 from .discs import Foliage, LeafDiscs
 from .facets import FacetPopulation
 from .geometry import SceneGeometry
-from .scatterers import LeafPopulation, Population, Rows, Scatterers, Sight, Views
+from .leaves import LeafPopulation
+from .scatterers import Population, Rows, Scatterers, Sight, Views
 from .wood import WoodPopulation
 
 KINDS = ("leaves", "wood", "facets")
