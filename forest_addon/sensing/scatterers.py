@@ -10,6 +10,7 @@ of its rows when a sonar comes near.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import ClassVar, Protocol, Self
 
@@ -31,6 +32,18 @@ class Rows:
             value = getattr(self, field.name)
             kept[field.name] = value[rows] if isinstance(value, np.ndarray) else value
         return type(self)(**kept)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Several, one or more, one after the other; what is no array is that of the first."""
+        if len(parts) == 1:
+            return parts[0]
+        columns = {}
+        for name, value in vars(parts[0]).items():
+            if isinstance(value, np.ndarray):
+                value = np.concatenate([getattr(part, name) for part in parts])
+            columns[name] = value
+        return cls(**columns)
 
 
 class Strength(Protocol):
@@ -104,6 +117,9 @@ class Scatterers(Protocol):
         ...
 
     def select(self, rows: np.ndarray | slice) -> Self: ...
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self: ...
 
 
 @dataclass(frozen=True)
