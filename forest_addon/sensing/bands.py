@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-SAMPLED = 9  # frequencies of a mean over the band
+SAMPLED = 17  # frequencies of a mean over the band
 TAILS = 64.0  # periods of the bandwidth after which the Hann pulse has fallen to 1/(π·64³) = 1e-6
 MOST_SAMPLES = 2**27
 
@@ -40,17 +40,6 @@ class Band:
         turn = 2.0 * math.pi * share
         window: np.ndarray = 0.5 - 0.5 * np.cos(turn)
         return window
-
-    def mean_weights(self, frequency: np.ndarray, *, even: bool) -> np.ndarray:
-        """(Q,) weights of a mean over the band by a Hann window, of values at frequencies (Q,).
-
-        even : whether they are evenly spaced; otherwise they are Chebyshev points of their range.
-        """
-        weight = self.window(frequency)
-        if not even:
-            weight = weight * np.sin(math.pi * (np.arange(len(weight)) + 0.5) / len(weight))
-        total = weight.sum()
-        return np.asarray(weight / total if total > 0 else np.full(len(weight), 1 / len(weight)))
 
 
 @dataclass(frozen=True)

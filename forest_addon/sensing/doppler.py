@@ -51,7 +51,7 @@ def shifted_sum(
         return np.zeros((len(station.ear), grid.count), dtype=np.complex128)
     low, high = min(a.min() for a in alpha), max(a.max() for a in alpha)
     if high - low < SPREAD:
-        plain, _ = sum_echoes(groups, station, band, grid, tolerance)
+        plain = sum_echoes(groups, station, grid, tolerance)
         return plain * call.spectrum_at(grid.frequency, float(low))
     # Within X(f/α) are phases 2πf·t/α up to the end of the call.
     turns = math.pi * band.high * call.duration * float(high - low) / float(low) ** 2
@@ -65,7 +65,7 @@ def shifted_sum(
             Group(g.scatterers, g.instance, g.paths, g.bound, g.shade * share[:, number])
             for g, share in zip(groups, shares, strict=True)
         ]
-        plain, _ = sum_echoes(weighted, station, band, grid, tolerance)
+        plain = sum_echoes(weighted, station, grid, tolerance)
         total += plain * call.spectrum_at(grid.frequency, float(factor))
     return total
 

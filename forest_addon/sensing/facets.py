@@ -23,7 +23,7 @@ from ..growth.pieces import part
 from ..growth.trimesh import WOOD as WOOD_PART
 from ..growth.trimesh import TriMesh
 from .clusters import cluster
-from .scatterers import CLEAR, FACET, Rows, Scatterers, Sight, Views
+from .scatterers import CLEAR, FACET, Rows, Scatterers, Sight, Views, Whole
 
 FLAT = 1e-5  # sine of the angle between facets that are in one plane
 RADIAL = 1e-9  # sine below which an edge runs through the foot
@@ -31,7 +31,7 @@ PIECE = 0.125  # of √(λr): the longest piece of a rim
 
 
 @dataclass(frozen=True)
-class RimStrength(Rows):
+class RimStrength(Rows, Whole):
     """f = weight·sinc(k·slope); both (M,) metres. A glint has no slope."""
 
     weight: np.ndarray

@@ -13,7 +13,7 @@ A bound holds at every frequency of the band, so it also holds at every instant 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -70,10 +70,10 @@ class Counts:
 
 @dataclass(frozen=True)
 class Found:
-    """Groups that are heard, what the others add at most (Σ of bounds), and the counts."""
+    """Groups that are heard, what the others add at most as a share of Σ|A|, and the counts."""
 
     groups: list[Group]
-    rest: float
+    bound: float
     counts: Counts
 
 
@@ -106,7 +106,7 @@ def search(
         known = finder.least(loudest)
         shut = float(rest[opened])
         if shut <= 0.5 * sonar.cull * known or opened == len(order):
-            return finder.keep(sonar.cull * known - shut, shut)
+            return finder.keep(sonar.cull * known, shut, known)
         loudest *= 4
 
 
@@ -144,13 +144,15 @@ class _Finder:
             if station.apart:  # an ear may be nearer than the mouth
                 legs = np.linalg.norm(made.centre[None] - station.ear[:, None], axis=2)
                 kept &= legs.min(axis=0) >= 0.5 * sonar.near_limit
-            made, instance = made.select(kept), instance[kept]
+            if not kept.all():
+                made, instance = made.select(kept), instance[kept]
             paths = station.paths(made.centre)
             late = paths.length.max(axis=0, initial=0.0) > self._latest * station.sound_speed
             counts.late += int(np.count_nonzero(late))
             bound = paths.bound(station) * made.seen(station.point).bound(*station.wavenumbers)
             loud = ~late & (bound > 0)
-            group = Group(made, instance, paths, bound, np.ones(len(bound))).select(loud)
+            group = Group(made, instance, paths, bound, np.ones(len(bound)))
+            group = group if loud.all() else group.select(np.flatnonzero(loud))
             if len(group):
                 self._groups.append(group)
                 self._checked.append(np.zeros(len(group), dtype=bool))
@@ -166,16 +168,18 @@ class _Finder:
             rows = np.flatnonzero(self._groups[number].bound >= limit)
             self._look(number, rows)
             group = self._groups[number].select(rows)
-            lit = group.select(group.shade > 0)
-            total += float(mean_amplitude(lit, self._station, self._band).sum())
+            total += float(mean_amplitude(group, self._station, self._band).sum())
         return CAUTION * total
 
-    def keep(self, budget: float, shut: float) -> Found:
-        """All but the weakest, whose bounds add up to at most ``budget``."""
+    def keep(self, budget: float, shut: float, known: float) -> Found:
+        """All but the weakest, whose bounds and ``shut`` add up to at most ``budget``.
+
+        known : Σ|A| at least.
+        """
         bounds = np.concatenate([group.bound for group in self._groups] or [np.empty(0)])
         ascending = np.sort(bounds)
         sums = np.cumsum(ascending)
-        dropped = int(np.searchsorted(sums, budget, side="right"))
+        dropped = int(np.searchsorted(sums, budget - shut, side="right"))
         limit = ascending[dropped] if dropped < len(bounds) else np.inf
         kept, left_out = [], 0.0
         for number in range(len(self._groups)):
@@ -184,10 +188,11 @@ class _Finder:
             group = self._groups[number]
             left_out += float(group.bound.sum() - group.bound[rows].sum())
             group = group.select(rows)
-            self._counts.hidden += int(np.count_nonzero(group.shade == 0))
-            kept.append(group.select(group.shade > 0))
-        rest = shut + max(left_out, 0.0) if dropped or shut else 0.0
-        return Found(merged(kept), rest, self._counts)
+            lit = group.shade > 0
+            self._counts.hidden += len(group) - int(np.count_nonzero(lit))
+            kept.append(group if lit.all() else group.select(np.flatnonzero(lit)))
+        rest = shut + (max(left_out, 0.0) if dropped else 0.0)
+        return Found(merged(kept), rest / known if rest > 0 else 0.0, self._counts)
 
     def _look(self, number: int, rows: np.ndarray) -> None:
         """Ask wood for rows of a group that have not been asked for."""
@@ -221,14 +226,10 @@ def merged(groups: list[Group]) -> list[Group]:
 def _join(groups: list[Group]) -> Group:
     if len(groups) == 1:
         return groups[0]
-    first = groups[0].scatterers
-    columns = {}
-    for name, value in vars(first).items():
-        parts = [getattr(group.scatterers, name) for group in groups]
-        columns[name] = np.concatenate(parts) if isinstance(value, np.ndarray) else value
+    sets = [group.scatterers for group in groups]
     paths = [group.paths for group in groups]
     return Group(
-        replace(first, **columns),  # type: ignore[type-var]
+        type(sets[0]).joined(sets),
         np.concatenate([group.instance for group in groups]),
         Paths(
             np.concatenate([p.direction for p in paths]),

@@ -55,7 +55,7 @@ class Extinction:
         for group in found.groups:
             depth = self.depth(group.paths.emitted, group.paths.distance, group.scatterers.clear)
             groups.append(replace(group, shade=group.shade * np.exp(-depth)))
-        return Found(groups, found.rest, found.counts)
+        return Found(groups, found.bound, found.counts)
 
     def depth(self, offset: np.ndarray, distance: np.ndarray, clear: np.ndarray) -> np.ndarray:
         """(M,) τ up to places at offsets (2, M) off the axis, ``clear`` metres before ``distance``."""

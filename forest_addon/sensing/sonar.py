@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 from scipy import fft
@@ -28,7 +29,7 @@ from .discs import LeafDiscs, leaf_discs
 from .doppler import shifted_sum, widened
 from .poses import Pose, posed
 from .rays import RayCaster
-from .search import Group, search
+from .search import Group, mean_amplitude, search
 from .shading import Extinction, behind_wood
 from .station import Equipment, Station
 from .summation import sum_echoes
@@ -72,7 +73,7 @@ class Echo:
     frequency : (K,) Hz, the band. spectra : (E, K) complex, the transfer function, not windowed.
     time : (N,) s after the call. responses : (E, N) of the band's pulse. envelopes : (E, N) of their
     analytic signals. waveforms : (E, N) of the sonar's call; those of a pulse are the responses.
-    heard : what is in the sum. leaves, others : how many leaves, and cylinders and facets before they are
+    leaves, others : how many leaves, and cylinders and facets before they are
     cut, the scene has of the kinds that sound. near, far, broken, hidden, late : scatterers outside the
     limits of range, not finite, behind wood, after the end of the record.
     cull_bound : all that is left out as too weak adds at most this share of Σ|A| of what is heard.
@@ -84,7 +85,6 @@ class Echo:
     responses: np.ndarray
     envelopes: np.ndarray
     waveforms: np.ndarray
-    heard: Contributions
     leaves: int
     others: int
     near: int
@@ -96,6 +96,12 @@ class Echo:
     sound_speed: float
     sample_rate: float
     pose: Pose
+    list_heard: Callable[[], Contributions]
+
+    @cached_property
+    def heard(self) -> Contributions:
+        """What is in the sum; listed when it is first asked for."""
+        return self.list_heard()
 
     @property
     def spectrum(self) -> np.ndarray:
@@ -161,7 +167,7 @@ def ping(
     moving = float(np.linalg.norm(station.pose.velocity)) if call and sonar.doppler else 0.0
     wide = widened(band, moving, station.sound_speed) if moving else band
     grid = grid_of(wide, rate, latest / station.sound_speed, sonar.record, lasts)
-    spectra, mean = sum_echoes(found.groups, station, wide, grid, sonar.tolerance, progress)
+    spectra = sum_echoes(found.groups, station, grid, sonar.tolerance, progress)
 
     window = band.window(grid.frequency)
     analytic = _in_time(spectra * window, grid, grid.length / window.sum())
@@ -174,8 +180,6 @@ def ping(
         else:
             called = spectra * sent
         waveforms = _in_time(called, grid, 2.0).real
-    heard, whole = _contributions(found.groups, mean, station, targets)
-    counts = found.counts
     return Echo(
         frequency=grid.frequency,
         spectra=spectra,
@@ -183,14 +187,14 @@ def ping(
         responses=responses,
         envelopes=np.abs(analytic),
         waveforms=waveforms,
-        heard=heard,
         leaves=targets.total(sonar, "leaf"),
         others=targets.total(sonar) - targets.total(sonar, "leaf"),
-        **vars(counts),
-        cull_bound=found.rest / whole if found.rest > 0 else 0.0,
+        **vars(found.counts),
+        cull_bound=found.bound,
         sound_speed=station.sound_speed,
         sample_rate=rate,
         pose=station.pose,
+        list_heard=partial(_contributions, found.groups, station, band, targets),
     )
 
 
@@ -207,14 +211,14 @@ def _in_time(spectra: np.ndarray, grid: Grid, scale: float) -> np.ndarray:
 
 
 def _contributions(
-    groups: list[Group], mean: list[np.ndarray], station: Station, targets: Targets
-) -> tuple[Contributions, float]:
-    """What each adds, loudest first, and Σ|A|."""
+    groups: list[Group], station: Station, band: Band, targets: Targets
+) -> Contributions:
+    """What each adds, loudest first."""
     if not groups:
         none, whole = np.empty(0), np.empty(0, np.int64)
         empty = np.empty(0, "U5")
-        return Contributions(empty, whole, whole, whole, np.empty((0, 3)), none, none, none), 0.0
-    amplitude = np.concatenate(mean)
+        return Contributions(empty, whole, whole, whole, np.empty((0, 3)), none, none, none)
+    amplitude = np.concatenate([mean_amplitude(g, station, band) for g in groups])
     order = np.argsort(-amplitude, kind="stable")
     instance = np.concatenate([g.instance for g in groups])[order]
     legs = np.concatenate([g.paths.length[0] for g in groups])[order]
@@ -227,4 +231,4 @@ def _contributions(
         distance=np.concatenate([g.paths.distance for g in groups])[order],
         delay=legs / station.sound_speed,
         amplitude=amplitude[order],
-    ), float(amplitude.sum())
+    )

@@ -88,6 +88,7 @@ class Station:
         self.together = len(ears) == 1 and sonar.ear_turn_deg == 0
         self.apart = float(np.linalg.norm(ears.offset, axis=1).max())
         self.sound_speed = air.speed()
+        self.least_loss = float(self.loss(np.array([sonar.band[0]]))[0])
         self.wavenumbers = tuple(2.0 * math.pi * f / self.sound_speed for f in sonar.band)
 
     def loss(self, frequency: np.ndarray) -> np.ndarray:
@@ -111,10 +112,12 @@ class Station:
         band, equipment = self.sonar.band, self.equipment
         gain = equipment.emit.ceiling(off[:, 0], band)
         gain = gain * equipment.hear.ceiling(off[:, 1:].min(axis=1), band)
-        lowest = float(self.loss(np.array([self.sonar.band[0]]))[0])
         back = np.maximum(some.nearest - self.apart, 0.5 * self.sonar.near_limit)
         return (
-            some.strength * gain * np.exp(-lowest * (some.nearest + back)) / (some.nearest * back)
+            some.strength
+            * gain
+            * np.exp(-self.least_loss * (some.nearest + back))
+            / (some.nearest * back)
         )
 
     def paths(self, centre: np.ndarray) -> Paths:
@@ -179,7 +182,6 @@ class Paths:
     def bound(self, station: Station) -> np.ndarray:
         """(M,) no gain in the band is larger, at any ear."""
         band, equipment = station.sonar.band, station.equipment
-        lowest = float(station.loss(np.array([band[0]]))[0])
         sent = equipment.emit.loudest(self.emitted[0], self.emitted[1], band)
         most = np.zeros(len(sent))
         for ear in range(len(self.leg)):
@@ -189,6 +191,8 @@ class Paths:
                 if same
                 else equipment.hear.loudest(self.heard[ear, 0], self.heard[ear, 1], band)
             )
-            weaker = np.exp(-lowest * self.length[ear]) / (self.distance * self.leg[ear])
+            weaker = np.exp(-station.least_loss * self.length[ear]) / (
+                self.distance * self.leg[ear]
+            )
             most = np.maximum(most, sent * heard * weaker)
         return most

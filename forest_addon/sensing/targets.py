@@ -19,7 +19,8 @@ from ..spec import Sonar
 from .discs import Foliage, LeafDiscs
 from .facets import FacetPopulation
 from .geometry import SceneGeometry
-from .scatterers import LeafPopulation, Population, Rows, Scatterers, Sight, Views
+from .leaves import LeafPopulation
+from .scatterers import Population, Rows, Scatterers, Sight, Views
 from .wood import WoodPopulation
 
 KINDS = ("leaves", "wood", "facets")
@@ -149,8 +150,8 @@ class Targets:
     def scatterers(
         self, sonar: Sonar, some: Candidates, sight: Sight
     ) -> list[tuple[Scatterers, np.ndarray]]:
-        """The scatterers of opened candidates, by population and instance, each with its instance (M,)."""
-        opened = []
+        """The scatterers of opened candidates, one set a kind, each with its instance (M,)."""
+        opened: dict[str, tuple[list[Scatterers], list[np.ndarray]]] = {}
         order = np.lexsort((some.block, some.member, some.stand))
         stand, member, block = some.stand[order], some.member[order], some.block[order]
         starts = np.flatnonzero(
@@ -162,8 +163,13 @@ class Targets:
             rows = np.concatenate([np.arange(bounds[b], bounds[b + 1]) for b in block[first:last]])
             which = member[first]
             made = chosen.population.scatterers(chosen.transform[which], rows, sight)
-            opened.append((made, np.full(len(made), chosen.instance[which])))
-        return opened
+            sets, instances = opened.setdefault(made.kind, ([], []))
+            sets.append(made)
+            instances.append(np.full(len(made), chosen.instance[which]))
+        return [
+            (type(sets[0]).joined(sets), np.concatenate(instances))
+            for sets, instances in opened.values()
+        ]
 
     def _stand(self, kind: str, index: int, model: str) -> _Stand | None:
         population = self._population(kind, index, model)

@@ -28,7 +28,7 @@ from ..growth.pieces import part
 from ..growth.trimesh import WOOD as WOOD_PART
 from ..growth.trimesh import TriMesh
 from .clusters import cluster
-from .scatterers import WOOD, Rows, Scatterers, Sight, Views
+from .scatterers import WOOD, Rows, Scatterers, Sight, Views, Whole
 
 STRAIGHT = 0.002  # m between a centreline and the chords that stand for it
 ALIKE = 0.1  # relative change of the radius along a chord
@@ -36,7 +36,7 @@ LARGEST = 600.0  # ka; beyond, S grows as its root
 
 
 @dataclass(frozen=True)
-class CylinderStrength(Rows):
+class CylinderStrength(Rows, Whole):
     """length, radius : (M,) metres. sine, cosine : (M,) of the angle between sound and axis.
 
     nearness : (M,) root of the distance to the near side over that to the axis: waves spread around a

@@ -10,8 +10,9 @@ from references.echo_scenes import scene_of, square_leaves
 
 from forest_addon.acoustics.disc import MODELS
 from forest_addon.sensing.clusters import cluster
+from forest_addon.sensing.leaves import BETWEEN, VIEWS
 from forest_addon.sensing.poses import Pose, posed
-from forest_addon.sensing.scatterers import BETWEEN, VIEWS, Sight
+from forest_addon.sensing.scatterers import Sight
 from forest_addon.sensing.sonar import leaf_discs, ping
 from forest_addon.sensing.station import Equipment, Station
 from forest_addon.sensing.targets import Targets
