@@ -175,6 +175,9 @@ def _add_species(commands: argparse._SubParsersAction) -> None:
     )
     species.add_argument("names", nargs="*", metavar="NAME", help="which; default every preset")
     species.add_argument("--sheet", type=Path, metavar="PNG", help="also render a contact sheet")
+    species.add_argument(
+        "--pictures", type=Path, metavar="DIR", help="also render a small picture of each into a folder"
+    )
     species.add_argument("--seed", type=int, default=1, help="seed of the trees (default 1)")
     species.set_defaults(do=_species)
 
@@ -184,7 +187,7 @@ def _species(chosen: argparse.Namespace) -> int:
 
     if chosen.seed < 0:
         raise SpecError("--seed", f"{chosen.seed} is out of range; use at least 0")
-    show_species(chosen.names, chosen.sheet, chosen.seed)
+    show_species(chosen.names, chosen.sheet, chosen.seed, pictures=chosen.pictures)
     return 0
 
 

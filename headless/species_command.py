@@ -1,4 +1,7 @@
-"""``python -m headless species``: every preset in a table, and in a contact sheet with ``--sheet``."""
+"""``python -m headless species``: every preset in a table, and in a contact sheet with ``--sheet``.
+
+``--pictures`` renders a small picture of each, as Blender's panel shows them (assets/species/pictures).
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.patches import Rectangle
 
+from forest_addon.formats.atomic import replacing
 from forest_addon.formats.species_file import ASSETS, find_species, load_species
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.growth.truth import tree_truth
@@ -24,12 +28,20 @@ from .pictures import FAINT, INK, STYLE, save_figure
 Say = Callable[[str], None]
 PAPER = "#f4f2ec"
 WIDTH = 1500  # pixels
+ICON = 192  # pixels along a side of a small picture
 
 
-def show_species(names: Sequence[str], sheet: Path | None, seed: int, say: Say = print) -> None:
-    """Grow one tree of each species, print its truth, and render all in a picture.
+def show_species(
+    names: Sequence[str],
+    sheet: Path | None,
+    seed: int,
+    say: Say = print,
+    pictures: Path | None = None,
+) -> None:
+    """Grow one tree of each species, print its truth, and render them.
 
     names : presets or species files; none: every preset.
+    sheet : picture of all of them. pictures : folder for a small picture of each.
 
     Raises
     ------
@@ -48,6 +60,9 @@ def show_species(names: Sequence[str], sheet: Path | None, seed: int, say: Say =
     if sheet:
         draw_sheet(grown, sheet)
         say(f"Wrote {sheet}")
+    if pictures:
+        draw_pictures(grown, pictures)
+        say(f"Wrote {len(grown)} pictures into {pictures}")
 
 
 def preset_names() -> list[str]:
@@ -86,6 +101,33 @@ def draw_sheet(grown: Sequence[tuple[Species, Tree]], path: Path) -> Path:
     axes.set_xlim(0, wide)
     axes.set_ylim(high, 0)
     return save_figure(figure, path)
+
+
+def draw_pictures(grown: Sequence[tuple[Species, Tree]], folder: Path) -> None:
+    """A square JPEG of each tree, cut from one render at twice its size."""
+    from PIL import Image
+
+    from forest_addon.blender.sheet import FIELD, FOOT, render_sheet
+
+    columns = math.ceil(math.sqrt(len(grown)))
+    wide = 2 * ICON
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as held:
+        rendered = Path(held) / "trees.png"
+        trees = [(species.name, species.look, tree) for species, tree in grown]
+        cells = render_sheet(trees, columns, columns * wide, rendered)
+        with Image.open(rendered) as image:
+            whole = image.convert("RGBA")
+    above, below = round((FIELD[1] - FOOT) * wide), round(0.03 * wide)
+    side = above + below
+    for (species, _), cell in zip(grown, cells, strict=True):
+        left, foot = round(cell.x) - wide // 2, round(cell.y)
+        tree_alone = whole.crop((left, foot - above, left + wide, foot))  # without its sunk foot
+        paper = Image.new("RGBA", (side, side), PAPER)
+        paper.alpha_composite(tree_alone, ((side - wide) // 2, 0))
+        small = paper.convert("RGB").resize((ICON, ICON), Image.Resampling.LANCZOS)
+        with replacing(folder / f"{species.name}.jpg") as partial:
+            small.save(partial, quality=85, optimize=True)
 
 
 def _grow(name: str, seed: int) -> tuple[Species, Tree]:

@@ -45,14 +45,25 @@ def load_species(path: Path) -> tuple[Species, TreeTemplate | Blade | None]:
     ------
     SpecError : the file, its rules, or an STL file that it names, is missing or cannot be used.
     """
-    species = read_settings(path, Species)
+    return complete_species(read_settings(path, Species), path.parent, str(path))
+
+
+def complete_species(
+    species: Species, folder: Path, place: str
+) -> tuple[Species, TreeTemplate | Blade | None]:
+    """A species with what it takes from STL files, which start from ``folder``.
+
+    Raises
+    ------
+    SpecError : its rules cannot be used, or an STL file is missing or bad; ``place`` names the species.
+    """
     if species.rules is not None:
         try:
             check_rules(species.rules)
         except (GrammarError, ExpressionError) as problem:
-            raise SpecError(str(path), f"rules: {problem}") from None
+            raise SpecError(place, f"rules: {problem}") from None
     template, leaf = species.template, species.leaf
-    folder, what = path.parent, "leaf.mesh" if template is None else "template"
+    what = "leaf.mesh" if template is None else "template"
     try:
         blade = blade_from(read_stl(folder / leaf.mesh)) if leaf.mesh else None
         if template is None:
@@ -65,7 +76,7 @@ def load_species(path: Path) -> tuple[Species, TreeTemplate | Blade | None]:
         return species, split_tree(wood, leaves, height=template.height)
     except FileNotFoundError as problem:
         raise SpecError(
-            str(path), f"{what}: there is no file {problem.filename}; check the path"
+            place, f"{what}: there is no file {problem.filename}; check the path"
         ) from None
     except (StlError, TemplateError, BladeError) as problem:
-        raise SpecError(str(path), f"{what}: {problem}") from None
+        raise SpecError(place, f"{what}: {problem}") from None

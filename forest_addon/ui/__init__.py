@@ -37,7 +37,7 @@ def _steps() -> Iterator[Step]:
     """What registering does, one by one, and how each is taken back."""
     import bpy
 
-    from . import command, overlay, running, start, tree
+    from . import command, overlay, running, species_pictures, start, tree
     from .properties import FOREST_PG_scene, FOREST_PG_sensor
 
     for cls in _classes():
@@ -48,12 +48,15 @@ def _steps() -> Iterator[Step]:
     ):
         pointer = bpy.props.PointerProperty(type=group)
         yield partial(setattr, owner, name, pointer), partial(delattr, owner, name)
+    yield species_pictures.refresh, species_pictures.unregister
     for part in (running, tree, start, overlay, command):
         yield part.register, part.unregister
 
 
 def _classes() -> tuple[type, ...]:
     from . import lists, operators, panels, preferences, properties, start, tree
+    from . import species_edit, species_import, species_panel
 
-    rooms = (properties, lists, operators, tree, start, preferences, panels)
+    of_species = (species_edit, species_import, species_panel)
+    rooms = (properties, lists, operators, tree, start, preferences, panels, *of_species)
     return tuple(cls for room in rooms for cls in room.CLASSES)

@@ -17,11 +17,13 @@ from ..blender.single import shortest
 from ..spec import Settings, SpecError
 from .properties import (
     LARGEST_INT,
+    WHEN_USED,
     fields_of,
     is_group,
     is_sensor_kind,
     is_text,
     items_of,
+    listed,
     text_of,
     without_none,
 )
@@ -142,14 +144,18 @@ def read(group: Any, settings: type[T], place: str = "", given: dict[str, Any] |
                 read(item, items, f"{place}.{name}[{number}]".lstrip("."))
                 for number, item in enumerate(getattr(group, name))
             )
-        elif is_group(kind):
-            values[name] = read(getattr(group, name), kind, f"{place}.{name}".lstrip("."))
-        elif is_sensor_kind(name, known):
-            continue
-        elif is_text(name, kind):
-            values[name] = _parsed(f"{place}.{name}".lstrip("."), getattr(group, name))
         elif without_none(kind) and not getattr(group, f"use_{name}"):
             values[name] = None
+        elif is_group(without_none(kind) or kind):
+            part = without_none(kind) or kind
+            values[name] = read(getattr(group, name), part, f"{place}.{name}".lstrip("."))
+        elif is_sensor_kind(name, known):
+            continue
+        elif listed(kind):
+            key = f"{place}.{name}".lstrip(".")
+            values[name] = _list_of(key, getattr(group, name), listed(kind))
+        elif is_text(name, kind):
+            values[name] = _parsed(f"{place}.{name}".lstrip("."), getattr(group, name))
         else:
             values[name] = _plain(getattr(group, name))
     try:
@@ -164,19 +170,18 @@ def write(group: Any, settings: Settings, only: Mapping[str, Any] | None = None)
         if only is not None and name not in only:
             continue
         value = getattr(settings, name)
-        if is_group(kind):
+        if without_none(kind):
+            setattr(group, f"use_{name}", value is not None)
+            if value is None and is_group(without_none(kind)):
+                value = WHEN_USED[name]
+        if is_group(without_none(kind) or kind):
             write(getattr(group, name), value, None if only is None else only[name])
         elif items_of(kind):
             _fill(group, name, value)
         elif is_text(name, kind):
             setattr(group, name, text_of(value))
-        elif is_sensor_kind(name, known):
-            continue
-        else:
-            if without_none(kind):
-                setattr(group, f"use_{name}", value is not None)
-            if value is not None:
-                setattr(group, name, value)
+        elif value is not None and not is_sensor_kind(name, known):
+            setattr(group, name, value)
 
 
 def _fill(group: Any, name: str, items: Iterable[Settings]) -> None:
@@ -195,6 +200,18 @@ def _parsed(place: str, text: str) -> Any:
         raise SpecError(
             place, f'"{text}" is not a list of numbers; write [[0, 0], [1, 0], …]'
         ) from None
+
+
+def _list_of(place: str, text: str, item: type | None) -> tuple[Any, ...]:
+    """Texts parted by semicolons, or numbers from a text such as [2, 3]; the brackets may be left out."""
+    if item is str:
+        return tuple(part.strip() for part in text.split(";") if part.strip())
+    numbers = _parsed(place, f"[{text.strip().strip('[]')}]")
+    if item is int:
+        if not all(number.is_integer() for number in numbers):
+            raise SpecError(place, f'"{text}" must be whole numbers; write [2, 3]')
+        return tuple(int(number) for number in numbers)
+    return numbers
 
 
 def _tuples(value: Any) -> Any:

@@ -24,6 +24,7 @@ from .exchange import add_sensor, file_name, from_spec, to_spec, untouched
 from .preferences import expansions, rays_of
 from .properties import ASSETS
 from .running import PROBLEMS, FOREST_OT_cancel, Working, in_words
+from .species_edit import edited_species, export_edited, load
 
 DEMO = ASSETS / "scenes" / "demo.toml"
 SOLID_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
@@ -38,7 +39,6 @@ class FOREST_OT_build(Working, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> Work:
         from ..blender.forest import build
         from ..blender.inputs import inputs_from_scene
-        from ..formats.species_file import find_species, load_species
         from ..formats.stand_files import read_inputs
         from ..stand.forest import grow_forest
         from .results import keep_forest
@@ -46,13 +46,13 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         started, scene = time.perf_counter(), context.scene
         if untouched(scene.forest_sensing):
             open_scene(scene, DEMO)
-        settings = to_spec(scene)
+        settings, edited = to_spec(scene), edited_species(scene)
         folder = Path(bpy.path.abspath(scene.forest_sensing.folder))
         files = yield Task("reading files", lambda _: read_inputs(settings, folder))
         inputs = inputs_from_scene(settings, context.evaluated_depsgraph_get(), files)
 
         def grow(tell: Any) -> Any:
-            species = [load_species(find_species(p.species, folder)) for p in settings.plantings]
+            species = [load(planting.species, folder, edited) for planting in settings.plantings]
             return grow_forest(settings, species, tell, inputs)
 
         forest = yield Task("growing trees", grow)
@@ -235,8 +235,9 @@ class FOREST_OT_save_scene(bpy.types.Operator, ExportHelper):
         from ..formats.toml_file import write_settings
 
         try:
-            settings = to_spec(context.scene)
-            write_settings(Path(self.filepath), settings)
+            settings, edited = to_spec(context.scene), edited_species(context.scene)
+            path = Path(self.filepath)
+            write_settings(path, export_edited(settings, edited, path))
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}

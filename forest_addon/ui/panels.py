@@ -20,13 +20,15 @@ from .properties import PARTS
 from .running import current
 
 
-class _Tab:
+class Tab:
+    """Where our panels are."""
+
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "Forest"
 
 
-class _OnceStarted(_Tab):
+class OnceStarted(Tab):
     """A panel that appears when there are settings to show."""
 
     @classmethod
@@ -37,7 +39,7 @@ class _OnceStarted(_Tab):
 # --------------------------------------------------------------------------------------------- forest
 
 
-class FOREST_PT_forest(_Tab, bpy.types.Panel):
+class FOREST_PT_forest(Tab, bpy.types.Panel):
     bl_label = "Forest"
     bl_order = 0
 
@@ -56,13 +58,13 @@ class FOREST_PT_forest(_Tab, bpy.types.Panel):
             _draw_start(layout)
             return
         _big_button(layout, "forest.build", "FILE_REFRESH" if "forest" in props.results else "PLAY")
-        column = _split(layout)
+        column = split(layout)
         column.prop(props, "seed")
-        _draw_field(column, props.forest, "size")
-        _draw_field(column, props.forest, "instancing")
+        draw_field(column, props.forest, "size")
+        draw_field(column, props.forest, "instancing")
 
 
-class FOREST_PT_plantings(_OnceStarted, bpy.types.Panel):
+class FOREST_PT_plantings(OnceStarted, bpy.types.Panel):
     bl_label = "Plantings"
     bl_parent_id = "FOREST_PT_forest"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
@@ -73,14 +75,14 @@ class FOREST_PT_plantings(_OnceStarted, bpy.types.Panel):
         if not props.plantings:
             layout.label(text="No trees: add a planting", icon="INFO")
             return
-        column, planting = _split(layout), _planting(context)
+        column, planting = split(layout), _planting(context)
         for name in ("species", "variants", "layout", "expected", "density", "exact"):
-            _draw_field(column, planting, name)
+            draw_field(column, planting, name)
         for name in ("scale", "crown"):
-            _draw_field(column, planting, name)
+            draw_field(column, planting, name)
 
 
-class _OfPlanting(_Tab):
+class _OfPlanting(Tab):
     """More of the chosen planting."""
 
     bl_parent_id = "FOREST_PT_plantings"
@@ -102,74 +104,74 @@ class FOREST_PT_intensity(_OfPlanting, bpy.types.Panel):
         if not planting.gaussians:
             layout.label(text="No hills: the same everywhere", icon="INFO")
         else:
-            _draw_settings(_split(layout), _chosen(planting, "gaussians"))
+            draw_settings(split(layout), _chosen(planting, "gaussians"))
         layout.label(text="Images")
         draw_list(layout, "FOREST_UL_rasters", planting, "rasters", "raster")
         if planting.rasters:
-            _draw_settings(_split(layout), _chosen(planting, "rasters"))
-        column = _split(layout)
+            draw_settings(split(layout), _chosen(planting, "rasters"))
+        column = split(layout)
         for name in ("base", "painted", "painted_value"):
-            _draw_field(column, planting, name)
+            draw_field(column, planting, name)
 
 
 class FOREST_PT_limits(_OfPlanting, bpy.types.Panel):
     bl_label = "Limits"
 
     def draw(self, context: bpy.types.Context) -> None:
-        column = _split(self.layout)
+        column = split(self.layout)
         for name in ("slope_deg", "altitude", "polygon", "holes"):
-            _draw_field(column, _planting(context), name)
+            draw_field(column, _planting(context), name)
 
 
 class FOREST_PT_rows(_OfPlanting, bpy.types.Panel):
     bl_label = "Orchard Rows"
 
     def draw(self, context: bpy.types.Context) -> None:
-        column, planting = _split(self.layout), _planting(context)
+        column, planting = split(self.layout), _planting(context)
         column.active = planting.layout == "rows"
-        _draw_settings(column, planting.rows)
+        draw_settings(column, planting.rows)
 
 
 class FOREST_PT_list(_OfPlanting, bpy.types.Panel):
     bl_label = "List of Trees"
 
     def draw(self, context: bpy.types.Context) -> None:
-        column, planting = _split(self.layout), _planting(context)
+        column, planting = split(self.layout), _planting(context)
         column.active = planting.layout == "list"
         for name in ("trees", "collection"):
-            _draw_field(column, planting, name)
+            draw_field(column, planting, name)
 
 
-class FOREST_PT_spacing(_OnceStarted, bpy.types.Panel):
+class FOREST_PT_spacing(OnceStarted, bpy.types.Panel):
     bl_label = "Spacing"
     bl_parent_id = "FOREST_PT_forest"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, forest = self.layout, context.scene.forest_sensing.forest
-        column = _split(layout)
+        column = split(layout)
         for name in ("spacing", "spacing_rule"):
-            _draw_field(column, forest, name)
+            draw_field(column, forest, name)
         layout.label(text="Between Two Species")
         draw_list(layout, "FOREST_UL_distances", forest, "distances", "distance")
         if forest.distances:
-            _draw_settings(_split(layout), _chosen(forest, "distances"))
+            draw_settings(split(layout), _chosen(forest, "distances"))
 
 
-class FOREST_PT_ground(_OnceStarted, bpy.types.Panel):
+class FOREST_PT_ground(OnceStarted, bpy.types.Panel):
     bl_label = "Ground"
     bl_parent_id = "FOREST_PT_forest"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         props = context.scene.forest_sensing
-        column = _split(self.layout)
+        column = split(self.layout)
         for name in ("origin", "polygon", "holes", "margin"):
-            _draw_field(column, props.forest, name)
+            draw_field(column, props.forest, name)
         self.layout.label(text="Terrain")
-        _draw_settings(_split(self.layout), props.forest.terrain)
+        draw_settings(split(self.layout), props.forest.terrain)
         self.layout.label(text="On the Map")
-        column = _split(self.layout)
+        column = split(self.layout)
         for name in ("offset", "crs"):
             column.prop(props, name)
 
@@ -177,7 +179,7 @@ class FOREST_PT_ground(_OnceStarted, bpy.types.Panel):
 # -------------------------------------------------------------------------------------------- sensors
 
 
-class FOREST_PT_sensors(_OnceStarted, bpy.types.Panel):
+class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
     bl_label = "Sensors"
     bl_order = 1
 
@@ -206,10 +208,10 @@ class FOREST_PT_sensors(_OnceStarted, bpy.types.Panel):
         run.operator("forest.run", text="All").frames = "THIS"
         frames = run.operator("forest.run", text="", icon="RENDER_ANIMATION")
         frames.frames = "RANGE"
-        _split(layout).prop(props, "output", placeholder="In this file alone")
+        split(layout).prop(props, "output", placeholder="In this file alone")
 
 
-class FOREST_PT_sensor(_OnceStarted, bpy.types.Panel):
+class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
     """Settings of the chosen sensor."""
 
     bl_label = "Settings"
@@ -222,7 +224,7 @@ class FOREST_PT_sensor(_OnceStarted, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         thing = chosen_sensor(context)
         kind = sensors.kind_of(thing)
-        column = _split(self.layout)
+        column = split(self.layout)
         column.prop(thing, "name")
         column.prop(thing, "location")
         if kind == "reverb":
@@ -231,41 +233,41 @@ class FOREST_PT_sensor(_OnceStarted, bpy.types.Panel):
             column.prop(thing, "rotation_euler", text="Rotation")
         group = getattr(thing.forest_sensor, kind)
         hidden = {"name", *sensors.POSED.get(kind, ())}
-        _draw_settings(_split(self.layout), group, hidden)
+        draw_settings(split(self.layout), group, hidden)
         for part in group.parts:
             header, body = self.layout.panel(f"FOREST_{kind}_{part}", default_closed=True)
             header.label(text=part.title())
             if body is not None:
-                _draw_settings(_split(body), getattr(group, part))
+                draw_settings(split(body), getattr(group, part))
         if kind == "mobile" and not group.follow:
             self.layout.label(text="Where It Goes")
             draw_list(self.layout, "FOREST_UL_poses", group, "poses", "pose")
             if group.poses:
-                _draw_settings(_split(self.layout), _chosen(group, "poses"))
+                draw_settings(split(self.layout), _chosen(group, "poses"))
 
 
-class FOREST_PT_air(_OnceStarted, bpy.types.Panel):
+class FOREST_PT_air(OnceStarted, bpy.types.Panel):
     bl_label = "Air"
     bl_parent_id = "FOREST_PT_sensors"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        _draw_settings(_split(self.layout), context.scene.forest_sensing.air)
+        draw_settings(split(self.layout), context.scene.forest_sensing.air)
 
 
-class FOREST_PT_rays(_OnceStarted, bpy.types.Panel):
+class FOREST_PT_rays(OnceStarted, bpy.types.Panel):
     bl_label = spec.Rays.TITLE
     bl_parent_id = "FOREST_PT_sensors"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        _draw_settings(_split(self.layout), context.scene.forest_sensing.rays)
+        draw_settings(split(self.layout), context.scene.forest_sensing.rays)
 
 
 # -------------------------------------------------------------------------------------------- results
 
 
-class FOREST_PT_results(_OnceStarted, bpy.types.Panel):
+class FOREST_PT_results(OnceStarted, bpy.types.Panel):
     bl_label = "Results"
     bl_order = 2
 
@@ -353,7 +355,7 @@ def _big_button(
     row.operator(operator, icon=icon, **({"text": text} if text else {}))
 
 
-def _split(layout: bpy.types.UILayout) -> bpy.types.UILayout:
+def split(layout: bpy.types.UILayout) -> bpy.types.UILayout:
     """A column with labels to the left and values to the right."""
     column = layout.column()
     column.use_property_split = True
@@ -361,16 +363,16 @@ def _split(layout: bpy.types.UILayout) -> bpy.types.UILayout:
     return column
 
 
-def _draw_settings(
+def draw_settings(
     layout: bpy.types.UILayout, group: Any, hidden: Collection[str] = frozenset()
 ) -> None:
     """Every setting of a group, in the order of ``spec``."""
     for name in group.shown:
         if name not in hidden:
-            _draw_field(layout, group, name)
+            draw_field(layout, group, name)
 
 
-def _draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
+def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
     """One setting: pairs as two rows, a value that may be left out behind its switch."""
     known = group.bl_rna.properties[name]
     if f"use_{name}" in group.bl_rna.properties:

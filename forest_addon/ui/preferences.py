@@ -87,9 +87,19 @@ def rays_of(rays: spec.Rays) -> spec.Rays:
 
 def cache_folder() -> Path:
     """The extension's own folder for what can be computed again; it need not exist."""
+    return _home() / "cache"
+
+
+def species_folder() -> Path:
+    """Where one's own species are kept; it need not exist."""
+    return _home() / "species"
+
+
+def _home() -> Path:
+    """The folder that Blender gives this extension; a temporary one where it is not installed."""
     if chosen() is None or not ROOT.startswith("bl_ext."):
         return Path(bpy.app.tempdir) / "forest_sensing"
-    return Path(bpy.utils.extension_path_user(ROOT)) / "cache"
+    return Path(bpy.utils.extension_path_user(ROOT))
 
 
 @functools.cache

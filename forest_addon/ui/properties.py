@@ -68,8 +68,10 @@ LABELS = {
     "divergence_mrad": "Spread (mrad)",
     "extinction": "Air Loss (1/m)",
     "leaf_transmittance": "Leaf Lets Pass",
+    "elasticity": "Elasticity",
+    "prune_descending": "Prune Falling",
 }  # others are too long for a sidebar
-# What a number that was left out starts with when it is switched on.
+# What a value that was left out starts with when it is switched on.
 WHEN_USED = {
     "expected": 20.0,
     "density": 0.05,
@@ -77,6 +79,12 @@ WHEN_USED = {
     "line_step_deg": 0.25,
     "size": (30.0, 30.0),
     "origin": (0.0, 0.0),
+    "low": 0.0,
+    "high": 1.0,
+    "trunk_daughters": spec.Discrete(values=(3,)),
+    "template": spec.Template(wood=""),
+    "rules": spec.Rules(axiom="A", productions=("A -> F[+A][-A]/(90)A",)),
+    "honda": spec.Honda(),
 }
 
 
@@ -94,12 +102,15 @@ def make_group(settings: type[Settings], groups: dict[type, type]) -> type[bpy.t
     parts: dict[str, Any] = {}
     for name, kind, known, default in fields_of(settings):
         many = items_of(kind)
+        part = without_none(kind) or kind
         if many:
             lists[name] = CollectionProperty(type=groups[many])
             lists[f"active_{name}"] = IntProperty(options={"HIDDEN"})
-        elif is_group(kind):
-            words = {"name": name.title(), "description": _help(known)}
-            parts[name] = PointerProperty(type=groups[kind], **words)
+        elif is_group(part):
+            words = {"name": label_of(name, known), "description": _help(known)}
+            parts[name] = PointerProperty(type=groups[part], **words)
+            if part != kind:
+                annotations[f"use_{name}"] = _switch(name, known, default)
         elif not is_sensor_kind(name, known):
             annotations |= _properties(name, kind, known, default)
     group = _group_class(settings.__name__.lower(), annotations | parts | lists)
@@ -129,12 +140,17 @@ def _properties(name: str, kind: Any, known: Param, default: Any) -> dict[str, A
     start = WHEN_USED[name] if default is None else default
     return {
         name: property_of(name, optional, known, start),
-        f"use_{name}": BoolProperty(
-            name=f"Use {label_of(name, known)}",
-            description=_help(known),
-            default=default is not None,
-        ),
+        f"use_{name}": _switch(name, known, default),
     }
+
+
+def _switch(name: str, known: Param, default: Any) -> Any:
+    """Whether a value that may be left out is given."""
+    return BoolProperty(
+        name=f"Use {label_of(name, known)}",
+        description=_help(known),
+        default=default is not None,
+    )
 
 
 def property_of(name: str, kind: Any, known: Param, default: Any) -> Any:
@@ -142,7 +158,8 @@ def property_of(name: str, kind: Any, known: Param, default: Any) -> Any:
     item = typing.get_args(kind)[0] if size else kind
     words: dict[str, Any] = {"name": label_of(name, known), "description": _help(known)}
     if is_text(name, kind):
-        return StringProperty(default=text_of(default), **words)
+        given = () if default is dataclasses.MISSING else default
+        return StringProperty(default=text_of(given), **words)
     if item is bool:
         return (BoolVectorProperty if size else BoolProperty)(default=default, **words)
     if item is str:
@@ -158,7 +175,9 @@ def property_of(name: str, kind: Any, known: Param, default: Any) -> Any:
     words |= _how_shown(known, default if size else (default,))
     if known.unit in UNITS:
         words["unit"] = UNITS[known.unit]
-    if size and name not in PARTS:
+    if size == 3 and (known.minimum, known.maximum) == (0, 1):
+        words["subtype"] = "COLOR"
+    elif size and name not in PARTS:
         words["subtype"] = "XYZ_LENGTH" if known.unit == "m" else "XYZ"
     elif known.unit == "%":
         words["subtype"] = "PERCENTAGE"
@@ -169,7 +188,10 @@ def property_of(name: str, kind: Any, known: Param, default: Any) -> Any:
 
 def _text_property(name: str, known: Param, default: Any, words: dict[str, Any]) -> Any:
     if known.choices:
-        items = [(choice, choice.title(), words["description"]) for choice in known.choices]
+        items = [
+            (choice, choice if choice.isupper() else choice.title(), words["description"])
+            for choice in known.choices
+        ]
         return EnumProperty(items=items, default=default, **words)
     if name == "species":
         words |= {"search": _known_species, "search_options": {"SUGGESTION"}}
@@ -265,15 +287,31 @@ def is_group(kind: Any) -> bool:
 
 
 def is_text(name: str, kind: Any) -> bool:
-    """Whether a field is written as text: corners, which Blender has no property for, and what needs
-    more digits than Blender's numbers keep.
+    """Whether a field is written as text: corners and lists, which Blender has no property for, and what
+    needs more digits than Blender's numbers keep.
     """
     nested = any(typing.get_origin(part) is tuple for part in typing.get_args(kind))
-    return name == "offset" or (typing.get_origin(kind) is tuple and nested)
+    return (
+        name == "offset"
+        or listed(kind) is not None
+        or (typing.get_origin(kind) is tuple and nested)
+    )
+
+
+def listed(kind: Any) -> type | None:
+    """int of ``tuple[int, ...]``, as also float and str; None for any other type."""
+    parts = typing.get_args(kind)
+    many = typing.get_origin(kind) is tuple and len(parts) == 2 and parts[1] is Ellipsis
+    return parts[0] if many and parts[0] in (int, float, str) else None
 
 
 def text_of(value: Any) -> str:
-    """Numbers as a scene file writes them, [[0, 0], [10, 0], [10, 5.5]]; nothing for an empty list."""
+    """Numbers as a scene file writes them, [[0, 0], [10, 0], [10, 5.5]]; nothing for an empty list.
+
+    Texts are parted by semicolons.
+    """
+    if value and isinstance(value[0], str):
+        return "; ".join(value)
     return json.dumps(value) if value else ""
 
 
@@ -298,9 +336,12 @@ def _group_class(name: str, annotations: dict[str, Any]) -> type[bpy.types.Prope
 def _make_groups() -> dict[type, type]:
     groups: dict[type, type] = {}
     held = (spec.Distance, spec.Terrain, spec.Gaussian, spec.Raster, spec.Rows)
+    of_species = (spec.Normal, spec.Discrete, spec.Grammar, spec.Jitter, spec.Template, spec.Look)
+    of_trees = (spec.Rules, spec.Honda, spec.Leaf, spec.Detail, spec.Species)
     of_scanners = (spec.Beam, spec.Surfaces, spec.Noise, spec.Pose)
     of_scene = (spec.Forest, spec.Planting, spec.Air, spec.Rays)
-    for settings in (*held, *of_scanners, *of_scene, *spec.SENSORS.values()):
+    plain = (*held, *of_species, *of_trees, *of_scanners, *of_scene)
+    for settings in (*plain, *spec.SENSORS.values()):
         groups[settings] = make_group(settings, groups)
     return groups
 
@@ -314,6 +355,15 @@ class FOREST_PG_sensor(bpy.types.PropertyGroup):
     __annotations__ = {
         kind: PointerProperty(type=GROUPS[cls]) for kind, cls in spec.SENSORS.items()
     }
+
+
+class FOREST_PG_edited(bpy.types.PropertyGroup):
+    """A species that is edited in this file; ``name`` is what plantings call it."""
+
+    name: StringProperty()
+    origin: StringProperty(description="What it was made from, as a planting calls that")
+    folder: StringProperty(description="Folder that its STL files start from", subtype="DIR_PATH")
+    settings: PointerProperty(type=GROUPS[spec.Species])
 
 
 class FOREST_PG_figure(bpy.types.PropertyGroup):
@@ -351,6 +401,34 @@ def _choose_sensor(props: Any, context: bpy.types.Context) -> None:
         layer.objects.active = thing
 
 
+def _species_pictures(props: Any, _context: Any) -> list[tuple[str, str, str, int, int]]:
+    """Species to choose from, with their pictures."""
+    from .species_pictures import choices
+
+    return choices(props)
+
+
+def _species_number(props: Any) -> int:
+    """Which of them the chosen planting plants."""
+    from .species_pictures import number_of
+
+    return number_of(props)
+
+
+def _choose_species(props: Any, number: int) -> None:
+    from .species_pictures import choices
+
+    planting = chosen_planting(props)
+    if planting is not None:
+        planting.species = choices(props)[number][0]
+
+
+def chosen_planting(props: Any) -> Any:
+    """The planting that is chosen in the list, None where there is none."""
+    active = props.active_plantings
+    return props.plantings[active] if 0 <= active < len(props.plantings) else None
+
+
 def _scene_group() -> type[bpy.types.PropertyGroup]:
     """Everything that a Blender scene holds of ours."""
     plain = {name: (kind, known, default) for name, kind, known, default in fields_of(spec.Scene)}
@@ -383,10 +461,26 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
                 subtype="DIR_PATH",
                 options={"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"},
             ),
+            "edited": CollectionProperty(type=FOREST_PG_edited),
+            "species_picture": EnumProperty(
+                name="Species",
+                description="What the chosen planting plants",
+                items=_species_pictures,
+                get=_species_number,
+                set=_choose_species,
+                options={"SKIP_SAVE"},
+            ),
             "results": CollectionProperty(type=FOREST_PG_result),
         },
     )
 
 
 FOREST_PG_scene = _scene_group()
-CLASSES = (*GROUPS.values(), FOREST_PG_sensor, FOREST_PG_figure, FOREST_PG_result, FOREST_PG_scene)
+CLASSES = (
+    *GROUPS.values(),
+    FOREST_PG_sensor,
+    FOREST_PG_edited,
+    FOREST_PG_figure,
+    FOREST_PG_result,
+    FOREST_PG_scene,
+)

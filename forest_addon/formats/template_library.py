@@ -1,0 +1,176 @@
+"""A user's tree as STL files becomes a species that grows: the folder of its library.
+
+Written: the tree in metres (wood.stl, leaves.stl), a species file with a grammar fitted to its habit, and
+a scene that plants it (scene.toml).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..growth.habit import fit_grammar
+from ..growth.leaves import measure_leaves
+from ..growth.recognise import Recognition, TemplateError, recognise
+from ..growth.template import TreeTemplate, split_tree
+from ..growth.trimesh import LEAF, TriMesh
+from ..growth.unit import Unit, infer_unit
+from ..spec import Grammar, SpecError
+from .atomic import replacing
+from .stl import StlError, read_stl, write_stl
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Library:
+    """What was read and recognised, in file units, and what it was made into.
+
+    wood, leaves : (T, 3, 3) facets as read. leaf : median length of a leaf, None without leaves.
+    unit : what one unit of the files is taken to be. tree : in metres. species : the file written.
+    """
+
+    wood: np.ndarray
+    leaves: np.ndarray | None
+    found: Recognition
+    leaf: float | None
+    unit: Unit
+    tree: TreeTemplate
+    species: Path
+
+    @property
+    def height(self) -> float:
+        """Of the tree, metres."""
+        return float(np.ptp(self.wood[:, :, 2])) * self.unit.metres
+
+
+def make_library(
+    wood: Path,
+    leaves: Path | None,
+    name: str,
+    height: float,
+    out: Path,
+    progress: Progress | None = None,
+) -> Library:
+    """Make a template library from STL files.
+
+    height : metres of the tree; 0: the unit is inferred.
+
+    Raises
+    ------
+    SpecError : a name, a height or a file cannot be used, with the reason.
+    OSError : the folder cannot be written.
+    """
+    check_name(name)
+    if not 0 <= height <= 200:
+        raise SpecError("height", f"{height:g} m is out of range; use 0 to 200")
+    tell = progress or _say_nothing
+    tell(0, 4)
+    timber, foliage, found = _read(wood, leaves)
+    tell(1, 4)
+    leaf = _leaf_length(found)
+    tall = float(np.ptp(timber[:, :, 2]))
+    unit = Unit(height / tall, "units of the height given") if height else infer_unit(tall, leaf)
+    tree = split_tree(
+        timber * unit.metres, None if foliage is None else foliage * unit.metres
+    )
+    tell(2, 4)
+    grammar = fit_grammar(tree)
+    tell(3, 4)
+
+    out.mkdir(parents=True, exist_ok=True)
+    write_stl(out / "wood.stl", timber * unit.metres, f"{name}: wood, metres")
+    if foliage is not None:
+        write_stl(out / "leaves.stl", foliage * unit.metres, f"{name}: leaves, metres")
+    species = out / f"{name}.toml"
+    origin = " and ".join(path.name for path in (wood, leaves) if path)
+    _write(species, _species_text(name, origin, foliage is not None, grammar))
+    _write(out / "scene.toml", _scene_text(name, tall * unit.metres))
+    tell(4, 4)
+    return Library(timber, foliage, found, leaf, unit, tree, species)
+
+
+def check_name(name: str) -> None:
+    """Refuse a name that would not do as one of a file.
+
+    Raises
+    ------
+    SpecError : it has other characters than letters, digits, - and _.
+    """
+    if not re.fullmatch(r"[\w-]+", name):
+        raise SpecError("name", f'"{name}" must be letters, digits, - and _ only')
+
+
+def _read(wood: Path, leaves: Path | None) -> tuple[np.ndarray, np.ndarray | None, Recognition]:
+    try:
+        timber = read_stl(wood)
+        foliage = read_stl(leaves) if leaves else None
+        return timber, foliage, recognise(timber, foliage)
+    except FileNotFoundError as problem:
+        raise SpecError(
+            "template", f"there is no file {problem.filename}; check the path"
+        ) from None
+    except (StlError, TemplateError) as problem:
+        raise SpecError("template", str(problem)) from None
+
+
+def _leaf_length(found: Recognition) -> float | None:
+    """Median length of the leaves in file units, None without leaves."""
+    pieces = found.leaves
+    if not pieces.count:
+        return None
+    mesh = TriMesh.of_part(pieces.vertices, pieces.triangles, LEAF)
+    mesh.leaf[:] = pieces.piece
+    return float(np.median(measure_leaves(mesh).length))
+
+
+def _species_text(name: str, origin: str, leafy: bool, grammar: Grammar) -> str:
+    return f"""\
+name = "{name}"
+source = "Template from {origin.replace('"', "'").replace(chr(92), "/")}; grammar of T20 fitted to its habit."
+
+[template]
+wood = "wood.stl"
+leaves = "{"leaves.stl" if leafy else ""}"
+
+[grammar]
+generations = {grammar.generations}
+copies = {grammar.copies}
+length = {grammar.length}
+side_ratio = {grammar.side_ratio}
+centre_ratio = {grammar.centre_ratio}
+angle_deg = {grammar.angle_deg}
+twist_deg = {grammar.twist_deg}
+radius = {grammar.radius}
+radius_ratio = {grammar.radius_ratio}
+"""
+
+
+def _scene_text(name: str, height: float) -> str:
+    side = round(max(4.0, 2.5 * height), 1)
+    return f"""\
+name = "{name} forest"
+seed = 1
+
+[forest]
+size = [{side}, {side}]
+spacing = {round(0.3 * height, 2)}
+
+[[plantings]]
+species = "{name}.toml"
+variants = 3
+expected = 12
+"""
+
+
+def _write(path: Path, text: str) -> None:
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+def _say_nothing(_done: int, _total: int) -> None:
+    """In place of a progress bar."""

@@ -1,0 +1,92 @@
+"""Species to choose from, as pictures: the presets, one's own, those that are edited in the file.
+
+Folders are looked into and pictures loaded when they are first drawn, and not again: Blender reads a
+picture's file when it shows it, apart from drawing. ``refresh`` takes note of a new file.
+"""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+from typing import Any
+
+import bpy
+import bpy.utils.previews
+
+from .preferences import species_folder
+from .properties import ASSETS, chosen_planting
+
+Choice = tuple[str, str, str, int, int]  # what a planting calls it, name, help, icon, number
+
+_pictures: Any = None
+
+
+def choices(props: Any) -> tuple[Choice, ...]:
+    """Presets, one's own species, those edited here, and what else is planted."""
+    edited = tuple((item.name, item.origin) for item in props.edited)
+    return _choices(edited, tuple(planting.species for planting in props.plantings))
+
+
+def number_of(props: Any) -> int:
+    """The place of the chosen planting's species in ``choices``."""
+    planting = chosen_planting(props)
+    species = "" if planting is None else planting.species
+    return next((choice[4] for choice in choices(props) if choice[0] == species), 0)
+
+
+def title_of(species: str) -> str:
+    """What people read for a preset or a species file: honda-birch is Honda Birch."""
+    words = Path(species).stem.replace("-", " ").replace("_", " ").title()
+    return f"{words} (edited)" if species.startswith("edited/") else words
+
+
+def refresh() -> None:
+    """Look into the folders again when species are next drawn."""
+    _files.cache_clear()
+    _choices.cache_clear()
+
+
+def unregister() -> None:
+    """Free the pictures."""
+    global _pictures
+    refresh()
+    if _pictures is not None:
+        bpy.utils.previews.remove(_pictures)
+        _pictures = None
+
+
+@functools.lru_cache(maxsize=16)  # Blender wants the texts kept while it shows them
+def _choices(edited: tuple[tuple[str, str], ...], planted: tuple[str, ...]) -> tuple[Choice, ...]:
+    origins = dict(edited)
+    names = dict.fromkeys([*_files(), *origins, *filter(None, planted)])
+    return tuple(
+        (name, title_of(name), f"Plant {title_of(name)}", _icon(origins.get(name, name)), number)
+        for number, name in enumerate(names)
+    )
+
+
+@functools.cache
+def _files() -> dict[str, Path]:
+    """What a planting calls each species that is there, and where its picture would be."""
+    presets = sorted((ASSETS / "species").glob("*.toml"))
+    own = sorted([*species_folder().glob("*.toml"), *species_folder().glob("*/*.toml")])
+    found = {file.stem: file.parent / "pictures" / f"{file.stem}.jpg" for file in presets}
+    mine = (file for file in own if file.name != "scene.toml")
+    return found | {file.as_posix(): file.with_suffix(".jpg") for file in mine}
+
+
+def _icon(species: str) -> int:
+    """The number of a species' picture; that of a plain icon where it has none."""
+    global _pictures
+    if _pictures is None:
+        _pictures = bpy.utils.previews.new()
+    picture = _files().get(species)
+    if picture is None or not picture.is_file():
+        return int(_plain_icons()["OUTLINER_OB_CURVES"].value)
+    if species not in _pictures:
+        _pictures.load(species, str(picture), "IMAGE")
+    return int(_pictures[species].icon_id)
+
+
+def _plain_icons() -> Any:
+    return bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items
