@@ -13,15 +13,20 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from forest_addon.formats.table import write_csv
 from forest_addon.growth.truth import Wood, wood_of_skeleton
 from forest_addon.sensing import wood_indices
-from forest_addon.spec import Rays, SpecError
+from forest_addon.spec import Rays, Scene, SpecError
+from forest_addon.stand.forest import Forest
 
 from . import orchards
 from .orchards import Orchard
 from .simlidar_report import draw, print_report
+
+if TYPE_CHECKING:
+    from forest_addon.blender.observe import Observer
 
 Progress = Callable[[int, int], None]
 SOLID = 2  # S's P
@@ -50,6 +55,7 @@ class Finding:
     projected_m2: float
     impacted_m2: float
     impacted_solid_m2: float
+    impacted_eq14_m2: float
     hits: int
     hits_solid: int
     build_s: float
@@ -168,21 +174,11 @@ def observe(
     ------
     ValueError : the engine cannot be used; says why.
     """
-    from .progress import hushed
-
-    with hushed():
-        import bpy
-
-        from forest_addon.blender.forest import build
-        from forest_addon.blender.observe import Observer
-
-        bpy.ops.wm.read_factory_settings(use_empty=True)
     begin = time.process_time()
     forest = orchards.plant(orchard, internode, seed)
     thin = orchards.tractor_for(forest, 0, gap)
     scene = orchards.scene_of(forest, thin)
-    build(bpy.context.scene, scene, forest)
-    observer = Observer(bpy.context.evaluated_depsgraph_get(), Rays(engine=engine))
+    observer = stand_up(forest, scene, Rays(engine=engine))
     caster = observer.caster
     built = time.process_time()
 
@@ -193,6 +189,7 @@ def observe(
     solid = orchards.tractor_for(forest, SOLID, gap)
     thick = observer.observe(solid, scene, _part(progress, 1, share - 1, share))
     solid_area = (gap + 1) * wood_indices.impacted_by_tree(thick, solid, orchard.trees)
+    upright = (gap + 1) * wood_indices.beam_areas(thick, solid, from_vertical=True)
     done = time.process_time()
 
     same = asdict(orchard)
@@ -225,6 +222,7 @@ def observe(
             name: sum(getattr(tree, name) for tree in trees)
             for name in ("volume_m3", "area_m2", "projected_m2", "impacted_m2", "impacted_solid_m2")
         },
+        impacted_eq14_m2=float(upright.sum()),
         hits=int((scan.returns.tree >= 0).sum()),
         hits_solid=int((thick.returns.tree >= 0).sum()),
         build_s=built - begin,
@@ -232,6 +230,26 @@ def observe(
         scan_solid_s=done - seen,
     )
     return whole, trees
+
+
+def stand_up(forest: Forest, scene: Scene, rays: Rays) -> Observer:
+    """Build an orchard as a Blender scene, in place of all there is, and read what it evaluates to.
+
+    Raises
+    ------
+    ValueError : the engine cannot be used; says why.
+    """
+    from .progress import hushed
+
+    with hushed():
+        import bpy
+
+        from forest_addon.blender.forest import build
+        from forest_addon.blender.observe import Observer
+
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+    build(bpy.context.scene, scene, forest)
+    return Observer(bpy.context.evaluated_depsgraph_get(), rays)
 
 
 class _Kept:

@@ -11,7 +11,7 @@ import numpy as np
 from forest_addon.sensing.wood_indices import Line, line_through_origin
 
 from .bench import table
-from .pictures import BARK, FAINT, INK, RED, blank_figure, save_figure
+from .pictures import BARK, FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
 
 if TYPE_CHECKING:
     from .simlidar_command import Finding
@@ -29,7 +29,11 @@ TABLE_3 = (
 )
 # S, its fits through the origin: slope and R².
 THEIRS = {"projected_m2": ("A_PR", 3.6166, 0.7002), "area_m2": ("A_L", 10.812, 0.7756)}
-BEAMS = {"impacted_m2": "one ray", "impacted_solid_m2": "solid beam, P = 2"}
+BEAMS = {
+    "impacted_m2": "one ray",
+    "impacted_solid_m2": "solid beam, P = 2",
+    "impacted_eq14_m2": "solid beam, θ from the vertical (eq. 14)",
+}
 
 DISCUSSION = """\
 Where and why they differ:
@@ -118,7 +122,7 @@ def draw(found: Sequence[Finding], path: Path) -> Path:
         y = _column(found, what)
         most = max(_column(found, beam).max() for beam in BEAMS)
         ends = np.array([0.0, 1.05 * most])
-        for (beam, label), colour in zip(BEAMS.items(), (BARK, RED), strict=True):
+        for (beam, label), colour in zip(BEAMS.items(), (BARK, RED, LEAF_GREEN), strict=True):
             x = _column(found, beam)
             line = line_through_origin(x, y)
             four = np.array([row.trees == 4 for row in found])

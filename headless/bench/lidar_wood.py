@@ -3,7 +3,7 @@
 One leafless apple tree of S is meshed with several tolerances and scanned; the same rays meet the exact
 cylinders of its skeleton. Ranges are compared where both meet the same wood; rays that meet another branch,
 or that only one of the two meets, are counted. What stays at the finest mesh is not the roundness:
-where an axis bends, tubes are mitred and cylinders overlap.
+where an axis bends, tubes are mitred and cylinders overlap. Last, the largest orchard is timed as a whole.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from forest_addon.sensing.wood_indices import impacted_area
 from forest_addon.spec import Rays, Tractor
 
 from .. import orchards
+from ..simlidar_command import stand_up
 from . import Say, table
 from .exact_cones import first_hits
 
@@ -33,11 +34,12 @@ FINE = 1e-4  # metres
 PARTS, SOLID = (0, 1, 2, 4), 8
 SAME = 0.02  # metres; ranges that differ by more are of another branch
 ORCHARD = orchards.Orchard(iterations=4, trees=1, smallest=0.006)
+LARGEST = orchards.Orchard(iterations=7, trees=4, smallest=0.006)
 EVERY = 8  # of the scans
 
 
 def run(say: Say) -> None:
-    """Print both tables."""
+    """Print the tables."""
     forest = orchards.plant(ORCHARD, orchards.first_internode(), seed=1)
     skeleton = forest.variants[0, 0].skeleton
     tractor = _past(skeleton)
@@ -65,6 +67,34 @@ def run(say: Say) -> None:
         ["P", "rays a beam", "A_IM", "times exact rays", f"to P = {SOLID}", "CPU s"],
         [_solid_row(tractor, caster, parts, area, solid) for parts in PARTS],
     )
+    say("\nThe whole of S's largest row, from the L-system to A_IM, one thread:\n")
+    table(
+        say,
+        [
+            *("engine", "branches", "triangles", "beams", "grow, build, read: CPU s"),
+            *("scan: CPU s", "all: CPU s", "S", "A_IM"),
+        ],
+        [_largest(engine) for engine in ("embree", "bvhtree")],
+    )
+
+
+def _largest(engine: str) -> list[str]:
+    start = time.process_time()
+    forest = orchards.plant(LARGEST, orchards.first_internode(), seed=1)
+    tractor = orchards.tractor_for(forest, 0)
+    scene = orchards.scene_of(forest, tractor)
+    observer = stand_up(forest, scene, Rays(engine=engine, threads=1))
+    meshes = observer.caster.scene.meshes
+    built = time.process_time()
+    scan = drive(tractor, observer.caster)
+    area = impacted_area(scan, tractor)
+    done = time.process_time()
+    return [
+        *(observer.caster.engine, f"{sum(len(t.skeleton) for t in forest.variants.values()):,}"),
+        *(f"{sum(len(mesh.triangles) for mesh in meshes):,}", f"{scan.distance.size:,}"),
+        *(f"{built - start:.2f}", f"{done - built:.2f}", f"{done - start:.2f}"),
+        *("210 minutes", f"{area:.5f} m²"),
+    ]
 
 
 def _past(skeleton: Skeleton) -> Tractor:

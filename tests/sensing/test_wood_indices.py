@@ -37,6 +37,10 @@ def test_a_wall_has_its_distance_times_the_fan():
     span = scan.angle[-1] + step - scan.angle[above][0]
     assert areas[:, above].sum() == pytest.approx(50 * 0.002 * far * span, rel=step)
     assert (areas[scan.organ != WOOD] == 0).all()
+    # With θ from the vertical the same sum is D·∫tan θ = D·ln(cos θ₁/cos θ₂).
+    upright = wood_indices.beam_areas(scan, fine, from_vertical=True)[:, above].sum()
+    logarithm = np.log(np.cos(scan.angle[above][0]) / np.cos(scan.angle[-1] + step))
+    assert upright == pytest.approx(50 * 0.002 * far * logarithm, rel=2 * step)
 
 
 def test_a_vertical_cylinder_has_its_visible_front():
