@@ -716,6 +716,19 @@ class Tractor(Settings):
     )
     top: float = param(12.0, unit="m", help="height that the highest beam has at that distance")
     max_range: float = param(100.0, unit="m", help="nothing farther is seen", gt=0, le=1e5)
+    parts: int = param(
+        0,
+        help="P: a beam is (P + 1)² rays over step by angle step, the nearest hit counts (S: 2); 0: one ray",
+        ge=0,
+        le=16,
+    )
+    escape: float | None = param(
+        None,
+        unit="m",
+        help="written into the matrix where a beam meets nothing; left out: inf",
+        ge=-1e6,
+        le=1e6,
+    )
 
     def check(self) -> None:
         if self.position[2] <= 0:

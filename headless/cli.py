@@ -19,6 +19,7 @@ from forest_addon.spec import Scene, SpecError
 from .bench import SECTIONS
 from .bench import run as run_sections
 from .lidar_command import add_lidar, target_of, with_values_joined
+from .simlidar_command import add_simlidar
 
 DEMO = ASSETS / "scenes" / "demo.toml"
 
@@ -106,6 +107,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_stand(commands)
     _add_estimate(commands)
     add_lidar(commands)
+    add_simlidar(commands)
     for command, folder in ((run, "out/SCENE"), (demo, "out/demo")):
         command.add_argument(
             "--out", type=Path, metavar="DIR", help=f"folder for the results (default {folder})"

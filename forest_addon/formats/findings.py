@@ -43,7 +43,7 @@ def write_finding(
     if isinstance(found, TractorScan):
         path = folder / f"{name}.npz"
         arrays = {
-            "distance": found.distance,
+            "distance": found.matrix,
             "organ": found.organ,
             "tree": found.returns.tree.reshape(found.distance.shape),
             "angle": found.angle,

@@ -1,13 +1,14 @@
-"""LiDAR: rays a second of the engines, pulses a second of whole scans, and the errors of both."""
+"""LiDAR: rays a second of the engines, pulses a second of whole scans, tubes for cones, and all errors."""
 
 from __future__ import annotations
 
-from . import Say, lidar_pulses, lidar_rays
+from . import Say, lidar_pulses, lidar_rays, lidar_wood
 
 TITLE = "lidar: rays and pulses a second, and their errors"
 
 
 def run(say: Say) -> None:
-    """Print the tables of rays, then those of pulses."""
+    """Print the tables of rays, then those of pulses, then those of wood."""
     lidar_rays.run(say)
     lidar_pulses.run(say)
+    lidar_wood.run(say)
