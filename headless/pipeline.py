@@ -25,13 +25,14 @@ from forest_addon.blender.preview import render, set_stage
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.expansion_store import ExpansionStore
 from forest_addon.formats.findings import Finding as SensorFinding
-from forest_addon.formats.findings import write_finding
+from forest_addon.formats.findings import write_finding, write_response
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.formats.table import write_csv
 from forest_addon.sensing.fast_scattering import Expansions
 from forest_addon.sensing.geometry import SceneGeometry
 from forest_addon.sensing.lidar import Cloud, TractorScan
+from forest_addon.sensing.reverb import ImpulseResponse
 from forest_addon.sensing.sonar import Echo
 from forest_addon.spec import Scene, SpecError
 from forest_addon.stand.forest import Forest, angle_table, grow_forest, leaf_table, tree_table
@@ -60,6 +61,8 @@ class Run:
     def write(self, name: str, found: SensorFinding) -> None:
         """Write a sensor's result; it is listed in the report."""
         self.files.append(write_finding(self.out, name, found).name)
+        if isinstance(found, ImpulseResponse):
+            self.files.append(write_response(self.out, name, found).name)
 
 
 def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) -> None:
@@ -95,7 +98,7 @@ def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) 
         engine = observer.caster.engine
     for sensor in settings.sensors:
         with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
-            found = observer.observe(sensor, settings, progress)
+            found = observer.observe(sensor, settings, progress, folder)
             run.write(sensor.name, found)
             if isinstance(found, Cloud):
                 show_cloud(part(scene, RESULTS), sensor.name, found)

@@ -47,6 +47,15 @@ PARTS = {
 LABELS = {
     "beam_width_deg": "Beam (°)",
     "temperature_c": "Temp. (°C)",
+    "source_objects": "More Sources",
+    "receiver_objects": "More Receivers",
+    "array_azimuth_deg": "Array Azim. (°)",
+    "array_elevation_deg": "Array Elev. (°)",
+    "directivity_file": "Directivity CSV",
+    "facing_azimuth_deg": "Facing Azim.(°)",
+    "facing_elevation_deg": "Facing Elev.(°)",
+    "impedance_model": "Impedance",
+    "flow_resistivity": "σ (kPa·s/m²)",
 }  # others are too long for a sidebar
 # What a number that was left out starts with when it is switched on.
 WHEN_USED = {"expected": 20.0, "sound_speed": 343.2}
@@ -208,7 +217,7 @@ def _group_class(name: str, annotations: dict[str, Any]) -> type[bpy.types.Prope
 
 def _make_groups() -> dict[type, type]:
     groups: dict[type, type] = {}
-    for settings in (spec.Forest, spec.Gaussian, spec.Planting, spec.Air, *spec.SENSORS.values()):
+    for settings in (spec.Forest, spec.Gaussian, spec.Planting, spec.Air, spec.Place, *spec.SENSORS.values()):
         groups[settings] = make_group(settings, groups)
     return groups
 

@@ -21,6 +21,7 @@ RESULTS = [
         "leaves.npz",
         "preview.png",
         "report.html",
+        "reverb.npz",
         "reverb.png",
         "reverb.wav",
         "run.json",
