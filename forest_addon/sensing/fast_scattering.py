@@ -22,7 +22,7 @@ from scipy import fft, sparse
 from ..acoustics.gridding import OVERSAMPLING, Kernel
 from ..spec import Air
 from .air_filter import AirFilter
-from .expansion import Key, Layer, Store, expand
+from .expansion import Key, Layer, Store, expand, precision
 from .scattering import SPREAD, TrunkPaths
 
 TRUNKS_AT_ONCE, HEIGHTS_AT_ONCE = 32768, 1 << 20  # at least so many trunks; so many heights
@@ -31,7 +31,6 @@ MOST_KEPT = 1 << 28  # bytes of filters that a layer keeps as spectra
 FEW_RADII = 4
 WIDEST = 256.0  # thickest over thinnest radius of an expansion
 BESIDE = 64  # samples of a low layer that are kept before and after the record
-SINGLE = 3e-6  # from this tolerance on, single precision does
 
 
 class Expansions:
@@ -99,11 +98,6 @@ def _groups(
             )
 
 
-def precision(tolerance: float) -> type[np.floating]:
-    """The floating point numbers that are good enough."""
-    return np.float32 if tolerance >= SINGLE else np.float64
-
-
 class _LayerSum:
     """The sum over one layer's sectors, before the air.
 
@@ -117,11 +111,7 @@ class _LayerSum:
         self.dtype = precision(key.tolerance)
         losing = AirFilter(self.rate, air, key.tolerance)
         self.sectors = [
-            replace(
-                sector,
-                filters=losing.undone(sector.filters, sector.lead),
-                series=sector.series.astype(self.dtype),
-            )
+            replace(sector, filters=losing.undone(sector.filters, sector.lead))
             for sector in layer.sectors
         ]
         self._spectra: dict[tuple[int, int], np.ndarray] = {}
@@ -195,7 +185,7 @@ class _LayerSum:
         """(R, size // 2 + 1) filters of a sector over the kernel's transform."""
         if (number, size) in self._spectra:
             return self._spectra[number, size]
-        spectra = fft.rfft(self.sectors[number].filters.astype(self.dtype), size, axis=1)
+        spectra = fft.rfft(self.sectors[number].filters, size, axis=1)
         of_kernel = self.kernel.transform(np.arange(size // 2 + 1) / (size * OVERSAMPLING))
         spectra /= of_kernel.astype(self.dtype)
         if sum(each.nbytes for each in self._spectra.values()) + spectra.nbytes < MOST_KEPT:
