@@ -37,6 +37,7 @@ examples:
   python -m headless stand my.toml --out points.csv   where the trees stand, and a map
   python -m headless derive apple --generations 2   the string of an L-system
   python -m headless lidar my.blend --scanner riegl-vz-400i --at 0,0,1.6
+  python -m headless convolve out/demo/reverb.wav assets/sounds/call.wav
   blender -b --python headless/in_blender.py -- my.toml --out out/my
 
 A scene file is TOML; assets/scenes/demo.toml is one with every table explained.
@@ -93,7 +94,7 @@ def _parser() -> argparse.ArgumentParser:
         help="run the demo forest",
         description=f"Run the demo forest, assets/scenes/{DEMO.name}.",
     )
-    demo.set_defaults(do=_run, scene=DEMO)
+    demo.set_defaults(do=_run, scene=DEMO, convolve=ASSETS / "sounds" / "call.wav")
     bench = commands.add_parser(
         "bench",
         help="measure speed and error on this machine",
@@ -108,11 +109,19 @@ def _parser() -> argparse.ArgumentParser:
     _add_estimate(commands)
     add_lidar(commands)
     add_simlidar(commands)
+    _add_convolve(commands)
+    _add_figures(commands)
     for command, folder in ((run, "out/SCENE"), (demo, "out/demo")):
         command.add_argument(
             "--out", type=Path, metavar="DIR", help=f"folder for the results (default {folder})"
         )
         command.add_argument("--seed", type=int, help="another seed than the scene file's")
+        command.add_argument(
+            "--convolve",
+            type=Path,
+            metavar="DRY.wav",
+            help="also write what each reverb makes of this dry sound: NAME-DRY.wav",
+        )
         command.add_argument("--quiet", action="store_true", help="say nothing but errors")
     return parser
 
@@ -135,6 +144,55 @@ def _add_derive(commands: argparse._SubParsersAction) -> None:
         "--count", action="store_true", help="print the numbers of symbols and branches"
     )
     derive.set_defaults(do=_derive)
+
+
+def _add_convolve(commands: argparse._SubParsersAction) -> None:
+    convolve = commands.add_parser(
+        "convolve",
+        help="hear a dry sound in the forest",
+        description="Convolve a dry sound with an impulse response that a reverb wrote. The wet sound has "
+        "the response's rate and channels, as 32-bit float.",
+    )
+    convolve.add_argument("response", type=Path, metavar="IR.wav", help="the impulse response")
+    convolve.add_argument("dry", type=Path, metavar="DRY.wav", help="the dry sound, at any rate")
+    convolve.add_argument(
+        "--out", type=Path, metavar="WET.wav", help="the wet sound (default IR-DRY.wav beside IR)"
+    )
+    convolve.add_argument(
+        "--normalise",
+        type=float,
+        metavar="DB",
+        help="bring the largest sample to so many dB re full scale; left out: levels stay",
+    )
+    convolve.set_defaults(do=_convolve)
+
+
+def _convolve(chosen: argparse.Namespace) -> int:
+    from .convolve_command import convolve
+
+    default = chosen.response.with_name(f"{chosen.response.stem}-{chosen.dry.stem}.wav")
+    convolve(chosen.response, chosen.dry, chosen.out or default, chosen.normalise)
+    return 0
+
+
+def _add_figures(commands: argparse._SubParsersAction) -> None:
+    figures = commands.add_parser(
+        "reverb-figures",
+        help="the figures of the forest reverb paper, from our own responses",
+        description="Draw figures 2 to 5 of Kaneko & Gamper (2021) and say whether their findings hold.",
+    )
+    figures.add_argument(
+        "--out", type=Path, default=Path("out") / "reverb-figures", metavar="DIR", help="folder"
+    )
+    figures.add_argument("--quick", action="store_true", help="a tenth of the trees, fewer places")
+    figures.set_defaults(do=_figures)
+
+
+def _figures(chosen: argparse.Namespace) -> int:
+    from .reverb_figures import draw_figures
+
+    draw_figures(chosen.out, chosen.quick)
+    return 0
 
 
 def _derive(chosen: argparse.Namespace) -> int:
@@ -178,7 +236,10 @@ def _add_species(commands: argparse._SubParsersAction) -> None:
     species.add_argument("names", nargs="*", metavar="NAME", help="which; default every preset")
     species.add_argument("--sheet", type=Path, metavar="PNG", help="also render a contact sheet")
     species.add_argument(
-        "--pictures", type=Path, metavar="DIR", help="also render a small picture of each into a folder"
+        "--pictures",
+        type=Path,
+        metavar="DIR",
+        help="also render a small picture of each into a folder",
     )
     species.add_argument("--seed", type=int, default=1, help="seed of the trees (default 1)")
     species.set_defaults(do=_species)
@@ -279,7 +340,9 @@ def _run(chosen: argparse.Namespace) -> int:
     with hushed():  # Blender says where its colours come from
         from .pipeline import run_scene
 
-    run_scene(settings, chosen.scene.resolve().parent, chosen.out, quiet=chosen.quiet)
+    run_scene(
+        settings, chosen.scene.resolve().parent, chosen.out, quiet=chosen.quiet, dry=chosen.convolve
+    )
     return 0
 
 

@@ -28,15 +28,18 @@ from forest_addon.blender.sensors import new_sensor
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.expansion_store import ExpansionStore
 from forest_addon.formats.findings import Finding as SensorFinding
-from forest_addon.formats.findings import write_finding
+from forest_addon.formats.findings import channels_of, write_finding
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.formats.stand_files import read_inputs
 from forest_addon.formats.table import write_csv
+from forest_addon.formats.wav import read_wav, write_wav
+from forest_addon.sensing.auralise import auralise
 from forest_addon.sensing.cloud import Cloud
 from forest_addon.sensing.fast_scattering import Expansions
 from forest_addon.sensing.flight import Flight
 from forest_addon.sensing.geometry import SceneGeometry
+from forest_addon.sensing.reverb import ImpulseResponse
 from forest_addon.sensing.sonar import Echo
 from forest_addon.sensing.tractor import TractorScan
 from forest_addon.spec import Scene, Sensor, SpecError
@@ -83,16 +86,20 @@ class Run:
         self.files += [file.name for file in files]
 
 
-def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) -> None:
+def run_scene(
+    settings: Scene, folder: Path, out: Path, *, quiet: bool = False, dry: Path | None = None
+) -> None:
     """Run a scene and write everything into a folder.
 
     folder : that paths in the scene file are relative to.
+    dry : a WAV file that every reverb is also heard with.
 
     Raises
     ------
     SpecError : the folder cannot be written to; a species cannot be used.
     OSError : a file could not be written; what was finished before is kept.
     """
+    sound = None if dry is None else read_wav(dry)
     _make_writable(out)
     stages = Stages(quiet)
     stages.say(f"{settings.name}, seed {settings.seed}")
@@ -125,6 +132,9 @@ def run_scene(settings: Scene, folder: Path, out: Path, *, quiet: bool = False) 
         with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
             found = observer.observe(sensor, settings, progress, folder)
             run.write(sensor, found)
+            if sound is not None and isinstance(found, ImpulseResponse):
+                heard = auralise(channels_of(found), sound[0], found.sample_rate, sound[1])
+                write_wav(run.path(f"{sensor.name}-{dry.stem}.wav"), heard, found.sample_rate)
             if isinstance(found, Cloud):
                 show_cloud(part(scene, RESULTS), sensor.name, found)
             run.findings.append(_describe(run, sensor, found, observer))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import html
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -241,33 +241,72 @@ def reverb_finding(
 ) -> Finding:
     """The impulse response."""
     distance = float(np.linalg.norm(np.subtract(sensor.source, sensor.receiver)))
-    decay = metrics.reverberation_time(response.samples, sensor.sample_rate)
-    clarity = metrics.clarity_db(response.samples, sensor.sample_rate)
+    measures = metrics.room_metrics(response.samples, response.sample_rate)
+    channels = response.channels
+    peak = float(np.abs([channel.samples for channel in channels]).max())
+    notes = [
+        (
+            "Direct sum over every trunk and frequency in float64."
+            if response.exact
+            else f"Sum over trunks to a relative error of {sensor.tolerance:.0e}."
+        )
+        + " Single scattering itself is the larger error, and grows with the density of the stand"
+        " (rescattering = 100 measures it).",
+        "Reverberation time is read from -5 to -35 dB of the energy decay; C50 with the onset at "
+        "-20 dB.",
+    ]
+    if len(channels) > 1:
+        notes.append(
+            f"Figures are of the first of {len(channels)} channels, {response.channel}; "
+            f"{sensor.name}.npz has those of all."
+        )
+    if any(channel.clamped for channel in channels):
+        most = max(channel.clamped for channel in channels)
+        notes.append(
+            f"{most} trunk(s) cover a source or a receiver; their distance is taken as their radius."
+        )
+    if peak > 1:
+        notes.append("The sound exceeds full scale; the WAV is 32-bit float and does not clip.")
     return Finding(
         f"Forest reverb: {sensor.name}",
         f"The impulse response over {distance:.1f} m, from single scattering by trunks (K).",
         {
+            "channels": ", ".join(channel.channel for channel in channels[:8])
+            + (f" and {len(channels) - 8} more" if len(channels) > 8 else ""),
             "trunks cut from the scene": f"{len(trunks.radius):,}",
+            "trunks heard": f"{response.trunks:,}",
             "trunks beyond the field": f"{response.continued:,}",
-            "reverberation time": f"{decay:.2f} s" if np.isfinite(decay) else "not reached",
-            "C50": f"{clarity:.1f} dB" if np.isfinite(clarity) else "no late sound",
-            "direct path": "clear" if response.direct_clear else "blocked by wood",
-            "ground path": "clear" if response.ground_clear else "blocked by wood",
+            "reverberation time": f"{measures.t30[0]:.2f} s"
+            if np.isfinite(measures.t30[0])
+            else "not reached",
+            "reverberation time by octave": _by_octave(measures.band, measures.t30, "s", 2),
+            "C50": f"{measures.c50[0]:.1f} dB" if np.isfinite(measures.c50[0]) else "no late sound",
+            "C50 by octave": _by_octave(measures.band, measures.c50, "dB", 1),
+            "direct path": _passing(channel.direct_clear for channel in channels),
+            "ground path": _passing(channel.ground_clear for channel in channels),
             **_multiple_scattering(response.model_error),
         },
-        (
-            (
-                "Direct sum over every trunk and frequency in float64."
-                if response.exact
-                else f"Sum over trunks to a relative error of {sensor.tolerance:.0e}."
-            )
-            + " Single scattering itself is the larger error, and grows with the density of the stand"
-            " (rescattering = 100 measures it).",
-            "Reverberation time is read from -5 to -35 dB of the energy decay; C50 with the onset at "
-            "-20 dB.",
-        ),
+        tuple(notes),
         picture,
     )
+
+
+def _by_octave(band: np.ndarray, value: np.ndarray, unit: str, digits: int) -> str:
+    """Octaves with their values; those without are left out."""
+    shown = [
+        f"{middle:g} Hz {number:.{digits}f} {unit}"
+        for middle, number in zip(band[1:], value[1:], strict=True)
+        if np.isfinite(number)
+    ]
+    return ", ".join(shown) or "not reached"
+
+
+def _passing(clear: Iterable[bool]) -> str:
+    """Whether a path is clear, for one channel or several."""
+    free = list(clear)
+    if all(free):
+        return "clear"
+    return "blocked by wood" + (f" in {free.count(False)} of {len(free)}" if any(free) else "")
 
 
 def _multiple_scattering(found: ModelError | None) -> dict[str, str]:

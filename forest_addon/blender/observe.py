@@ -7,16 +7,20 @@ from functools import cached_property
 from pathlib import Path
 
 import bpy
+import numpy as np
 
+from ..formats.directivity_file import directivity_of
 from ..formats.sonar_files import equip, find, read_route
 from ..rng import stream
-from ..sensing import flight, lidar, reverb, slices, sonar, tractor
+from ..sensing import ends, flight, lidar, reverb, slices, sonar, tractor
 from ..sensing.cloud import Cloud
 from ..sensing.fast_scattering import Expansions
 from ..sensing.poses import Pose
 from ..sensing.rays import RayCaster
 from ..sensing.trajectory import Path as Track
+from ..sensing.trunk_cuts import TrunkCuts
 from ..spec import Mobile, Rays, Reverb, Scanner, Scene, Sensor, Sonar, Tractor
+from ..stand.stems import plant_stems
 from .casters import make_caster
 from .depsgraph import read_scene
 from .kept import kept
@@ -25,6 +29,7 @@ from .nodes import in_full
 from .platform import path_of_object
 
 Progress = Callable[[int, int], None]
+ENDS = {"SPEAKER", "EMPTY", "CAMERA"}  # what can be a source or a receiver
 Way = list[Pose] | Track | None
 Finding = tractor.TractorScan | Cloud | sonar.Echo | flight.Flight | reverb.ImpulseResponse
 
@@ -40,8 +45,14 @@ class Observer:
     ) -> None:
         with in_full(depsgraph):
             self.geometry = read_scene(depsgraph)
+        self.places = {
+            thing.name: tuple(thing.matrix_world.translation)
+            for thing in depsgraph.objects
+            if thing.type in ENDS
+        }
         self._rays = rays or Rays()
         self.expansions = Expansions() if expansions is None else expansions
+        self._cut: dict[float, TrunkCuts] = {}
 
     @classmethod
     def of(
@@ -71,9 +82,12 @@ class Observer:
         return sonar.Targets(self.geometry)
 
     def trunks(self, sensor: Reverb) -> slices.Trunks:
-        """Trunks where the height between source and receiver cuts them."""
-        height = (sensor.source[2] + sensor.receiver[2]) / 2
-        return slices.trunks_at_height(self.geometry, height, sensor.min_radius)
+        """Trunks of the scene where the sound of the first channel passes them."""
+        source, receiver = ends.ends_of(sensor, self.places).pairs[0]
+        return self._cuts(sensor.min_radius).between(source, receiver)
+
+    def _cuts(self, min_radius: float) -> TrunkCuts:
+        return self._cut.setdefault(min_radius, TrunkCuts(self.geometry, min_radius))
 
     def observe(
         self,
@@ -98,10 +112,24 @@ class Observer:
             return lidar.scan(sensor, self.caster, settings.seed, way, progress)
         if isinstance(sensor, Sonar):
             return self._listen(sensor, settings, progress, folder, way)
+        return self._clap(sensor, settings, progress, folder)
+
+    def _clap(
+        self, sensor: Reverb, settings: Scene, progress: Progress | None, folder: Path
+    ) -> reverb.ImpulseResponse:
+        """Impulse responses between all ends, by trunks of the scene and by those that are stems only."""
+        between = ends.ends_of(sensor, self.places)
+        position, radius = plant_stems(settings.seed, settings.forest, settings.stems)
+        stems = slices.Trunks(position, radius, np.full(len(radius), -1)).clear_of(
+            between.on_ground
+        )
+        cuts = self._cuts(sensor.min_radius)
         return reverb.impulse_response(
-            self.trunks(sensor),
+            lambda source, receiver: cuts.between(source, receiver).joined(stems),
             sensor,
             settings.air,
+            ends=between,
+            directivity=directivity_of(sensor, folder),
             wood=self.wood,
             rng=stream(settings.seed, "reverb", sensor.name, "continuation"),
             field=(settings.forest.origin, settings.forest.size),

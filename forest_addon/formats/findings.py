@@ -1,15 +1,20 @@
 """What a sensor found, as the one file of data that belongs to it, named after the sensor.
 
-A tractor scan becomes named arrays (.npz), a scan of points a point cloud (.laz), an impulse response a
-sound (.wav), an echo arrays and a sound (``echo_files``).
+A tractor scan becomes named arrays (.npz), a scan of points a point cloud (.laz), an echo arrays and a sound
+(``echo_files``), an impulse response a sound (.wav), a channel for each pair of source and receiver, and
+arrays with its parts and measures.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
+
+import numpy as np
 
 from ..sensing.cloud import Cloud
 from ..sensing.flight import Flight
+from ..sensing.metrics import RoomMetrics, echo_density, energy_decay_db, room_metrics
 from ..sensing.reverb import ImpulseResponse
 from ..sensing.sonar import Echo
 from ..sensing.tractor import TractorScan
@@ -55,5 +60,49 @@ def write_finding(
         write_las(path, records(found, offset))
     else:
         path = folder / f"{name}.wav"
-        write_wav(path, found.samples, found.sample_rate)
+        write_wav(path, channels_of(found), found.sample_rate)
+        return [path, write_response(folder, name, found)]
     return [path]
+
+
+def channels_of(found: ImpulseResponse) -> np.ndarray:
+    """(N,) samples of one channel, or (N, C) of several."""
+    samples = np.column_stack([channel.samples for channel in found.channels])
+    return samples[:, 0] if samples.shape[1] == 1 else samples
+
+
+def write_response(folder: Path, name: str, found: ImpulseResponse) -> Path:
+    """Write the channels of an impulse response with their parts, axes, units and measures as NPZ.
+
+    Arrays of measures are (C, B): by channel and by band, 0 Hz for the whole band.
+    """
+    channels = found.channels
+    measures = [room_metrics(channel.samples, found.sample_rate) for channel in channels]
+    times, densities = zip(
+        *(echo_density(channel.samples, found.sample_rate) for channel in channels), strict=True
+    )
+    arrays = {
+        "channel": np.array([channel.channel for channel in channels]),
+        "time": np.arange(len(found.samples)) / found.sample_rate,
+        **{
+            part: np.array([getattr(channel, part) for channel in channels])
+            for part in ("samples", "direct", "ground", "trees")
+        },
+        "direct_delay": np.array([channel.direct_delay for channel in channels]),
+        "energy_decay": np.array([energy_decay_db(channel.samples) for channel in channels]),
+        "band": measures[0].band,
+        **{
+            field.name: np.array([getattr(measure, field.name) for measure in measures])
+            for field in dataclasses.fields(RoomMetrics)
+            if field.name != "band"
+        },
+        "echo_density_time": times[0],
+        "echo_density": np.array(densities),
+    }
+    units = dict.fromkeys(("time", "direct_delay", "centre_time", "echo_density_time"), "s")
+    units |= dict.fromkeys(("edt", "t20", "t30", "t60"), "s") | {"band": "Hz", "d50": "1"}
+    units |= dict.fromkeys(("energy_decay", "c50", "c80"), "dB") | {"echo_density": "1"}
+    units |= dict.fromkeys(("samples", "direct", "ground", "trees"), "re source's impulse at 1 m")
+    path = folder / f"{name}.npz"
+    write_npz(path, arrays, units)
+    return path

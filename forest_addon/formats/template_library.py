@@ -75,9 +75,7 @@ def make_library(
     leaf = _leaf_length(found)
     tall = float(np.ptp(timber[:, :, 2]))
     unit = Unit(height / tall, "units of the height given") if height else infer_unit(tall, leaf)
-    tree = split_tree(
-        timber * unit.metres, None if foliage is None else foliage * unit.metres
-    )
+    tree = split_tree(timber * unit.metres, None if foliage is None else foliage * unit.metres)
     tell(2, 4)
     grammar = fit_grammar(tree)
     tell(3, 4)

@@ -1,12 +1,14 @@
-"""Sound as WAV, 32-bit float: nothing clips and nothing is scaled."""
+"""Sound as WAV, written as 32-bit float: nothing clips and nothing is scaled."""
 
 from __future__ import annotations
 
 import os
+import warnings
 
 import numpy as np
 from scipy.io import wavfile
 
+from ..spec import SpecError
 from .atomic import replacing
 
 
@@ -22,3 +24,29 @@ def write_wav(path: str | os.PathLike[str], samples: np.ndarray, sample_rate: fl
         raise ValueError(f"a WAV file needs a whole number of hertz, not {sample_rate:g}")
     with replacing(path) as partial:
         wavfile.write(partial, rate, np.ascontiguousarray(samples, dtype=np.float32))
+
+
+def read_wav(path: str | os.PathLike[str]) -> tuple[np.ndarray, float]:
+    """Samples (N,) or (N, channels) float64, whole numbers from -1 to 1, and the rate in hertz.
+
+    Raises
+    ------
+    SpecError : the file is missing, is no WAV that can be read, is empty, or holds NaN or infinity.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", wavfile.WavFileWarning)  # chunks that hold no sound
+            rate, samples = wavfile.read(path)
+    except OSError as problem:
+        raise SpecError(str(path), f"cannot be read: {problem.strerror or problem}") from None
+    except Exception as problem:  # a broken header fails in many ways
+        raise SpecError(str(path), f"is not a WAV file that can be read: {problem}") from None
+    if not len(samples):
+        raise SpecError(str(path), "holds no sound")
+    if samples.dtype == np.uint8:
+        return (samples.astype(np.float64) - 128.0) / 128.0, float(rate)
+    if samples.dtype.kind == "i":
+        return samples / -float(np.iinfo(samples.dtype).min), float(rate)
+    if not np.isfinite(samples).all():
+        raise SpecError(str(path), "holds NaN or infinity; repair it first")
+    return samples.astype(np.float64), float(rate)

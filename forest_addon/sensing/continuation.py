@@ -47,12 +47,6 @@ def continue_trunks(
     radius = radii[rng.integers(0, len(radii), count)] if len(radii) else np.empty(0)
     outside = np.any((position < corner) | (position > corner + size), axis=1)
     near = np.hypot(*(position - centre).T) <= distance
-    free = np.ones(count, dtype=bool)
-    for place in np.empty((0, 2)) if clear is None else clear:
-        free &= np.hypot(*(position - place).T) > radius
-    keep = outside & near & free
-    return Trunks(
-        position=position[keep],
-        radius=radius[keep],
-        tree=np.full(int(keep.sum()), -1, dtype=np.int64),
-    )
+    keep = outside & near
+    beyond = Trunks(position[keep], radius[keep], np.full(int(keep.sum()), -1, dtype=np.int64))
+    return beyond if clear is None else beyond.clear_of(clear)

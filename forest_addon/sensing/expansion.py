@@ -39,8 +39,9 @@ RINGING, RINGING_ERROR = 60.0, 2.4e-3  # a/c of the low layer at this tolerance;
 GRID = 2  # periods of the filters' spectrum over their length
 SHARE = 0.2  # of the tolerance, for leaving out terms
 FEWEST = 400  # frequencies at which terms are found
-TURN = 4.0  # radians by which H turns over a bin of radii
+TURN = 6.0  # radians by which H turns over a bin of radii
 FAINT = 0.03  # radii whose H is fainter than this share of the thickest's count as if of this share
+SINGLE = 3e-6  # from this tolerance on, single precision does
 VALUES_AT_ONCE = 4_000_000
 
 
@@ -94,6 +95,11 @@ class Store(Protocol):
         """Keep the layers of a key."""
 
 
+def precision(tolerance: float) -> type[np.floating]:
+    """The floating point numbers that are good enough."""
+    return np.float32 if tolerance >= SINGLE else np.float64
+
+
 def expand(key: Key) -> tuple[Layer, ...]:
     """The layers of a range of radii at a sampling rate."""
     rate, scale = key.rate, key.thickest / key.speed
@@ -144,8 +150,10 @@ class _Band:
         self.wavenumber = 2.0 * math.pi * rate / key.speed * share
         self.highest = float(self.wavenumber[self.gain > 0].max())
         self.orders = order_count(self.highest * key.thickest) + 1
-        self.tolerance = SHARE * key.tolerance
-        self.extra = max(0, round(-math.log10(self.tolerance)) - 4)
+        self.extra = max(0, round(-math.log10(SHARE * key.tolerance)) - 4)
+        # Of a range of radii, a stand may have those alone that fit worst.
+        self.tolerance = SHARE * key.tolerance * (1.0 if key.thinnest == key.thickest else 0.3)
+        self.dtype = precision(key.tolerance)
         self.thinnest, self.thickest = key.thinnest, key.thickest
         self.radii = self._radii()
         stride = max(1, len(share) // max(FEWEST, 3 * self.orders))
@@ -164,7 +172,9 @@ class _Band:
     def waves(self, radii: np.ndarray, rows: slice) -> np.ndarray:
         """(A, F, N) factor of cos nφ in H of some radii, times the gain, at some frequencies."""
         k, gain = self.wavenumber[rows], self.gain[rows]
-        waves = partial_waves(np.outer(radii, k).ravel(), self.orders - 1)
+        waves = np.zeros((self.orders, len(radii) * len(k)), np.complex128)
+        last = min(order_count(self.highest * float(radii.max())), self.orders - 1)
+        waves[: last + 1] = partial_waves(np.outer(radii, k).ravel(), last)
         waves[1:] *= 2.0
         scale = gain * np.exp(0.25j * math.pi) * np.sqrt(2.0 / (math.pi * k))
         shaped = waves.reshape(self.orders, len(radii), len(k)) * scale
@@ -259,7 +269,7 @@ class _Band:
         spectrum[:, 1:] = linalg.solve(draft.chosen, columns, check_finite=False)
         spectrum *= np.exp(-2j * math.pi * np.arange(self.grid // 2 + 1) * (self.lead / self.grid))
         whole: np.ndarray = fft.irfft(spectrum, self.grid, axis=1)[:, : self.size]
-        return whole
+        return whole.astype(self.dtype)
 
     def _series(self, shares: np.ndarray, sizes: np.ndarray) -> np.ndarray:
         """(B, A, C, R) Chebyshev coefficients from the values (A, C, R) at the points."""
@@ -269,7 +279,7 @@ class _Band:
         if len(self.radii) > 1:
             turn = math.pi * self.highest * (self.thickest - self.thinnest)
             bins = math.ceil(turn / TURN)
-            width = 4 + math.ceil(-math.log10(self.tolerance)) if bins > 1 else len(self.radii)
+            width = 5 + math.ceil(-math.log10(self.tolerance)) if bins > 1 else len(self.radii)
             # The series over all radii, evaluated at the points of each bin, becomes one of the bin.
             of_radii = _fit(np.moveaxis(series, 1, 0))  # (A, C, R)
             ends = np.linspace(-1.0, 1.0, bins + 1)
@@ -287,7 +297,7 @@ class _Band:
         rows = int(np.flatnonzero(kept.any(axis=1))[-1]) + 1
         columns = int(np.flatnonzero(kept.any(axis=0))[-1]) + 1
         assert columns <= across
-        return np.ascontiguousarray(series[:, :rows, :columns])
+        return np.ascontiguousarray(series[:, :rows, :columns], dtype=self.dtype)
 
 
 @dataclass(frozen=True)

@@ -22,14 +22,15 @@ from scipy import fft, sparse
 from ..acoustics.kaiser_bessel import OVERSAMPLING, Kernel
 from ..spec import Air
 from .air_filter import AirFilter
-from .expansion import Key, Layer, Store, expand
+from .expansion import Key, Layer, Store, expand, precision
 from .scattering import SPREAD, TrunkPaths
 
 TRUNKS_AT_ONCE, HEIGHTS_AT_ONCE = 32768, 1 << 20  # at least so many trunks; so many heights
+GRID_AT_ONCE = 1 << 24  # values of the even grid, of as many terms as that allows
+MOST_KEPT = 1 << 28  # bytes of filters that a layer keeps as spectra
 FEW_RADII = 4
 WIDEST = 256.0  # thickest over thinnest radius of an expansion
 BESIDE = 64  # samples of a low layer that are kept before and after the record
-SINGLE = 3e-6  # from this tolerance on, single precision does
 
 
 class Expansions:
@@ -97,15 +98,10 @@ def _groups(
             )
 
 
-def precision(tolerance: float) -> type[np.floating]:
-    """The floating point numbers that are good enough."""
-    return np.float32 if tolerance >= SINGLE else np.float64
-
-
 class _LayerSum:
     """The sum over one layer's sectors, before the air.
 
-    Filters are kept as spectra for each length of transform that was needed.
+    Filters are kept as spectra for each length of transform that was needed, up to MOST_KEPT.
     """
 
     def __init__(self, layer: Layer, key: Key, air: Air) -> None:
@@ -115,11 +111,7 @@ class _LayerSum:
         self.dtype = precision(key.tolerance)
         losing = AirFilter(self.rate, air, key.tolerance)
         self.sectors = [
-            replace(
-                sector,
-                filters=losing.undone(sector.filters, sector.lead),
-                series=sector.series.astype(self.dtype),
-            )
+            replace(sector, filters=losing.undone(sector.filters, sector.lead))
             for sector in layer.sectors
         ]
         self._spectra: dict[tuple[int, int], np.ndarray] = {}
@@ -158,14 +150,19 @@ class _LayerSum:
         place -= base
         place *= OVERSAMPLING
         angular = (cosine - sector.low) * (2.0 / (sector.high - sector.low)) - 1.0
-        grid: np.ndarray = np.zeros((size * OVERSAMPLING, sector.terms), self.dtype)
-        for rows, heights in _heights(
-            sector.series, angular, self._radial(paths.radius), paths.weight
-        ):
-            grid += self._deposit(place[rows], heights, len(grid))
-        spectra = fft.rfft(grid.T.copy(), axis=1)[:, : size // 2 + 1]
-        spectra *= self._filter_spectra(number, size)
-        return base - sector.lead, fft.irfft(spectra.sum(axis=0), size)
+        radial, filters = self._radial(paths.radius), self._filter_spectra(number, size)
+        total = np.zeros(size // 2 + 1, filters.dtype)
+        several = max(8, GRID_AT_ONCE // (size * OVERSAMPLING))
+        for first in range(0, sector.terms, several):
+            terms = slice(first, first + several)
+            series = sector.series[..., terms]
+            grid: np.ndarray = np.zeros((size * OVERSAMPLING, series.shape[-1]), self.dtype)
+            for rows, heights in _heights(series, angular, radial, paths.weight):
+                grid += self._deposit(place[rows], heights, len(grid))
+            spectra = fft.rfft(grid.T.copy(), axis=1)[:, : size // 2 + 1]
+            spectra *= filters[terms]
+            total += spectra.sum(axis=0)
+        return base - sector.lead, fft.irfft(total, size)
 
     def _radial(self, radius: np.ndarray) -> np.ndarray:
         """Radii from 0, the thinnest, to 1, the thickest."""
@@ -186,12 +183,14 @@ class _LayerSum:
 
     def _filter_spectra(self, number: int, size: int) -> np.ndarray:
         """(R, size // 2 + 1) filters of a sector over the kernel's transform."""
-        if (number, size) not in self._spectra:
-            spectra = fft.rfft(self.sectors[number].filters, size, axis=1)
-            spectra /= self.kernel.transform(np.arange(size // 2 + 1) / (size * OVERSAMPLING))
-            narrow = np.complex64 if self.dtype is np.float32 else np.complex128
-            self._spectra[number, size] = spectra.astype(narrow)
-        return self._spectra[number, size]
+        if (number, size) in self._spectra:
+            return self._spectra[number, size]
+        spectra = fft.rfft(self.sectors[number].filters, size, axis=1)
+        of_kernel = self.kernel.transform(np.arange(size // 2 + 1) / (size * OVERSAMPLING))
+        spectra /= of_kernel.astype(self.dtype)
+        if sum(each.nbytes for each in self._spectra.values()) + spectra.nbytes < MOST_KEPT:
+            self._spectra[number, size] = spectra
+        return spectra
 
 
 def _heights(

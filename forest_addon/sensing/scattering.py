@@ -76,10 +76,11 @@ def trunk_paths(
     A distance to a trunk's axis is at least its radius. The angle comes from both products of the legs,
     which keeps its digits straight ahead and straight back; it is 0 where a leg has no length.
     """
-    to_trunk, to_receiver = trunks.position - source, receiver - trunks.position
-    along = np.einsum("mi,mi->m", to_trunk, to_receiver)
-    across = to_trunk[:, 0] * to_receiver[:, 1] - to_trunk[:, 1] * to_receiver[:, 0]
-    first, second = np.hypot(*to_trunk.T), np.hypot(*to_receiver.T)
+    x, y = np.ascontiguousarray(trunks.position.T)
+    x_in, y_in, x_out, y_out = x - source[0], y - source[1], receiver[0] - x, receiver[1] - y
+    along = x_in * x_out + y_in * y_out
+    across = x_in * y_out - y_in * x_out
+    first, second = np.sqrt(x_in**2 + y_in**2), np.sqrt(x_out**2 + y_out**2)
     clamped = np.minimum(first, second) < trunks.radius
     first, second = np.maximum(first, trunks.radius), np.maximum(second, trunks.radius)
     return TrunkPaths(

@@ -9,7 +9,7 @@ each into a circle.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
@@ -41,6 +41,34 @@ class Trunks:
 
     def __len__(self) -> int:
         return len(self.radius)
+
+    def select(self, rows: np.ndarray) -> Trunks:
+        """The trunks of some rows, a mask or numbers; what was left out stays counted."""
+        return replace(
+            self,
+            position=self.position[rows],
+            radius=self.radius[rows],
+            tree=self.tree[rows],
+            instance=None if self.instance is None else self.instance[rows],
+        )
+
+    def clear_of(self, places: np.ndarray) -> Trunks:
+        """Those that cover none of the places (P, 2)."""
+        free = np.ones(len(self), dtype=bool)
+        for place in places:
+            free &= np.hypot(*(self.position - place).T) > self.radius
+        return self.select(free)
+
+    def joined(self, *others: Trunks) -> Trunks:
+        """These trunks and after them the others'; which instance was cut is forgotten."""
+        every = (self, *others)
+        return Trunks(
+            position=np.concatenate([trunks.position for trunks in every]),
+            radius=np.concatenate([trunks.radius for trunks in every]),
+            tree=np.concatenate([trunks.tree for trunks in every]),
+            thin=max(trunks.thin for trunks in every),
+            inside=max(trunks.inside for trunks in every),
+        )
 
 
 def trunks_at_height(scene: SceneGeometry, height: float, min_radius: float = 0.0) -> Trunks:

@@ -54,8 +54,18 @@ def _steps() -> Iterator[Step]:
 
 
 def _classes() -> tuple[type, ...]:
-    from . import lists, operators, panels, preferences, properties, start, tree
-    from . import species_edit, species_import, species_panel
+    from . import (
+        lists,
+        operators,
+        panels,
+        preferences,
+        properties,
+        species_edit,
+        species_import,
+        species_panel,
+        start,
+        tree,
+    )
 
     of_species = (species_edit, species_import, species_panel)
     rooms = (properties, lists, operators, tree, start, preferences, panels, *of_species)

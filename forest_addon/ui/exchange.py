@@ -49,6 +49,9 @@ def to_spec(scene: Any, things: Iterable[Any] | None = None) -> spec.Scene:
             read(group, spec.Planting, f"plantings[{number}]")
             for number, group in enumerate(props.plantings)
         ),
+        stems=tuple(
+            read(group, spec.Stems, f"stems[{number}]") for number, group in enumerate(props.stems)
+        ),
         air=read(props.air, spec.Air, "air"),
         rays=read(props.rays, spec.Rays, "rays"),
         sensors=tuple(sensor_of(thing) for thing in _all_of(scene, things)),
@@ -91,6 +94,7 @@ def from_spec(scene: Any, settings: spec.Scene) -> None:
     write(props.air, settings.air)
     write(props.rays, settings.rays)
     _fill(props, "plantings", settings.plantings)
+    _fill(props, "stems", settings.stems)
     for thing in sensors.sensors_of(scene):
         sensors.remove_sensor(thing)
     for sensor in settings.sensors:

@@ -55,6 +55,13 @@ class FOREST_UL_gaussians(bpy.types.UIList):
         number.label(text=f"peak {item.peak:.3g}")
 
 
+class FOREST_UL_stems(bpy.types.UIList):
+    """Stems that only reverb hears."""
+
+    def draw_item(self, context, layout, data, item, icon, active, name, index=0) -> None:
+        layout.label(text=f"{item.count:,} stems", icon="MESH_CYLINDER")
+
+
 class FOREST_UL_sensors(bpy.types.UIList):
     """Sensors of the scene, which are objects."""
 
@@ -139,6 +146,10 @@ class _Distances(_Listed):
     @classmethod
     def owner(cls, context: bpy.types.Context) -> Any:
         return context.scene.forest_sensing.forest
+
+
+class _Stems(_Listed):
+    items = "stems"
 
 
 class _Poses(_Listed):
@@ -249,6 +260,23 @@ class FOREST_OT_remove_distance(_Remove, _Distances, bpy.types.Operator):
     bl_label = "Remove Distance"
 
 
+class FOREST_OT_add_stems(_Add, _Stems, bpy.types.Operator):
+    """Add trees that are upright cylinders only: reverb hears them, nothing is grown"""
+
+    bl_idname = "forest.add_stems"
+    bl_label = "Add Stems"
+
+    def start(self, stems: Any, _props: Any) -> None:
+        stems.count = 1000
+
+
+class FOREST_OT_remove_stems(_Remove, _Stems, bpy.types.Operator):
+    """Remove the chosen stems"""
+
+    bl_idname = "forest.remove_stems"
+    bl_label = "Remove Stems"
+
+
 class FOREST_OT_add_pose(_Add, _Poses, bpy.types.Operator):
     """Add a place that the scanner passes, ten seconds and ten metres after the last"""
 
@@ -275,6 +303,7 @@ class FOREST_OT_remove_pose(_Remove, _Poses, bpy.types.Operator):
 
 CLASSES = (
     FOREST_UL_sensors,
+    FOREST_UL_stems,
     FOREST_UL_plantings,
     FOREST_UL_gaussians,
     FOREST_UL_rasters,
@@ -288,6 +317,8 @@ CLASSES = (
     FOREST_OT_remove_raster,
     FOREST_OT_add_distance,
     FOREST_OT_remove_distance,
+    FOREST_OT_add_stems,
+    FOREST_OT_remove_stems,
     FOREST_OT_add_pose,
     FOREST_OT_remove_pose,
 )

@@ -158,6 +158,20 @@ class FOREST_PT_spacing(OnceStarted, bpy.types.Panel):
             draw_settings(split(layout), _chosen(forest, "distances"))
 
 
+class FOREST_PT_stems(_OnceStarted, bpy.types.Panel):
+    bl_label = "Stems for Reverb"
+    bl_parent_id = "FOREST_PT_forest"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, props = self.layout, context.scene.forest_sensing
+        draw_list(layout, "FOREST_UL_stems", props, "stems", "stems")
+        if props.stems:
+            stems = _chosen(props, "stems")
+            _draw_settings(_split(layout), stems)
+            _draw_settings(_split(layout), stems.radius)
+
+
 class FOREST_PT_ground(OnceStarted, bpy.types.Panel):
     bl_label = "Ground"
     bl_parent_id = "FOREST_PT_forest"
@@ -399,6 +413,7 @@ CLASSES = (
     FOREST_PT_rows,
     FOREST_PT_list,
     FOREST_PT_spacing,
+    FOREST_PT_stems,
     FOREST_PT_ground,
     FOREST_PT_sensors,
     FOREST_PT_sensor,

@@ -70,6 +70,15 @@ LABELS = {
     "leaf_transmittance": "Leaf Lets Pass",
     "elasticity": "Elasticity",
     "prune_descending": "Prune Falling",
+    "source_objects": "More Sources",
+    "receiver_objects": "More Receivers",
+    "array_azimuth_deg": "Array Azim. (°)",
+    "array_elevation_deg": "Array Elev. (°)",
+    "directivity_file": "Directivity CSV",
+    "facing_azimuth_deg": "Facing Azim.(°)",
+    "facing_elevation_deg": "Facing Elev.(°)",
+    "impedance_model": "Impedance",
+    "flow_resistivity": "σ (kPa·s/m²)",
 }  # others are too long for a sidebar
 # What a value that was left out starts with when it is switched on.
 WHEN_USED = {
@@ -338,9 +347,9 @@ def _make_groups() -> dict[type, type]:
     held = (spec.Distance, spec.Terrain, spec.Gaussian, spec.Raster, spec.Rows)
     of_species = (spec.Normal, spec.Discrete, spec.Grammar, spec.Jitter, spec.Template, spec.Look)
     of_trees = (spec.Rules, spec.Honda, spec.Leaf, spec.Detail, spec.Species)
-    of_scanners = (spec.Beam, spec.Surfaces, spec.Noise, spec.Pose)
-    of_scene = (spec.Forest, spec.Planting, spec.Air, spec.Rays)
-    plain = (*held, *of_species, *of_trees, *of_scanners, *of_scene)
+    of_sensors = (spec.Beam, spec.Surfaces, spec.Noise, spec.Pose, spec.Place)
+    of_scene = (spec.Forest, spec.Planting, spec.Stems, spec.Air, spec.Rays)
+    plain = (*held, *of_species, *of_trees, *of_sensors, *of_scene)
     for settings in (*plain, *spec.SENSORS.values()):
         groups[settings] = make_group(settings, groups)
     return groups
@@ -439,6 +448,8 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
             "forest": PointerProperty(type=GROUPS[spec.Forest]),
             "plantings": CollectionProperty(type=GROUPS[spec.Planting]),
             "active_plantings": IntProperty(options={"HIDDEN"}),
+            "stems": CollectionProperty(type=GROUPS[spec.Stems]),
+            "active_stems": IntProperty(options={"HIDDEN"}),
             "air": PointerProperty(type=GROUPS[spec.Air]),
             "rays": PointerProperty(type=GROUPS[spec.Rays]),
             "active_sensor": IntProperty(options={"HIDDEN"}, update=_choose_sensor),

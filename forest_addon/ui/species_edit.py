@@ -17,7 +17,6 @@ import bpy
 from bpy_extras.io_utils import ExportHelper
 
 from .. import spec
-from ..spec import SpecError
 from . import exchange
 from .preferences import species_folder
 from .properties import ASSETS, chosen_planting

@@ -210,7 +210,7 @@ def _radii(say: Say) -> None:
     rows = []
     for count in (1_000, 10_000, 100_000):
         paths = _forest(count, 10.0, (0.05, 0.3))
-        exact = _Exact(paths, 24e3, 4 if count == 100_000 else 16)
+        exact = _Exact(paths, 24e3, 8 if count == 100_000 else 16)
         for tolerance in (1e-2, 1e-4):
             rows.append([f"{count:,}", *_row(paths, 24e3, exact, tolerance)])
     table(say, ["trunks", "tolerance", "ms", "error", "below 20 Hz"], rows)

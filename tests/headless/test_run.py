@@ -24,6 +24,7 @@ RESULTS = [
         "leaves.npz",
         "preview.png",
         "report.html",
+        "reverb.npz",
         "reverb.png",
         "reverb.wav",
         "run.json",

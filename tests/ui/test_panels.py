@@ -11,7 +11,7 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
 from forest_addon.blender import sensors
-from forest_addon.ui import lists, panels, properties, requirements
+from forest_addon.ui import lists, panels, properties, requirements, species_panel
 
 
 class Layout:
@@ -64,6 +64,9 @@ class Layout:
     def template_icon(self, icon_value, scale):
         assert scale > 0  # icons have numbers only where there is a window
 
+    def template_icon_view(self, group, name, show_labels, scale, scale_popup):
+        assert group.bl_rna.properties[name].type == "ENUM"
+
     def separator(self):
         pass
 
@@ -76,7 +79,7 @@ def drawn(context=None):
     """All texts of all panels that Blender would draw now."""
     context = context or bpy.context
     seen = []
-    for panel in panels.CLASSES:
+    for panel in (*panels.CLASSES, *species_panel.CLASSES):
         if not hasattr(panel, "poll") or panel.poll(context):
             canvas = SimpleNamespace(layout=Layout(seen))
             for part in ("draw_header_preset", "draw"):
@@ -96,6 +99,7 @@ def test_every_setting_has_its_place(small, sensor):
     small.plantings[0].gaussians.add()
     small.plantings[0].rasters.add()
     small.forest.distances.add()
+    bpy.ops.forest.edit_species()
     sensor("mobile", poses=(spec.Pose(),))
     sensor("airborne")
     seen = []

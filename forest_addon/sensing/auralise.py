@@ -1,0 +1,49 @@
+"""A dry sound in the forest: convolution with an impulse response, at the impulse response's rate.
+
+The dry sound is resampled by a polyphase filter where rates differ (Kaiser window, 80 dB), so that its
+pitch stays. Every channel of the impulse response is one of the wet sound; a dry sound of several
+channels is mixed to one, because a source is a point.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+from scipy import signal
+
+
+def auralise(
+    response: np.ndarray, dry: np.ndarray, response_rate: float, dry_rate: float
+) -> np.ndarray:
+    """(N + M - 1, C) wet samples at ``response_rate``.
+
+    response : (N,) or (N, C). dry : (M,) or (M, D), mixed to one channel.
+    """
+    mono = np.asarray(dry, np.float64)
+    mono = mono.mean(axis=1) if mono.ndim == 2 else mono
+    mono = resample(mono, dry_rate, response_rate)
+    channels = np.asarray(response, np.float64).reshape(len(response), -1)
+    wet: np.ndarray = signal.fftconvolve(channels, mono[:, None], axes=0)
+    return wet
+
+
+def resample(samples: np.ndarray, rate: float, new_rate: float) -> np.ndarray:
+    """(M,) samples at another rate; the band above half the lower rate is taken away."""
+    if rate == new_rate:
+        return samples
+    ratio = Fraction(new_rate).limit_denominator(10**6) / Fraction(rate).limit_denominator(10**6)
+    ratio = ratio.limit_denominator(10_000)
+    changed: np.ndarray = signal.resample_poly(
+        samples, ratio.numerator, ratio.denominator, window=("kaiser", 8.0)
+    )
+    return changed
+
+
+def normalised(samples: np.ndarray, peak_db: float) -> tuple[np.ndarray, float]:
+    """Samples whose largest is at ``peak_db`` dB re full scale, and the gain in dB; silence stays."""
+    peak = float(np.abs(samples).max(initial=0.0))
+    if peak == 0:
+        return samples, 0.0
+    gain = 10.0 ** (peak_db / 20.0) / peak
+    return samples * gain, float(20.0 * np.log10(gain))
