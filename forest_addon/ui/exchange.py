@@ -124,7 +124,7 @@ def untouched(props: Any) -> bool:
         elif known.type == "COLLECTION":
             if len(getattr(props, name)):
                 return False
-        elif name != "rna_type" and props.is_property_set(name):
+        elif name != "rna_type" and not known.is_skip_save and props.is_property_set(name):
             return False
     return True
 

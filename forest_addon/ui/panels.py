@@ -158,7 +158,7 @@ class FOREST_PT_spacing(OnceStarted, bpy.types.Panel):
             draw_settings(split(layout), _chosen(forest, "distances"))
 
 
-class FOREST_PT_stems(_OnceStarted, bpy.types.Panel):
+class FOREST_PT_stems(OnceStarted, bpy.types.Panel):
     bl_label = "Stems for Reverb"
     bl_parent_id = "FOREST_PT_forest"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
@@ -168,8 +168,8 @@ class FOREST_PT_stems(_OnceStarted, bpy.types.Panel):
         draw_list(layout, "FOREST_UL_stems", props, "stems", "stems")
         if props.stems:
             stems = _chosen(props, "stems")
-            _draw_settings(_split(layout), stems)
-            _draw_settings(_split(layout), stems.radius)
+            draw_settings(split(layout), stems)
+            draw_settings(split(layout), stems.radius)
 
 
 class FOREST_PT_ground(OnceStarted, bpy.types.Panel):
@@ -248,7 +248,7 @@ class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
         group = getattr(thing.forest_sensor, kind)
         hidden = {"name", *sensors.POSED.get(kind, ())}
         draw_settings(split(self.layout), group, hidden)
-        for part in group.parts:
+        for part in group.nested:
             header, body = self.layout.panel(f"FOREST_{kind}_{part}", default_closed=True)
             header.label(text=part.title())
             if body is not None:

@@ -89,6 +89,7 @@ WHEN_USED = {
     "size": (30.0, 30.0),
     "origin": (0.0, 0.0),
     "low": 0.0,
+    "escape": 0.0,
     "high": 1.0,
     "trunk_daughters": spec.Discrete(values=(3,)),
     "template": spec.Template(wood=""),
@@ -104,7 +105,7 @@ def make_group(settings: type[Settings], groups: dict[type, type]) -> type[bpy.t
     """The property group of a settings class; ``groups`` holds those that it contains.
 
     Its ``shown`` names what a panel draws one below the other: all but lists, groups within it (its
-    ``parts``), and the switches of values that may be left out.
+    ``nested``), and the switches of values that may be left out.
     """
     annotations: dict[str, Any] = {}
     lists: dict[str, Any] = {}
@@ -124,7 +125,7 @@ def make_group(settings: type[Settings], groups: dict[type, type]) -> type[bpy.t
             annotations |= _properties(name, kind, known, default)
     group = _group_class(settings.__name__.lower(), annotations | parts | lists)
     group.shown = tuple(name for name in annotations if not name.startswith("use_"))
-    group.parts = tuple(parts)
+    group.nested = tuple(parts)
     return group
 
 

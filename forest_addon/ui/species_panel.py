@@ -54,7 +54,7 @@ class FOREST_PT_edited(OnceStarted, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         group = edited_item(context.scene.forest_sensing).settings
-        for part in group.parts:
+        for part in group.nested:
             optional = f"use_{part}" in group.bl_rna.properties
             header, body = self.layout.panel(f"FOREST_species_{part}", default_closed=True)
             if optional:
@@ -81,7 +81,7 @@ def _draw_part(layout: bpy.types.UILayout, group: Any) -> None:
     for name in long:
         layout.label(text=group.bl_rna.properties[name].name)
         layout.prop(group, name, text="")
-    for name in group.parts:
+    for name in group.nested:
         _draw_spread(layout, group, name)
 
 

@@ -66,13 +66,13 @@ def _choices(edited: tuple[tuple[str, str], ...], planted: tuple[str, ...]) -> t
 
 
 @functools.cache
-def _files() -> dict[str, Path]:
-    """What a planting calls each species that is there, and where its picture would be."""
-    presets = sorted((ASSETS / "species").glob("*.toml"))
+def _files() -> dict[str, Path | None]:
+    """What a planting calls each species that is there, and its picture if it has one."""
+    presets = sorted(file.stem for file in (ASSETS / "species").glob("*.toml"))
+    pictures = {file.stem: file for file in (ASSETS / "species" / "pictures").glob("*.jpg")}
     own = sorted([*species_folder().glob("*.toml"), *species_folder().glob("*/*.toml")])
-    found = {file.stem: file.parent / "pictures" / f"{file.stem}.jpg" for file in presets}
-    mine = (file for file in own if file.name != "scene.toml")
-    return found | {file.as_posix(): file.with_suffix(".jpg") for file in mine}
+    mine = (file.as_posix() for file in own if file.name != "scene.toml")
+    return {name: pictures.get(name) for name in presets} | dict.fromkeys(mine)
 
 
 def _icon(species: str) -> int:
@@ -81,7 +81,7 @@ def _icon(species: str) -> int:
     if _pictures is None:
         _pictures = bpy.utils.previews.new()
     picture = _files().get(species)
-    if picture is None or not picture.is_file():
+    if picture is None:
         return int(_plain_icons()["OUTLINER_OB_CURVES"].value)
     if species not in _pictures:
         _pictures.load(species, str(picture), "IMAGE")

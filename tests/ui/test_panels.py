@@ -99,6 +99,7 @@ def test_every_setting_has_its_place(small, sensor):
     small.plantings[0].gaussians.add()
     small.plantings[0].rasters.add()
     small.forest.distances.add()
+    small.stems.add()
     bpy.ops.forest.edit_species()
     sensor("mobile", poses=(spec.Pose(),))
     sensor("airborne")
@@ -119,6 +120,7 @@ def test_labels_fit_beside_their_values(small):
     small.plantings[0].gaussians.add()
     small.plantings[0].rasters.add()
     small.forest.distances.add()
+    small.stems.add()
     assert [text for text in drawn() if len(text) > 28] == []
     for group in properties.GROUPS.values():
         for name in group.shown:
