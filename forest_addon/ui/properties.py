@@ -62,7 +62,7 @@ LABELS = {
     "leaf_transmittance": "Leaf Lets Pass",
 }  # others are too long for a sidebar
 # What a number that was left out starts with when it is switched on.
-WHEN_USED = {"expected": 20.0, "sound_speed": 343.2, "line_step_deg": 0.25}
+WHEN_USED = {"expected": 20.0, "sound_speed": 343.2, "line_step_deg": 0.25, "escape": 0.0}
 
 
 # --------------------------------------------------------------------------- making property groups
