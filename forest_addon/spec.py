@@ -726,7 +726,7 @@ class Tractor(Settings):
     )
     top: float = param(12.0, unit="m", help="height that the highest beam has at that distance")
     max_range: float = param(100.0, unit="m", help="nothing farther is seen", gt=0, le=1e5)
-    parts: int = param(
+    splits: int = param(
         0,
         help="P: a beam is (P + 1)² rays over step by angle step, the nearest hit counts (S: 2); 0: one ray",
         ge=0,

@@ -134,7 +134,7 @@ def plant(orchard: Orchard, internode: float, seed: int) -> Forest:
     return Forest(stand, ("apple",), (species,), variants)
 
 
-def tractor_for(forest: Forest, parts: int, gap: int = 0) -> Tractor:
+def tractor_for(forest: Forest, splits: int, gap: int = 0) -> Tractor:
     """S's scanner, driving past all of an orchard; its drive is a whole number of centimetres, as S's."""
     low, high = extent_along(forest)
     low, high = np.floor(low * 100) / 100, np.ceil(high * 100) / 100
@@ -148,7 +148,7 @@ def tractor_for(forest: Forest, parts: int, gap: int = 0) -> Tractor:
         angle_step_deg=ANGLE_STEP_DEG,
         reach=float(z / slope),
         top=2 * z,
-        parts=parts,
+        splits=splits,
     )
 
 

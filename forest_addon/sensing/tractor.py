@@ -107,8 +107,8 @@ def _look(
     tractor: Tractor, scans: int, angles: int, caster: RayCaster, progress: Progress | None
 ) -> Returns:
     """Cast all beams, some scans at a time."""
-    split = max(tractor.parts, 1)
-    within = np.arange(tractor.parts + 1)
+    split = max(tractor.splits, 1)
+    within = np.arange(tractor.splits + 1)
     column = np.arange(angles)[:, None] * split + within  # (M, P + 1) of the lattice
     lowest, step = fan(tractor)[0], np.deg2rad(tractor.angle_step_deg)
     ways = _directions(tractor, lowest + step * (np.arange(column.max() + 1) / split))

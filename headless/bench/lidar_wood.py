@@ -61,7 +61,7 @@ def run(say: Say) -> None:
     )
     say(f"\nS's solid beam on the mesh of {FINE * 1000:g} mm, by its P:\n")
     caster = make_caster(_scene(mesh_wood(skeleton, FINE)), Rays(threads=1))
-    solid = impacted_area(drive(replace(tractor, parts=SOLID), caster), tractor)
+    solid = impacted_area(drive(replace(tractor, splits=SOLID), caster), tractor)
     table(
         say,
         ["P", "rays a beam", "A_IM", "times exact rays", f"to P = {SOLID}", "CPU s"],
@@ -136,7 +136,7 @@ def _solid_row(
     tractor: Tractor, caster: RayCaster, parts: int, exact: float, solid: float
 ) -> list[str]:
     start = time.process_time()
-    scan = drive(replace(tractor, parts=parts), caster)
+    scan = drive(replace(tractor, splits=parts), caster)
     took = time.process_time() - start
     area = impacted_area(scan, tractor)
     return [

@@ -85,7 +85,7 @@ def test_areas_by_tree_add_up_to_the_orchard():
 @pytest.mark.parametrize("gap", [0, 3])
 def test_a_solid_beam_meets_whatever_is_in_its_sector(parts, gap):
     """A board wider than Δy/P is never passed, so the beams that meet it are those whose sector does."""
-    tractor = replace(TRACTOR, parts=parts, gap=gap, angle_step_deg=5.0)
+    tractor = replace(TRACTOR, splits=parts, gap=gap, angle_step_deg=5.0)
     width = 0.002 / parts * 1.01
     for low in np.linspace(0.0401, 0.0479, 7):
         scan = driven.drive(tractor, BruteCaster(scene_with(ground(), post(2.0, low, low + width))))
@@ -99,7 +99,7 @@ def test_one_ray_passes_what_a_solid_beam_meets():
     lows = 0.04 + 0.002 * np.arange(0.005, 1, 0.01)
     met = {0: 0, 4: 0}
     for parts in met:
-        tractor = replace(TRACTOR, parts=parts, angle_step_deg=45.0)
+        tractor = replace(TRACTOR, splits=parts, angle_step_deg=45.0)
         for low in lows:
             scene = scene_with(ground(), post(2.0, low, low + 0.0005))
             met[parts] += bool((driven.drive(tractor, BruteCaster(scene)).organ == WOOD).any())
@@ -111,7 +111,7 @@ def test_the_nearest_hit_of_the_sector_counts():
     a, b, half = 2.0, 0.5, 50.0  # x = a + b·y
     corners = np.array([[a - b, -1, -half], [a + b, 1, -half], [a + b, 1, half], [a - b, -1, half]])
     slant = TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), WOOD)
-    tractor = replace(TRACTOR, parts=2, angle_step_deg=1.0, track=0.02)
+    tractor = replace(TRACTOR, splits=2, angle_step_deg=1.0, track=0.02)
     scan = driven.drive(tractor, BruteCaster(scene_with(slant)))
     within = np.linspace(0.0, 1.0, 101)
     y = scan.track[:, None] + tractor.step * within
@@ -126,7 +126,7 @@ def test_one_part_of_none_is_the_ray_of_before():
     """P = 0 casts the beam's own ray; every larger P holds it, so nothing is farther."""
     scene = scene_with(ground(), post(2.0, 0.03, 0.05), wall(4.0))
     one = driven.drive(TRACTOR, BruteCaster(scene)).distance
-    two = driven.drive(replace(TRACTOR, parts=2), BruteCaster(scene)).distance
+    two = driven.drive(replace(TRACTOR, splits=2), BruteCaster(scene)).distance
     assert (two <= one + 1e-9).all()
     assert (two < one - 1e-3).any()
 
