@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from forest_addon.rng import stream
-from forest_addon.sensing.beam import Gaussian, Horseshoe
+from forest_addon.sensing.beam import Horseshoe, beam_offsets
 from forest_addon.sensing.flight import Flight
 from forest_addon.sensing.geometry import apply_transform
 from forest_addon.sensing.poses import Pose
@@ -84,51 +84,58 @@ def _map(
     leaves: np.ndarray,
     forest: Forest,
 ) -> None:
-    """The scene from above: leaves, those that are heard in red, poses with their -3 dB contours."""
+    """The scene from above: leaves, those in the beam in red, poses with their -3 dB contours."""
     axes.scatter(*leaves.T, s=0.4, c="#a9c59f", linewidths=0, rasterized=True)
-    reached = [np.empty((0, 2))]
-    for echo in echoes:
-        loudest = echo.heard.amplitude.max(initial=0.0)
-        loud = echo.heard.amplitude >= loudest * 10 ** (-HEARD_DB / 20)
-        reached.append(echo.heard.position[loud & (echo.heard.kind == "leaf"), :2])
-    heard = np.concatenate(reached)
-    axes.scatter(*heard.T, s=1.4, c=RED, linewidths=0, rasterized=True)
     axes.plot(*forest.stand.position[:, :2].T, "o", color=BARK, markersize=2.5, linestyle="none")
-    reach = max(float(echo.heard.distance.max(initial=0.0)) for echo in echoes) or sonar.max_range
-    corners = [heard, np.array([echo.pose.position[:2] for echo in echoes])]
+    shown = [np.array([echo.pose.position[:2] for echo in echoes])]
     for number, echo in enumerate(echoes, start=1):
-        outline = _contour(echo.pose, sonar, min(reach, sonar.max_range))
-        if outline is not None:
+        width = _width(echo.pose, sonar)
+        red = _in_beam(echo, width)
+        axes.scatter(*red[:, :2].T, s=1.4, c=RED, linewidths=0, rasterized=True)
+        reach = np.linalg.norm(red - echo.pose.position, axis=1).max(initial=2.0)
+        if width < math.pi:
+            outline = _contour(echo.pose, width, float(reach))
             axes.plot(*outline.T, color=INK, linewidth=0.8)
-            corners.append(outline)
-        x, y = echo.pose.position[:2]
-        axes.plot(x, y, "o", color=INK, markersize=4)
+            shown.append(outline)
+        shown.append(red[:, :2])
+        place = echo.pose.position[:2]
+        axes.plot(*place, "o", color=INK, markersize=4)
         if len(echoes) > 1:
-            axes.annotate(f"{number}", (x, y), xytext=(4, 3), textcoords="offset points")
+            axes.annotate(f"{number}", place, xytext=(4, 3), textcoords="offset points")
     if len(echoes) > 1:
-        axes.plot(*corners[1].T, color=FAINT, linewidth=1.0, zorder=0)
-    shown = np.concatenate(corners)
-    low, high = shown.min(axis=0) - 1.5, shown.max(axis=0) + 1.5
+        axes.plot(*shown[0].T, color=FAINT, linewidth=1.0, zorder=0)
+    corners = np.concatenate(shown)
+    low, high = corners.min(axis=0) - 1.5, corners.max(axis=0) + 1.5
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal", adjustable="box")
-    axes.set_title(
-        f"From above: leaves within {HEARD_DB:.0f} dB of the loudest (red), -3 dB contours"
-    )
+    axes.set_title("From above: -3 dB contours, leaves heard within them in red")
     axes.set_xlabel("x, m")
     axes.set_ylabel("y, m")
 
 
-def _contour(pose: Pose, sonar: Sonar, reach: float) -> np.ndarray | None:
-    """(N, 2) outline of the beam's -3 dB width on the ground plan, None of a beam that has none."""
-    if pose.width is not None and sonar.beam == "gaussian":
-        width = pose.width
-    elif sonar.beam == "gaussian":
-        width = Gaussian((math.radians(sonar.beam_width_deg[0]),) * 2).width[0]
-    elif sonar.beam == "horseshoe":
-        width = float(Horseshoe().width(np.array(sum(sonar.band) / 2)))
-    else:
-        return None
+def _in_beam(echo: Echo, width: float) -> np.ndarray:
+    """(M, 3) the leaves heard within the -3 dB width, as much as 40 dB weaker than the loudest."""
+    heard = echo.heard
+    loud = heard.amplitude >= heard.amplitude.max(initial=0.0) * 10 ** (-HEARD_DB / 20)
+    places = heard.position[loud & (heard.kind == "leaf")]
+    away = places - echo.pose.position
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    inside: np.ndarray = places[np.hypot(*beam_offsets(away, echo.pose.frame)) <= width / 2]
+    return inside
+
+
+def _width(pose: Pose, sonar: Sonar) -> float:
+    """Full -3 dB width in radians; 2π of a beam that has none."""
+    if sonar.beam == "gaussian":
+        return pose.width or math.radians(sonar.beam_width_deg[0])
+    if sonar.beam == "horseshoe":
+        return float(Horseshoe().width(np.array(sum(sonar.band) / 2)))
+    return 2 * math.pi
+
+
+def _contour(pose: Pose, width: float, reach: float) -> np.ndarray:
+    """(N, 2) outline of the beam's width in its level plane, from above."""
     turn = np.linspace(-width / 2, width / 2, 40)
     forward, left, _ = pose.frame
     edge = pose.position + reach * (np.outer(np.cos(turn), forward) + np.outer(np.sin(turn), left))
