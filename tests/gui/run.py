@@ -73,6 +73,9 @@ def _judge(ended: bool, log: str) -> int:
         )
         if not step["passed"]:
             print(step["problem"])
+    for line in log.splitlines():
+        if line.startswith("FIGURE "):
+            print(line.removeprefix("FIGURE "))
     passed = sum(step["passed"] for step in steps)
     if ended and steps and passed == len(steps):
         print(f"{passed} steps passed, pictures in {OUT.relative_to(ROOT)}")

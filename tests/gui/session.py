@@ -1,48 +1,140 @@
-"""What a newcomer does, from an empty Blender to results: runs in Blender's window (see run.py)."""
+"""What a newcomer does, from an empty Blender to results: runs in Blender's window (see run.py).
+
+Operators are invoked as their buttons do, in the view; Escape is a real key. What a step must have
+brought about is asserted in it.
+"""
 
 import sys
+import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 import bpy
-from drive import Scenario, Steps, key, open_tab, play, press, wait_for
+from drive import Scenario, Steps, key, open_tab, play, press, redraw_ms, view, wait_for
 
 OUT = Path(__file__).parent
+MODULE = "bl_ext.user_default.forest_sensing"
+
+
+def props():
+    return bpy.context.scene.forest_sensing
 
 
 def done(name: str) -> bool:
-    return name in bpy.context.scene.forest_sensing.results
+    return name in props().results
+
+
+def trees() -> list[bpy.types.Object]:
+    return [thing for thing in bpy.data.objects if "forest_tree" in thing]
+
+
+def idle() -> bool:
+    from bl_ext.user_default.forest_sensing.forest_addon.ui import running
+
+    return running.current() is None
+
+
+def run(name: str, seconds: float = 120) -> Scenario:
+    props().results.remove(props().results.find(name)) if done(name) else None
+    assert press("forest.run", sensor=name) == {"RUNNING_MODAL"}
+    yield from wait_for(lambda: done(name), seconds, name)
+    yield 1
 
 
 def newcomer(steps: Steps) -> Scenario:
+    window, area, main, side = view()
     steps.step("open the tab")
     yield from open_tab("Forest")
-    steps.step("a build is under way")
+
+    steps.step("build the demo forest")
+    started = time.perf_counter()
     assert press("forest.build") == {"RUNNING_MODAL"}
-    yield 0.4
-    steps.step("build the forest")
-    yield from wait_for(lambda: done("forest"), 60, "the forest")
-    yield 0.5
-    steps.step("a scan is under way")
-    press("forest.run", sensor="cloud")
-    yield 2
-    steps.step("cancel the scan with Escape")
-    key("Escape")
+    yield from wait_for(lambda: done("forest") and idle(), 60, "the forest")
+    print(f"FIGURE build of the demo forest: {time.perf_counter() - started:.1f} s", flush=True)
+    assert trees()
     yield 1
+
+    steps.step("a scan is under way, the view can be turned")
+    press("forest.run", sensor="cloud")
+    yield 1
+    assert not idle()
+    before = area.spaces[0].region_3d.view_matrix.copy()
+    with bpy.context.temp_override(window=window, area=area, region=main):
+        bpy.ops.view3d.view_orbit(angle=0.4, type="ORBITLEFT")
+    yield 0.5
+    assert area.spaces[0].region_3d.view_matrix != before
+
+    steps.step("Escape stops it within half a second")
+    asked = time.perf_counter()
+    key("Escape")
     from bl_ext.user_default.forest_sensing.forest_addon.ui import running
 
-    yield from wait_for(lambda: running.current() is None, 5, "the end of the scan")
+    yield from wait_for(lambda: running._current is None or running._current.over, 5, "the end")
+    print(f"FIGURE from Escape to the end: {time.perf_counter() - asked:.2f} s", flush=True)
+    yield from wait_for(idle, 10, "the thread's end")
     assert not done("cloud")
+
     steps.step("scan all round")
-    press("forest.run", sensor="cloud")
-    yield from wait_for(lambda: done("cloud"), 120, "the scan")
+    yield from run("cloud")
+    steps.step("ping")
+    yield from run("echo")
+    assert props().results["echo"].large is not None
+    steps.step("clap")
+    yield from run("reverb")
+
+    steps.step("the echo in the Image Editor")
+    press("forest.show_picture", result="echo")
+    yield 2
+    with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
+        bpy.ops.wm.window_close()
     yield 1
-    for name in ("echo", "reverb"):
-        steps.step(f"run {name}")
-        press("forest.run", sensor=name)
-        yield from wait_for(lambda name=name: done(name), 120, name)
-        yield 1
+
+    steps.step("change the seed and update")
+    places = sorted(tuple(tree.location) for tree in trees())
+    props().seed += 1
+    press("forest.build")
+    yield from wait_for(lambda: idle() and not done("reverb"), 60, "the new forest")
+    yield 1
+    assert sorted(tuple(tree.location) for tree in trees()) != places
+
+    steps.step("undo brings the old forest back")
+    with bpy.context.temp_override(window=window, area=area, region=main):
+        bpy.ops.ed.undo()
+    yield 1
+    bpy.context.view_layer.update()
+    assert sorted(tuple(tree.location) for tree in trees()) == places
+
+    steps.step("save and open again")
+    file = str(OUT / "session.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=file)
+    bpy.ops.wm.open_mainfile(filepath=file)
+    yield 2
+    assert sorted(tuple(tree.location) for tree in trees()) == places
+    yield from open_tab("Forest")
+
+    steps.step("how long the panel takes to draw")
+    _, _, _, side = view()
+    shown = redraw_ms(side)
+    side.active_panel_category = "View"
+    yield 0.5
+    hidden = redraw_ms(side)
+    side.active_panel_category = "Forest"
+    print(f"FIGURE drawing the sidebar: Forest {shown:.1f} ms, View {hidden:.1f} ms", flush=True)
+    yield 0.5
+
+    steps.step("disable the add-on")
+    bpy.ops.preferences.addon_disable(module=MODULE)
+    yield 1
+    assert not hasattr(bpy.types.Scene, "forest_sensing")
+    assert not [name for name in dir(bpy.types) if name.startswith("FOREST_")]
+
+    steps.step("enable it again")
+    started = time.perf_counter()
+    bpy.ops.preferences.addon_enable(module=MODULE)
+    print(f"FIGURE enabling the add-on: {time.perf_counter() - started:.2f} s", flush=True)
+    yield 1
+    assert done("forest")
 
 
 play(newcomer, OUT)
