@@ -41,7 +41,9 @@ def run(say: Say) -> None:
         "One ping, the second and later ones: cull 0.01 of all amplitudes, tolerance 1e-6, 60-80 kHz.\n"
     )
     _pings(say, forests)
-    say("\nT20's Table 1: the scenes of assets/scenes, the paper's model, all positions, cull 0.01, tolerance 1e-4.\n")
+    say(
+        "\nT20's Table 1: its scene files, the paper's model, all positions; cull 0.01, tolerance 1e-4.\n"
+    )
     _table_1(say)
     say("\nCulling, 5 trees, 30° beam: what is promised and what is true.\n")
     _culling(say, forests[5])
