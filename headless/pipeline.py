@@ -19,9 +19,10 @@ import numpy as np
 
 from forest_addon.blender.cloud import show_cloud
 from forest_addon.blender.export import export_glb, save_blend
-from forest_addon.blender.forest import RESULTS, build, part
+from forest_addon.blender.forest import RESULTS, SENSORS, build, part
 from forest_addon.blender.observe import Observer
 from forest_addon.blender.preview import render, set_stage
+from forest_addon.blender.sound import add_speaker, give_sound
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.expansion_store import ExpansionStore
 from forest_addon.formats.findings import Finding as SensorFinding
@@ -36,7 +37,7 @@ from forest_addon.sensing.geometry import SceneGeometry
 from forest_addon.sensing.lidar import Cloud, TractorScan
 from forest_addon.sensing.reverb import ImpulseResponse
 from forest_addon.sensing.sonar import Echo
-from forest_addon.spec import Scene, SpecError
+from forest_addon.spec import Reverb, Scene, SpecError
 from forest_addon.stand.forest import Forest, angle_table, grow_forest, leaf_table, tree_table
 
 from . import pictures, report
@@ -106,9 +107,8 @@ def run_scene(
         with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
             found = observer.observe(sensor, settings, progress, folder)
             run.write(sensor.name, found)
-            if sound is not None and isinstance(found, ImpulseResponse):
-                heard = auralise(channels_of(found), sound[0], found.sample_rate, sound[1])
-                write_wav(run.path(f"{sensor.name}-{dry.stem}.wav"), heard, found.sample_rate)
+            if isinstance(found, ImpulseResponse):
+                _let_hear(run, sensor, found, dry, sound)
             if isinstance(found, Cloud):
                 show_cloud(part(scene, RESULTS), sensor.name, found)
             run.findings.append(_describe(run, sensor, found, observer))
@@ -150,6 +150,26 @@ def _write_truth(run: Run) -> None:
     write_csv(run.path("leaf_angles.csv"), angle_table(run.forest))
     metres = dict.fromkeys(("centre", "length", "width", "radius"), "m")
     write_npz(run.path("leaves.npz"), leaf_table(run.forest), metres | {"normal": "1", "axis": "1"})
+
+
+def _let_hear(
+    run: Run,
+    sensor: Reverb,
+    found: ImpulseResponse,
+    dry: Path | None,
+    sound: tuple[np.ndarray, float] | None,
+) -> None:
+    """Put what is heard on a Speaker: the dry sound in the forest, which is also written, or a click."""
+    heard = channels_of(found)
+    if dry is not None and sound is not None:
+        heard = auralise(heard, sound[0], found.sample_rate, sound[1])
+        write_wav(run.path(f"{sensor.name}-{dry.stem}.wav"), heard, found.sample_rate)
+    with hushed():
+        speaker = add_speaker(sensor.name, sensor.source)
+        for home in list(speaker.users_collection):
+            home.objects.unlink(speaker)
+        part(bpy.context.scene, SENSORS).objects.link(speaker)
+        give_sound(speaker, sensor.name, heard, found.sample_rate)
 
 
 def _describe(run: Run, sensor: Any, found: SensorFinding, observer: Observer) -> report.Finding:
