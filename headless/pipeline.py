@@ -25,10 +25,11 @@ from forest_addon.blender.layout import RESULTS, part
 from forest_addon.blender.observe import Observer
 from forest_addon.blender.preview import render, set_stage
 from forest_addon.blender.sensors import new_sensor
+from forest_addon.blender.sound import give_sound
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.expansion_store import ExpansionStore
 from forest_addon.formats.findings import Finding as SensorFinding
-from forest_addon.formats.findings import channels_of, write_finding
+from forest_addon.formats.findings import write_finding
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.formats.stand_files import read_inputs
@@ -39,10 +40,10 @@ from forest_addon.sensing.cloud import Cloud
 from forest_addon.sensing.fast_scattering import Expansions
 from forest_addon.sensing.flight import Flight
 from forest_addon.sensing.geometry import SceneGeometry
-from forest_addon.sensing.reverb import ImpulseResponse
+from forest_addon.sensing.reverb import ImpulseResponse, channels_of
 from forest_addon.sensing.sonar import Echo
 from forest_addon.sensing.tractor import TractorScan
-from forest_addon.spec import Scene, Sensor, SpecError
+from forest_addon.spec import Reverb, Scene, Sensor, SpecError
 from forest_addon.stand.forest import (
     Forest,
     angle_table,
@@ -132,9 +133,8 @@ def run_scene(
         with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
             found = observer.observe(sensor, settings, progress, folder)
             run.write(sensor, found)
-            if sound is not None and isinstance(found, ImpulseResponse):
-                heard = auralise(channels_of(found), sound[0], found.sample_rate, sound[1])
-                write_wav(run.path(f"{sensor.name}-{dry.stem}.wav"), heard, found.sample_rate)
+            if isinstance(found, ImpulseResponse):
+                _let_hear(run, sensor, found, dry, sound)
             if isinstance(found, Cloud):
                 show_cloud(part(scene, RESULTS), sensor.name, found)
             run.findings.append(_describe(run, sensor, found, observer))
@@ -202,6 +202,23 @@ def _write_truth(run: Run) -> None:
     many = leaf_count(run.forest) > MOST_LEAVES
     name, table = ("variant_leaves", variant_leaf_table) if many else ("leaves", leaf_table)
     write_npz(run.path(f"{name}.npz"), table(run.forest), metres | {"normal": "1", "axis": "1"})
+
+
+def _let_hear(
+    run: Run,
+    sensor: Reverb,
+    found: ImpulseResponse,
+    dry: Path | None,
+    sound: tuple[np.ndarray, float] | None,
+) -> None:
+    """Put what is heard on a Speaker: the dry sound in the forest, which is also written, or a click."""
+    heard = channels_of(found)
+    if dry is not None and sound is not None:
+        heard = auralise(heard, sound[0], found.sample_rate, sound[1])
+        write_wav(run.path(f"{sensor.name}-{dry.stem}.wav"), heard, found.sample_rate)
+    with hushed():
+        speaker = bpy.context.scene.objects[sensor.name]
+        give_sound(speaker, sensor.name, heard, found.sample_rate)
 
 
 def _describe(run: Run, sensor: Any, found: SensorFinding, observer: Observer) -> report.Finding:

@@ -39,7 +39,7 @@ def new_sensor(scene: bpy.types.Scene, settings: Settings) -> bpy.types.Object:
     """A new object for a sensor among the scene's sensors, placed where its settings say."""
     home = part(scene, SENSORS)
     if settings.kind == "reverb":
-        thing = bpy.data.objects.new(settings.name, bpy.data.speakers.new(settings.name))
+        thing = _speaker(settings.name)
         receiver = _empty(f"{settings.name} receiver", "SPHERE")
         home.objects.link(receiver)
         thing[RECEIVER_KEY] = receiver
@@ -48,6 +48,18 @@ def new_sensor(scene: bpy.types.Scene, settings: Settings) -> bpy.types.Object:
     thing[KIND_KEY] = settings.kind
     home.objects.link(thing)
     place(thing, settings)
+    return thing
+
+
+def _speaker(name: str) -> bpy.types.Object:
+    """A Speaker in no collection; one that plays on the timeline where Blender's operator can make it."""
+    from .sound import add_speaker
+
+    if bpy.context.mode != "OBJECT":
+        return bpy.data.objects.new(name, bpy.data.speakers.new(name))
+    thing = add_speaker(name, (0.0, 0.0, 0.0))
+    for home in list(thing.users_collection):
+        home.objects.unlink(thing)
     return thing
 
 

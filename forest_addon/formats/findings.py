@@ -15,7 +15,7 @@ import numpy as np
 from ..sensing.cloud import Cloud
 from ..sensing.flight import Flight
 from ..sensing.metrics import RoomMetrics, echo_density, energy_decay_db, room_metrics
-from ..sensing.reverb import ImpulseResponse
+from ..sensing.reverb import ImpulseResponse, channels_of
 from ..sensing.sonar import Echo
 from ..sensing.tractor import TractorScan
 from ..spec import Sensor, Sonar
@@ -63,12 +63,6 @@ def write_finding(
         write_wav(path, channels_of(found), found.sample_rate)
         return [path, write_response(folder, name, found)]
     return [path]
-
-
-def channels_of(found: ImpulseResponse) -> np.ndarray:
-    """(N,) samples of one channel, or (N, C) of several."""
-    samples = np.column_stack([channel.samples for channel in found.channels])
-    return samples[:, 0] if samples.shape[1] == 1 else samples
 
 
 def write_response(folder: Path, name: str, found: ImpulseResponse) -> Path:

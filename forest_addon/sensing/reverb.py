@@ -102,6 +102,12 @@ class ImpulseResponse:
         return self.direct + self.ground + self.trees
 
 
+def channels_of(found: ImpulseResponse) -> np.ndarray:
+    """(N,) samples of one channel, or (N, C) of several."""
+    samples = np.column_stack([channel.samples for channel in found.channels])
+    return samples[:, 0] if samples.shape[1] == 1 else samples
+
+
 def impulse_response(
     trunks: Trunks | TrunksBetween,
     reverb: Reverb,

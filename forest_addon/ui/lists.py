@@ -10,7 +10,7 @@ import bpy
 
 from ..blender.sensors import kind_of
 from .operators import chosen_sensor
-from .species_pictures import title_of
+from .species_pictures import EDITED, title_of
 
 ICONS = {
     "forest": "OUTLINER_OB_CURVES",
@@ -37,7 +37,9 @@ class FOREST_UL_plantings(bpy.types.UIList):
 
     def draw_item(self, context, layout, data, item, icon, active, name, index=0) -> None:
         row = layout.row(align=True)
-        row.label(text=title_of(item.species) or "(no species)", icon="OUTLINER_OB_CURVES")
+        edited = item.species.startswith(EDITED)
+        icon_name = "GREASEPENCIL" if edited else "OUTLINER_OB_CURVES"
+        row.label(text=title_of(item.species) or "(no species)", icon=icon_name)
         if item.use_expected:
             number = row.row()
             number.alignment = "RIGHT"

@@ -31,6 +31,8 @@ class Tab:
 class OnceStarted(Tab):
     """A panel that appears when there are settings to show."""
 
+    bl_order = 1  # Species comes first
+
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return not untouched(context.scene.forest_sensing)

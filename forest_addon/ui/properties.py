@@ -96,6 +96,7 @@ WHEN_USED = {
     "rules": spec.Rules(axiom="A", productions=("A -> F[+A][-A]/(90)A",)),
     "honda": spec.Honda(),
 }
+DIGITS = {"mean": 3, "sd": 3, "low": 3, "high": 3}  # of numbers whose size a default does not tell
 
 
 # --------------------------------------------------------------------------- making property groups
@@ -183,6 +184,8 @@ def property_of(name: str, kind: Any, known: Param, default: Any) -> Any:
     if item is int:
         return (IntVectorProperty if size else IntProperty)(**words)
     words |= _how_shown(known, default if size else (default,))
+    if name in DIGITS:
+        words |= {"precision": DIGITS[name], "step": 1}
     if known.unit in UNITS:
         words["unit"] = UNITS[known.unit]
     if size == 3 and (known.minimum, known.maximum) == (0, 1):
@@ -267,7 +270,8 @@ def _how_shown(known: Param, values: Iterable[float]) -> dict[str, int]:
     digits = max(len(text.partition(".")[2]) if "e" not in text else 6 for text in shown)
     largest = max(float(text) for text in shown) or 1.0
     step = round(10.0 ** math.floor(math.log10(largest)) * 10)  # hundredths
-    least = 4 if known.unit in UNITS else 1  # Blender itself drops zeros before a unit
+    fine = 2 if known.maximum - known.minimum <= 20 else 1
+    least = 4 if known.unit in UNITS else fine  # Blender itself drops zeros before a unit
     return {"precision": min(6, max(least, digits)), "step": max(1, min(100, step))}
 
 

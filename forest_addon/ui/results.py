@@ -13,11 +13,12 @@ import numpy as np
 
 from ..blender.cloud import show_cloud, show_heard
 from ..blender.layout import RESULTS, part
+from ..blender.sound import give_sound
 from ..growth.trimesh import GROUND, LEAF, WOOD
 from ..sensing import metrics
 from ..sensing.cloud import Cloud
 from ..sensing.flight import Flight
-from ..sensing.reverb import ImpulseResponse
+from ..sensing.reverb import ImpulseResponse, channels_of
 from ..sensing.sonar import Echo
 from ..sensing.tractor import TractorScan, to_cloud
 from ..spec import Scene, Sensor, Tractor
@@ -62,6 +63,8 @@ def keep_finding(
         if isinstance(found, Echo):
             home = part(context.scene, RESULTS)
             result.shown = show_heard(home, sensor.name, found.heard).name
+        if isinstance(found, ImpulseResponse) and thing.type == "SPEAKER":
+            give_sound(thing, sensor.name, channels_of(found), found.sample_rate)
         result.large = images.show(
             f"Forest {sensor.name} sound", images.sound_picture(*_sound(found))
         )

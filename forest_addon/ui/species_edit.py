@@ -21,9 +21,8 @@ from . import exchange
 from .preferences import species_folder
 from .properties import ASSETS, chosen_planting
 from .running import PROBLEMS, in_words
-from .species_pictures import refresh, title_of
+from .species_pictures import EDITED, refresh, title_of
 
-EDITED = "edited/"
 Edited = Mapping[str, tuple[spec.Species, Path]]  # by what plantings call it; where its files are
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import bpy
 
@@ -18,18 +18,18 @@ SPREADS = {"FOREST_PG_normal": ("mean", "sd"), "FOREST_PG_discrete": ("values", 
 class FOREST_PT_species(OnceStarted, bpy.types.Panel):
     bl_label = "Species"
     bl_parent_id = "FOREST_PT_forest"
-    bl_order = -1
+    bl_order = 0
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, props = self.layout, context.scene.forest_sensing
         if len(props.plantings) != 1:
             draw_list(layout, "FOREST_UL_plantings", props, "plantings", "planting")
-        row = layout.row()
+        halves = layout.split(factor=0.5)
         if chosen_planting(props) is not None:
-            row.template_icon_view(
-                props, "species_picture", show_labels=True, scale=5.5, scale_popup=5.0
+            halves.template_icon_view(
+                props, "species_picture", show_labels=True, scale=5.5, scale_popup=6.5
             )
-        buttons = row.column(align=True)
+        buttons = halves.column(align=True)
         item = edited_item(props)
         if item is None:
             buttons.operator("forest.edit_species", icon="GREASEPENCIL")
@@ -46,7 +46,6 @@ class FOREST_PT_edited(OnceStarted, bpy.types.Panel):
 
     bl_label = "Settings"
     bl_parent_id = "FOREST_PT_species"
-    bl_options: ClassVar[set[str]] = set()
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -63,8 +62,7 @@ class FOREST_PT_edited(OnceStarted, bpy.types.Panel):
             if body is not None:
                 body.active = getattr(group, f"use_{part}", True) and not _is_idle(group, part)
                 _draw_part(body, getattr(group, part))
-        self.layout.label(text="Where the Numbers Come From")
-        self.layout.prop(group, "source", text="")
+        split(self.layout).prop(group, "source")
 
 
 def _is_idle(group: Any, part: str) -> bool:
@@ -95,19 +93,28 @@ def _draw_spread(layout: bpy.types.UILayout, owner: Any, name: str) -> None:
     """A distribution in a line or two: what is drawn, and within which limits."""
     group = getattr(owner, name)
     first, second = SPREADS[type(group).__name__]
-    column = split(layout).column(align=True)
-    row = column.row(align=True, heading=owner.bl_rna.properties[name].name)
+    column = layout.column(align=True)
+    row = _line(column, owner.bl_rna.properties[name].name)
     if f"use_{name}" in owner.bl_rna.properties:
         row.prop(owner, f"use_{name}", text="")
     row.prop(group, first, text="")
-    row.prop(group, second, text="")
+    row.prop(group, second, text="", placeholder="weights")
     if "use_low" in group.bl_rna.properties:
-        row = column.row(align=True, heading="Limits")
+        row = _line(column, "Within")
         for limit in ("low", "high"):
             row.prop(group, f"use_{limit}", text="")
             value = row.row(align=True)
             value.active = getattr(group, f"use_{limit}")
             value.prop(group, limit, text="")
+
+
+def _line(column: bpy.types.UILayout, label: str) -> bpy.types.UILayout:
+    """A row for several values, with a label to the left as other settings have it."""
+    halves = column.split(factor=0.4)
+    left = halves.row()
+    left.alignment = "RIGHT"
+    left.label(text=label)
+    return halves.row(align=True)
 
 
 CLASSES = (FOREST_PT_species, FOREST_PT_edited)

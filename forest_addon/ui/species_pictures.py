@@ -18,6 +18,8 @@ from .properties import ASSETS, chosen_planting
 
 Choice = tuple[str, str, str, int, int]  # what a planting calls it, name, help, icon, number
 
+EDITED = "edited/"  # begins the name of a species that is edited
+
 _pictures: Any = None
 
 
@@ -37,7 +39,7 @@ def number_of(props: Any) -> int:
 def title_of(species: str) -> str:
     """What people read for a preset or a species file: honda-birch is Honda Birch."""
     words = Path(species).stem.replace("-", " ").replace("_", " ").title()
-    return f"{words} (edited)" if species.startswith("edited/") else words
+    return words.replace("Abop ", "ABOP ")
 
 
 def refresh() -> None:
@@ -59,9 +61,10 @@ def unregister() -> None:
 def _choices(edited: tuple[tuple[str, str], ...], planted: tuple[str, ...]) -> tuple[Choice, ...]:
     origins = dict(edited)
     names = dict.fromkeys([*_files(), *origins, *filter(None, planted)])
+    titles = [title_of(name) + (" (edited)" if name in origins else "") for name in names]
     return tuple(
-        (name, title_of(name), f"Plant {title_of(name)}", _icon(origins.get(name, name)), number)
-        for number, name in enumerate(names)
+        (name, title, f"Plant {title}", _icon(origins.get(name, name)), number)
+        for number, (name, title) in enumerate(zip(names, titles, strict=True))
     )
 
 

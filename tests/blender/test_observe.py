@@ -1,5 +1,7 @@
 """Every sensor looks at the evaluated scene: a moved tree or a modifier changes what it finds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -132,3 +134,50 @@ def test_building_again_replaces_the_forest_and_leaves_nothing_behind(trees, gro
 
 def test_objects_say_which_tree_they_are(trees, grown):
     assert sorted(tree[TREE_KEY] for tree in trees) == grown.stand.id.tolist()
+
+
+def test_speakers_empties_and_cameras_are_ends_where_they_are(trees):
+    """Also one that follows another object; each channel as if its places were typed."""
+    scene = bpy.context.scene
+    boat = bpy.data.objects.new("Boat", bpy.data.speakers.new("Boat"))
+    ear, eye = (
+        bpy.data.objects.new(n, d) for n, d in (("Ear", None), ("Eye", bpy.data.cameras.new("E")))
+    )
+    for thing in (boat, ear, eye):
+        scene.collection.objects.link(thing)
+    boat.location, ear.location, eye.location = (-4, 2, 0.25), (8, 2, 0.25), (1, 0, 0.125)
+    eye.parent = ear
+    bpy.context.view_layer.update()
+    observer = Observer(bpy.context.evaluated_depsgraph_get())
+    typed = replace(SCENE.sensors[3], source=(-4.0, 2.0, 0.25), receiver=(8.0, 2.0, 0.25))
+    named = replace(typed, source_objects="Boat", receiver_objects="Ear, Eye")
+    found = observer.observe(named, SCENE)
+    names = [channel.channel for channel in found.channels]
+    assert names == [f"{s} to {r}" for s in ("source", "Boat") for r in ("receiver", "Ear", "Eye")]
+    assert np.array_equal(found.channels[4].samples, observer.observe(typed, SCENE).samples)
+    assert found.channels[5].direct_delay == pytest.approx(
+        np.hypot(13, 0.125) / SCENE.air.speed(), rel=1e-6
+    )
+    with pytest.raises(spec.SpecError, match='no Speaker, Empty or Camera "Tree"'):
+        observer.observe(replace(typed, source_objects="Tree"), SCENE)
+
+
+def test_stems_sound_without_being_there(trees):
+    """None of them covers an end, and nothing is added to Blender's scene."""
+    before = len(bpy.data.objects)
+    reverb = SCENE.sensors[3]
+    settings = replace(SCENE, stems=(spec.Stems(count=300, radius=spec.Normal(mean=0.05)),))
+    observer = Observer(bpy.context.evaluated_depsgraph_get())
+    bare, full = observer.observe(reverb, SCENE), observer.observe(reverb, settings)
+    assert (full.trunks, full.clamped) == (bare.trunks + 300, 0)
+    assert full.direct_clear
+    assert len(bpy.data.objects) == before
+    inside = replace(reverb, receiver=(2.0, 2.0, 0.2))
+    assert observer.observe(inside, settings).clamped == 0
+
+
+def test_a_measured_directivity_is_found_beside_the_scene_file(trees, tmp_path):
+    (tmp_path / "mute.csv").write_text("deg,1000\n0,-inf\n180,-inf\n")
+    reverb = replace(SCENE.sensors[3], directivity="measured", directivity_file="mute.csv")
+    observer = Observer(bpy.context.evaluated_depsgraph_get())
+    assert not observer.observe(reverb, SCENE, folder=tmp_path).samples.any()

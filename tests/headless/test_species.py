@@ -1,5 +1,6 @@
 """The table and the contact sheet of species."""
 
+import numpy as np
 import pytest
 
 from headless.cli import main
@@ -20,3 +21,23 @@ def test_table_and_sheet(tmp_path, capsys, monkeypatch):
 def test_unknown_species_is_one_sentence(capsys):
     assert main(["species", "plum-pudding"]) == 2
     assert "plum-pudding" in capsys.readouterr().err
+
+
+def test_small_pictures_for_the_panel(tmp_path, capsys, monkeypatch):
+    pytest.importorskip("bpy")
+    from PIL import Image
+
+    from headless import species_command
+
+    monkeypatch.setattr(species_command, "ICON", 64)
+    folder = tmp_path / "new" / "pictures"
+    assert main(["species", "hazelnut", "honda-conifer", "--pictures", str(folder)]) == 0
+    assert "Wrote 2 pictures" in capsys.readouterr().out
+    assert sorted(path.name for path in folder.iterdir()) == ["hazelnut.jpg", "honda-conifer.jpg"]
+    for path in folder.iterdir():
+        with Image.open(path) as picture:
+            assert picture.size == (64, 64)
+            grey = np.asarray(picture.convert("L"), float)
+        tree = grey < 180  # darker than the paper behind it
+        assert 0.02 < tree.mean() < 0.5
+        assert tree[:, 24:40].sum() > 0.5 * tree.sum()  # it stands in the middle

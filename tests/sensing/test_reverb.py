@@ -11,6 +11,7 @@ from references.rays_brute import BruteCaster
 from references.reverb_direct import reverb_spectrum_direct
 
 from forest_addon.acoustics.air import absorption
+from forest_addon.acoustics.ground import spherical_reflection, surface_impedance
 from forest_addon.growth.trimesh import WOOD, TriMesh
 from forest_addon.rng import stream
 from forest_addon.sensing import scattering
@@ -286,3 +287,33 @@ def test_roll_off() -> None:
     assert gain[-1] == 0
     assert (np.diff(gain) <= 0).all()
     assert abs(gain[950] - 0.5) < 1e-9
+
+
+def test_a_hard_surface_is_a_constant_of_one_and_a_soft_one_is_quieter() -> None:
+    hard = listen(NOTHING, surface="asphalt", flow_resistivity=1e6).ground
+    mirror = listen(NOTHING, ground=1.0).ground
+    assert np.linalg.norm(hard - mirror) < 0.05 * np.linalg.norm(mirror)
+    soft = listen(NOTHING, surface="snow").ground
+    assert np.linalg.norm(soft) < 0.8 * np.linalg.norm(mirror)
+
+
+def test_the_ground_has_the_spectrum_of_its_reflection() -> None:
+    """At single frequencies, by both impedance models."""
+    path, rise = math.hypot(10.0, 3.0), 3.0
+    frequency = np.fft.rfftfreq(16_000, 1 / 8000.0)
+    bins = [200, 1000, 4000, 7000]
+    for model in ("miki", "delany-bazley"):
+        settings = {"surface": "grass", "duration": 2.0}
+        found = np.fft.rfft(listen(NOTHING, impedance_model=model, **settings).ground)
+        mirror = np.fft.rfft(listen(NOTHING, ground=1.0, duration=2.0).ground)
+        impedance = surface_impedance(frequency[bins], 200.0, model)
+        expected = spherical_reflection(frequency[bins], path, rise, impedance, 343.0)
+        np.testing.assert_allclose(found[bins] / mirror[bins], expected, atol=2e-3)
+
+
+@pytest.mark.parametrize("rate", [1000.0, 192_000.0])
+def test_slow_and_fast_sampling(rate: float) -> None:
+    response = listen(forest((9, 11, 0.3)), sample_rate=rate, duration=0.1, surface="snow")
+    assert len(response.samples) == round(0.1 * rate)
+    assert np.isfinite(response.samples).all()
+    assert np.abs(response.trees).max() > 0
