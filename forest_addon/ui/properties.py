@@ -217,7 +217,14 @@ def _group_class(name: str, annotations: dict[str, Any]) -> type[bpy.types.Prope
 
 def _make_groups() -> dict[type, type]:
     groups: dict[type, type] = {}
-    for settings in (spec.Forest, spec.Gaussian, spec.Planting, spec.Air, spec.Place, *spec.SENSORS.values()):
+    for settings in (
+        spec.Forest,
+        spec.Gaussian,
+        spec.Planting,
+        spec.Air,
+        spec.Place,
+        *spec.SENSORS.values(),
+    ):
         groups[settings] = make_group(settings, groups)
     return groups
 
