@@ -8,8 +8,9 @@ Attenborough, Hayek & Lawther 1980),
     Q = R_p + (1 - R_p)·F(w),  R_p = (cos θ - β)/(cos θ + β),  β = 1/Z,
     F = 1 + i√π·w·e^{-w²}·erfc(-iw),  w = (1 + i)/2·√(kd')·(cos θ + β),
 
-θ from the vertical, d' the length of the reflected path. It is asymptotic in kd': within some per cent
-of the exact field from kd' = 10 on. Books write e^{-iωt}; arguments and results here are e^{+iωt}.
+θ from the vertical, d' the length of the reflected path. It is asymptotic in kd': within 2 % of a
+mirrored source's field from kd' = 13 on, over snow, forest floor and grass (tests). Books write
+e^{-iωt}; arguments and results here are e^{+iωt}.
 """
 
 from __future__ import annotations

@@ -29,7 +29,8 @@ from .scattering import (
 from .slices import Trunks
 
 Progress = Callable[[int, int], None]
-FEW_EACH = (50, 500)  # trunks that are summed exactly: of few, and of many different radii
+FEW = 50  # trunks of few different radii that are summed exactly
+FEW_SUMMANDS = 1.2e8  # trunks of many radii by samples of the response that are summed exactly
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def tree_response(
     count = max(1, round(reverb.duration * reverb.sample_rate))
     heard = paths.earliest <= (reverb.duration + SPREAD / reverb.sample_rate) * air.speed()
     within = paths.select(heard)
-    exact = reverb.tolerance == 0 or len(within.length) <= _soon_summed(within.radius)
+    exact = reverb.tolerance == 0 or len(within.length) <= _soon_summed(within.radius, count)
     if exact:
         samples = direct_sum(within, reverb.sample_rate, count, air, progress)
     else:
@@ -86,10 +87,10 @@ def tree_response(
     return TreeResponse(samples, heard, int(paths.clamped.sum()), exact)
 
 
-def _soon_summed(radius: np.ndarray) -> int:
+def _soon_summed(radius: np.ndarray, count: int) -> int:
     """Up to so many trunks the exact sum takes no longer than setting up the fast one."""
-    few = len(np.unique(radius[: FEW_EACH[1] + 1])) <= FEW_RADII
-    return FEW_EACH[0] if few else FEW_EACH[1]
+    few = len(np.unique(radius)) <= FEW_RADII
+    return FEW if few else int(FEW_SUMMANDS / count)
 
 
 def direct_sum(
