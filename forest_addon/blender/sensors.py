@@ -19,7 +19,7 @@ from ..spec import Settings, SpecError
 from .layout import SENSORS, find_part, part
 from .single import shortest
 
-KIND_KEY = "forest_sensor"  # custom property of a sensor's object: its kind
+KIND_KEY = "forest_sensor_kind"  # custom property of a sensor's object: its kind
 RECEIVER_KEY = "forest_receiver"  # custom property of a reverb's source: its receiver
 
 # Settings that an object's transform says.
