@@ -57,7 +57,7 @@ def draw_goodness(found: Goodness, window: Window, path: Path) -> Path:
         vmax=reach,
     )
     figure.colorbar(image, ax=quadrats, label="standard deviations", pad=0.01)
-    quadrats.set_title("Trees in quadrats that expect one or more, against the intensity")
+    quadrats.set_title("Trees in quadrats, against the intensity")
     quadrats.set_xlabel("x, m")
     quadrats.set_ylabel("y, m")
     return save_figure(figure, path)
