@@ -183,7 +183,8 @@ def write(group: Any, settings: Settings, only: Mapping[str, Any] | None = None)
         elif items_of(kind):
             _fill(group, name, value)
         elif is_text(name, kind):
-            setattr(group, name, text_of(value))
+            text = text_of(value)
+            setattr(group, name, text.strip("[]") if listed(kind) in (int, float) else text)
         elif value is not None and not is_sensor_kind(name, known):
             setattr(group, name, value)
 
@@ -207,13 +208,16 @@ def _parsed(place: str, text: str) -> Any:
 
 
 def _list_of(place: str, text: str, item: type | None) -> tuple[Any, ...]:
-    """Texts parted by semicolons, or numbers from a text such as [2, 3]; the brackets may be left out."""
+    """Texts parted by semicolons, or numbers by commas; brackets around these are let pass."""
     if item is str:
         return tuple(part.strip() for part in text.split(";") if part.strip())
-    numbers = _parsed(place, f"[{text.strip().strip('[]')}]")
+    try:
+        numbers = _parsed(place, f"[{text.strip().strip('[]')}]")
+    except SpecError:
+        raise SpecError(place, f'"{text}" is not a list of numbers; write 2, 3') from None
     if item is int:
         if not all(number.is_integer() for number in numbers):
-            raise SpecError(place, f'"{text}" must be whole numbers; write [2, 3]')
+            raise SpecError(place, f'"{text}" must be whole numbers; write 2, 3')
         return tuple(int(number) for number in numbers)
     return numbers
 

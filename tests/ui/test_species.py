@@ -13,8 +13,10 @@ bpy = pytest.importorskip("bpy")
 from references.model_tree import tree
 
 from forest_addon import spec, ui
+from forest_addon.blender.jobs import CancelledError
 from forest_addon.formats.species_file import ASSETS, load_species
 from forest_addon.formats.stl import write_stl
+from forest_addon.formats.template_library import make_library
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import SpecError
 from forest_addon.ui import preferences, species_edit, species_import, species_pictures
@@ -264,6 +266,16 @@ def test_bad_files_are_one_sentence(planting, tmp_path, own, files, said):
     assert str(problem.value).strip().count("\n") == 0
     assert not own.exists()
     assert len(bpy.context.scene.forest_sensing.plantings) == 1
+
+
+def test_an_import_that_is_cancelled_leaves_nothing(model, own):
+    def stop(done, total):
+        if done == total - 1:
+            raise CancelledError
+
+    with pytest.raises(CancelledError):
+        make_library(model / "wood.stl", model / "leaves.stl", "elm", 0.0, own / "elm", stop)
+    assert not own.exists()
 
 
 def test_names_tell_wood_from_leaves():
