@@ -63,14 +63,19 @@ def press_every_button(folder: Path) -> dict[str, list[str]]:
     planting = props.plantings.add()
     planting.species = "hazelnut"
     planting.use_expected, planting.expected = True, 3
-    props.terrestrial.angle_step_deg = 6
-    props.tractor.step = 1
-    props.sonar.max_range = 5
-    props.reverb.duration = 0.1
+    coarse = {
+        "terrestrial": ("cloud", "angle_step_deg", 6),
+        "tractor": ("scan", "step", 1),
+        "sonar": ("echo", "max_range", 5),
+        "reverb": ("reverb", "duration", 0.1),
+    }
+    for kind, (name, key, value) in coarse.items():
+        bpy.ops.forest.add_sensor(kind=kind)
+        setattr(getattr(bpy.data.objects[name].forest_sensor, kind), key, value)
     props.output = str(folder)
-    pressed = {}
-    for name in ("build", "sweep", "scan", "ping", "clap"):
-        pressed[name] = sorted(getattr(bpy.ops.forest, name)())
+    pressed = {"build": sorted(bpy.ops.forest.build())}
+    for name, _, _ in coarse.values():
+        pressed[name] = sorted(bpy.ops.forest.run(sensor=name))
     pressed["results"] = sorted(result.name for result in props.results)
     pressed["objects"] = sorted({thing.type for thing in bpy.data.objects})
     pressed["files"] = sorted(file.name for file in folder.iterdir())

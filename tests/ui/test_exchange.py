@@ -20,7 +20,7 @@ from forest_addon.ui import exchange, properties
 
 DEMO = Path(__file__).resolve().parents[2] / "assets/scenes/demo.toml"
 IN_BLENDER = settings(
-    max_examples=30,
+    max_examples=12,
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.filter_too_much],
 )
