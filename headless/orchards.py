@@ -129,7 +129,13 @@ def plant(orchard: Orchard, internode: float, seed: int) -> Forest:
         species=np.zeros(orchard.trees, dtype=np.int64),
         variant=number % kinds,
         id=number,
-        removed=0,
+        sink=np.zeros(orchard.trees),
+        too_near=np.zeros(1, dtype=np.int64),
+        off_ground=np.zeros(1, dtype=np.int64),
+        off_field=np.zeros(1, dtype=np.int64),
+        expected=np.array([float(orchard.trees)]),
+        error=np.zeros(1),
+        area=SPACING**2 * orchard.trees,
     )
     return Forest(stand, ("apple",), (species,), variants)
 

@@ -96,6 +96,7 @@ WHEN_USED = {
     "rules": spec.Rules(axiom="A", productions=("A -> F[+A][-A]/(90)A",)),
     "honda": spec.Honda(),
 }
+ONE_OF = ("template", "rules", "honda")  # parts of a species of which one may be used
 DIGITS = {"mean": 3, "sd": 3, "low": 3, "high": 3}  # of numbers whose size a default does not tell
 
 
@@ -157,11 +158,18 @@ def _properties(name: str, kind: Any, known: Param, default: Any) -> dict[str, A
 
 def _switch(name: str, known: Param, default: Any) -> Any:
     """Whether a value that may be left out is given."""
-    return BoolProperty(
-        name=f"Use {label_of(name, known)}",
-        description=_help(known),
-        default=default is not None,
-    )
+    words: dict[str, Any] = {"name": f"Use {label_of(name, known)}", "description": _help(known)}
+    if name in ONE_OF:
+        words["update"] = lambda props, _: _switch_others_off(name, props)
+    return BoolProperty(default=default is not None, **words)
+
+
+def _switch_others_off(name: str, props: Any) -> None:
+    """A species grows in one way only."""
+    if getattr(props, f"use_{name}"):
+        for other in ONE_OF:
+            if other != name and getattr(props, f"use_{other}"):
+                setattr(props, f"use_{other}", False)
 
 
 def property_of(name: str, kind: Any, known: Param, default: Any) -> Any:

@@ -145,11 +145,11 @@ def test_a_full_disk(tmp_path):
 
 
 def test_a_file_that_may_not_grow(tmp_path):
-    """Without mounting: the system refuses files above 300 kB with EFBIG."""
+    """Without mounting: the system refuses files above 400 kB with EFBIG."""
 
     def limit():
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, 400_000))
 
     said = one_sentence(start("run", SMALL, "--out", tmp_path, preexec_fn=limit), code=1)
     assert "disk" in said or os.strerror(errno.EFBIG) in said

@@ -114,8 +114,7 @@ def trees():
 def test_parts_that_may_be_left_out_are_switched(planting):
     bpy.ops.forest.edit_species()
     settings = bpy.context.scene.forest_sensing.edited[0].settings
-    settings.use_template = False
-    settings.use_honda = True
+    settings.use_honda = True  # a tree grows in one way: the template is switched off
     assert edited(planting).honda == spec.Honda()
     assert edited(planting).template is None
     settings.honda.use_trunk_daughters = True
@@ -123,7 +122,8 @@ def test_parts_that_may_be_left_out_are_switched(planting):
     honda = edited(planting).honda
     assert honda.levels == spec.Discrete(values=(2, 3), weights=(0.5, 1.5))
     assert honda.trunk_daughters is not None
-    settings.use_honda, settings.use_rules = False, True
+    settings.use_rules = True
+    assert edited(planting).honda is None
     settings.rules.productions = " A -> F[+A]A : 1/2 ;; A -> FA : 1/2; "
     assert edited(planting).rules.productions == ("A -> F[+A]A : 1/2", "A -> FA : 1/2")
 
@@ -131,7 +131,6 @@ def test_parts_that_may_be_left_out_are_switched(planting):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda s: setattr(s, "use_honda", True), "maple.honda: cannot be used beside template"),
         (lambda s: setattr(s.leaf.length, "mean", -1), "maple.leaf.length: can draw"),
         (lambda s: setattr(s.honda.levels, "values", "2.5"), "must be whole numbers"),
         (lambda s: setattr(s.honda.levels, "values", "two"), "is not a list of numbers"),
@@ -143,11 +142,10 @@ def test_parts_that_may_be_left_out_are_switched(planting):
 def test_what_cannot_be_used_is_one_sentence(planting, change, said):
     bpy.ops.forest.edit_species()
     settings = bpy.context.scene.forest_sensing.edited[0].settings
-    if "honda" in said or "whole" in said or "number" in said:
-        settings.use_template = "beside" in said
+    if "whole" in said or "number" in said:
         settings.use_honda = True
     if said == "rules":
-        settings.use_template, settings.use_rules = False, True
+        settings.use_rules = True
     change(settings)
     with pytest.raises(RuntimeError) as problem:
         bpy.ops.forest.build()
