@@ -272,7 +272,7 @@ class FOREST_OT_select_result(bpy.types.Operator):
 
 
 class FOREST_OT_show_picture(bpy.types.Operator):
-    """Show this picture in an Image Editor, in a window of its own where none is open"""
+    """Show this picture in an Image Editor, below this view where none is open"""
 
     bl_idname = "forest.show_picture"
     bl_label = "Show in Image Editor"
@@ -286,8 +286,9 @@ class FOREST_OT_show_picture(bpy.types.Operator):
             return {"CANCELLED"}
         area = next((a for a in context.screen.areas if a.type == "IMAGE_EDITOR"), None)
         if area is None:
-            bpy.ops.wm.window_new()
-            area = context.window_manager.windows[-1].screen.areas[0]
+            known = set(context.screen.areas)
+            bpy.ops.screen.area_split(direction="HORIZONTAL", factor=0.45)
+            (area,) = set(context.screen.areas) - known
             area.type = "IMAGE_EDITOR"
         area.spaces.active.image = picture
         return {"FINISHED"}

@@ -232,6 +232,7 @@ class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
 
     bl_label = "Settings"
     bl_parent_id = "FOREST_PT_sensors"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}  # results stay in sight
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -86,9 +86,12 @@ def newcomer(steps: Steps) -> Scenario:
     steps.step("the echo in the Image Editor")
     press("forest.show_picture", result="echo")
     yield 2
-    with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
-        bpy.ops.wm.window_close()
+    shown = next(a for a in bpy.context.screen.areas if a.type == "IMAGE_EDITOR")
+    assert shown.spaces.active.image == props().results["echo"].large
+    with bpy.context.temp_override(window=window, area=shown):
+        bpy.ops.screen.area_close()
     yield 1
+    window, area, main, side = view()
 
     steps.step("change the seed and update")
     places = sorted(tuple(tree.location) for tree in trees())
