@@ -88,6 +88,8 @@ def newcomer(steps: Steps) -> Scenario:
     yield 2
     shown = next(a for a in bpy.context.screen.areas if a.type == "IMAGE_EDITOR")
     assert shown.spaces.active.image == props().results["echo"].large
+
+    steps.step("back to the view")
     with bpy.context.temp_override(window=window, area=shown):
         bpy.ops.screen.area_close()
     yield 1
