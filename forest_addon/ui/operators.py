@@ -6,6 +6,7 @@ of it. Those rooms, and scipy with them, are imported when an operator runs and 
 
 from __future__ import annotations
 
+import secrets
 import time
 from collections.abc import Iterable
 from dataclasses import replace
@@ -271,6 +272,44 @@ class FOREST_OT_select_result(bpy.types.Operator):
         return {"FINISHED"}
 
 
+class FOREST_OT_new_seed(bpy.types.Operator):
+    """Throw the dice: another seed is another forest. Press Update to see it"""
+
+    bl_idname = "forest.new_seed"
+    bl_label = "New Seed"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        props = context.scene.forest_sensing
+        # Not a stream of the scene: this is the one place where chance itself is wanted.
+        props.seed = secrets.randbelow(1_000_000)
+        return {"FINISHED"}
+
+
+class FOREST_OT_play(bpy.types.Operator):
+    """Play what this Speaker sounds like: a click in the forest"""
+
+    bl_idname = "forest.play"
+    bl_label = "Play"
+    sensor: bpy.props.StringProperty(options={"HIDDEN"})
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        thing = context.scene.objects.get(self.sensor)
+        sound = thing.data.sound if thing is not None and thing.type == "SPEAKER" else None
+        if sound is None:
+            self.report({"ERROR"}, f"{self.sensor} has no sound. Run it again")
+            return {"CANCELLED"}
+        import aud
+
+        global _playing
+        try:
+            _playing = aud.Device().play(sound.factory)
+        except aud.error as problem:
+            self.report({"ERROR"}, f"No sound can be played here: {problem}")
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
 class FOREST_OT_show_picture(bpy.types.Operator):
     """Show this picture in an Image Editor, below this view where none is open"""
 
@@ -304,7 +343,11 @@ CLASSES = (
     FOREST_OT_save_scene,
     FOREST_OT_select_result,
     FOREST_OT_show_picture,
+    FOREST_OT_new_seed,
+    FOREST_OT_play,
 )
+
+_playing: Any = None  # what sounds now; it stops when nobody holds it
 
 
 def open_scene(scene: bpy.types.Scene, path: Path) -> str:

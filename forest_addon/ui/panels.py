@@ -61,7 +61,9 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
             return
         _big_button(layout, "forest.build", "FILE_REFRESH" if "forest" in props.results else "PLAY")
         column = split(layout)
-        column.prop(props, "seed")
+        seed = column.row(align=True)
+        seed.prop(props, "seed")
+        seed.operator("forest.new_seed", text="", icon="FILE_REFRESH")
         draw_field(column, props.forest, "size")
         draw_field(column, props.forest, "instancing")
 
@@ -302,6 +304,8 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
     if result.shown:
         chosen = header.operator("forest.select_result", text="", icon="RESTRICT_SELECT_OFF")
         chosen.shown = result.shown
+    if result.kind == "reverb":
+        header.operator("forest.play", text="", icon="PLAY_SOUND").sensor = result.name
     if result.large is not None:
         shown = header.operator("forest.show_picture", text="", icon="IMAGE_DATA")
         shown.result = result.name

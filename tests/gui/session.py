@@ -4,6 +4,7 @@ Operators are invoked as their buttons do, in the view; Escape is a real key. Wh
 brought about is asserted in it.
 """
 
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -117,6 +118,21 @@ def newcomer(steps: Steps) -> Scenario:
     yield 2
     assert sorted(tuple(tree.location) for tree in trees()) == places
     yield from open_tab("Forest")
+
+    steps.step("the command line of the installed extension")
+    command = [
+        bpy.app.binary_path,
+        "-b",
+        "--command",
+        "forest",
+        "derive",
+        "maple",
+        "--generations",
+        "1",
+    ]
+    answer = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert "d(g)[g)+g)" in answer.stdout, answer.stdout + answer.stderr
+    yield 0.5
 
     steps.step("how long the panel takes to draw")
     _, _, _, side = view()

@@ -1,6 +1,8 @@
 """Every button, pressed for real in Blender on a forest of three small trees."""
 
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -461,6 +463,40 @@ def test_an_exported_scene_file_says_the_same(built, tmp_path):
     before = exchange.to_spec(bpy.context.scene)
     assert press("load_scene", filepath=str(path)) == {"FINISHED"}
     assert exchange.to_spec(bpy.context.scene) == before
+
+
+def test_without_a_window_the_exported_scene_gives_the_same_bytes(built, tmp_path):
+    """The panel's scene and the one of a file are the same thing: every result, bit for bit."""
+    built.output = str(tmp_path / "panel")
+    assert press("run") == {"FINISHED"}
+    path = tmp_path / "mine.toml"
+    press("save_scene", filepath=str(path))
+    path.write_text(path.read_text() + "\n[output]\nblend = false\nglb = false\npreview = false\n")
+    out = tmp_path / "headless"
+    done = subprocess.run(
+        [sys.executable, "-m", "headless", "run", str(path), "--out", str(out), "--quiet"],
+        cwd=ROOT, capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    results = sorted(file.name for file in (tmp_path / "panel").iterdir())
+    assert len(results) == 6
+    for name in results:
+        ours, theirs = ((tmp_path / where / name).read_bytes() for where in ("panel", "headless"))
+        if name.endswith(".npz"):  # an archive also holds when it was written
+            ours, theirs = ({k: v.tobytes() for k, v in np.load(tmp_path / where / name).items()}
+                            for where in ("panel", "headless"))  # fmt: skip
+        assert ours == theirs, name
+
+
+def test_the_dice_and_the_sound(built):
+    seed = built.seed
+    assert press("new_seed") == {"FINISHED"}
+    assert built.seed != seed
+    with pytest.raises(RuntimeError, match="Run it again"):
+        press("play", sensor="reverb")
+    run("reverb")
+    sound = bpy.data.objects["reverb"].data.sound
+    assert sound.packed_file is not None
 
 
 def test_a_scene_file_is_opened(props):
