@@ -330,6 +330,9 @@ class FOREST_OT_show_picture(bpy.types.Operator):
             (area,) = set(context.screen.areas) - known
             area.type = "IMAGE_EDITOR"
         area.spaces.active.image = picture
+        region = next(region for region in area.regions if region.type == "WINDOW")
+        with context.temp_override(area=area, region=region):
+            bpy.ops.image.view_all(fit_view=True)
         return {"FINISHED"}
 
 
