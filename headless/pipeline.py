@@ -43,7 +43,7 @@ from forest_addon.sensing.geometry import SceneGeometry
 from forest_addon.sensing.reverb import ImpulseResponse, channels_of
 from forest_addon.sensing.sonar import Echo
 from forest_addon.sensing.tractor import TractorScan
-from forest_addon.spec import Reverb, Scene, Sensor, SpecError
+from forest_addon.spec import Scene, Sensor, SpecError
 from forest_addon.stand.forest import (
     Forest,
     angle_table,
@@ -121,8 +121,7 @@ def run_scene(
     scene = bpy.context.scene
     with stages.stage("build Blender scene"):
         build(scene, settings, forest, inputs.terrain)
-        for sensor in settings.sensors:
-            new_sensor(scene, sensor)
+        things = {sensor.name: new_sensor(scene, sensor) for sensor in settings.sensors}
     with stages.stage("write truth"):
         _write_truth(run)
     with stages.stage("read evaluated scene"):
@@ -134,7 +133,7 @@ def run_scene(
             found = observer.observe(sensor, settings, progress, folder)
             run.write(sensor, found)
             if isinstance(found, ImpulseResponse):
-                _let_hear(run, sensor, found, dry, sound)
+                _let_hear(run, sensor.name, things[sensor.name], found, dry, sound)
             if isinstance(found, Cloud):
                 show_cloud(part(scene, RESULTS), sensor.name, found)
             run.findings.append(_describe(run, sensor, found, observer))
@@ -206,7 +205,8 @@ def _write_truth(run: Run) -> None:
 
 def _let_hear(
     run: Run,
-    sensor: Reverb,
+    name: str,
+    speaker: bpy.types.Object,
     found: ImpulseResponse,
     dry: Path | None,
     sound: tuple[np.ndarray, float] | None,
@@ -215,10 +215,9 @@ def _let_hear(
     heard = channels_of(found)
     if dry is not None and sound is not None:
         heard = auralise(heard, sound[0], found.sample_rate, sound[1])
-        write_wav(run.path(f"{sensor.name}-{dry.stem}.wav"), heard, found.sample_rate)
+        write_wav(run.path(f"{name}-{dry.stem}.wav"), heard, found.sample_rate)
     with hushed():
-        speaker = bpy.context.scene.objects[sensor.name]
-        give_sound(speaker, sensor.name, heard, found.sample_rate)
+        give_sound(speaker, name, heard, found.sample_rate)
 
 
 def _describe(run: Run, sensor: Any, found: SensorFinding, observer: Observer) -> report.Finding:
