@@ -30,8 +30,7 @@ from forest_addon.stand.plan import Stand
 
 DIAMETERS = (0.005, 0.006, 0.007)  # d_m
 ITERATIONS = (4, 5, 6, 7)
-BEAMS_A_SCAN = 601  # all of S's numbers of beams are multiples of it
-DRIVES = (930, 935, 840, 965)  # scans past one tree: S's beams by 601
+DRIVES = (930, 935, 840, 965)  # scans past one tree: S's beams by 601, of which all are multiples
 STEP, ANGLE_STEP_DEG = 0.002, 0.25
 HALF_FAN_DEG = 75.0  # 601 beams of 0.25° are 150°; ours lie about the horizontal
 SCANNER = (1.0, 1.0)  # x0 and z0 of S

@@ -72,11 +72,6 @@ class Observer:
         return make_caster(self.geometry.solid(), self._rays)
 
     @cached_property
-    def discs(self) -> sonar.LeafDiscs:
-        """Every leaf as a disc."""
-        return sonar.leaf_discs(self.geometry)
-
-    @cached_property
     def targets(self) -> sonar.Targets:
         """Everything that sounds back to a sonar."""
         return sonar.Targets(self.geometry)

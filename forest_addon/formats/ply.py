@@ -13,8 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from .atomic import replacing
-
 PLY_TYPE = {
     "f8": "double",
     "f4": "float",
@@ -25,13 +23,6 @@ PLY_TYPE = {
     "u1": "uchar",
 }
 DIGITS = 18  # of the number of vertices
-
-
-def write_ply(path: str | os.PathLike[str], rows: np.ndarray, comments: Sequence[str] = ()) -> None:
-    """Write rows (P,) of a structured array."""
-    with replacing(path) as partial, open(partial, "wb") as file:
-        file.write(header_of(rows.dtype, len(rows), comments))
-        rows.tofile(file)
 
 
 def header_of(dtype: np.dtype, count: int, comments: Sequence[str] = ()) -> bytes:

@@ -132,18 +132,6 @@ class Omni:
         return np.ones(len(away))
 
 
-def beam_gain(
-    directions: np.ndarray, azimuth: float, elevation: float, width: tuple[float, float]
-) -> np.ndarray:
-    """(L,) amplitude of a Gaussian beam, 1 on the axis, towards unit directions (L, 3), one way.
-
-    azimuth, elevation : of the axis, radians; from +X towards +Y, and up from the horizon.
-    width : full -3 dB width in azimuth and elevation, radians.
-    """
-    az, el = beam_offsets(directions, beam_frame(azimuth, elevation))
-    return Gaussian(width).gain(az, el, np.zeros(1))[0]
-
-
 def beam_offsets(directions: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Azimuth and elevation (L,) off the axis, radians; their hypotenuse is the angle off the axis.
 

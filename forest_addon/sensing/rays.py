@@ -99,30 +99,16 @@ class RayCaster(Protocol):
         ...
 
 
-def unit_directions(directions: np.ndarray) -> np.ndarray:
-    """(R, 3) float64 unit vectors; NaN rows where a direction is zero or not finite."""
-    return unit_columns(np.asarray(directions).T).T
-
-
 def unit_columns(directions: np.ndarray) -> np.ndarray:
-    """The same of (3, R): each coordinate is one contiguous array."""
+    """(3, R) float64 unit vectors, each coordinate one contiguous array; NaN where a direction is zero or
+    not finite.
+    """
     d = np.array(directions, dtype=np.float64, order="C")
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         d /= np.maximum(np.maximum(np.abs(d[0]), np.abs(d[1])), np.abs(d[2]))  # 1e-300 to 1e300
         d /= np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         d[:, ~(np.abs(d[0] + d[1] + d[2]) < 2.0)] = np.nan
     return d
-
-
-def plane_distance(origins: np.ndarray, directions: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """(R,) ray parameter at which each ray meets the plane of its triangle (R, 3, 3), float64."""
-    a = corners[:, 0]
-    normal = np.cross(corners[:, 1] - a, corners[:, 2] - a)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        t: np.ndarray = np.einsum("ri,ri->r", a - origins, normal) / np.einsum(
-            "ri,ri->r", directions, normal
-        )
-    return t
 
 
 def hit_normals(scene: SceneGeometry, hits: Hits) -> np.ndarray:

@@ -92,11 +92,6 @@ def _erf_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.where(right | left, erfc(near) - erfc(far), erf(b) - erf(a))
 
 
-def mixture_unsquared(peak: np.ndarray, centre: np.ndarray, width: np.ndarray) -> Mixture:
-    """Hills written as C·exp(-(x-a)²/h - (y-b)²/l), as in W and in T20's example: h and l are m²."""
-    return Mixture(np.asarray(peak), np.asarray(centre), np.sqrt(np.asarray(width)))
-
-
 @dataclass(frozen=True)
 class Sum(Intensity):
     """Several intensities added."""

@@ -39,10 +39,8 @@ def stop() -> None:
         job.cancel()
 
 
-class Working:
-    """What every operator that computes shares: when it can run, how, and how it says what is wrong."""
-
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+class WhenReady:
+    """An operator that can be used when nothing is in its way, and says what is."""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -50,6 +48,12 @@ class Working:
         if reason:
             cls.poll_message_set(reason)
         return not reason
+
+
+class Working(WhenReady):
+    """What every operator that computes shares: when it can run, how, and how it says what is wrong."""
+
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     def work(self, context: bpy.types.Context) -> Work:
         """The work; returns a sentence with the key figures."""

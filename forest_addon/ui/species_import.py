@@ -12,14 +12,14 @@ from ..blender.jobs import Task, Work
 from ..spec import SpecError
 from .exchange import file_name
 from .preferences import species_folder
-from .running import PROBLEMS, Working, in_words, obstacle
+from .running import PROBLEMS, WhenReady, Working, in_words
 from .species_pictures import refresh
 
 OF_LEAVES = ("leaf", "leaves", "foliage")  # within the name of the file that holds them
 OF_WOOD = ("wood", "stem", "trunk", "branches")
 
 
-class FOREST_OT_import_tree(bpy.types.Operator, ImportHelper):
+class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, ImportHelper):
     """Make a species from STL files of a tree: one of its wood and, if there is, one of its leaves"""
 
     bl_idname = "forest.import_tree"
@@ -41,13 +41,6 @@ class FOREST_OT_import_tree(bpy.types.Operator, ImportHelper):
         max=200,
         options={"SKIP_SAVE"},
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        reason = obstacle(context)
-        if reason:
-            cls.poll_message_set(reason)
-        return not reason
 
     def draw(self, _context: bpy.types.Context) -> None:
         layout = self.layout

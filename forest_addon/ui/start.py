@@ -9,7 +9,7 @@ from typing import ClassVar
 import bpy
 
 from .properties import ASSETS
-from .running import PROBLEMS, in_words, obstacle
+from .running import PROBLEMS, WhenReady, in_words
 
 SCENES = ASSETS / "scenes"
 
@@ -25,7 +25,7 @@ def presets() -> tuple[tuple[str, str], ...]:
     return tuple(found)
 
 
-class FOREST_OT_start(bpy.types.Operator):
+class FOREST_OT_start(WhenReady, bpy.types.Operator):
     """Take this set-up: species, field, sensors. Build Forest then grows it"""
 
     bl_idname = "forest.start"
@@ -35,13 +35,6 @@ class FOREST_OT_start(bpy.types.Operator):
     preset: bpy.props.StringProperty(
         name="Preset", description="A scene of the add-on; empty: nothing planted, no sensor"
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        reason = obstacle(context)
-        if reason:
-            cls.poll_message_set(reason)
-        return not reason
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from .. import spec

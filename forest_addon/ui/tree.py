@@ -11,7 +11,7 @@ from bpy_extras.object_utils import AddObjectHelper, object_data_add
 
 from ..spec import Species
 from .properties import ASSETS
-from .running import PROBLEMS, in_words, obstacle
+from .running import PROBLEMS, WhenReady, in_words
 
 
 def species_items(_operator: Any = None, _context: Any = None) -> list[tuple[str, str, str]]:
@@ -25,7 +25,7 @@ def _species_items() -> list[tuple[str, str, str]]:
     return [(name, name.replace("-", " ").title(), f"Grow a {name}") for name in names]
 
 
-class FOREST_OT_add_tree(bpy.types.Operator, AddObjectHelper):
+class FOREST_OT_add_tree(WhenReady, bpy.types.Operator, AddObjectHelper):
     """Grow one tree of a species at the 3D cursor"""
 
     bl_idname = "forest.add_tree"
@@ -47,13 +47,6 @@ class FOREST_OT_add_tree(bpy.types.Operator, AddObjectHelper):
     leaves: bpy.props.BoolProperty(
         name="Leaves", description="Switching them off moves no branch", default=True
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        reason = obstacle(context)
-        if reason:
-            cls.poll_message_set(reason)
-        return not reason
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:

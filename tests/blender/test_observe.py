@@ -13,6 +13,7 @@ from forest_addon.blender.forest import build
 from forest_addon.blender.layout import ROOT, TREES, part, root
 from forest_addon.blender.observe import Observer
 from forest_addon.formats.species_file import ASSETS, load_species
+from forest_addon.sensing.sonar import leaf_discs
 from forest_addon.stand.forest import grow_forest, leaf_table
 
 SCENE = spec.Scene(
@@ -105,7 +106,7 @@ def test_a_wall_of_the_users_own_is_seen_and_blocks_the_direct_sound(trees):
 
 def test_truth_and_evaluated_leaves_agree(trees, grown):
     bpy.context.view_layer.update()
-    discs = Observer(bpy.context.evaluated_depsgraph_get()).discs
+    discs = leaf_discs(Observer(bpy.context.evaluated_depsgraph_get()).geometry)
     truth = leaf_table(grown)
     ours = np.lexsort((discs.leaf, discs.tree))
     theirs = np.lexsort((truth["leaf"], truth["tree"]))

@@ -10,7 +10,7 @@ import pytest
 from references.lidar_scenes import ground, scene_with, wall
 from references.rays_brute import BruteCaster
 
-from forest_addon.formats.ply import PlyFile, header_of, write_ply
+from forest_addon.formats.ply import PlyFile, header_of
 from forest_addon.formats.points import POINT, records
 from forest_addon.formats.scan_file import FORMATS, write_scan
 from forest_addon.sensing.lidar import Scan, scan
@@ -182,5 +182,7 @@ def test_a_ply_file_grows(tmp_path):
         assert len(read_ply(tmp_path / "a.ply")[0]) == file.count
     assert file.rows()["x"].tolist() == [0, 1, 2, 3, 4]
     file.close()
-    write_ply(tmp_path / "b.ply", rows)
+    whole = PlyFile(tmp_path / "b.ply", POINT)
+    whole.append(rows)
+    whole.close()
     assert (tmp_path / "b.ply").read_bytes() == (tmp_path / "a.ply").read_bytes()

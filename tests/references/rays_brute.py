@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from forest_addon.sensing.geometry import SceneGeometry
-from forest_addon.sensing.rays import Hits, unit_directions
+from forest_addon.sensing.rays import Hits
 
 EDGE = 1e-12  # barycentric slack: a ray aimed at a shared edge meets at least one of its triangles
 PAIRS = 1_000_000  # rays x triangles at a time
@@ -35,7 +35,7 @@ class BruteCaster:
     ) -> Hits:
         """The closest hit of each ray, by meeting them all."""
         origin = np.asarray(origins, np.float64).reshape(-1, 3)
-        direction = unit_directions(np.asarray(directions, np.float64).reshape(-1, 3))
+        direction = _unit(np.asarray(directions, np.float64).reshape(-1, 3))
         far = np.broadcast_to(np.asarray(max_distance, np.float64), len(origin))
         near = np.broadcast_to(np.asarray(min_distance, np.float64), len(origin))
         left = Hits.misses(len(origin)) if leaving is None else leaving
@@ -96,3 +96,10 @@ def ray_parameters(origins: np.ndarray, directions: np.ndarray, corners: np.ndar
         t: np.ndarray = np.einsum("tk,rtk->rt", v, q) / determinant
         met = (first >= -EDGE) & (second >= -EDGE) & (first + second <= 1 + EDGE) & (t >= 0)
     return np.where(met, t, np.inf)
+
+
+def _unit(directions: np.ndarray) -> np.ndarray:
+    """(R, 3) unit vectors in float64; NaN where a direction is zero or not finite."""
+    with np.errstate(all="ignore"):
+        scaled = directions / np.abs(directions).max(axis=1, keepdims=True)
+        return scaled / np.linalg.norm(scaled, axis=1, keepdims=True)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from forest_addon.sensing.beam import beam_frame, beam_gain, beam_offsets
+from forest_addon.sensing.beam import Gaussian, beam_frame, beam_offsets
 
 AXES = [(0.0, 0.0), (2.5, 0.6), (-1.0, math.pi / 2), (0.3, -math.pi / 2), (4.0, 1.5)]
 
@@ -30,6 +30,12 @@ def test_offsets_in_the_two_planes(azimuth: float, elevation: float, angle: floa
         np.testing.assert_allclose(offsets, expected, atol=1e-14)
 
 
+def beam_gain(directions, azimuth, width):
+    """(L,) one way, of a level beam."""
+    az, el = beam_offsets(directions, beam_frame(azimuth, 0.0))
+    return Gaussian(width).gain(az, el, np.zeros(1))[0]
+
+
 def test_offsets_of_a_level_sonar_are_azimuth_and_elevation_nearby() -> None:
     az, el = 0.05, -0.04
     way = [[math.cos(el) * math.cos(az), math.cos(el) * math.sin(az), math.sin(el)]]
@@ -42,11 +48,11 @@ def test_no_wrap_behind() -> None:
     """Across the direction straight behind, and past ±180° of world azimuth, the gain is smooth."""
     turn = np.linspace(-4, 4, 2001)
     circle = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=1)
-    gain = beam_gain(circle, math.pi, 0.0, (2.0, 2.0))
+    gain = beam_gain(circle, math.pi, (2.0, 2.0))
     assert np.abs(np.diff(gain)).max() < 0.005
-    np.testing.assert_allclose(gain[0], beam_gain(circle[:1], math.pi, 0.0, (2.0, 2.0)))
+    np.testing.assert_allclose(gain[0], beam_gain(circle[:1], math.pi, (2.0, 2.0)))
     straight_behind = np.array([[1.0, 0.0, 0.0]])
-    assert np.isfinite(beam_gain(straight_behind, math.pi, 0.0, (2.0, 1.0))).all()
+    assert np.isfinite(beam_gain(straight_behind, math.pi, (2.0, 1.0))).all()
 
 
 def test_three_decibels_at_half_the_width() -> None:
@@ -54,5 +60,5 @@ def test_three_decibels_at_half_the_width() -> None:
     way = np.array(
         [[math.cos(half), math.sin(half), 0], [math.cos(half), 0, math.sin(half)], [1, 0, 0]]
     )
-    level = 20 * np.log10(beam_gain(way, 0.0, 0.0, (2 * half, 2 * half)))
+    level = 20 * np.log10(beam_gain(way, 0.0, (2 * half, 2 * half)))
     np.testing.assert_allclose(level, [-3, -3, 0], atol=1e-12)

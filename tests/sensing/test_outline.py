@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from forest_addon.sensing.beam import beam_gain
+from forest_addon.sensing.beam import beam_frame, beam_offsets
 from forest_addon.sensing.outline import AROUND, outline
 from forest_addon.spec import Airborne, Mobile, Pose, Reverb, Sonar, Terrestrial, Tractor
 
@@ -22,8 +22,9 @@ def test_the_contour_of_a_beam_is_where_it_has_lost_3_db(axis, width):
     )
     contour = outline(sonar)[:AROUND, 0] - sonar.position
     np.testing.assert_allclose(np.linalg.norm(contour, axis=1), 7.0, rtol=1e-12)
-    gain = beam_gain(contour / 7.0, *np.radians(axis), tuple(np.radians(width)))
-    np.testing.assert_allclose(20 * np.log10(gain), -3.0, atol=1e-9)
+    az, el = np.degrees(beam_offsets(contour / 7.0, beam_frame(*np.radians(axis))))
+    lost = 3.0 * ((2 * az / width[0]) ** 2 + (2 * el / width[1]) ** 2)  # dB of a Gaussian
+    np.testing.assert_allclose(lost, 3.0, atol=1e-9)
 
 
 def test_the_fan_of_a_tractor_starts_at_the_ground_and_ends_at_the_top():

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from references.echo_direct import echo_spectrum_direct, leaf_direct
+from references.leaf_discs import discs_of
 from references.rays_brute import BruteCaster
 
 from forest_addon.acoustics import nonuniform
@@ -26,21 +27,6 @@ AIR = Air(sound_speed=340.0)
 def Sonar(**settings: Any) -> AnySonar:
     """A sonar to which leaves are pistons, so that scalar loops can follow."""
     return AnySonar(**({"leaf_model": "piston"} | settings))
-
-
-def discs_of(centre: Any, normal: Any, radius: Any) -> LeafDiscs:
-    centre = np.asarray(centre, np.float64).reshape(-1, 3)
-    count = len(centre)
-    normal = np.broadcast_to(np.asarray(normal, np.float64), (count, 3))
-    index = np.arange(count)
-    return LeafDiscs(
-        centre,
-        normal / np.linalg.norm(normal, axis=1, keepdims=True),
-        np.broadcast_to(np.asarray(radius, np.float64), (count,)),
-        np.zeros(count, np.int64),
-        index,
-        np.zeros(count, np.int64),
-    )
 
 
 def foliage_of(count: int, seed: int = 0, far: float = 5.0) -> LeafDiscs:

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from scipy import integrate
 
+from forest_addon.formats.species_file import ASSETS
+from forest_addon.formats.toml_file import read_settings
 from forest_addon.rng import stream
-from forest_addon.spec import Forest, Gaussian, Planting, Raster
+from forest_addon.spec import Forest, Gaussian, Planting, Raster, Scene
 from forest_addon.stand import layers
 from forest_addon.stand.compose import process_of
 from forest_addon.stand.inputs import Inputs, Painted
@@ -15,7 +17,6 @@ from forest_addon.stand.intensity import (
     Mixture,
     Product,
     Sum,
-    mixture_unsquared,
 )
 from forest_addon.stand.polygon import Polygon
 from forest_addon.stand.process import Process, quadrature
@@ -157,11 +158,13 @@ def test_mixture_integral_is_that_of_scipy():
     assert hills.closed_integral(low, high) == pytest.approx(numeric, abs=1e-5)
 
 
-def test_unsquared_hills_are_those_of_the_example():
-    """T20's example, 0.4 exp(-(x-5)²/5 - (y-5)²/6)."""
-    hill = mixture_unsquared([0.4], [[5.0, 5.0]], [[5.0, 6.0]])
+def test_the_preset_has_the_hills_of_the_example():
+    """T20's example is written unsquared, 0.4 exp(-(x-5)²/5 - (y-5)²/6); the preset converts it."""
+    (maple, _) = read_settings(ASSETS / "scenes" / "tanveer-20m.toml", Scene).plantings
+    (written,) = maple.gaussians
+    hill = Mixture(*(np.array([value]) for value in (written.peak, written.centre, written.width)))
     value = hill.at(np.array([[6.0, 7.0]]))[0]
-    assert value == pytest.approx(0.4 * np.exp(-1 / 5 - 4 / 6), rel=1e-12)
+    assert value == pytest.approx(0.4 * np.exp(-1 / 5 - 4 / 6), rel=1e-9)
 
 
 @pytest.mark.parametrize(("bad", "said"), [(np.nan, "nan"), (-0.5, "-0.5"), (np.inf, "inf")])
