@@ -47,7 +47,7 @@ def test_the_scanner_sees_all_of_an_orchard_in_scans_of_601_beams():
     tractor = orchards.tractor_for(forest, 0)
     low, high = orchards.extent_along(forest)
     track = tractor.position[1] + driven.positions(tractor)
-    assert len(driven.fan(tractor)) == orchards.BEAMS_A_SCAN
+    assert len(driven.fan(tractor)) == 601
     assert len(track) % 5 == 0
     assert low - 0.01 <= track[0] <= low
     assert high <= track[-1] + tractor.step <= high + 0.01 + 1e-9
