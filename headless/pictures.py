@@ -15,6 +15,7 @@ from forest_addon.formats.atomic import replacing
 from forest_addon.growth.trimesh import GROUND, LEAF, OTHER, WOOD
 from forest_addon.sensing import metrics
 from forest_addon.sensing.cloud import Cloud
+from forest_addon.sensing.panorama import range_image
 from forest_addon.sensing.returns import ESCAPED
 from forest_addon.sensing.reverb import ImpulseResponse
 from forest_addon.sensing.tractor import TractorScan
@@ -113,17 +114,9 @@ def draw_cloud(cloud: Cloud, scanner: Scanner, path: Path) -> Path:
 
 def _panorama(figure: Figure, axes: Axes, cloud: Cloud, scanner: Terrestrial) -> None:
     """Distances of the first returns, azimuth by elevation."""
-    step, line_step = scanner.angle_step_deg, scanner.line_step_deg or scanner.angle_step_deg
     (low_az, high_az), (low_el, high_el) = scanner.azimuth_deg, scanner.elevation_deg
-    first = cloud.number == 1
-    turned = (np.rad2deg(cloud.azimuth[first]) - low_az + step / 2) % 360 - step / 2
-    column = np.rint(turned / step).astype(int)
-    row = np.rint((np.rad2deg(cloud.elevation[first]) - low_el) / line_step).astype(int)
-    shape = round((high_el - low_el) / line_step) + 1, round((high_az - low_az) / step) + 1
-    image = np.full(shape, np.nan)
-    image[row, column] = cloud.returns.distance[first]
     shown = axes.imshow(
-        np.ma.masked_invalid(image),
+        np.ma.masked_invalid(range_image(cloud, scanner)),
         extent=(low_az, high_az, low_el, high_el),
         origin="lower",
         aspect="auto",

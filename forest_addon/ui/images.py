@@ -1,81 +1,137 @@
-"""Results as images for the Image Editor, drawn with numpy: Blender lacks matplotlib unless we bring it.
+"""Plots as Blender images: axes and numbers around the pixels, and a small one for the panel.
 
-A sound is its level over time above its spectrogram, both 80 dB deep; a tractor's scan is its matrix of
-distances, as the scanner saw it. Rows run from the bottom up, as Blender's images do.
+Text is drawn by Blender's own font into an image buffer. That has no access to its pixels in Blender 4.5, so
+it goes through a file in Blender's temporary folder.
 """
 
 from __future__ import annotations
 
+import math
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import blf
 import bpy
+import imbuf
 import numpy as np
-from scipy import signal
 
-WIDE, HIGH = 1024, 320  # pixels of one strip
-DEPTH_DB = 80.0
-PAPER = np.array([0.07, 0.08, 0.09])
-INK = np.array([0.55, 0.75, 0.35])
-# From silence to the loudest.
-SCALE = np.array(
-    [[0.02, 0.02, 0.05], [0.2, 0.1, 0.4], [0.7, 0.2, 0.35], [0.98, 0.6, 0.2], [1, 1, 0.8]]
-)
+from .plots import Axis, Plot, Strip
+
+LEFT, RIGHT, BELOW, ABOVE = 96, 28, 66, 38  # pixels around strips; ABOVE each for its title
+FONT, SIZE = 0, 18
+GROUND, TEXT, LINE = 0.03, 0.85, 0.35  # grey
+TICK = 6  # pixels
+ICON = 256  # pixels of the panel's picture, a square
+
+Label = tuple[
+    str, float, float, float, float
+]  # text, where, and how much of its size is left and below
 
 
-def show(name: str, picture: np.ndarray) -> bpy.types.Image:
-    """A picture (H, W, 3) as the Blender image of this name, packed into the file."""
-    high, wide, _ = picture.shape
+def show(name: str, plot: Plot) -> bpy.types.Image:
+    """A plot as the Blender image of this name, packed into the file, its preview without the axes."""
+    canvas, labels = _compose(plot)
+    canvas = np.maximum(canvas, TEXT * _written(labels, canvas.shape)[..., None])
+    image = _image(name, canvas.shape[1], canvas.shape[0])
+    image.pixels.foreach_set(_with_alpha(canvas).ravel())
+    image.update()
+    image.pack()  # a drawn image would be lost when the file is saved
+    preview = image.preview_ensure()
+    preview.image_size = (ICON, ICON)
+    preview.image_pixels_float.foreach_set(_with_alpha(_small(plot)).ravel())
+    return image
+
+
+def ticks(axis: Axis, most: int) -> list[float]:
+    """Round values along an axis, at most so many: steps of 1, 2 or 5 times a power of ten."""
+    span = axis.high - axis.low
+    if not span > 0:
+        return [axis.low]
+    power = 10.0 ** math.floor(math.log10(span / most))
+    step = next(
+        power * factor for factor in (1, 2, 5, 10, 20) if span / (power * factor) < most + 1e-9
+    )
+    first, last = math.ceil(axis.low / step - 1e-9), math.floor(axis.high / step + 1e-9)
+    return [number * step for number in range(first, last + 1)]
+
+
+def _image(name: str, wide: int, high: int) -> bpy.types.Image:
     image = bpy.data.images.get(name)
     if image is not None and tuple(image.size) != (wide, high):
         bpy.data.images.remove(image)
         image = None
-    image = image or bpy.data.images.new(name, wide, high)
-    pixels = np.ones((high, wide, 4), dtype=np.float32)
-    pixels[..., :3] = picture
-    image.pixels.foreach_set(pixels.ravel())
-    image.update()
-    image.pack()
-    return image
+    return image or bpy.data.images.new(name, wide, high)
 
 
-def sound_picture(samples: np.ndarray, sample_rate: float) -> np.ndarray:
-    """(2 HIGH, WIDE, 3): the spectrogram below, the level above; up to the last audible sample."""
-    loud = np.abs(samples)
-    floor = (loud.max(initial=0.0) or 1.0) * 10.0 ** (-DEPTH_DB / 20.0)
-    audible = np.flatnonzero(loud > floor)
-    part = samples[: int(audible[-1]) + 1] if len(audible) else samples
-    return np.concatenate([_spectrogram(part, sample_rate), _level(np.abs(part), floor)])
+def _compose(plot: Plot) -> tuple[np.ndarray, list[Label]]:
+    """The canvas with strips, frames and ticks, and what is to be written on it."""
+    wide = plot.strips[0].pixels.shape[1]
+    high = BELOW + sum(len(strip.pixels) + ABOVE for strip in plot.strips)
+    canvas = np.full((high, LEFT + wide + RIGHT, 3), GROUND)
+    labels: list[Label] = []
+    bottom = BELOW
+    for strip in plot.strips:
+        labels.extend(_draw_strip(canvas, strip, plot.across, bottom))
+        bottom += len(strip.pixels) + ABOVE
+    for value, column in _places(plot.across, wide, 10):
+        labels.append((f"{value:g}", LEFT + column, BELOW - TICK - 4, 0.5, 1.0))
+    labels.append((plot.across.label, LEFT + wide / 2, 10, 0.5, 0.0))
+    return canvas, labels
 
 
-def scan_picture(distance: np.ndarray, longest: float) -> np.ndarray:
-    """(M, N, 3) of a matrix of distances (N scans, M angles): near is bright, an escaped beam is dark."""
-    share = np.where(np.isfinite(distance), 1.0 - 0.85 * np.minimum(distance / longest, 1.0), 0.0)
-    return _coloured(share.T[:, :: max(1, len(share) // (4 * WIDE))])
+def _draw_strip(canvas: np.ndarray, strip: Strip, across: Axis, bottom: int) -> Iterator[Label]:
+    high, wide, _ = strip.pixels.shape
+    top, right = bottom + high, LEFT + wide
+    canvas[bottom - 1 : top + 1, LEFT - 1 : right + 1] = LINE
+    canvas[bottom:top, LEFT:right] = strip.pixels
+    for _, column in _places(across, wide, 10):
+        canvas[bottom - TICK : bottom, LEFT + column] = LINE
+    yield (strip.title, LEFT, top + 10, 0.0, 0.0)
+    yield (strip.up.label, right, top + 10, 1.0, 0.0)
+    for value, row in _places(strip.up, high, 6):
+        canvas[bottom + row, LEFT - TICK : LEFT] = LINE
+        yield (f"{value:g}", LEFT - TICK - 6, bottom + row, 1.0, 0.5)
 
 
-def _level(size: np.ndarray, floor: float) -> np.ndarray:
-    column = np.linspace(0, len(size), WIDE, endpoint=False).astype(int)
-    largest = np.maximum.reduceat(size, column) if len(size) else np.zeros(WIDE)
-    height = np.log(np.maximum(largest / floor, 1.0)) / np.log(10.0 ** (DEPTH_DB / 20.0))
-    row = (np.arange(HIGH) + 0.5)[:, None] / HIGH
-    return np.where((row < height)[..., None], INK, PAPER)
+def _places(axis: Axis, pixels: int, most: int) -> Iterator[tuple[float, int]]:
+    """Ticks of an axis and the pixels that they are at."""
+    span = (axis.high - axis.low) or 1.0
+    for value in ticks(axis, most):
+        yield round(value, 9), round((value - axis.low) / span * (pixels - 1))
 
 
-def _spectrogram(samples: np.ndarray, sample_rate: float) -> np.ndarray:
-    window = max(16, min(512, len(samples) // 16))
-    if len(samples) < window:
-        return np.broadcast_to(SCALE[0], (HIGH, WIDE, 3))
-    hop = max(1, (len(samples) - window) // WIDE)
-    transform = signal.ShortTimeFFT(signal.windows.hann(window), hop, sample_rate, mfft=4 * window)
-    power = np.abs(transform.stft(samples)) ** 2  # (frequencies, times)
-    level = 10.0 * np.log10(np.maximum(power / (power.max() or 1.0), 1e-30))
-    heard = np.flatnonzero((level > -DEPTH_DB).any(axis=1))
-    low, high = (heard[0], heard[-1] + 1) if len(heard) else (0, len(level))
-    rows = np.linspace(low, high - 1, HIGH).astype(int)
-    columns = np.linspace(0, level.shape[1] - 1, WIDE).astype(int)
-    return _coloured(1.0 + level[np.ix_(rows, columns)] / DEPTH_DB)
+def _written(labels: list[Label], shape: tuple[int, ...]) -> np.ndarray:
+    """(H, W) of 0 to 1: where the labels are."""
+    high, wide = shape[:2]
+    paper = imbuf.new((wide, high))
+    blf.size(FONT, SIZE)
+    blf.color(FONT, 1.0, 1.0, 1.0, 1.0)
+    with blf.bind_imbuf(FONT, paper):
+        for text, x, y, left, below in labels:
+            _, tall = blf.dimensions(FONT, "0")
+            blf.position(FONT, x - left * blf.dimensions(FONT, text)[0], y - below * tall, 0)
+            blf.draw_buffer(FONT, text)
+    with tempfile.TemporaryDirectory(dir=bpy.app.tempdir) as folder:
+        file = str(Path(folder) / "labels.png")
+        imbuf.write(paper, filepath=file)
+        image = bpy.data.images.load(file)
+        try:
+            pixels = np.empty(high * wide * 4, dtype=np.float32)
+            image.pixels.foreach_get(pixels)
+        finally:
+            bpy.data.images.remove(image)
+    return pixels.reshape(high, wide, 4)[..., 0]
 
 
-def _coloured(share: np.ndarray) -> np.ndarray:
-    """(..., 3) colours of values 0 to 1."""
-    place = np.linspace(0.0, 1.0, len(SCALE))
-    clipped = np.clip(share, 0.0, 1.0)
-    return np.stack([np.interp(clipped, place, SCALE[:, k]) for k in range(3)], axis=-1)
+def _small(plot: Plot) -> np.ndarray:
+    """(ICON, ICON, 3): the strips alone."""
+    pixels = np.concatenate([strip.pixels for strip in plot.strips])
+    rows, columns = (np.arange(ICON) * size // ICON for size in pixels.shape[:2])
+    return pixels[np.ix_(rows, columns)]
+
+
+def _with_alpha(colours: np.ndarray) -> np.ndarray:
+    pixels = np.ones((*colours.shape[:2], 4), dtype=np.float32)
+    pixels[..., :3] = colours
+    return pixels

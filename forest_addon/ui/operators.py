@@ -319,7 +319,7 @@ class FOREST_OT_show_picture(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         results = context.scene.forest_sensing.results
-        picture = results[self.result].large if self.result in results else None
+        picture = results[self.result].picture if self.result in results else None
         if picture is None:
             self.report({"ERROR"}, "This picture is no longer there. Run its sensor again")
             return {"CANCELLED"}

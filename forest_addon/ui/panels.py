@@ -306,7 +306,7 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         chosen.shown = result.shown
     if result.kind == "reverb":
         header.operator("forest.play", text="", icon="PLAY_SOUND").sensor = result.name
-    if result.large is not None:
+    if result.picture is not None:
         shown = header.operator("forest.show_picture", text="", icon="IMAGE_DATA")
         shown.result = result.name
     if result.file:

@@ -405,7 +405,6 @@ class FOREST_PG_result(bpy.types.PropertyGroup):
     shown: StringProperty(description="Object with what was found")
     file: StringProperty(subtype="FILE_PATH", description="File with what was found")
     picture: PointerProperty(type=bpy.types.Image)
-    large: PointerProperty(type=bpy.types.Image)
     caption: StringProperty()
 
 

@@ -23,8 +23,7 @@ from ..sensing.sonar import Echo
 from ..sensing.tractor import TractorScan, to_cloud
 from ..spec import Scene, Sensor, Tractor
 from ..stand.forest import Forest
-from . import images
-from .picture import FLOOR_DB, draw_level
+from . import images, plots
 
 Figures = dict[str, str]
 
@@ -56,21 +55,15 @@ def keep_finding(
         points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
         select(context, points)
         result.shown = points.name
-        if isinstance(found, TractorScan):
-            picture = images.scan_picture(found.distance, sensor.max_range)
-            result.large = images.show(f"Forest {sensor.name} scan", picture)
-    else:
-        if isinstance(found, Echo):
-            home = part(context.scene, RESULTS)
-            result.shown = show_heard(home, sensor.name, found.heard).name
-        if isinstance(found, ImpulseResponse) and thing.type == "SPEAKER":
-            give_sound(thing, sensor.name, channels_of(found), found.sample_rate)
-        result.large = images.show(
-            f"Forest {sensor.name} sound", images.sound_picture(*_sound(found))
-        )
-        signal, rate = _signal(found)
-        result.picture, drawn = draw_level(f"Forest {sensor.name}", signal)
-        result.caption = f"{1e3 * drawn / rate:.0f} ms, {-FLOOR_DB:.0f} dB"
+    elif isinstance(found, Echo):
+        home = part(context.scene, RESULTS)
+        result.shown = show_heard(home, sensor.name, found.heard).name
+    elif isinstance(found, ImpulseResponse) and thing.type == "SPEAKER":
+        give_sound(thing, sensor.name, channels_of(found), found.sample_rate)
+    plot = _plot(found, sensor)
+    if plot is not None:
+        result.picture = images.show(f"Forest {sensor.name}", plot)
+        result.caption = plot.caption
     return f"{sentence} in {seconds:.1f} s"
 
 
@@ -153,22 +146,18 @@ def figures_of(found: TractorScan | Cloud | Echo | Flight | ImpulseResponse) -> 
     return _echo_figures(found)
 
 
-def _signal(found: Echo | Flight | ImpulseResponse) -> tuple[np.ndarray, float]:
-    """What is drawn of a sound, and its sampling rate: of a flight, one ping after the other."""
+def _plot(found: Any, sensor: Any) -> plots.Plot | None:
+    """What is drawn of a result; of a flight one ping after the other."""
+    if isinstance(found, TractorScan):
+        return plots.matrix_plot(found)
+    if isinstance(found, Cloud):
+        return plots.cloud_plot(found, sensor)
     if isinstance(found, ImpulseResponse):
-        return found.samples, found.sample_rate
+        return plots.sound_plot(found.samples, found.sample_rate, decay=True)
     if isinstance(found, Flight):
-        return found.stacked("envelopes")[:, 0].ravel(), found.echoes[0].sample_rate
-    return found.envelope, found.sample_rate
-
-
-def _sound(found: Echo | Flight | ImpulseResponse) -> tuple[np.ndarray, float]:
-    """What sounds, and its sampling rate: of a flight, one ping after the other."""
-    if isinstance(found, ImpulseResponse):
-        return found.samples, found.sample_rate
-    if isinstance(found, Flight):
-        return found.stacked("waveforms")[:, 0].ravel(), found.echoes[0].sample_rate
-    return found.waveforms[0], found.sample_rate
+        pings = found.stacked("waveforms")[:, 0].ravel()
+        return plots.sound_plot(pings, found.echoes[0].sample_rate)
+    return plots.sound_plot(found.waveforms[0], found.sample_rate)
 
 
 def _organs(organ: np.ndarray, engine: str) -> Figures:

@@ -83,7 +83,7 @@ def newcomer(steps: Steps) -> Scenario:
     yield from run("cloud")
     steps.step("ping")
     yield from run("echo")
-    assert props().results["echo"].large is not None
+    assert props().results["echo"].picture is not None
     steps.step("clap")
     yield from run("reverb")
 
@@ -91,7 +91,7 @@ def newcomer(steps: Steps) -> Scenario:
     press("forest.show_picture", result="echo")
     yield 2
     shown = next(a for a in bpy.context.screen.areas if a.type == "IMAGE_EDITOR")
-    assert shown.spaces.active.image == props().results["echo"].large
+    assert shown.spaces.active.image == props().results["echo"].picture
 
     steps.step("back to the view")
     with bpy.context.temp_override(window=window, area=shown):
