@@ -2,7 +2,7 @@
 keyed, and follow a curve.
 
 A sonar and a tractor look along their object's local X axis; a scanner on a tripod stays upright. A reverb
-is a Speaker at the source with an Empty, its receiver. ``place`` puts settings into transforms, ``pose``
+is a Speaker at the source, which sends along its local -Z as Speakers do, with an Empty, its receiver. ``place`` puts settings into transforms, ``pose``
 reads them back as a scene file would have them; what the pose is made of is not shown in the panel again
 (``POSED``).
 """
@@ -29,7 +29,7 @@ POSED: dict[str, tuple[str, ...]] = {
     "mobile": (),
     "airborne": ("position", "heading_deg"),
     "sonar": ("position", "azimuth_deg", "elevation_deg"),
-    "reverb": ("source", "receiver"),
+    "reverb": ("source", "receiver", "facing_azimuth_deg", "facing_elevation_deg"),
 }
 SHAPES = {"terrestrial": "SPHERE"}  # others are arrows: they look along X
 DEGREE_DIGITS = 4  # what single precision keeps of an angle: rounding gives 110 back
@@ -93,21 +93,29 @@ def home_of(scene: bpy.types.Scene) -> bpy.types.Collection | None:
 def place(thing: bpy.types.Object, settings: Settings) -> None:
     """Move and turn an object to where its settings say."""
     azimuth = elevation = 0.0
+    thing.rotation_mode = "XYZ"
+    if settings.kind == "reverb":
+        _place_ends(thing, settings)
+        return
     if settings.kind == "sonar":
         azimuth, elevation = settings.azimuth_deg, settings.elevation_deg
     elif settings.kind in ("tractor", "airborne"):
         azimuth = settings.heading_deg
-    thing.rotation_mode = "XYZ"
     thing.rotation_euler = (0.0, -math.radians(elevation), math.radians(azimuth))
-    if settings.kind == "reverb":
-        thing.location = settings.source
-        receiver = receiver_of(thing)
-        if receiver is not None:
-            receiver.location = settings.receiver
-    elif settings.kind != "mobile":
+    if settings.kind != "mobile":
         thing.location = settings.position
     elif settings.poses:
         thing.location = settings.poses[0].position
+
+
+def _place_ends(thing: bpy.types.Object, reverb: Settings) -> None:
+    """A Speaker to its source, pointing where that faces, and its receiver to where one listens."""
+    up, turn = reverb.facing_elevation_deg, reverb.facing_azimuth_deg
+    thing.location = reverb.source
+    thing.rotation_euler = (math.radians(90 + up), 0.0, math.radians(turn - 90))
+    receiver = receiver_of(thing)
+    if receiver is not None:
+        receiver.location = reverb.receiver
 
 
 def pose(thing: bpy.types.Object) -> dict[str, Any]:
@@ -122,7 +130,13 @@ def pose(thing: bpy.types.Object) -> dict[str, Any]:
         receiver = receiver_of(thing)
         if receiver is None:
             raise SpecError(thing.name, "its receiver is gone; choose an object as receiver")
-        return {"source": _place_of(thing), "receiver": _place_of(receiver)}
+        azimuth, elevation = _direction_of(thing, axis=2, sign=-1)
+        return {
+            "source": _place_of(thing),
+            "receiver": _place_of(receiver),
+            "facing_azimuth_deg": azimuth,
+            "facing_elevation_deg": elevation,
+        }
     if kind == "mobile":  # it goes where its poses, or what it follows, say
         return {}
     found: dict[str, Any] = {"position": _place_of(thing)}
@@ -153,9 +167,9 @@ def _place_of(thing: bpy.types.Object) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _direction_of(thing: bpy.types.Object) -> tuple[float, float]:
-    """Azimuth and elevation of an object's local X axis, degrees."""
-    x, y, z = np.array(thing.matrix_world, dtype=np.float64)[:3, 0]
+def _direction_of(thing: bpy.types.Object, axis: int = 0, sign: int = 1) -> tuple[float, float]:
+    """Azimuth and elevation of an object's local X axis, or of another, degrees."""
+    x, y, z = sign * np.array(thing.matrix_world, dtype=np.float64)[:3, axis]
     azimuth = math.degrees(math.atan2(y, x))
     elevation = math.degrees(math.atan2(z, math.hypot(x, y)))
-    return round(azimuth, DEGREE_DIGITS), round(elevation, DEGREE_DIGITS)
+    return round(azimuth, DEGREE_DIGITS) + 0.0, round(elevation, DEGREE_DIGITS) + 0.0  # no -0.0

@@ -248,7 +248,7 @@ class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
         column.prop(thing, "location")
         if kind == "reverb":
             column.prop(thing, f'["{sensors.RECEIVER_KEY}"]', text="Receiver")
-        elif kind != "terrestrial":
+        if kind != "terrestrial":
             column.prop(thing, "rotation_euler", text="Rotation")
         group = getattr(thing.forest_sensor, kind)
         hidden = {"name", *sensors.POSED.get(kind, ())}

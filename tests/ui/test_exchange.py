@@ -162,6 +162,25 @@ def test_a_pose_comes_back_from_the_transform(props, azimuth, elevation, place):
     assert back.elevation_deg == pytest.approx(elevation, abs=2e-4)
 
 
+@given(
+    azimuth=st.floats(-179, 179).map(lambda x: round(x, 3)),
+    elevation=st.floats(-89, 89).map(lambda x: round(x, 3)),
+)
+@IN_BLENDER
+def test_a_speaker_sends_along_its_minus_z(props, azimuth, elevation):
+    reverb = spec.Reverb(facing_azimuth_deg=azimuth, facing_elevation_deg=elevation)
+    thing = exchange.add_sensor(bpy.context.scene, reverb)
+    bpy.context.view_layer.update()
+    sent = -thing.matrix_world.col[2].to_3d()
+    back = exchange.sensor_of(thing)
+    sensors.remove_sensor(thing)
+    up, turn = math.radians(elevation), math.radians(azimuth)
+    along = (math.cos(up) * math.cos(turn), math.cos(up) * math.sin(turn), math.sin(up))
+    assert tuple(sent) == pytest.approx(along, abs=1e-6)
+    assert back.facing_azimuth_deg == pytest.approx(azimuth, abs=2e-4)
+    assert back.facing_elevation_deg == pytest.approx(elevation, abs=2e-4)
+
+
 def test_a_sensor_on_a_parent_is_where_it_is_carried(props):
     thing = exchange.add_sensor(bpy.context.scene, spec.Sonar(position=(1, 0, 2)))
     carrier = bpy.data.objects.new("carrier", None)
