@@ -2,9 +2,9 @@
 keyed, and follow a curve.
 
 A sonar and a tractor look along their object's local X axis; a scanner on a tripod stays upright. A reverb
-is a Speaker at the source, which sends along its local -Z as Speakers do, with an Empty, its receiver. ``place`` puts settings into transforms, ``pose``
-reads them back as a scene file would have them; what the pose is made of is not shown in the panel again
-(``POSED``).
+is a Speaker at the source, which sends along its local -Z as Speakers do, with an Empty, its receiver.
+``place`` puts settings into transforms, ``pose`` reads them back as a scene file would have them; what the
+pose is made of is not shown in the panel again (``POSED``).
 """
 
 from __future__ import annotations
