@@ -8,14 +8,15 @@ only, and with the polynomials ℓ_r that interpolate between them (Lagrange)
 whose brackets are sums over delays alone: ``gridding`` does them with an FFT. How many nodes an echo
 needs is read off its own Chebyshev coefficients, whose tail is the error of the interpolation: echoes
 whose tail is too large are done again with more nodes, and in the end directly, bin by bin. So the
-tolerance holds for any amplitude, and a smooth one costs a few evaluations.
+tolerance holds for any amplitude, and a smooth one costs a few evaluations. Several sums of the same
+echoes, weighted differently, share these.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -32,15 +33,17 @@ VALUES_AT_ONCE = 1 << 16  # amplitudes at once: what is computed on the way fits
 FEW = 1 << 16  # products of echoes and bins that are summed directly: the fast way costs more
 PROBED = 64  # echoes that show how many nodes the others start with
 OVERHEAD = 3  # what the deposit of an echo costs, in evaluations of its amplitude
+COLUMNS = 256  # nodes by weights that are deposited at once
 
 
 @dataclass(frozen=True)
 class DelayedSum:
     """What ``sum_delayed`` found.
 
-    spectrum : (K,) complex.
+    spectrum : (K,) complex, or (W, K) where W weights were given.
     size : Σ_i of the largest |A_i| at the nodes.
-    error_bound : no value of the spectrum is farther from the exact sum.
+    error_bound : no value of the spectrum is farther from the exact sum; with weights, this times the
+        largest.
     nodes : {number of nodes: how many echoes were interpolated with it}, K for those summed directly.
     """
 
@@ -59,6 +62,7 @@ def sum_delayed(
     *,
     tolerance: float = 1e-6,
     spread: ArrayLike = 0.0,
+    weights: np.ndarray | None = None,
 ) -> DelayedSum:
     """Σ_i A_i(f)·e^{-i2πfτ_i} at f = start + (0 … count - 1)·spacing, K = count values.
 
@@ -69,6 +73,7 @@ def sum_delayed(
     tolerance : largest error of a value, relative to Σ_i max|A_i|; 0: the direct sum.
     spread : (M,) or one, s; if known, how far an echo's own response reaches around its delay (a disc's:
         2a·sinβ/c). It saves evaluations and does not bear on the error.
+    weights : (M, W) real, of the echoes in W sums; left out: one sum, all weights 1.
 
     The carrier is exact to 2π·2⁻⁵³ times the number of its periods. The time is that of evaluating
     the amplitudes, plus about 0.2 µs an echo at 1e-6.
@@ -76,14 +81,16 @@ def sum_delayed(
     delay = np.asarray(delay, dtype=np.float64)
     direct = tolerance < 2.0 * ALIASING[-1] or len(delay) * count <= FEW
     levels = [] if direct else [level for level in LEVELS if level <= count // 2]
-    task = _Task(amplitude, delay, start, spacing, count, tolerance)
+    given = np.ones((len(delay), 1)) if weights is None else weights
+    task = _Task(amplitude, delay, given, start, spacing, count, tolerance)
     pending = task.groups(levels, np.broadcast_to(np.asarray(spread, np.float64), delay.shape))
     rejected = np.empty(0, dtype=np.int64)
     for nodes, rows in zip(levels, pending, strict=False):
         rows = np.concatenate([rejected, rows])
         rejected = task.interpolate(rows, nodes) if len(rows) else rows
     task.direct(np.concatenate([rejected, *pending[len(levels) :]]))
-    return task.result()
+    found = task.result()
+    return found if weights is not None else replace(found, spectrum=found.spectrum[0])
 
 
 class _Task:
@@ -93,17 +100,18 @@ class _Task:
         self,
         amplitude: Amplitude,
         delay: np.ndarray,
+        weights: np.ndarray,
         start: float,
         spacing: float,
         count: int,
         tolerance: float,
     ) -> None:
-        self._amplitude, self._delay = amplitude, delay
+        self._amplitude, self._delay, self._weights = amplitude, delay, weights
         self._start, self._spacing, self._count = start, spacing, count
         self._middle = start + (count // 2) * spacing
         self._width = width_for(0.5 * tolerance)
         self._allowed = 0.25 * tolerance  # tail of an echo, relative to it or to the mean of all
-        self._spectrum = np.zeros(count, dtype=np.complex128)
+        self._spectrum = np.zeros((weights.shape[1], count), dtype=np.complex128)
         self._size = self._error = 0.0
         self._nodes: dict[int, int] = {}
 
@@ -160,21 +168,47 @@ class _Task:
 
     def interpolate(self, rows: np.ndarray, nodes: int) -> np.ndarray:
         """Add the echoes ``rows``; what comes back are those that need more nodes."""
-        grid = DelayGrid(self._count, nodes, self._width)
-        rejected, step = [], VALUES_AT_ONCE // nodes
-        for first in range(0, len(rows), step):
-            some = rows[first : first + step]
+        first, *others = self._blocks(nodes)
+        grid, step = self._grid(nodes, first), VALUES_AT_ONCE // nodes
+        kept, rejected = [], [rows[:0]]
+        for begin in range(0, len(rows), step):
+            some = rows[begin : begin + step]
             values = self._values(nodes, some)
             fits = self._tail_fits(values)
             if not fits.all():
                 rejected.append(some[~fits])
                 some, values = some[fits], values[:, fits]
-            delay = self._delay[some]
-            grid.add(delay * self._spacing, (values * _turn(self._middle * delay)).T)
+            self._deposit(grid, some, values, first)
+            kept.append(some)
             self._size += float(np.abs(values).max(axis=0).sum())
             self._nodes[nodes] = self._nodes.get(nodes, 0) + len(some)
-        self._spectrum += np.einsum("rk,rk->k", grid.spectrum(), _lagrange(nodes, self._count))
-        return np.concatenate(rejected) if rejected else rows[:0]
+        self._collect(grid, nodes, first)
+        for block in others:
+            grid = self._grid(nodes, block)
+            for some in kept:
+                self._deposit(grid, some, self._values(nodes, some), block)
+            self._collect(grid, nodes, block)
+        return np.concatenate(rejected)
+
+    def _blocks(self, nodes: int) -> list[slice]:
+        """The weights in runs whose grids are of a bounded size."""
+        count, step = self._weights.shape[1], max(1, COLUMNS // nodes)
+        return [slice(first, min(first + step, count)) for first in range(0, count, step)]
+
+    def _grid(self, nodes: int, block: slice) -> DelayGrid:
+        return DelayGrid(self._count, nodes * (block.stop - block.start), self._width)
+
+    def _deposit(self, grid: DelayGrid, rows: np.ndarray, values: np.ndarray, block: slice) -> None:
+        """Lay amplitudes (R, m) times their weights down at their delays."""
+        delay = self._delay[rows]
+        turned = (values * _turn(self._middle * delay)).T
+        weighted = turned[:, None, :] * self._weights[rows, block, None]
+        grid.add(delay * self._spacing, weighted.reshape(len(rows), math.prod(weighted.shape[1:])))
+
+    def _collect(self, grid: DelayGrid, nodes: int, block: slice) -> None:
+        """Add what was laid down to the sums of some weights."""
+        parts = grid.spectrum().reshape(-1, nodes, self._count)
+        self._spectrum[block] += np.einsum("wrk,rk->wk", parts, _lagrange(nodes, self._count))
 
     def direct(self, rows: np.ndarray) -> None:
         """Add the echoes ``rows`` bin by bin."""
@@ -184,7 +218,7 @@ class _Task:
             some = rows[first : first + step]
             values = np.asarray(self._amplitude(frequency, some))
             carrier = delay_factors(self._start, self._spacing, self._count, self._delay[some])
-            self._spectrum += np.einsum("km,km->k", values, carrier)
+            self._spectrum += ((values * carrier) @ self._weights[some]).T
             self._size += float(np.abs(values).max(axis=0).sum())
             self._nodes[self._count] = self._nodes.get(self._count, 0) + len(some)
 

@@ -57,17 +57,13 @@ def shifted_sum(
     turns = math.pi * band.high * call.duration * float(high - low) / float(low) ** 2
     digits = -math.log10(tolerance or 1e-12)
     count = math.ceil(turns + (2.0 + 0.6 * digits) * max(turns, 1.0) ** (1 / 3))
-    total = np.zeros((len(station.ear), grid.count), dtype=np.complex128)
     points = -np.cos(math.pi * (np.arange(count) + 0.5) / count)
     shares = [_lagrange(points, (2.0 * a - low - high) / (high - low)) for a in alpha]
-    for number, factor in enumerate((low + high) / 2 + (high - low) / 2 * points):
-        weighted = [
-            Group(g.scatterers, g.instance, g.paths, g.bound, g.shade * share[:, number])
-            for g, share in zip(groups, shares, strict=True)
-        ]
-        plain = sum_echoes(weighted, station, grid, tolerance)
-        total += plain * call.spectrum_at(grid.frequency, float(factor))
-    return total
+    plain = sum_echoes(groups, station, grid, tolerance, weights=shares)
+    factor = (low + high) / 2 + (high - low) / 2 * points
+    played = np.array([call.spectrum_at(grid.frequency, float(f)) for f in factor])
+    shifted: np.ndarray = np.einsum("ewk,wk->ek", plain, played)
+    return shifted
 
 
 def _lagrange(points: np.ndarray, place: np.ndarray) -> np.ndarray:

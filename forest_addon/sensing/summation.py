@@ -28,17 +28,20 @@ def sum_echoes(
     grid: Grid,
     tolerance: float,
     progress: Progress | None = None,
+    weights: list[np.ndarray] | None = None,
 ) -> np.ndarray:
-    """(E, K) spectrum at the ears, without a window.
+    """(E, K) spectrum at the ears, without a window; with weights (E, W, K).
 
     tolerance : largest error as a share of Σ max|A|, not below what the amplitudes themselves are known
         to (``Strength.noise``); 0: the direct sum, exact to rounding.
     progress : called as progress(scatterers done, all of them).
+    weights : (M, W) for each group, of its scatterers in W sums.
     """
     total, done = sum(len(group) for group in groups) * len(station.ear), 0
-    spectrum = np.zeros((len(station.ear), grid.count), dtype=np.complex128)
+    sums = () if weights is None else (weights[0].shape[1],)
+    spectrum = np.zeros((len(station.ear), *sums, grid.count), dtype=np.complex128)
     lowest = 2.0 * math.pi * grid.start / station.sound_speed
-    for group in groups:
+    for number, group in enumerate(groups):
         for ear in range(len(station.ear)):
             seen = group.seen(station, ear)
             for part in seen.parts(lowest) if tolerance else [_whole(seen, len(group))]:
@@ -51,6 +54,7 @@ def sum_echoes(
                     grid.count,
                     tolerance=max(tolerance, part.strength.noise) if tolerance else 0.0,
                     spread=part.strength.reach() / station.sound_speed,
+                    weights=None if weights is None else weights[number][part.rows],
                 ).spectrum
             done += len(group)
             if progress:

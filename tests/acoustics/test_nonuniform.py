@@ -199,3 +199,32 @@ def test_kernel_has_the_transform_it_claims() -> None:
     waves = np.exp(-2j * np.pi * frequency[:, None, None] * points)
     numeric = (waves * taps).sum(axis=1).mean(axis=1)
     np.testing.assert_allclose(numeric, chosen.transform(frequency), atol=1e-6)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 0.0])
+@pytest.mark.parametrize("sums", [1, 3, 40])
+def test_weighted_sums_of_the_same_echoes(sums: int, tolerance: float) -> None:
+    """Of narrow and wide echoes, so that some are computed again with more nodes; 40 are several blocks."""
+    amplitude, delay, spread = leaves("piston", 900)
+    weights = np.random.default_rng(5).uniform(-1, 1, (900, sums))
+    found = sum_delayed(
+        amplitude, delay, START, SPACING, COUNT,
+        tolerance=tolerance, spread=0.3 * spread, weights=weights,
+    )  # fmt: skip
+    assert found.spectrum.shape == (sums, COUNT)
+    assert sum(found.nodes.values()) == 900
+    for number in (0, sums - 1):
+        exact, size = direct(lambda f, rows, n=number: amplitude(f, rows) * weights[rows, n], delay)
+        error = np.abs(found.spectrum[number] - exact).max()
+        assert error <= max(tolerance, 1e-13) * found.size
+        assert size < found.size
+        assert tolerance == 0 or error > 1e-12 * size  # it is not the direct sum that was tested
+
+
+def test_weighted_sums_of_nothing() -> None:
+    amplitude, delay, _ = leaves("paper", 0)
+    found = sum_delayed(
+        amplitude, delay, START, 0.5, 40000, tolerance=1e-6, weights=np.empty((0, 2))
+    )
+    assert found.spectrum.shape == (2, 40000)
+    assert not found.spectrum.any()
