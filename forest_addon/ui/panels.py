@@ -15,6 +15,7 @@ from ..blender import sensors
 from . import requirements
 from .exchange import untouched
 from .lists import ICONS, draw_list
+from .migration import draw_notice
 from .operators import chosen_sensor
 from .properties import PARTS
 from .running import current
@@ -54,6 +55,8 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
         layout, props = self.layout, context.scene.forest_sensing
         if requirements.missing():
             _say_what_is_missing(layout)
+        if props.notice:
+            draw_notice(layout, props)
         if current() is not None:
             _draw_job(layout)
         if untouched(props):
