@@ -24,7 +24,7 @@ from ..spec import SpecError
 from .exchange import add_sensor, file_name, from_spec, to_spec, untouched
 from .preferences import expansions, rays_of
 from .properties import ASSETS
-from .running import PROBLEMS, FOREST_OT_cancel, Working, in_words
+from .running import LINKED, PROBLEMS, FOREST_OT_cancel, Working, in_words
 from .species_edit import edited_species, export_edited, load
 
 DEMO = ASSETS / "scenes" / "demo.toml"
@@ -163,7 +163,7 @@ class FOREST_OT_add_sensor(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         if not context.scene.is_editable:
-            cls.poll_message_set("This scene is linked from another file and cannot be changed")
+            cls.poll_message_set(LINKED)
             return False
         return True
 
@@ -299,6 +299,9 @@ class FOREST_OT_play(bpy.types.Operator):
         if sound is None:
             self.report({"ERROR"}, f"{self.sensor} has no sound. Run it again")
             return {"CANCELLED"}
+        if sound.factory is None:
+            self.report({"ERROR"}, "No sound can be played here: this Blender has not loaded it")
+            return {"CANCELLED"}
         import aud
 
         global _playing
@@ -327,7 +330,10 @@ class FOREST_OT_show_picture(bpy.types.Operator):
         if area is None:
             known = set(context.screen.areas)
             bpy.ops.screen.area_split(direction="HORIZONTAL", factor=0.45)
-            (area,) = set(context.screen.areas) - known
+            area = next(iter(set(context.screen.areas) - known), None)
+            if area is None:
+                self.report({"ERROR"}, "There is no room for it here. Open an Image Editor first")
+                return {"CANCELLED"}
             area.type = "IMAGE_EDITOR"
         area.spaces.active.image = picture
         region = next(region for region in area.regions if region.type == "WINDOW")

@@ -20,6 +20,7 @@ from . import requirements
 TICK = 0.05  # s between two looks at a running job
 PROBLEMS = (SpecError, ValueError, OSError, ImportError, MemoryError, ReferenceError)
 UNDO_KEYS = {"Z", "Y"}
+LINKED = "This scene is linked from another file and cannot be changed"
 
 _current: Job | None = None
 
@@ -149,7 +150,7 @@ def obstacle(context: bpy.types.Context) -> str:
     if context.mode != "OBJECT":
         return "Leave this mode first: the forest is built and sensed in Object Mode"
     if not context.scene.is_editable:
-        return "This scene is linked from another file and cannot be changed"
+        return LINKED
     return ""
 
 
