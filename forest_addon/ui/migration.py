@@ -24,6 +24,7 @@ from ..blender.single import shortest
 from ..spec import Settings, SpecError
 from . import exchange
 from .properties import fields_of
+from .running import InOwnScene
 
 LAYOUT = 2  # how a scene keeps its settings now
 KEY = "forest_sensing"  # of the scene's settings, as Blender stores them
@@ -54,7 +55,7 @@ def migrate(scene: bpy.types.Scene) -> None:
         _tell(scene, "Saved by an older version", STEPS[step](scene, stored))
 
 
-class FOREST_OT_take_note(bpy.types.Operator):
+class FOREST_OT_take_note(InOwnScene, bpy.types.Operator):
     """Take this line away"""
 
     bl_idname = "forest.take_note"
@@ -67,10 +68,12 @@ class FOREST_OT_take_note(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
+        if not super().poll(context):
+            return False
         if not context.scene.forest_sensing.notice:
             cls.poll_message_set("There is nothing to take note of")
             return False
-        return bool(context.scene.is_editable)
+        return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         context.scene.forest_sensing.property_unset("notice")

@@ -48,6 +48,8 @@ def keep_finding(
     """Show, note and draw what a sensor found. Returns the key figures in a sentence."""
     props = context.scene.forest_sensing
     figures, sentence = figures_of(found)
+    if isinstance(found, ImpulseResponse) and thing.type == "SPEAKER":  # first: it needs disk space
+        give_sound(thing, sensor.name, channels_of(found), found.sample_rate)
     result = _note(
         props, thing.name, sensor.kind, thing.name, figures | {"Time": f"{seconds:.1f} s"}
     )
@@ -63,8 +65,6 @@ def keep_finding(
         if isinstance(found, Echo):
             home = part(context.scene, RESULTS)
             result.shown = show_heard(home, sensor.name, found.heard).name
-        if isinstance(found, ImpulseResponse) and thing.type == "SPEAKER":
-            give_sound(thing, sensor.name, channels_of(found), found.sample_rate)
         result.large = images.show(
             f"Forest {sensor.name} sound", images.sound_picture(*_sound(found))
         )

@@ -40,6 +40,16 @@ def stop() -> None:
         job.cancel()
 
 
+class InOwnScene:
+    """An operator that changes a scene, which must not be linked from another file."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not context.scene.is_editable:
+            cls.poll_message_set(LINKED)
+        return bool(context.scene.is_editable)
+
+
 class WhenReady:
     """An operator that can be used when nothing is in its way, and says what is."""
 
