@@ -196,9 +196,9 @@ def _first_sensor(kind: str, stored: Any) -> tuple[Settings, str]:
 
 
 def _plain(value: Any, type_: Any) -> Any:
-    if hasattr(value, "to_list"):
-        return tuple(shortest(number) for number in value)
-    return type_(value) if type_ in (bool, int, str) else shortest(value)
+    if type_ in (bool, int, str):
+        return type_(value)
+    return shortest(value) if type_ is float else tuple(shortest(number) for number in value)
 
 
 def _adopt(scene: bpy.types.Scene) -> None:

@@ -174,8 +174,8 @@ def in_words(problem: BaseException) -> str:
         return "There is not enough memory for this; take fewer trees or coarser steps"
     if isinstance(problem, ReferenceError):
         return "The scene was removed or undone meanwhile; run it again"
-    if isinstance(problem, OSError) and problem.strerror and problem.filename:
-        return f"{problem.filename}: {problem.strerror}"
+    if isinstance(problem, OSError) and problem.strerror:
+        return f"{problem.filename or 'A file cannot be written'}: {problem.strerror}"
     return str(problem)
 
 

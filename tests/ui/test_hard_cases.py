@@ -462,7 +462,7 @@ def test_every_operator_works_or_says_why_not(again, situation):
             changed = {k: (before[k], n) for k, n in counts().items() if n != before[k]}
             complaints.append(f"{name}: refused, but left {changed}")
             fresh = False
-        drawn()
+    drawn()
     assert not complaints, "\n".join(complaints)
 
 
