@@ -9,7 +9,7 @@ the panel until the user takes note, and in the console. A file without settings
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, ClassVar
 
@@ -139,7 +139,9 @@ def _tell(scene: bpy.types.Scene, what: str, sentences: list[str]) -> None:
 
 def _stored(scene: bpy.types.Scene) -> Any:
     """Settings of ours as Blender stores them, None where there are none."""
-    if hasattr(scene, "bl_system_properties_get"):  # Blender 5 keeps them apart from custom properties
+    if hasattr(
+        scene, "bl_system_properties_get"
+    ):  # Blender 5 keeps them apart from custom properties
         home = scene.bl_system_properties_get()
         return None if home is None else home.get(KEY)
     return scene.get(KEY)

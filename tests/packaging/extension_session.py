@@ -80,7 +80,14 @@ def watched() -> Iterator[dict[str, set[str]]]:
                 acts["written"].add(os.fsdecode(path))
         elif event in ("os.mkdir", "os.rename"):
             acts["written"].add(os.fsdecode(arguments[event == "os.rename"]))
-        elif event.split(".")[0] in ("socket", "urllib", "http", "ftplib", "subprocess", "webbrowser"):
+        elif event.split(".")[0] in (
+            "socket",
+            "urllib",
+            "http",
+            "ftplib",
+            "subprocess",
+            "webbrowser",
+        ):
             acts["suspicious"].add(event)
 
     sys.addaudithook(hear)

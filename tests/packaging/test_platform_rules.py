@@ -31,7 +31,12 @@ COMPATIBLE = {
     *("MIT", "MIT-CMU", "BSD", "BSD-2-Clause", "BSD-3-Clause", "Apache-2.0", "MPL-2.0", "PSF-2.0"),
     *("MIT License", "BSD License", "BSD 3-Clause License", "Python Software Foundation License"),
 }
-BINARY = {b"\x7fELF": "ELF", b"MZ": "Windows", b"\xcf\xfa\xed\xfe": "Mach-O", b"\xca\xfe\xba\xbe": "Mach-O"}
+BINARY = {
+    b"\x7fELF": "ELF",
+    b"MZ": "Windows",
+    b"\xcf\xfa\xed\xfe": "Mach-O",
+    b"\xca\xfe\xba\xbe": "Mach-O",
+}
 # Run by hand or by `blender --command forest`, in a process of their own.
 COMMAND_LINE = "headless/"
 LOADER = "headless/in_blender.py"
@@ -144,7 +149,16 @@ def test_what_is_imported_is_ours_or_in_the_zip_or_in_blender(code, wheels):
     """No package that the user would have to find elsewhere."""
     tops = {name.split("/")[0].partition(".")[0] for _, names in wheels.values() for name in names}
     known = tops | SHIPPED_BY_BLENDER | set(sys.stdlib_module_names)
-    known |= {"bpy", "bpy_extras", "mathutils", "gpu", "gpu_extras", "aud", "forest_addon", "headless"}
+    known |= {
+        "bpy",
+        "bpy_extras",
+        "mathutils",
+        "gpu",
+        "gpu_extras",
+        "aud",
+        "forest_addon",
+        "headless",
+    }
     optional = {"pyroomacoustics"}  # the benchmark's other program, used where it is installed
     for name, tree in code.items():
         lacking = imported(tree) - known - optional
@@ -212,7 +226,9 @@ def test_python_s_paths_and_modules_are_left_alone(code):
         if name == LOADER:
             continue
         used = {ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
-        assert not {u for u in used if u.startswith(("sys.path", "sys.modules", "site.addsitedir"))}, name
+        assert not {
+            u for u in used if u.startswith(("sys.path", "sys.modules", "site.addsitedir"))
+        }, name
 
 
 def test_the_add_on_prints_nothing(code):
