@@ -174,7 +174,8 @@ def _sensors_become_objects(scene: bpy.types.Scene, stored: Any) -> list[str]:
     forest = scene.forest_sensing.results.get("forest")
     if forest is not None:
         forest.kind = "forest"
-    scene.pop(KEY, None) if hasattr(scene, "bl_system_properties_get") else None
+    if hasattr(scene, "bl_system_properties_get"):
+        scene.pop(KEY, None)  # the copy that Blender 5 leaves among the custom properties
     return ["sensors are objects now, one of each kind, with the settings that they had", *said]
 
 

@@ -96,9 +96,11 @@ class Working(WhenReady):
             return {"PASS_THROUGH"}
         try:
             done = job.step()
-        except PROBLEMS as problem:
+        except Exception as problem:
             job.cancel()
             self._leave(context)
+            if not isinstance(problem, PROBLEMS):
+                raise  # a fault of ours; it must not keep other jobs from running
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
         if done:

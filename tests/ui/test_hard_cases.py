@@ -10,6 +10,7 @@ import shutil
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,7 +23,8 @@ from forest_addon import spec, ui
 from forest_addon.blender import layout, sensors
 from forest_addon.blender.cloud import CLOUD_KEY
 from forest_addon.blender.depsgraph import TREE_KEY
-from forest_addon.ui import exchange, images
+from forest_addon.blender.jobs import Job
+from forest_addon.ui import exchange, images, running
 from forest_addon.ui import operators as ui_operators
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -43,7 +45,7 @@ HARMLESS = {
     *("remove_raster", "remove_stems", "save_scene"),
 }
 READING = {"save_scene", "select_result", "show_picture", "play", "clear_cache"}
-LONG = "Wäldchen-森-" * 8  # more than the 63 bytes (255 in Blender 5) of a name
+LONG = "Wäldchen-森-" * 20  # more than the 63 bytes of a name, or 255 in Blender 5
 
 
 @cache
@@ -373,6 +375,7 @@ def long_names(folder):
     long = folder / ("ü" * 60 + ".toml")
     shutil.copy2(folder / "twig.toml", long)
     scene.forest_sensing.plantings[0].species = long.name
+    scene.forest_sensing.output = str(folder / "out")
 
 
 def names_like_ours(_):
@@ -611,3 +614,18 @@ def test_a_forest_of_one_scene_is_not_that_of_a_copy(again):
     assert press("build") == (True, "")
     assert set(layout.root(first).all_objects) == trees
     assert all(np.isfinite(thing.matrix_world).all() for thing in trees)
+
+
+def test_a_fault_in_a_job_does_not_block_the_next(registered, monkeypatch):
+    def work():
+        raise KeyError("a fault of ours")
+        yield
+
+    job, left = Job("Run Sensor", work()), []
+    monkeypatch.setattr(running, "_current", job)
+    button = SimpleNamespace(_job=job, _leave=left.append)
+    with pytest.raises(KeyError):
+        running.Working.modal(button, bpy.context, SimpleNamespace(type="TIMER", value="NOTHING"))
+    assert left == [bpy.context]
+    assert running.current() is None
+    assert running.obstacle(bpy.context) == ""
