@@ -377,7 +377,7 @@ def _say_what_a_unit_is(layout: bpy.types.UILayout) -> None:
     """Blender shows lengths times the scene's Unit Scale; trees and sound are computed without it."""
     column = layout.box().column(align=True)
     column.label(text="A unit counts as 1 m here:", icon="ERROR")
-    column.label(text="set Scene > Unit Scale to 1")
+    column.label(text="set Scene > Unit Scale to 1", icon="BLANK1")
 
 
 def _big_button(
