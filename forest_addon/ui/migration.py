@@ -17,8 +17,6 @@ import bpy
 
 from .. import spec
 from ..blender import layout
-from ..blender.cloud import CLOUD_KEY
-from ..blender.depsgraph import TREE_KEY
 from ..blender.ours import MADE_KEY
 from ..blender.single import shortest
 from ..spec import Settings, SpecError
@@ -224,6 +222,9 @@ def _adopt(scene: bpy.types.Scene) -> None:
 
 def _was_built(thing: bpy.types.Object, home: bpy.types.Collection) -> bool:
     """Whether a tree, points that were found, or the ground; else the user put it there."""
+    from ..blender.cloud import CLOUD_KEY  # these bring in scipy, which no other file needs
+    from ..blender.depsgraph import TREE_KEY
+
     ground = home.get(layout.PART_KEY) == layout.GROUND_NAME and thing.name.startswith("Ground")
     return TREE_KEY in thing or CLOUD_KEY in thing or ground
 
