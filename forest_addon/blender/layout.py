@@ -18,8 +18,12 @@ PARTS = (TREES, VARIANTS, OUTLINES, GROUND_NAME, SENSORS, RESULTS)
 
 
 def root(scene: bpy.types.Scene) -> bpy.types.Collection | None:
-    """The collection of the scene's forest, None where it has none."""
-    return next((c for c in scene.collection.children if ROOT_KEY in c), None)
+    """The collection of the scene's forest, None where it has none.
+
+    One that is linked from another file, or overrides that, can hold nothing new: it is the user's own.
+    """
+    mine = (c for c in scene.collection.children if not (c.library or c.override_library))
+    return next((c for c in mine if ROOT_KEY in c), None)
 
 
 def part(scene: bpy.types.Scene, name: str) -> bpy.types.Collection:

@@ -69,7 +69,7 @@ def animated_path(scene: bpy.types.Scene, thing: bpy.types.Object) -> Path:
     ------
     SpecError : its scale is zero, so that it has no direction.
     """
-    now = scene.frame_current
+    now, part_of_frame = scene.frame_current, scene.frame_subframe
     frames = range(scene.frame_start, scene.frame_end + 1)
     matrices = []
     try:
@@ -78,7 +78,7 @@ def animated_path(scene: bpy.types.Scene, thing: bpy.types.Object) -> Path:
             depsgraph = bpy.context.evaluated_depsgraph_get()
             matrices.append(np.array(thing.evaluated_get(depsgraph).matrix_world, dtype=np.float64))
     finally:
-        scene.frame_set(now)
+        scene.frame_set(now, subframe=part_of_frame)
     matrix = np.array(matrices)
     if np.any(np.abs(np.linalg.det(matrix[:, :3, :3])) < 1e-12):
         raise SpecError("follow", f'"{thing.name}" has a scale of zero; give it a size')

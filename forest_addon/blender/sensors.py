@@ -57,7 +57,11 @@ def _speaker(name: str) -> bpy.types.Object:
 
     if bpy.context.mode != "OBJECT":
         return bpy.data.objects.new(name, bpy.data.speakers.new(name))
+    objects = bpy.context.view_layer.objects
+    chosen = objects.active
     thing = add_speaker(name, (0.0, 0.0, 0.0))
+    thing.select_set(False)
+    objects.active = chosen
     for home in list(thing.users_collection):
         home.objects.unlink(thing)
     return thing

@@ -38,7 +38,7 @@ def give_sound(
     name : of the sensor; the Sound is named after it.
     """
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{name}.wav"
+        path = Path(folder) / "sound.wav"  # a sensor's name may be too long for a file
         write_wav(path, normalised(samples, PEAK_DB)[0], sample_rate)
         sound = bpy.data.sounds.load(str(path))
         sound.pack()

@@ -14,6 +14,7 @@ from datetime import date
 from typing import Any
 
 import laspy
+import lazrs
 import numpy as np
 
 from ..growth.trimesh import GROUND, LEAF, WOOD
@@ -46,11 +47,19 @@ def write_las(path: str | os.PathLike[str], rows: np.ndarray, written: date | No
 
     written : creation date in the header, 1 January 1980 unless given, so that equal clouds are equal
         files.
+
+    Raises
+    ------
+    OSError : it cannot be written.
     """
     header = _header(rows, written)
-    with replacing(path) as partial, laspy.open(str(partial), mode="w", header=header) as file:
-        for first in range(0, len(rows), ROWS_AT_ONCE):
-            file.write_points(_las_points(rows[first : first + ROWS_AT_ONCE], header))
+    try:
+        with replacing(path) as partial, laspy.open(str(partial), mode="w", header=header) as file:
+            for first in range(0, len(rows), ROWS_AT_ONCE):
+                file.write_points(_las_points(rows[first : first + ROWS_AT_ONCE], header))
+    except lazrs.LazrsError as problem:  # what its compressor makes of a full disk
+        name = os.path.basename(path)
+        raise OSError(f"{name} could not be written ({problem}); is the disk full?") from None
 
 
 def intensity_level(amplitude: np.ndarray) -> np.ndarray:

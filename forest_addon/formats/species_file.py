@@ -29,6 +29,8 @@ def find_species(name: str, folder: Path) -> Path:
     ------
     SpecError : there is no such preset; names those that are there.
     """
+    if not name:
+        raise SpecError("species", "is empty; choose a preset or a .toml file")
     if name.endswith(".toml"):
         return folder / name
     preset = ASSETS / "species" / f"{name}.toml"

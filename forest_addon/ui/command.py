@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import runpy
 from pathlib import Path
 
 import bpy
+
+from .preferences import ROOT, cache_folder
 
 ENTRY = Path(__file__).resolve().parents[2] / "headless" / "in_blender.py"
 
@@ -25,4 +28,7 @@ def unregister() -> None:
 
 def run(words: list[str]) -> int:
     """Run the command line in this Blender; returns its exit code."""
+    if ROOT.startswith("bl_ext."):  # an extension writes to no other folder of the user by itself
+        for cache in ("XDG_CACHE_HOME", "MPLCONFIGDIR"):
+            os.environ.setdefault(cache, str(cache_folder()))
     return int(runpy.run_path(str(ENTRY))["run"](words or ["--help"]))

@@ -10,6 +10,7 @@ import bpy
 
 from ..blender.sensors import kind_of
 from .operators import chosen_sensor
+from .running import LINKED
 from .species_pictures import EDITED, title_of
 
 ICONS = {
@@ -113,6 +114,7 @@ class _Listed:
 
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
     items: ClassVar[str]
+    no_owner: ClassVar[str] = ""  # said where there is nothing that holds the list
 
     @classmethod
     def owner(cls, context: bpy.types.Context) -> Any:
@@ -120,12 +122,24 @@ class _Listed:
         return context.scene.forest_sensing
 
     @classmethod
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        """Why the list cannot be changed; empty where it can."""
+        if not context.scene.is_editable:
+            return LINKED
+        return "" if cls.owner(context) is not None else cls.no_owner
+
+    @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return context.scene.is_editable and cls.owner(context) is not None
+        reason = cls.obstacle(context)
+        if reason:
+            cls.poll_message_set(reason)
+        return not reason
 
 
 class _OfPlanting(_Listed):
     """A list of the chosen planting."""
+
+    no_owner = "There is no planting yet. Add one to the list"
 
     @classmethod
     def owner(cls, context: bpy.types.Context) -> Any:
@@ -156,6 +170,7 @@ class _Stems(_Listed):
 
 class _Poses(_Listed):
     items = "poses"
+    no_owner = "Choose a moving scanner in the list of sensors first"
 
     @classmethod
     def owner(cls, context: bpy.types.Context) -> Any:
@@ -175,8 +190,11 @@ class _Add(_Listed):
 
 class _Remove(_Listed):
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return super().poll(context) and bool(len(getattr(cls.owner(context), cls.items)))
+    def obstacle(cls, context: bpy.types.Context) -> str:
+        reason = super().obstacle(context)
+        if reason or len(getattr(cls.owner(context), cls.items)):
+            return reason
+        return "The list is empty: there is nothing to remove"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         owner = self.owner(context)

@@ -24,7 +24,7 @@ from ..spec import SpecError
 from .exchange import add_sensor, file_name, from_spec, to_spec, untouched
 from .preferences import expansions, rays_of
 from .properties import ASSETS
-from .running import PROBLEMS, FOREST_OT_cancel, Working, in_words
+from .running import PROBLEMS, FOREST_OT_cancel, InOwnScene, Working, in_words
 from .species_edit import edited_species, export_edited, load
 
 DEMO = ASSETS / "scenes" / "demo.toml"
@@ -101,16 +101,17 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         chosen = [t for t in sensors.sensors_of(scene) if self.sensor in ("", t.name)]
         if not chosen:
             raise SpecError("sensor", f"{self.sensor} is no sensor of this scene; add it again")
+        to_spec(scene, chosen)  # all of them, before the first one runs
         folder = _folder(scene.forest_sensing.output)
         if self.frames == "THIS":
             return (yield from self._look(context, chosen, folder, ""))
-        now, sentence = scene.frame_current, ""
+        now, part_of_frame, sentence = scene.frame_current, scene.frame_subframe, ""
         try:
             for frame in range(scene.frame_start, scene.frame_end + 1, scene.frame_step):
                 scene.frame_set(frame)
                 sentence = yield from self._look(context, chosen, folder, f"-{frame:04d}")
         finally:
-            scene.frame_set(now)
+            scene.frame_set(now, subframe=part_of_frame)
         return sentence
 
     def _look(
@@ -148,7 +149,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         return sentence
 
 
-class FOREST_OT_add_sensor(bpy.types.Operator):
+class FOREST_OT_add_sensor(InOwnScene, bpy.types.Operator):
     """Add a sensor as an object: move it, turn it, parent it, key it"""
 
     bl_idname = "forest.add_sensor"
@@ -159,13 +160,6 @@ class FOREST_OT_add_sensor(bpy.types.Operator):
         name="Kind",
         items=[(kind, cls.TITLE, cls.__doc__ or "") for kind, cls in spec.SENSORS.items()],
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not context.scene.is_editable:
-            cls.poll_message_set("This scene is linked from another file and cannot be changed")
-            return False
-        return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         settings = spec.SENSORS[self.kind]()
@@ -182,7 +176,7 @@ class FOREST_OT_add_sensor(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class FOREST_OT_remove_sensor(bpy.types.Operator):
+class FOREST_OT_remove_sensor(InOwnScene, bpy.types.Operator):
     """Remove the chosen sensor; what it found stays"""
 
     bl_idname = "forest.remove_sensor"
@@ -191,17 +185,19 @@ class FOREST_OT_remove_sensor(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
+        if not super().poll(context):
+            return False
         if chosen_sensor(context) is None:
             cls.poll_message_set("Choose a sensor in the list first")
             return False
-        return bool(context.scene.is_editable)
+        return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         sensors.remove_sensor(chosen_sensor(context))
         return {"FINISHED"}
 
 
-class FOREST_OT_load_scene(bpy.types.Operator, ImportHelper):
+class FOREST_OT_load_scene(InOwnScene, bpy.types.Operator, ImportHelper):
     """Take forest and sensors from a scene file (.toml), the same that runs without a window"""
 
     bl_idname = "forest.load_scene"
@@ -272,7 +268,7 @@ class FOREST_OT_select_result(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class FOREST_OT_new_seed(bpy.types.Operator):
+class FOREST_OT_new_seed(InOwnScene, bpy.types.Operator):
     """Throw the dice: another seed is another forest. Press Update to see it"""
 
     bl_idname = "forest.new_seed"
@@ -298,6 +294,9 @@ class FOREST_OT_play(bpy.types.Operator):
         sound = thing.data.sound if thing is not None and thing.type == "SPEAKER" else None
         if sound is None:
             self.report({"ERROR"}, f"{self.sensor} has no sound. Run it again")
+            return {"CANCELLED"}
+        if sound.factory is None:
+            self.report({"ERROR"}, "No sound can be played here: this Blender has not loaded it")
             return {"CANCELLED"}
         import aud
 
@@ -327,7 +326,10 @@ class FOREST_OT_show_picture(bpy.types.Operator):
         if area is None:
             known = set(context.screen.areas)
             bpy.ops.screen.area_split(direction="HORIZONTAL", factor=0.45)
-            (area,) = set(context.screen.areas) - known
+            area = next(iter(set(context.screen.areas) - known), None)
+            if area is None:
+                self.report({"ERROR"}, "There is no room for it here. Open an Image Editor first")
+                return {"CANCELLED"}
             area.type = "IMAGE_EDITOR"
         area.spaces.active.image = picture
         region = next(region for region in area.regions if region.type == "WINDOW")

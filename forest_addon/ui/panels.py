@@ -15,6 +15,7 @@ from ..blender import sensors
 from . import requirements
 from .exchange import untouched
 from .lists import ICONS, draw_list
+from .migration import draw_notice
 from .operators import chosen_sensor
 from .properties import PARTS
 from .running import current
@@ -54,6 +55,10 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
         layout, props = self.layout, context.scene.forest_sensing
         if requirements.missing():
             _say_what_is_missing(layout)
+        if props.notice:
+            draw_notice(layout, props)
+        if context.scene.unit_settings.scale_length != 1:
+            _say_what_a_unit_is(layout)
         if current() is not None:
             _draw_job(layout)
         if untouched(props):
@@ -366,6 +371,13 @@ def _say_what_is_missing(layout: bpy.types.UILayout) -> None:
     column.label(text=requirements.in_words(requirements.missing()), icon="ERROR")
     for line in requirements.WHAT_TO_DO:
         column.label(text=line)
+
+
+def _say_what_a_unit_is(layout: bpy.types.UILayout) -> None:
+    """Blender shows lengths times the scene's Unit Scale; trees and sound are computed without it."""
+    column = layout.box().column(align=True)
+    column.label(text="A unit counts as 1 m here:", icon="ERROR")
+    column.label(text="set Scene > Unit Scale to 1", icon="BLANK1")
 
 
 def _big_button(

@@ -38,8 +38,8 @@ class FOREST_AP_preferences(bpy.types.AddonPreferences):
 
     def draw(self, _context: bpy.types.Context) -> None:
         column = self.layout.column()
-        column.useproperty_of_split = True
-        column.useproperty_of_decorate = False
+        column.use_property_split = True
+        column.use_property_decorate = False
         column.label(text="Rays, where a scene says auto")
         column.prop(self, "engine")
         column.prop(self, "threads")

@@ -494,6 +494,8 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
                 options={"SKIP_SAVE"},
             ),
             "results": CollectionProperty(type=FOREST_PG_result),
+            "layout": IntProperty(options={"HIDDEN"}),  # of these settings in the file (migration)
+            "notice": StringProperty(options={"HIDDEN"}),
         },
     )
 

@@ -47,9 +47,14 @@ def keep_finding(
     """Show, note and draw what a sensor found. Returns the key figures in a sentence."""
     props = context.scene.forest_sensing
     figures, sentence = figures_of(found)
-    result = _note(
+    plot = _plot(found, sensor)
+    picture = images.show(f"Forest {sensor.name}", plot) if plot else None
+    if isinstance(found, ImpulseResponse) and thing.type == "SPEAKER":
+        give_sound(thing, sensor.name, channels_of(found), found.sample_rate)
+    result = _note(  # what needs disk space is done
         props, thing.name, sensor.kind, thing.name, figures | {"Time": f"{seconds:.1f} s"}
     )
+    result.picture, result.caption = picture, plot.caption if plot else ""
     if isinstance(found, TractorScan | Cloud):
         cloud = to_cloud(found, sensor) if isinstance(sensor, Tractor) else found
         points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
@@ -58,12 +63,6 @@ def keep_finding(
     elif isinstance(found, Echo):
         home = part(context.scene, RESULTS)
         result.shown = show_heard(home, sensor.name, found.heard).name
-    elif isinstance(found, ImpulseResponse) and thing.type == "SPEAKER":
-        give_sound(thing, sensor.name, channels_of(found), found.sample_rate)
-    plot = _plot(found, sensor)
-    if plot is not None:
-        result.picture = images.show(f"Forest {sensor.name}", plot)
-        result.caption = plot.caption
     return f"{sentence} in {seconds:.1f} s"
 
 

@@ -20,6 +20,7 @@ from . import requirements
 TICK = 0.05  # s between two looks at a running job
 PROBLEMS = (SpecError, ValueError, OSError, ImportError, MemoryError, ReferenceError)
 UNDO_KEYS = {"Z", "Y"}
+LINKED = "This scene is linked from another file and cannot be changed"
 
 _current: Job | None = None
 
@@ -37,6 +38,16 @@ def stop() -> None:
     job = current()
     if job is not None:
         job.cancel()
+
+
+class InOwnScene:
+    """An operator that changes a scene, which must not be linked from another file."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not context.scene.is_editable:
+            cls.poll_message_set(LINKED)
+        return bool(context.scene.is_editable)
 
 
 class WhenReady:
@@ -85,9 +96,11 @@ class Working(WhenReady):
             return {"PASS_THROUGH"}
         try:
             done = job.step()
-        except PROBLEMS as problem:
+        except Exception as problem:
             job.cancel()
             self._leave(context)
+            if not isinstance(problem, PROBLEMS):
+                raise  # a fault of ours; it must not keep other jobs from running
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
         if done:
@@ -149,7 +162,7 @@ def obstacle(context: bpy.types.Context) -> str:
     if context.mode != "OBJECT":
         return "Leave this mode first: the forest is built and sensed in Object Mode"
     if not context.scene.is_editable:
-        return "This scene is linked from another file and cannot be changed"
+        return LINKED
     return ""
 
 
@@ -163,8 +176,8 @@ def in_words(problem: BaseException) -> str:
         return "There is not enough memory for this; take fewer trees or coarser steps"
     if isinstance(problem, ReferenceError):
         return "The scene was removed or undone meanwhile; run it again"
-    if isinstance(problem, OSError) and problem.strerror and problem.filename:
-        return f"{problem.filename}: {problem.strerror}"
+    if isinstance(problem, OSError) and problem.strerror:
+        return f"{problem.filename or 'A file cannot be written'}: {problem.strerror}"
     return str(problem)
 
 

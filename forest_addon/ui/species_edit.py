@@ -20,7 +20,7 @@ from .. import spec
 from . import exchange
 from .preferences import species_folder
 from .properties import ASSETS, chosen_planting
-from .running import PROBLEMS, in_words
+from .running import LINKED, PROBLEMS, in_words
 from .species_pictures import EDITED, refresh, title_of
 
 Edited = Mapping[str, tuple[spec.Species, Path]]  # by what plantings call it; where its files are
@@ -107,7 +107,7 @@ class _OfSpecies:
         props = context.scene.forest_sensing
         reason = ""
         if not context.scene.is_editable:
-            reason = "This scene is linked from another file and cannot be changed"
+            reason = LINKED
         elif chosen_planting(props) is None:
             reason = "There is no planting yet. Add one to the list"
         elif (edited_item(props) is not None) != cls.of_edited:

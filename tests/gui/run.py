@@ -28,6 +28,13 @@ def main() -> int:
     except ImpossibleError as reason:
         print(f"skipped: no Blender with a window: {reason}")
         return 0
+    checked = blender.run(
+        blender.program, "--command", "extension", "validate", f"{blender.inside}/{archive.name}"
+    )
+    if checked.returncode:
+        print(checked.stdout[-3000:])
+        print("FAILED: Blender does not accept the extension")
+        return 1
     for name in ("drive.py", "install.py", "session.py"):
         shutil.copy2(ROOT / "tests" / "gui" / name, OUT)
     installed = blender.run(

@@ -6,7 +6,11 @@ answer says where modules come from, what enabling added and what disabling left
 
 import importlib.util
 import json
+import os
 import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module, metadata
 from pathlib import Path
 
@@ -34,7 +38,10 @@ def main(archive: str, answer: str) -> None:
     from scipy.special import j1  # compiled code, on this Blender's numpy
 
     j1(1.0)
-    pressed = press_every_button(Path(answer).parent / "results")
+    extension = Path(import_module(MODULE).__file__).parent
+    tree = files_of(extension)
+    with watched() as acts:
+        pressed = press_every_button(Path(answer).parent / "results")
     disabled = bpy.ops.preferences.addon_disable(module=MODULE)
     result = {
         "lacking": lacking,
@@ -44,12 +51,67 @@ def main(archive: str, answer: str) -> None:
         "wheels": wheels,
         "added": sorted(enabled - before),
         "pressed": pressed,
+        "written": sorted(acts["written"]),
+        "suspicious": sorted(acts["suspicious"]),
+        "own_folder": bpy.utils.extension_path_user(MODULE),
+        "temporary": [bpy.app.tempdir, tempfile.gettempdir()],
+        "changed": sorted(tree ^ files_of(extension)),
+        "foreign_names": names_outside(extension),
         "disabled": sorted(disabled),
         "still_loaded": addon_utils.check(MODULE)[1],
         "left": sorted(snapshot() - before),
         "lost": sorted(before - snapshot()),
     }
     Path(answer).write_text(json.dumps(result, indent=1))
+
+
+@contextmanager
+def watched() -> Iterator[dict[str, set[str]]]:
+    """What Python opens for writing meanwhile, and whether it asks the network or starts programs."""
+    acts: dict[str, set[str]] = {"written": set(), "suspicious": set()}
+    watching = True
+
+    def hear(event: str, arguments: tuple) -> None:
+        if not watching:
+            return
+        if event == "open" and isinstance(arguments[0], str | bytes | os.PathLike):
+            path, mode, flags = arguments
+            if set(mode or "") & set("wxa+") or (flags or 0) & (os.O_WRONLY | os.O_RDWR):
+                acts["written"].add(os.fsdecode(path))
+        elif event in ("os.mkdir", "os.rename"):
+            acts["written"].add(os.fsdecode(arguments[event == "os.rename"]))
+        elif event.split(".")[0] in (
+            "socket",
+            "urllib",
+            "http",
+            "ftplib",
+            "subprocess",
+            "webbrowser",
+        ):
+            acts["suspicious"].add(event)
+
+    sys.addaudithook(hear)
+    yield acts
+    watching = False
+
+
+def files_of(folder: Path) -> set[str]:
+    """Every file below a folder with its size and time; what Python itself compiles is left out."""
+    return {
+        f"{file} {file.stat().st_size} {file.stat().st_mtime_ns}"
+        for file in folder.rglob("*")
+        if file.is_file() and "__pycache__" not in file.parts
+    }
+
+
+def names_outside(extension: Path) -> list[str]:
+    """Modules of the extension that go by a name outside its own."""
+    return sorted(
+        name
+        for name, module in list(sys.modules.items())
+        if str(getattr(module, "__file__", None) or "").startswith(str(extension))
+        and name.split(".forest_addon")[0] != MODULE
+    )
 
 
 def press_every_button(folder: Path) -> dict[str, list[str]]:

@@ -1,0 +1,75 @@
+"""The built extension, and one session of a clean Blender with it, for all tests of packaging."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SESSION = Path(__file__).with_name("extension_session.py")
+NO_NETWORK = 75  # build_extension.py's exit code
+
+
+@pytest.fixture(scope="session")
+def archive(tmp_path_factory):
+    out = tmp_path_factory.mktemp("extension")
+    build = subprocess.run(
+        [sys.executable, ROOT / "packaging/build_extension.py", "--out", out],
+        capture_output=True,
+        text=True,
+        timeout=900,
+    )
+    if build.returncode == NO_NETWORK:
+        pytest.skip(
+            f"the wheels are not in wheels/ and cannot be downloaded: {build.stderr.strip()}"
+        )
+    assert build.returncode == 0, build.stderr
+    (file,) = out.glob("*.zip")
+    return file
+
+
+@pytest.fixture(scope="session")
+def session(archive, tmp_path_factory):
+    """What extension_session.py saw."""
+    folder = tmp_path_factory.mktemp("session")
+    answer = folder / "answer.json"
+    environment = {name: value for name, value in os.environ.items() if "PYTHON" not in name}
+    run = subprocess.run(
+        [sys._base_executable, "-s", "-S", SESSION, archive, answer],
+        env=environment
+        | {
+            "PYTHONPATH": str(what_blender_ships(folder / "blender")),
+            "BLENDER_USER_RESOURCES": str(folder / "resources"),
+        },
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=120,  # bpy 4.5 hangs at exit when an operator stays registered
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+    return json.loads(answer.read_text()) | {"resources": folder / "resources"}
+
+
+def what_blender_ships(folder: Path) -> Path:
+    """A folder with links to bpy and the packages it requires, and nothing else."""
+    folder.mkdir()
+    pending, seen = ["bpy"], set()
+    while pending:
+        name = pending.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        package = metadata.distribution(name)
+        for top in {file.parts[0] for file in package.files} - {"..", "__pycache__"}:
+            link = folder / top
+            if not link.exists():
+                link.symlink_to(package.locate_file(top))
+        for requirement in package.requires or ():
+            if "extra ==" not in requirement and "python_version <" not in requirement:
+                pending.append(re.match(r"[\w.-]+", requirement)[0])
+    return folder
