@@ -24,7 +24,7 @@ from forest_addon.blender import layout, sensors
 from forest_addon.blender.cloud import CLOUD_KEY
 from forest_addon.blender.depsgraph import TREE_KEY
 from forest_addon.blender.jobs import Job
-from forest_addon.ui import exchange, images, running
+from forest_addon.ui import exchange, plots, running
 from forest_addon.ui import operators as ui_operators
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -146,8 +146,8 @@ def again(home, tmp_path, monkeypatch):
     """Opens the forest as it was, with copies of its files in a folder of the test's own."""
     folder = tmp_path / "files"
     monkeypatch.setattr(ui_operators, "DEMO", folder / "scene.toml")  # smaller than the real one
-    monkeypatch.setattr(images, "WIDE", 64)
-    monkeypatch.setattr(images, "HIGH", 32)
+    monkeypatch.setattr(plots, "WIDE", 64)
+    monkeypatch.setattr(plots, "HIGH", 32)
 
     def open_again():
         shutil.rmtree(folder, ignore_errors=True)
