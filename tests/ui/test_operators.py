@@ -132,7 +132,7 @@ def test_a_build_that_breaks_midway_takes_back_what_it_made(built, monkeypatch):
     def full(*_):
         raise MemoryError
 
-    monkeypatch.setattr(forest_room, "lay_ground", full)
+    monkeypatch.setattr(forest_room, "ground_mesh", full)
     with pytest.raises(RuntimeError, match="not enough memory"):
         press("build")
     assert counts() == before
