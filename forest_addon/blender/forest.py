@@ -11,12 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import bpy
 import numpy as np
 
 from .. import spec
 from ..growth.outline import outline
+from ..growth.tree import Tree
 from ..growth.truth import tree_truth
 from ..stand.forest import Forest
 from ..stand.terrain import Flat, Terrain
@@ -29,12 +31,13 @@ from .meshes import to_mesh
 from .nodes import give_instancer, instancer_group
 from .ours import MADE_KEY, all_or_nothing, is_ours
 from .placing import Wanted, has_own_mesh, put
-from .standing import Coat, Standing
+from .standing import Coat, Standing, fingerprint
 
 MANY = 1000  # trees; where there are more, they are points unless the settings say otherwise
 SHOWN_IN_FULL = (
     30_000_000  # triangles; where there are more, views show outlines until told otherwise
 )
+PICTURE_KEY = "forest_picture"  # what the picture of a variant was drawn from
 POINTS_ROLE, GROUND_ROLE = f"{TREES}/points", f"{GROUND_NAME}/ground"
 
 
@@ -57,8 +60,8 @@ def build(
     chosen = settings.forest.terrain.object
     if chosen:
         bpy.data.objects[chosen].pop(MADE_KEY, None)  # whatever it was, it stays
-    things = put(scene, standing, plan.wanted)
-    standing.recolour([coat for pair in _coats(forest) for coat in pair])
+    things = put(scene, standing, plan.wanted, plan.labels)
+    standing.dress([coat for pair in _coats(forest) for coat in pair])
     for role, portrait in plan.portraits.items():
         if role not in standing.things or things[role].asset_data is not None:
             assets.mark(things[role], portrait)
@@ -70,9 +73,12 @@ def build(
 
 @dataclass
 class _Plan:
-    """What a forest needs: objects, pictures of variants, and whether views show outlines."""
+    """What a forest needs: objects, plantings that have a collection of their own, pictures of variants
+    that are new, and whether views show outlines.
+    """
 
     wanted: list[Wanted] = field(default_factory=list)
+    labels: tuple[str, ...] = ()
     portraits: dict[str, assets.Portrait] = field(default_factory=dict)
     light: bool = False
 
@@ -92,13 +98,15 @@ def _plan(
     pairs = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
     variant = np.array([number_of[pair] for pair in pairs], dtype=np.int64)
     if not points:
+        plan.labels = forest.labels
         plan.wanted += _trees(forest, [want.data for want in library], variant)
     elif len(stand):
         plan.wanted.append(_points(plan, scene, standing, forest, library, variant))
     if not settings.terrain.object:
         coat = Coat("Ground", materials.ground)
-        data = to_mesh("Ground", ground_mesh(settings, terrain))
-        standing.renew(data, GROUND_ROLE, "Ground", [coat])
+        shape = ground_mesh(settings, terrain)
+        make = partial(to_mesh, "Ground", shape)
+        data = standing.renew(GROUND_ROLE, "Ground", fingerprint(shape), make, [coat])
         plan.wanted.append(Wanted(GROUND_NAME, GROUND_ROLE, "Ground", data))
     return plan
 
@@ -124,25 +132,36 @@ def _fill_library(
     for number, ((planting, variant), tree) in enumerate(forest.variants.items()):
         label, numbered = forest.labels[planting], f"{number:0{digits}d} "
         name = f"{label}.{variant:03d}"
-        role = f"{VARIANTS}/{name}"
-        was = standing.things.get(role)
+        role, look = f"{VARIANTS}/{name}", forest.species[planting].look
+        was, shape = standing.things.get(role), fingerprint(tree.mesh)
+        says = {SPECIES_KEY: planting, PICTURE_KEY: f"{shape} {look.bark} {look.leaf}"}
         if was is not None and has_own_mesh(was):
             mesh = was.data
         else:
+            make = partial(_variant_mesh, name, tree)
             sister = standing.first(f"{VARIANTS}/{label}.")
-            mesh = standing.renew(to_mesh(name, tree.mesh), role, name, coats[planting], sister)
-            for key, value in tree_truth(tree).items():  # custom properties, for whoever looks
-                mesh[key] = value
-        says = {SPECIES_KEY: planting}
+            mesh = standing.renew(role, name, shape, make, coats[planting], sister)
+            if was is None or was.get(PICTURE_KEY) != says[PICTURE_KEY]:
+                plan.portraits[role] = assets.portray(forest.species[planting], label, tree.mesh)
         library.append(Wanted(VARIANTS, role, numbered + name, mesh, says=says))
-        plan.portraits[role] = assets.portray(forest.species[planting], label, tree.mesh)
         if with_outlines:
             role, rough = f"{OUTLINES}/{name}", f"{name} outline"
-            data = to_mesh(rough, outline(tree.mesh))
-            standing.renew(data, role, rough, coats[planting], mesh)
+            make = partial(_outline_mesh, rough, tree)
+            data = standing.renew(role, rough, shape, make, coats[planting], mesh)
             plan.wanted.append(Wanted(OUTLINES, role, numbered + rough, data))
     plan.wanted += library
     return library
+
+
+def _variant_mesh(name: str, tree: Tree) -> bpy.types.Mesh:
+    data = to_mesh(name, tree.mesh)
+    for key, value in tree_truth(tree).items():  # custom properties, for whoever looks
+        data[key] = value
+    return data
+
+
+def _outline_mesh(name: str, tree: Tree) -> bpy.types.Mesh:
+    return to_mesh(name, outline(tree.mesh))
 
 
 def _trees(
@@ -184,5 +203,5 @@ def _points(
     faces = np.array([len(want.data.polygons) for want in library], dtype=np.int64)
     aligned = bool((rank == np.arange(len(rank))).all())  # or outlines would be those of others
     plan.light = aligned and bool(faces[variant].sum() > SHOWN_IN_FULL)
-    standing.renew(mesh, POINTS_ROLE, TREES)
-    return Wanted(TREES, POINTS_ROLE, TREES, mesh)
+    data = standing.renew(POINTS_ROLE, TREES, "", lambda: mesh)
+    return Wanted(TREES, POINTS_ROLE, TREES, data)

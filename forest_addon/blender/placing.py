@@ -49,11 +49,14 @@ def has_own_mesh(thing: bpy.types.Object) -> bool:
 
 
 def put(
-    scene: bpy.types.Scene, standing: Standing, wanted: Sequence[Wanted]
+    scene: bpy.types.Scene, standing: Standing, wanted: Sequence[Wanted], labels: Sequence[str]
 ) -> dict[str, bpy.types.Object]:
-    """Make a scene's forest consist of these objects; returns them by what they stand for."""
+    """Make a scene's forest consist of these objects; returns them by what they stand for.
+
+    labels : of plantings whose trees have a collection.
+    """
     home_of = {(name, ""): part(scene, name) for name in PARTS}
-    home_of |= {(TREES, want.label): grove(scene, want.label) for want in wanted if want.label}
+    home_of |= {(TREES, label): grove(scene, label) for label in labels}
     homes = {root(scene), *home_of.values(), *groves(scene)}
     kept = {w.role: standing.things[w.role] for w in wanted if w.role in standing.things}
     made = {want.data for want in wanted} - {thing.data for thing in kept.values()}
@@ -67,7 +70,7 @@ def put(
         if thing is None:
             thing = bpy.data.objects.new(want.name, want.data)
             home_of[want.part, want.label].objects.link(thing)
-        elif not has_own_mesh(thing):
+        elif thing.data != want.data and not has_own_mesh(thing):
             left.add(thing.data)
             thing.data = want.data
         things[want.role] = thing
