@@ -30,8 +30,8 @@ from .layout import GROUND_NAME, OUTLINES, TREES, VARIANTS, find_part, part, roo
 from .meshes import to_mesh
 from .nodes import give_instancer, instancer_group
 from .ours import MADE_KEY, all_or_nothing, is_ours
-from .placing import Wanted, has_own_mesh, put
-from .standing import Coat, Standing, fingerprint
+from .placing import Wanted, put
+from .standing import Coat, Standing, fingerprint, has_own_mesh
 
 MANY = 1000  # trees; where there are more, they are points unless the settings say otherwise
 SHOWN_IN_FULL = (
@@ -60,8 +60,8 @@ def build(
     chosen = settings.forest.terrain.object
     if chosen:
         bpy.data.objects[chosen].pop(MADE_KEY, None)  # whatever it was, it stays
-    things = put(scene, standing, plan.wanted, plan.labels)
     standing.dress([coat for pair in _coats(forest) for coat in pair])
+    things = put(scene, standing, plan.wanted, plan.labels)
     for role, portrait in plan.portraits.items():
         if role not in standing.things or things[role].asset_data is not None:
             assets.mark(things[role], portrait)
@@ -135,14 +135,12 @@ def _fill_library(
         role, look = f"{VARIANTS}/{name}", forest.species[planting].look
         was, shape = standing.things.get(role), fingerprint(tree.mesh)
         says = {SPECIES_KEY: planting, PICTURE_KEY: f"{shape} {look.bark} {look.leaf}"}
-        if was is not None and has_own_mesh(was):
-            mesh = was.data
-        else:
-            make = partial(_variant_mesh, name, tree)
-            sister = standing.first(f"{VARIANTS}/{label}.")
-            mesh = standing.renew(role, name, shape, make, coats[planting], sister)
-            if was is None or was.get(PICTURE_KEY) != says[PICTURE_KEY]:
-                plan.portraits[role] = assets.portray(forest.species[planting], label, tree.mesh)
+        make = partial(_variant_mesh, name, tree)
+        sister = standing.first(f"{VARIANTS}/{label}.")
+        mesh = standing.renew(role, name, shape, make, coats[planting], sister)
+        known = was is not None and (has_own_mesh(was) or was.get(PICTURE_KEY) == says[PICTURE_KEY])
+        if not known:
+            plan.portraits[role] = assets.portray(forest.species[planting], label, tree.mesh)
         library.append(Wanted(VARIANTS, role, numbered + name, mesh, says=says))
         if with_outlines:
             role, rough = f"{OUTLINES}/{name}", f"{name} outline"
@@ -190,7 +188,8 @@ def _points(
     stand, home = forest.stand, find_part(scene, VARIANTS)
     others = [b.name for b in (*home.objects, *home.children) if not is_ours(b)] if home else []
     rank = ranks([want.name for want in library], others)
-    mesh = points_mesh(
+    make = partial(
+        points_mesh,
         TREES,
         count=len(library) + len(others),
         position=forest.transforms()[:, :, 3],
@@ -203,5 +202,5 @@ def _points(
     faces = np.array([len(want.data.polygons) for want in library], dtype=np.int64)
     aligned = bool((rank == np.arange(len(rank))).all())  # or outlines would be those of others
     plan.light = aligned and bool(faces[variant].sum() > SHOWN_IN_FULL)
-    data = standing.renew(POINTS_ROLE, TREES, "", lambda: mesh)
+    data = standing.renew(POINTS_ROLE, TREES, "", make)
     return Wanted(TREES, POINTS_ROLE, TREES, data)

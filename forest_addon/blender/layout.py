@@ -60,17 +60,23 @@ def within_reach(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The objects of a scene but for those of another scene's forest that is shown there too."""
     top = root(scene)
     others = [home for home in _below(scene.collection) if ROOT_KEY in home and home != top]
-    theirs = {thing for home in others for thing in home.all_objects}
-    return [thing for thing in scene.collection.all_objects if thing not in theirs]
+    theirs = {thing for home in others for thing in objects_in(home)}
+    return [thing for thing in scene.objects if thing not in theirs]
+
+
+def objects_in(top: bpy.types.Collection) -> list[bpy.types.Object]:
+    """The objects of a collection and those below, each once.
+
+    Blender's own list of them, ``all_objects``, may have objects that an undo removed: reading it crashes.
+    """
+    homes = (top, *_below(top))
+    return list(dict.fromkeys(thing for home in homes for thing in home.objects))
 
 
 def _new_root(scene: bpy.types.Scene) -> bpy.types.Collection:
-    """A new collection *Forest*; parts that hang loose in the scene since their own is gone move there."""
     made = make_collection(ROOT, scene.collection)
     made[ROOT_KEY] = True
-    for loose in [c for c in scene.collection.children if PART_KEY in c and is_ours(c)]:
-        made.children.link(loose)
-        scene.collection.children.unlink(loose)
+    _gather(made, scene.collection, PART_KEY)
     return made
 
 
@@ -78,7 +84,16 @@ def _new_part(name: str, top: bpy.types.Collection) -> bpy.types.Collection:
     made = make_collection(name, top)
     made[PART_KEY] = name
     made.hide_viewport = made.hide_render = name in LIBRARIES
+    if name == TREES:
+        _gather(made, top, ROLE_KEY)
     return made
+
+
+def _gather(home: bpy.types.Collection, above: bpy.types.Collection, key: str) -> None:
+    """Take in what hangs loose since a collection like this one was deleted."""
+    for loose in [child for child in above.children if key in child and is_ours(child)]:
+        home.children.link(loose)
+        above.children.unlink(loose)
 
 
 def _find(top: bpy.types.Collection, key: str, value: object) -> bpy.types.Collection | None:

@@ -18,11 +18,7 @@ from mathutils import Matrix
 
 from .layout import LIBRARIES, PARTS, TREES, grove, groves, part, root
 from .ours import ROLE_KEY, is_ours, settle
-from .standing import Standing
-
-DATA_KEY = (
-    "forest_data"  # the mesh that an object was given; one with another was given that by the user
-)
+from .standing import DATA_KEY, Standing, has_own_mesh
 
 
 @dataclass(frozen=True)
@@ -43,11 +39,6 @@ class Wanted:
     says: dict[str, Any] = field(default_factory=dict)
 
 
-def has_own_mesh(thing: bpy.types.Object) -> bool:
-    """Whether an object of ours has a mesh that the user gave it."""
-    return bool(thing.get(DATA_KEY) != thing.data.name_full)
-
-
 def put(
     scene: bpy.types.Scene, standing: Standing, wanted: Sequence[Wanted], labels: Sequence[str]
 ) -> dict[str, bpy.types.Object]:
@@ -64,19 +55,23 @@ def put(
     left = _clear(homes, set(kept.values()))
     _send_home(kept, wanted, home_of, homes)
     _dissolve(set(groves(scene)) - set(home_of.values()), part(scene, TREES))
-    things = {}
+    things, given = {}, []
     for want in wanted:
         thing = kept.get(want.role)
         if thing is None:
             thing = bpy.data.objects.new(want.name, want.data)
             home_of[want.part, want.label].objects.link(thing)
-        elif thing.data != want.data and not has_own_mesh(thing):
+            given.append(thing)
+        elif not has_own_mesh(thing):
             left.add(thing.data)
             thing.data = want.data
+            given.append(thing)
         things[want.role] = thing
     _sweep(left)
     for mesh in made:
         settle(mesh)
+    for thing in given:
+        thing[DATA_KEY] = thing.data.name_full
     for want in wanted:
         _tell(things[want.role], want)
     return things
@@ -152,8 +147,6 @@ def _tell(thing: bpy.types.Object, want: Wanted) -> None:
     thing[ROLE_KEY] = want.role
     for key, value in want.says.items():
         thing[key] = value
-    if thing.data == want.data:
-        thing[DATA_KEY] = want.data.name_full
     if want.place is not None:
         matrix = Matrix([*want.place.tolist(), [0.0, 0.0, 0.0, 1.0]])
         if thing.parent is None:

@@ -20,6 +20,7 @@ from .layout import within_reach
 from .materials import Colour, recolour
 from .ours import ROLE_KEY, by_role, own
 
+DATA_KEY = "forest_data"  # the mesh that an object was given last, by its name
 SHAPE_KEY = "forest_shape"  # of the mesh that was made, whatever has been done to it since
 
 
@@ -73,8 +74,11 @@ class Standing:
 
         name : what a new one is to be called. shape : its fingerprint; the old one stays if it has the
         same. coats : what it wears where the old one wears nothing. like : a mesh whose materials it
-        takes where there is no old one.
+        takes where there is no old one. A mesh that the user gave the object stays.
         """
+        thing = self.things.get(role)
+        if thing is not None and has_own_mesh(thing):
+            return thing.data
         old = self.meshes.get(role)
         worn = self._dress(old or like, coats)
         if old is not None and shape and old.get(SHAPE_KEY) == shape:
@@ -118,6 +122,11 @@ class Standing:
             made[ROLE_KEY] = coat.name
             self.materials[coat.name] = made
         return self.materials[coat.name]
+
+
+def has_own_mesh(thing: bpy.types.Object) -> bool:
+    """Whether an object of ours has a mesh that the user gave it."""
+    return bool(thing.get(DATA_KEY) != thing.data.name_full)
 
 
 def fingerprint(mesh: TriMesh) -> str:
