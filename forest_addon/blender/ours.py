@@ -49,6 +49,8 @@ def settle(block: bpy.types.ID, name: str = "") -> None:
     name = name or block[MADE_KEY]
     if block.name != name:
         block.name = name
+        if block.name != name:  # Blender counts on from a number at its end, which says something
+            block.name = f"{name}.001"
     block[MADE_KEY] = block.name
 
 

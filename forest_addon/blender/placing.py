@@ -52,7 +52,7 @@ def put(
     kept = {w.role: standing.things[w.role] for w in wanted if w.role in standing.things}
     made = {want.data for want in wanted} - {thing.data for thing in kept.values()}
 
-    left = _clear(homes, set(kept.values()))
+    _clear(homes, set(kept.values()))
     _send_home(kept, wanted, home_of, homes)
     _dissolve(set(groves(scene)) - set(home_of.values()), part(scene, TREES))
     things, given = {}, []
@@ -63,11 +63,10 @@ def put(
             home_of[want.part, want.label].objects.link(thing)
             given.append(thing)
         elif not has_own_mesh(thing):
-            left.add(thing.data)
             thing.data = want.data
             given.append(thing)
         things[want.role] = thing
-    _sweep(left)
+    _sweep()
     for mesh in made:
         settle(mesh)
     for thing in given:
@@ -77,14 +76,14 @@ def put(
     return things
 
 
-def _clear(homes: set[bpy.types.Collection], kept: set[bpy.types.Object]) -> set[bpy.types.Mesh]:
+def _clear(homes: set[bpy.types.Collection], kept: set[bpy.types.Object]) -> None:
     """Remove what of ours is wanted no more; what is in a collection of the user's too stays in that.
 
-    Returns the meshes that it had.
+    What is nowhere any more, its collection removed, goes as well: it would keep its name from others.
     """
     every = (*bpy.data.collections, *(scene.collection for scene in bpy.data.scenes))
     theirs = {thing for home in every if home not in homes for thing in home.objects}
-    doomed = set()
+    doomed = {t for t in bpy.data.objects if not t.users and ROLE_KEY in t and is_ours(t)}
     for home in homes:
         for thing in list(home.objects):
             if thing in kept or thing.type != "MESH" or not is_ours(thing):
@@ -93,9 +92,7 @@ def _clear(homes: set[bpy.types.Collection], kept: set[bpy.types.Object]) -> set
                 home.objects.unlink(thing)
             else:
                 doomed.add(thing)
-    left = {thing.data for thing in doomed}
     bpy.data.batch_remove(doomed)
-    return left
 
 
 def _send_home(
@@ -133,9 +130,9 @@ def _dissolve(unwanted: set[bpy.types.Collection], heir: bpy.types.Collection) -
         bpy.data.collections.remove(home)
 
 
-def _sweep(left: set[bpy.types.Mesh]) -> None:
+def _sweep() -> None:
     """Remove meshes of ours that nothing uses any more, with the materials that only they used."""
-    unused = [mesh for mesh in left if not mesh.users and is_ours(mesh)]
+    unused = [mesh for mesh in bpy.data.meshes if not mesh.users and is_ours(mesh)]
     worn = {material for mesh in unused for material in mesh.materials if material}
     bpy.data.batch_remove(unused)
     bpy.data.batch_remove([coat for coat in worn if not coat.users and is_ours(coat)])
