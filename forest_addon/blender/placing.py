@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from .layout import LIBRARIES, PARTS, TREES, grove, groves, part, root
+from .layout import LIBRARIES, PARTS, TREES, VARIANTS, grove, groves, part, root
 from .ours import ROLE_KEY, is_ours, settle
 from .standing import DATA_KEY, Standing, has_own_mesh
 
@@ -52,6 +52,7 @@ def put(
     kept = {w.role: standing.things[w.role] for w in wanted if w.role in standing.things}
     made = {want.data for want in wanted} - {thing.data for thing in kept.values()}
 
+    variants = {t.data for role, t in standing.things.items() if role.startswith(VARIANTS)}
     _clear(homes, set(kept.values()))
     _send_home(kept, wanted, home_of, homes)
     _dissolve(set(groves(scene)) - set(home_of.values()), part(scene, TREES))
@@ -62,7 +63,7 @@ def put(
             thing = bpy.data.objects.new(want.name, want.data)
             home_of[want.part, want.label].objects.link(thing)
             given.append(thing)
-        elif not has_own_mesh(thing):
+        elif not has_own_mesh(thing) or (want.part == TREES and thing.data in variants):
             thing.data = want.data
             given.append(thing)
         things[want.role] = thing

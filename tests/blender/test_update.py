@@ -555,6 +555,18 @@ def test_a_mesh_of_the_users_stays_on_our_object(empty_blender, how):
         assert mine.users == 0
 
 
+def test_trees_follow_their_variants_whatever_the_meshes_are_called(empty_blender):
+    plant()
+    for number, thing in enumerate(ours(VARIANTS).values()):
+        thing.data.name = f"mine {number}"
+    for seed in (2, 3, 1):
+        forest = plant(seed=seed)
+        shown = {name.split(" ", 1)[1]: thing.data for name, thing in ours(VARIANTS).items()}
+        for tree in ours(TREES).values():
+            number = forest.stand.variant[tree[TREE_KEY]]
+            assert tree.data == shown[f"apple-stochastic.{number:03d}"]
+
+
 def test_a_mesh_that_did_not_change_keeps_what_was_done_to_it(empty_blender):
     plant()
     variant, ground = first(VARIANTS), first(GROUND_NAME)
