@@ -5,6 +5,8 @@ The picture is drawn here, from points strewn over the mesh, because a Blender w
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import bpy
 import numpy as np
 
@@ -18,23 +20,39 @@ LIGHT = np.array([-0.45, -0.70, 0.55])  # towards the sun; the eye looks along +
 AMBIENT = 0.45
 
 
-def mark(thing: bpy.types.Object, species: spec.Species, label: str, mesh: TriMesh) -> None:
-    """Make an object an asset that says what tree it is.
+@dataclass(frozen=True)
+class Portrait:
+    """What an asset says of its tree.
 
-    species, label : what it is of, and what its planting is called. mesh : of the tree, Z up.
+    label : what its planting is called. picture : (PIXELS, PIXELS, 4), see ``draw``.
     """
+
+    label: str
+    description: str
+    picture: np.ndarray
+
+
+def portray(species: spec.Species, label: str, mesh: TriMesh) -> Portrait:
+    """Describe and draw a tree, Z up, of a species."""
     height = float(mesh.vertices[:, 2].max(initial=0.0))
     leaves = int(mesh.leaf.max(initial=-1)) + 1
-    thing.asset_mark()
-    about = thing.asset_data
-    about.description = f"{label}, {height:.1f} m tall, {leaves:,} leaves"
-    about.author = "Forest Sensing"
-    for tag in ("tree", "forest", label):
-        about.tags.new(tag, skip_if_exists=True)
     colours = {WOOD: species.look.bark, LEAF: species.look.leaf}
+    described = f"{label}, {height:.1f} m tall, {leaves:,} leaves"
+    return Portrait(label, described, draw(mesh, colours))
+
+
+def mark(thing: bpy.types.Object, portrait: Portrait) -> None:
+    """Make an object an asset that says what tree it is, or say so of one that is an asset."""
+    if thing.asset_data is None:
+        thing.asset_mark()
+        thing.asset_data.author = "Forest Sensing"
+    about = thing.asset_data
+    about.description = portrait.description
+    for tag in {"tree", "forest", portrait.label} - set(about.tags.keys()):
+        about.tags.new(tag)
     preview = thing.preview_ensure()
     preview.image_size = (PIXELS, PIXELS)
-    preview.image_pixels_float = draw(mesh, colours).ravel()
+    preview.image_pixels_float = portrait.picture.ravel()
 
 
 def draw(mesh: TriMesh, colours: dict[int, tuple[float, float, float]]) -> np.ndarray:

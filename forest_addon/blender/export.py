@@ -18,7 +18,7 @@ import numpy as np
 from ..formats.atomic import replacing
 from ..formats.glb import Copies, instance_nodes
 from .instances import read_points
-from .layout import GROUND_NAME, PART_KEY, TREES, root
+from .layout import GROUND_NAME, PART_KEY, TREES, objects_in, root
 from .nodes import in_full
 
 NUMBERS = {"_TREE": "tree", "_SPECIES": "species"}
@@ -56,7 +56,7 @@ def export_glb(scene: bpy.types.Scene, path: str | os.PathLike[str]) -> None:
         thing
         for child in (top.children if top else ())
         if child.get(PART_KEY) in (TREES, GROUND_NAME)
-        for thing in child.all_objects
+        for thing in objects_in(child)
     }
     with in_full(bpy.context.evaluated_depsgraph_get()), _stand_ins(scene, wanted) as copies:
         bare = {thing for thing in wanted if thing.type == "MESH" and not thing.data.polygons}

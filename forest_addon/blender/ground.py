@@ -1,26 +1,12 @@
-"""The ground of a forest: a terrain as a mesh, with a margin around the field."""
+"""The ground of a forest: a terrain as triangles, with a margin around the field."""
 
 from __future__ import annotations
 
-import bpy
 import numpy as np
 
 from .. import spec
 from ..growth.trimesh import GROUND, TriMesh
 from ..stand.terrain import Heightmap, Terrain
-from . import materials
-from .meshes import to_mesh
-from .ours import MADE_KEY, make_object
-
-
-def lay_ground(home: bpy.types.Collection, field: spec.Forest, terrain: Terrain) -> None:
-    """Put the terrain into a collection; one that is an object of the scene is there already."""
-    if field.terrain.object:
-        bpy.data.objects[field.terrain.object].pop(MADE_KEY, None)  # whatever it was, it stays
-        return
-    mesh = to_mesh("Ground", ground_mesh(field, terrain))
-    mesh.materials.append(materials.ground("Ground"))
-    make_object("Ground", mesh, home)
 
 
 def ground_mesh(field: spec.Forest, terrain: Terrain) -> TriMesh:

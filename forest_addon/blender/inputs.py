@@ -18,6 +18,7 @@ from ..spec import SpecError
 from ..stand.inputs import Inputs, Painted, TreeList
 from ..stand.terrain import Triangulated
 from .depsgraph import SOLID_TYPES
+from .layout import objects_in
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear red, green and blue, ITU-R BT.709
 WIDTH = {"FLOAT": 1, "INT": 1, "INT8": 1, "BOOLEAN": 1, "FLOAT_COLOR": 4, "BYTE_COLOR": 4}
@@ -100,7 +101,7 @@ def read_places(
     if collection is None:
         known = ", ".join(sorted(c.name for c in bpy.data.collections)) or "none"
         raise SpecError(where, f'there is no collection "{name}" in the scene; there are: {known}')
-    things = sorted(collection.all_objects, key=lambda thing: thing.name)
+    things = sorted(objects_in(collection), key=lambda thing: thing.name)
     matrix = np.array(
         [thing.evaluated_get(depsgraph).matrix_world for thing in things], dtype=np.float64
     ).reshape(-1, 4, 4)

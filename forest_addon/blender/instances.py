@@ -8,17 +8,15 @@ the sensors find them. A library is a collection of objects that counts them in 
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
-from .nodes import ROTATION, SCALE, VARIANT, add_instancer
+from .nodes import ROTATION, SCALE, VARIANT
 from .standings import SPECIES_KEY, TREE_KEY, has_nodes
-
-SHOWN_IN_FULL = (
-    30_000_000  # triangles; where there are more, views show outlines until told otherwise
-)
 
 
 @dataclass(frozen=True)
@@ -39,22 +37,21 @@ class Placed:
         return len(self.index)
 
 
-def plant_points(
+def points_mesh(
     name: str,
-    variants: bpy.types.Collection,
-    outlines: bpy.types.Collection,
+    count: int,
     position: np.ndarray,
     rotation: np.ndarray,
     scale: np.ndarray,
     variant: np.ndarray,
     tree: np.ndarray,
     species: np.ndarray,
-) -> bpy.types.Object:
-    """An object of N trees, not yet linked to a collection.
+) -> bpy.types.Mesh:
+    """The points of N trees, for an object that ``give_instancer`` completes.
 
-    position : (N, 3) metres. rotation : (N,) radians about the vertical. scale : (N,) size factors.
-    variant : (N,) number of an object in ``variants``, and in ``outlines``, by the order of their names.
-    tree, species : (N,) numbers that sensors report.
+    count : how many variants there are. position : (N, 3) metres. rotation : (N,) radians about the
+    vertical. scale : (N,) size factors. variant : (N,) number of an object in the library by the order of
+    names. tree, species : (N,) numbers that sensors report.
 
     Raises
     ------
@@ -63,7 +60,6 @@ def plant_points(
     _refuse(~(np.isfinite(scale) & (scale > 0)), scale, tree, "has the size factor", "above 0")
     _refuse(~np.isfinite(position).all(axis=1), position, tree, "stands at", "finite")
     _refuse(~np.isfinite(rotation), rotation, tree, "is turned by", "finite")
-    count = len(variants.objects)
     _refuse((variant < 0) | (variant >= count), variant, tree, "is variant", f"0 to {count - 1}")
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(position))
@@ -73,11 +69,20 @@ def plant_points(
     for key, values in ((VARIANT, variant), (TREE_KEY, tree), (SPECIES_KEY, species)):
         _fill(data, key, "INT", values, np.int32)
     data.update()
-    thing = bpy.data.objects.new(name, data)
-    ordered = sorted(variants.objects, key=lambda thing: thing.name)  # as geometry nodes count them
-    faces = np.array([len(source.data.polygons) for source in ordered], dtype=np.int64)
-    add_instancer(thing, variants, outlines, light=bool(faces[variant].sum() > SHOWN_IN_FULL))
-    return thing
+    return data
+
+
+def ranks(names: Sequence[str], others: Sequence[str]) -> np.ndarray:
+    """Which place each of ours has in a library where ``others`` are too, as geometry nodes count them."""
+    order = sorted([*names, *others], key=_natural)
+    return np.array([order.index(name) for name in names], dtype=np.int64)
+
+
+def _natural(name: str) -> list[str | int]:
+    """A key to sort by as Blender does: numbers by their size, letters whatever their case."""
+    pieces: list[str | int] = list(re.split(r"([0-9]+)", name.lower()))
+    pieces[1::2] = [int(number) for number in pieces[1::2]]
+    return pieces
 
 
 def read_points(thing: bpy.types.Object) -> Placed:

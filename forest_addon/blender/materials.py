@@ -1,10 +1,16 @@
-"""Materials that look like bark, leaves and forest floor: a few procedural nodes each."""
+"""Materials that look like bark, leaves and forest floor: a few procedural nodes each.
+
+Bark and leaves note the colour that they were made from, so that ``recolour`` can tell a species whose look
+was changed from a material that was edited by hand.
+"""
 
 from __future__ import annotations
 
 import bpy
 
 Colour = tuple[float, float, float]
+LOOK_KEY = "forest_look"
+BARK_TONES, LEAF_TONES = "Bark Tones", "Leaf Tones"  # names of nodes
 VIEWPORT = 2.5  # Solid shading has no light between leaves: true colours are too dark to see there
 
 
@@ -21,7 +27,8 @@ def bark(name: str, colour: Colour) -> bpy.types.Material:
     bump = tree.nodes.new("ShaderNodeBump")
     bump.inputs["Strength"].default_value = 0.6
     bump.inputs["Distance"].default_value = 0.02
-    tones = _ramp(tree, _scaled(colour, 0.45), _scaled(colour, 1.6))
+    tones = _ramp(tree, *_tones(BARK_TONES, colour))
+    tones.name = BARK_TONES
     tree.links.new(place.outputs["Object"], stretch.inputs["Vector"])
     tree.links.new(stretch.outputs["Vector"], noise.inputs["Vector"])
     tree.links.new(noise.outputs["Fac"], tones.inputs["Fac"])
@@ -29,7 +36,7 @@ def bark(name: str, colour: Colour) -> bpy.types.Material:
     tree.links.new(bump.outputs["Normal"], shader.inputs["Normal"])
     tree.links.new(tones.outputs["Color"], shader.inputs["Base Color"])
     shader.inputs["Roughness"].default_value = 0.9
-    material.diffuse_color = (*_scaled(colour, VIEWPORT), 1.0)
+    _note(material, colour)
     return material
 
 
@@ -41,9 +48,8 @@ def leaf(name: str, colour: Colour) -> bpy.types.Material:
     number.attribute_name = "leaf"
     shade = tree.nodes.new("ShaderNodeTexWhiteNoise")
     shade.noise_dimensions = "1D"
-    tones = _ramp(
-        tree, _scaled(colour, 0.55), _towards(_scaled(colour, 1.5), (0.30, 0.30, 0.02), 0.25)
-    )
+    tones = _ramp(tree, *_tones(LEAF_TONES, colour))
+    tones.name = LEAF_TONES
     through = tree.nodes.new("ShaderNodeBsdfTranslucent")
     mix = tree.nodes.new("ShaderNodeMixShader")
     mix.inputs["Fac"].default_value = 0.4
@@ -55,8 +61,23 @@ def leaf(name: str, colour: Colour) -> bpy.types.Material:
     tree.links.new(through.outputs["BSDF"], mix.inputs[2])
     tree.links.new(mix.outputs["Shader"], _output(tree).inputs["Surface"])
     shader.inputs["Roughness"].default_value = 0.55
-    material.diffuse_color = (*_scaled(colour, VIEWPORT), 1.0)
+    _note(material, colour)
     return material
+
+
+def recolour(material: bpy.types.Material, colour: Colour) -> None:
+    """Give bark or leaves another colour, if it is not the one they were made from.
+
+    Whatever else was edited in the material stays.
+    """
+    if tuple(material.get(LOOK_KEY, ())) == tuple(colour):
+        return
+    for name in (BARK_TONES, LEAF_TONES):
+        ramp = getattr(material.node_tree.nodes.get(name), "color_ramp", None)
+        if ramp is not None:
+            dark, light = _tones(name, colour)
+            ramp.elements[0].color, ramp.elements[-1].color = (*dark, 1.0), (*light, 1.0)
+    _note(material, colour)
 
 
 def ground(name: str) -> bpy.types.Material:
@@ -102,6 +123,18 @@ def coloured_points(name: str) -> bpy.types.Material:
     shader.inputs["Roughness"].default_value = 1.0
     material.diffuse_color = (1.0, 0.75, 0.1, 1.0)  # Solid shading knows one colour for all points
     return material
+
+
+def _note(material: bpy.types.Material, colour: Colour) -> None:
+    material[LOOK_KEY] = colour
+    material.diffuse_color = (*_scaled(colour, VIEWPORT), 1.0)
+
+
+def _tones(name: str, colour: Colour) -> tuple[Colour, Colour]:
+    """The dark and the light tone of bark or leaves."""
+    if name == BARK_TONES:
+        return _scaled(colour, 0.45), _scaled(colour, 1.6)
+    return _scaled(colour, 0.55), _towards(_scaled(colour, 1.5), (0.30, 0.30, 0.02), 0.25)
 
 
 def _principled(name: str) -> tuple[bpy.types.Material, bpy.types.Node]:

@@ -14,27 +14,50 @@ from typing import Any
 
 import bpy
 
+from .ours import is_ours
+
 INSTANCER = "Forest Instancer"
 LAYOUT_KEY, LAYOUT = "forest_layout", 1  # a group with other sockets than these gets another number
 POINTS, VARIANTS, OUTLINES, LIGHT, TREES = "Points", "Variants", "Outlines", "Light View", "Trees"
+LIGHT_KEY = "forest_light"  # on an object: what *Light View* was set to when it was built last
 VARIANT, ROTATION, SCALE = "variant", "rotation", "scale"  # attributes of the points
 
 
-def add_instancer(
+def give_instancer(
     thing: bpy.types.Object,
     variants: bpy.types.Collection,
     outlines: bpy.types.Collection,
     light: bool,
-) -> bpy.types.Modifier:
-    """Give an object the modifier that puts trees on its points.
+) -> None:
+    """Give an object the modifier that puts trees on its points; what was chosen in an old one stays.
 
     light : show outlines in views.
     """
-    modifier = thing.modifiers.new(INSTANCER, "NODES")
-    modifier.node_group = instancer_group()
-    for name, value in ((VARIANTS, variants), (OUTLINES, outlines), (LIGHT, light)):
-        set_input(modifier, name, value)
-    return modifier
+    modifier = next((m for m in thing.modifiers if _is_instancer_modifier(m)), None)
+    chosen = modifier is not None and is_light(modifier) != thing.get(LIGHT_KEY, False)
+    if modifier is None:
+        modifier = thing.modifiers.new(INSTANCER, "NODES")
+    if modifier.node_group is None:
+        modifier.node_group, chosen = instancer_group(), False
+    sockets = _sockets(modifier)
+    for name, library in ((VARIANTS, variants), (OUTLINES, outlines)):
+        if name in sockets and _is_replaceable(_input(modifier, name)[0]):
+            set_input(modifier, name, library)
+    if LIGHT in sockets and not chosen:
+        set_input(modifier, LIGHT, light)
+    thing[LIGHT_KEY] = light
+
+
+def _is_instancer_modifier(modifier: bpy.types.Modifier) -> bool:
+    """Whether a modifier is an instancer, or was one before its node group was deleted."""
+    if modifier.type != "NODES":
+        return False
+    group = modifier.node_group
+    return _is_instancer(group) or (group is None and modifier.name == INSTANCER)
+
+
+def _is_replaceable(library: bpy.types.Collection | None) -> bool:
+    return library is None or is_ours(library)
 
 
 @contextmanager
@@ -61,7 +84,7 @@ def in_full(depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
 
 def is_light(modifier: bpy.types.Modifier) -> bool:
     """Whether views show outlines of an instancer's trees."""
-    return bool(_input(modifier, LIGHT)[0])
+    return LIGHT in _sockets(modifier) and bool(_input(modifier, LIGHT)[0])
 
 
 def instancer_group() -> bpy.types.NodeTree:
@@ -86,16 +109,17 @@ def _is_instancer(group: bpy.types.NodeTree | None) -> bool:
 
 def _input(modifier: bpy.types.Modifier, socket: str) -> tuple[Any, Any, str]:
     """The value of an input, what holds it, and its key there."""
-    items = modifier.node_group.interface.items_tree
-    (key,) = (
-        item.identifier
-        for item in items
-        if item.name == socket and getattr(item, "in_out", "") == "INPUT"
-    )
+    key = _sockets(modifier)[socket]
     if hasattr(modifier, "properties"):  # from Blender 5.2 on
         holder = getattr(modifier.properties.inputs, key)
         return holder.value, holder, key
     return modifier.get(key), modifier, key
+
+
+def _sockets(modifier: bpy.types.Modifier) -> dict[str, str]:
+    """The keys of a modifier's inputs by their names; none where its node group is gone."""
+    items = modifier.node_group.interface.items_tree if modifier.node_group else ()
+    return {i.name: i.identifier for i in items if getattr(i, "in_out", "") == "INPUT"}
 
 
 def _make_instancer() -> bpy.types.NodeTree:

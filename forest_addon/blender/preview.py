@@ -13,7 +13,7 @@ from mathutils import Vector
 from .. import spec
 from ..formats.atomic import replacing
 from .instances import read_points
-from .layout import TREES, part
+from .layout import TREES, objects_in, part
 
 Progress = Callable[[int, int], None]
 CAMERA, SUN, SKY = "Forest camera", "Forest sun", "Forest sky"
@@ -79,7 +79,7 @@ def _tree_corners(scene: bpy.types.Scene) -> np.ndarray:
     """(P, 3) corners of the bounding boxes of all trees; a small field where there is none."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
     corners = []
-    for thing in part(scene, TREES).all_objects:
+    for thing in objects_in(part(scene, TREES)):
         placed = read_points(thing.evaluated_get(depsgraph))
         for number, source in enumerate(placed.source):
             corners.append(_corners(placed.transform[placed.index == number], source))

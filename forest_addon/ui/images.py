@@ -1,7 +1,7 @@
 """Plots as Blender images: axes and numbers around the pixels, and a small one for the panel.
 
-Text is drawn by Blender's own font into an image buffer. That has no access to its pixels in Blender 4.5, so
-it goes through a file in Blender's temporary folder.
+Text is drawn with Blender's own font into an image buffer. Blender 4.5 gives no access to its pixels: there it
+goes through a file in Blender's temporary folder, and is left out where that is full.
 """
 
 from __future__ import annotations
@@ -112,15 +112,25 @@ def _written(labels: list[Label], shape: tuple[int, ...]) -> np.ndarray:
             _, tall = blf.dimensions(FONT, "0")
             blf.position(FONT, x - left * blf.dimensions(FONT, text)[0], y - below * tall, 0)
             blf.draw_buffer(FONT, text)
+    if not hasattr(paper, "with_buffer"):
+        return _through_a_file(paper)
+    with paper.with_buffer() as pixels:
+        return np.asarray(pixels)[..., 0] / 255.0
+
+
+def _through_a_file(paper: imbuf.types.ImBuf) -> np.ndarray:
+    wide, high = paper.size
     with tempfile.TemporaryDirectory(dir=bpy.app.tempdir) as folder:
         file = str(Path(folder) / "labels.png")
-        imbuf.write(paper, filepath=file)
-        image = bpy.data.images.load(file)
         try:
-            pixels = np.empty(high * wide * 4, dtype=np.float32)
+            imbuf.write(paper, filepath=file)
+            image = bpy.data.images.load(file)
+        except (OSError, RuntimeError):
+            return np.zeros((high, wide))
+        pixels = np.zeros(high * wide * 4, dtype=np.float32)
+        if len(image.pixels) == len(pixels):
             image.pixels.foreach_get(pixels)
-        finally:
-            bpy.data.images.remove(image)
+        bpy.data.images.remove(image)
     return pixels.reshape(high, wide, 4)[..., 0]
 
 

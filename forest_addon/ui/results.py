@@ -92,9 +92,7 @@ def save_finding(
 def select(context: bpy.types.Context, thing: bpy.types.Object) -> None:
     """Make an object visible, active and the only one selected."""
     layer = context.view_layer
-    for home in _layers(layer.layer_collection):
-        if thing.name in home.collection.all_objects:
-            home.exclude = home.hide_viewport = home.collection.hide_viewport = False
+    _reveal(layer.layer_collection, set(thing.users_collection))
     thing.hide_viewport = False
     for other in layer.objects.selected:
         other.select_set(False)
@@ -210,5 +208,10 @@ def _note(props: Any, name: str, kind: str, title: str, figures: Figures) -> Any
     return result
 
 
-def _layers(top: bpy.types.LayerCollection) -> list[bpy.types.LayerCollection]:
-    return [top, *(inner for child in top.children for inner in _layers(child))]
+def _reveal(home: bpy.types.LayerCollection, of: set[bpy.types.Collection]) -> bool:
+    """Show a collection if it is one of these or has one of them within; says whether it is or has."""
+    inner = [_reveal(child, of) for child in home.children]
+    if home.collection not in of and not any(inner):
+        return False
+    home.exclude = home.hide_viewport = home.collection.hide_viewport = False
+    return True

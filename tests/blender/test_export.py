@@ -114,7 +114,7 @@ def test_the_scene_is_as_before(empty_blender, tmp_path):
 def test_a_light_view_exports_whole_trees(empty_blender, tmp_path, monkeypatch):
     planted("points")
     export_glb(bpy.context.scene, tmp_path / "full.glb")
-    monkeypatch.setattr("forest_addon.blender.instances.SHOWN_IN_FULL", 1)
+    monkeypatch.setattr("forest_addon.blender.forest.SHOWN_IN_FULL", 1)
     planted("points")
     (trees,) = part(bpy.context.scene, TREES).objects
     assert nodes.is_light(trees.modifiers[0])

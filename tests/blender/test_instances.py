@@ -13,7 +13,7 @@ from forest_addon.blender import nodes
 from forest_addon.blender.depsgraph import SPECIES_KEY, TREE_KEY, read_scene
 from forest_addon.blender.export import save_blend
 from forest_addon.blender.forest import MANY, build
-from forest_addon.blender.instances import plant_points, read_points
+from forest_addon.blender.instances import points_mesh, read_points
 from forest_addon.blender.layout import OUTLINES, TREES, VARIANTS, part
 from forest_addon.blender.observe import Observer
 from forest_addon.formats.species_file import ASSETS, load_species
@@ -48,9 +48,11 @@ def columns(count=COUNT):
     }
 
 
-def plant(**changes):
-    thing = plant_points("Trees", library("full"), library("rough"), **(columns() | changes))
+def plant(light=False, **changes):
+    data = points_mesh("Trees", len(SIZES), **(columns() | changes))
+    thing = bpy.data.objects.new("Trees", data)
     bpy.context.scene.collection.objects.link(thing)
+    nodes.give_instancer(thing, library("full"), library("rough"), light)
     return thing
 
 
@@ -142,9 +144,8 @@ def test_every_node_is_labelled_and_none_covers_another(empty_blender):
     assert len(set(places)) == len(places)
 
 
-def test_light_views_show_outlines_and_sensors_see_trees(empty_blender, monkeypatch):
-    monkeypatch.setattr("forest_addon.blender.instances.SHOWN_IN_FULL", 10)
-    thing = plant()
+def test_light_views_show_outlines_and_sensors_see_trees(empty_blender):
+    thing = plant(light=True)
     assert {source.name[:5] for source in placed(thing).source} == {"rough"}
     depsgraph = bpy.context.evaluated_depsgraph_get()
     with nodes.in_full(depsgraph):
@@ -187,7 +188,7 @@ def scanned(instancing, forest):
 
 
 def test_lidar_labels_are_the_same_for_points_and_for_objects(empty_blender, grown, monkeypatch):
-    monkeypatch.setattr("forest_addon.blender.instances.SHOWN_IN_FULL", 10)  # a light view
+    monkeypatch.setattr("forest_addon.blender.forest.SHOWN_IN_FULL", 10)  # a light view
     points, objects = scanned("points", grown), scanned("objects", grown)
     # A point's transform is computed in float32 from angle and size, an object's from its matrix: a
     # beam that grazes an edge may pass on the other side of it.

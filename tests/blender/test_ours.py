@@ -88,19 +88,19 @@ def test_copies_and_renamed_trees_belong_to_the_user(empty_blender, grown):
     second.name = "the old oak"
     mesh = second.data
     plant(grown, "objects")
-    kept = part(bpy.context.scene, TREES).objects
+    kept = part(bpy.context.scene, TREES).all_objects
     assert {copy.name, "the old oak"} <= set(kept.keys())
     assert kept["the old oak"].data == mesh
     assert len(mesh.polygons)
 
 
-def test_a_tree_in_a_collection_of_the_users_stays_in_it(empty_blender, grown):
+def test_a_tree_that_is_needed_no_more_stays_in_a_collection_of_the_users(empty_blender, grown):
     plant(grown, "objects")
     own = bpy.data.collections.new("Chosen")
     bpy.context.scene.collection.children.link(own)
     chosen = next(iter(part(bpy.context.scene, TREES).all_objects))
     own.objects.link(chosen)
-    plant(grown, "objects")
+    plant(grown, "points")
     assert list(own.objects) == [chosen]
     assert list(chosen.users_collection) == [own]
 
@@ -122,7 +122,7 @@ def test_a_tree_that_cannot_stand_leaves_the_scene_as_it_was(empty_blender, grow
     def full(*_):
         raise MemoryError
 
-    monkeypatch.setattr(room, "lay_ground", full)
+    monkeypatch.setattr(room, "ground_mesh", full)
     with pytest.raises(MemoryError):
         plant(grown)
     assert (counts(), set(bpy.data.objects.keys())) == (before, names)

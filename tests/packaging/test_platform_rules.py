@@ -156,6 +156,8 @@ def test_what_is_imported_is_ours_or_in_the_zip_or_in_blender(code, wheels):
         "gpu",
         "gpu_extras",
         "aud",
+        "blf",
+        "imbuf",
         "forest_addon",
         "headless",
     }

@@ -14,9 +14,10 @@ from forest_addon.blender import forest as forest_room
 from forest_addon.blender import layout
 from forest_addon.blender.cloud import CLOUD_KEY
 from forest_addon.blender.depsgraph import TREE_KEY
+from forest_addon.blender.jobs import Job
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Scene
-from forest_addon.ui import exchange, requirements
+from forest_addon.ui import exchange, operators, requirements
 
 ROOT = Path(__file__).resolve().parents[2]
 SENSORS = {"scan": "tractor", "cloud": "terrestrial", "echo": "sonar", "reverb": "reverb"}
@@ -97,6 +98,47 @@ def test_another_seed_is_another_forest(built):
     assert sorted(tuple(tree.matrix_world.translation) for tree in trees()) != places
 
 
+def test_an_update_keeps_objects_and_edits_and_can_be_undone(built):
+    tree, ground = trees()[0], bpy.data.objects["Ground"]
+    tree.modifiers.new("mine", "DECIMATE").ratio = 0.5
+    ground.hide_render = True
+    ground.data.materials[0] = bpy.data.materials.new("mine")
+    states = []
+    for _ in range(3):
+        bpy.ops.ed.undo_push(message="step")
+        places = {tree.name: tuple(tree.location) for tree in trees()}
+        states.append((bpy.context.scene.forest_sensing.seed, places))
+        bpy.context.scene.forest_sensing.seed += 1
+        assert press("build") == {"FINISHED"}
+        assert (bpy.data.objects["Ground"], trees()[0]) == (ground, tree)
+    assert len({str(places) for _, places in states}) == 3
+    bpy.ops.ed.undo_push(message="step")
+    for seed, places in reversed(states):
+        bpy.ops.ed.undo()
+        assert bpy.context.scene.forest_sensing.seed == seed
+        assert {tree.name: tuple(tree.location) for tree in trees()} == places
+        assert trees()[0].modifiers["mine"].ratio == 0.5
+        ground = bpy.data.objects["Ground"]
+        assert (ground.hide_render, ground.data.materials[0].name) == (True, "mine")
+
+
+def test_an_update_that_is_cancelled_changes_nothing(built):
+    before, places = counts(), {tree.name: tree.matrix_world.copy() for tree in trees()}
+    meshes = {mesh.name: mesh.session_uid for mesh in bpy.data.meshes}
+    built.seed += 1
+    job = Job("Update", operators.FOREST_OT_build.work(None, bpy.context))
+    while job.label != "growing trees":
+        assert not job.step()
+    job.cancel()
+    while job.busy:
+        pass
+    assert counts() == before
+    assert {tree.name: tree.matrix_world for tree in trees()} == places
+    assert {mesh.name: mesh.session_uid for mesh in bpy.data.meshes} == meshes
+    assert press("build") == {"FINISHED"}
+    assert {tree.name: tree.matrix_world for tree in trees()} != places
+
+
 def test_a_forest_without_trees_is_a_ground(small):
     small.plantings[0].expected = 0
     assert press("build") == {"FINISHED"}
@@ -132,7 +174,7 @@ def test_a_build_that_breaks_midway_takes_back_what_it_made(built, monkeypatch):
     def full(*_):
         raise MemoryError
 
-    monkeypatch.setattr(forest_room, "lay_ground", full)
+    monkeypatch.setattr(forest_room, "ground_mesh", full)
     with pytest.raises(RuntimeError, match="not enough memory"):
         press("build")
     assert counts() == before
@@ -155,8 +197,6 @@ def test_the_first_press_starts_with_the_demo_scene(props, monkeypatch, tmp_path
     text = (ROOT / "assets/scenes/demo.toml").read_text().split("[[plantings]]")[0]
     demo = tmp_path / "demo.toml"
     demo.write_text(text)
-    from forest_addon.ui import operators
-
     monkeypatch.setattr(operators, "DEMO", demo)
     assert press("build") == {"FINISHED"}
     assert props.name == "Demo forest"
