@@ -1,7 +1,7 @@
 """Plots as Blender images: axes and numbers around the pixels, and a small one for the panel.
 
-Text is drawn with Blender's own font into an image buffer. Blender 4.5 gives no access to its pixels: there it
-goes through a file in Blender's temporary folder, and is left out where that is full.
+Text is drawn with Blender's own font into an image buffer. Blender 4.5 gives no access to its pixels: there
+it goes through a file in Blender's temporary folder, and is left out where that is full.
 """
 
 from __future__ import annotations
