@@ -152,4 +152,7 @@ def _replace(old: bpy.types.Collection, new: bpy.types.Collection) -> None:
     for home in list(old.children):
         if home.get(PART_KEY) in heirs:
             remove(home, heirs[home[PART_KEY]])
+        elif PART_KEY in home:  # of which no new one was made: it goes on as it is
+            new.children.link(home)
+            old.children.unlink(home)
     remove(old, new)

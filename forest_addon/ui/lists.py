@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import bpy
 
 from ..blender.sensors import kind_of
+from . import hills
 from .operators import chosen_sensor
 from .species_pictures import EDITED, title_of
 
@@ -169,6 +170,7 @@ class _Add(_Listed):
         owner = self.owner(context)
         listed = getattr(owner, self.items)
         self.start(listed.add(), context.scene.forest_sensing)
+        hills.renew(context.scene)
         setattr(owner, f"active_{self.items}", len(listed) - 1)
         return {"FINISHED"}
 
@@ -182,6 +184,7 @@ class _Remove(_Listed):
         owner = self.owner(context)
         listed, active = getattr(owner, self.items), getattr(owner, f"active_{self.items}")
         listed.remove(active)
+        hills.renew(context.scene)
         setattr(owner, f"active_{self.items}", max(0, min(active, len(listed) - 1)))
         return {"FINISHED"}
 
