@@ -101,6 +101,7 @@ def from_spec(scene: Any, settings: spec.Scene) -> None:
     for sensor in settings.sensors:
         add_sensor(scene, sensor)
     hills.renew(scene)
+    scene.update_tag()  # Blender reports no change of a list by itself
     for layer in scene.view_layers:  # until then objects do not say where they are
         layer.update()
 

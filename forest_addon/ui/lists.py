@@ -110,7 +110,7 @@ class FOREST_UL_poses(bpy.types.UIList):
 
 
 class _Listed:
-    """Adding to and removing from a list of the panel."""
+    """Adding to and removing from a list of the panel, of which Blender reports nothing by itself."""
 
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
     items: ClassVar[str]
@@ -172,6 +172,7 @@ class _Add(_Listed):
         self.start(listed.add(), context.scene.forest_sensing)
         hills.renew(context.scene)
         setattr(owner, f"active_{self.items}", len(listed) - 1)
+        context.scene.update_tag()
         return {"FINISHED"}
 
 
@@ -186,6 +187,7 @@ class _Remove(_Listed):
         listed.remove(active)
         hills.renew(context.scene)
         setattr(owner, f"active_{self.items}", max(0, min(active, len(listed) - 1)))
+        context.scene.update_tag()
         return {"FINISHED"}
 
 

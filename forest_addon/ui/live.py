@@ -33,7 +33,7 @@ _now: dict[int, str] = {}  # fingerprint of a scene's settings, by its session_u
 _let_be: dict[int, str] = {}  # the one that is not built by itself
 _digests: dict[str, tuple[str, str]] = {}  # of what settings name: (object, digest of its surface)
 _due = 0.0  # when it will have been quiet for long enough
-_brought = False  # the last change was undo, redo or a file
+_brought = False  # what is reported next is the work of undo, redo or a file
 _building: tuple[Job, str] | None = None  # the job that Live began, and what it builds
 
 
@@ -164,21 +164,27 @@ def _handlers() -> tuple[tuple[list, Any], ...]:
 @bpy.app.handlers.persistent
 def _hear(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Something has changed."""
+    global _brought, _due
+    brought, _brought = _brought, False
     props = scene.forest_sensing
     if not props.built and not props.live:
         return
+    if brought:
+        settle(scene, depsgraph, brought)
+        return
     if _digests:
         _forget_changed(depsgraph)
-    _wait()
+    _due = time.monotonic() + QUIET
+    if not bpy.app.timers.is_registered(_settle):
+        bpy.app.timers.register(_settle, first_interval=QUIET, persistent=True)
 
 
 @bpy.app.handlers.persistent
 def _hear_brought(*_: object) -> None:
-    """All may have changed, by no setting that anybody has touched."""
+    """All may have changed, and nobody has touched a setting."""
     global _brought
     _brought = True
     _digests.clear()
-    _wait()
 
 
 def _forget_changed(depsgraph: bpy.types.Depsgraph) -> None:
@@ -192,29 +198,18 @@ def _forget_changed(depsgraph: bpy.types.Depsgraph) -> None:
             del _digests[name]
 
 
-def _wait() -> None:
-    global _due
-    if not _brought or not bpy.app.timers.is_registered(_settle):
-        _due = time.monotonic() + QUIET
-    if not bpy.app.timers.is_registered(_settle):
-        bpy.app.timers.register(_settle, first_interval=QUIET, persistent=True)
-
-
 def _settle() -> float | None:
     """What is done when it has been quiet: seconds until the next look, None when there is nothing more."""
-    global _brought
     left = _due - time.monotonic()
     if left > 0:
         return left
     windows = bpy.context.window_manager.windows
     if any(op.bl_idname.startswith(DRAGGING) for w in windows for op in w.modal_operators):
         return LOOK
-    brought, _brought = _brought, False
-    waits = [_attend(window, brought) for window in windows]
-    return LOOK if any(waits) else None
+    return LOOK if any([_attend(window) for window in windows]) else None
 
 
-def _attend(window: bpy.types.Window, brought: bool) -> bool:
+def _attend(window: bpy.types.Window) -> bool:
     """See to the scene of a window; whether there is something to wait for."""
     global _building
     scene = window.scene
@@ -224,7 +219,7 @@ def _attend(window: bpy.types.Window, brought: bool) -> bool:
     region = next((r for r in area.regions if r.type == "WINDOW"), None) if area else None
     with bpy.context.temp_override(window=window, area=area, region=region):
         was = is_stale(scene)
-        mark = settle(scene, bpy.context.evaluated_depsgraph_get(), brought)
+        mark = settle(scene, bpy.context.evaluated_depsgraph_get())
         if area is not None and was != is_stale(scene):
             area.tag_redraw()
         job = current()

@@ -186,6 +186,6 @@ def _intensity_batch(settings: Scene, folder: Path, depsgraph: bpy.types.Depsgra
         shader,
         "TRIS",
         {"pos": places.astype(np.float32), "color": colours.astype(np.float32)},
-        indices=triangles.astype(np.int32),
+        indices=np.ascontiguousarray(triangles, dtype=np.int32),
     )
     return shader, batch, None

@@ -128,6 +128,10 @@ def _let_live(props: Any, _context: Any) -> None:
     live.begin(props.id_data)
 
 
+def _noticed(_group: Any, _context: Any) -> None:
+    """Nothing; but only properties with such a function are reported when a script has set them."""
+
+
 # What follows when a setting changes, or an item of a list is chosen.
 WHEN_SET = {"centre": _place_handle, "width": _place_handle, "active_gaussians": _choose_hill}
 
@@ -194,6 +198,7 @@ def _properties(name: str, kind: Any, known: Param, default: Any) -> dict[str, A
 def _switch(name: str, known: Param, default: Any) -> Any:
     """Whether a value that may be left out is given."""
     words: dict[str, Any] = {"name": f"Use {label_of(name, known)}", "description": _help(known)}
+    words["update"] = _noticed
     if name in ONE_OF:
         words["update"] = lambda props, _: _switch_others_off(name, props)
     return BoolProperty(default=default is not None, **words)
@@ -213,8 +218,8 @@ def property_of(name: str, kind: Any, known: Param, default: Any) -> Any:
     words: dict[str, Any] = {"name": label_of(name, known), "description": _help(known)}
     if is_text(name, kind):
         given = () if default is dataclasses.MISSING else default
-        return StringProperty(default=text_of(given), **words)
-    words["update"] = WHEN_SET.get(name)
+        return StringProperty(default=text_of(given), update=_noticed, **words)
+    words["update"] = WHEN_SET.get(name, _noticed)
     if item is bool:
         return (BoolVectorProperty if size else BoolProperty)(default=default, **words)
     if item is str:
