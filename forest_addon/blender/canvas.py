@@ -1,13 +1,14 @@
 """The mesh that weights are painted on: a grid over the field, at the height of the ground.
 
-It spans 1 m along x and y and is scaled to the field, so that what was painted goes with the field. Sensors
-and renders do not see it.
+It is stretched over the field anew whenever painting begins, so that what was painted goes with the field;
+not by a scale, which would make the brush an ellipse. Sensors and renders do not see it.
 """
 
 from __future__ import annotations
 
 import bpy
 import numpy as np
+from mathutils import Matrix
 
 from .. import spec
 from ..stand.terrain import Terrain
@@ -40,14 +41,26 @@ def new_canvas(name: str, home: bpy.types.Collection) -> bpy.types.Object:
 
 def lay(thing: bpy.types.Object, field: spec.Forest, terrain: Terrain) -> None:
     """Stretch a canvas over the field, at the terrain's height; where that has none, at its base."""
-    thing.location, thing.scale = (*field.origin, 0.0), (*field.size, 1.0)
+    thing.matrix_world = Matrix()
     position = thing.data.attributes["position"].data
     vertices = np.empty((len(position), 3), dtype=np.float32)
     position.foreach_get("vector", vertices.ravel())
-    height = terrain.height(np.array(field.origin) + vertices[:, :2] * np.array(field.size))
-    vertices[:, 2] = np.where(np.isfinite(height), height, field.terrain.base) + LIFT
-    position.foreach_set("vector", vertices.ravel())
+    low, high = vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)
+    places = np.array(field.origin) + (vertices[:, :2] - low) / (high - low) * np.array(field.size)
+    height = terrain.height(places)
+    height = np.where(np.isfinite(height), height, field.terrain.base) + LIFT
+    position.foreach_set("vector", np.column_stack([places, height]).astype(np.float32).ravel())
     thing.data.update()
+
+
+def take_up(thing: bpy.types.Object) -> None:
+    """Show a canvas before the trees that stand on it."""
+    thing.display_type, thing.show_in_front = "TEXTURED", True
+
+
+def put_away(thing: bpy.types.Object) -> None:
+    """Leave of a canvas only its outline in sight."""
+    thing.display_type, thing.show_in_front = "BOUNDS", False
 
 
 def layer_of(thing: bpy.types.Object, name: str) -> bpy.types.VertexGroup:

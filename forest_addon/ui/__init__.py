@@ -37,7 +37,7 @@ def _steps() -> Iterator[Step]:
     """What registering does, one by one, and how each is taken back."""
     import bpy
 
-    from . import command, hills, live, overlay, running, species_pictures, start, tree
+    from . import command, hills, live, overlay, painting, running, species_pictures, start, tree
     from .properties import FOREST_PG_scene, FOREST_PG_sensor
 
     for cls in _classes():
@@ -49,7 +49,7 @@ def _steps() -> Iterator[Step]:
         pointer = bpy.props.PointerProperty(type=group)
         yield partial(setattr, owner, name, pointer), partial(delattr, owner, name)
     yield species_pictures.refresh, species_pictures.unregister
-    for part in (running, tree, start, overlay, hills, live, command):
+    for part in (running, tree, start, overlay, hills, painting, live, command):
         yield part.register, part.unregister
 
 

@@ -236,8 +236,8 @@ class FOREST_OT_add_raster(_Add, _Rasters, bpy.types.Operator):
     bl_idname = "forest.add_raster"
     bl_label = "Add Image"
 
-    def start(self, _raster: Any, _props: Any) -> None:
-        pass
+    def start(self, raster: Any, props: Any) -> None:
+        raster.size, raster.origin = props.forest.size, props.forest.origin  # when switched on
 
 
 class FOREST_OT_remove_raster(_Remove, _Rasters, bpy.types.Operator):

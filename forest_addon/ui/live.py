@@ -206,7 +206,8 @@ def _settle() -> float | None:
     windows = bpy.context.window_manager.windows
     if any(op.bl_idname.startswith(DRAGGING) for w in windows for op in w.modal_operators):
         return LOOK
-    return LOOK if any([_attend(window) for window in windows]) else None
+    waits = [_attend(window) for window in windows]  # every one of them
+    return LOOK if True in waits else None
 
 
 def _attend(window: bpy.types.Window) -> bool:

@@ -17,7 +17,7 @@ from ..blender.handles import HANDLE_KEY
 
 FILES = {
     *("file", "trees", "wood", "leaves", "mesh"),
-    *("beam_file", "hearing_file", "call_file", "directivity_file"),
+    *("route", "beam_file", "hearing_file", "call_file", "directivity_file"),
 }
 SPECIES = Path(__file__).resolve().parents[2] / "assets" / "species"
 HEARD_TYPES = {"source_objects": {"SPEAKER"}, "receiver_objects": {"EMPTY", "CAMERA"}}
@@ -73,7 +73,7 @@ def _surfaces(_group: Any, context: Any, typed: str) -> list[str]:
 
 
 def _layers(_group: Any, context: Any, typed: str) -> list[str]:
-    """Vertex groups, and attributes of numbers or colours, of every mesh."""
+    """Vertex groups, and attributes of numbers with a fraction or of colours, of every mesh."""
     names = []
     for thing in _solid(context):
         layers = [group.name for group in thing.vertex_groups]
@@ -85,13 +85,8 @@ def _layers(_group: Any, context: Any, typed: str) -> list[str]:
 
 
 def _is_weight(attribute: Any) -> bool:
-    from ..blender.inputs import WIDTH
-
-    return (
-        WIDTH.get(attribute.data_type) == 1
-        and attribute.domain != "EDGE"
-        and not attribute.is_internal
-    )
+    plain = attribute.domain != "EDGE" and not attribute.is_internal
+    return plain and attribute.data_type == "FLOAT"
 
 
 def _collections(_group: Any, _context: Any, typed: str) -> list[str]:
@@ -115,13 +110,10 @@ def _heard(name: str) -> Any:
 
 def _solid(context: Any) -> list[bpy.types.Object]:
     """Objects with a surface; a forest's own trees are none that one would name."""
-    from ..blender.depsgraph import SOLID_TYPES, TREE_KEY
+    from ..blender.depsgraph import SOLID_TYPES, SPECIES_KEY
 
-    return [
-        thing
-        for thing in context.scene.objects
-        if thing.type in SOLID_TYPES and TREE_KEY not in thing
-    ]
+    solid = (thing for thing in context.scene.objects if thing.type in SOLID_TYPES)
+    return [thing for thing in solid if SPECIES_KEY not in thing]
 
 
 def _matching(names: Iterable[str], typed: str) -> list[str]:

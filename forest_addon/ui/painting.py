@@ -1,4 +1,8 @@
-"""Painting where trees stand: a button that lays a canvas over the field and gives the user the brush."""
+"""Painting where trees stand: a button that lays a canvas over the field and gives the user the brush.
+
+While it is painted the canvas is drawn before the trees. However the user leaves Weight Paint mode, by the
+button or Blender's own ways, it is put away then.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +19,33 @@ from .running import PROBLEMS, in_words
 
 NAME = "Canvas"
 PAINTING = "PAINT_WEIGHT"
+
+_in_hand = ""  # the canvas that is being painted
+
+
+def register() -> None:
+    """Hear when a mode is left."""
+    bpy.app.handlers.depsgraph_update_post.append(_put_away)
+
+
+def unregister() -> None:
+    """Take the handler back."""
+    if _put_away in bpy.app.handlers.depsgraph_update_post:
+        bpy.app.handlers.depsgraph_update_post.remove(_put_away)
+
+
+@bpy.app.handlers.persistent
+def _put_away(*_: object) -> None:
+    """Put the canvas away when it is no longer painted."""
+    global _in_hand
+    if not _in_hand or bpy.context.mode == PAINTING:
+        return
+    from ..blender.canvas import put_away
+
+    thing = bpy.data.objects.get(_in_hand)
+    _in_hand = ""
+    if thing is not None:
+        put_away(thing)
 
 
 class FOREST_OT_paint(bpy.types.Operator):
@@ -38,11 +69,13 @@ class FOREST_OT_paint(bpy.types.Operator):
         return not reason
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..blender.canvas import layer_of
+        from ..blender.canvas import layer_of, take_up
         from .results import select
 
+        global _in_hand
         if context.mode == PAINTING:
             bpy.ops.object.mode_set(mode="OBJECT")
+            _put_away()
             return {"FINISHED"}
         try:
             thing = self._canvas(context)
@@ -54,6 +87,8 @@ class FOREST_OT_paint(bpy.types.Operator):
         planting.painted = f"{thing.name}:{layer.name}"
         select(context, thing)
         bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
+        take_up(thing)
+        _in_hand = thing.name
         self.report({"INFO"}, "Paint where trees stand; Done ends it, Update plants them")
         return {"FINISHED"}
 

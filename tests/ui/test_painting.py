@@ -48,8 +48,17 @@ def test_the_button_gives_the_brush_and_takes_it_back(painting):
     assert bpy.context.view_layer.objects.active == canvas()
     assert canvas().vertex_groups.active.name == "hazelnut"
     assert painting.plantings[0].painted == "Canvas:hazelnut"
+    assert canvas().show_in_front
     assert press() == {"FINISHED"}
     assert bpy.context.mode == "OBJECT"
+    assert (canvas().show_in_front, canvas().display_type) == (False, "BOUNDS")
+
+
+def test_the_canvas_is_put_away_however_the_mode_is_left(painting):
+    press()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.context.view_layer.update()
+    assert (canvas().show_in_front, canvas().display_type) == (False, "BOUNDS")
 
 
 def test_the_canvas_covers_the_field_at_its_height(painting):
