@@ -56,6 +56,7 @@ def _steps() -> Iterator[Step]:
 def _classes() -> tuple[type, ...]:
     from . import (
         lists,
+        live,
         operators,
         painting,
         panels,
@@ -69,5 +70,16 @@ def _classes() -> tuple[type, ...]:
     )
 
     of_species = (species_edit, species_import, species_panel)
-    rooms = (properties, lists, operators, painting, tree, start, preferences, panels, *of_species)
+    rooms = (
+        properties,
+        lists,
+        operators,
+        live,
+        painting,
+        tree,
+        start,
+        preferences,
+        panels,
+        *of_species,
+    )
     return tuple(cls for room in rooms for cls in room.CLASSES)

@@ -13,7 +13,7 @@ import hashlib
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import bpy
 import numpy as np
@@ -35,6 +35,23 @@ _digests: dict[str, tuple[str, str]] = {}  # of what settings name: (object, dig
 _due = 0.0  # when it will have been quiet for long enough
 _brought = False  # what is reported next is the work of undo, redo or a file
 _building: tuple[Job, str] | None = None  # the job that Live began, and what it builds
+
+
+class FOREST_OT_live(bpy.types.Operator):
+    """Build the forest, unless a mouse button is down: then a slider is being dragged.
+
+    Only an operator is told of that, by the event that it is invoked with, the last one of the window.
+    """
+
+    bl_idname = "forest.live"
+    bl_label = "Build Live"
+    bl_options: ClassVar[set[str]] = {"INTERNAL"}
+
+    def invoke(self, _context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if event.value == "PRESS" and event.type.endswith("MOUSE"):
+            return {"CANCELLED"}
+        bpy.ops.forest.build("INVOKE_DEFAULT")
+        return {"FINISHED"}
 
 
 def register() -> None:
@@ -232,7 +249,12 @@ def _attend(window: bpy.types.Window) -> bool:
             return False
         if job is not None:
             return True
+        if bpy.ops.forest.live("INVOKE_DEFAULT") == {"CANCELLED"}:
+            return True
         let_be(scene, mark)
-        if bpy.ops.forest.build("INVOKE_DEFAULT") == {"RUNNING_MODAL"}:
-            _building = (current(), mark)
+        begun = current()
+        _building = None if begun is None else (begun, mark)
     return False
+
+
+CLASSES = (FOREST_OT_live,)
