@@ -19,9 +19,8 @@ import bpy
 import numpy as np
 
 from ..blender.jobs import Job
-from ..spec import SpecError
 from . import exchange
-from .running import current, obstacle, stop
+from .running import PROBLEMS, current, obstacle, stop
 from .species_edit import edited_species
 
 QUIET = 0.4  # s without a change before anything is done
@@ -34,7 +33,7 @@ _let_be: dict[int, str] = {}  # the one that is not built by itself
 _digests: dict[str, tuple[str, str]] = {}  # of what settings name: (object, digest of its surface)
 _due = 0.0  # when it will have been quiet for long enough
 _brought = False  # what is reported next is the work of undo, redo or a file
-_building: tuple[Job, str] | None = None  # the job that Live began, and what it builds
+_building: tuple[Job, int, str] | None = None  # the job that Live began, its scene, what it builds
 
 
 class FOREST_OT_live(bpy.types.Operator):
@@ -115,7 +114,7 @@ def settle(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, brought: bool
     props, key = scene.forest_sensing, scene.session_uid
     try:
         mark = fingerprint(scene, depsgraph)
-    except (SpecError, ValueError):
+    except PROBLEMS:
         mark = UNUSABLE
     _now[key] = mark
     if brought:
@@ -243,7 +242,8 @@ def _attend(window: bpy.types.Window) -> bool:
         job = current()
         if _building is not None and _building[0] is not job:
             _building = None
-        if _building is not None and _now[scene.session_uid] != _building[1]:
+        of_this = _building is not None and _building[1] == scene.session_uid
+        if of_this and _now[scene.session_uid] != _building[2]:
             stop()
         if not mark or (job is None and obstacle(bpy.context)):
             return False
@@ -253,7 +253,7 @@ def _attend(window: bpy.types.Window) -> bool:
             return True
         let_be(scene, mark)
         begun = current()
-        _building = None if begun is None else (begun, mark)
+        _building = None if begun is None else (begun, scene.session_uid, mark)
     return False
 
 

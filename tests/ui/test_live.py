@@ -1,6 +1,5 @@
 """What Live decides; that it hears of changes and runs is shown in the real window (tests/gui)."""
 
-import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
@@ -269,4 +268,3 @@ def test_saved_and_opened_the_forest_is_known_to_be_up_to_date(built, tmp_path):
     assert settle(brought=True) == ""
     assert not stale()
     assert bpy.context.scene.forest_sensing.live
-    assert np.isfinite(len(live._now))
