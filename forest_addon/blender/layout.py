@@ -1,8 +1,9 @@
 """Where everything of ours stands in a Blender scene: the collections below *Forest*.
 
 *Trees*, the *Variants* that they are copies of, and their *Outlines* for the view; *Ground*, *Sensors* and
-*Results* hold what their names say. Custom properties tell our collections from a user's own, wherever the
-user has put them in the scene and whatever they are called now; of copies, the first one made counts.
+*Results* hold what their names say, *Intensity* what hills are dragged and weights are painted on, where that
+is done. Custom properties tell our collections from a user's own, wherever the user has put them in the
+scene and whatever they are called now; of copies, the first one made counts.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from .ours import ROLE_KEY, is_local, is_ours, make_collection
 ROOT_KEY = "forest_sensing"
 PART_KEY = "forest_part"
 ROOT, TREES, VARIANTS, OUTLINES = "Forest", "Trees", "Variants", "Outlines"
-GROUND_NAME, SENSORS, RESULTS = "Ground", "Sensors", "Results"
-PARTS = (TREES, VARIANTS, OUTLINES, GROUND_NAME, SENSORS, RESULTS)
+GROUND_NAME, SENSORS, RESULTS, INTENSITY = "Ground", "Sensors", "Results", "Intensity"
+PARTS = (TREES, VARIANTS, OUTLINES, GROUND_NAME, SENSORS, RESULTS)  # of every forest
 LIBRARIES = (VARIANTS, OUTLINES)  # not seen themselves
 
 

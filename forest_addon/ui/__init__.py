@@ -37,7 +37,18 @@ def _steps() -> Iterator[Step]:
     """What registering does, one by one, and how each is taken back."""
     import bpy
 
-    from . import command, migration, overlay, running, species_pictures, start, tree
+    from . import (
+        command,
+        hills,
+        live,
+        migration,
+        overlay,
+        painting,
+        running,
+        species_pictures,
+        start,
+        tree,
+    )
     from .properties import FOREST_PG_scene, FOREST_PG_sensor
 
     for cls in _classes():
@@ -49,15 +60,18 @@ def _steps() -> Iterator[Step]:
         pointer = bpy.props.PointerProperty(type=group)
         yield partial(setattr, owner, name, pointer), partial(delattr, owner, name)
     yield species_pictures.refresh, species_pictures.unregister
-    for part in (running, tree, start, overlay, command, migration):
+    parts = (running, tree, start, overlay, hills, painting, live, command, migration)
+    for part in parts:
         yield part.register, part.unregister
 
 
 def _classes() -> tuple[type, ...]:
     from . import (
         lists,
+        live,
         migration,
         operators,
+        painting,
         panels,
         preferences,
         properties,
@@ -69,5 +83,17 @@ def _classes() -> tuple[type, ...]:
     )
 
     of_species = (species_edit, species_import, species_panel)
-    rooms = (properties, lists, operators, tree, start, preferences, migration, panels, *of_species)
+    rooms = (
+        properties,
+        lists,
+        operators,
+        live,
+        painting,
+        tree,
+        start,
+        preferences,
+        migration,
+        panels,
+        *of_species,
+    )
     return tuple(cls for room in rooms for cls in room.CLASSES)

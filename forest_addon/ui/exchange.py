@@ -15,6 +15,7 @@ from .. import spec
 from ..blender import sensors
 from ..blender.single import shortest
 from ..spec import Settings, SpecError
+from . import hills
 from .properties import (
     LARGEST_INT,
     WHEN_USED,
@@ -99,6 +100,8 @@ def from_spec(scene: Any, settings: spec.Scene) -> None:
         sensors.remove_sensor(thing)
     for sensor in settings.sensors:
         add_sensor(scene, sensor)
+    hills.renew(scene)
+    scene.update_tag()  # Blender reports no change of a list by itself
     for layer in scene.view_layers:  # until then objects do not say where they are
         layer.update()
 

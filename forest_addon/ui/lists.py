@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import bpy
 
 from ..blender.sensors import kind_of
+from . import hills
 from .operators import chosen_sensor
 from .running import LINKED
 from .species_pictures import EDITED, title_of
@@ -110,7 +111,7 @@ class FOREST_UL_poses(bpy.types.UIList):
 
 
 class _Listed:
-    """Adding to and removing from a list of the panel."""
+    """Adding to and removing from a list of the panel, of which Blender reports nothing by itself."""
 
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
     items: ClassVar[str]
@@ -184,7 +185,9 @@ class _Add(_Listed):
         owner = self.owner(context)
         listed = getattr(owner, self.items)
         self.start(listed.add(), context.scene.forest_sensing)
+        hills.renew(context.scene)
         setattr(owner, f"active_{self.items}", len(listed) - 1)
+        context.scene.update_tag()
         return {"FINISHED"}
 
 
@@ -200,7 +203,9 @@ class _Remove(_Listed):
         owner = self.owner(context)
         listed, active = getattr(owner, self.items), getattr(owner, f"active_{self.items}")
         listed.remove(active)
+        hills.renew(context.scene)
         setattr(owner, f"active_{self.items}", max(0, min(active, len(listed) - 1)))
+        context.scene.update_tag()
         return {"FINISHED"}
 
 
@@ -249,8 +254,8 @@ class FOREST_OT_add_raster(_Add, _Rasters, bpy.types.Operator):
     bl_idname = "forest.add_raster"
     bl_label = "Add Image"
 
-    def start(self, _raster: Any, _props: Any) -> None:
-        pass
+    def start(self, raster: Any, props: Any) -> None:
+        raster.size, raster.origin = props.forest.size, props.forest.origin  # when switched on
 
 
 class FOREST_OT_remove_raster(_Remove, _Rasters, bpy.types.Operator):

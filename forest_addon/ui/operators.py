@@ -21,6 +21,7 @@ from .. import spec
 from ..blender import sensors
 from ..blender.jobs import Task, Work
 from ..spec import SpecError
+from . import live
 from .exchange import add_sensor, file_name, from_spec, to_spec, untouched
 from .preferences import expansions, rays_of
 from .properties import ASSETS
@@ -48,6 +49,7 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         if untouched(scene.forest_sensing):
             open_scene(scene, DEMO)
         settings, edited = to_spec(scene), edited_species(scene)
+        mark = live.fingerprint(scene, context.evaluated_depsgraph_get())
         folder = Path(bpy.path.abspath(scene.forest_sensing.folder))
         files = yield Task("reading files", lambda _: read_inputs(settings, folder))
         inputs = inputs_from_scene(settings, context.evaluated_depsgraph_get(), files)
@@ -59,6 +61,7 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         forest = yield Task("growing trees", grow)
         first = "forest" not in scene.forest_sensing.results
         build(scene, settings, forest, inputs.terrain)
+        scene.forest_sensing.built = mark
         if first:
             _look_at(context, settings.forest)
         return keep_forest(context, settings, forest, time.perf_counter() - started)

@@ -1,11 +1,13 @@
 """Drawn over the 3D view: where sensors look, and the intensity that trees are scattered by.
 
-What is drawn is made anew only when Blender says that something changed; a redraw hands finished batches
-to the graphics card. Nothing is added to the scene, and nothing is left when the add-on is disabled.
+What is drawn is made anew only when Blender says that something changed, and the intensity only when what
+it is made of did; a redraw hands finished batches to the graphics card. Nothing is added to the scene, and
+nothing is left when the add-on is disabled.
 """
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -14,7 +16,7 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 
 from ..blender.sensors import sensors_of
-from ..spec import SpecError
+from ..spec import Scene, SpecError
 from . import exchange
 
 COLOURS = {
@@ -32,6 +34,7 @@ FAINT, STRONG = np.array([0.2, 0.5, 0.2, 0.0]), np.array([0.95, 0.9, 0.2, 0.55])
 
 _handle: Any = None
 _batches: list[tuple[Any, Any, tuple[float, ...] | None]] = []
+_intensity: tuple[Any, Any] = (None, None)  # the settings that the intensity is of, its batch
 _drawn_for: Any = None  # the scene that the batches are of; None: make them anew
 
 
@@ -47,7 +50,7 @@ def register() -> None:
 
 def unregister() -> None:
     """Take everything back."""
-    global _handle
+    global _handle, _intensity
     if _handle is None:
         return
     bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
@@ -56,6 +59,7 @@ def unregister() -> None:
         if _forget in handlers:
             handlers.remove(_forget)
     _batches.clear()
+    _intensity = (None, None)
 
 
 def intensity_surface(intensity: Any, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -120,7 +124,7 @@ def _make(scene: bpy.types.Scene) -> None:
     _batches.clear()
     props = scene.forest_sensing
     if props.show_intensity:
-        _add_intensity(scene)
+        _add_intensity(bpy.context.evaluated_depsgraph_get())
     if props.show_sensors:
         from ..sensing.outline import outline
 
@@ -135,28 +139,53 @@ def _make(scene: bpy.types.Scene) -> None:
             _batches.append((lines, batch, COLOURS[sensor.kind]))
 
 
-def _add_intensity(scene: bpy.types.Scene) -> None:
-    from ..stand.intensity import intensity_of
-
+def _add_intensity(depsgraph: bpy.types.Depsgraph) -> None:
+    """The intensity's batch: the one that was made of the same settings, or a new one."""
+    global _intensity
+    scene = depsgraph.scene.original
     try:
         settings = exchange.to_spec(scene, [])
-        functions = [intensity_of(planting, settings.forest) for planting in settings.plantings]
-    except (SpecError, ValueError):
-        return
-    if not functions:
-        return
-    low = np.array(settings.forest.origin)
-    high = low + np.array(settings.forest.size)
+    except SpecError:
+        return  # the panel says what is wrong when the forest is built
+    folder = bpy.path.abspath(scene.forest_sensing.folder)
+    key = (scene.session_uid, folder, settings.offset, settings.forest, settings.plantings)
+    if _intensity[0] != key or _takes_from_scene(settings):
+        _intensity = (key, _intensity_batch(settings, Path(folder), depsgraph))
+    if _intensity[1] is not None:
+        _batches.append(_intensity[1])
+
+
+def _takes_from_scene(settings: Scene) -> bool:
+    """Whether the intensity depends on objects, which may have changed."""
+    return bool(settings.forest.terrain.object or any(p.painted for p in settings.plantings))
+
+
+def _intensity_batch(settings: Scene, folder: Path, depsgraph: bpy.types.Depsgraph) -> Any:
+    from ..blender.inputs import inputs_from_scene
+    from ..formats.stand_files import read_inputs
+    from ..stand.compose import corners_of, process_of
+
+    try:
+        inputs = inputs_from_scene(settings, depsgraph, read_inputs(settings, folder))
+        scattered = [p for p in settings.plantings if p.layout == "poisson"]
+        processes = [process_of(planting, settings.forest, inputs) for planting in scattered]
+    except (SpecError, ValueError, OSError):
+        return None
+    if not processes:
+        return None
 
     def together(places: np.ndarray) -> np.ndarray:
-        return np.sum([function.at(places) for function in functions], axis=0)
+        return np.sum([process.at(places) for process in processes], axis=0)
 
-    places, colours, triangles = intensity_surface(together, low, high)
+    ground = inputs.ground(settings.forest.terrain.base)
+    places, colours, triangles = intensity_surface(together, *corners_of(settings.forest))
+    height = ground.height(places[:, :2])
+    places[:, 2] += np.where(np.isfinite(height), height, settings.forest.terrain.base)
     shader = gpu.shader.from_builtin("SMOOTH_COLOR")
     batch = batch_for_shader(
         shader,
         "TRIS",
         {"pos": places.astype(np.float32), "color": colours.astype(np.float32)},
-        indices=triangles.astype(np.int32),
+        indices=np.ascontiguousarray(triangles, dtype=np.int32),
     )
-    _batches.append((shader, batch, None))
+    return shader, batch, None

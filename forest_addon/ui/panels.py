@@ -12,11 +12,12 @@ import bpy
 
 from .. import spec
 from ..blender import sensors
-from . import requirements
+from . import live, requirements
 from .exchange import untouched
 from .lists import ICONS, draw_list
 from .migration import draw_notice
 from .operators import chosen_sensor
+from .painting import PAINTING
 from .properties import PARTS
 from .running import current
 
@@ -64,7 +65,7 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
         if untouched(props):
             _draw_start(layout)
             return
-        _big_button(layout, "forest.build", "FILE_REFRESH" if "forest" in props.results else "PLAY")
+        _draw_update(layout, context.scene)
         column = split(layout)
         seed = column.row(align=True)
         seed.prop(props, "seed")
@@ -114,13 +115,20 @@ class FOREST_PT_intensity(_OfPlanting, bpy.types.Panel):
             layout.label(text="No hills: the same everywhere", icon="INFO")
         else:
             draw_settings(split(layout), _chosen(planting, "gaussians"))
+            layout.prop(context.scene.forest_sensing, "drag_hills", icon="EMPTY_AXIS", toggle=True)
         layout.label(text="Images")
         draw_list(layout, "FOREST_UL_rasters", planting, "rasters", "raster")
         if planting.rasters:
             draw_settings(split(layout), _chosen(planting, "rasters"))
         column = split(layout)
-        for name in ("base", "painted", "painted_value"):
-            draw_field(column, planting, name)
+        draw_field(column, planting, "base")
+        painted = column.row(align=True)
+        painted.prop(planting, "painted")
+        on = context.mode == PAINTING
+        painted.operator(
+            "forest.paint", text="Done" if on else "", icon="CHECKMARK" if on else "BRUSH_DATA"
+        )
+        draw_field(column, planting, "painted_value")
 
 
 class FOREST_PT_limits(_OfPlanting, bpy.types.Panel):
@@ -354,6 +362,20 @@ def _draw_start(layout: bpy.types.UILayout) -> None:
     column.label(text="and listen in it.")
     _big_button(layout, "forest.build", "PLAY", "Build Demo Forest")
     layout.operator("forest.load_scene", icon="FILE_FOLDER")
+
+
+def _draw_update(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
+    """The button that builds, with a star where settings have changed since, and Live beside it."""
+    row = layout.row(align=True)
+    row.scale_y = 1.4
+    if "forest" not in scene.forest_sensing.results:
+        row.operator("forest.build", icon="PLAY")
+    else:
+        star = " *" if live.is_stale(scene) else ""
+        row.operator("forest.build", text=f"Update{star}", icon="FILE_REFRESH")
+    beside = row.row(align=True)
+    beside.ui_units_x = 3
+    beside.prop(scene.forest_sensing, "live", toggle=True)
 
 
 def _draw_job(layout: bpy.types.UILayout) -> None:

@@ -8,6 +8,7 @@ degrees, as in a scene file. A value that may be left out becomes a number with 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import math
 import types
@@ -33,6 +34,7 @@ from bpy.props import (
 from .. import spec
 from ..blender.sensors import home_of
 from ..spec import Param, Settings, param_of
+from .offers import offered
 
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
 LARGEST_INT = 2**31 - 1  # what Blender's whole numbers hold
@@ -97,7 +99,41 @@ WHEN_USED = {
     "honda": spec.Honda(),
 }
 ONE_OF = ("template", "rules", "honda")  # parts of a species of which one may be used
+# What a group holds besides its settings.
+BESIDES = {spec.Gaussian: {"handle": PointerProperty(type=bpy.types.Object)}}
 DIGITS = {"mean": 3, "sd": 3, "low": 3, "high": 3}  # of numbers whose size a default does not tell
+
+
+def _place_handle(hill: Any, _context: Any) -> None:
+    from . import hills
+
+    hills.place(hill)
+
+
+def _choose_hill(planting: Any, context: Any) -> None:
+    from . import hills
+
+    hills.choose(planting, context)
+
+
+def _renew_handles(props: Any, _context: Any) -> None:
+    from . import hills
+
+    hills.renew(props.id_data)
+
+
+def _let_live(props: Any, _context: Any) -> None:
+    from . import live
+
+    live.begin(props.id_data)
+
+
+def _noticed(_group: Any, _context: Any) -> None:
+    """Nothing; but only properties with such a function are reported when a script has set them."""
+
+
+# What follows when a setting changes, or an item of a list is chosen.
+WHEN_SET = {"centre": _place_handle, "width": _place_handle, "active_gaussians": _choose_hill}
 
 
 # --------------------------------------------------------------------------- making property groups
@@ -117,7 +153,9 @@ def make_group(settings: type[Settings], groups: dict[type, type]) -> type[bpy.t
         part = without_none(kind) or kind
         if many:
             lists[name] = CollectionProperty(type=groups[many])
-            lists[f"active_{name}"] = IntProperty(options={"HIDDEN"})
+            lists[f"active_{name}"] = IntProperty(
+                options={"HIDDEN"}, update=WHEN_SET.get(f"active_{name}")
+            )
         elif is_group(part):
             words = {"name": label_of(name, known), "description": _help(known)}
             parts[name] = PointerProperty(type=groups[part], **words)
@@ -125,7 +163,8 @@ def make_group(settings: type[Settings], groups: dict[type, type]) -> type[bpy.t
                 annotations[f"use_{name}"] = _switch(name, known, default)
         elif not is_sensor_kind(name, known):
             annotations |= _properties(name, kind, known, default)
-    group = _group_class(settings.__name__.lower(), annotations | parts | lists)
+    besides = BESIDES.get(settings, {})
+    group = _group_class(settings.__name__.lower(), annotations | parts | lists | besides)
     group.shown = tuple(name for name in annotations if not name.startswith("use_"))
     group.nested = tuple(parts)
     return group
@@ -159,6 +198,7 @@ def _properties(name: str, kind: Any, known: Param, default: Any) -> dict[str, A
 def _switch(name: str, known: Param, default: Any) -> Any:
     """Whether a value that may be left out is given."""
     words: dict[str, Any] = {"name": f"Use {label_of(name, known)}", "description": _help(known)}
+    words["update"] = _noticed
     if name in ONE_OF:
         words["update"] = lambda props, _: _switch_others_off(name, props)
     return BoolProperty(default=default is not None, **words)
@@ -178,7 +218,8 @@ def property_of(name: str, kind: Any, known: Param, default: Any) -> Any:
     words: dict[str, Any] = {"name": label_of(name, known), "description": _help(known)}
     if is_text(name, kind):
         given = () if default is dataclasses.MISSING else default
-        return StringProperty(default=text_of(given), **words)
+        return StringProperty(default=text_of(given), update=_noticed, **words)
+    words["update"] = WHEN_SET.get(name, _noticed)
     if item is bool:
         return (BoolVectorProperty if size else BoolProperty)(default=default, **words)
     if item is str:
@@ -214,50 +255,8 @@ def _text_property(name: str, known: Param, default: Any, words: dict[str, Any])
             for choice in known.choices
         ]
         return EnumProperty(items=items, default=default, **words)
-    if name == "species":
-        words |= {"search": _known_species, "search_options": {"SUGGESTION"}}
-    elif name == "scanner":
-        words |= {"search": _known_scanners, "search_options": {"SUGGESTION"}}
-        words |= {"update": _take_scanner}
-    elif name == "follow":
-        words |= {"search": _known_paths, "search_options": {"SUGGESTION"}}
+    words |= offered(name)
     return StringProperty(default="" if default is dataclasses.MISSING else default, **words)
-
-
-def _known_species(_props: Any, _context: Any, typed: str) -> list[str]:
-    """Presets to choose from; looked up when the field is opened."""
-    presets = (ASSETS / "species").glob("*.toml")
-    return sorted(path.stem for path in presets if typed in path.stem)
-
-
-def _known_scanners(props: Any, _context: Any, typed: str) -> list[str]:
-    """Presets that are used on this platform."""
-    from ..formats.scanner_file import read_scanner, scanner_names
-
-    kind = type(props).__name__.removeprefix("FOREST_PG_")
-    return [n for n in scanner_names() if typed in n and kind in read_scanner(n).tables]
-
-
-def _known_paths(_props: Any, context: Any, typed: str) -> list[str]:
-    """Curves, and objects that are animated."""
-    able = [t for t in context.scene.objects if t.type == "CURVE" or t.animation_data or t.parent]
-    return sorted(thing.name for thing in able if typed in thing.name)
-
-
-def _take_scanner(props: Any, context: Any) -> None:
-    """Put the figures of the scanner that was chosen into the settings; they can be changed after."""
-    from ..formats.scanner_file import settings_of
-    from ..formats.toml_file import structure
-    from . import exchange
-
-    kind = type(props).__name__.removeprefix("FOREST_PG_")
-    folder = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
-    try:
-        figures = settings_of(props.scanner, kind, folder)
-        chosen = structure(figures, spec.SENSORS[kind])
-    except (spec.SpecError, ImportError):
-        return  # not a whole name yet, or none: what is set stays
-    exchange.write(props, chosen, figures)
 
 
 def _limits(item: type, known: Param) -> dict[str, Any]:
@@ -288,11 +287,14 @@ def _help(known: Param) -> str:
     return text[:1].upper() + text[1:]
 
 
-def fields_of(settings: type[Settings]) -> Iterable[tuple[str, Any, Param, Any]]:
+@functools.cache
+def fields_of(settings: type[Settings]) -> tuple[tuple[str, Any, Param, Any], ...]:
     """(name, type, param, default) of every field."""
     kinds = typing.get_type_hints(settings)
-    for field in dataclasses.fields(settings):  # type: ignore[arg-type]
-        yield field.name, kinds[field.name], param_of(field), field.default
+    return tuple(
+        (field.name, kinds[field.name], param_of(field), field.default)
+        for field in dataclasses.fields(settings)  # type: ignore[arg-type]
+    )
 
 
 def items_of(kind: Any) -> type[Settings] | None:
@@ -472,6 +474,20 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
             ),
             "show_intensity": BoolProperty(
                 name="Intensity", description="Draw where trees are likely to stand"
+            ),
+            "drag_hills": BoolProperty(
+                name="Drag in View",
+                description="A circle in the view for every hill: move and scale it, copy it, delete it",
+                update=_renew_handles,
+            ),
+            "live": BoolProperty(
+                name="Live",
+                description="Build the forest anew whenever a setting, a hill, a painting or the terrain "
+                "has changed",
+                update=_let_live,
+            ),
+            "built": StringProperty(
+                description="Fingerprint of what the forest was built from", options={"HIDDEN"}
             ),
             "folder": StringProperty(
                 name="Species Folder",

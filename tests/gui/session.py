@@ -12,7 +12,19 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 import bpy
-from drive import Scenario, Steps, key, open_tab, play, press, redraw_ms, view, wait_for
+from drive import (
+    Scenario,
+    Steps,
+    click,
+    key,
+    open_tab,
+    play,
+    point_at,
+    press,
+    redraw_ms,
+    view,
+    wait_for,
+)
 
 OUT = Path(__file__).parent
 MODULE = "bl_ext.user_default.forest_sensing"
@@ -113,6 +125,41 @@ def newcomer(steps: Steps) -> Scenario:
     yield 1
     bpy.context.view_layer.update()
     assert sorted(tuple(tree.location) for tree in trees()) == places
+
+    steps.step("drag a hill, and Live builds the forest anew")
+    props().drag_hills = props().live = True
+    for planting in props().plantings:
+        planting.variants = 1
+    yield from wait_for(lambda: not done("cloud") and idle(), 60, "the first Live build")
+    bpy.ops.ed.undo_push(message="Live")
+    props().plantings[0].active_gaussians = 1
+    hill = props().plantings[0].gaussians[1]
+    was, built = tuple(hill.centre), props().built
+    x, y = main.x + main.width // 3, window.height - main.y - main.height // 2
+    point_at(x, y)
+    key("g")
+    yield from wait_for(lambda: len(window.modal_operators), 10, "grabbing")
+    point_at(x + 30, y - 20)
+    point_at(x + 60, y - 20)
+    yield from wait_for(lambda: tuple(hill.centre) != was, 10, "the hill")
+    assert props().built == built
+    click(x + 60, y - 20)
+    yield from wait_for(lambda: props().built != built and idle(), 60, "the Live build")
+    yield 1
+    assert tuple(hill.handle.location[:2]) == tuple(hill.centre) != was
+
+    steps.step("undo takes the hill back, and Live lets it be")
+    standing = props().built
+    with bpy.context.temp_override(window=window, area=area, region=main):
+        bpy.ops.ed.undo()  # the build
+        bpy.ops.ed.undo()  # the drag
+    yield 2
+    hill = props().plantings[0].gaussians[1]
+    assert tuple(hill.handle.location[:2]) == tuple(hill.centre) == was
+    assert idle()
+    assert props().built == built != standing
+    props().drag_hills = props().live = False
+    places = sorted(tuple(tree.location) for tree in trees())
 
     steps.step("save and open again")
     file = str(OUT / "session.blend")

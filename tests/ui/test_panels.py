@@ -29,7 +29,8 @@ class Layout:
     def panel(self, name, default_closed=False):
         return Layout(self.seen), Layout(self.seen)
 
-    def prop(self, group, name, index=-1, text=None, placeholder="", icon="NONE", emboss=True):
+    def prop(self, group, name, index=-1, text=None, placeholder="", icon="NONE", **style):
+        assert style.keys() <= {"emboss", "toggle"}
         self._known_icon(icon)
         if name.startswith("["):
             assert group.path_resolve(name) is not None

@@ -1,0 +1,103 @@
+"""Fields that name something offer what there is, and files are named as scene files name them."""
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon import spec
+from forest_addon.blender.inputs import read_painted
+from forest_addon.ui import offers, properties
+
+FREE = {"name", "crs", "source", "axiom", "engine"}  # texts that name nothing there is
+
+
+def offered(group, name, typed=""):
+    return offers.SEARCHES[name](group, bpy.context, typed)
+
+
+def plane(name):
+    data = bpy.data.meshes.new(name)
+    data.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0)], [], [(0, 1, 2)])
+    thing = bpy.data.objects.new(name, data)
+    bpy.context.scene.collection.objects.link(thing)
+    return thing
+
+
+def texts():
+    """(class, field) of every text of the panel that is no choice of a few."""
+    for cls in properties.GROUPS:
+        for name, kind, known, _ in properties.fields_of(cls):
+            if kind is str and not known.choices:
+                yield cls, name
+
+
+def test_every_text_names_a_file_or_offers_something(props):
+    silent = {name for _, name in texts() if name not in offers.FILES | offers.SEARCHES.keys()}
+    assert silent <= FREE
+    for cls, name in texts():
+        if name in offers.FILES:
+            known = {p.identifier: p for p in properties.GROUPS[cls].bl_rna.properties}
+            assert known[name].subtype == "FILE_PATH", name
+
+
+@pytest.mark.filterwarnings("ignore:.*blend relative")  # Blender 5 asks nobody for such a path
+def test_a_file_beside_the_blend_file_becomes_a_whole_path(props, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "here.blend"))
+    raster = bpy.context.scene.forest_sensing.plantings.add().rasters.add()
+    raster.file = "//hill.png"
+    assert raster.file == str(tmp_path / "hill.png")
+    raster.file = "hill.png"  # beside the scene file, as that writes it
+    assert raster.file == "hill.png"
+
+
+def test_surfaces_and_collections_of_the_scene(small):
+    bpy.ops.forest.build()
+    plane("slope")
+    bpy.data.collections.new("mine")
+    found = offered(small.forest.terrain, "object")
+    assert "slope" in found
+    assert "Ground" in found
+    assert not any("hazelnut" in name for name in found)  # trees
+    assert offered(small.forest.terrain, "object", "SLO") == ["slope"]
+    assert offered(small.plantings[0], "collection", "min") == ["mine"]
+
+
+def test_every_layer_that_is_offered_can_be_read(small):
+    thing = plane("meadow")
+    thing.vertex_groups.new(name="weights")
+    thing.data.attributes.new("share", "FLOAT", "FACE")
+    thing.data.attributes.new("flow", "FLOAT_VECTOR", "POINT")
+    thing.data.color_attributes.new("tint", "FLOAT_COLOR", "POINT")
+    found = offered(small.plantings[0], "painted")
+    assert found == ["meadow:share", "meadow:tint", "meadow:weights"]
+    bpy.context.view_layer.update()
+    for name in found:
+        assert len(read_painted(name, bpy.context.evaluated_depsgraph_get()).weight) == 3
+
+
+def test_species_are_presets_and_what_is_edited(small):
+    bpy.ops.forest.edit_species()
+    found = offered(small.plantings[0], "species")
+    assert {"maple", "edited/hazelnut.toml"} <= set(found)
+    pair = small.forest.distances.add()
+    assert offered(pair, "species") == offered(pair, "other") == ["hazelnut"]
+
+
+def test_several_names_are_offered_one_after_the_other(props, sensor):
+    for name in ("ear", "eye"):
+        bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, None))
+    group = sensor("reverb").forest_sensor.reverb
+    assert offered(group, "receiver_objects") == ["ear", "eye", "reverb receiver"]
+    assert offered(group, "receiver_objects", "ear, ") == ["ear, eye", "ear, reverb receiver"]
+    assert offered(group, "source_objects") == ["reverb"]
+
+
+def test_an_image_starts_with_the_fields_extent(small):
+    small.forest.size, small.forest.origin = (8, 5), (1, 2)
+    bpy.ops.forest.add_raster()
+    raster = small.plantings[0].rasters[0]
+    raster.use_size = raster.use_origin = True
+    raster.file = "x.png"
+    found = properties.GROUPS[spec.Raster]
+    assert isinstance(raster, found)
+    assert (tuple(raster.size), tuple(raster.origin)) == ((8, 5), (1, 2))
