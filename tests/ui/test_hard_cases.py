@@ -50,12 +50,13 @@ LONG = "Wäldchen-森-" * 20  # more than the 63 bytes of a name, or 255 in Blen
 
 @cache
 def operators():
-    """Names of all our operators."""
+    """Names of all our operators that a user can reach."""
     return tuple(
         sorted(
             cls.bl_idname.partition(".")[2]
             for cls in ui._classes()
             if issubclass(cls, bpy.types.Operator)
+            and "INTERNAL" not in getattr(cls, "bl_options", ())
         )
     )
 
