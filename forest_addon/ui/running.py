@@ -66,6 +66,7 @@ class Working(WhenReady):
         context.view_layer.update()
         manager = context.window_manager
         self._job = _current = Job(self.bl_label, self.work(context))
+        self._shown = ""
         self._timer = manager.event_timer_add(TICK, window=context.window)
         manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
@@ -94,7 +95,10 @@ class Working(WhenReady):
             self._leave(context)
             self.report({"INFO"}, job.result)
             return {"FINISHED"}
-        _show(context, f"{job.title}: {job.label} {job.share:.0%}  |  Esc: cancel")
+        text = f"{job.title}: {job.label} {job.share:.0%}  |  Esc: cancel"
+        if text != self._shown:  # drawing costs the task time
+            self._shown = text
+            _show(context, text)
         return {"RUNNING_MODAL"}
 
     def cancel(self, context: bpy.types.Context) -> None:
