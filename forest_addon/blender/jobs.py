@@ -29,10 +29,14 @@ TURN = 5e-4  # s that a task keeps Python's lock while the window waits for it
 
 @dataclass(frozen=True)
 class Task:
-    """Work on arrays: ``run(tell)`` calls ``tell(done, total)`` now and then."""
+    """Work on arrays: ``run(tell)`` calls ``tell(done, total)`` now and then.
+
+    whole : it is short and never left half done, as imports must not be.
+    """
 
     label: str
     run: Callable[[Tell], Any]
+    whole: bool = False
 
 
 Work = Generator[Task, Any, str]
@@ -121,7 +125,7 @@ class Job:
         try:
             with _short_turns():
                 with self._lock:
-                    self._at_work = threading.get_ident()
+                    self._at_work = None if task.whole else threading.get_ident()
                 try:
                     self._run(task)
                 finally:

@@ -31,6 +31,16 @@ DEMO = ASSETS / "scenes" / "demo.toml"
 SOLID_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 
 
+def _import_rooms(_tell: Any) -> None:
+    """Import what building and sensing needs, scipy with it: the first time that takes a while."""
+    from ..blender import forest, inputs, observe  # noqa: F401
+    from ..formats import stand_files  # noqa: F401
+    from . import results  # noqa: F401
+
+
+GETTING_READY = Task("getting ready", _import_rooms, whole=True)
+
+
 class FOREST_OT_build(Working, bpy.types.Operator):
     """Grow the trees and plant them, in place of the forest that stands in this scene"""
 
@@ -38,13 +48,14 @@ class FOREST_OT_build(Working, bpy.types.Operator):
     bl_label = "Build Forest"
 
     def work(self, context: bpy.types.Context) -> Work:
+        started, scene = time.perf_counter(), context.scene
+        yield GETTING_READY
         from ..blender.forest import build
         from ..blender.inputs import inputs_from_scene
         from ..formats.stand_files import read_inputs
         from ..stand.forest import grow_forest
         from .results import keep_forest
 
-        started, scene = time.perf_counter(), context.scene
         if untouched(scene.forest_sensing):
             open_scene(scene, DEMO)
         settings, edited = to_spec(scene), edited_species(scene)
@@ -98,6 +109,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> Work:
         scene = context.scene
+        yield GETTING_READY
         chosen = [t for t in sensors.sensors_of(scene) if self.sensor in ("", t.name)]
         if not chosen:
             raise SpecError("sensor", f"{self.sensor} is no sensor of this scene; add it again")
