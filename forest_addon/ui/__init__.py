@@ -37,7 +37,7 @@ def _steps() -> Iterator[Step]:
     """What registering does, one by one, and how each is taken back."""
     import bpy
 
-    from . import command, overlay, running, species_pictures, start, tree
+    from . import command, new_file, overlay, running, species_pictures, start, tree
     from .properties import FOREST_PG_scene, FOREST_PG_sensor
 
     for cls in _classes():
@@ -49,13 +49,14 @@ def _steps() -> Iterator[Step]:
         pointer = bpy.props.PointerProperty(type=group)
         yield partial(setattr, owner, name, pointer), partial(delattr, owner, name)
     yield species_pictures.refresh, species_pictures.unregister
-    for part in (running, tree, start, overlay, command):
+    for part in (running, tree, start, new_file, overlay, command):
         yield part.register, part.unregister
 
 
 def _classes() -> tuple[type, ...]:
     from . import (
         lists,
+        new_file,
         operators,
         panels,
         preferences,
@@ -68,5 +69,5 @@ def _classes() -> tuple[type, ...]:
     )
 
     of_species = (species_edit, species_import, species_panel)
-    rooms = (properties, lists, operators, tree, start, preferences, panels, *of_species)
+    rooms = (properties, lists, operators, tree, start, new_file, preferences, panels, *of_species)
     return tuple(cls for room in rooms for cls in room.CLASSES)
