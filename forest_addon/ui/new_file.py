@@ -12,7 +12,6 @@ from typing import Any, ClassVar
 
 import bpy
 
-
 from ..blender.jobs import Work
 from .operators import FOREST_OT_build
 from .running import Working, current

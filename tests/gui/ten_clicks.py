@@ -81,7 +81,7 @@ def newcomer(steps: Steps) -> Scenario:
     yield from press(place, lambda: "forest" in results() and idle(), 60, "the forest")
 
     steps.step("Run All")
-    place = yield from find_button('forest.run(frames=', 0.65)
+    place = yield from find_button("forest.run(frames=", 0.65)
     wanted = {"forest", "scan", "cloud", "echo", "reverb"}
     yield from press(place, lambda: results() == wanted and idle(), 180, "what the sensors find")
 

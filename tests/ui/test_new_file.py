@@ -36,7 +36,8 @@ def test_a_start_scene_stands_built_and_lit(props, preset, trees):
     assert scene.world is not None
     assert [thing.data.type for thing in scene.objects if thing.type == "LIGHT"] == ["SUN"]
     for place in ground_in_picture(scene):
-        assert 0 <= min(place) and max(place) <= 1
+        assert min(place) >= 0
+        assert max(place) <= 1
     sensors = {sensor.name for sensor in read_settings(SCENES / f"{preset}.toml", Scene).sensors}
     assert sensors <= {thing.name for thing in scene.objects}
 
