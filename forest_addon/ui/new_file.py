@@ -7,8 +7,7 @@ entries of the menu do, with its question whether to save changes; once that is 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import bpy
 
@@ -16,6 +15,7 @@ from ..blender.jobs import Work
 from .operators import FOREST_OT_build
 from .running import Working, current
 from .start import draw_presets, take
+from .views import look_at, open_tab, region_of, views
 
 NEW_FILE = {"app_template": "", "use_empty": True}
 PICTURE = (1920, 1080)
@@ -63,7 +63,7 @@ class FOREST_OT_furnish(Working, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> Work:
         scene = context.scene
         sentence = take(scene, self.preset)
-        for area in _views():
+        for _, area in views():
             area.spaces.active.show_region_ui = True
         if scene.forest_sensing.plantings or scene.forest_sensing.stems:
             sentence = yield from FOREST_OT_build.work(self, context)
@@ -72,8 +72,9 @@ class FOREST_OT_furnish(Working, bpy.types.Operator):
         field = scene.forest_sensing.forest
         low, size = tuple(field.origin), tuple(field.size)
         set_stage(scene, PICTURE, (low, size))
-        for area in _views():
-            _look(area, low, size)
+        for _, area in views():
+            look_at(area, field)
+            open_tab(area)
         return sentence
 
 
@@ -126,8 +127,8 @@ def _furnish_soon(preset: str) -> None:
     def furnish() -> float | None:
         if current() is not None:
             return RETRY
-        for window, area in _windows():
-            region = next(r for r in area.regions if r.type == "WINDOW")
+        for window, area in views():
+            region = region_of(area, "WINDOW")
             with bpy.context.temp_override(window=window, area=area, region=region):
                 bpy.ops.forest.furnish("INVOKE_DEFAULT", preset=preset)
             return None
@@ -135,28 +136,3 @@ def _furnish_soon(preset: str) -> None:
         return None
 
     bpy.app.timers.register(furnish)
-
-
-def _windows() -> Iterator[tuple[bpy.types.Window, bpy.types.Area]]:
-    """Each 3D view that is open, with its window."""
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                yield window, area
-
-
-def _views() -> list[bpy.types.Area]:
-    return [area for _, area in _windows()]
-
-
-def _look(area: bpy.types.Area, low: Any, size: Any) -> None:
-    """Turn a 3D view to a field, beside the tab *Forest*."""
-    space = area.spaces.active
-    space.clip_end = max(space.clip_end, 10.0 * max(size))
-    view = space.region_3d
-    view.view_perspective = "PERSP"
-    view.view_location = (low[0] + size[0] / 2, low[1] + size[1] / 2, 3.0)
-    view.view_distance = 1.4 * max(size)
-    side = next(region for region in area.regions if region.type == "UI")
-    if side.active_panel_category != "UNSUPPORTED":  # it was never drawn
-        side.active_panel_category = "Forest"

@@ -26,6 +26,7 @@ from .preferences import expansions, rays_of
 from .properties import ASSETS
 from .running import PROBLEMS, FOREST_OT_cancel, Working, in_words
 from .species_edit import edited_species, export_edited, load
+from .views import look_at
 
 DEMO = ASSETS / "scenes" / "demo.toml"
 SOLID_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
@@ -70,8 +71,8 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         forest = yield Task("growing trees", grow)
         first = "forest" not in scene.forest_sensing.results
         build(scene, settings, forest, inputs.terrain)
-        if first:
-            _look_at(context, settings.forest)
+        if first and context.area is not None and context.area.type == "VIEW_3D":
+            look_at(context.area, settings.forest)
         return keep_forest(context, settings, forest, time.perf_counter() - started)
 
 
@@ -377,6 +378,7 @@ def open_scene(scene: bpy.types.Scene, path: Path) -> str:
     settings = read_settings(path, spec.Scene)
     from_spec(scene, settings)
     scene.forest_sensing.folder = str(path.resolve().parent)
+    scene.forest_sensing.active_sensor = 0  # active in the scene, too
     return settings.name
 
 
@@ -422,13 +424,3 @@ def _folder(output: str) -> Path | None:
     except OSError as problem:
         raise SpecError("Save To", f"{folder} cannot be made: {problem.strerror}") from None
     return folder
-
-
-def _look_at(context: bpy.types.Context, field: spec.Forest) -> None:
-    """Turn the 3D view that was pressed in to the whole field."""
-    view = getattr(context.space_data, "region_3d", None)
-    if view is None or view.view_perspective == "CAMERA":
-        return
-    middle = [o + s / 2 for o, s in zip(field.origin, field.size, strict=True)]
-    view.view_location = (*middle, 3.0)
-    view.view_distance = 1.6 * max(field.size)

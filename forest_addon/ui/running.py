@@ -16,6 +16,7 @@ import bpy
 from ..blender.jobs import Job, Tell, Work
 from ..spec import SpecError
 from . import requirements
+from .views import redraw_sidebars, settle_sidebars
 
 TICK = 0.05  # s between two looks at a running job
 PROBLEMS = (SpecError, ValueError, OSError, ImportError, MemoryError, ReferenceError)
@@ -121,6 +122,7 @@ class Working(WhenReady):
     def _leave(self, context: bpy.types.Context) -> None:
         context.window_manager.event_timer_remove(self._timer)
         _show(context, None)
+        settle_sidebars()
 
 
 class FOREST_OT_cancel(bpy.types.Operator):
@@ -200,12 +202,7 @@ def _show(context: bpy.types.Context, text: str | None) -> None:
     """Text in the status bar, and the panel drawn anew."""
     if context.workspace is not None:
         context.workspace.status_text_set(text)
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if region.type == "UI":
-                        region.tag_redraw()
+    redraw_sidebars()
 
 
 @contextmanager
