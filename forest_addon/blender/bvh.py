@@ -25,6 +25,7 @@ from ..sensing.refine import whole_triangles
 
 BEFORE = 1e-3  # metres, and BEFORE_SHARE of the way: where a ray starts before a box
 BEFORE_SHARE = 1e-5
+TURN = 256  # rays; between them other threads have their turn, as the window that waits
 FAR = 3e38  # the longest way that float32 holds
 
 
@@ -106,11 +107,10 @@ class BvhCaster(Search):
         way_rows = list(zip(*(x.tolist() for x in way), strict=True))
         reach_rows = reach.tolist()
         mesh_of = self.scene.mesh_index[instance]
-        cuts = [0, *(np.flatnonzero(np.diff(mesh_of)) + 1).tolist(), len(mesh_of)]
+        cuts = {0, *(np.flatnonzero(np.diff(mesh_of)) + 1).tolist(), len(mesh_of)}
+        cuts |= set(range(0, len(mesh_of), TURN))
         triangle = np.full(len(instance), -1, dtype=np.int64)
-        for first, last in pairwise(cuts):
-            if first == last:
-                continue
+        for first, last in pairwise(sorted(cuts)):
             tree, numbers = self._tree(int(mesh_of[first]))
             part = slice(first, last)
             found = map(

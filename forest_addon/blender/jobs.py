@@ -9,33 +9,41 @@ runs on the main thread, the only one that may touch Blender, and should be shor
     return "20 trees"
 
 ``Job`` drives such a generator, either step by step while a window lives (``step``) or to its end at
-once, without a thread (``finish``). A task that calls its ``tell`` says how far it is, and stops there
-when the job was cancelled.
+once, without a thread (``finish``). A task says by its ``tell`` how far it is. When the job is cancelled,
+``CancelledError`` comes out of whatever line of Python the task is at, as Ctrl-C comes in a terminal.
 """
 
 from __future__ import annotations
 
+import ctypes
+import sys
 import threading
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 Tell = Callable[[int, int], None]
+TURN = 5e-4  # s that a task keeps Python's lock while the window waits for it
 
 
 @dataclass(frozen=True)
 class Task:
-    """Work on arrays: ``run(tell)`` calls ``tell(done, total)`` now and then."""
+    """Work on arrays: ``run(tell)`` calls ``tell(done, total)`` now and then.
+
+    whole : it is short and never left half done, as imports must not be.
+    """
 
     label: str
     run: Callable[[Tell], Any]
+    whole: bool = False
 
 
 Work = Generator[Task, Any, str]
 
 
-class CancelledError(Exception):
-    """Raised within a task by ``tell`` when its job was cancelled."""
+class CancelledError(BaseException):
+    """Raised within a task when its job was cancelled; no ``except Exception`` on the way keeps it."""
 
 
 class Job:
@@ -57,6 +65,8 @@ class Job:
         self._outcome: Any = None
         self._problem: BaseException | None = None
         self._stopped = threading.Event()
+        self._at_work: int | None = None  # the thread that may be interrupted
+        self._lock = threading.Lock()
 
     @property
     def busy(self) -> bool:
@@ -76,7 +86,7 @@ class Job:
             self.result, self.over = end.value, True
             return True
         self._begin(task)
-        self._thread = threading.Thread(target=self._run, args=(task,), daemon=True)
+        self._thread = threading.Thread(target=self._run_beside, args=(task,), daemon=True)
         self._thread.start()
         return False
 
@@ -95,6 +105,9 @@ class Job:
         """Give the work up: nothing more of it runs on the main thread, its task stops soon."""
         self.over = True
         self._stopped.set()
+        with self._lock:
+            if self._at_work is not None:
+                _raise_in(self._at_work, CancelledError)
         self._work.close()
 
     def _resume(self) -> Task:
@@ -106,6 +119,20 @@ class Job:
 
     def _begin(self, task: Task) -> None:
         self.label, self.share = task.label, 0.0
+
+    def _run_beside(self, task: Task) -> None:
+        """Run a task in this thread, which can be interrupted and leaves the window its turns."""
+        try:
+            with _short_turns():
+                with self._lock:
+                    self._at_work = None if task.whole else threading.get_ident()
+                try:
+                    self._run(task)
+                finally:
+                    with self._lock:
+                        self._at_work = None
+        except CancelledError:
+            pass  # it came when the task was done already
 
     def _run(self, task: Task, listener: Tell | None = None) -> None:
         def tell(done: int, total: int) -> None:
@@ -119,3 +146,25 @@ class Job:
             self._outcome = task.run(tell)
         except BaseException as problem:
             self._problem = problem
+
+
+@contextmanager
+def _short_turns() -> Iterator[None]:
+    """Threads change more often in this block.
+
+    A window that draws asks Python hundreds of things, and each waits until a task lets go of Python's
+    lock: with Python's own 5 ms that is seconds.
+    """
+    usual = sys.getswitchinterval()
+    sys.setswitchinterval(TURN)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(usual)
+
+
+def _raise_in(thread: int, problem: type[BaseException]) -> None:
+    """Raise an exception in another thread as soon as that runs Python: steps between two ``tell`` are
+    long, and what they keep for later they store whole or not at all.
+    """
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(problem))

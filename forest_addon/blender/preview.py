@@ -16,17 +16,30 @@ from .instances import read_points
 from .layout import TREES, objects_in, part
 
 Progress = Callable[[int, int], None]
+Field = tuple[tuple[float, float], tuple[float, float]]
+LEVEL, FROM_ABOVE = -0.055, -0.45  # how much a camera looks down, a metre forward
+WHOLE = 1.06  # of the picture for what is seen from above: all of it, with an edge
 CAMERA, SUN, SKY = "Forest camera", "Forest sun", "Forest sky"
 FILL = 0.80  # of the picture; boxes are larger than crowns, so below 1 nothing is cut
 
 
-def set_stage(scene: bpy.types.Scene, size: tuple[int, int]) -> None:
+def set_stage(scene: bpy.types.Scene, size: tuple[int, int], field: Field | None = None) -> None:
     """Give a scene a camera that sees every tree from the south-west, a low sun and a sky.
 
     size : width and height of the picture, pixels.
+    field : corner and extent of ground that is seen whole, from above; None: from a person's height.
     """
     scene.render.resolution_x, scene.render.resolution_y = size
-    _point_camera(scene, _tree_corners(scene))
+    corners = _tree_corners(scene)
+    if field is None:
+        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+        middle[2] = 0.47 * corners[:, 2].max()
+        _point_camera(scene, corners, middle, LEVEL, FILL)
+    else:
+        low, extent = np.array(field[0]), np.array(field[1])
+        ground = [(*(low + extent * (x, y)), 0.0) for x in (0, 1) for y in (0, 1)]
+        corners = np.concatenate([corners, ground])
+        _point_camera(scene, corners, corners.mean(axis=0), FROM_ABOVE, WHOLE)
     _light(scene)
 
 
@@ -85,8 +98,8 @@ def _tree_corners(scene: bpy.types.Scene) -> np.ndarray:
             corners.append(_corners(placed.transform[placed.index == number], source))
         if not len(placed):
             corners.append(_corners(np.array(thing.matrix_world)[None, :3], thing))
-    field = np.array([[x, y, z] for x in (0, 10) for y in (0, 10) for z in (0, 4)], float)
-    return np.concatenate(corners) if corners else field
+    bare = np.array([[x, y, z] for x in (0, 10) for y in (0, 10) for z in (0, 4)], float)
+    return np.concatenate(corners) if corners else bare
 
 
 def _corners(transform: np.ndarray, thing: bpy.types.Object) -> np.ndarray:
@@ -95,12 +108,11 @@ def _corners(transform: np.ndarray, thing: bpy.types.Object) -> np.ndarray:
     return np.asarray((transform @ box.T).transpose(0, 2, 1).reshape(-1, 3))
 
 
-def _point_camera(scene: bpy.types.Scene, corners: np.ndarray) -> None:
-    """Look along a fixed direction from as near as all corners fit into the picture."""
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    target = (low + high) / 2
-    target[2] = 0.47 * high[2]
-    forward = _unit(np.array([0.45, 1.0, -0.055]))
+def _point_camera(
+    scene: bpy.types.Scene, corners: np.ndarray, target: np.ndarray, fall: float, fill: float
+) -> None:
+    """Look at a target along a fixed direction from as near as all corners fit into the picture."""
+    forward = _unit(np.array([0.45, 1.0, fall]))
     right = _unit(np.cross(forward, [0.0, 0.0, 1.0]))
     up = np.cross(right, forward)
 
@@ -114,7 +126,7 @@ def _point_camera(scene: bpy.types.Scene, corners: np.ndarray) -> None:
     offset = corners - target
     wide = np.abs(offset @ right) / across
     tall = np.abs(offset @ up) / (across * height / width)
-    distance = float((np.maximum(wide, tall) * FILL - offset @ forward).max())
+    distance = float((np.maximum(wide, tall) * fill - offset @ forward).max())
 
     camera = bpy.data.objects.new(CAMERA, data)
     place = target - forward * distance

@@ -42,6 +42,7 @@ def _steps() -> Iterator[Step]:
         hills,
         live,
         migration,
+        new_file,
         overlay,
         painting,
         running,
@@ -60,7 +61,7 @@ def _steps() -> Iterator[Step]:
         pointer = bpy.props.PointerProperty(type=group)
         yield partial(setattr, owner, name, pointer), partial(delattr, owner, name)
     yield species_pictures.refresh, species_pictures.unregister
-    parts = (running, tree, start, overlay, hills, painting, live, command, migration)
+    parts = (running, tree, start, new_file, overlay, hills, painting, live, command, migration)
     for part in parts:
         yield part.register, part.unregister
 
@@ -70,6 +71,7 @@ def _classes() -> tuple[type, ...]:
         lists,
         live,
         migration,
+        new_file,
         operators,
         painting,
         panels,
@@ -91,6 +93,7 @@ def _classes() -> tuple[type, ...]:
         painting,
         tree,
         start,
+        new_file,
         preferences,
         migration,
         panels,

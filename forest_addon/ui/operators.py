@@ -27,9 +27,20 @@ from .preferences import expansions, rays_of
 from .properties import ASSETS
 from .running import PROBLEMS, FOREST_OT_cancel, InOwnScene, Working, in_words
 from .species_edit import edited_species, export_edited, load
+from .views import look_at
 
 DEMO = ASSETS / "scenes" / "demo.toml"
 SOLID_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
+
+
+def _import_rooms(_tell: Any) -> None:
+    """Import what building and sensing needs, scipy with it: the first time that takes a while."""
+    from ..blender import forest, inputs, observe  # noqa: F401
+    from ..formats import stand_files  # noqa: F401
+    from . import results  # noqa: F401
+
+
+GETTING_READY = Task("getting ready", _import_rooms, whole=True)
 
 
 class FOREST_OT_build(Working, bpy.types.Operator):
@@ -39,13 +50,14 @@ class FOREST_OT_build(Working, bpy.types.Operator):
     bl_label = "Build Forest"
 
     def work(self, context: bpy.types.Context) -> Work:
+        started, scene = time.perf_counter(), context.scene
+        yield GETTING_READY
         from ..blender.forest import build
         from ..blender.inputs import inputs_from_scene
         from ..formats.stand_files import read_inputs
         from ..stand.forest import grow_forest
         from .results import keep_forest
 
-        started, scene = time.perf_counter(), context.scene
         if untouched(scene.forest_sensing):
             open_scene(scene, DEMO)
         settings, edited = to_spec(scene), edited_species(scene)
@@ -62,8 +74,8 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         first = "forest" not in scene.forest_sensing.results
         build(scene, settings, forest, inputs.terrain)
         scene.forest_sensing.built = mark
-        if first:
-            _look_at(context, settings.forest)
+        if first and context.area is not None and context.area.type == "VIEW_3D":
+            look_at(context.area, settings.forest)
         return keep_forest(context, settings, forest, time.perf_counter() - started)
 
 
@@ -101,6 +113,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> Work:
         scene = context.scene
+        yield GETTING_READY
         chosen = [t for t in sensors.sensors_of(scene) if self.sensor in ("", t.name)]
         if not chosen:
             raise SpecError("sensor", f"{self.sensor} is no sensor of this scene; add it again")
@@ -370,6 +383,7 @@ def open_scene(scene: bpy.types.Scene, path: Path) -> str:
     settings = read_settings(path, spec.Scene)
     from_spec(scene, settings)
     scene.forest_sensing.folder = str(path.resolve().parent)
+    scene.forest_sensing.active_sensor = 0  # active in the scene, too
     return settings.name
 
 
@@ -415,13 +429,3 @@ def _folder(output: str) -> Path | None:
     except OSError as problem:
         raise SpecError("Save To", f"{folder} cannot be made: {problem.strerror}") from None
     return folder
-
-
-def _look_at(context: bpy.types.Context, field: spec.Forest) -> None:
-    """Turn the 3D view that was pressed in to the whole field."""
-    view = getattr(context.space_data, "region_3d", None)
-    if view is None or view.view_perspective == "CAMERA":
-        return
-    middle = [o + s / 2 for o, s in zip(field.origin, field.size, strict=True)]
-    view.view_location = (*middle, 3.0)
-    view.view_distance = 1.6 * max(field.size)

@@ -16,6 +16,7 @@ import bpy
 from ..blender.jobs import Job, Tell, Work
 from ..spec import SpecError
 from . import requirements
+from .views import redraw_sidebars, settle_sidebars
 
 TICK = 0.05  # s between two looks at a running job
 PROBLEMS = (SpecError, ValueError, OSError, ImportError, MemoryError, ReferenceError)
@@ -77,6 +78,7 @@ class Working(WhenReady):
         context.view_layer.update()
         manager = context.window_manager
         self._job = _current = Job(self.bl_label, self.work(context))
+        self._shown = ""
         self._timer = manager.event_timer_add(TICK, window=context.window)
         manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
@@ -107,7 +109,10 @@ class Working(WhenReady):
             self._leave(context)
             self.report({"INFO"}, job.result)
             return {"FINISHED"}
-        _show(context, f"{job.title}: {job.label} {job.share:.0%}  |  Esc: cancel")
+        text = f"{job.title}: {job.label} {job.share:.0%}  |  Esc: cancel"
+        if text != self._shown:  # drawing costs the task time
+            self._shown = text
+            _show(context, text)
         return {"RUNNING_MODAL"}
 
     def cancel(self, context: bpy.types.Context) -> None:
@@ -130,6 +135,7 @@ class Working(WhenReady):
     def _leave(self, context: bpy.types.Context) -> None:
         context.window_manager.event_timer_remove(self._timer)
         _show(context, None)
+        settle_sidebars()
 
 
 class FOREST_OT_cancel(bpy.types.Operator):
@@ -209,12 +215,7 @@ def _show(context: bpy.types.Context, text: str | None) -> None:
     """Text in the status bar, and the panel drawn anew."""
     if context.workspace is not None:
         context.workspace.status_text_set(text)
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if region.type == "UI":
-                        region.tag_redraw()
+    redraw_sidebars()
 
 
 @contextmanager

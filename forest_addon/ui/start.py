@@ -37,16 +37,8 @@ class FOREST_OT_start(WhenReady, bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from .. import spec
-        from .exchange import from_spec
-        from .operators import open_scene
-
         try:
-            if self.preset:
-                name = open_scene(context.scene, SCENES / f"{self.preset}.toml")
-            else:
-                from_spec(context.scene, spec.Scene(name="My forest", seed=1))
-                name = "An empty forest"
+            name = take(context.scene, self.preset)
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
@@ -61,10 +53,32 @@ class FOREST_MT_start(bpy.types.Menu):
     bl_label = "Forest"
 
     def draw(self, _context: bpy.types.Context) -> None:
-        for file, title in presets():
-            self.layout.operator("forest.start", text=title).preset = file
-        self.layout.separator()
-        self.layout.operator("forest.start", text="Empty", icon="FILE_NEW").preset = ""
+        draw_presets(self.layout, "forest.start")
+
+
+def take(scene: bpy.types.Scene, preset: str) -> str:
+    """Put a preset into a scene, an empty forest where none is named; returns its name.
+
+    Raises
+    ------
+    SpecError : there is no such preset, or its file cannot be used; nothing is changed.
+    """
+    from .. import spec
+    from .exchange import from_spec
+    from .operators import open_scene
+
+    if preset:
+        return open_scene(scene, SCENES / f"{preset}.toml")
+    from_spec(scene, spec.Scene(name="My forest", seed=1))
+    return "An empty forest"
+
+
+def draw_presets(layout: bpy.types.UILayout, operator: str) -> None:
+    """An entry for every preset, and the empty one."""
+    for file, title in presets():
+        layout.operator(operator, text=title).preset = file
+    layout.separator()
+    layout.operator(operator, text="Empty", icon="FILE_NEW").preset = ""
 
 
 def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:

@@ -1,8 +1,10 @@
 """Jobs: what runs where, what comes back, and what a cancelled job leaves."""
 
+import sys
 import threading
 import time
 
+import numpy as np
 import pytest
 
 from forest_addon.blender.jobs import Job, Task
@@ -96,11 +98,63 @@ def test_cancel_stops_the_task_and_runs_nothing_more():
     assert job.busy
     job.cancel()
     assert tidied == [threading.main_thread()]
+    wait_until_idle(job)
+    assert not reached
+
+
+def wait_until_idle(job):
     end = time.monotonic() + 5
     while job.busy and time.monotonic() < end:
         time.sleep(0.001)
     assert not job.busy
-    assert not reached
+
+
+def test_cancel_stops_a_task_that_never_tells_anything_and_no_handler_on_the_way_keeps_it():
+    begun, tidied, spoilt = threading.Event(), [], []
+
+    def silent(_tell):
+        try:
+            while True:
+                begun.set()
+                sum(range(1000))
+        except Exception:
+            spoilt.append("kept")
+        finally:
+            tidied.append("done")
+
+    def work():
+        yield Task("silent", silent)
+
+    job = Job("silent", work())
+    job.step()
+    assert begun.wait(5)
+    job.cancel()
+    wait_until_idle(job)
+    assert (tidied, spoilt) == (["done"], [])
+
+
+def test_cancel_when_a_task_has_just_ended_harms_nobody(monkeypatch):
+    raised = []
+    monkeypatch.setattr(threading, "excepthook", raised.append)
+    for pause in np.linspace(0, 2e-3, 60):
+        job = Job("short", (Task("short", lambda tell: tell(1, 1)) for _ in range(1)))
+        job.step()
+        time.sleep(pause)
+        job.cancel()
+        wait_until_idle(job)
+    assert not raised
+
+
+def test_threads_change_more_often_while_a_task_runs_and_then_as_before():
+    seen, usual = [], sys.getswitchinterval()
+
+    def work():
+        yield Task("look", lambda _: seen.append(sys.getswitchinterval()))
+        return "done"
+
+    drive(Job("look", work()))
+    assert seen[0] < usual / 5
+    assert sys.getswitchinterval() == usual
 
 
 def test_the_share_is_what_the_task_told():

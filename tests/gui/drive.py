@@ -11,6 +11,8 @@ import json
 import os
 import re
 import subprocess
+import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable, Generator
@@ -19,6 +21,9 @@ from pathlib import Path
 import bpy
 
 Scenario = Generator[float, None, None]
+ROW = 15  # pixels between two looks down the sidebar; its buttons are 20 high
+TAB = 10  # pixels from the sidebar's right edge to the middle of its tabs
+HOVER = 0.08  # s until Blender knows what is below the mouse
 
 
 class Steps:
@@ -77,6 +82,7 @@ def play(scenario: Callable[[Steps], Scenario], folder: Path) -> None:
         return wait
 
     bpy.context.preferences.view.show_splash = False
+    bpy.context.preferences.system.viewport_aa = "FXAA"  # others draw a view again and again
     bpy.app.timers.register(tick, first_interval=2.0, persistent=True)
 
 
@@ -125,25 +131,144 @@ def wait_for(condition: Callable[[], bool], seconds: float, what: str) -> Scenar
 
 
 def point_at(x: int, y: int) -> None:
-    """Move the mouse."""
-    subprocess.run(["xdotool", "mousemove", str(x), str(y)], check=True)
+    """Move the mouse to a place of the window, counted from its lower left as Blender does."""
+    subprocess.run(["xdotool", "mousemove", str(x), str(_from_above(y))], check=True)
 
 
 def click(x: int, y: int) -> None:
     """Click with the left button."""
-    subprocess.Popen(["xdotool", "mousemove", str(x), str(y), "sleep", "0.2", "click", "1"])
+    place = [str(x), str(_from_above(y))]
+    subprocess.Popen(["xdotool", "mousemove", *place, "sleep", "0.2", "click", "1"])
 
 
-def key(name: str) -> None:
-    """Press a key over the 3D view."""
-    subprocess.Popen(["xdotool", "key", name])
+def key(name: str, at: tuple[int, int] | None = None) -> None:
+    """Press a key, over a place of the window."""
+    if at is not None:
+        point_at(*at)
+    subprocess.Popen(["xdotool", "sleep", "0.2", "key", name] if at else ["xdotool", "key", name])
 
 
-def redraw_ms(region: bpy.types.Region, times: int = 20) -> float:
-    """Milliseconds that drawing a region takes."""
-    window, area, _, _ = view()
-    with bpy.context.temp_override(window=window, area=area, region=region):
-        bpy.ops.wm.redraw_timer(type="DRAW", iterations=3)
-        started = time.perf_counter()
-        bpy.ops.wm.redraw_timer(type="DRAW", iterations=times)
-    return (time.perf_counter() - started) / times * 1e3
+def scroll(region: bpy.types.Region, notches: int) -> None:
+    """Turn the wheel down over a region, at its edge: lists within it take the wheel for themselves."""
+    point_at(region.x + 4, region.y + region.height // 2)
+    subprocess.Popen(["xdotool", "click", "--repeat", str(notches), "--delay", "20", "5"])
+
+
+def find_button(command: str, *columns: float) -> Generator[float, None, tuple[int, int]]:
+    """Where in the sidebar the button of a command is, as its Python text begins.
+
+    columns : where to look across the sidebar, as shares of its width. The mouse goes down each until
+    Blender says that the button below it is this one.
+    """
+    window, area, _, side = view()
+    for column in columns:
+        x = side.x + int(column * side.width)
+        for y in range(side.y + side.height - 8, side.y, -ROW):
+            point_at(x, y)
+            yield HOVER
+            with bpy.context.temp_override(window=window, area=area, region=side):
+                if not bpy.ops.ui.copy_python_command_button.poll():
+                    continue
+                bpy.ops.ui.copy_python_command_button()
+            if window_text().startswith(f"bpy.ops.{command}"):
+                return x, y
+    raise AssertionError(f"no button of the sidebar does {command}")
+
+
+def window_text() -> str:
+    """What is in the clipboard."""
+    return str(bpy.context.window_manager.clipboard)
+
+
+def find_tab(name: str) -> Generator[float, None, tuple[int, int]]:
+    """Where the tab of the sidebar is; the tab that is open stays open."""
+    _, _, _, side = view()
+    while side.active_panel_category == "UNSUPPORTED":
+        yield 0.1
+    before = side.active_panel_category
+    x = side.x + side.width - TAB
+    for y in range(side.y + side.height - ROW, side.y, -2 * ROW):
+        click(x, y)
+        yield 0.2 + 2 * HOVER
+        if side.active_panel_category == name:
+            side.active_panel_category = before
+            yield 0.2
+            return x, y
+    raise AssertionError(f"there is no tab {name}")
+
+
+def _from_above(y: int) -> int:
+    return int(bpy.context.window_manager.windows[0].height) - y
+
+
+def redraw() -> None:
+    """Lay out and draw the sidebar now."""
+    window, area, main, side = view()
+    side.tag_redraw()
+    with bpy.context.temp_override(window=window, area=area, region=main):
+        bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
+
+
+def in_panels(panels: list[type], times: int = 5) -> tuple[float, int]:
+    """Milliseconds of a redraw that these panels take, and how many of them it draws."""
+    spent, drawn = [0.0], set()
+
+    def timed(cls: type, function: Callable[[object, object], None]) -> Callable[..., None]:
+        def draw(self: object, context: object) -> None:  # Blender counts the arguments
+            started = time.perf_counter()
+            function(self, context)
+            spent[0] += time.perf_counter() - started
+            drawn.add(cls)
+
+        return draw
+
+    plain = {cls: cls.draw for cls in panels}
+    for cls, function in plain.items():
+        cls.draw = timed(cls, function)
+    try:
+        redraw()
+        spent[0] = 0.0
+        for _ in range(times):
+            redraw()
+    finally:
+        for cls, function in plain.items():
+            cls.draw = function
+    return 1e3 * spent[0] / times, len(drawn)
+
+
+def files_touched() -> list[str]:
+    """What a redraw opens, lists or imports."""
+    touched: list[str] = []
+    watching = True
+
+    def note(event: str, given: tuple) -> None:
+        if watching and event in ("open", "os.listdir", "os.scandir", "import"):
+            touched.append(f"{event} {given[0]}")
+
+    sys.addaudithook(note)  # stays, and says nothing after this
+    redraw()
+    watching = False
+    return touched
+
+
+class Ending:
+    """Notes, in a thread beside the window, when a job is over and when its own thread has ended."""
+
+    def __init__(self, job: object) -> None:
+        self._job = job
+        self.asked = time.perf_counter()
+        self.over = self.ended = 0.0
+        self._watch = threading.Thread(target=self._look, daemon=True)
+        self._watch.start()
+
+    @property
+    def known(self) -> bool:
+        return not self._watch.is_alive()
+
+    def _look(self) -> None:
+        while not self._job.over:
+            time.sleep(0.002)
+        self.over = time.perf_counter() - self.asked
+        while self._job.busy:
+            time.sleep(0.002)
+        self.ended = time.perf_counter() - self.asked

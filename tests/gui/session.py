@@ -7,21 +7,24 @@ brought about is asserted in it.
 import subprocess
 import sys
 import time
+from collections.abc import Generator
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 import bpy
 from drive import (
+    Ending,
     Scenario,
     Steps,
     click,
+    files_touched,
+    in_panels,
     key,
     open_tab,
     play,
     point_at,
     press,
-    redraw_ms,
     view,
     wait_for,
 )
@@ -55,6 +58,64 @@ def run(name: str, seconds: float = 120) -> Scenario:
     yield 1
 
 
+def orbit(seconds: float) -> Generator[float, None, float]:
+    """Turn the view, frame by frame; returns the seconds a frame takes."""
+    frames, began = 0, time.perf_counter()
+    while not frames or time.perf_counter() - began < seconds:
+        window, area, main, _ = view()
+        with bpy.context.temp_override(window=window, area=area, region=main):
+            bpy.ops.view3d.view_orbit(angle=0.1, type="ORBITLEFT")
+        yield 0.0
+        frames += 1
+    return (time.perf_counter() - began) / frames
+
+
+def stop(what: str) -> Scenario:
+    """Press Escape while a job runs, and see it end."""
+    from bl_ext.user_default.forest_sensing.forest_addon.ui import running
+
+    assert not idle()
+    ending = Ending(running.current())
+    key("Escape")
+    yield from wait_for(lambda: ending.known and idle(), 60, "the end")
+    told = f"{ending.over:.2f} s to the end, {ending.ended:.2f} s to that of its thread"
+    print(f"FIGURE Escape in {what}: {told}", flush=True)
+
+
+def panels() -> list[type]:
+    """Our panels of the sidebar, those above before those within them."""
+    from bl_ext.user_default.forest_sensing.forest_addon.ui import panels, species_panel
+
+    return [cls for room in (panels, species_panel) for cls in room.CLASSES]
+
+
+def open_every_panel() -> None:
+    """Have every panel open where it was not shown yet."""
+    for cls in reversed(panels()):
+        bpy.utils.unregister_class(cls)
+    for cls in panels():
+        cls.bl_options = getattr(cls, "bl_options", set()) - {"DEFAULT_CLOSED"}
+        bpy.utils.register_class(cls)
+
+
+def enlarge(times: float) -> None:
+    """As many times more trees, on a field that is as many times larger."""
+    settings, wider = props(), times**0.5
+    settings.forest.size = [wider * side for side in settings.forest.size]
+    for planting in settings.plantings:
+        planting.expected *= times
+        for hill in planting.gaussians:
+            hill.centre = [wider * x for x in hill.centre]
+            hill.width = [wider * x for x in hill.width]
+
+
+def one_tree() -> Scenario:
+    """A new file with a scene that is soon drawn."""
+    press("forest.new", invoke=False, preset="t20-one-tree")
+    yield from wait_for(lambda: len(trees()) == 1 and idle(), 60, "a tree")
+    yield 1
+
+
 def newcomer(steps: Steps) -> Scenario:
     window, area, main, side = view()
     steps.step("open the tab")
@@ -70,26 +131,32 @@ def newcomer(steps: Steps) -> Scenario:
 
     steps.step("a scan is under way, the view can be turned")
     scanner = bpy.data.objects["cloud"].forest_sensor.terrestrial
-    scanner.angle_step_deg = 0.1  # long enough to be stopped on any machine
+    scanner.angle_step_deg = 0.05  # long enough to be stopped on any machine
+    yield 1
+    still = yield from orbit(1)
     press("forest.run", sensor="cloud")
     yield 0.5
     assert not idle()
     before = area.spaces[0].region_3d.view_matrix.copy()
-    with bpy.context.temp_override(window=window, area=area, region=main):
-        bpy.ops.view3d.view_orbit(angle=0.4, type="ORBITLEFT")
-    yield 0.5
+    working = yield from orbit(2)
     assert area.spaces[0].region_3d.view_matrix != before
+    print(f"FIGURE a frame of the window: {still:.2f} s, {working:.2f} s during a scan", flush=True)
 
     steps.step("Escape stops it")
-    asked = time.perf_counter()
-    key("Escape")
-    from bl_ext.user_default.forest_sensing.forest_addon.ui import running
-
-    yield from wait_for(lambda: running._current is None or running._current.over, 30, "the end")
-    print(f"FIGURE from Escape to the end: {time.perf_counter() - asked:.2f} s", flush=True)
-    yield from wait_for(idle, 60, "the thread's end")
+    yield from stop("a scan")
     assert not done("cloud")
     scanner.angle_step_deg = 0.25
+
+    steps.step("Escape stops an echo and a reverb that are exact")
+    for name, kind in (("echo", "sonar"), ("reverb", "reverb")):
+        settings = getattr(bpy.data.objects[name].forest_sensor, kind)
+        usual, settings.tolerance = settings.tolerance, 0
+        press("forest.run", sensor=name)
+        yield 3
+        yield from stop(f"an exact {name}")
+        assert not done(name)
+        settings.tolerance = usual
+    yield 1
 
     steps.step("scan all round")
     yield from run("cloud")
@@ -184,14 +251,41 @@ def newcomer(steps: Steps) -> Scenario:
     assert "d(g)[g)+g)" in answer.stdout, answer.stdout + answer.stderr
     yield 0.5
 
+    steps.step("File > New asks whether to save")
+    middle = (window.width // 2, window.height // 2)
+    bpy.ops.ed.undo_push(message="a change")
+    press("forest.new", preset="demo")
+    yield 1
+    assert bpy.data.filepath == file
+    assert done("forest")
+
+    steps.step("a start scene")
+    key("d", at=middle)  # Don't Save
+    yield from wait_for(lambda: not bpy.data.filepath and done("forest") and idle(), 60, "it")
+    yield 1.5
+    assert bpy.context.scene.camera is not None
+    _, area, _, side = view()
+    assert side.active_panel_category == "Forest"
+
+    steps.step("500 trees")
+    enlarge(10)
+    started = time.perf_counter()
+    press("forest.build")
+    yield from wait_for(lambda: idle() and len(trees()) > 400, 120, "the larger forest")
+    seconds = time.perf_counter() - started
+    print(f"FIGURE build of {len(trees())} trees: {seconds:.1f} s", flush=True)
+    yield 1
+
     steps.step("how long the panel takes to draw")
-    _, _, _, side = view()
-    shown = redraw_ms(side)
-    side.active_panel_category = "View"
-    yield 0.5
-    hidden = redraw_ms(side)
-    side.active_panel_category = "Forest"
-    print(f"FIGURE drawing the sidebar: Forest {shown:.1f} ms, View {hidden:.1f} ms", flush=True)
+    yield from one_tree()
+    usual = in_panels(panels())
+    open_every_panel()
+    yield from one_tree()
+    every = in_panels(panels())
+    assert every[1] > usual[1] > 0
+    told = f"{usual[0]:.1f} ms for {usual[1]} panels, {every[0]:.1f} ms for {every[1]}, all open"
+    print(f"FIGURE drawing the sidebar: {told}", flush=True)
+    assert files_touched() == []
     yield 0.5
 
     steps.step("disable the add-on")
@@ -203,7 +297,8 @@ def newcomer(steps: Steps) -> Scenario:
     steps.step("enable it again")
     started = time.perf_counter()
     bpy.ops.preferences.addon_enable(module=MODULE)
-    print(f"FIGURE enabling the add-on: {time.perf_counter() - started:.2f} s", flush=True)
+    told = f"{time.perf_counter() - started:.2f} s, in which Blender unpacks its wheels"
+    print(f"FIGURE enabling the add-on: {told}", flush=True)
     yield 1
     assert done("forest")
 

@@ -49,13 +49,14 @@ class Blender:
             "BLENDER_USER_RESOURCES": f"{self.inside}/user",
             "HOME": self.inside,
         } | environment
+        ours = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
         return subprocess.run(
             [*self.enter, "env", *(f"{k}={v}" for k, v in values.items()), *command],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             timeout=seconds,
-            env=os.environ | {"SHARED": str(self.shared)},
+            env=ours | {"SHARED": str(self.shared)},
         )
 
     def run_with_window(self, script: str, seconds: float) -> subprocess.CompletedProcess[str]:
