@@ -503,7 +503,7 @@ def test_a_linked_scene_is_not_changed(again):
     folder = again()
     linked_scene(folder)
     before, settings = counts(), exchange.to_spec(bpy.context.scene)
-    for name in operators():
+    for name in set(operators()) - {"new"}:  # which starts another file
         done, _ = press(name, **arguments(name, folder))
         assert not done or name in READING, f"{name} changes a linked scene"
     assert counts() == before
