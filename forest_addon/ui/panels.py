@@ -19,6 +19,8 @@ from .operators import chosen_sensor
 from .properties import PARTS
 from .running import current
 
+BIG = 1.4  # heights of a row: the buttons that start work
+
 
 class Tab:
     """Where our panels are."""
@@ -54,12 +56,10 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
         layout, props = self.layout, context.scene.forest_sensing
         if requirements.missing():
             _say_what_is_missing(layout)
-        if current() is not None:
-            _draw_job(layout)
         if untouched(props):
             _draw_start(layout)
             return
-        _big_button(layout, "forest.build", "FILE_REFRESH" if "forest" in props.results else "PLAY")
+        _build_or_progress(layout, "FILE_REFRESH" if "forest" in props.results else "PLAY")
         column = split(layout)
         seed = column.row(align=True)
         seed.prop(props, "seed")
@@ -216,7 +216,7 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         buttons.operator("forest.remove_sensor", text="", icon="REMOVE")
         thing = chosen_sensor(context)
         run = layout.row(align=True)
-        run.scale_y = 1.4
+        run.scale_y = BIG
         one = run.row(align=True)
         one.enabled = thing is not None
         this = one.operator(
@@ -347,7 +347,7 @@ def _draw_start(layout: bpy.types.UILayout) -> None:
     column = layout.column(align=True)
     column.label(text="Grow a forest, scan it")
     column.label(text="and listen in it.")
-    _big_button(layout, "forest.build", "PLAY", "Build Demo Forest")
+    _build_or_progress(layout, "PLAY", "Build Demo Forest")
     layout.operator("forest.load_scene", icon="FILE_FOLDER")
 
 
@@ -355,6 +355,7 @@ def _draw_job(layout: bpy.types.UILayout) -> None:
     """How far the running job is, and the button that stops it."""
     job = current()
     row = layout.row(align=True)
+    row.scale_y = BIG
     row.progress(factor=job.share, text=f"{job.label} {job.share:.0%}")
     row.operator("forest.cancel", text="", icon="CANCEL")
 
@@ -368,12 +369,14 @@ def _say_what_is_missing(layout: bpy.types.UILayout) -> None:
         column.label(text=line)
 
 
-def _big_button(
-    layout: bpy.types.UILayout, operator: str, icon: str, text: str | None = None
-) -> None:
+def _build_or_progress(layout: bpy.types.UILayout, icon: str, text: str | None = None) -> None:
+    """The button that builds; while something runs, how far that is, in its place so that nothing moves."""
+    if current() is not None:
+        _draw_job(layout)
+        return
     row = layout.row()
-    row.scale_y = 1.4
-    row.operator(operator, icon=icon, **({"text": text} if text else {}))
+    row.scale_y = BIG
+    row.operator("forest.build", icon=icon, **({"text": text} if text else {}))
 
 
 def split(layout: bpy.types.UILayout) -> bpy.types.UILayout:
