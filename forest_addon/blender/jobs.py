@@ -108,6 +108,7 @@ class Job:
         with self._lock:
             if self._at_work is not None:
                 _raise_in(self._at_work, CancelledError)
+            self._at_work = None
         self._work.close()
 
     def _resume(self) -> Task:
@@ -125,6 +126,8 @@ class Job:
         try:
             with _short_turns():
                 with self._lock:
+                    if self._stopped.is_set():
+                        return
                     self._at_work = None if task.whole else threading.get_ident()
                 try:
                     self._run(task)

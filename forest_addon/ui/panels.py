@@ -21,6 +21,8 @@ from .painting import PAINTING
 from .properties import PARTS
 from .running import current
 
+BIG = 1.4  # heights of a row: the buttons that start work
+
 
 class Tab:
     """Where our panels are."""
@@ -60,8 +62,6 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
             draw_notice(layout, props)
         if context.scene.unit_settings.scale_length != 1:
             _say_what_a_unit_is(layout)
-        if current() is not None:
-            _draw_job(layout)
         if untouched(props):
             _draw_start(layout)
             return
@@ -229,7 +229,7 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         buttons.operator("forest.remove_sensor", text="", icon="REMOVE")
         thing = chosen_sensor(context)
         run = layout.row(align=True)
-        run.scale_y = 1.4
+        run.scale_y = BIG
         one = run.row(align=True)
         one.enabled = thing is not None
         this = one.operator(
@@ -360,20 +360,20 @@ def _draw_start(layout: bpy.types.UILayout) -> None:
     column = layout.column(align=True)
     column.label(text="Grow a forest, scan it")
     column.label(text="and listen in it.")
-    _big_button(layout, "forest.build", "PLAY", "Build Demo Forest")
+    _build_or_progress(layout, "PLAY", "Build Demo Forest")
     layout.operator("forest.load_scene", icon="FILE_FOLDER")
 
 
 def _draw_update(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     """The button that builds, with a star where settings have changed since, and Live beside it."""
     row = layout.row(align=True)
-    row.scale_y = 1.4
     if "forest" not in scene.forest_sensing.results:
-        row.operator("forest.build", icon="PLAY")
+        _build_or_progress(row, "PLAY", "Build Forest")
     else:
         star = " *" if live.is_stale(scene) else ""
-        row.operator("forest.build", text=f"Update{star}", icon="FILE_REFRESH")
+        _build_or_progress(row, "FILE_REFRESH", f"Update{star}")
     beside = row.row(align=True)
+    beside.scale_y = BIG
     beside.ui_units_x = 3
     beside.prop(scene.forest_sensing, "live", toggle=True)
 
@@ -382,6 +382,7 @@ def _draw_job(layout: bpy.types.UILayout) -> None:
     """How far the running job is, and the button that stops it."""
     job = current()
     row = layout.row(align=True)
+    row.scale_y = BIG
     row.progress(factor=job.share, text=f"{job.label} {job.share:.0%}")
     row.operator("forest.cancel", text="", icon="CANCEL")
 
@@ -402,12 +403,14 @@ def _say_what_a_unit_is(layout: bpy.types.UILayout) -> None:
     column.label(text="set Scene > Unit Scale to 1", icon="BLANK1")
 
 
-def _big_button(
-    layout: bpy.types.UILayout, operator: str, icon: str, text: str | None = None
-) -> None:
+def _build_or_progress(layout: bpy.types.UILayout, icon: str, text: str) -> None:
+    """The button that builds; while something runs, how far that is, in its place so that nothing moves."""
+    if current() is not None:
+        _draw_job(layout)
+        return
     row = layout.row()
-    row.scale_y = 1.4
-    row.operator(operator, icon=icon, **({"text": text} if text else {}))
+    row.scale_y = BIG
+    row.operator("forest.build", text=text, icon=icon)
 
 
 def split(layout: bpy.types.UILayout) -> bpy.types.UILayout:

@@ -16,7 +16,7 @@ import bpy
 from ..blender.jobs import Job, Tell, Work
 from ..spec import SpecError
 from . import requirements
-from .views import redraw_sidebars, settle_sidebars
+from .views import redraw_sidebars
 
 TICK = 0.05  # s between two looks at a running job
 PROBLEMS = (SpecError, ValueError, OSError, ImportError, MemoryError, ReferenceError)
@@ -135,7 +135,6 @@ class Working(WhenReady):
     def _leave(self, context: bpy.types.Context) -> None:
         context.window_manager.event_timer_remove(self._timer)
         _show(context, None)
-        settle_sidebars()
 
 
 class FOREST_OT_cancel(bpy.types.Operator):

@@ -10,7 +10,6 @@ from mathutils import Vector
 from ..spec import Forest
 
 TAB = "Forest"
-SETTLED = 0.15  # s; where a panel's height changes, Blender moves those within it a drawing later
 ACROSS = (
     0.36  # metres from the middle to the edge of a view, a metre of its distance; lens of 50 mm
 )
@@ -33,13 +32,6 @@ def redraw_sidebars() -> None:
     """Have every sidebar drawn anew."""
     for _, area in views():
         region_of(area, "UI").tag_redraw()
-
-
-def settle_sidebars() -> None:
-    """Have them drawn twice, so that no gap stays where a row has gone."""
-    redraw_sidebars()
-    if not bpy.app.background:
-        bpy.app.timers.register(redraw_sidebars, first_interval=SETTLED)
 
 
 def look_at(area: bpy.types.Area, field: Forest) -> None:
