@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 
 class SpecError(ValueError):
@@ -34,6 +35,9 @@ class Param:
     maximum: float = math.inf
     open_minimum: bool = False  # the minimum itself is not allowed
     choices: tuple[str, ...] = ()
+    file: bool = (
+        False  # it names a file, from the folder of the one that says so, or what is shipped
+    )
     required: bool = False
 
     def allowed(self) -> str:
@@ -63,6 +67,7 @@ def param(
     gt: float | None = None,
     le: float = math.inf,
     choices: tuple[str, ...] = (),
+    file: bool = False,
 ) -> Any:
     """A dataclass field with its unit, range and help; without a default it must be given."""
     known = Param(
@@ -72,6 +77,7 @@ def param(
         maximum=le,
         open_minimum=gt is not None,
         choices=choices,
+        file=file,
         required=default is dataclasses.MISSING,
     )
     return dataclasses.field(default=default, metadata={"param": known})
@@ -104,6 +110,23 @@ class Settings:
 
     def check(self) -> None:
         """Rules between fields; raises SpecError."""
+
+
+T = TypeVar("T", bound="Settings")
+
+
+def with_files(settings: T, rename: Callable[[str], str]) -> T:
+    """Settings in which every file that they name, at any depth, is called otherwise."""
+    changed: dict[str, Any] = {}
+    for field in dataclasses.fields(settings):  # type: ignore[arg-type]
+        value = getattr(settings, field.name)
+        if isinstance(value, Settings):
+            changed[field.name] = with_files(value, rename)
+        elif isinstance(value, tuple) and value and isinstance(value[0], Settings):
+            changed[field.name] = tuple(with_files(item, rename) for item in value)
+        elif param_of(field).file and value:
+            changed[field.name] = rename(value)
+    return dataclasses.replace(settings, **changed)
 
 
 def _check(key: str, value: Any, known: Param) -> None:
@@ -238,8 +261,10 @@ class Jitter(Settings):
 class Template(Settings):
     """STL files of one full tree, which is split into trunk, branches and leaves."""
 
-    wood: str = param(help="STL file of trunk and branches, relative to the species file")
-    leaves: str = param("", help="STL file of the leaves; empty: the tree is leafless")
+    wood: str = param(
+        help="STL file of trunk and branches, relative to the species file", file=True
+    )
+    leaves: str = param("", help="STL file of the leaves; empty: the tree is leafless", file=True)
     grow_leaves: bool = param(
         False, help="where there is no STL of leaves, set those of [leaf] on the outermost branches"
     )
@@ -365,7 +390,7 @@ class Leaf(Settings):
     on: bool = param(True, help="grow leaves; switching them off moves no branch")
     shape: str = param("ellipse", help="shape of the blade", choices=("ellipse", "maple", "needle"))
     mesh: str = param(
-        "", help="STL file of one leaf instead of a shape, relative to the species file"
+        "", help="STL file of one leaf instead of a shape, relative to the species file", file=True
     )
     length: Normal = param(Normal(mean=0.05, sd=0.01), unit="m", help="length of a leaf")
     width_ratio: Normal = param(Normal(mean=0.6, sd=0.05), help="width of a leaf over its length")
@@ -446,7 +471,7 @@ def _check_rings(polygon: Corners, holes: tuple[Corners, ...]) -> None:
 class Raster(Settings):
     """An image or array that is part of an intensity function; its first row is the north edge."""
 
-    file: str = param(help="PNG, TIFF or npy file, relative to the scene file")
+    file: str = param(help="PNG, TIFF or npy file, relative to the scene file", file=True)
     use: str = param(
         "add",
         help="add it to the hills, multiply what there is, or keep trees where it reaches threshold",
@@ -501,7 +526,7 @@ class Planting(Settings):
     masks, polygon and limits; nothing to add: the same everywhere.
     """
 
-    species: str = param(help="a species of assets/species, or a species file (.toml)")
+    species: str = param(help="a species of assets/species, or a species file (.toml)", file=True)
     variants: int = param(3, help="how many different trees are grown and instanced", ge=1, le=1000)
     layout: str = param(
         "poisson",
@@ -563,6 +588,7 @@ class Planting(Settings):
     trees: str = param(
         "",
         help="CSV of trees (list): x,y on the map, offset included, and any of species,scale,rotation",
+        file=True,
     )
     collection: str = param(
         "", help="collection of the Blender scene whose objects say where trees stand (list)"
@@ -601,7 +627,9 @@ class Terrain(Settings):
     """The ground: flat, a heightmap or a triangulated surface."""
 
     file: str = param(
-        "", help="heightmap (PNG, TIFF, npy) or surface (STL); neither file nor object: flat"
+        "",
+        help="heightmap (PNG, TIFF, npy) or surface (STL); neither file nor object: flat",
+        file=True,
     )
     object: str = param("", help="mesh object of the Blender scene, in place of a file")
     base: float = param(
@@ -816,6 +844,7 @@ class Scanner(Settings):
     scanner: str = param(
         "",
         help="an instrument of assets/scanners, or a scanner file (.toml), that settings start from",
+        file=True,
     )
     min_range: float = param(0.1, unit="m", help="nothing nearer is seen", ge=0, le=1e5)
     max_range: float = param(120.0, unit="m", help="nothing farther is seen", gt=0, le=1e5)
@@ -968,6 +997,7 @@ class Sonar(Settings):
         "",
         help="CSV file with a pose a row (x_m, y_m, z_m, azimuth_deg, elevation_deg and, if wanted, "
         "beam_width_deg), relative to the scene file; empty: one ping from the position above",
+        file=True,
     )
     follow: str = param(
         "",
@@ -997,7 +1027,9 @@ class Sonar(Settings):
         le=360,
     )
     beam_file: str = param(
-        "", help="CSV file of a measured pattern: angle_deg, then dB in a column a frequency in Hz"
+        "",
+        help="CSV file of a measured pattern: angle_deg, then dB in a column a frequency in Hz",
+        file=True,
     )
     hearing: str = param(
         "same",
@@ -1011,7 +1043,7 @@ class Sonar(Settings):
         gt=0,
         le=360,
     )
-    hearing_file: str = param("", help="CSV file of the ears' measured pattern")
+    hearing_file: str = param("", help="CSV file of the ears' measured pattern", file=True)
     ears: int = param(1, help="receivers, on a level line across the beam", ge=1, le=64)
     ear_spacing: float = param(
         0.02, unit="m", help="between the outermost of several ears", ge=0, le=100
@@ -1036,7 +1068,7 @@ class Sonar(Settings):
     call_duration: float = param(
         0.002, unit="s", help="length of a sweep, or of tone and sweep", gt=0, le=1
     )
-    call_file: str = param("", help="WAV file with the call")
+    call_file: str = param("", help="WAV file with the call", file=True)
     record: float = param(
         0.0,
         unit="s",
@@ -1165,7 +1197,9 @@ class Reverb(Settings):
         choices=("omni", "cardioid", "measured"),
     )
     directivity_file: str = param(
-        "", help="CSV: first column degrees from the axis, further columns dB at the header's Hz"
+        "",
+        help="CSV: first column degrees from the axis, further columns dB at the header's Hz",
+        file=True,
     )
     facing_azimuth_deg: float = param(
         0.0, unit="deg", help="where sources point, from +X towards +Y", ge=-360, le=360

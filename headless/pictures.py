@@ -193,6 +193,9 @@ def draw_reverb(response: ImpulseResponse, path: Path) -> Path:
 
 
 def _distance_bar(figure: Figure, image: ScalarMappable, axes: Axes) -> None:
+    if np.ma.count(image.get_array()) == 0:  # a logarithm has no scale for nothing
+        image.set_norm("linear")
+        return
     bar = figure.colorbar(image, ax=axes, label="m", pad=0.01)
     low, high = image.get_clim()
     ticks = [t for t in (0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500) if low <= t <= high]

@@ -24,7 +24,7 @@ from forest_addon.blender.inputs import inputs_from_scene
 from forest_addon.blender.layout import RESULTS, part
 from forest_addon.blender.observe import Observer
 from forest_addon.blender.preview import render, set_stage
-from forest_addon.blender.sensors import new_sensor
+from forest_addon.blender.sensors import file_name, kind_of, new_sensor, place, sensors_of
 from forest_addon.blender.sound import give_sound
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.expansion_store import ExpansionStore
@@ -121,7 +121,7 @@ def run_scene(
     scene = bpy.context.scene
     with stages.stage("build Blender scene"):
         build(scene, settings, forest, inputs.terrain)
-        things = {sensor.name: new_sensor(scene, sensor) for sensor in settings.sensors}
+        things = {sensor.name: _stand(scene, sensor) for sensor in settings.sensors}
     with stages.stage("write truth"):
         _write_truth(run)
     with stages.stage("read evaluated scene"):
@@ -166,6 +166,15 @@ def _open_blender(settings: Scene, folder: Path) -> None:
         except RuntimeError as problem:
             why = str(problem).strip().removeprefix("Error: ")
             raise SpecError("blend", f"{path} cannot be opened ({why}); check the path") from None
+
+
+def _stand(scene: bpy.types.Scene, sensor: Sensor) -> bpy.types.Object:
+    """The object of a sensor: the one of its name in the file that the scene started from, or a new one."""
+    for thing in sensors_of(scene):
+        if file_name(thing.name) == sensor.name and kind_of(thing) == sensor.kind:
+            place(thing, sensor)
+            return thing
+    return new_sensor(scene, sensor)
 
 
 def _load(name: str, folder: Path) -> Any:

@@ -82,6 +82,11 @@ def kind_of(thing: bpy.types.Object) -> str:
     return str(thing.get(KIND_KEY, ""))
 
 
+def file_name(name: str) -> str:
+    """The name of an object as one of files: "echo.001" is echo-001."""
+    return "".join(c if c.isalnum() or c in "-_" else "-" for c in name)
+
+
 def sensors_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The sensors of a scene, in the order of their names."""
     home = home_of(scene)

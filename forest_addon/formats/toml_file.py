@@ -67,20 +67,25 @@ def write_settings(path: Path, settings: Settings) -> None:
         partial.write_text(text, encoding="utf-8")
 
 
-def table_of(settings: Settings) -> dict[str, Any]:
-    """The table of a TOML file for settings; of a sensor always its kind."""
+def table_of(settings: Settings, whole: bool = False) -> dict[str, Any]:
+    """The table of a TOML file for settings; of a sensor always its kind.
+
+    whole : also values that are the default, as for all of a scanner that starts from an instrument's
+        figures: what is left out there is the instrument's.
+    """
     table: dict[str, Any] = {}
+    whole = whole or bool(getattr(settings, "scanner", ""))
     for field in dataclasses.fields(settings):  # type: ignore[arg-type]
         value = getattr(settings, field.name)
-        if value is not None and (value != field.default or field.name == "kind"):
-            table[field.name] = _toml(value)
+        if value is not None and (whole or value != field.default or field.name == "kind"):
+            table[field.name] = _toml(value, whole)
     return table
 
 
-def _toml(value: Any) -> Any:
+def _toml(value: Any, whole: bool) -> Any:
     if isinstance(value, Settings):
-        return table_of(value)
-    return [_toml(item) for item in value] if isinstance(value, tuple) else value
+        return table_of(value, whole)
+    return [_toml(item, whole) for item in value] if isinstance(value, tuple) else value
 
 
 def structure(table: Any, cls: type[T], folder: Path = Path()) -> T:

@@ -248,5 +248,5 @@ def _finite(made: Scatterers) -> np.ndarray:
     finite = np.ones(len(made), dtype=bool)
     for value in vars(made).values():
         if isinstance(value, np.ndarray) and value.dtype.kind == "f":
-            finite &= np.isfinite(value.reshape(len(value), -1)).all(axis=1)
+            finite &= np.isfinite(value).all(axis=tuple(range(1, value.ndim)))
     return finite

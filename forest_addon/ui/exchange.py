@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 from .. import spec
 from ..blender import sensors
+from ..blender.sensors import file_name
 from ..blender.single import shortest
 from ..spec import Settings, SpecError
 from . import hills
@@ -70,11 +71,6 @@ def sensor_of(thing: Any) -> Settings:
     cls = spec.SENSORS[kind]
     given = {"name": file_name(thing.name)} | sensors.pose(thing)
     return read(getattr(thing.forest_sensor, kind), cls, file_name(thing.name), given)
-
-
-def file_name(name: str) -> str:
-    """The name of an object as one of files: "echo.001" is echo-001."""
-    return "".join(c if c.isalnum() or c in "-_" else "-" for c in name)
 
 
 def from_spec(scene: Any, settings: spec.Scene) -> None:

@@ -14,23 +14,20 @@ import bpy
 
 from .. import spec
 from ..blender.handles import HANDLE_KEY
+from ..spec import Param
 
-FILES = {
-    *("file", "trees", "wood", "leaves", "mesh"),
-    *("route", "beam_file", "hearing_file", "call_file", "directivity_file"),
-}
 SPECIES = Path(__file__).resolve().parents[2] / "assets" / "species"
 HEARD_TYPES = {"source_objects": {"SPEAKER"}, "receiver_objects": {"EMPTY", "CAMERA"}}
 
 
-def offered(name: str) -> dict[str, Any]:
+def offered(name: str, known: Param) -> dict[str, Any]:
     """What the property of a text needs so that something is offered for it; nothing for a free text."""
-    if name in FILES:
+    if name in SEARCHES:
+        words = {"search": SEARCHES[name], "search_options": {"SUGGESTION"}}
+        return words | ({"update": _take_scanner} if name == "scanner" else {})
+    if known.file:
         return {"subtype": "FILE_PATH", "update": lambda group, _: _whole_path(group, name)}
-    if name not in SEARCHES:
-        return {}
-    words = {"search": SEARCHES[name], "search_options": {"SUGGESTION"}}
-    return words | ({"update": _take_scanner} if name == "scanner" else {})
+    return {}
 
 
 def _whole_path(group: Any, name: str) -> None:

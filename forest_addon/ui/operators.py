@@ -20,13 +20,14 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 from .. import spec
 from ..blender import sensors
 from ..blender.jobs import Task, Work
+from ..blender.sensors import file_name
 from ..spec import SpecError
 from . import live
-from .exchange import add_sensor, file_name, from_spec, to_spec, untouched
+from .exchange import add_sensor, from_spec, to_spec, untouched
 from .preferences import expansions, rays_of
 from .properties import ASSETS
 from .running import PROBLEMS, FOREST_OT_cancel, InOwnScene, Working, in_words
-from .species_edit import edited_species, export_edited, load
+from .species_edit import edited_species, load
 from .views import look_at
 
 DEMO = ASSETS / "scenes" / "demo.toml"
@@ -245,16 +246,17 @@ class FOREST_OT_save_scene(bpy.types.Operator, ExportHelper):
         return ExportHelper.invoke(self, context, event)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..formats.toml_file import write_settings
+        from .scene_export import write_scene
 
         try:
-            settings, edited = to_spec(context.scene), edited_species(context.scene)
-            path = Path(self.filepath)
-            write_settings(path, export_edited(settings, edited, path))
+            wanting = write_scene(context.scene, Path(self.filepath))
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
-        self.report({"INFO"}, f"Written: {self.filepath}")
+        if wanting:
+            self.report({"WARNING"}, f"Written: {self.filepath}. {wanting}")
+        else:
+            self.report({"INFO"}, f"Written: {self.filepath}")
         return {"FINISHED"}
 
 

@@ -255,7 +255,7 @@ def _text_property(name: str, known: Param, default: Any, words: dict[str, Any])
             for choice in known.choices
         ]
         return EnumProperty(items=items, default=default, **words)
-    words |= offered(name)
+    words |= offered(name, known)
     return StringProperty(default="" if default is dataclasses.MISSING else default, **words)
 
 

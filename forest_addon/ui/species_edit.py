@@ -2,7 +2,7 @@
 
 An edited species lives in the .blend under a name such as edited/maple.toml, which plantings use as if it
 were a file; ``load`` takes it from there. STL files that it names start from the folder that it came
-from. A scene file that is exported gets a folder beside it with those that it plants.
+from.
 """
 
 from __future__ import annotations
@@ -53,41 +53,17 @@ def load(name: str, folder: Path, edited: Edited) -> Any:
     return load_species(find_species(name, folder))
 
 
-def export_edited(settings: spec.Scene, edited: Edited, path: Path) -> spec.Scene:
-    """Write edited species into a folder beside a scene file; returns the settings that name them so.
-
-    Raises
-    ------
-    OSError : a file cannot be written.
-    """
-    from ..formats.toml_file import write_settings
-
-    home = path.with_name(f"{path.stem}-species")
-    names = {name: f"{home.name}/{Path(name).name}" for name in edited}
-    for name, (species, origin) in edited.items():
-        home.mkdir(parents=True, exist_ok=True)
-        write_settings(path.parent / names[name], relocated(species, origin, home))
-    plantings = (replace(p, species=names.get(p.species, p.species)) for p in settings.plantings)
-    return replace(settings, plantings=tuple(plantings))
-
-
 def relocated(species: spec.Species, origin: Path, home: Path) -> spec.Species:
     """A species whose STL files are named from another folder."""
+    return spec.with_files(species, lambda file: from_folder(origin / file, home))
 
-    def move(file: str) -> str:
-        if not file:
-            return ""
-        try:
-            return Path(os.path.relpath(origin / file, home)).as_posix()
-        except ValueError:  # another drive
-            return (origin / file).resolve().as_posix()
 
-    template = species.template
-    if template is not None:
-        template = replace(template, wood=move(template.wood), leaves=move(template.leaves))
-    return replace(
-        species, template=template, leaf=replace(species.leaf, mesh=move(species.leaf.mesh))
-    )
+def from_folder(file: Path, home: Path) -> str:
+    """What a file is called in one that stands in another folder."""
+    try:
+        return Path(os.path.relpath(file, home)).as_posix()
+    except ValueError:  # another drive
+        return file.resolve().as_posix()
 
 
 def edited_item(props: Any) -> Any:

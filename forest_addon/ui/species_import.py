@@ -9,8 +9,8 @@ import bpy
 from bpy_extras.io_utils import ImportHelper
 
 from ..blender.jobs import Task, Work
+from ..blender.sensors import file_name
 from ..spec import SpecError
-from .exchange import file_name
 from .preferences import species_folder
 from .running import PROBLEMS, WhenReady, Working, in_words
 from .species_pictures import refresh

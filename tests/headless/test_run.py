@@ -221,3 +221,23 @@ def test_a_run_starts_from_a_blend_file_and_stands_on_what_is_in_it(tmp_path):
     ended = headless("run", scene, "--out", tmp_path / "p", "--quiet")
     assert ended.returncode == 2
     assert "gone.blend cannot be opened" in ended.stderr
+
+
+def test_sensors_that_meet_nothing_are_reported_too(tmp_path):
+    """A field without trees or ground in reach: every picture is drawn, every file is written."""
+    scene = tmp_path / "nothing.toml"
+    scene.write_text(
+        'seed = 1\n[[plantings]]\nspecies = "hazelnut"\nvariants = 1\nexpected = 0\n'
+        '[[sensors]]\nkind = "terrestrial"\nposition = [0, 0, 50]\nelevation_deg = [10, 60]\n'
+        'angle_step_deg = 10\n[[sensors]]\nkind = "tractor"\nposition = [0, 0, 50]\n'
+        "angle_step_deg = 5\nstep = 1\nreach = 2\ntop = 60\n"
+        '[[sensors]]\nkind = "sonar"\nposition = [0, 0, 50]\nmax_range = 4\n'
+        '[[sensors]]\nkind = "reverb"\nsample_rate = 4000\nduration = 0.1\n'
+        "[output]\nblend = false\nglb = false\npreview = false\n"
+    )
+    done = headless("run", scene, "--out", tmp_path / "out", "--quiet")
+    assert done.returncode == 0, done.stderr
+    with laspy.open(tmp_path / "out" / "cloud.laz") as cloud:
+        assert cloud.header.point_count == 0
+    for picture in ("cloud.png", "scan.png", "echo.png", "reverb.png"):
+        assert (tmp_path / "out" / picture).stat().st_size > 5000

@@ -24,18 +24,18 @@ def plane(name):
 
 
 def texts():
-    """(class, field) of every text of the panel that is no choice of a few."""
+    """(class, field, param) of every text of the panel that is no choice of a few."""
     for cls in properties.GROUPS:
         for name, kind, known, _ in properties.fields_of(cls):
             if kind is str and not known.choices:
-                yield cls, name
+                yield cls, name, known
 
 
 def test_every_text_names_a_file_or_offers_something(props):
-    silent = {name for _, name in texts() if name not in offers.FILES | offers.SEARCHES.keys()}
+    silent = {name for _, name, known in texts() if not known.file and name not in offers.SEARCHES}
     assert silent <= FREE
-    for cls, name in texts():
-        if name in offers.FILES:
+    for cls, name, param in texts():
+        if param.file and name not in offers.SEARCHES:
             known = {p.identifier: p for p in properties.GROUPS[cls].bl_rna.properties}
             assert known[name].subtype == "FILE_PATH", name
 

@@ -1,0 +1,110 @@
+"""Exported scene files: they mean the same wherever they are written, and name the .blend they start from."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.formats.toml_file import read_settings, write_settings
+from forest_addon.spec import Raster, Scene, Species
+from forest_addon.ui import exchange
+from forest_addon.ui.scene_export import write_scene
+from forest_addon.ui.species_edit import relocated
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def slope(small):
+    """A mesh of the user's own, as large as the field and more."""
+    data = bpy.data.meshes.new("slope")
+    corners = [(-9, -9, 0), (15, -9, 1), (15, 15, 2), (-9, 15, 1)]
+    data.from_pydata(corners, [], [(0, 1, 2), (0, 2, 3)])
+    thing = bpy.data.objects.new("slope", data)
+    bpy.context.scene.collection.objects.link(thing)
+    bpy.context.view_layer.update()
+    return thing
+
+
+def test_files_are_named_from_where_the_scene_file_stands(small, tmp_path):
+    home, elsewhere = tmp_path / "home", tmp_path / "else" / "where"
+    home.mkdir()
+    elsewhere.mkdir(parents=True)
+    np.save(home / "hill.npy", np.ones((4, 4)))
+    origin = find_species("hazelnut", Path())
+    write_settings(
+        home / "own.toml", relocated(read_settings(origin, Species), origin.parent, home)
+    )
+    planting, small.folder = small.plantings[0], str(home)
+    exchange.write(planting.rasters.add(), Raster(file="hill.npy"))
+    planting.species = "own.toml"
+    assert write_scene(bpy.context.scene, elsewhere / "mine.toml") == ""
+    back = read_settings(elsewhere / "mine.toml", Scene).plantings[0]
+    assert back.rasters[0].file == "../../home/hill.npy"
+    species, _ = load_species(elsewhere / back.species)
+    assert species.name == "hazelnut"
+
+
+def test_what_is_shipped_or_missing_keeps_its_name(small, sensor, tmp_path):
+    sensor("sonar", name="flying", route="t20-eight.csv", call_file="gone.wav")
+    sensor("airborne", scanner="riegl-vux-1uav")
+    write_scene(bpy.context.scene, tmp_path / "mine.toml")
+    back = read_settings(tmp_path / "mine.toml", Scene)
+    assert back == exchange.to_spec(bpy.context.scene)
+    assert back.plantings[0].species == "hazelnut"
+
+
+def test_an_object_of_ones_own_needs_a_saved_file(slope, tmp_path):
+    path = tmp_path / "mine.toml"
+    wanting = write_scene(bpy.context.scene, path)
+    assert "slope" in wanting
+    assert "save this .blend" in wanting
+    assert read_settings(path, Scene).blend == ""
+    (tmp_path / "work").mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "work" / "forest.blend"))
+    assert "save that too" not in write_scene(bpy.context.scene, path)
+    assert read_settings(path, Scene).blend == "work/forest.blend"
+
+
+def test_what_sensors_do_not_see_needs_none(slope, tmp_path):
+    slope["forest_ignored"] = True
+    assert write_scene(bpy.context.scene, tmp_path / "mine.toml") == ""
+    bpy.context.scene.forest_sensing.forest.terrain.object = "slope"
+    assert "save this .blend" in write_scene(bpy.context.scene, tmp_path / "mine.toml")
+
+
+def test_with_its_blend_file_the_scene_gives_the_same_bytes(slope, tmp_path):
+    """A built forest on a terrain of one's own, exported to another folder."""
+    props = bpy.context.scene.forest_sensing
+    props.forest.terrain.object = "slope"
+    props.output = str(tmp_path / "panel")
+    bpy.data.objects["cloud"].location.z = 2
+    assert bpy.ops.forest.build() == {"FINISHED"}
+    assert bpy.ops.forest.run() == {"FINISHED"}
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "forest.blend"))
+    path = tmp_path / "scenes" / "mine.toml"
+    path.parent.mkdir()
+    assert bpy.ops.forest.save_scene(filepath=str(path)) == {"FINISHED"}
+    text = path.read_text() + "\n[output]\nglb = false\npreview = false\n"
+    path.write_text(text)
+    out = tmp_path / "headless"
+    done = subprocess.run(
+        [sys.executable, "-m", "headless", "run", str(path), "--out", str(out), "--quiet"],
+        cwd=ROOT, capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    for name in ("cloud.laz", "reverb.wav", "echo.wav"):
+        assert (out / name).read_bytes() == (tmp_path / "panel" / name).read_bytes(), name
+    with bpy.data.libraries.load(str(out / "forest.blend")) as (inside, _):
+        sensors = [name for name in inside.objects if name.split(".")[0] in out_names()]
+    assert sorted(sensors) == sorted(out_names())
+
+
+def out_names():
+    """The sensors of the small forest: each stands there once."""
+    return {"cloud", "scan", "echo", "reverb"}
