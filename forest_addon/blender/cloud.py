@@ -14,6 +14,7 @@ import numpy as np
 from ..growth.trimesh import GROUND, LEAF, WOOD
 from ..sensing.cloud import Cloud
 from ..sensing.sonar import Contributions
+from .layout import CLOUD_KEY, COLOUR_BY
 from .materials import coloured_points
 from .ours import make_object
 
@@ -29,7 +30,6 @@ GOLDEN = 0.6180339887498949  # numbers one after the other get hues far apart
 QUIETEST = 1e-3  # amplitude, of the loudest, that is shown faintest
 FAINT, LOUD = np.array([0.25, 0.02, 0.0, 1.0]), np.array([1.0, 0.35, 0.05, 1.0])
 GROUP = "Forest points"
-CLOUD_KEY = "forest_cloud"
 
 
 def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types.Object:
@@ -103,7 +103,7 @@ def _points_group() -> bpy.types.NodeTree:
     radius.subtype = "DISTANCE"
     radius.default_value = 0.015
     radius.min_value = 0.0
-    menu = group.interface.new_socket("Colour By", in_out="INPUT", socket_type="NodeSocketMenu")
+    menu = group.interface.new_socket(COLOUR_BY, in_out="INPUT", socket_type="NodeSocketMenu")
     group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     start, end = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
     points = group.nodes.new("GeometryNodeMeshToPoints")
@@ -113,7 +113,7 @@ def _points_group() -> bpy.types.NodeTree:
     coat = group.nodes.new("GeometryNodeSetMaterial")
     coat.inputs["Material"].default_value = bpy.data.materials[GROUP]
     chosen = _colour_menu(group, start.outputs["Geometry"])
-    group.links.new(start.outputs["Colour By"], chosen.inputs["Menu"])
+    group.links.new(start.outputs[COLOUR_BY], chosen.inputs["Menu"])
     menu.default_value = "Organ"
     for column, node in enumerate((start, chosen, paint, points, coat, end)):
         node.location = (220 * column - 220 * (column == 0), 0)

@@ -93,6 +93,17 @@ def instancer_group() -> bpy.types.NodeTree:
     return next(groups, None) or _make_instancer()
 
 
+def has_input(modifier: bpy.types.Modifier, socket: str) -> bool:
+    """Whether it is a geometry-nodes modifier with an input of this name."""
+    return modifier.type == "NODES" and socket in _sockets(modifier)
+
+
+def drawn_input(modifier: bpy.types.Modifier, socket: str) -> tuple[Any, str]:
+    """What a layout draws of an input: whose property, and its name."""
+    _, holder, key = _input(modifier, socket)
+    return (holder, f'["{key}"]') if holder is modifier else (holder, "value")
+
+
 def set_input(modifier: bpy.types.Modifier, socket: str, value: Any) -> None:
     """Set an input of a geometry-nodes modifier by the name of its socket."""
     _, holder, key = _input(modifier, socket)

@@ -222,11 +222,10 @@ def _adopt(scene: bpy.types.Scene) -> None:
 
 def _was_built(thing: bpy.types.Object, home: bpy.types.Collection) -> bool:
     """Whether a tree, points that were found, or the ground; else the user put it there."""
-    from ..blender.cloud import CLOUD_KEY  # these bring in scipy, which no other file needs
-    from ..blender.depsgraph import TREE_KEY
+    from ..blender.depsgraph import TREE_KEY  # brings in scipy, which no other file needs
 
     ground = home.get(layout.PART_KEY) == layout.GROUND_NAME and thing.name.startswith("Ground")
-    return TREE_KEY in thing or CLOUD_KEY in thing or ground
+    return TREE_KEY in thing or layout.CLOUD_KEY in thing or ground
 
 
 STEPS: dict[int, Callable[[bpy.types.Scene, Any], list[str]]] = {1: _sensors_become_objects}

@@ -1,4 +1,4 @@
-"""Drawn over the 3D view: where sensors look, and the intensity that trees are scattered by.
+"""Drawn over the 3D view: where sensors look, the intensity that trees are scattered by, points of results.
 
 What is drawn is made anew only when Blender says that something changed, and the intensity only when what
 it is made of did; a redraw hands finished batches to the graphics card. Nothing is added to the scene, and
@@ -17,7 +17,7 @@ from gpu_extras.batch import batch_for_shader
 
 from ..blender.sensors import sensors_of
 from ..spec import Scene, SpecError
-from . import exchange
+from . import exchange, point_overlay
 
 COLOURS = {
     "tractor": (0.35, 0.75, 1.0, 0.8),
@@ -60,6 +60,7 @@ def unregister() -> None:
             handlers.remove(_forget)
     _batches.clear()
     _intensity = (None, None)
+    point_overlay.forget()
 
 
 def intensity_surface(intensity: Any, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -93,9 +94,10 @@ def _handlers() -> tuple[list, ...]:
 
 
 @bpy.app.handlers.persistent
-def _forget(*_: object) -> None:
+def _forget(_scene: object = None, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     global _drawn_for
     _drawn_for = None
+    point_overlay.forget(depsgraph)
 
 
 def _draw() -> None:
@@ -115,6 +117,8 @@ def _draw() -> None:
             shader.uniform_float("lineWidth", LINE)
             shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
         batch.draw(shader)
+    if context.scene.forest_sensing.show_points:
+        point_overlay.draw(context)
     gpu.state.depth_test_set("NONE")
     gpu.state.blend_set("NONE")
 

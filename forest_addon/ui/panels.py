@@ -12,6 +12,8 @@ import bpy
 
 from .. import spec
 from ..blender import sensors
+from ..blender.layout import COLOUR_BY
+from ..blender.nodes import drawn_input, has_input
 from . import live, requirements
 from .exchange import untouched
 from .lists import ICONS, draw_list
@@ -333,6 +335,7 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         caption.alignment = "CENTER"
         caption.active = False
         caption.label(text=result.caption)
+    _draw_colour_by(body, result)
     table = body.column(align=True)
     for figure in result.figures:
         row = table.split(factor=0.45)
@@ -340,6 +343,26 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         name.active = False
         name.label(text=figure.name)
         row.label(text=figure.value)
+
+
+def _draw_colour_by(layout: bpy.types.UILayout, result: Any) -> None:
+    """The menu that colours a cloud, which its modifier has."""
+    cloud = bpy.data.objects.get(result.shown)
+    for modifier in cloud.modifiers if cloud is not None else ():
+        if has_input(modifier, COLOUR_BY):
+            split(layout).prop(*drawn_input(modifier, COLOUR_BY), text=COLOUR_BY)
+
+
+class FOREST_PT_view(OnceStarted, bpy.types.Panel):
+    """What is drawn over the 3D view."""
+
+    bl_label = "Overlays"
+    bl_order = 3
+
+    def draw(self, context: bpy.types.Context) -> None:
+        row = self.layout.row(align=True)
+        for name in ("show_sensors", "show_intensity", "show_points"):
+            row.prop(context.scene.forest_sensing, name, toggle=True)
 
 
 # ------------------------------------------------------------------------------------ shared drawing
@@ -464,4 +487,5 @@ CLASSES = (
     FOREST_PT_air,
     FOREST_PT_rays,
     FOREST_PT_results,
+    FOREST_PT_view,
 )

@@ -475,6 +475,11 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
             "show_intensity": BoolProperty(
                 name="Intensity", description="Draw where trees are likely to stand"
             ),
+            "show_points": BoolProperty(
+                name="Points",
+                description="Draw points of results large enough to be seen, in their colours",
+                default=True,
+            ),
             "drag_hills": BoolProperty(
                 name="Drag in View",
                 description="A circle in the view for every hill: move and scale it, copy it, delete it",

@@ -202,15 +202,14 @@ def newcomer(steps: Steps) -> Scenario:
     props().plantings[0].active_gaussians = 1
     hill = props().plantings[0].gaussians[1]
     was, built = tuple(hill.centre), props().built
-    x, y = main.x + main.width // 3, window.height - main.y - main.height // 2
-    point_at(x, y)
-    key("g")
+    x, y = main.x + main.width // 3, main.y + main.height // 2
+    key("g", at=(x, y))
     yield from wait_for(lambda: len(window.modal_operators), 10, "grabbing")
-    point_at(x + 30, y - 20)
-    point_at(x + 60, y - 20)
+    point_at(x + 30, y + 20)
+    point_at(x + 60, y + 20)
     yield from wait_for(lambda: tuple(hill.centre) != was, 10, "the hill")
     assert props().built == built
-    click(x + 60, y - 20)
+    click(x + 60, y + 20)
     yield from wait_for(lambda: props().built != built and idle(), 60, "the Live build")
     yield 1
     assert tuple(hill.handle.location[:2]) == tuple(hill.centre) != was

@@ -21,9 +21,9 @@ from ui import test_panels
 
 from forest_addon import spec, ui
 from forest_addon.blender import layout, sensors
-from forest_addon.blender.cloud import CLOUD_KEY
 from forest_addon.blender.depsgraph import TREE_KEY
 from forest_addon.blender.jobs import Job
+from forest_addon.blender.layout import CLOUD_KEY
 from forest_addon.ui import exchange, plots, running
 from forest_addon.ui import operators as ui_operators
 

@@ -10,8 +10,8 @@ from ui import test_panels
 
 from forest_addon import spec
 from forest_addon.blender import layout, sensors
-from forest_addon.blender.cloud import CLOUD_KEY
 from forest_addon.blender.depsgraph import TREE_KEY
+from forest_addon.blender.layout import CLOUD_KEY
 from forest_addon.spec import Gaussian, Planting
 from forest_addon.ui import exchange, migration
 

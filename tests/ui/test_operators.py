@@ -12,9 +12,9 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon.blender import forest as forest_room
 from forest_addon.blender import layout
-from forest_addon.blender.cloud import CLOUD_KEY
 from forest_addon.blender.depsgraph import TREE_KEY
 from forest_addon.blender.jobs import Job
+from forest_addon.blender.layout import CLOUD_KEY
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Scene
 from forest_addon.ui import exchange, operators, requirements
