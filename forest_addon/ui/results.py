@@ -58,7 +58,7 @@ def keep_finding(
     if isinstance(found, TractorScan | Cloud):
         cloud = to_cloud(found, sensor) if isinstance(sensor, Tractor) else found
         points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
-        select(context, points)
+        _show(context, points)  # selected, all points would be orange
         result.shown = points.name
     elif isinstance(found, Echo):
         home = part(context.scene, RESULTS)
@@ -91,15 +91,21 @@ def save_finding(
 
 def select(context: bpy.types.Context, thing: bpy.types.Object) -> None:
     """Make an object visible, active and the only one selected."""
+    _show(context, thing)
     layer = context.view_layer
-    _reveal(layer.layer_collection, set(thing.users_collection))
-    thing.hide_viewport = False
     for other in layer.objects.selected:
         other.select_set(False)
     if thing.name in layer.objects:
-        thing.hide_set(False)
         thing.select_set(True)
         layer.objects.active = thing
+
+
+def _show(context: bpy.types.Context, thing: bpy.types.Object) -> None:
+    """Make an object visible."""
+    _reveal(context.view_layer.layer_collection, set(thing.users_collection))
+    thing.hide_viewport = False
+    if thing.name in context.view_layer.objects:
+        thing.hide_set(False)
 
 
 def forest_figures(forest: Forest) -> Figures:

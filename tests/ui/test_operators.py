@@ -215,13 +215,16 @@ def test_each_sensor_finds_something(built, name):
 
 
 @pytest.mark.parametrize("name", LIDARS)
-def test_points_are_shown_and_selected(built, name):
-    add_cube().select_set(True)
+def test_points_are_shown_and_selected_on_request(built, name):
+    cube = add_cube()
+    cube.select_set(True)
     run(name)
     (cloud,) = clouds()
+    assert cloud.visible_get()
+    assert bpy.context.selected_objects == [cube]
+    assert press("select_result", shown=cloud.name) == {"FINISHED"}
     assert bpy.context.selected_objects == [cloud]
     assert bpy.context.view_layer.objects.active == cloud
-    assert cloud.visible_get()
     assert len(cloud.data.vertices) == int(facts(built, name)["Points"].replace(",", ""))
     assert {"tree", "organ", "distance"} <= set(cloud.data.attributes.keys())
 
@@ -310,6 +313,7 @@ def test_a_cloud_shows_even_where_its_collection_was_hidden(built):
     run("cloud")
     (cloud,) = clouds()
     assert cloud.visible_get()
+    assert press("select_result", shown=cloud.name) == {"FINISHED"}
     assert cloud.select_get()
 
 
