@@ -149,13 +149,21 @@ def key(name: str, at: tuple[int, int] | None = None) -> None:
 
 
 def scroll(region: bpy.types.Region, notches: int) -> None:
-    """Turn the wheel down over a region, at its edge: lists within it take the wheel for themselves."""
+    """Turn the wheel down over a region, or up, at its edge: lists within it take the wheel for themselves."""
     point_at(region.x + 4, region.y + region.height // 2)
-    subprocess.Popen(["xdotool", "click", "--repeat", str(notches), "--delay", "20", "5"])
+    wheel = "5" if notches > 0 else "4"
+    subprocess.Popen(["xdotool", "click", "--repeat", str(abs(notches)), "--delay", "20", wheel])
 
 
 def find_button(command: str, *columns: float) -> Generator[float, None, tuple[int, int]]:
-    """Where in the sidebar the button of a command is, as its Python text begins.
+    """Where in the sidebar the button of a command is; it must be there (see ``seek``)."""
+    place = yield from seek(command, *columns)
+    assert place is not None, f"no button of the sidebar does {command}"
+    return place
+
+
+def seek(command: str, *columns: float) -> Generator[float, None, tuple[int, int] | None]:
+    """Where in the sidebar the button of a command is, as its Python text begins; None: nowhere.
 
     columns : where to look across the sidebar, as shares of its width. The mouse goes down each until
     Blender says that the button below it is this one.
@@ -172,7 +180,7 @@ def find_button(command: str, *columns: float) -> Generator[float, None, tuple[i
                 bpy.ops.ui.copy_python_command_button()
             if window_text().startswith(f"bpy.ops.{command}"):
                 return x, y
-    raise AssertionError(f"no button of the sidebar does {command}")
+    return None
 
 
 def window_text() -> str:
