@@ -8,6 +8,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
+from forest_addon.sensing import panorama
+from forest_addon.sensing.scanner import pattern_of
 from forest_addon.ui import images, plots
 
 RATE = 100_000.0
@@ -146,3 +148,28 @@ def test_a_picture_of_another_size_takes_the_place_of_the_first():
     before = len(bpy.data.images)
     assert tuple(images.show("again", flat).size)[1] > 700
     assert len(bpy.data.images) == before
+
+
+def test_an_image_of_the_user_that_has_the_name_stays():
+    mine = bpy.data.images.new("mine", 4, 4)
+    flat = plots.cloud_plot(Points(position=np.eye(3)), spec.Airborne())
+    shown = images.show("mine", flat)
+    assert shown != mine
+    assert tuple(mine.size) == (4, 4)
+    assert images.show("mine", flat) == shown
+
+
+@pytest.mark.parametrize("step", [10.0, 7.0, 0.7])
+def test_each_beam_of_a_whole_turn_has_its_pixel_and_there_is_no_other(step):
+    """The beam at 360 degrees would be that at 0 again; azimuths come back as -180 to 180."""
+    scanner = spec.Terrestrial(azimuth_deg=(-90, 270), elevation_deg=(0, 10), angle_step_deg=step)
+    pattern = pattern_of(scanner)
+    way = pattern.pulses(np.arange(pattern.count)).direction
+    cloud = Points(
+        number=np.ones(len(way), dtype=np.uint8),
+        azimuth=np.arctan2(way[:, 1], way[:, 0]),
+        elevation=np.arcsin(way[:, 2]),
+        returns=SimpleNamespace(distance=np.arange(len(way), dtype=float)),
+    )
+    image = panorama.range_image(cloud, scanner)
+    assert np.array_equal(image.T.ravel(), cloud.returns.distance)  # column by column
