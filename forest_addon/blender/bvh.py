@@ -140,8 +140,8 @@ class BvhCaster(Search):
 def _no_collection() -> Iterator[None]:
     """Pause the garbage collector: the loops make millions of small tuples, none in a cycle."""
     collecting = gc.isenabled()
-    gc.disable()
     try:
+        gc.disable()  # within: a job may be cancelled at any line
         yield
     finally:
         if collecting:

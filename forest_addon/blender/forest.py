@@ -57,9 +57,9 @@ def build(
     with all_or_nothing():
         plan = _plan(scene, standing, settings.forest, forest, terrain)
 
-    chosen = settings.forest.terrain.object
-    if chosen:
-        bpy.data.objects[chosen].pop(MADE_KEY, None)  # whatever it was, it stays
+    chosen = bpy.data.objects.get(settings.forest.terrain.object)
+    if chosen is not None and is_ours(chosen):  # else it stays anyway, or went while trees grew
+        del chosen[MADE_KEY]
     standing.dress([coat for pair in _coats(forest) for coat in pair])
     things = put(scene, standing, plan.wanted, plan.labels)
     for role, portrait in plan.portraits.items():

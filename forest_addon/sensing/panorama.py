@@ -6,18 +6,19 @@ import numpy as np
 
 from ..spec import Terrestrial
 from .cloud import Cloud
+from .scanner import directions
 
 
 def range_image(cloud: Cloud, scanner: Terrestrial) -> np.ndarray:
     """(E, A) metres: a row an elevation, from the lowest; NaN where nothing came back."""
-    step, line_step = scanner.angle_step_deg, scanner.line_step_deg or scanner.angle_step_deg
-    (low_az, high_az), (low_el, high_el) = scanner.azimuth_deg, scanner.elevation_deg
+    azimuth, elevation = directions(scanner)
+    step = np.deg2rad(scanner.angle_step_deg)
+    line_step = np.deg2rad(scanner.line_step_deg or scanner.angle_step_deg)
     first = cloud.number == 1
-    turned = (np.rad2deg(cloud.azimuth[first]) - low_az + step / 2) % 360 - step / 2
+    rounding = step / 1000  # the first column may be a little less than a whole turn away
+    turned = (cloud.azimuth[first] - azimuth[0] + rounding) % (2 * np.pi) - rounding
     column = np.rint(turned / step).astype(int)
-    row = np.rint((np.rad2deg(cloud.elevation[first]) - low_el) / line_step).astype(int)
-    image = np.full(
-        (round((high_el - low_el) / line_step) + 1, round((high_az - low_az) / step) + 1), np.nan
-    )
+    row = np.rint((cloud.elevation[first] - elevation[0]) / line_step).astype(int)
+    image = np.full((len(elevation), len(azimuth)), np.nan)
     image[row, column] = cloud.returns.distance[first]
     return image

@@ -68,20 +68,23 @@ def pattern_of(scanner: LiDAR, path: Trajectory | None = None) -> Pattern:
     return Sweep(scanner, path)
 
 
+def directions(scanner: Terrestrial) -> tuple[np.ndarray, np.ndarray]:
+    """Azimuths of the columns and elevations of the rows that a tripod looks in, radians."""
+    step = np.deg2rad(scanner.angle_step_deg)
+    line_step = step if scanner.line_step_deg is None else np.deg2rad(scanner.line_step_deg)
+    low, high = np.deg2rad(scanner.azimuth_deg)
+    azimuth = steps(low, high, step)
+    if scanner.azimuth_deg[1] - scanner.azimuth_deg[0] >= 360:
+        azimuth = azimuth[azimuth < low + 2 * np.pi - 1e-9]  # no direction twice
+    return azimuth, steps(*np.deg2rad(scanner.elevation_deg), line_step)
+
+
 class Tripod:
     """Azimuth by elevation, column by column."""
 
     def __init__(self, scanner: Terrestrial) -> None:
         self._scanner = scanner
-        step = np.deg2rad(scanner.angle_step_deg)
-        line_step = step if scanner.line_step_deg is None else np.deg2rad(scanner.line_step_deg)
-        low, high = np.deg2rad(scanner.azimuth_deg)
-        azimuth = steps(low, high, step)
-        if scanner.azimuth_deg[1] - scanner.azimuth_deg[0] >= 360:
-            azimuth = azimuth[azimuth < low + 2 * np.pi - 1e-9]  # no direction twice
-        self._azimuth = azimuth
-        lowest, highest = np.deg2rad(scanner.elevation_deg)
-        self._elevation = steps(lowest, highest, line_step)
+        self._azimuth, self._elevation = directions(scanner)
         self.count = len(self._azimuth) * len(self._elevation)
 
     def pulses(self, number: np.ndarray) -> Pulses:

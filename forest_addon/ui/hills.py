@@ -89,7 +89,8 @@ def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     if not props.drag_hills or not scene.is_editable:
         return
     home = find_part(scene, INTENSITY)
-    if home is None:  # with all handles: the hills stay
+    if home is None:  # gone with all handles: the hills stay
+        _release_deleted(props)
         return
     _following = True
     try:
@@ -117,6 +118,13 @@ def _hills(props: Any) -> Iterator[tuple[Any, int, Any]]:
 def _stands(thing: bpy.types.Object | None) -> bool:
     """Whether a handle is in a scene; one that was deleted lives on for the hill's sake alone."""
     return thing is not None and bool(thing.users_collection)
+
+
+def _release_deleted(props: Any) -> None:
+    """Forget handles that were deleted, so that their hills are not taken for deleted later."""
+    for _, _, hill in _hills(props):
+        if hill.handle is not None and not _stands(hill.handle):
+            hill.handle = None
 
 
 def _drop_deleted(props: Any) -> None:

@@ -16,6 +16,7 @@ import bpy
 import imbuf
 import numpy as np
 
+from ..blender.ours import ROLE_KEY, by_role, own
 from .plots import Axis, Plot, Strip
 
 LEFT, RIGHT, BELOW, ABOVE = 96, 28, 66, 38  # pixels around strips; ABOVE each for its title
@@ -57,11 +58,14 @@ def ticks(axis: Axis, most: int) -> list[float]:
 
 
 def _image(name: str, wide: int, high: int) -> bpy.types.Image:
-    image = bpy.data.images.get(name)
-    if image is not None and tuple(image.size) != (wide, high):
-        bpy.data.images.remove(image)
-        image = None
-    return image or bpy.data.images.new(name, wide, high)
+    """Our image of this name, which editors go on showing; an image of the user's is left alone."""
+    image = by_role(bpy.data.images).get(name)
+    if image is None:
+        image = own(bpy.data.images.new(name, wide, high))
+        image[ROLE_KEY] = name
+    elif tuple(image.size) != (wide, high):
+        image.scale(wide, high)
+    return image
 
 
 def _compose(plot: Plot) -> tuple[np.ndarray, list[Label]]:

@@ -30,9 +30,9 @@ UNUSABLE = "unusable"  # the fingerprint of settings that nothing can be built f
 
 _now: dict[int, str] = {}  # fingerprint of a scene's settings, by its session_uid
 _let_be: dict[int, str] = {}  # the one that is not built by itself
-_digests: dict[str, tuple[str, str]] = {}  # of what settings name: (object, digest of its surface)
+_digests: dict[tuple[str, str], tuple[str, str]] = {}  # of a surface or weights: (object, digest)
 _due = 0.0  # when it will have been quiet for long enough
-_brought = False  # what is reported next is the work of undo, redo or a file
+_brought: set[int] = set()  # scenes of which the next report is the work of undo, redo or a file
 _building: tuple[Job, int, str] | None = None  # the job that Live began, its scene, what it builds
 
 
@@ -68,7 +68,7 @@ def unregister() -> None:
             handlers.remove(hear)
     if bpy.app.timers.is_registered(_settle):
         bpy.app.timers.unregister(_settle)
-    for known in (_now, _let_be, _digests):
+    for known in (_now, _let_be, _digests, _brought):
         known.clear()
 
 
@@ -93,13 +93,14 @@ def fingerprint(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> str:
     parts = [repr((*said, edited_species(scene), folder))]
     surface = settings.forest.terrain.object
     if surface:
-        parts.append(_kept_digest(surface, surface, partial(_of_terrain, surface, depsgraph)))
+        make = partial(_of_terrain, surface, depsgraph)
+        parts.append(_kept_digest(("surface", surface), surface, make))
     for number, planting in enumerate(settings.plantings):
         name, where = planting.painted, f"plantings[{number}]"
         if name:
             holder = name if name in bpy.data.objects else name.rpartition(":")[0]
             make = partial(_of_painted, name, depsgraph, f"{where}.painted")
-            parts.append(_kept_digest(name, holder, make))
+            parts.append(_kept_digest(("weights", name), holder, make))
         if planting.layout == "list" and planting.collection:
             places = read_places(planting.collection, depsgraph, f"{where}.collection")
             parts.append(_digest(places.position, places.scale, places.rotation))
@@ -139,11 +140,11 @@ def let_be(scene: bpy.types.Scene, mark: str) -> None:
 # ------------------------------------------------------------------------------------------ digests
 
 
-def _kept_digest(name: str, holder: str, make: Callable[[], str]) -> str:
+def _kept_digest(what: tuple[str, str], holder: str, make: Callable[[], str]) -> str:
     """The digest of something that is read from an object, until Blender says that this has changed."""
-    if name not in _digests:
-        _digests[name] = (holder, make())
-    return _digests[name][1]
+    if what not in _digests:
+        _digests[what] = (holder, make())
+    return _digests[what][1]
 
 
 def _of_terrain(name: str, depsgraph: bpy.types.Depsgraph) -> str:
@@ -180,8 +181,9 @@ def _handlers() -> tuple[tuple[list, Any], ...]:
 @bpy.app.handlers.persistent
 def _hear(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Something has changed."""
-    global _brought, _due
-    brought, _brought = _brought, False
+    global _due
+    brought = scene.session_uid in _brought
+    _brought.discard(scene.session_uid)
     props = scene.forest_sensing
     if not props.built and not props.live:
         return
@@ -198,8 +200,7 @@ def _hear(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 @bpy.app.handlers.persistent
 def _hear_brought(*_: object) -> None:
     """All may have changed, and nobody has touched a setting."""
-    global _brought
-    _brought = True
+    _brought.update(scene.session_uid for scene in bpy.data.scenes)
     _digests.clear()
 
 
@@ -209,9 +210,9 @@ def _forget_changed(depsgraph: bpy.types.Depsgraph) -> None:
         for update in depsgraph.updates
         if update.is_updated_geometry or update.is_updated_transform
     }
-    for name, (holder, _) in list(_digests.items()):
+    for what, (holder, _) in list(_digests.items()):
         if holder in changed:
-            del _digests[name]
+            del _digests[what]
 
 
 def _settle() -> float | None:

@@ -40,11 +40,11 @@ def _put_away(*_: object) -> None:
     global _in_hand
     if not _in_hand or bpy.context.mode == PAINTING:
         return
-    from ..blender.canvas import put_away
+    from ..blender.canvas import CANVAS_KEY, put_away
 
     thing = bpy.data.objects.get(_in_hand)
     _in_hand = ""
-    if thing is not None:
+    if thing is not None and CANVAS_KEY in thing:  # in another file it may be anything
         put_away(thing)
 
 

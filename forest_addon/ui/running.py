@@ -78,6 +78,7 @@ class Working(WhenReady):
         context.view_layer.update()
         manager = context.window_manager
         self._job = _current = Job(self.bl_label, self.work(context))
+        self._begun_in = context.scene, context.view_layer
         self._shown = ""
         self._timer = manager.event_timer_add(TICK, window=context.window)
         manager.modal_handler_add(self)
@@ -96,8 +97,10 @@ class Working(WhenReady):
             return {"RUNNING_MODAL"}
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
+        scene, layer = self._begun_in  # the window may show another by now
         try:
-            done = job.step()
+            with context.temp_override(scene=scene, view_layer=layer):
+                done = job.step()
         except Exception as problem:
             job.cancel()
             self._leave(context)

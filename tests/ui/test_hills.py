@@ -166,6 +166,14 @@ def test_hills_stay_when_the_whole_collection_is_deleted(hilly):
     assert said() == list(HILLS)
 
 
+def test_hills_stay_when_another_such_collection_is_made_later(hilly):
+    bpy.data.collections.remove(layout.find_part(bpy.context.scene, layout.INTENSITY))
+    assert said() == list(HILLS)
+    assert bpy.ops.forest.paint() == {"FINISHED"}
+    assert bpy.ops.forest.paint() == {"FINISHED"}
+    assert said() == list(HILLS)
+
+
 def test_a_copied_handle_is_a_new_hill(hilly):
     choose(circles()[0])
     bpy.ops.object.duplicate_move(TRANSFORM_OT_translate={"value": (2, 1, 0)})

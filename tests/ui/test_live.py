@@ -130,6 +130,16 @@ def test_what_is_painted_counts(heard):
     assert len(set(found)) == 3
 
 
+def test_weights_on_the_terrain_itself_count(heard):
+    thing = grid("hillside")
+    group = thing.vertex_groups.new(name="trees")
+    heard.forest.terrain.object = heard.plantings[0].painted = "hillside"
+    before = mark()
+    group.add([4], 0.7, "REPLACE")
+    thing.data.update()
+    assert mark() != before
+
+
 def test_objects_that_say_where_trees_stand_count(heard):
     thing = grid("tree")
     home = bpy.data.collections.new("places")
@@ -244,6 +254,20 @@ def test_undo_is_let_be_and_brings_the_fingerprint_back(built):
     assert props().built == second
     props().seed = 11
     assert settle()
+
+
+def test_what_a_file_brought_is_let_be_in_every_scene(built):
+    """Two windows show two scenes: the report of the first says nothing of the second."""
+    here, there = bpy.context.scene, bpy.data.scenes.new("there")
+    for scene in (here, there):
+        scene.forest_sensing.built, scene.forest_sensing.live = "an older forest", True
+    live._hear_brought()
+    for scene in (here, there):
+        with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
+            graph = bpy.context.evaluated_depsgraph_get()
+            live._hear(scene, graph)
+            assert not bpy.app.timers.is_registered(live._settle)
+            assert live.settle(scene, graph) == ""
 
 
 def test_a_file_without_a_fingerprint_is_not_called_stale(built):

@@ -3,7 +3,9 @@
 import shutil
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from forest_addon.blender.jobs import Job
 from forest_addon.blender.layout import CLOUD_KEY
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Scene
-from forest_addon.ui import exchange, operators, requirements
+from forest_addon.ui import exchange, operators, requirements, running
 
 ROOT = Path(__file__).resolve().parents[2]
 SENSORS = {"scan": "tractor", "cloud": "terrestrial", "echo": "sonar", "reverb": "reverb"}
@@ -622,6 +624,45 @@ def test_each_scene_has_a_forest_of_its_own(built):
         press("build")
     assert layout.root(first) is not None
     assert len(trees()) == 2 * number
+
+
+def test_a_terrain_that_is_deleted_while_trees_grow_on_it(small):
+    """They stand where it was."""
+    data = bpy.data.meshes.new("hill")
+    data.from_pydata([(-9, -9, 5), (9, -9, 5), (9, 9, 5), (-9, 9, 5)], [], [(0, 1, 2, 3)])
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new("hill", data))
+    small.forest.terrain.object = "hill"
+    work, outcome = operators.FOREST_OT_build.work(None, bpy.context), None
+    with pytest.raises(StopIteration, match="trees with"):
+        while True:
+            task = work.send(outcome)
+            outcome = task.run(lambda done, total: None)
+            if task.label == "growing trees":
+                bpy.data.objects.remove(bpy.data.objects["hill"])
+    bpy.context.view_layer.update()
+    assert {round(tree.matrix_world.translation.z, 6) for tree in trees()} == {5.0}
+
+
+def test_a_job_stays_in_the_scene_that_it_was_begun_in(built):
+    """Whatever the window shows meanwhile: points, figures and forest belong where the button was pressed."""
+    first, second = bpy.context.scene, bpy.data.scenes.new("Second")
+    for name, expected in (("build", ["forest"]), ("run", ["cloud", "forest"])):
+        begun, kind = bpy.context, getattr(operators, f"FOREST_OT_{name}")
+        button = SimpleNamespace(sensor="cloud", frames="THIS")
+        button._look = partial(operators.FOREST_OT_run._look, button)
+        work = kind.work(button, begun)
+        modal = SimpleNamespace(
+            _job=Job(name, work), _begun_in=(begun.scene, begun.view_layer), _shown="",
+            _leave=lambda _: None, report=lambda *_: None,
+        )  # fmt: skip
+        tick, answer = SimpleNamespace(type="TIMER", value="NOTHING"), {"RUNNING_MODAL"}
+        while answer == {"RUNNING_MODAL"}:
+            answer = running.Working.modal(modal, bpy.context, tick)
+            bpy.context.window.scene = second
+        assert answer == {"FINISHED"}
+        assert sorted(first.forest_sensing.results.keys()) == expected
+        assert len(second.forest_sensing.results) == len(second.objects) == 0
+        bpy.context.window.scene = first
 
 
 # -------------------------------------------------------------------------------------------- lists

@@ -158,3 +158,12 @@ def test_it_says_why_it_cannot_paint(painting):
     painting.plantings.clear()
     with pytest.raises(RuntimeError, match="no planting yet"):
         press()
+
+
+def test_an_object_of_the_next_file_that_has_the_name_of_the_canvas_is_left_alone(painting):
+    press()
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    mine = bpy.data.objects.new("Canvas", bpy.data.meshes.new("Canvas"))
+    bpy.context.scene.collection.objects.link(mine)
+    bpy.context.view_layer.update()
+    assert mine.display_type == "TEXTURED"

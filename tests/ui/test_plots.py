@@ -8,6 +8,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
+from forest_addon.sensing import panorama
+from forest_addon.sensing.scanner import pattern_of
 from forest_addon.ui import images, plots
 
 RATE = 100_000.0
@@ -135,14 +137,46 @@ def test_axes_are_written_and_the_strips_are_as_drawn():
     drawn = pixels[
         images.BELOW : images.BELOW + len(lowest), images.LEFT : images.LEFT + lowest.shape[1]
     ]
-    assert drawn[..., :3] == pytest.approx(lowest, abs=1 / 255)
+    assert np.abs(drawn[..., :3] - lowest).max() < 1 / 254
     assert image.preview.image_size[:] == (images.ICON, images.ICON)
     assert image.packed_file is not None
 
 
-def test_a_picture_of_another_size_takes_the_place_of_the_first():
-    images.show("again", plots.sound_plot(tone(20e3, 0.0, 0.1), RATE))
+def test_a_picture_of_another_size_is_drawn_into_the_first():
+    first = images.show("again", plots.sound_plot(tone(20e3, 0.0, 0.1), RATE))
     flat = plots.cloud_plot(Points(position=np.eye(3)), spec.Airborne())
     before = len(bpy.data.images)
-    assert tuple(images.show("again", flat).size)[1] > 700
+    again = images.show("again", flat)
+    assert again == first  # editors go on showing it
     assert len(bpy.data.images) == before
+    pixels = np.empty((again.size[1], again.size[0], 4), dtype=np.float32)
+    again.pixels.foreach_get(pixels.ravel())
+    drawn = flat.strips[0].pixels
+    high, wide, _ = drawn.shape
+    part = pixels[images.BELOW : images.BELOW + high, images.LEFT : images.LEFT + wide, :3]
+    assert np.abs(part - drawn).max() < 1 / 254
+
+
+def test_an_image_of_the_user_that_has_the_name_stays():
+    mine = bpy.data.images.new("mine", 4, 4)
+    flat = plots.cloud_plot(Points(position=np.eye(3)), spec.Airborne())
+    shown = images.show("mine", flat)
+    assert shown != mine
+    assert tuple(mine.size) == (4, 4)
+    assert images.show("mine", flat) == shown
+
+
+@pytest.mark.parametrize("step", [10.0, 7.0, 0.7])
+def test_each_beam_of_a_whole_turn_has_its_pixel_and_there_is_no_other(step):
+    """The beam at 360 degrees would be that at 0 again; azimuths come back as -180 to 180."""
+    scanner = spec.Terrestrial(azimuth_deg=(-90, 270), elevation_deg=(0, 10), angle_step_deg=step)
+    pattern = pattern_of(scanner)
+    way = pattern.pulses(np.arange(pattern.count)).direction
+    cloud = Points(
+        number=np.ones(len(way), dtype=np.uint8),
+        azimuth=np.arctan2(way[:, 1], way[:, 0]),
+        elevation=np.arcsin(way[:, 2]),
+        returns=SimpleNamespace(distance=np.arange(len(way), dtype=float)),
+    )
+    image = panorama.range_image(cloud, scanner)
+    assert np.array_equal(image.T.ravel(), cloud.returns.distance)  # column by column
