@@ -149,7 +149,7 @@ def key(name: str, at: tuple[int, int] | None = None) -> None:
 
 
 def scroll(region: bpy.types.Region, notches: int) -> None:
-    """Turn the wheel down over a region, or up, at its edge: lists within it take the wheel for themselves."""
+    """Turn the wheel over a region, down or up, at its edge: lists within it take it for themselves."""
     point_at(region.x + 4, region.y + region.height // 2)
     wheel = "5" if notches > 0 else "4"
     subprocess.Popen(["xdotool", "click", "--repeat", str(abs(notches)), "--delay", "20", wheel])
