@@ -34,7 +34,7 @@ Text = tuple[str, str, str]  # context, English, where it is
 
 
 def main() -> None:
-    file = ROOT / "build" / "forest_sensing.pot"
+    file = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "build" / "forest_sensing.pot"
     file.parent.mkdir(exist_ok=True)
     words = template()
     file.write_text(words, encoding="utf-8")

@@ -430,11 +430,11 @@ def _folder(output: str) -> Path | None:
         return None
     if output.startswith("//") and not bpy.data.filepath:
         problem = say("// means beside the .blend file; save that first")
-        raise SpecError("Save To", problem)
+        raise SpecError(say("Save To"), problem)
     folder = Path(bpy.path.abspath(output))
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         said = say("{folder} cannot be made: {reason}", folder=folder, reason=problem.strerror)
-        raise SpecError("Save To", said) from None
+        raise SpecError(say("Save To"), said) from None
     return folder

@@ -121,13 +121,13 @@ def parts_of(files: Sequence[Path]) -> tuple[Path, Path | None]:
     """
     if len(files) > 2:
         problem = say("{count} files are chosen; choose wood and leaves only", count=len(files))
-        raise SpecError("Import STL", problem)
+        raise SpecError(say("Import STL"), problem)
     if len(files) == 1:
         return files[0], None
     leafy = [any(word in file.stem.lower() for word in OF_LEAVES) for file in files]
     if sum(leafy) != 1:
         problem = say('names do not tell wood from leaves; have "leaves" in one of them')
-        raise SpecError("Import STL", problem)
+        raise SpecError(say("Import STL"), problem)
     return files[leafy.index(False)], files[leafy.index(True)]
 
 
