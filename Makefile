@@ -11,7 +11,7 @@ RUN := $(VENV)/bin/python
 READY := $(VENV)/ready
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-gui lint bench extension clean distclean
+.PHONY: help demo test test-gui lint bench extension words clean distclean
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
@@ -35,6 +35,9 @@ bench: $(READY) ## measure speed and accuracy on this machine
 
 extension: $(READY) ## build the Blender extension in build/; PLATFORM=all for every system
 	@$(RUN) packaging/build_extension.py $(PLATFORM)
+
+words: $(READY) ## write the template for translators, build/forest_sensing.pot
+	@$(RUN) packaging/list_words.py
 
 clean: ## remove caches, build/ and out/demo
 	@rm -rf build out/demo *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis

@@ -40,6 +40,7 @@ def _steps() -> Iterator[Step]:
     from . import (
         command,
         hills,
+        languages,
         live,
         migration,
         new_file,
@@ -61,8 +62,8 @@ def _steps() -> Iterator[Step]:
         pointer = bpy.props.PointerProperty(type=group)
         yield partial(setattr, owner, name, pointer), partial(delattr, owner, name)
     yield species_pictures.refresh, species_pictures.unregister
-    parts = (running, tree, start, new_file, overlay, hills, painting, live, command, migration)
-    for part in parts:
+    of_views = (overlay, hills, painting, live)
+    for part in (languages, running, tree, start, new_file, *of_views, command, migration):
         yield part.register, part.unregister
 
 

@@ -29,6 +29,7 @@ from .properties import (
     text_of,
     without_none,
 )
+from .words import say
 
 T = TypeVar("T", bound=Settings)
 
@@ -82,7 +83,12 @@ def from_spec(scene: Any, settings: spec.Scene) -> None:
     """
     if settings.seed > LARGEST_INT:
         raise SpecError(
-            "seed", f"{settings.seed} is too large for the panel; use up to {LARGEST_INT}"
+            "seed",
+            say(
+                "{seed} is too large for the panel; use up to {most}",
+                seed=settings.seed,
+                most=LARGEST_INT,
+            ),
         )
     props = scene.forest_sensing
     props.name, props.seed = settings.name, settings.seed
@@ -201,9 +207,8 @@ def _parsed(place: str, text: str) -> Any:
     try:
         return _tuples(json.loads(text or "[]"))
     except ValueError:
-        raise SpecError(
-            place, f'"{text}" is not a list of numbers; write [[0, 0], [1, 0], …]'
-        ) from None
+        problem = say('"{text}" is not a list of numbers; write [[0, 0], [1, 0], …]', text=text)
+        raise SpecError(place, problem) from None
 
 
 def _list_of(place: str, text: str, item: type | None) -> tuple[Any, ...]:
@@ -213,10 +218,11 @@ def _list_of(place: str, text: str, item: type | None) -> tuple[Any, ...]:
     try:
         numbers = _parsed(place, f"[{text.strip().strip('[]')}]")
     except SpecError:
-        raise SpecError(place, f'"{text}" is not a list of numbers; write 2, 3') from None
+        problem = say('"{text}" is not a list of numbers; write 2, 3', text=text)
+        raise SpecError(place, problem) from None
     if item is int:
         if not all(number.is_integer() for number in numbers):
-            raise SpecError(place, f'"{text}" must be whole numbers; write 2, 3')
+            raise SpecError(place, say('"{text}" must be whole numbers; write 2, 3', text=text))
         return tuple(int(number) for number in numbers)
     return numbers
 

@@ -13,6 +13,7 @@ from . import hills
 from .operators import chosen_sensor
 from .running import LINKED
 from .species_pictures import EDITED, title_of
+from .words import keep, label, say
 
 ICONS = {
     "forest": "OUTLINER_OB_CURVES",
@@ -41,11 +42,11 @@ class FOREST_UL_plantings(bpy.types.UIList):
         row = layout.row(align=True)
         edited = item.species.startswith(EDITED)
         icon_name = "GREASEPENCIL" if edited else "OUTLINER_OB_CURVES"
-        row.label(text=title_of(item.species) or "(no species)", icon=icon_name)
+        row.label(text=title_of(item.species) or label("(no species)"), icon=icon_name)
         if item.use_expected:
             number = row.row()
             number.alignment = "RIGHT"
-            number.label(text=f"{item.expected:g} trees")
+            number.label(text=label("{expected:g} trees", expected=item.expected))
 
 
 class FOREST_UL_gaussians(bpy.types.UIList):
@@ -56,14 +57,14 @@ class FOREST_UL_gaussians(bpy.types.UIList):
         layout.label(text=f"{x:g}, {y:g} m", icon="MESH_CIRCLE")
         number = layout.row()
         number.alignment = "RIGHT"
-        number.label(text=f"peak {item.peak:.3g}")
+        number.label(text=label("peak {height:.3g}", height=item.peak))
 
 
 class FOREST_UL_stems(bpy.types.UIList):
     """Stems that only reverb hears."""
 
     def draw_item(self, context, layout, data, item, icon, active, name, index=0) -> None:
-        layout.label(text=f"{item.count:,} stems", icon="MESH_CYLINDER")
+        layout.label(text=label("{count:,} stems", count=item.count), icon="MESH_CYLINDER")
 
 
 class FOREST_UL_sensors(bpy.types.UIList):
@@ -83,7 +84,7 @@ class FOREST_UL_rasters(bpy.types.UIList):
     """Images of a species' intensity."""
 
     def draw_item(self, context, layout, data, item, icon, active, name, index=0) -> None:
-        layout.label(text=Path(item.file).name or "(no file)", icon="IMAGE_DATA")
+        layout.label(text=Path(item.file).name or label("(no file)"), icon="IMAGE_DATA")
         use = layout.row()
         use.alignment = "RIGHT"
         use.label(text=item.use)
@@ -126,8 +127,8 @@ class _Listed:
     def obstacle(cls, context: bpy.types.Context) -> str:
         """Why the list cannot be changed; empty where it can."""
         if not context.scene.is_editable:
-            return LINKED
-        return "" if cls.owner(context) is not None else cls.no_owner
+            return say(LINKED)
+        return "" if cls.owner(context) is not None else say(cls.no_owner)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -140,7 +141,7 @@ class _Listed:
 class _OfPlanting(_Listed):
     """A list of the chosen planting."""
 
-    no_owner = "There is no planting yet. Add one to the list"
+    no_owner = keep("There is no planting yet. Add one to the list")
 
     @classmethod
     def owner(cls, context: bpy.types.Context) -> Any:
@@ -171,7 +172,7 @@ class _Stems(_Listed):
 
 class _Poses(_Listed):
     items = "poses"
-    no_owner = "Choose a moving scanner in the list of sensors first"
+    no_owner = keep("Choose a moving scanner in the list of sensors first")
 
     @classmethod
     def owner(cls, context: bpy.types.Context) -> Any:
@@ -197,7 +198,7 @@ class _Remove(_Listed):
         reason = super().obstacle(context)
         if reason or len(getattr(cls.owner(context), cls.items)):
             return reason
-        return "The list is empty: there is nothing to remove"
+        return say("The list is empty: there is nothing to remove")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         owner = self.owner(context)

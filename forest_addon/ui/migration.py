@@ -23,6 +23,7 @@ from ..spec import Settings, SpecError
 from . import exchange
 from .properties import fields_of
 from .running import InOwnScene
+from .words import say
 
 LAYOUT = 2  # how a scene keeps its settings now
 KEY = "forest_sensing"  # of the scene's settings, as Blender stores them
@@ -45,12 +46,18 @@ def migrate(scene: bpy.types.Scene) -> None:
     if found > LAYOUT:
         _tell(
             scene,
-            "Saved by a newer version",
-            [f"it keeps settings in layout {found}, this version knows {LAYOUT}: what is new in it "
-             "has no effect here. Update Forest Sensing"],
-        )  # fmt: skip
+            say("Saved by a newer version"),
+            [
+                say(
+                    "it keeps settings in layout {found}, this version knows {known}: what is new in it "
+                    "has no effect here. Update Forest Sensing",
+                    found=found,
+                    known=LAYOUT,
+                )
+            ],
+        )
     for step in range(found, LAYOUT):
-        _tell(scene, "Saved by an older version", STEPS[step](scene, stored))
+        _tell(scene, say("Saved by an older version"), STEPS[step](scene, stored))
 
 
 class FOREST_OT_take_note(InOwnScene, bpy.types.Operator):
@@ -62,14 +69,15 @@ class FOREST_OT_take_note(InOwnScene, bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, _properties: Any) -> str:
-        return f"{context.scene.forest_sensing.notice}. Press to take this line away"
+        notice = context.scene.forest_sensing.notice
+        return say("{notice}. Press to take this line away", notice=notice)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         if not super().poll(context):
             return False
         if not context.scene.forest_sensing.notice:
-            cls.poll_message_set("There is nothing to take note of")
+            cls.poll_message_set(say("There is nothing to take note of"))
             return False
         return True
 
@@ -174,7 +182,8 @@ def _sensors_become_objects(scene: bpy.types.Scene, stored: Any) -> list[str]:
         forest.kind = "forest"
     if hasattr(scene, "bl_system_properties_get"):
         scene.pop(KEY, None)  # the copy that Blender 5 leaves among the custom properties
-    return ["sensors are objects now, one of each kind, with the settings that they had", *said]
+    objects = say("sensors are objects now, one of each kind, with the settings that they had")
+    return [objects, *said]
 
 
 def _first_sensor(kind: str, stored: Any) -> tuple[Settings, str]:
@@ -188,7 +197,10 @@ def _first_sensor(kind: str, stored: Any) -> tuple[Settings, str]:
     try:
         settings = cls(**given)
     except SpecError as problem:
-        return cls(), f"{kind} has default settings, because {problem}"
+        because = say(
+            "{sensor} has default settings, because {problem}", sensor=kind, problem=problem
+        )
+        return cls(), because
     if "reflectance" in stored:  # of everything alike
         share = shortest(stored["reflectance"])
         alike = dict.fromkeys(("other", "wood", "leaf", "ground"), share)

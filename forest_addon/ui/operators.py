@@ -29,6 +29,7 @@ from .properties import ASSETS
 from .running import PROBLEMS, FOREST_OT_cancel, InOwnScene, Working, in_words
 from .species_edit import edited_species, load
 from .views import look_at
+from .words import say
 
 DEMO = ASSETS / "scenes" / "demo.toml"
 SOLID_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
@@ -41,7 +42,8 @@ def _import_rooms(_tell: Any) -> None:
     from . import results  # noqa: F401
 
 
-GETTING_READY = Task("getting ready", _import_rooms, whole=True)
+def _getting_ready() -> Task:
+    return Task(say("getting ready"), _import_rooms, whole=True)
 
 
 class FOREST_OT_build(Working, bpy.types.Operator):
@@ -52,7 +54,7 @@ class FOREST_OT_build(Working, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> Work:
         started, scene = time.perf_counter(), context.scene
-        yield GETTING_READY
+        yield _getting_ready()
         from ..blender.forest import build
         from ..blender.inputs import inputs_from_scene
         from ..formats.stand_files import read_inputs
@@ -64,14 +66,14 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         settings, edited = to_spec(scene), edited_species(scene)
         mark = live.fingerprint(scene, context.evaluated_depsgraph_get())
         folder = Path(bpy.path.abspath(scene.forest_sensing.folder))
-        files = yield Task("reading files", lambda _: read_inputs(settings, folder))
+        files = yield Task(say("reading files"), lambda _: read_inputs(settings, folder))
         inputs = inputs_from_scene(settings, context.evaluated_depsgraph_get(), files)
 
         def grow(tell: Any) -> Any:
             species = [load(planting.species, folder, edited) for planting in settings.plantings]
             return grow_forest(settings, species, tell, inputs)
 
-        forest = yield Task("growing trees", grow)
+        forest = yield Task(say("growing trees"), grow)
         first = "forest" not in scene.forest_sensing.results
         build(scene, settings, forest, inputs.terrain)
         scene.forest_sensing.built = mark
@@ -105,19 +107,21 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         if not super().poll(context):
             return False
         if not sensors.sensors_of(context.scene):
-            cls.poll_message_set("There is no sensor yet. Add one to the list")
+            cls.poll_message_set(say("There is no sensor yet. Add one to the list"))
             return False
         if not any(thing.type in SOLID_TYPES for thing in context.view_layer.objects):
-            cls.poll_message_set("There is nothing to sense in this scene. Build a forest first")
+            reason = say("There is nothing to sense in this scene. Build a forest first")
+            cls.poll_message_set(reason)
             return False
         return True
 
     def work(self, context: bpy.types.Context) -> Work:
         scene = context.scene
-        yield GETTING_READY
+        yield _getting_ready()
         chosen = [t for t in sensors.sensors_of(scene) if self.sensor in ("", t.name)]
         if not chosen:
-            raise SpecError("sensor", f"{self.sensor} is no sensor of this scene; add it again")
+            problem = say("{name} is no sensor of this scene; add it again", name=self.sensor)
+            raise SpecError("sensor", problem)
         to_spec(scene, chosen)  # all of them, before the first one runs
         folder = _folder(scene.forest_sensing.output)
         if self.frames == "THIS":
@@ -160,9 +164,10 @@ class FOREST_OT_run(Working, bpy.types.Operator):
                     path = save_finding(
                         context, folder, thing.name, numbered, found, settings.offset
                     )
-                    sentence = f"{sentence}, saved as {path}"
+                    sentence = say("{found}, saved as {path}", found=sentence, path=path)
                 except (OSError, ImportError) as problem:
-                    self.report({"WARNING"}, f"Not saved: {in_words(problem)}")
+                    reason = in_words(problem)
+                    self.report({"WARNING"}, say("Not saved: {reason}", reason=reason))
         return sentence
 
 
@@ -205,7 +210,7 @@ class FOREST_OT_remove_sensor(InOwnScene, bpy.types.Operator):
         if not super().poll(context):
             return False
         if chosen_sensor(context) is None:
-            cls.poll_message_set("Choose a sensor in the list first")
+            cls.poll_message_set(say("Choose a sensor in the list first"))
             return False
         return True
 
@@ -229,7 +234,7 @@ class FOREST_OT_load_scene(InOwnScene, bpy.types.Operator, ImportHelper):
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
-        self.report({"INFO"}, f"{name} is loaded. Build the forest to see it")
+        self.report({"INFO"}, say("{name} is loaded. Build the forest to see it", name=name))
         return {"FINISHED"}
 
 
@@ -253,10 +258,11 @@ class FOREST_OT_save_scene(bpy.types.Operator, ExportHelper):
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
+        written = say("Written: {file}", file=self.filepath)
         if wanting:
-            self.report({"WARNING"}, f"Written: {self.filepath}. {wanting}")
+            self.report({"WARNING"}, f"{written}. {wanting}")
         else:
-            self.report({"INFO"}, f"Written: {self.filepath}")
+            self.report({"INFO"}, written)
         return {"FINISHED"}
 
 
@@ -271,7 +277,8 @@ class FOREST_OT_select_result(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         if context.mode != "OBJECT":
-            cls.poll_message_set("Leave this mode first: objects are selected in Object Mode")
+            reason = say("Leave this mode first: objects are selected in Object Mode")
+            cls.poll_message_set(reason)
             return False
         return True
 
@@ -280,7 +287,8 @@ class FOREST_OT_select_result(bpy.types.Operator):
 
         thing = context.scene.objects.get(self.shown)
         if thing is None:
-            self.report({"ERROR"}, f"{self.shown} is no longer in the scene. Run its sensor again")
+            problem = say("{name} is no longer in the scene. Run its sensor again", name=self.shown)
+            self.report({"ERROR"}, problem)
             return {"CANCELLED"}
         select(context, thing)
         return {"FINISHED"}
@@ -311,7 +319,7 @@ class FOREST_OT_play(bpy.types.Operator):
         thing = context.scene.objects.get(self.sensor)
         sound = thing.data.sound if thing is not None and thing.type == "SPEAKER" else None
         if sound is None:
-            self.report({"ERROR"}, f"{self.sensor} has no sound. Run it again")
+            self.report({"ERROR"}, say("{name} has no sound. Run it again", name=self.sensor))
             return {"CANCELLED"}
         if sound.factory is None:
             self.report({"ERROR"}, "No sound can be played here: this Blender has not loaded it")
@@ -322,7 +330,7 @@ class FOREST_OT_play(bpy.types.Operator):
         try:
             _playing = aud.Device().play(sound.factory)
         except aud.error as problem:
-            self.report({"ERROR"}, f"No sound can be played here: {problem}")
+            self.report({"ERROR"}, say("No sound can be played here: {reason}", reason=problem))
             return {"CANCELLED"}
         return {"FINISHED"}
 
@@ -424,10 +432,12 @@ def _folder(output: str) -> Path | None:
     if not output:
         return None
     if output.startswith("//") and not bpy.data.filepath:
-        raise SpecError("Save To", "// means beside the .blend file; save that first")
+        problem = say("// means beside the .blend file; save that first")
+        raise SpecError(say("Save To"), problem)
     folder = Path(bpy.path.abspath(output))
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
-        raise SpecError("Save To", f"{folder} cannot be made: {problem.strerror}") from None
+        said = say("{folder} cannot be made: {reason}", folder=folder, reason=problem.strerror)
+        raise SpecError(say("Save To"), said) from None
     return folder

@@ -15,7 +15,8 @@ from .. import spec
 from ..blender.layout import INTENSITY, part
 from . import exchange
 from .properties import chosen_planting
-from .running import PROBLEMS, in_words
+from .running import LINKED, PROBLEMS, in_words
+from .words import say
 
 NAME = "Canvas"
 PAINTING = "PAINT_WEIGHT"
@@ -59,11 +60,11 @@ class FOREST_OT_paint(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         reason = ""
         if context.mode not in ("OBJECT", PAINTING):
-            reason = "Leave this mode first: painting begins in Object Mode"
+            reason = say("Leave this mode first: painting begins in Object Mode")
         elif not context.scene.is_editable:
-            reason = "This scene is linked from another file and cannot be changed"
+            reason = say(LINKED)
         elif chosen_planting(context.scene.forest_sensing) is None:
-            reason = "There is no planting yet. Add one to the list"
+            reason = say("There is no planting yet. Add one to the list")
         if reason:
             cls.poll_message_set(reason)
         return not reason

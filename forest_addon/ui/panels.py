@@ -22,6 +22,7 @@ from .operators import chosen_sensor
 from .painting import PAINTING
 from .properties import PARTS
 from .running import current
+from .words import label, label_of_kept
 
 BIG = 1.4  # heights of a row: the buttons that start work
 
@@ -128,7 +129,9 @@ class FOREST_PT_intensity(_OfPlanting, bpy.types.Panel):
         painted.prop(planting, "painted")
         on = context.mode == PAINTING
         painted.operator(
-            "forest.paint", text="Done" if on else "", icon="CHECKMARK" if on else "BRUSH_DATA"
+            "forest.paint",
+            text=label("Done") if on else "",
+            icon="CHECKMARK" if on else "BRUSH_DATA",
         )
         draw_field(column, planting, "painted_value")
 
@@ -235,7 +238,9 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         one = run.row(align=True)
         one.enabled = thing is not None
         this = one.operator(
-            "forest.run", text="Run" if thing is None else f"Run {thing.name}", icon="PLAY"
+            "forest.run",
+            text=label("Run") if thing is None else label("Run {sensor}", sensor=thing.name),
+            icon="PLAY",
         )
         this.sensor, this.frames = "" if thing is None else thing.name, "THIS"
         run.operator("forest.run", text="All").frames = "THIS"
@@ -270,7 +275,7 @@ class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
         draw_settings(split(self.layout), group, hidden)
         for part in group.nested:
             header, body = self.layout.panel(f"FOREST_{kind}_{part}", default_closed=True)
-            header.label(text=part.title())
+            header.label(text=group.bl_rna.properties[part].name)
             if body is not None:
                 draw_settings(split(body), getattr(group, part))
         if kind == "mobile" and not group.follow:
@@ -342,7 +347,7 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         name = row.row()
         name.active = False
         name.label(text=figure.name)
-        row.label(text=figure.value)
+        row.label(text=label_of_kept(figure.made_of) if figure.made_of else figure.value)
 
 
 def _draw_colour_by(layout: bpy.types.UILayout, result: Any) -> None:
@@ -383,7 +388,7 @@ def _draw_start(layout: bpy.types.UILayout) -> None:
     column = layout.column(align=True)
     column.label(text="Grow a forest, scan it")
     column.label(text="and listen in it.")
-    _build_or_progress(layout, "PLAY", "Build Demo Forest")
+    _build_or_progress(layout, "PLAY", label("Build Demo Forest"))
     layout.operator("forest.load_scene", icon="FILE_FOLDER")
 
 
@@ -391,10 +396,10 @@ def _draw_update(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     """The button that builds, with a star where settings have changed since, and Live beside it."""
     row = layout.row(align=True)
     if "forest" not in scene.forest_sensing.results:
-        _build_or_progress(row, "PLAY", "Build Forest")
+        _build_or_progress(row, "PLAY", label("Build Forest"))
     else:
         star = " *" if live.is_stale(scene) else ""
-        _build_or_progress(row, "FILE_REFRESH", f"Update{star}")
+        _build_or_progress(row, "FILE_REFRESH", label("Update") + star)
     beside = row.row(align=True)
     beside.scale_y = BIG
     beside.ui_units_x = 3
@@ -465,9 +470,11 @@ def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
     elif name in PARTS and getattr(known, "is_array", False):
         column = layout.column(align=True)
         first, second = PARTS[name]
-        words, space, unit = known.name.partition(" (")
-        column.prop(group, name, index=0, text=f"{words} {first.title()}")
-        column.prop(group, name, index=1, text=f"{second.title()}{space}{unit}")
+        words, space, unit = label(known.name).partition(" (")
+        column.prop(
+            group, name, index=0, text=label("{setting} {end}", setting=words, end=label(first))
+        )
+        column.prop(group, name, index=1, text=f"{label(second)}{space}{unit}")
     else:
         layout.prop(group, name)
 

@@ -14,6 +14,7 @@ from ..sensing.cloud import Cloud
 from ..sensing.panorama import range_image
 from ..sensing.tractor import TractorScan
 from ..spec import Scanner, Terrestrial
+from .words import label
 
 WIDE, HIGH = 1100, 300  # pixels of one strip
 DEPTH_DB = 80.0
@@ -63,15 +64,15 @@ def sound_plot(samples: np.ndarray, sample_rate: float, decay: bool = False) -> 
     audible = np.flatnonzero(loud > floor)
     part = samples[: int(audible[-1]) + 1] if len(audible) else samples
     level = _level(np.abs(part), floor)
-    title = "Level"
+    title = label("Level")
     if decay and len(audible):
         _draw_curve(level, metrics.energy_decay_db(samples)[: len(part)])
-        title = "Level and energy decay curve"
+        title = label("Level and energy decay curve")
     spectrogram, low, high = _spectrogram(part, sample_rate)
     milliseconds = 1e3 * len(part) / sample_rate
     return Plot(
         (
-            Strip("Spectrogram", spectrogram, Axis(low / 1e3, high / 1e3, "kHz")),
+            Strip(label("Spectrogram"), spectrogram, Axis(low / 1e3, high / 1e3, "kHz")),
             Strip(title, level, Axis(-DEPTH_DB, 0.0, "dB")),
         ),
         Axis(0.0, milliseconds, "ms"),
@@ -86,13 +87,17 @@ def matrix_plot(scan: TractorScan) -> Plot:
     return Plot(
         (
             Strip(
-                "Distance of the first hit",
+                label("Distance of the first hit"),
                 _by_distance(scan.distance.T),
-                Axis(float(angle[0]), float(angle[-1]), "degrees from the horizontal"),
+                Axis(float(angle[0]), float(angle[-1]), label("degrees from the horizontal")),
             ),
         ),
-        Axis(float(track[0]), float(track[-1]), "m along the track"),
-        f"{track[-1] - track[0]:.3g} m by {angle[-1] - angle[0]:.3g}°",
+        Axis(float(track[0]), float(track[-1]), label("m along the track")),
+        label(
+            "{length:.3g} m by {angle:.3g}°",
+            length=track[-1] - track[0],
+            angle=angle[-1] - angle[0],
+        ),
     )
 
 
@@ -107,13 +112,13 @@ def cloud_plot(cloud: Cloud, scanner: Scanner) -> Plot | None:
     return Plot(
         (
             Strip(
-                "Distance of the first return",
+                label("Distance of the first return"),
                 _by_distance(distance),
-                Axis(low, high, "elevation (°)"),
+                Axis(low, high, label("elevation (°)")),
             ),
         ),
-        Axis(west, east, "azimuth (°)"),
-        f"{east - west:g}° by {high - low:g}°",
+        Axis(west, east, label("azimuth (°)")),
+        label("{wide:g}° by {high:g}°", wide=east - west, high=high - low),
     )
 
 
@@ -131,9 +136,17 @@ def _from_above(position: np.ndarray) -> Plot:
     enlarged = max(1, WIDE // max(height.shape))
     pixels = cells.repeat(enlarged, axis=0).repeat(enlarged, axis=1)
     return Plot(
-        (Strip("Height of the points", pixels, Axis(float(low[1]), float(high[1]), "y (m)")),),
+        (
+            Strip(
+                label("Height of the points"), pixels, Axis(float(low[1]), float(high[1]), "y (m)")
+            ),
+        ),
         Axis(float(low[0]), float(high[0]), "x (m)"),
-        f"{high[0] - low[0]:.0f} m by {high[1] - low[1]:.0f} m, from above",
+        label(
+            "{length:.0f} m by {width:.0f} m, from above",
+            length=high[0] - low[0],
+            width=high[1] - low[1],
+        ),
     )
 
 

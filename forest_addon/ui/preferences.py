@@ -17,6 +17,7 @@ import bpy
 
 from .. import spec
 from .properties import fields_of, property_of
+from .words import label, say
 
 ROOT = (__package__ or "").split(".forest_addon")[0].removesuffix(".ui")
 FRESH = 2.0  # s that the size of the cache is shown before it is looked up again
@@ -46,7 +47,11 @@ class FOREST_AP_preferences(bpy.types.AddonPreferences):
         column.label(text="Cache")
         row = column.row()
         row.label(text=str(cache_folder()))
-        row.operator("forest.clear_cache", text=f"Clear {_megabytes(_recently())}", icon="TRASH")
+        row.operator(
+            "forest.clear_cache",
+            text=label("Clear {size}", size=_megabytes(_recently())),
+            icon="TRASH",
+        )
 
 
 class FOREST_OT_clear_cache(bpy.types.Operator):
@@ -58,7 +63,7 @@ class FOREST_OT_clear_cache(bpy.types.Operator):
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
         if not cache_folder().is_dir():
-            cls.poll_message_set("The cache is empty")
+            cls.poll_message_set(say("The cache is empty"))
             return False
         return True
 
@@ -66,7 +71,7 @@ class FOREST_OT_clear_cache(bpy.types.Operator):
         size = cache_size()
         shutil.rmtree(cache_folder(), ignore_errors=True)
         expansions.cache_clear()
-        self.report({"INFO"}, f"{_megabytes(size)} were removed")
+        self.report({"INFO"}, say("{size} were removed", size=_megabytes(size)))
         return {"FINISHED"}
 
 

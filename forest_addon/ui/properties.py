@@ -35,6 +35,7 @@ from .. import spec
 from ..blender.sensors import home_of
 from ..spec import Param, Settings, param_of
 from .offers import offered
+from .words import keep
 
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
 LARGEST_INT = 2**31 - 1  # what Blender's whole numbers hold
@@ -50,16 +51,16 @@ SUFFIXES = (
 )  # units within names; labels show the unit itself
 # Pairs that are not along x and y: what their two numbers are called.
 PARTS = {
-    "azimuth_deg": ("from", "to"),
-    "elevation_deg": ("from", "to"),
-    "beam_width_deg": ("width", "height"),
-    "hearing_width_deg": ("width", "height"),
-    "band": ("low", "high"),
-    "field_deg": ("from", "to"),
-    "divergence_mrad": ("sweep", "across"),
-    "scale": ("min", "max"),
-    "slope_deg": ("from", "to"),
-    "altitude": ("from", "to"),
+    "azimuth_deg": (keep("From"), keep("To")),
+    "elevation_deg": (keep("From"), keep("To")),
+    "beam_width_deg": (keep("Width"), keep("Height")),
+    "hearing_width_deg": (keep("Width"), keep("Height")),
+    "band": (keep("Low"), keep("High")),
+    "field_deg": (keep("From"), keep("To")),
+    "divergence_mrad": (keep("Sweep"), keep("Across")),
+    "scale": (keep("Min"), keep("Max")),
+    "slope_deg": (keep("From"), keep("To")),
+    "altitude": (keep("From"), keep("To")),
 }
 LABELS = {
     "beam_width_deg": "Beam (°)",
@@ -391,10 +392,11 @@ class FOREST_PG_edited(bpy.types.PropertyGroup):
 
 
 class FOREST_PG_figure(bpy.types.PropertyGroup):
-    """One line of a result: what, how much."""
+    """One line of a result: what, how much; in English, with what says it in another language."""
 
     name: StringProperty()
     value: StringProperty()
+    made_of: StringProperty()
 
 
 class FOREST_PG_result(bpy.types.PropertyGroup):

@@ -5,12 +5,14 @@ from __future__ import annotations
 import functools
 import importlib.util
 
+from .words import keep, say
+
 NEEDED = ("numpy", "scipy", "cattrs")
 WHAT_TO_DO = (  # line by line, as wide as the sidebar
-    "The extension brings it along:",
-    "install its zip again under",
-    "Preferences > Get Extensions",
-    "> Install from Disk.",
+    keep("The extension brings it along:"),
+    keep("install its zip again under"),
+    keep("Preferences > Get Extensions"),
+    keep("> Install from Disk."),
 )
 
 
@@ -22,5 +24,11 @@ def missing() -> tuple[str, ...]:
 
 def in_words(names: tuple[str, ...]) -> str:
     """One sentence for packages that are missing."""
-    verb = "is" if len(names) == 1 else "are"
-    return f"{' and '.join(names)} {verb} missing in this Blender"
+    if len(names) == 1:
+        return say("{package} is missing in this Blender", package=names[0])
+    return say("{packages} are missing in this Blender", packages=say(" and ").join(names))
+
+
+def what_to_do() -> str:
+    """The same lines as a sentence."""
+    return " ".join(say(line) for line in WHAT_TO_DO)

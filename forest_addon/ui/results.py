@@ -24,6 +24,7 @@ from ..sensing.tractor import TractorScan, to_cloud
 from ..spec import Scene, Sensor, Tractor
 from ..stand.forest import Forest
 from . import images, plots
+from .words import Kept, keep, say
 
 Figures = dict[str, str]
 
@@ -33,8 +34,13 @@ def keep_forest(context: bpy.types.Context, settings: Scene, forest: Forest, sec
     props = context.scene.forest_sensing
     props.results.clear()
     figures = forest_figures(forest)
-    _note(props, "forest", "forest", settings.name, figures | {"Time": f"{seconds:.1f} s"})
-    return f"{figures['Trees']} trees with {figures['Leaves']} leaves in {seconds:.1f} s"
+    _note(props, "forest", "forest", settings.name, figures | {keep("Time"): f"{seconds:.1f} s"})
+    return say(
+        "{trees} trees with {leaves} leaves in {seconds:.1f} s",
+        trees=figures["Trees"],
+        leaves=figures["Leaves"],
+        seconds=seconds,
+    )
 
 
 def keep_finding(
@@ -52,7 +58,7 @@ def keep_finding(
     if isinstance(found, ImpulseResponse) and thing.type == "SPEAKER":
         give_sound(thing, sensor.name, channels_of(found), found.sample_rate)
     result = _note(  # what needs disk space is done
-        props, thing.name, sensor.kind, thing.name, figures | {"Time": f"{seconds:.1f} s"}
+        props, thing.name, sensor.kind, thing.name, figures | {keep("Time"): f"{seconds:.1f} s"}
     )
     result.picture, result.caption = picture, plot.caption if plot else ""
     if isinstance(found, TractorScan | Cloud):
@@ -63,7 +69,7 @@ def keep_finding(
     elif isinstance(found, Echo):
         home = part(context.scene, RESULTS)
         result.shown = show_heard(home, sensor.name, found.heard).name
-    return f"{sentence} in {seconds:.1f} s"
+    return say("{found} in {seconds:.1f} s", found=sentence, seconds=seconds)
 
 
 def save_finding(
@@ -112,18 +118,19 @@ def forest_figures(forest: Forest) -> Figures:
     """Trees, leaves and triangles of a forest."""
     stand = forest.stand
     variants = [forest.variant_of(tree) for tree in range(len(stand))]
-    figures = {"Trees": f"{len(stand):,}"}
+    figures = {keep("Trees"): f"{len(stand):,}"}
     figures |= {
         label.title(): f"{count:,}"
         for label, count in zip(forest.labels, stand.counts(), strict=True)
     }
-    figures["Density"] = f"{stand.density().sum() * 1e4:,.0f} trees/ha"
-    figures["Leaves"] = f"{sum(len(tree.leaves) for tree in variants):,}"
-    figures["Triangles"] = f"{sum(len(tree.mesh.triangles) for tree in variants):,}"
+    per_hectare = float(stand.density().sum() * 1e4)
+    figures[keep("Density")] = keep("{density:,.0f} trees/ha", density=per_hectare)
+    figures[keep("Leaves")] = f"{sum(len(tree.leaves) for tree in variants):,}"
+    figures[keep("Triangles")] = f"{sum(len(tree.mesh.triangles) for tree in variants):,}"
     if stand.removed:
-        figures["Too Close"] = f"{stand.removed:,} taken away"
+        figures[keep("Too Close")] = keep("{count:,} taken away", count=int(stand.removed))
     if stand.off_ground.any():
-        figures["No Ground"] = f"{stand.off_ground.sum():,} left out"
+        figures[keep("No Ground")] = keep("{count:,} left out", count=int(stand.off_ground.sum()))
     return figures
 
 
@@ -131,21 +138,25 @@ def figures_of(found: TractorScan | Cloud | Echo | Flight | ImpulseResponse) -> 
     """The key figures of a result, and the most telling of them in a few words."""
     if isinstance(found, TractorScan):
         hits = int(np.count_nonzero(found.organ >= 0))
-        figures = {"Beams": f"{found.organ.size:,}", "Points": f"{hits:,}"}
-        return figures | _organs(found.organ, found.engine), f"{hits:,} points"
+        figures = {keep("Beams"): f"{found.organ.size:,}", keep("Points"): f"{hits:,}"}
+        return figures | _organs(found.organ, found.engine), say("{count:,} points", count=hits)
     if isinstance(found, Cloud):
         seen = np.unique(found.returns.tree[found.returns.tree >= 0])
-        points = f"{len(found.position):,}"
-        figures = {"Beams": f"{found.pulses:,}", "Points": points, "Trees Seen": f"{len(seen):,}"}
-        return figures | _organs(found.returns.organ, found.engine), f"{points} points"
+        points = len(found.position)
+        figures = {
+            keep("Beams"): f"{found.pulses:,}",
+            keep("Points"): f"{points:,}",
+            keep("Trees Seen"): f"{len(seen):,}",
+        }
+        figures |= _organs(found.returns.organ, found.engine)
+        return figures, say("{count:,} points", count=points)
     if isinstance(found, ImpulseResponse):
         return _reverb_figures(found)
     if isinstance(found, Flight):
         loudest = max(found.echoes, key=lambda echo: float(echo.envelope.max(initial=0.0)))
         figures, sentence = _echo_figures(loudest)
-        return {
-            "Pings": f"{len(found):,}"
-        } | figures, f"{len(found):,} pings, the loudest: {sentence}"
+        pings = say("{count:,} pings, the loudest: {found}", count=len(found), found=sentence)
+        return {keep("Pings"): f"{len(found):,}"} | figures, pings
     return _echo_figures(found)
 
 
@@ -164,35 +175,41 @@ def _plot(found: Any, sensor: Any) -> plots.Plot | None:
 
 
 def _organs(organ: np.ndarray, engine: str) -> Figures:
-    named = {"Leaves": LEAF, "Wood": WOOD, "Ground": GROUND}
+    named = {keep("Leaves"): LEAF, keep("Wood"): WOOD, keep("Ground"): GROUND}
     figures = {name: _share(organ == code) for name, code in named.items()}
     if np.any(organ < 0):
-        figures["Sky"] = _share(organ < 0)
-    return figures | {"Rays By": engine}
+        figures[keep("Sky")] = _share(organ < 0)
+    return figures | {keep("Rays By"): engine}
 
 
 def _echo_figures(echo: Echo) -> tuple[Figures, str]:
     heard = echo.leaves_heard
-    figures = {"Leaves Heard": f"{heard:,} of {echo.leaves:,}", "Behind Wood": f"{echo.hidden:,}"}
+    figures = {
+        keep("Leaves Heard"): keep("{heard:,} of {leaves:,}", heard=heard, leaves=echo.leaves),
+        keep("Behind Wood"): f"{echo.hidden:,}",
+    }
     peak = int(np.argmax(echo.envelope)) if np.any(echo.envelope) else None
     if peak is None:
-        return figures | {"Level": "silence"}, "silence: nothing in the beam"
-    figures["Strongest"] = f"{echo.time[peak] * echo.sound_speed / 2:.2f} m away"
-    figures["Level"] = f"{20 * np.log10(echo.envelope[peak]):.1f} dB re 1 m"
-    return figures, f"{heard:,} leaves heard"
+        silence = say("silence: nothing in the beam")
+        return figures | {keep("Level"): keep("silence")}, silence
+    away = float(echo.time[peak] * echo.sound_speed / 2)
+    figures[keep("Strongest")] = keep("{distance:.2f} m away", distance=away)
+    level = float(20 * np.log10(echo.envelope[peak]))
+    figures[keep("Level")] = keep("{level:.1f} dB re 1 m", level=level)
+    return figures, say("{count:,} leaves heard", count=heard)
 
 
 def _reverb_figures(response: ImpulseResponse) -> tuple[Figures, str]:
     seconds = metrics.reverberation_time(response.samples, response.sample_rate)
     clarity = metrics.clarity_db(response.samples, response.sample_rate)
     figures = {
-        "Trunks Heard": f"{response.trunks:,}",
-        "Beyond Field": f"{response.continued:,}",
-        "Reverb Time": f"{seconds:.2f} s" if np.isfinite(seconds) else "not reached",
-        "Clarity C50": f"{clarity:.1f} dB" if np.isfinite(clarity) else "no late sound",
-        "Direct Path": "clear" if response.direct_clear else "blocked by wood",
+        keep("Trunks Heard"): f"{response.trunks:,}",
+        keep("Beyond Field"): f"{response.continued:,}",
+        keep("Reverb Time"): f"{seconds:.2f} s" if np.isfinite(seconds) else keep("not reached"),
+        keep("Clarity C50"): f"{clarity:.1f} dB" if np.isfinite(clarity) else keep("no late sound"),
+        keep("Direct Path"): keep("clear") if response.direct_clear else keep("blocked by wood"),
     }
-    return figures, f"{response.trunks:,} trunks heard"
+    return figures, say("{count:,} trunks heard", count=response.trunks)
 
 
 def _share(mask: np.ndarray) -> str:
@@ -211,6 +228,7 @@ def _note(props: Any, name: str, kind: str, title: str, figures: Figures) -> Any
     for label, value in figures.items():
         figure = result.figures.add()
         figure.name, figure.value = label, value
+        figure.made_of = value.made_of if isinstance(value, Kept) else ""
     return result
 
 

@@ -17,11 +17,12 @@ from ..blender.jobs import Job, Tell, Work
 from ..spec import SpecError
 from . import requirements
 from .views import redraw_sidebars
+from .words import keep, say, title_of_operator
 
 TICK = 0.05  # s between two looks at a running job
 PROBLEMS = (SpecError, ValueError, OSError, ImportError, MemoryError, ReferenceError)
 UNDO_KEYS = {"Z", "Y"}
-LINKED = "This scene is linked from another file and cannot be changed"
+LINKED = keep("This scene is linked from another file and cannot be changed")
 
 _current: Job | None = None
 
@@ -47,7 +48,7 @@ class InOwnScene:
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         if not context.scene.is_editable:
-            cls.poll_message_set(LINKED)
+            cls.poll_message_set(say(LINKED))
         return bool(context.scene.is_editable)
 
 
@@ -77,7 +78,7 @@ class Working(WhenReady):
             return self.execute(context)
         context.view_layer.update()
         manager = context.window_manager
-        self._job = _current = Job(self.bl_label, self.work(context))
+        self._job = _current = Job(title_of_operator(self), self.work(context))
         self._begun_in = context.scene, context.view_layer
         self._shown = ""
         self._timer = manager.event_timer_add(TICK, window=context.window)
@@ -90,10 +91,12 @@ class Working(WhenReady):
             job.cancel()
         if job.over:
             self._leave(context)
-            self.report({"INFO"}, f"{job.title} was cancelled; nothing was changed")
+            self.report({"INFO"}, say("{job} was cancelled; nothing was changed", job=job.title))
             return {"CANCELLED"}
         if event.type in UNDO_KEYS and (event.ctrl or event.oskey):
-            self.report({"INFO"}, f"Undo waits for {job.title}; press Esc to cancel it")
+            self.report(
+                {"INFO"}, say("Undo waits for {job}; press Esc to cancel it", job=job.title)
+            )
             return {"RUNNING_MODAL"}
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
@@ -112,7 +115,12 @@ class Working(WhenReady):
             self._leave(context)
             self.report({"INFO"}, job.result)
             return {"FINISHED"}
-        text = f"{job.title}: {job.label} {job.share:.0%}  |  Esc: cancel"
+        text = say(
+            "{job}: {step} {share:.0%}  |  Esc: cancel",
+            job=job.title,
+            step=job.label,
+            share=job.share,
+        )
         if text != self._shown:  # drawing costs the task time
             self._shown = text
             _show(context, text)
@@ -125,7 +133,7 @@ class Working(WhenReady):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         context.view_layer.update()
-        job = Job(self.bl_label, self.work(context))
+        job = Job(title_of_operator(self), self.work(context))
         try:
             with _pointer(context) as tell:
                 job.finish(tell)
@@ -149,7 +157,7 @@ class FOREST_OT_cancel(bpy.types.Operator):
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
         if current() is None:
-            cls.poll_message_set("Nothing is running")
+            cls.poll_message_set(say("Nothing is running"))
             return False
         return True
 
@@ -161,31 +169,32 @@ class FOREST_OT_cancel(bpy.types.Operator):
 def obstacle(context: bpy.types.Context) -> str:
     """Why nothing can be computed now; empty where it can."""
     if requirements.missing():
-        return f"{requirements.in_words(requirements.missing())}. The panel says what to do"
+        missing = requirements.in_words(requirements.missing())
+        return say("{missing}. The panel says what to do", missing=missing)
     job = current()
     if job is not None:
-        return (
-            f"{job.title} is {'stopping' if job.over else 'running'}; only one job runs at a time"
-        )
+        if job.over:
+            return say("{job} is stopping; only one job runs at a time", job=job.title)
+        return say("{job} is running; only one job runs at a time", job=job.title)
     if context.mode != "OBJECT":
-        return "Leave this mode first: the forest is built and sensed in Object Mode"
+        return say("Leave this mode first: the forest is built and sensed in Object Mode")
     if not context.scene.is_editable:
-        return LINKED
+        return say(LINKED)
     return ""
 
 
 def in_words(problem: BaseException) -> str:
     """One sentence for what went wrong, with what to do."""
     if isinstance(problem, ModuleNotFoundError) and problem.name:
-        return f"{requirements.in_words((problem.name,))}. {' '.join(requirements.WHAT_TO_DO)}"
+        return f"{requirements.in_words((problem.name,))}. {requirements.what_to_do()}"
     if isinstance(problem, ImportError):
-        return f"{problem}. {' '.join(requirements.WHAT_TO_DO)}"
+        return f"{problem}. {requirements.what_to_do()}"
     if isinstance(problem, MemoryError):
-        return "There is not enough memory for this; take fewer trees or coarser steps"
+        return say("There is not enough memory for this; take fewer trees or coarser steps")
     if isinstance(problem, ReferenceError):
-        return "The scene was removed or undone meanwhile; run it again"
+        return say("The scene was removed or undone meanwhile; run it again")
     if isinstance(problem, OSError) and problem.strerror:
-        return f"{problem.filename or 'A file cannot be written'}: {problem.strerror}"
+        return f"{problem.filename or say('A file cannot be written')}: {problem.strerror}"
     return str(problem)
 
 

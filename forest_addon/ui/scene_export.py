@@ -18,6 +18,7 @@ from ..blender.ours import is_ours
 from ..formats.toml_file import write_settings
 from .exchange import to_spec
 from .species_edit import Edited, edited_species, from_folder, relocated
+from .words import say
 
 OF_OBJECTS = ("object", "painted", "collection", "follow", "source_objects", "receiver_objects")
 
@@ -53,25 +54,30 @@ def _blend_for(scene: bpy.types.Scene, settings: spec.Scene, home: Path) -> tupl
         for thing in scene.objects
         if thing.type in SOLID_TYPES and not is_ours(thing) and not thing.get(IGNORED_KEY)
     )
-    if not others and not _names_objects(settings):
+    others += sorted(_named_objects(settings) - set(others))
+    if not others:
         return "", ""
-    what = f"objects of this Blender file ({', '.join(others[:3])})" if others else "its objects"
+    few = ", ".join(others[:3])
     if not bpy.data.filepath:
-        return "", f"It needs {what}: save this .blend file and export again"
+        return "", say(
+            "It needs objects of this .blend ({few}): save that and export again", few=few
+        )
+    blend = from_folder(Path(bpy.data.filepath), home)
     if bpy.data.is_dirty:
-        return from_folder(Path(bpy.data.filepath), home), f"It starts from {what}: save that too"
-    return from_folder(Path(bpy.data.filepath), home), ""
+        return blend, say("It starts from this .blend ({few}): save that too", few=few)
+    return blend, ""
 
 
-def _names_objects(settings: spec.Settings) -> bool:
-    """Whether any setting names an object of the scene."""
+def _named_objects(settings: spec.Settings) -> set[str]:
+    """What settings name of the scene: objects, layers of them, collections."""
+    named: set[str] = set()
     for name, value in vars(settings).items():
         if name in OF_OBJECTS and value:
-            return True
-        inner = value if isinstance(value, tuple) else (value,)
-        if any(_names_objects(item) for item in inner if isinstance(item, spec.Settings)):
-            return True
-    return False
+            named.add(value)
+        for inner in value if isinstance(value, tuple) else (value,):
+            if isinstance(inner, spec.Settings):
+                named |= _named_objects(inner)
+    return named
 
 
 def _with_edited(settings: spec.Scene, edited: Edited, path: Path) -> spec.Scene:

@@ -22,6 +22,7 @@ from .preferences import species_folder
 from .properties import ASSETS, chosen_planting
 from .running import LINKED, PROBLEMS, in_words
 from .species_pictures import EDITED, refresh, title_of
+from .words import say
 
 Edited = Mapping[str, tuple[spec.Species, Path]]  # by what plantings call it; where its files are
 
@@ -83,12 +84,12 @@ class _OfSpecies:
         props = context.scene.forest_sensing
         reason = ""
         if not context.scene.is_editable:
-            reason = LINKED
+            reason = say(LINKED)
         elif chosen_planting(props) is None:
-            reason = "There is no planting yet. Add one to the list"
+            reason = say("There is no planting yet. Add one to the list")
         elif (edited_item(props) is not None) != cls.of_edited:
-            is_edited = "This species is not edited yet. Press Edit first"
-            reason = is_edited if cls.of_edited else "This species is being edited already"
+            not_yet = say("This species is not edited yet. Press Edit first")
+            reason = not_yet if cls.of_edited else say("This species is being edited already")
         if reason:
             cls.poll_message_set(reason)
         return not reason
@@ -124,7 +125,10 @@ class FOREST_OT_edit_species(_OfSpecies, bpy.types.Operator):
         item.folder = "" if _is_preset(planting.species) else str(path.resolve().parent)
         exchange.write(item.settings, species)
         planting.species = item.name
-        return f"{title_of(path.stem)} can be changed now; Update builds the forest with it"
+        return say(
+            "{species} can be changed now; Update builds the forest with it",
+            species=title_of(path.stem),
+        )
 
 
 class FOREST_OT_discard_species(_OfSpecies, bpy.types.Operator):
@@ -137,7 +141,7 @@ class FOREST_OT_discard_species(_OfSpecies, bpy.types.Operator):
         item = edited_item(scene.forest_sensing)
         origin = item.origin
         _replace(scene, item, origin)
-        return f"Back to {title_of(origin)}"
+        return say("Back to {species}", species=title_of(origin))
 
 
 class FOREST_OT_save_species(_OfSpecies, bpy.types.Operator, ExportHelper):
@@ -169,7 +173,7 @@ class FOREST_OT_save_species(_OfSpecies, bpy.types.Operator, ExportHelper):
         write_settings(path, own)
         _replace(scene, item, _called(path, props.folder))
         refresh()
-        return f"Written: {path}"
+        return say("Written: {file}", file=path)
 
 
 CLASSES = (FOREST_OT_edit_species, FOREST_OT_discard_species, FOREST_OT_save_species)

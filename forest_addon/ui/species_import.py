@@ -14,6 +14,7 @@ from ..spec import SpecError
 from .preferences import species_folder
 from .running import PROBLEMS, WhenReady, Working, in_words
 from .species_pictures import refresh
+from .words import say
 
 OF_LEAVES = ("leaf", "leaves", "foliage")  # within the name of the file that holds them
 OF_WOOD = ("wood", "stem", "trunk", "branches")
@@ -90,7 +91,7 @@ class FOREST_OT_make_species(Working, bpy.types.Operator):
         check_name(name)
         folder = free_folder(species_folder(), name)
         made = yield Task(
-            "recognising the tree",
+            say("recognising the tree"),
             lambda tell: make_library(wood, leaves, folder.name, height, folder, tell),
         )
         planting = props.plantings.add()
@@ -98,9 +99,13 @@ class FOREST_OT_make_species(Working, bpy.types.Operator):
         planting.use_expected = True
         props.active_plantings = len(props.plantings) - 1
         refresh()
-        return (
-            f"{folder.name}: {len(made.tree.branches):,} branches, {made.tree.leaf_count:,} leaves, "
-            f"{made.height:.2f} m high ({made.unit.name})"
+        return say(
+            "{name}: {branches:,} branches, {leaves:,} leaves, {height:.2f} m high ({unit})",
+            name=folder.name,
+            branches=len(made.tree.branches),
+            leaves=made.tree.leaf_count,
+            height=made.height,
+            unit=made.unit.name,
         )
 
 
@@ -115,14 +120,14 @@ def parts_of(files: Sequence[Path]) -> tuple[Path, Path | None]:
     SpecError : there are more than two, or their names do not tell.
     """
     if len(files) > 2:
-        raise SpecError("Import STL", f"{len(files)} files are chosen; choose wood and leaves only")
+        problem = say("{count} files are chosen; choose wood and leaves only", count=len(files))
+        raise SpecError(say("Import STL"), problem)
     if len(files) == 1:
         return files[0], None
     leafy = [any(word in file.stem.lower() for word in OF_LEAVES) for file in files]
     if sum(leafy) != 1:
-        raise SpecError(
-            "Import STL", 'names do not tell wood from leaves; have "leaves" in one of them'
-        )
+        problem = say('names do not tell wood from leaves; have "leaves" in one of them')
+        raise SpecError(say("Import STL"), problem)
     return files[leafy.index(False)], files[leafy.index(True)]
 
 

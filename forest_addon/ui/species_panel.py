@@ -10,6 +10,7 @@ from .lists import draw_list
 from .panels import OnceStarted, draw_settings, split
 from .properties import chosen_planting
 from .species_edit import edited_item
+from .words import label
 
 GROWN = ("rules", "honda")  # in place of the grammar
 SPREADS = {"FOREST_PG_normal": ("mean", "sd"), "FOREST_PG_discrete": ("values", "weights")}
@@ -100,7 +101,7 @@ def _draw_spread(layout: bpy.types.UILayout, owner: Any, name: str) -> None:
     row.prop(group, first, text="")
     row.prop(group, second, text="", placeholder="weights")
     if "use_low" in group.bl_rna.properties:
-        row = _line(column, "Within")
+        row = _line(column, label("Within"))
         for limit in ("low", "high"):
             row.prop(group, f"use_{limit}", text="")
             value = row.row(align=True)
@@ -108,12 +109,12 @@ def _draw_spread(layout: bpy.types.UILayout, owner: Any, name: str) -> None:
             value.prop(group, limit, text="")
 
 
-def _line(column: bpy.types.UILayout, label: str) -> bpy.types.UILayout:
+def _line(column: bpy.types.UILayout, heading: str) -> bpy.types.UILayout:
     """A row for several values, with a label to the left as other settings have it."""
     halves = column.split(factor=0.4)
     left = halves.row()
     left.alignment = "RIGHT"
-    left.label(text=label)
+    left.label(text=heading)
     return halves.row(align=True)
 
 

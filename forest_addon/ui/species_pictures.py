@@ -15,6 +15,7 @@ import bpy.utils.previews
 
 from .preferences import species_folder
 from .properties import ASSETS, chosen_planting
+from .words import label, language
 
 Choice = tuple[str, str, str, int, int]  # what a planting calls it, name, help, icon, number
 
@@ -26,7 +27,7 @@ _pictures: Any = None
 def choices(props: Any) -> tuple[Choice, ...]:
     """Presets, one's own species, those edited here, and what else is planted."""
     edited = tuple((item.name, item.origin) for item in props.edited)
-    return _choices(edited, tuple(planting.species for planting in props.plantings))
+    return _choices(edited, tuple(planting.species for planting in props.plantings), language())
 
 
 def number_of(props: Any) -> int:
@@ -58,12 +59,23 @@ def unregister() -> None:
 
 
 @functools.lru_cache(maxsize=16)  # Blender wants the texts kept while it shows them
-def _choices(edited: tuple[tuple[str, str], ...], planted: tuple[str, ...]) -> tuple[Choice, ...]:
+def _choices(
+    edited: tuple[tuple[str, str], ...], planted: tuple[str, ...], _language: str
+) -> tuple[Choice, ...]:
     origins = dict(edited)
     names = dict.fromkeys([*_files(), *origins, *filter(None, planted)])
-    titles = [title_of(name) + (" (edited)" if name in origins else "") for name in names]
+    titles = [
+        label("{species} (edited)", species=title_of(name)) if name in origins else title_of(name)
+        for name in names
+    ]
     return tuple(
-        (name, title, f"Plant {title}", _icon(origins.get(name, name)), number)
+        (
+            name,
+            title,
+            label("Plant {species}", species=title),
+            _icon(origins.get(name, name)),
+            number,
+        )
         for number, (name, title) in enumerate(zip(names, titles, strict=True))
     )
 

@@ -10,6 +10,7 @@ import bpy
 
 from .properties import ASSETS
 from .running import PROBLEMS, WhenReady, in_words
+from .words import say
 
 SCENES = ASSETS / "scenes"
 
@@ -42,7 +43,8 @@ class FOREST_OT_start(WhenReady, bpy.types.Operator):
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
-        self.report({"INFO"}, f"{name} is set up. Press Build Forest in the sidebar to grow it")
+        done = say("{name} is set up. Press Build Forest in the sidebar to grow it", name=name)
+        self.report({"INFO"}, done)
         return {"FINISHED"}
 
 
@@ -70,7 +72,7 @@ def take(scene: bpy.types.Scene, preset: str) -> str:
     if preset:
         return open_scene(scene, SCENES / f"{preset}.toml")
     from_spec(scene, spec.Scene(name="My forest", seed=1))
-    return "An empty forest"
+    return say("An empty forest")
 
 
 def draw_presets(layout: bpy.types.UILayout, operator: str) -> None:

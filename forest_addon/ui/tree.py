@@ -12,17 +12,21 @@ from bpy_extras.object_utils import AddObjectHelper, object_data_add
 from ..spec import Species
 from .properties import ASSETS
 from .running import PROBLEMS, WhenReady, in_words
+from .words import label, language
 
 
 def species_items(_operator: Any = None, _context: Any = None) -> list[tuple[str, str, str]]:
     """The presets, as a menu."""
-    return _species_items()
+    return _species_items(language())
 
 
 @functools.cache  # Blender wants the strings kept
-def _species_items() -> list[tuple[str, str, str]]:
+def _species_items(_language: str) -> list[tuple[str, str, str]]:
     names = sorted(path.stem for path in (ASSETS / "species").glob("*.toml"))
-    return [(name, name.replace("-", " ").title(), f"Grow a {name}") for name in names]
+    return [
+        (name, name.replace("-", " ").title(), label("Grow a {species}", species=name))
+        for name in names
+    ]
 
 
 class FOREST_OT_add_tree(WhenReady, bpy.types.Operator, AddObjectHelper):

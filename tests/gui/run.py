@@ -39,7 +39,7 @@ def main() -> int:
         print(checked.stdout[-3000:])
         print("FAILED: Blender does not accept the extension")
         return 1
-    for name in ("drive", "install", *SCENARIOS):
+    for name in ("drive", "install", "speak", *SCENARIOS):
         shutil.copy2(ROOT / "tests" / "gui" / f"{name}.py", OUT)
     installed = blender.run(
         blender.program, "-b", "--python-exit-code", "1",
@@ -49,6 +49,13 @@ def main() -> int:
     if installed.returncode:
         print(installed.stdout[-3000:])
         print("FAILED: the extension could not be installed")
+        return 1
+    spoken = blender.run(
+        blender.program, "-b", "--python-exit-code", "1", "--python", f"{blender.inside}/speak.py"
+    )
+    if spoken.returncode:
+        print(spoken.stdout[-3000:])
+        print("FAILED: the panel cannot be translated")
         return 1
     print(f"starting Blender takes {_longer(blender):.2f} s longer with the add-on")
     return max([_play(blender, name, pictures) for name, pictures in SCENARIOS.items()])

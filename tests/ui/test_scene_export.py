@@ -63,7 +63,7 @@ def test_an_object_of_ones_own_needs_a_saved_file(slope, tmp_path):
     path = tmp_path / "mine.toml"
     wanting = write_scene(bpy.context.scene, path)
     assert "slope" in wanting
-    assert "save this .blend" in wanting
+    assert "save that and export again" in wanting
     assert read_settings(path, Scene).blend == ""
     (tmp_path / "work").mkdir()
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "work" / "forest.blend"))
@@ -75,7 +75,7 @@ def test_what_sensors_do_not_see_needs_none(slope, tmp_path):
     slope["forest_ignored"] = True
     assert write_scene(bpy.context.scene, tmp_path / "mine.toml") == ""
     bpy.context.scene.forest_sensing.forest.terrain.object = "slope"
-    assert "save this .blend" in write_scene(bpy.context.scene, tmp_path / "mine.toml")
+    assert "save that and export again" in write_scene(bpy.context.scene, tmp_path / "mine.toml")
 
 
 def test_with_its_blend_file_the_scene_gives_the_same_bytes(slope, tmp_path):

@@ -1,0 +1,328 @@
+"""Texts can be translated: none with values in it passes Blender's catalogs by, and languages come out."""
+
+import ast
+import json
+import re
+import shutil
+import string
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon.ui import languages, words
+
+ROOT = Path(__file__).resolve().parents[2]
+FILES = sorted((ROOT / "forest_addon" / "ui").glob("*.py"))
+CODE = {file.name: ast.parse(file.read_text(encoding="utf-8")) for file in FILES}
+OURS = {"say", "label", "keep"}
+# Where a text is shown: the number of the argument, or its name.
+SHOWN = {"report": 1, "poll_message_set": 0, "status_text_set": 0, "SpecError": 1, "Task": 0}
+SHOWN_BY_NAME = {"text", "heading", "placeholder"}
+UNITS = {"m", "s", "ms", "MB", "dB"}
+NAMES_OF_DATA = {"{} hill", "{} bark", "{} leaf", "Forest {}"}  # things are found by these again
+NAMES_OF_PROPERTIES = {"Use {}"}  # the template has each of them, from Blender
+
+
+def name_of(call):
+    return getattr(call.func, "attr", getattr(call.func, "id", ""))
+
+
+def calls(*names):
+    """(file, call) of every call of these functions of ours."""
+    for file, tree in CODE.items():
+        for node in ast.walk(tree):
+            known = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+            if known and node.func.id in names and file != "words.py":
+                yield f"{file}:{node.lineno}", node
+
+
+def has_words(text):
+    return bool(set(re.findall(r"[^\W\d_]+", text)) - UNITS)
+
+
+def pattern_of(joined):
+    """An f-string with {} in place of its values."""
+    return "".join(p.value if isinstance(p, ast.Constant) else "{}" for p in joined.values)
+
+
+def put_together(node):
+    """Words that are joined with values on the spot: f-strings, sums, % and .format."""
+    if isinstance(node, ast.Call) and name_of(node) in OURS:
+        return []
+    found = []
+    if isinstance(node, ast.JoinedStr) and has_words(pattern_of(node)):
+        found.append(pattern_of(node))
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Mod):
+        found += [
+            side.value
+            for side in (node.left, node.right)
+            if isinstance(side, ast.Constant) and isinstance(side.value, str)
+        ]
+    if isinstance(node, ast.Call) and name_of(node) == "format":
+        found.append(ast.unparse(node))
+    if isinstance(node, ast.FormattedValue):  # not its format
+        return found + put_together(node.value)
+    return found + [text for child in ast.iter_child_nodes(node) for text in put_together(child)]
+
+
+def shown_parts(tree):
+    """What is given to calls that show it."""
+    for call in ast.walk(tree):
+        if not isinstance(call, ast.Call):
+            continue
+        number = SHOWN.get(name_of(call))
+        if number is not None and len(call.args) > number:
+            yield call.args[number]
+        yield from (given.value for given in call.keywords if given.arg in SHOWN_BY_NAME)
+
+
+@pytest.mark.parametrize("file", CODE)
+def test_what_is_shown_is_put_together_by_the_catalogs(file):
+    found = [text for part in shown_parts(CODE[file]) for text in put_together(part)]
+    assert found == []
+
+
+@pytest.mark.parametrize("file", CODE)
+def test_no_sentence_is_put_together_elsewhere(file):
+    """A sentence that is returned and reported by another: words and spaces in an f-string."""
+    joined = [pattern_of(n) for n in ast.walk(CODE[file]) if isinstance(n, ast.JoinedStr)]
+    sentences = {text for text in joined if " " in text and has_words(text)}
+    assert sentences - NAMES_OF_DATA - NAMES_OF_PROPERTIES == set()
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        'self.report({"INFO"}, f"{n} stems")',
+        'row.label(text="stems: " + str(n))',
+        'row.label(text="%d stems" % n)',
+        'row.label(text="{} stems".format(n))',
+        'cls.poll_message_set("a" if x else f"{job} runs")',
+    ],
+)
+def test_the_rule_sees_what_passes_by(code):
+    assert [text for part in shown_parts(ast.parse(code)) for text in put_together(part)]
+
+
+@pytest.mark.parametrize(
+    "code", ['row.label(text=f"{x:.2f} m")', 'row.label(text=say("a {b}", b=c))']
+)
+def test_the_rule_lets_pass_what_may(code):
+    assert not [text for part in shown_parts(ast.parse(code)) for text in put_together(part)]
+
+
+def test_poll_messages_are_looked_up():
+    """Blender shows them as they are given."""
+    literal = [
+        f"{file}:{call.lineno}"
+        for file, tree in CODE.items()
+        for call in ast.walk(tree)
+        if isinstance(call, ast.Call) and name_of(call) == "poll_message_set"
+        if isinstance(call.args[0], ast.Constant)
+    ]
+    assert literal == []
+
+
+def test_every_pattern_is_filled_with_what_it_names():
+    known = list(calls(*OURS))
+    assert len(known) > 100
+    for place, call in known:
+        pattern = call.args[0]
+        given = {one.arg for one in call.keywords}
+        if not isinstance(pattern, ast.Constant):  # a text that was kept, looked up as it is
+            assert not given, place
+            assert not isinstance(pattern, ast.JoinedStr | ast.BinOp), place
+        elif given:
+            named = {name for _, name, _, _ in string.Formatter().parse(pattern.value) if name}
+            assert named == given, place
+        else:
+            assert not re.search(r"{\w*[:!}]", pattern.value), place
+
+
+# ---------------------------------------------------------------------------------------- catalogs
+
+
+PO = """
+msgid ""
+msgstr "Content-Type: text/plain; charset=UTF-8\\n"
+
+#: somewhere
+#, python-brace-format
+msgid "{count:,} stems"
+msgstr "Stämme: {count:,}"
+
+msgctxt "Operator"
+msgid "Paint"
+msgstr "Malen"
+
+msgid "a text that "
+"goes on, \\"so\\""
+msgstr ""
+"und so "
+"weiter"
+
+#, fuzzy, python-brace-format
+msgid "{seed} is too large"
+msgstr "{seed} ist klein"
+
+msgid "nothing yet"
+msgstr ""
+"""
+
+
+def test_a_po_file_is_read():
+    assert languages.read_catalog(PO) == {
+        ("*", "{count:,} stems"): "Stämme: {count:,}",
+        ("Operator", "Paint"): "Malen",
+        ("*", 'a text that goes on, "so"'): "und so weiter",
+    }
+
+
+@pytest.mark.parametrize(
+    "file", sorted(languages.LANGUAGES.glob("*.po")), ids=lambda file: file.stem
+)
+def test_each_language_has_the_fields_of_the_english(file):
+    for (_, text), translated in languages.read_catalog(file.read_text(encoding="utf-8")).items():
+        fields = [
+            {f for _, f, _, _ in string.Formatter().parse(t) if f} for t in (text, translated)
+        ]
+        assert fields[0] == fields[1], text
+
+
+@pytest.fixture(scope="module")
+def template(tmp_path_factory):
+    """The template of ``make words``, made in a Blender of its own."""
+    file = tmp_path_factory.mktemp("words") / "forest_sensing.pot"
+    made = subprocess.run(
+        [sys.executable, ROOT / "packaging/list_words.py", file],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert made.returncode == 0, made.stderr
+    return file.read_text(encoding="utf-8")
+
+
+def spoken(template):
+    """A whole pseudo-language: every text between angle brackets."""
+    text = re.sub(
+        r'^msgid "(.+)"\nmsgstr ""$', r'msgid "\1"\nmsgstr "‹\1›"', template, flags=re.MULTILINE
+    )
+    return languages.read_catalog(text)
+
+
+def test_the_template_has_every_kind_of_text(template):
+    known = set(spoken(template))
+    assert {
+        ("*", "{count:,} stems"),  # say and label
+        ("*", "{count:,} taken away"),  # kept figures
+        ("*", "Leaves Heard"),
+        ("*", "Images"),  # plain, in a layout
+        ("Operator", "Update"),  # plain, on a button
+        ("*", "In this file alone"),  # a placeholder
+        ("*", "This picture is no longer there. Run its sensor again"),  # a report
+        ("Operator", "Build Forest"),
+        ("*", "Throw the dice: another seed is another forest. Press Update to see it"),
+        ("*", "Where They Stand"),  # a panel
+        ("*", "Frame Range"),  # of an enumeration of an operator
+        ("*", "Drag in View"),  # a property
+        ("*", "LiDAR, tractor"),  # a kind of sensor
+    } <= known
+    patterns = {
+        call.args[0].value for _, call in calls(*OURS) if isinstance(call.args[0], ast.Constant)
+    }
+    assert {("*", pattern) for pattern in patterns} <= known
+
+
+def test_gettext_accepts_the_template(template, tmp_path):
+    if not shutil.which("msgfmt"):
+        pytest.skip("gettext's msgfmt is not installed")
+    file = tmp_path / "template.pot"
+    file.write_text(template, encoding="utf-8")
+    checked = subprocess.run(
+        ["msgfmt", "--check-format", "-o", tmp_path / "none.mo", file],
+        capture_output=True,
+        text=True,
+    )
+    assert checked.returncode == 0, checked.stderr
+
+
+# ------------------------------------------------------------------------------------------ saying
+
+
+@pytest.fixture
+def catalog(monkeypatch):
+    """A catalog that stands in for Blender's, which this build of it may lack."""
+    found = {}
+    for name in ("pgettext_rpt", "pgettext_iface"):
+        monkeypatch.setattr(words, name, lambda text, context="*": found.get((context, text), text))
+    return found
+
+
+def test_a_pattern_is_looked_up_before_it_is_filled(catalog):
+    assert words.say("{count:,} stems", count=1200) == "1,200 stems"
+    catalog["*", "{count:,} stems"] = "Stämme: {count:,}"
+    assert words.say("{count:,} stems", count=1200) == "Stämme: 1,200"
+    assert words.label("{count:,} stems", count=1200) == "Stämme: 1,200"
+
+
+def test_a_job_is_called_as_its_button(registered, catalog):
+    catalog["*", "Build Forest"] = "‹not this one›"
+    catalog["Operator", "Build Forest"] = "Wald bauen"
+    assert words.title_of_operator(bpy.types.FOREST_OT_build) == "Wald bauen"
+
+
+@pytest.mark.parametrize(
+    "broken", ["{number} Stämme", "{} Stämme", "{count", "{count.x}", "{count:q}"]
+)
+def test_a_broken_translation_is_said_in_english(catalog, broken):
+    catalog["*", "{count} stems"] = broken
+    assert words.say("{count} stems", count=3) == "3 stems"
+
+
+def test_braces_in_a_value_stay():
+    assert words.say("{name} has no sound", name="{sensor}") == "{sensor} has no sound"
+    assert words.say("write {2, 3}") == "write {2, 3}"
+
+
+def test_a_kept_text_is_english_until_it_is_read(catalog):
+    catalog["*", "{heard:,} of {leaves:,}"] = "{leaves:,}, davon {heard:,}"
+    kept = words.keep("{heard:,} of {leaves:,}", heard=7, leaves=1200)
+    assert kept == "7 of 1,200"
+    assert json.loads(kept.made_of)[1] == {"heard": 7, "leaves": 1200}
+    assert words.label_of_kept(kept.made_of) == "1,200, davon 7"
+
+
+def test_figures_are_stored_in_english_and_read_in_the_language(small, catalog):
+    catalog["*", "{density:,.0f} trees/ha"] = "{density:,.0f} Bäume/ha"
+    catalog["*", "{trees} trees with {leaves} leaves in {seconds:.1f} s"] = "{leaves} an {trees}"
+    assert bpy.ops.forest.build() == {"FINISHED"}
+    density = small.results["forest"].figures["Density"]
+    assert re.fullmatch(r"[\d,]+ trees/ha", density.value)
+    assert words.label_of_kept(density.made_of) == density.value.replace("trees", "Bäume")
+    assert small.results["forest"].figures["Trees"].made_of == ""
+
+
+def test_a_language_comes_out_of_blender(registered, monkeypatch, tmp_path):
+    """The whole way: a .po file in the folder, Blender in that language, its reports and names."""
+    if not bpy.app.build_options.international:
+        pytest.skip(
+            "this build of Blender speaks English only; make test-gui does it in a real one"
+        )
+    monkeypatch.setattr(languages, "LANGUAGES", tmp_path)
+    (tmp_path / "fr_FR.po").write_text(PO.replace("Stämme", "Tiges"), encoding="utf-8")
+    view = bpy.context.preferences.view
+    before = view.language
+    languages.unregister()
+    languages.register()
+    try:
+        view.language = "fr_FR"
+        view.use_translate_interface = view.use_translate_reports = True
+        assert words.say("{count:,} stems", count=5) == "Tiges: 5"
+        assert bpy.app.translations.pgettext_iface("Paint", "Operator") == "Malen"
+    finally:
+        view.language = before
