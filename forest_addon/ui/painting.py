@@ -15,7 +15,8 @@ from .. import spec
 from ..blender.layout import INTENSITY, part
 from . import exchange
 from .properties import chosen_planting
-from .running import PROBLEMS, in_words
+from .running import LINKED, PROBLEMS, in_words
+from .selection import select
 
 NAME = "Canvas"
 PAINTING = "PAINT_WEIGHT"
@@ -61,7 +62,7 @@ class FOREST_OT_paint(bpy.types.Operator):
         if context.mode not in ("OBJECT", PAINTING):
             reason = "Leave this mode first: painting begins in Object Mode"
         elif not context.scene.is_editable:
-            reason = "This scene is linked from another file and cannot be changed"
+            reason = LINKED
         elif chosen_planting(context.scene.forest_sensing) is None:
             reason = "There is no planting yet. Add one to the list"
         if reason:
@@ -70,7 +71,6 @@ class FOREST_OT_paint(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..blender.canvas import layer_of, take_up
-        from .results import select
 
         global _in_hand
         if context.mode == PAINTING:

@@ -24,6 +24,7 @@ from ..sensing.tractor import TractorScan, to_cloud
 from ..spec import Scene, Sensor, Tractor
 from ..stand.forest import Forest
 from . import images, plots
+from .selection import select
 
 Figures = dict[str, str]
 
@@ -87,19 +88,6 @@ def save_finding(
     path = write_finding(folder, sensor, found, offset)[0]
     context.scene.forest_sensing.results[name].file = str(path)
     return path
-
-
-def select(context: bpy.types.Context, thing: bpy.types.Object) -> None:
-    """Make an object visible, active and the only one selected."""
-    layer = context.view_layer
-    _reveal(layer.layer_collection, set(thing.users_collection))
-    thing.hide_viewport = False
-    for other in layer.objects.selected:
-        other.select_set(False)
-    if thing.name in layer.objects:
-        thing.hide_set(False)
-        thing.select_set(True)
-        layer.objects.active = thing
 
 
 def forest_figures(forest: Forest) -> Figures:
@@ -206,12 +194,3 @@ def _note(props: Any, name: str, kind: str, title: str, figures: Figures) -> Any
         figure = result.figures.add()
         figure.name, figure.value = label, value
     return result
-
-
-def _reveal(home: bpy.types.LayerCollection, of: set[bpy.types.Collection]) -> bool:
-    """Show a collection if it is one of these or has one of them within; says whether it is or has."""
-    inner = [_reveal(child, of) for child in home.children]
-    if home.collection not in of and not any(inner):
-        return False
-    home.exclude = home.hide_viewport = home.collection.hide_viewport = False
-    return True
