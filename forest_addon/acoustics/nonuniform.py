@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
+from . import chebyshev
 from .gridding import ALIASING, NARROWEST, DelayGrid, width_for
 from .spectrum import delay_factors
 
@@ -150,7 +151,7 @@ class _Task:
     def _values(self, nodes: int, rows: np.ndarray) -> np.ndarray:
         """(R, m) amplitudes at the nodes."""
         half = 0.5 * (self._count - 1) * self._spacing
-        frequency = self._start + half + half * _nodes(nodes)
+        frequency = self._start + half + half * chebyshev.points(nodes)
         return np.asarray(self._amplitude(frequency, rows))
 
     def _tail_fits(self, values: np.ndarray) -> np.ndarray:
@@ -235,28 +236,18 @@ def _turn(cycles: np.ndarray) -> np.ndarray:
     return turned
 
 
-def _nodes(count: int) -> np.ndarray:
-    """(R,) Chebyshev points of the first kind, -1 … 1."""
-    points: np.ndarray = -np.cos(math.pi * (np.arange(count) + 0.5) / count)
-    return points
-
-
 @lru_cache(maxsize=64)
 def _tail_series(count: int) -> np.ndarray:
     """(4 or fewer, R): values at the nodes to the last Chebyshev coefficients."""
     order = np.arange(max(1, count - 4), count)[:, None]
-    rows: np.ndarray = (2.0 / count) * np.cos(order * np.arccos(_nodes(count)))
+    rows: np.ndarray = (2.0 / count) * np.cos(order * np.arccos(chebyshev.points(count)))
     return rows
 
 
 @lru_cache(maxsize=64)
 def _lagrange(nodes: int, bins: int) -> np.ndarray:
     """(R, K) Lagrange polynomials of the nodes at K even points from -1 to 1."""
-    order = np.arange(nodes)[:, None]
-    series = (2.0 / nodes) * np.cos(order * np.arccos(_nodes(nodes)))
-    series[0] *= 0.5
-    polynomials: np.ndarray = series.T @ np.cos(order * np.arccos(np.linspace(-1.0, 1.0, bins)))
-    return polynomials
+    return chebyshev.lagrange(nodes, np.linspace(-1.0, 1.0, bins))
 
 
 @lru_cache(maxsize=16)

@@ -20,6 +20,7 @@ from ..sensing.geometry import SceneGeometry
 from .kept import kept
 from .meshes import from_mesh
 from .standings import (
+    SOLID_TYPES,
     SPECIES_KEY,
     TREE_KEY,
     NeedsIterator,
@@ -30,7 +31,6 @@ from .standings import (
 )
 
 IGNORED_KEY, REFLECTANCE_KEY = "forest_ignored", "forest_reflectance"
-SOLID_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 
 
 def read_scene(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:

@@ -15,6 +15,7 @@ import bpy
 import numpy as np
 
 TREE_KEY, SPECIES_KEY = "forest_tree", "forest_species"
+SOLID_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}  # objects that can have a surface
 
 
 class NeedsIterator(Exception):

@@ -14,6 +14,7 @@ import math
 
 import numpy as np
 
+from ..acoustics import chebyshev
 from .bands import Band, Grid
 from .calls import Call
 from .search import Group
@@ -57,18 +58,9 @@ def shifted_sum(
     turns = math.pi * band.high * call.duration * float(high - low) / float(low) ** 2
     digits = -math.log10(tolerance or 1e-12)
     count = math.ceil(turns + (2.0 + 0.6 * digits) * max(turns, 1.0) ** (1 / 3))
-    points = -np.cos(math.pi * (np.arange(count) + 0.5) / count)
-    shares = [_lagrange(points, (2.0 * a - low - high) / (high - low)) for a in alpha]
+    shares = [chebyshev.lagrange(count, (2.0 * a - low - high) / (high - low)).T for a in alpha]
     plain = sum_echoes(groups, station, grid, tolerance, weights=shares)
-    factor = (low + high) / 2 + (high - low) / 2 * points
+    factor = (low + high) / 2 + (high - low) / 2 * chebyshev.points(count)
     played = np.array([call.spectrum_at(grid.frequency, float(f)) for f in factor])
     shifted: np.ndarray = np.einsum("ewk,wk->ek", plain, played)
     return shifted
-
-
-def _lagrange(points: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """(M, Q) Lagrange polynomials of Q Chebyshev points at places (M,) in -1 … 1."""
-    order = np.arange(len(points))[:, None]
-    series = (2.0 / len(points)) * np.cos(order * np.arccos(points))
-    series[0] *= 0.5
-    return np.cos(np.arccos(np.clip(place, -1.0, 1.0))[:, None] * order.T) @ series

@@ -76,7 +76,8 @@ def directions(scanner: Terrestrial) -> tuple[np.ndarray, np.ndarray]:
     azimuth = steps(low, high, step)
     if scanner.azimuth_deg[1] - scanner.azimuth_deg[0] >= 360:
         azimuth = azimuth[azimuth < low + 2 * np.pi - 1e-9]  # no direction twice
-    return azimuth, steps(*np.deg2rad(scanner.elevation_deg), line_step)
+    lowest, highest = np.deg2rad(scanner.elevation_deg)
+    return azimuth, steps(lowest, highest, line_step)
 
 
 class Tripod:

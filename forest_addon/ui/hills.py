@@ -18,6 +18,7 @@ from mathutils import Matrix
 
 from ..blender import handles
 from ..blender.layout import INTENSITY, find_part, part
+from .selection import select_alone
 from .species_pictures import title_of
 
 SAME = 1e-6  # relative difference that is rounding: of a parent's matrix
@@ -75,10 +76,8 @@ def choose(planting: Any, context: bpy.types.Context) -> None:
     thing, layer = planting.gaussians[number].handle, context.view_layer
     if thing is None or thing.name not in layer.objects or layer.objects.active == thing:
         return
-    for other in layer.objects.selected:
-        other.select_set(False)
-    thing.select_set(True)
-    layer.objects.active, _active = thing, thing.name
+    select_alone(layer, thing)
+    _active = thing.name
 
 
 @bpy.app.handlers.persistent

@@ -11,6 +11,7 @@ import bpy
 from ..blender.sensors import kind_of
 from . import hills
 from .operators import chosen_sensor
+from .properties import chosen_planting
 from .running import LINKED
 from .species_pictures import EDITED, title_of
 from .words import keep, label, say
@@ -145,9 +146,7 @@ class _OfPlanting(_Listed):
 
     @classmethod
     def owner(cls, context: bpy.types.Context) -> Any:
-        props = context.scene.forest_sensing
-        active = props.active_plantings
-        return props.plantings[active] if 0 <= active < len(props.plantings) else None
+        return chosen_planting(context.scene.forest_sensing)
 
 
 class _Gaussians(_OfPlanting):
@@ -273,9 +272,9 @@ class FOREST_OT_add_distance(_Add, _Distances, bpy.types.Operator):
     bl_label = "Add Distance"
 
     def start(self, pair: Any, props: Any) -> None:
-        active = props.active_plantings
-        if 0 <= active < len(props.plantings):
-            pair.species = pair.other = props.plantings[active].species
+        planting = chosen_planting(props)
+        if planting is not None:
+            pair.species = pair.other = planting.species
         pair.distance = props.forest.spacing
 
 

@@ -22,6 +22,7 @@ from ..blender.jobs import Job
 from . import exchange
 from .running import PROBLEMS, current, obstacle, stop
 from .species_edit import edited_species
+from .views import region_of
 
 QUIET = 0.4  # s without a change before anything is done
 LOOK = 0.1  # s between two looks at what is under way
@@ -234,7 +235,7 @@ def _attend(window: bpy.types.Window) -> bool:
     if exchange.untouched(scene.forest_sensing):
         return False
     area = next((area for area in window.screen.areas if area.type == "VIEW_3D"), None)
-    region = next((r for r in area.regions if r.type == "WINDOW"), None) if area else None
+    region = None if area is None else region_of(area, "WINDOW")
     with bpy.context.temp_override(window=window, area=area, region=region):
         was = is_stale(scene)
         mark = settle(scene, bpy.context.evaluated_depsgraph_get())

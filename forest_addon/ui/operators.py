@@ -21,18 +21,19 @@ from .. import spec
 from ..blender import sensors
 from ..blender.jobs import Task, Work
 from ..blender.sensors import file_name
+from ..blender.standings import SOLID_TYPES
 from ..spec import SpecError
 from . import live
 from .exchange import add_sensor, from_spec, to_spec, untouched
 from .preferences import expansions, rays_of
 from .properties import ASSETS
 from .running import PROBLEMS, FOREST_OT_cancel, InOwnScene, Working, in_words
+from .selection import select
 from .species_edit import edited_species, load
-from .views import look_at
+from .views import look_at, region_of
 from .words import say
 
 DEMO = ASSETS / "scenes" / "demo.toml"
-SOLID_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 
 
 def _import_rooms(_tell: Any) -> None:
@@ -283,8 +284,6 @@ class FOREST_OT_select_result(bpy.types.Operator):
         return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from .results import select
-
         thing = context.scene.objects.get(self.shown)
         if thing is None:
             problem = say("{name} is no longer in the scene. Run its sensor again", name=self.shown)
@@ -358,8 +357,7 @@ class FOREST_OT_show_picture(bpy.types.Operator):
                 return {"CANCELLED"}
             area.type = "IMAGE_EDITOR"
         area.spaces.active.image = picture
-        region = next(region for region in area.regions if region.type == "WINDOW")
-        with context.temp_override(area=area, region=region):
+        with context.temp_override(area=area, region=region_of(area, "WINDOW")):
             bpy.ops.image.view_all(fit_view=True)
         return {"FINISHED"}
 

@@ -16,6 +16,7 @@ from ..blender.layout import INTENSITY, part
 from . import exchange
 from .properties import chosen_planting
 from .running import LINKED, PROBLEMS, in_words
+from .selection import select
 from .words import say
 
 NAME = "Canvas"
@@ -71,7 +72,6 @@ class FOREST_OT_paint(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..blender.canvas import layer_of, take_up
-        from .results import select
 
         global _in_hand
         if context.mode == PAINTING:

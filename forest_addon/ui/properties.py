@@ -35,6 +35,7 @@ from .. import spec
 from ..blender.sensors import home_of
 from ..spec import Param, Settings, param_of
 from .offers import offered
+from .selection import select_alone
 from .words import keep
 
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
@@ -420,10 +421,7 @@ def _choose_sensor(props: Any, context: bpy.types.Context) -> None:
     thing = home.objects[props.active_sensor]
     layer = context.view_layer
     if thing.name in layer.objects and layer.objects.active != thing:
-        for other in layer.objects.selected:
-            other.select_set(False)
-        thing.select_set(True)
-        layer.objects.active = thing
+        select_alone(layer, thing)
 
 
 def _species_pictures(props: Any, _context: Any) -> list[tuple[str, str, str, int, int]]:

@@ -24,6 +24,7 @@ from ..sensing.tractor import TractorScan, to_cloud
 from ..spec import Scene, Sensor, Tractor
 from ..stand.forest import Forest
 from . import images, plots
+from .selection import show
 from .words import Kept, keep, say
 
 Figures = dict[str, str]
@@ -64,7 +65,7 @@ def keep_finding(
     if isinstance(found, TractorScan | Cloud):
         cloud = to_cloud(found, sensor) if isinstance(sensor, Tractor) else found
         points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
-        _show(context, points)  # selected, all points would be orange
+        show(context, points)  # selected, all points would be orange
         result.shown = points.name
     elif isinstance(found, Echo):
         home = part(context.scene, RESULTS)
@@ -93,25 +94,6 @@ def save_finding(
     path = write_finding(folder, sensor, found, offset)[0]
     context.scene.forest_sensing.results[name].file = str(path)
     return path
-
-
-def select(context: bpy.types.Context, thing: bpy.types.Object) -> None:
-    """Make an object visible, active and the only one selected."""
-    _show(context, thing)
-    layer = context.view_layer
-    for other in layer.objects.selected:
-        other.select_set(False)
-    if thing.name in layer.objects:
-        thing.select_set(True)
-        layer.objects.active = thing
-
-
-def _show(context: bpy.types.Context, thing: bpy.types.Object) -> None:
-    """Make an object visible."""
-    _reveal(context.view_layer.layer_collection, set(thing.users_collection))
-    thing.hide_viewport = False
-    if thing.name in context.view_layer.objects:
-        thing.hide_set(False)
 
 
 def forest_figures(forest: Forest) -> Figures:
@@ -230,12 +212,3 @@ def _note(props: Any, name: str, kind: str, title: str, figures: Figures) -> Any
         figure.name, figure.value = label, value
         figure.made_of = value.made_of if isinstance(value, Kept) else ""
     return result
-
-
-def _reveal(home: bpy.types.LayerCollection, of: set[bpy.types.Collection]) -> bool:
-    """Show a collection if it is one of these or has one of them within; says whether it is or has."""
-    inner = [_reveal(child, of) for child in home.children]
-    if home.collection not in of and not any(inner):
-        return False
-    home.exclude = home.hide_viewport = home.collection.hide_viewport = False
-    return True

@@ -79,7 +79,7 @@ class Working(WhenReady):
         context.view_layer.update()
         manager = context.window_manager
         self._job = _current = Job(title_of_operator(self), self.work(context))
-        self._begun_in = context.scene, context.view_layer
+        self._begun_in = context.scene, context.view_layer.name
         self._shown = ""
         self._timer = manager.event_timer_add(TICK, window=context.window)
         manager.modal_handler_add(self)
@@ -100,9 +100,8 @@ class Working(WhenReady):
             return {"RUNNING_MODAL"}
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
-        scene, layer = self._begun_in  # the window may show another by now
         try:
-            with context.temp_override(scene=scene, view_layer=layer):
+            with _in_scene(context, *self._begun_in):
                 done = job.step()
         except Exception as problem:
             job.cancel()
@@ -227,6 +226,19 @@ def _show(context: bpy.types.Context, text: str | None) -> None:
     if context.workspace is not None:
         context.workspace.status_text_set(text)
     redraw_sidebars()
+
+
+@contextmanager
+def _in_scene(context: bpy.types.Context, scene: bpy.types.Scene, layer: str) -> Iterator[None]:
+    """The scene and view layer in which a job was begun; the window may show others by now.
+
+    Raises
+    ------
+    ReferenceError : the scene was removed.
+    """
+    layers = scene.view_layers
+    with context.temp_override(scene=scene, view_layer=layers.get(layer) or layers[0]):
+        yield
 
 
 @contextmanager

@@ -624,7 +624,8 @@ def test_a_fault_in_a_job_does_not_block_the_next(registered, monkeypatch):
 
     job, left = Job("Run Sensor", work()), []
     monkeypatch.setattr(running, "_current", job)
-    button = SimpleNamespace(_job=job, _leave=left.append)
+    begun_in = bpy.context.scene, bpy.context.view_layer.name
+    button = SimpleNamespace(_job=job, _begun_in=begun_in, _leave=left.append)
     with pytest.raises(KeyError):
         running.Working.modal(button, bpy.context, SimpleNamespace(type="TIMER", value="NOTHING"))
     assert left == [bpy.context]

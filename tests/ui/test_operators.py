@@ -652,7 +652,7 @@ def test_a_job_stays_in_the_scene_that_it_was_begun_in(built):
         button._look = partial(operators.FOREST_OT_run._look, button)
         work = kind.work(button, begun)
         modal = SimpleNamespace(
-            _job=Job(name, work), _begun_in=(begun.scene, begun.view_layer), _shown="",
+            _job=Job(name, work), _begun_in=(begun.scene, begun.view_layer.name), _shown="",
             _leave=lambda _: None, report=lambda *_: None,
         )  # fmt: skip
         tick, answer = SimpleNamespace(type="TIMER", value="NOTHING"), {"RUNNING_MODAL"}
@@ -663,6 +663,18 @@ def test_a_job_stays_in_the_scene_that_it_was_begun_in(built):
         assert sorted(first.forest_sensing.results.keys()) == expected
         assert len(second.forest_sensing.results) == len(second.objects) == 0
         bpy.context.window.scene = first
+
+
+def test_a_job_whose_scene_is_removed_says_so(built):
+    scene, said = bpy.data.scenes.new("Second"), []
+    modal = SimpleNamespace(
+        _job=Job("Build", (None for _ in ())), _begun_in=(scene, scene.view_layers[0].name),
+        _leave=lambda _: None, report=lambda _, words: said.append(words),
+    )  # fmt: skip
+    bpy.data.scenes.remove(scene)
+    tick = SimpleNamespace(type="TIMER", value="NOTHING")
+    assert running.Working.modal(modal, bpy.context, tick) == {"CANCELLED"}
+    assert said == ["The scene was removed or undone meanwhile; run it again"]
 
 
 # -------------------------------------------------------------------------------------------- lists
