@@ -136,7 +136,7 @@ def _fill_library(
         was, shape = standing.things.get(role), fingerprint(tree.mesh)
         says = {SPECIES_KEY: planting, PICTURE_KEY: f"{shape} {look.bark} {look.leaf}"}
         make = partial(_variant_mesh, name, tree)
-        sister = standing.first(f"{VARIANTS}/{label}.")
+        sister = standing.first(f"{VARIANTS}/{label}")
         mesh = standing.renew(role, name, shape, make, coats[planting], sister)
         known = was is not None and (has_own_mesh(was) or was.get(PICTURE_KEY) == says[PICTURE_KEY])
         if not known:

@@ -42,14 +42,14 @@ def part(scene: bpy.types.Scene, name: str) -> bpy.types.Collection:
 def find_part(scene: bpy.types.Scene, name: str) -> bpy.types.Collection | None:
     """One of the collections of the scene's forest, None where it is missing."""
     top = root(scene)
-    within = _find(top, PART_KEY, name) if top else None
-    return within or _find(scene.collection, PART_KEY, name)
+    within = _find(top, PART_KEY, name, top) if top else None
+    return within or _find(scene.collection, PART_KEY, name, top)
 
 
 def grove(scene: bpy.types.Scene, label: str) -> bpy.types.Collection:
     """The collection of a planting's trees, made where it is missing."""
-    trees, role = part(scene, TREES), f"{TREES}/{label}"
-    found = _find(trees, ROLE_KEY, role) or _find(scene.collection, ROLE_KEY, role)
+    trees, role, top = part(scene, TREES), f"{TREES}/{label}", root(scene)
+    found = _find(trees, ROLE_KEY, role, top) or _find(scene.collection, ROLE_KEY, role, top)
     if found is None:
         found = make_collection(label, trees)
         found[ROLE_KEY] = role
@@ -58,7 +58,7 @@ def grove(scene: bpy.types.Scene, label: str) -> bpy.types.Collection:
 
 def groves(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
     """The collections of plantings below *Trees*."""
-    found = _below(part(scene, TREES))
+    found = _below(part(scene, TREES), root(scene))
     return [home for home in found if is_local(home) and (ROLE_KEY in home or is_ours(home))]
 
 
@@ -102,10 +102,15 @@ def _gather(home: bpy.types.Collection, above: bpy.types.Collection, key: str) -
         above.children.unlink(loose)
 
 
-def _find(top: bpy.types.Collection, key: str, value: object) -> bpy.types.Collection | None:
-    """The collection below another that has a property of this value: ours, else one that was renamed."""
+def _find(
+    top: bpy.types.Collection, key: str, value: object, own: bpy.types.Collection | None = None
+) -> bpy.types.Collection | None:
+    """The collection below another that has a property of this value: ours, else one that was renamed.
+
+    own : the root of the forest that it is to belong to, see ``_below``.
+    """
     renamed = None
-    for collection in _below(top):
+    for collection in _below(top, own):
         if collection.get(key) == value and is_local(collection):
             if is_ours(collection):
                 return collection
@@ -113,10 +118,17 @@ def _find(top: bpy.types.Collection, key: str, value: object) -> bpy.types.Colle
     return renamed
 
 
-def _below(top: bpy.types.Collection) -> Iterator[bpy.types.Collection]:
-    """Collections below another, the nearest first."""
+def _below(
+    top: bpy.types.Collection, own: bpy.types.Collection | None = None
+) -> Iterator[bpy.types.Collection]:
+    """Collections below another, the nearest first.
+
+    own : the root of a forest; those of other forests, which a scene may show as well, are left out.
+    """
     waiting = deque(top.children)
     while waiting:
         collection = waiting.popleft()
+        if own is not None and ROOT_KEY in collection and collection != own:
+            continue
         yield collection
         waiting.extend(collection.children)

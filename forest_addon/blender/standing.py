@@ -56,10 +56,9 @@ class Standing:
         return cls(things, meshes, by_role(material for material in worn if material))
 
     def first(self, kind: str) -> bpy.types.Mesh | None:
-        """The first mesh that stands for something of a kind: of a planting, say."""
-        return next(
-            (self.meshes[role] for role in sorted(self.meshes) if role.startswith(kind)), None
-        )
+        """The first mesh of a kind, of a planting say; what it stands for is KIND.NUMBER."""
+        roles = [role for role in self.meshes if role.rpartition(".")[0] == kind]
+        return self.meshes[min(roles)] if roles else None
 
     def renew(
         self,

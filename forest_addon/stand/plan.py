@@ -118,8 +118,11 @@ def labels(plantings: Sequence[Planting]) -> list[str]:
     names: list[str] = []
     for planting in plantings:
         base = planting.species.replace("\\", "/").rsplit("/", 1)[-1].removesuffix(".toml")
-        taken = sum(name == base or name.startswith(base + "-") for name in names)
-        names.append(base if not taken else f"{base}-{taken + 1}")
+        name, number = base, 1
+        while name in names:
+            number += 1
+            name = f"{base}-{number}"
+        names.append(name)
     return names
 
 

@@ -10,6 +10,7 @@ pytest.importorskip("bpy")
 
 from references.rays_brute import BruteCaster
 
+from forest_addon.blender import bvh
 from forest_addon.blender.bvh import BvhCaster
 from forest_addon.blender.embree import EmbreeCaster
 from forest_addon.growth.trimesh import LEAF, OTHER, TriMesh, join
@@ -452,3 +453,14 @@ def test_embree_gives_its_memory_back():
         EmbreeCaster(scene)
     gc.collect()
     assert used() - before < 200 * 20_000  # bytes; its triangles alone take more
+
+
+def test_garbage_is_collected_again_wherever_a_cancelled_job_was(monkeypatch):
+    def interrupted(pause=gc.disable):
+        pause()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(bvh.gc, "disable", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        BvhCaster(scene_of([box()], [pose()])).cast(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]]))
+    assert gc.isenabled()

@@ -29,6 +29,7 @@ from forest_addon.blender.layout import (
     root,
 )
 from forest_addon.blender.ours import MADE_KEY
+from forest_addon.blender.standing import Standing
 from forest_addon.formats.species_file import ASSETS, load_species
 from forest_addon.stand.forest import grow_forest
 
@@ -690,6 +691,13 @@ def test_undo_and_redo_restore_exactly(empty_blender, how):
     plant(how, seed=3)
     assert "mine" in first(GROUND_NAME).modifiers
     assert slots(first(VARIANTS))[0].name == "mine"
+
+
+def test_a_planting_is_not_dressed_like_one_whose_name_goes_on(empty_blender):
+    mesh = bpy.data.meshes.new("other")
+    standing = Standing({}, {f"{VARIANTS}/maple.v2.000": mesh}, {})
+    assert standing.first(f"{VARIANTS}/maple") is None
+    assert standing.first(f"{VARIANTS}/maple.v2") == mesh
 
 
 # --------------------------------------------------------------------------------- other forests, loss

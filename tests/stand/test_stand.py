@@ -129,6 +129,12 @@ def test_labels_tell_plantings_of_one_species_apart():
     assert len(set(made)) == len(made)
 
 
+@pytest.mark.parametrize("names", [("pine-2", "pine", "pine"), ("pine", "pine", "pine-2")])
+def test_no_species_has_the_label_of_another(names):
+    made = labels([Planting(species=name, expected=1) for name in names])
+    assert len(set(made)) == 3
+
+
 def test_scales_stay_in_their_range_and_variants_too():
     stand = plan_stand(
         1, FIELD, [Planting(species="m", expected=500, variants=3, scale=(0.5, 2.0))]

@@ -260,3 +260,15 @@ def test_a_saved_file_opens_with_its_handles(hill, tmp_path):
     assert said() == before
     circles()[0].location.x = 4.5
     assert said()[0].centre == (4.5, 2.0)
+
+
+def test_hills_of_a_forest_that_is_shown_in_another_scene_are_left_to_it(hilly):
+    here, there = bpy.context.scene, bpy.data.scenes.new("there")
+    layout.part(there, layout.TREES)  # a forest of its own
+    there.collection.children.link(layout.root(here))
+    exchange._fill(there.forest_sensing.plantings.add(), "gaussians", HILLS[:1])
+    there.forest_sensing.drag_hills = True
+    assert len(circles()) == 2  # in the scene here
+    assert layout.find_part(there, layout.INTENSITY) != layout.find_part(here, layout.INTENSITY)
+    there.forest_sensing.drag_hills = False
+    assert len(circles()) == 2
