@@ -319,7 +319,7 @@ class FOREST_PT_results(OnceStarted, bpy.types.Panel):
 
 
 def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
-    header, body = layout.panel(f"FOREST_result_{result.name}")
+    header, body = layout.panel_prop(result, "opened")
     header.label(text=result.title, icon=ICONS.get(result.kind, "DOT"))
     if result.shown:
         chosen = header.operator("forest.select_result", text="", icon="RESTRICT_SELECT_OFF")

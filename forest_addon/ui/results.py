@@ -203,6 +203,8 @@ def _note(props: Any, name: str, kind: str, title: str, figures: Figures) -> Any
     earlier = props.results.find(name)
     if earlier >= 0:
         props.results.remove(earlier)
+    for other in props.results:
+        other.opened = False
     props.results.add()
     props.results.move(len(props.results) - 1, 0)
     result = props.results[0]

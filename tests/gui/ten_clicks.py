@@ -108,16 +108,16 @@ def newcomer(steps: Steps) -> Scenario:
     place = yield from find_button('forest.show_picture(result="echo")', *ICONS)
     yield from press(place, lambda: "echo" in shown_picture(), 20, "the picture of the echo")
 
-    steps.step("up to the reverb")
-    place = None
-    while place is None:
+    steps.step("the reverb as a picture")
+    wanted = 'forest.show_picture(result="reverb")'
+    place = yield from seek(wanted, *ICONS)
+    while place is None and count.clicks < ALLOWED:
         count.begin()
-        scroll(side, -FLICK)
+        scroll(view()[3], -FLICK)
         yield 1
         count.end()
-        place = yield from seek('forest.show_picture(result="reverb")', *ICONS)
-
-    steps.step("the reverb as a picture")
+        place = yield from seek(wanted, *ICONS)
+    assert place is not None, "there is no button that shows the reverb"
     yield from press(place, lambda: "reverb" in shown_picture(), 20, "the picture of the reverb")
 
     told = f"{count.clicks} clicks, {count.seconds:.0f} s"

@@ -29,6 +29,10 @@ class Layout:
     def panel(self, name, default_closed=False):
         return Layout(self.seen), Layout(self.seen)
 
+    def panel_prop(self, group, name):
+        assert group.bl_rna.properties[name].type == "BOOLEAN"
+        return Layout(self.seen), Layout(self.seen) if getattr(group, name) else None
+
     def prop(self, group, name, index=-1, text=None, placeholder="", icon="NONE", **style):
         assert style.keys() <= {"emboss", "toggle"}
         self._known_icon(icon)
@@ -135,6 +139,10 @@ def test_labels_fit_beside_their_values(small):
 def test_results_are_shown(small):
     bpy.ops.forest.build()
     bpy.ops.forest.run()
+    results = bpy.context.scene.forest_sensing.results
+    assert [result.opened for result in results] == [True, *[False] * (len(results) - 1)]
+    for result in results:
+        result.opened = True
     seen = drawn()
     assert {"Trees", "Points", "Leaves Heard", "Trunks Heard"} <= set(seen)
     assert seen.count("Time") == 5
