@@ -50,10 +50,14 @@ def build(
 
     Raises
     ------
-    ValueError : a tree that cannot stand (see ``points_mesh``); nothing is changed.
+    ValueError : a tree that cannot stand (see ``points_mesh``), or an object of the forest that is in Edit
+        Mode, where Blender gives it no other mesh; nothing is changed.
     """
     terrain = Flat(settings.forest.terrain.base) if terrain is None else terrain
     standing = Standing.of(scene)
+    edited = next((thing.name for thing in standing.things.values() if thing.mode == "EDIT"), "")
+    if edited:
+        raise ValueError(f'"{edited}" is being edited; leave Edit Mode, then build again')
     with all_or_nothing():
         plan = _plan(scene, standing, settings.forest, forest, terrain)
 

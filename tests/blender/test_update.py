@@ -700,6 +700,20 @@ def test_a_planting_is_not_dressed_like_one_whose_name_goes_on(empty_blender):
     assert standing.first(f"{VARIANTS}/maple.v2") == mesh
 
 
+def test_while_something_of_it_is_edited_a_forest_stays_as_it_is(empty_blender):
+    """A job may get there while the user works on."""
+    plant()
+    before = told(bpy.context.scene)
+    bpy.context.view_layer.objects.active = first(GROUND_NAME)
+    bpy.ops.object.mode_set(mode="EDIT")
+    kept = counts()
+    with pytest.raises(ValueError, match='"Ground" is being edited; leave Edit Mode'):
+        plant(seed=2)
+    assert counts() == kept
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert told(bpy.context.scene) == before
+
+
 # --------------------------------------------------------------------------------- other forests, loss
 
 
