@@ -63,7 +63,7 @@ def _blend_for(scene: bpy.types.Scene, settings: spec.Scene, home: Path) -> tupl
             "It needs objects of this .blend ({few}): save that and export again", few=few
         )
     blend = from_folder(Path(bpy.data.filepath), home)
-    if bpy.data.is_dirty:
+    if bpy.data.is_dirty and not bpy.app.background:  # without a window 4.5 says so always
         return blend, say("It starts from this .blend ({few}): save that too", few=few)
     return blend, ""
 
