@@ -112,6 +112,14 @@ class FOREST_UL_poses(bpy.types.UIList):
         number.label(text=f"{item.time:g} s")
 
 
+class FOREST_UL_places(bpy.types.UIList):
+    """Further sources or receivers of a reverb."""
+
+    def draw_item(self, context, layout, data, item, icon, active, name, index=0) -> None:
+        x, y, z = item.position
+        layout.label(text=f"{x:g}, {y:g}, {z:g} m", icon="EMPTY_AXIS")
+
+
 class _Listed:
     """Adding to and removing from a list of the panel, of which Blender reports nothing by itself."""
 
@@ -178,6 +186,31 @@ class _Poses(_Listed):
         thing = chosen_sensor(context)
         mobile = thing is not None and kind_of(thing) == "mobile"
         return thing.forest_sensor.mobile if mobile else None
+
+
+class _Ends(_Listed):
+    """Further sources or receivers of the chosen reverb."""
+
+    no_owner = keep("Choose a reverb in the list of sensors first")
+
+    @classmethod
+    def owner(cls, context: bpy.types.Context) -> Any:
+        thing = chosen_sensor(context)
+        reverb = thing is not None and kind_of(thing) == "reverb"
+        return thing.forest_sensor.reverb if reverb else None
+
+    def start(self, place: Any, props: Any) -> None:
+        field = props.forest
+        x, y = (o + s / 2 for o, s in zip(field.origin, field.size, strict=True))
+        place.position = (x, y, place.position[2])
+
+
+class _Sources(_Ends):
+    items = "sources"
+
+
+class _Receivers(_Ends):
+    items = "receivers"
 
 
 class _Add(_Listed):
@@ -326,6 +359,34 @@ class FOREST_OT_remove_pose(_Remove, _Poses, bpy.types.Operator):
     bl_label = "Remove Pose"
 
 
+class FOREST_OT_add_source(_Add, _Sources, bpy.types.Operator):
+    """Add one more source, in the middle of the field"""
+
+    bl_idname = "forest.add_source"
+    bl_label = "Add Source"
+
+
+class FOREST_OT_remove_source(_Remove, _Sources, bpy.types.Operator):
+    """Remove the chosen source"""
+
+    bl_idname = "forest.remove_source"
+    bl_label = "Remove Source"
+
+
+class FOREST_OT_add_receiver(_Add, _Receivers, bpy.types.Operator):
+    """Add one more receiver, in the middle of the field"""
+
+    bl_idname = "forest.add_receiver"
+    bl_label = "Add Receiver"
+
+
+class FOREST_OT_remove_receiver(_Remove, _Receivers, bpy.types.Operator):
+    """Remove the chosen receiver"""
+
+    bl_idname = "forest.remove_receiver"
+    bl_label = "Remove Receiver"
+
+
 CLASSES = (
     FOREST_UL_sensors,
     FOREST_UL_stems,
@@ -334,6 +395,11 @@ CLASSES = (
     FOREST_UL_rasters,
     FOREST_UL_distances,
     FOREST_UL_poses,
+    FOREST_UL_places,
+    FOREST_OT_add_source,
+    FOREST_OT_remove_source,
+    FOREST_OT_add_receiver,
+    FOREST_OT_remove_receiver,
     FOREST_OT_add_planting,
     FOREST_OT_remove_planting,
     FOREST_OT_add_gaussian,

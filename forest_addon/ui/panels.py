@@ -283,6 +283,18 @@ class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
             draw_list(self.layout, "FOREST_UL_poses", group, "poses", "pose")
             if group.poses:
                 draw_settings(split(self.layout), _chosen(group, "poses"))
+        if kind == "reverb":
+            self.layout.label(text="Further Sources")
+            _draw_ends(self.layout, group, "sources", "source")
+            self.layout.label(text="Further Receivers")
+            _draw_ends(self.layout, group, "receivers", "receiver")
+
+
+def _draw_ends(layout: bpy.types.UILayout, reverb: Any, name: str, thing: str) -> None:
+    """Further sources or receivers: the list, and the place of the chosen one."""
+    draw_list(layout, "FOREST_UL_places", reverb, name, thing)
+    if getattr(reverb, name):
+        draw_settings(split(layout), _chosen(reverb, name))
 
 
 class FOREST_PT_air(OnceStarted, bpy.types.Panel):

@@ -468,6 +468,23 @@ def test_a_scanner_travels_along_poses(built):
     assert len(track.poses) == 1
 
 
+def test_a_reverb_has_further_ends(built):
+    bpy.context.view_layer.objects.active = bpy.data.objects["reverb"]
+    for end in ("source", "receiver", "receiver"):
+        assert press(f"add_{end}") == {"FINISHED"}
+    settings = settings_of("reverb")
+    assert tuple(settings.sources[0].position) == (3, 3, 1.5)
+    settings.receivers[0].position = (5, 1, 1)
+    assert run("reverb") == {"FINISHED"}
+    found = exchange.sensor_of(bpy.data.objects["reverb"])
+    assert [tuple(place.position) for place in found.receivers] == [(5, 1, 1), (3, 3, 1.5)]
+    assert press("remove_receiver") == {"FINISHED"}
+    assert len(settings.receivers) == 1
+    bpy.context.view_layer.objects.active = bpy.data.objects["cloud"]
+    with pytest.raises(RuntimeError, match="Choose a reverb"):
+        press("add_source")
+
+
 def test_a_scanner_without_a_way_is_told_so(built, sensor):
     track = sensor("mobile").forest_sensor.mobile
     with pytest.raises(RuntimeError, match="give poses, or the object to follow"):
