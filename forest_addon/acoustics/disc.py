@@ -20,6 +20,7 @@ far field the echo's pressure is p = p₀·f·exp(-ikr)/r (e^{+iωt}), p₀ the 
 
 from __future__ import annotations
 
+import cmath
 import math
 from functools import lru_cache
 
@@ -35,6 +36,8 @@ BISTATIC = ("piston", "exact")
 
 HANDOVER = 120.0  # ka from where the table passes over to the formula for large discs
 LOBES = 256  # of J₁ whose heights are known to the bound
+STEEPEST = (-1.5, 6.0)  # of the error function of the paper's phase: below never, beyond it is 1
+PLACES = 1024  # a unit of its argument, of the table
 
 
 def backscatter(ka: ArrayLike, incidence: ArrayLike, model: str = "exact") -> np.ndarray:
@@ -184,14 +187,48 @@ def _lobes() -> tuple[np.ndarray, np.ndarray]:
 
 
 def _paper(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """L·e^{-i·phase} of the paper's fit, L with its sign."""
+    """L·e^{-i·phase} of the paper's fit, L with its sign; phase = erf(steepness·(π/2 - β)) - 2.6343."""
     empty = ka == 0  # the fit does not vanish there, and its angle factor has no limit
-    c = np.where(empty, 1.0, ka)
-    size = _paper_peak(c) * np.cos(_paper_turn(c) * angle)
-    steepness = 0.9824 * np.exp(0.3523 * np.log(c)) - 0.9459  # faster than powers
-    phase = special.erf(steepness * (math.pi / 2 - angle)) - 2.6343
-    value: np.ndarray = np.where(empty, 0.0, size * np.exp(-1j * phase))
+    c = np.where(empty, 1.0, ka) if empty.any() else ka
+    log = np.log(c)  # exponentials are faster than powers
+    size = _paper_peak(c) * np.cos((0.3999 * np.exp(-0.9065 * log) + 0.9979) * angle)
+    value = _erf_phasor((0.9824 * np.exp(0.3523 * log) - 0.9459) * (math.pi / 2 - angle))
+    value *= np.where(empty, 0.0, size) if empty.any() else size
+    value *= cmath.exp(2.6343j)
     return value
+
+
+def _erf_phasor(x: np.ndarray) -> np.ndarray:
+    """e^{-i·erf(x)} for x >= ``STEEPEST[0]``, to 3e-14: Taylor series about the nearest of many places.
+
+    A quarter of the time of the functions themselves.
+    """
+    first, last = STEEPEST
+    place = np.minimum(x, last) * PLACES
+    near = np.rint(place)
+    place -= near
+    with np.errstate(invalid="ignore"):  # what is no number stays so
+        index = near.astype(np.intp)
+    index -= round(first * PLACES)
+    *rest, value = (series.take(index, mode="clip") for series in _erf_phasor_series())
+    for term in reversed(rest):
+        value *= place
+        value += term
+    return value
+
+
+@lru_cache(maxsize=1)
+def _erf_phasor_series() -> np.ndarray:
+    """(4, P) coefficients of (x - place)·``PLACES`` to the powers 0 to 3."""
+    first, last = (round(end * PLACES) for end in STEEPEST)
+    x = np.arange(first, last + 1) / PLACES
+    slope = -2j / math.sqrt(math.pi) * np.exp(-np.square(x))  # of -i·erf
+    bend, twist = -2.0 * x * slope, (4.0 * x * x - 2.0) * slope
+    second, third = (slope**2 + bend) / 2, (slope**3 + 3 * slope * bend + twist) / 6
+    series = np.stack([np.ones_like(slope), slope, second, third])
+    scale = PLACES ** -np.arange(4.0)[:, None]
+    table: np.ndarray = np.exp(-1j * special.erf(x)) * series * scale
+    return table
 
 
 def _paper_bound(

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from references.echo_direct import scattering_direct
-from scipy import integrate
+from scipy import integrate, special
 
 from forest_addon.acoustics.disc import (
     BISTATIC,
@@ -30,7 +30,7 @@ def test_scalar_reference(model: str) -> None:
             value = backscatter_amplitude(ka, incidence, model)
             expected = scattering_direct(ka, incidence, model)
             assert abs(value - expected) < 1e-12 * max(1.0, ka**2)
-            assert backscatter(ka, incidence, model) == abs(value)
+            assert backscatter(ka, incidence, model) == pytest.approx(abs(value), rel=1e-14)
 
 
 @pytest.mark.parametrize("ka", [0.5, 5.0, 20.0])
@@ -69,6 +69,22 @@ def test_paper_fit() -> None:
     zero = math.pi / 2 / (0.3999 + 0.9979)
     around = backscatter_amplitude(1.0, zero + np.array([-0.01, 0.01]), "paper")
     assert (around[0] / around[1]).real == pytest.approx(-1, abs=0.05)
+
+
+def test_paper_phase() -> None:
+    ka, incidence = np.logspace(-3, 3, 200)[:, None], np.linspace(0, math.pi / 2, 301)
+    steepness = 0.9824 * ka**0.3523 - 0.9459
+    phase = special.erf(steepness * (math.pi / 2 - incidence)) - 2.6343
+    value = backscatter_amplitude(ka, incidence, "paper") * np.exp(1j * phase)
+    largest = 0.5003 * ka**2 + 0.6867
+    np.testing.assert_allclose(value.imag / largest, 0.0, atol=1e-13)
+    np.testing.assert_allclose(np.abs(value.real), backscatter(ka, incidence, "paper"), rtol=1e-13)
+
+
+@pytest.mark.parametrize("model", ["paper", "piston"])
+def test_what_is_no_number_stays_so(model: str) -> None:
+    found = backscatter(np.array([math.nan, 5.0, 5.0]), np.array([0.1, math.nan, 0.1]), model)
+    assert np.isnan(found).tolist() == [True, True, False]
 
 
 def test_large_discs_agree_face_on() -> None:
