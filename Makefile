@@ -19,8 +19,8 @@ help: ## list what can be made
 demo: $(READY) ## grow the demo forest, run every sensor in it, results and report in out/demo
 	@$(RUN) -m headless demo --out out/demo $(ARGS)
 
-test: $(READY) ## run the tests
-	@$(RUN) -m pytest $(ARGS)
+test: $(READY) ## run the tests, a process for each core; ARGS="-n0 tests/ui" for some, in one
+	@$(RUN) -m pytest -n auto --maxprocesses 8 --dist loadfile $(ARGS)
 
 test-gui: $(READY) ## drive the extension in a real Blender window, photographed in out/gui; BLENDER=...
 	@$(RUN) tests/gui/run.py
