@@ -93,6 +93,7 @@ def of_classes() -> Iterator[Text]:
     import bpy
 
     from forest_addon import ui
+    from forest_addon.ui import things
 
     ui.register()
     try:
@@ -100,6 +101,9 @@ def of_classes() -> Iterator[Text]:
             for context, text in (*_of_class(bpy, cls), *_of_properties(_described(bpy, cls))):
                 if text:
                     yield context, text, cls.__name__
+        for name in things.PROPERTIES:
+            for context, text in _of_property(bpy.types.Object.bl_rna.properties[name]):
+                yield context, text, "Object"
     finally:
         ui.unregister()
 
@@ -126,14 +130,17 @@ def _of_class(bpy: Any, cls: Any) -> Iterator[tuple[str, str]]:
 def _of_properties(known: Any) -> Iterator[tuple[str, str]]:
     of_blender = known.base.properties.keys() if known.base else ()
     for one in known.properties:
-        if one.identifier in of_blender or one.is_hidden:
-            continue
-        if one.name != one.identifier:
-            yield one.translation_context, one.name
-        yield ANY, one.description
-        for item in one.enum_items_static if one.type == "ENUM" else ():
-            yield one.translation_context, item.name
-            yield ANY, item.description
+        if one.identifier not in of_blender and not one.is_hidden:
+            yield from _of_property(one)
+
+
+def _of_property(one: Any) -> Iterator[tuple[str, str]]:
+    if one.name != one.identifier:
+        yield one.translation_context, one.name
+    yield ANY, one.description
+    for item in one.enum_items_static if one.type == "ENUM" else ():
+        yield one.translation_context, item.name
+        yield ANY, item.description
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from mathutils import Matrix
 
 from .. import spec
 from ..stand.terrain import Terrain
-from .depsgraph import IGNORED_KEY
+from .standings import IGNORED_KEY
 
 CANVAS_KEY = "forest_canvas"  # custom property of a canvas
 CELLS = 100  # along each side: a brush is many of them wide, and a stroke is light

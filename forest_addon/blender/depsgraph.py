@@ -20,6 +20,8 @@ from ..sensing.geometry import SceneGeometry
 from .kept import kept
 from .meshes import from_mesh
 from .standings import (
+    IGNORED_KEY,
+    REFLECTANCE_KEY,
     SOLID_TYPES,
     SPECIES_KEY,
     TREE_KEY,
@@ -29,8 +31,6 @@ from .standings import (
     has_nodes,
     standings,
 )
-
-IGNORED_KEY, REFLECTANCE_KEY = "forest_ignored", "forest_reflectance"
 
 
 def read_scene(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:

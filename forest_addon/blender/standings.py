@@ -15,6 +15,7 @@ import bpy
 import numpy as np
 
 TREE_KEY, SPECIES_KEY = "forest_tree", "forest_species"
+IGNORED_KEY, REFLECTANCE_KEY = "forest_ignored", "forest_reflectance"
 SOLID_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}  # objects that can have a surface
 
 

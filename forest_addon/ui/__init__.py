@@ -49,6 +49,7 @@ def _steps() -> Iterator[Step]:
         running,
         species_pictures,
         start,
+        things,
         tree,
     )
     from .properties import FOREST_PG_scene, FOREST_PG_sensor
@@ -63,7 +64,7 @@ def _steps() -> Iterator[Step]:
         yield partial(setattr, owner, name, pointer), partial(delattr, owner, name)
     yield species_pictures.refresh, species_pictures.unregister
     of_views = (overlay, hills, painting, live)
-    for part in (languages, running, tree, start, new_file, *of_views, command, migration):
+    for part in (languages, running, things, tree, start, new_file, *of_views, command, migration):
         yield part.register, part.unregister
 
 

@@ -22,6 +22,7 @@ from .operators import chosen_sensor
 from .painting import PAINTING
 from .properties import PARTS
 from .running import current
+from .things import seen_thing
 from .words import label, label_of_kept
 
 BIG = 1.4  # heights of a row: the buttons that start work
@@ -297,6 +298,27 @@ def _draw_ends(layout: bpy.types.UILayout, reverb: Any, name: str, thing: str) -
         draw_settings(split(layout), _chosen(reverb, name))
 
 
+class FOREST_PT_thing(OnceStarted, bpy.types.Panel):
+    """What the active object is to sensors."""
+
+    bl_label = "This Object"
+    bl_parent_id = "FOREST_PT_sensors"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return super().poll(context) and seen_thing(context) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        thing = seen_thing(context)
+        column = split(self.layout)
+        column.prop(thing, "name")
+        column.prop(thing, "forest_seen")
+        column.prop(thing, "forest_reflects")
+        if thing.forest_reflects:
+            column.prop(thing, "forest_reflected")
+
+
 class FOREST_PT_air(OnceStarted, bpy.types.Panel):
     bl_label = "Air"
     bl_parent_id = "FOREST_PT_sensors"
@@ -503,6 +525,7 @@ CLASSES = (
     FOREST_PT_ground,
     FOREST_PT_sensors,
     FOREST_PT_sensor,
+    FOREST_PT_thing,
     FOREST_PT_air,
     FOREST_PT_rays,
     FOREST_PT_results,

@@ -13,8 +13,8 @@ from pathlib import Path
 import bpy
 
 from .. import spec
-from ..blender.depsgraph import IGNORED_KEY, SOLID_TYPES
 from ..blender.ours import is_ours
+from ..blender.standings import IGNORED_KEY, SOLID_TYPES
 from ..formats.toml_file import write_settings
 from .exchange import to_spec
 from .species_edit import Edited, edited_species, from_folder, relocated

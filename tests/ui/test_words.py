@@ -231,6 +231,7 @@ def test_the_template_has_every_kind_of_text(template):
         ("*", "Frame Range"),  # of an enumeration of an operator
         ("*", "Drag in View"),  # a property
         ("*", "LiDAR, tractor"),  # a kind of sensor
+        ("*", "Seen by Sensors"),  # a property of every object
     } <= known
     patterns = {
         call.args[0].value for _, call in calls(*OURS) if isinstance(call.args[0], ast.Constant)
