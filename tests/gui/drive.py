@@ -24,6 +24,7 @@ Scenario = Generator[float, None, None]
 ROW = 15  # pixels between two looks down the sidebar; its buttons are 20 high
 TAB = 10  # pixels from the sidebar's right edge to the middle of its tabs
 HOVER = 0.08  # s until Blender knows what is below the mouse
+LONGEST = 60  # s that a window may take to draw
 
 
 class Steps:
@@ -152,7 +153,17 @@ def scroll(region: bpy.types.Region, notches: int) -> None:
     """Turn the wheel over a region, down or up, at its edge: lists within it take it for themselves."""
     point_at(region.x + 4, region.y + region.height // 2)
     wheel = "5" if notches > 0 else "4"
-    subprocess.Popen(["xdotool", "click", "--repeat", str(abs(notches)), "--delay", "20", wheel])
+    turn = ["xdotool", "click", "--repeat", str(abs(notches)), "--delay", "20", wheel]
+    subprocess.run(turn, check=True)
+
+
+def settle() -> Scenario:
+    """Let the window live until all that is due is drawn: until it has answered at once a few times."""
+    calm, end = 0, time.monotonic() + LONGEST
+    while calm < 4 and time.monotonic() < end:
+        asked = time.perf_counter()
+        yield HOVER
+        calm = calm + 1 if time.perf_counter() - asked < 3 * HOVER else 0
 
 
 def find_button(command: str, *columns: float) -> Generator[float, None, tuple[int, int]]:
@@ -169,11 +180,13 @@ def seek(command: str, *columns: float) -> Generator[float, None, tuple[int, int
     Blender says that the button below it is this one.
     """
     window, area, _, side = view()
+    yield from settle()
     for column in columns:
         x = side.x + int(column * side.width)
         for y in range(side.y + side.height - 8, side.y, -ROW):
             point_at(x, y)
             yield HOVER
+            yield 0  # a timer comes before the mouse when the window was busy
             with bpy.context.temp_override(window=window, area=area, region=side):
                 if not bpy.ops.ui.copy_python_command_button.poll():
                     continue
@@ -198,6 +211,7 @@ def find_tab(name: str) -> Generator[float, None, tuple[int, int]]:
     for y in range(side.y + side.height - ROW, side.y, -2 * ROW):
         click(x, y)
         yield 0.2 + 2 * HOVER
+        yield from settle()
         if side.active_panel_category == name:
             side.active_panel_category = before
             yield 0.2

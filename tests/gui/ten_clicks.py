@@ -22,6 +22,7 @@ from drive import (
     play,
     scroll,
     seek,
+    settle,
     view,
     wait_for,
 )
@@ -100,7 +101,7 @@ def newcomer(steps: Steps) -> Scenario:
     steps.step("down to the results")
     count.begin()
     scroll(side, 20)
-    yield 1
+    yield from settle()
     count.end()
 
     steps.step("the echo as a picture")
@@ -113,7 +114,7 @@ def newcomer(steps: Steps) -> Scenario:
     if place is None:  # the view has become lower
         count.begin()
         scroll(view()[3], 20)
-        yield 1
+        yield from settle()
         count.end()
         place = yield from find_button(wanted, *ICONS)
     yield from press(place, lambda: "reverb" in shown_picture(), 20, "the picture of the reverb")
