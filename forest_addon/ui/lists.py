@@ -47,7 +47,10 @@ class FOREST_UL_plantings(bpy.types.UIList):
         if item.use_expected:
             number = row.row()
             number.alignment = "RIGHT"
-            number.label(text=label("{expected:g} trees", expected=item.expected))
+            one = item.expected == 1
+            number.label(
+                text=label("1 tree") if one else label("{expected:g} trees", expected=item.expected)
+            )
 
 
 class FOREST_UL_gaussians(bpy.types.UIList):

@@ -643,6 +643,14 @@ def test_each_scene_has_a_forest_of_its_own(built):
     assert len(trees()) == 2 * number
 
 
+def test_one_tree_is_no_trees(small):
+    small.plantings[0].expected, small.plantings[0].exact = 1, True
+    work, outcome = operators.FOREST_OT_build.work(None, bpy.context), None
+    with pytest.raises(StopIteration, match=r"^1 tree with [\d,]+ leaves in [\d.]+ s$"):
+        while True:
+            outcome = work.send(outcome).run(lambda done, total: None)
+
+
 def test_a_terrain_that_is_deleted_while_trees_grow_on_it(small):
     """They stand where it was."""
     data = bpy.data.meshes.new("hill")
