@@ -91,12 +91,12 @@ def newcomer(steps: Steps) -> Scenario:
 
     steps.step("Build Demo Forest")
     place = yield from find_button("forest.build()", 0.5)
-    yield from press(place, lambda: "forest" in results() and idle(), 60, "the forest")
+    yield from press(place, lambda: "forest" in results() and idle(), 180, "the forest")
 
     steps.step("Run All")
     place = yield from find_button("forest.run(frames=", 0.65)
     wanted = {"forest", "scan", "cloud", "echo", "reverb"}
-    yield from press(place, lambda: results() == wanted and idle(), 180, "what the sensors find")
+    yield from press(place, lambda: results() == wanted and idle(), 400, "what the sensors find")
 
     steps.step("down to the results")
     count.begin()
