@@ -180,32 +180,35 @@ class _Stems(_Listed):
     items = "stems"
 
 
-class _Poses(_Listed):
-    items = "poses"
+class _OfSensor(_Listed):
+    """A list of the chosen sensor, which must be of a kind."""
+
+    kind: ClassVar[str]
+
+    @classmethod
+    def owner(cls, context: bpy.types.Context) -> Any:
+        thing = chosen_sensor(context)
+        fits = thing is not None and kind_of(thing) == cls.kind
+        return getattr(thing.forest_sensor, cls.kind) if fits else None
+
+
+class _Poses(_OfSensor):
+    items, kind = "poses", "mobile"
     no_owner = keep("Choose a moving scanner in the list of sensors first")
 
-    @classmethod
-    def owner(cls, context: bpy.types.Context) -> Any:
-        thing = chosen_sensor(context)
-        mobile = thing is not None and kind_of(thing) == "mobile"
-        return thing.forest_sensor.mobile if mobile else None
 
-
-class _Ends(_Listed):
+class _Ends(_OfSensor):
     """Further sources or receivers of the chosen reverb."""
 
+    kind = "reverb"
     no_owner = keep("Choose a reverb in the list of sensors first")
 
-    @classmethod
-    def owner(cls, context: bpy.types.Context) -> Any:
-        thing = chosen_sensor(context)
-        reverb = thing is not None and kind_of(thing) == "reverb"
-        return thing.forest_sensor.reverb if reverb else None
-
     def start(self, place: Any, props: Any) -> None:
-        field = props.forest
-        x, y = (o + s / 2 for o, s in zip(field.origin, field.size, strict=True))
-        place.position = (x, y, place.position[2])
+        place.position = (*_middle(props.forest), place.position[2])
+
+
+def _middle(field: Any) -> list[float]:
+    return [o + s / 2 for o, s in zip(field.origin, field.size, strict=True)]
 
 
 class _Sources(_Ends):
@@ -272,9 +275,8 @@ class FOREST_OT_add_gaussian(_Add, _Gaussians, bpy.types.Operator):
     bl_label = "Add Hill"
 
     def start(self, hill: Any, props: Any) -> None:
-        field = props.forest
-        hill.centre = [o + s / 2 for o, s in zip(field.origin, field.size, strict=True)]
-        hill.width = [s / 4 for s in field.size]
+        hill.centre = _middle(props.forest)
+        hill.width = [s / 4 for s in props.forest.size]
 
 
 class FOREST_OT_remove_gaussian(_Remove, _Gaussians, bpy.types.Operator):

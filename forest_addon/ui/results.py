@@ -37,7 +37,7 @@ def keep_forest(context: bpy.types.Context, settings: Scene, forest: Forest, sec
     figures = forest_figures(forest)
     _note(props, "forest", "forest", settings.name, figures | {keep("Time"): f"{seconds:.1f} s"})
     trees, leaves = figures["Trees"], figures["Leaves"]
-    if trees == "1":
+    if len(forest.stand) == 1:
         return say("1 tree with {leaves} leaves in {seconds:.1f} s", leaves=leaves, seconds=seconds)
     return say(
         "{trees} trees with {leaves} leaves in {seconds:.1f} s",

@@ -14,9 +14,7 @@ from .. import spec
 from ..blender import sensors
 from ..blender.standings import IGNORED_KEY, REFLECTANCE_KEY, SOLID_TYPES
 
-OTHERWISE = (
-    spec.Surfaces().other
-)  # reflectance that an object gets when it is to have one of its own
+OTHERWISE = spec.Surfaces().other  # reflectance that an object's own starts with
 
 
 def seen_thing(context: bpy.types.Context) -> bpy.types.Object | None:
