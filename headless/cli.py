@@ -18,8 +18,8 @@ from forest_addon.spec import Scene, SpecError
 
 from .bench import SECTIONS
 from .bench import run as run_sections
-from .lidar_command import add_lidar, target_of, with_values_joined
-from .simlidar_command import add_simlidar
+from .commands.lidar import add_lidar, target_of, with_values_joined
+from .papers.simlidar import add_simlidar
 
 DEMO = ASSETS / "scenes" / "demo.toml"
 
@@ -168,7 +168,7 @@ def _add_convolve(commands: argparse._SubParsersAction) -> None:
 
 
 def _convolve(chosen: argparse.Namespace) -> int:
-    from .convolve_command import convolve
+    from .commands.convolve import convolve
 
     default = chosen.response.with_name(f"{chosen.response.stem}-{chosen.dry.stem}.wav")
     convolve(chosen.response, chosen.dry, chosen.out or default, chosen.normalise)
@@ -189,14 +189,14 @@ def _add_figures(commands: argparse._SubParsersAction) -> None:
 
 
 def _figures(chosen: argparse.Namespace) -> int:
-    from .reverb_figures import draw_figures
+    from .papers.reverb_figures import draw_figures
 
     draw_figures(chosen.out, chosen.quick)
     return 0
 
 
 def _derive(chosen: argparse.Namespace) -> int:
-    from .derive import derive_species
+    from .commands.derive import derive_species
 
     derive_species(chosen.species, chosen.generations, chosen.seed, chosen.count)
     return 0
@@ -246,7 +246,7 @@ def _add_species(commands: argparse._SubParsersAction) -> None:
 
 
 def _species(chosen: argparse.Namespace) -> int:
-    from .species_command import show_species
+    from .commands.species import show_species
 
     if chosen.seed < 0:
         raise SpecError("--seed", f"{chosen.seed} is out of range; use at least 0")
@@ -273,7 +273,7 @@ def _add_stand(commands: argparse._SubParsersAction) -> None:
 
 
 def _stand(chosen: argparse.Namespace) -> int:
-    from .stand_command import sample_stand
+    from .commands.stand import sample_stand
 
     sample_stand(chosen.scene, chosen.out, chosen.seed)
     return 0
@@ -315,14 +315,14 @@ def _add_estimate(commands: argparse._SubParsersAction) -> None:
 
 
 def _estimate(chosen: argparse.Namespace) -> int:
-    from .estimate_command import estimate_site
+    from .commands.estimate import estimate_site
 
     estimate_site(chosen.map, chosen.out, chosen.method, chosen.window, chosen.species)
     return 0
 
 
 def _template(chosen: argparse.Namespace) -> int:
-    from .template_command import make_template
+    from .commands.template import make_template
 
     make_template(chosen.wood, chosen.leaves, chosen.name, chosen.height, chosen.out)
     return 0

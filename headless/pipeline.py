@@ -35,14 +35,14 @@ from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.formats.stand_files import read_inputs
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.wav import read_wav, write_wav
-from forest_addon.sensing.auralise import auralise
-from forest_addon.sensing.cloud import Cloud
-from forest_addon.sensing.fast_scattering import Expansions
-from forest_addon.sensing.flight import Flight
-from forest_addon.sensing.geometry import SceneGeometry
-from forest_addon.sensing.reverb import ImpulseResponse, channels_of
-from forest_addon.sensing.sonar import Echo
-from forest_addon.sensing.tractor import TractorScan
+from forest_addon.sensing.lidar.cloud import Cloud
+from forest_addon.sensing.lidar.tractor import TractorScan
+from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.sensing.reverb.auralise import auralise
+from forest_addon.sensing.reverb.fast_scattering import Expansions
+from forest_addon.sensing.reverb.response import ImpulseResponse, channels_of
+from forest_addon.sensing.sonar.flight import Flight
+from forest_addon.sensing.sonar.ping import Echo
 from forest_addon.spec import Scene, Sensor, SpecError
 from forest_addon.stand.forest import (
     Forest,
@@ -53,14 +53,16 @@ from forest_addon.stand.forest import (
     tree_table,
     variant_leaf_table,
 )
-from forest_addon.stand.goodness import examine, law_of_scene, poisson_trees, window_of
 from forest_addon.stand.inputs import Inputs
+from forest_addon.stand.statistics.goodness import examine, law_of_scene, poisson_trees, window_of
 
-from . import pictures, pictures_sonar, report
 from .cache import user_cache
 from .progress import Stages, hushed
-from .site_picture import draw_goodness
-from .stand_picture import draw_stand
+from .report import echo as pictures_sonar
+from .report import page as report
+from .report import pictures
+from .report.site import draw_goodness
+from .report.stand import draw_stand
 
 MOST_LEAVES = 5_000_000  # rows of leaves.npz; beyond, leaves are written once a variant
 

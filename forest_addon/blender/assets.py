@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from .. import spec
-from ..growth.trimesh import LEAF, WOOD, TriMesh
+from ..growth.mesh.trimesh import LEAF, WOOD, TriMesh
 from ..rng import stream
 
 PIXELS = 128

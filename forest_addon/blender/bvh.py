@@ -17,11 +17,11 @@ import bpy  # noqa: F401  where Blender is a module, it brings mathutils
 import numpy as np
 from mathutils.bvhtree import BVHTree
 
-from ..sensing.boxes import BoxTree
-from ..sensing.geometry import SceneGeometry, invert_transforms
-from ..sensing.ray_search import Search
-from ..sensing.rays import Hits
-from ..sensing.refine import whole_triangles
+from ..sensing.rays.boxes import BoxTree
+from ..sensing.rays.caster import Hits
+from ..sensing.rays.geometry import SceneGeometry, invert_transforms
+from ..sensing.rays.refine import whole_triangles
+from ..sensing.rays.search import Search
 
 BEFORE = 1e-3  # metres, and BEFORE_SHARE of the way: where a ray starts before a box
 BEFORE_SHARE = 1e-5

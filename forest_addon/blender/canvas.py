@@ -11,7 +11,7 @@ import numpy as np
 from mathutils import Matrix
 
 from .. import spec
-from ..stand.terrain import Terrain
+from ..stand.intensity.terrain import Terrain
 from .standings import IGNORED_KEY
 
 CANVAS_KEY = "forest_canvas"  # custom property of a canvas

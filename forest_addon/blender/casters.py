@@ -11,11 +11,11 @@ from functools import cache
 
 import numpy as np
 
-from ..growth.trimesh import OTHER, TriMesh
-from ..growth.tubes import tube
+from ..growth.mesh.trimesh import OTHER, TriMesh
+from ..growth.mesh.tubes import tube
 from ..rng import stream
-from ..sensing.geometry import SceneGeometry
-from ..sensing.ray_search import Search
+from ..sensing.rays.geometry import SceneGeometry
+from ..sensing.rays.search import Search
 from ..spec import Rays
 from .bvh import BvhCaster
 from .embree import EmbreeCaster

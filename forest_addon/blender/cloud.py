@@ -11,9 +11,9 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..growth.trimesh import GROUND, LEAF, WOOD
-from ..sensing.cloud import Cloud
-from ..sensing.sonar import Contributions
+from ..growth.mesh.trimesh import GROUND, LEAF, WOOD
+from ..sensing.lidar.cloud import Cloud
+from ..sensing.sonar.ping import Contributions
 from .layout import CLOUD_KEY, COLOUR_BY
 from .materials import coloured_points
 from .ours import make_object

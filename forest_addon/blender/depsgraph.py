@@ -14,9 +14,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..growth.leaves import separate_leaves
-from ..growth.trimesh import TriMesh
-from ..sensing.geometry import SceneGeometry
+from ..growth.mesh.leaves import separate_leaves
+from ..growth.mesh.trimesh import TriMesh
+from ..sensing.rays.geometry import SceneGeometry
 from .kept import kept
 from .meshes import from_mesh
 from .standings import (

@@ -14,12 +14,12 @@ from itertools import repeat
 
 import numpy as np
 
-from ..growth.trimesh import TriMesh
-from ..sensing.boxes import clip
-from ..sensing.geometry import SceneGeometry, invert_transforms
-from ..sensing.ray_search import Search
-from ..sensing.rays import Hits
-from ..sensing.refine import whole_triangles
+from ..growth.mesh.trimesh import TriMesh
+from ..sensing.rays.boxes import clip
+from ..sensing.rays.caster import Hits
+from ..sensing.rays.geometry import SceneGeometry, invert_transforms
+from ..sensing.rays.refine import whole_triangles
+from ..sensing.rays.search import Search
 from . import embree_library as embree
 from .embree_library import EmbreeError
 

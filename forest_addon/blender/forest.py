@@ -17,11 +17,11 @@ import bpy
 import numpy as np
 
 from .. import spec
-from ..growth.outline import outline
+from ..growth.mesh.outline import outline
 from ..growth.tree import Tree
 from ..growth.truth import tree_truth
 from ..stand.forest import Forest
-from ..stand.terrain import Flat, Terrain
+from ..stand.intensity.terrain import Flat, Terrain
 from . import assets, materials
 from .depsgraph import SPECIES_KEY, TREE_KEY
 from .ground import ground_mesh

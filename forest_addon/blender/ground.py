@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from .. import spec
-from ..growth.trimesh import GROUND, TriMesh
-from ..stand.terrain import Heightmap, Terrain
+from ..growth.mesh.trimesh import GROUND, TriMesh
+from ..stand.intensity.terrain import Heightmap, Terrain
 
 
 def ground_mesh(field: spec.Forest, terrain: Terrain) -> TriMesh:

@@ -13,10 +13,10 @@ import bpy
 import numpy as np
 
 from .. import spec
-from ..sensing.geometry import apply_transform
+from ..sensing.rays.geometry import apply_transform
 from ..spec import SpecError
 from ..stand.inputs import Inputs, Painted, TreeList
-from ..stand.terrain import Triangulated
+from ..stand.intensity.terrain import Triangulated
 from .depsgraph import SOLID_TYPES
 from .layout import objects_in
 

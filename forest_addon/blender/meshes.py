@@ -10,7 +10,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..growth.trimesh import LEAF, OTHER, TriMesh
+from ..growth.mesh.trimesh import LEAF, OTHER, TriMesh
 
 
 def to_mesh(name: str, mesh: TriMesh) -> bpy.types.Mesh:

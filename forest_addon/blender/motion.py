@@ -13,7 +13,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ..sensing.poses import Pose, along
+from ..sensing.sonar.poses import Pose, along
 from ..spec import Sonar, SpecError
 
 

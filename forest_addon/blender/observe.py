@@ -12,13 +12,18 @@ import numpy as np
 from ..formats.directivity_file import directivity_of
 from ..formats.sonar_files import equip, find, read_route
 from ..rng import stream
-from ..sensing import ends, flight, lidar, reverb, slices, sonar, tractor
-from ..sensing.cloud import Cloud
-from ..sensing.fast_scattering import Expansions
-from ..sensing.poses import Pose
-from ..sensing.rays import RayCaster
-from ..sensing.trajectory import Path as Track
-from ..sensing.trunk_cuts import TrunkCuts
+from ..sensing.lidar import scan as lidar
+from ..sensing.lidar import tractor
+from ..sensing.lidar.cloud import Cloud
+from ..sensing.lidar.trajectory import Path as Track
+from ..sensing.rays.caster import RayCaster
+from ..sensing.reverb import ends, slices
+from ..sensing.reverb import response as reverb
+from ..sensing.reverb.fast_scattering import Expansions
+from ..sensing.reverb.trunk_cuts import TrunkCuts
+from ..sensing.sonar import flight
+from ..sensing.sonar import ping as sonar
+from ..sensing.sonar.poses import Pose
 from ..spec import Mobile, Rays, Reverb, Scanner, Scene, Sensor, Sonar, Tractor
 from ..stand.stems import plant_stems
 from .casters import make_caster

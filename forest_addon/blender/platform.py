@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..sensing.trajectory import Path, path_along
+from ..sensing.lidar.trajectory import Path, path_along
 from ..spec import Mobile, SpecError
 
 

@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 
 from ..formats.wav import write_wav
-from ..sensing.auralise import normalised
+from ..sensing.reverb.auralise import normalised
 
 PEAK_DB = -1.0  # of the largest sample
 KEY = "forest_sound"  # custom property of our Sounds: the sensor's name

@@ -15,7 +15,7 @@ from itertools import chain
 
 import bpy
 
-from ..growth.trimesh import TriMesh
+from ..growth.mesh.trimesh import TriMesh
 from .layout import within_reach
 from .materials import Colour, recolour
 from .ours import ROLE_KEY, by_role, own

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..sensing.directivity import CARDIOID, OMNI, Directivity
+from ..sensing.reverb.directivity import CARDIOID, OMNI, Directivity
 from ..spec import Reverb, SpecError
 
 

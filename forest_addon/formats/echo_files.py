@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..sensing.flight import Flight
-from ..sensing.sonar import Echo
+from ..sensing.sonar.flight import Flight
+from ..sensing.sonar.ping import Echo
 from ..spec import Sonar
 from .npz import write_npz
 from .wav import write_wav

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..sensing.expansion import Key, Layer, Sector
+from ..sensing.reverb.expansion import Key, Layer, Sector
 from .atomic import replacing
 
 

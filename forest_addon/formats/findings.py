@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..sensing.cloud import Cloud
-from ..sensing.flight import Flight
-from ..sensing.metrics import RoomMetrics, echo_density, energy_decay_db, room_metrics
-from ..sensing.reverb import ImpulseResponse, channels_of
-from ..sensing.sonar import Echo
-from ..sensing.tractor import TractorScan
+from ..sensing.lidar.cloud import Cloud
+from ..sensing.lidar.tractor import TractorScan
+from ..sensing.reverb.metrics import RoomMetrics, echo_density, energy_decay_db, room_metrics
+from ..sensing.reverb.response import ImpulseResponse, channels_of
+from ..sensing.sonar.flight import Flight
+from ..sensing.sonar.ping import Echo
 from ..spec import Sensor, Sonar
 from .echo_files import write_echo
 from .las import write_las

@@ -17,7 +17,7 @@ import laspy
 import lazrs
 import numpy as np
 
-from ..growth.trimesh import GROUND, LEAF, WOOD
+from ..growth.mesh.trimesh import GROUND, LEAF, WOOD
 from .atomic import replacing
 
 RESOLUTION = 1e-4  # metres

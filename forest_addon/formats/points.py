@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..sensing.cloud import Cloud
+from ..sensing.lidar.cloud import Cloud
 
 POINT = np.dtype(
     [

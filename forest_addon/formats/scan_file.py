@@ -20,8 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..sensing.geometry import SceneGeometry
-from ..sensing.lidar import Scan
+from ..sensing.lidar.scan import Scan
+from ..sensing.rays.geometry import SceneGeometry
 from ..spec import SpecError
 from .atomic import replacing
 from .las import write_las

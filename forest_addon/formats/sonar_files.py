@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..sensing.beam import Beam, Measured
-from ..sensing.calls import Call, resampled
-from ..sensing.poses import Pose, along
-from ..sensing.station import Equipment
+from ..sensing.sonar.beam import Beam, Measured
+from ..sensing.sonar.calls import Call, resampled
+from ..sensing.sonar.poses import Pose, along
+from ..sensing.sonar.station import Equipment
 from ..spec import Sonar, SpecError
 from .species_file import ASSETS
 

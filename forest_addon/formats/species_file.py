@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..growth.blades import SHAPES, Blade, BladeError, blade_from
-from ..growth.dress import dress
-from ..growth.expression import ExpressionError
-from ..growth.ruled import check_rules
-from ..growth.template import TemplateError, TreeTemplate, split_tree
-from ..growth.word import GrammarError
+from ..growth.lsystem.expression import ExpressionError
+from ..growth.lsystem.ruled import check_rules
+from ..growth.lsystem.word import GrammarError
+from ..growth.mesh.blades import SHAPES, Blade, BladeError, blade_from
+from ..growth.template.cut import TemplateError, TreeTemplate, split_tree
+from ..growth.template.dress import dress
 from ..spec import SpecError, Species
 from .stl import StlError, read_stl
 from .toml_file import read_settings

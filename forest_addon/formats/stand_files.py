@@ -12,7 +12,7 @@ import numpy as np
 from .. import spec
 from ..spec import SpecError
 from ..stand.inputs import Inputs, TreeList
-from ..stand.terrain import Heightmap, Terrain, Triangulated
+from ..stand.intensity.terrain import Heightmap, Terrain, Triangulated
 from .raster_file import read_raster
 from .stl import StlError, read_stl
 from .tree_list import read_tree_list

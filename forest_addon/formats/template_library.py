@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..growth.habit import fit_grammar
-from ..growth.leaves import measure_leaves
-from ..growth.recognise import Recognition, TemplateError, recognise
-from ..growth.template import TreeTemplate, split_tree
-from ..growth.trimesh import LEAF, TriMesh
-from ..growth.unit import Unit, infer_unit
+from ..growth.mesh.leaves import measure_leaves
+from ..growth.mesh.trimesh import LEAF, TriMesh
+from ..growth.template.cut import TreeTemplate, split_tree
+from ..growth.template.habit import fit_grammar
+from ..growth.template.recognise import Recognition, TemplateError, recognise
+from ..growth.template.unit import Unit, infer_unit
 from ..spec import Grammar, SpecError
 from .atomic import replacing
 from .stl import StlError, read_stl, write_stl

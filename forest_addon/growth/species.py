@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..spec import Species
-from .branching import grow_honda
-from .ruled import grow_ruled
+from .honda import grow_honda
+from .lsystem.ruled import grow_ruled
 from .skeleton import LeafSites, Skeleton
-from .whole import grow_whole
+from .t20_whole import grow_whole
 
 
 def skeleton_of(species: Species, rng: np.random.Generator) -> tuple[Skeleton, LeafSites]:

@@ -17,19 +17,19 @@ import numpy as np
 
 from ..rng import truncated_normal
 from ..spec import Species
-from .axes import first_level
-from .blades import SHAPES, Blade, lay, thin_leaves, truth_of
-from .edges import repeated_edges
-from .graft import Scion, Site, graft, prepare
-from .grammar import string_of
-from .leaves import Leaves, join_leaves
-from .meshing import mesh_wood
+from .lsystem.grammar import string_of
+from .lsystem.turtle import interpret
+from .mesh.axes import first_level
+from .mesh.blades import SHAPES, Blade, lay, thin_leaves, truth_of
+from .mesh.edges import repeated_edges
+from .mesh.leaves import Leaves, join_leaves
+from .mesh.meshing import mesh_wood
+from .mesh.trimesh import WOOD, TriMesh, join
+from .mesh.tubes import sides_for, tube
 from .skeleton import Skeleton
 from .species import skeleton_of
-from .template import TreeTemplate
-from .trimesh import WOOD, TriMesh, join
-from .tubes import sides_for, tube
-from .turtle import interpret
+from .template.cut import TreeTemplate
+from .template.graft import Scion, Site, graft, prepare
 
 TOLERANCE = 0.002  # metres between a trunk's polygon and its circle
 SUNK = 0.15  # metres the trunk goes on below the ground, so that no gap shows

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .leaves import Leaves
+from .mesh.leaves import Leaves
+from .mesh.trimesh import WOOD, TriMesh
 from .skeleton import Skeleton
 from .tree import Tree
-from .trimesh import WOOD, TriMesh
 
 ANGLE_BINS = 18  # of 5° from 0 to 90°
 

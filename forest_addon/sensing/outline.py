@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from ..spec import Airborne, Mobile, Reverb, Sensor, Sonar, Terrestrial, Tractor
-from .beam import beam_frame
+from .sonar.beam import beam_frame
 
 AROUND = 64  # segments of a full circle
 FLAT = math.radians(80.0)  # a beam nearer to the horizon is drawn at this angle from the vertical

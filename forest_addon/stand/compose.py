@@ -11,9 +11,9 @@ import numpy as np
 
 from .. import spec
 from .inputs import Inputs
-from .intensity import Constant, Intensity, IntensityError, Mask, Mixture, Product, Sum
-from .layers import PaintedMesh, Raster, RasterMask, TerrainLimits
-from .polygon import Polygon
+from .intensity.functions import Constant, Intensity, IntensityError, Mask, Mixture, Product, Sum
+from .intensity.layers import PaintedMesh, Raster, RasterMask, TerrainLimits
+from .intensity.polygon import Polygon
 from .process import Process
 
 

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..growth.blades import Blade
-from ..growth.leaves import Leaves, join_leaves
-from ..growth.template import TreeTemplate
+from ..growth.mesh.blades import Blade
+from ..growth.mesh.leaves import Leaves, join_leaves
+from ..growth.template.cut import TreeTemplate
 from ..growth.tree import Tree, grow
 from ..growth.truth import leaf_angles, wood_of_tree
 from ..rng import stream
 from ..spec import Scene, Species
 from .inputs import Inputs
+from .intensity.terrain import Terrain, sink
 from .plan import Stand, labels, plan_stand
-from .terrain import Terrain, sink
 
 Progress = Callable[[int, int], None]
 TREE_COLUMNS = (

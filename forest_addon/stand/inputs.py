@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .terrain import Flat, Terrain
+from .intensity.terrain import Flat, Terrain
 
 
 @dataclass(frozen=True)

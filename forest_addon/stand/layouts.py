@@ -9,7 +9,7 @@ import numpy as np
 from ..rng import truncated_normal
 from ..spec import Rows
 from .inputs import TreeList
-from .intensity import IntensityError
+from .intensity.functions import IntensityError
 
 MAX_PLACES = 20_000_000
 

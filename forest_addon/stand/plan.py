@@ -16,12 +16,12 @@ from ..rng import stream
 from ..spec import Forest, Planting, SpecError
 from .compose import area_of, corners_of, masks_of, process_of
 from .inputs import Inputs
-from .intensity import IntensityError
+from .intensity.functions import IntensityError
+from .intensity.terrain import Terrain
 from .layouts import orchard, trees_of
 from .poisson import sample
 from .process import Integral
 from .spacing import Spacing, space
-from .terrain import Terrain
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .intensity import Constant, Intensity, IntensityError, Mask, Mixture, Product, Sum
+from .intensity.functions import Constant, Intensity, IntensityError, Mask, Mixture, Product, Sum
+from .intensity.quadtree import Cells, refine
 from .process import Process
-from .quadtree import Cells, refine
 
 MAX_POINTS = 20_000_000
 SPARE = 32.0  # candidates that a cell may waste; cutting it costs about as much

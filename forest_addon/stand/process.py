@@ -11,8 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
-from .intensity import Intensity, Product
-from .quadtree import refine
+from .intensity.functions import Intensity, Product
+from .intensity.quadtree import refine
 
 CELLS = 20_000  # that the integral of an intensity without a closed form is summed over, at least
 

@@ -110,7 +110,7 @@ def _terrain(context: bpy.types.Context, field: spec.Forest, folder: Path) -> An
     """The ground that the forest would be planted on now."""
     from ..blender.inputs import read_terrain
     from ..formats import stand_files
-    from ..stand.terrain import Flat
+    from ..stand.intensity.terrain import Flat
 
     if field.terrain.object:
         return read_terrain(field.terrain.object, context.evaluated_depsgraph_get())

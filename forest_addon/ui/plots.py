@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import signal
 
-from ..sensing import metrics
-from ..sensing.cloud import Cloud
-from ..sensing.panorama import range_image
-from ..sensing.tractor import TractorScan
+from ..sensing.lidar.cloud import Cloud
+from ..sensing.lidar.panorama import range_image
+from ..sensing.lidar.tractor import TractorScan
+from ..sensing.reverb import metrics
 from ..spec import Scanner, Terrestrial
 from .words import label
 

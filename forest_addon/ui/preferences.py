@@ -111,7 +111,7 @@ def _home() -> Path:
 def expansions() -> Any:
     """Expansions of trunk scattering, kept in the cache."""
     from ..formats.expansion_store import ExpansionStore
-    from ..sensing.fast_scattering import Expansions
+    from ..sensing.reverb.fast_scattering import Expansions
 
     return Expansions(ExpansionStore(cache_folder() / "trunks"))
 

@@ -14,13 +14,13 @@ import numpy as np
 from ..blender.cloud import show_cloud, show_heard
 from ..blender.layout import RESULTS, part
 from ..blender.sound import give_sound
-from ..growth.trimesh import GROUND, LEAF, WOOD
-from ..sensing import metrics
-from ..sensing.cloud import Cloud
-from ..sensing.flight import Flight
-from ..sensing.reverb import ImpulseResponse, channels_of
-from ..sensing.sonar import Echo
-from ..sensing.tractor import TractorScan, to_cloud
+from ..growth.mesh.trimesh import GROUND, LEAF, WOOD
+from ..sensing.lidar.cloud import Cloud
+from ..sensing.lidar.tractor import TractorScan, to_cloud
+from ..sensing.reverb import metrics
+from ..sensing.reverb.response import ImpulseResponse, channels_of
+from ..sensing.sonar.flight import Flight
+from ..sensing.sonar.ping import Echo
 from ..spec import Scene, Sensor, Tractor
 from ..stand.forest import Forest
 from . import images, plots

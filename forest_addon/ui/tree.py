@@ -72,8 +72,8 @@ class FOREST_OT_add_tree(WhenReady, bpy.types.Operator, AddObjectHelper):
         from ..blender import materials
         from ..blender.meshes import to_mesh
         from ..formats.species_file import find_species, load_species
+        from ..growth.mesh.trimesh import LEAF
         from ..growth.tree import grow
-        from ..growth.trimesh import LEAF
         from ..rng import stream
 
         species, template = load_species(find_species(self.species, ASSETS))

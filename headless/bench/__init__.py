@@ -20,7 +20,7 @@ Say = Callable[[str], None]
 
 def run(names: Sequence[str], folder: Path) -> None:
     """Run sections in order, print their tables, draw their pictures into a folder."""
-    from ..pictures import save_figure
+    from ..report.pictures import save_figure
 
     for name in names or SECTIONS:
         section = importlib.import_module(f".{name}", __name__)

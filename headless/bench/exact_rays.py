@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from forest_addon.sensing.boxes import morton
-from forest_addon.sensing.geometry import SceneGeometry
-from forest_addon.sensing.rays import Hits
+from forest_addon.sensing.rays.boxes import morton
+from forest_addon.sensing.rays.caster import Hits
+from forest_addon.sensing.rays.geometry import SceneGeometry
 
 GROUP = 128  # triangles
 EDGE = 1e-12  # barycentric slack: a ray at a shared edge meets at least one of its triangles

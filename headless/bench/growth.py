@@ -12,14 +12,14 @@ from matplotlib.figure import Figure
 
 from forest_addon.blender.meshes import to_mesh
 from forest_addon.formats.species_file import find_species, load_species
-from forest_addon.growth.meshing import mesh_wood
+from forest_addon.growth.mesh.meshing import mesh_wood
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.growth.species import skeleton_of
 from forest_addon.growth.tree import grow
 from forest_addon.rng import stream
 from forest_addon.spec import Species
 
-from ..pictures import blank_figure
+from ..report.pictures import blank_figure
 from . import Say, median_seconds, table
 
 TITLE = "growth: trees and triangles a second, error of the mesh"

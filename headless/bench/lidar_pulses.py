@@ -17,12 +17,12 @@ import numpy as np
 from forest_addon.blender.casters import make_caster
 from forest_addon.formats.scan_file import write_scan
 from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.growth.mesh.trimesh import GROUND, TriMesh, join
 from forest_addon.growth.tree import grow
-from forest_addon.growth.trimesh import GROUND, TriMesh, join
 from forest_addon.rng import stream
-from forest_addon.sensing.geometry import SceneGeometry
-from forest_addon.sensing.lidar import Scan, scan
-from forest_addon.sensing.rays import RayCaster
+from forest_addon.sensing.lidar.scan import Scan, scan
+from forest_addon.sensing.rays.caster import RayCaster
+from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Beam, Rays, Terrestrial
 
 from . import Say, table

@@ -19,12 +19,12 @@ import numpy as np
 from forest_addon.blender.bvh import BvhCaster
 from forest_addon.blender.embree import EmbreeCaster
 from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.growth.mesh.trimesh import TriMesh
 from forest_addon.growth.tree import grow
-from forest_addon.growth.trimesh import TriMesh
 from forest_addon.rng import stream
-from forest_addon.sensing.geometry import SceneGeometry
-from forest_addon.sensing.ray_search import Search
-from forest_addon.sensing.rays import Hits
+from forest_addon.sensing.rays.caster import Hits
+from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.sensing.rays.search import Search
 
 from . import Say, median_seconds, table
 from .exact_rays import cast_exactly

@@ -14,18 +14,18 @@ from dataclasses import replace
 import numpy as np
 
 from forest_addon.blender.casters import make_caster
-from forest_addon.growth.meshing import mesh_wood
+from forest_addon.growth.mesh.meshing import mesh_wood
+from forest_addon.growth.mesh.trimesh import WOOD, TriMesh
+from forest_addon.growth.mesh.tubes import sides_for
 from forest_addon.growth.skeleton import Skeleton
-from forest_addon.growth.trimesh import WOOD, TriMesh
-from forest_addon.growth.tubes import sides_for
-from forest_addon.sensing.geometry import SceneGeometry
-from forest_addon.sensing.rays import Hits, RayCaster
-from forest_addon.sensing.tractor import TractorScan, drive
-from forest_addon.sensing.wood_indices import impacted_area
+from forest_addon.sensing.lidar.tractor import TractorScan, drive
+from forest_addon.sensing.lidar.wood_indices import impacted_area
+from forest_addon.sensing.rays.caster import Hits, RayCaster
+from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Rays, Tractor
 
-from .. import orchards
-from ..simlidar_command import stand_up
+from ..papers import orchards
+from ..papers.simlidar import stand_up
 from . import Say, table
 from .exact_cones import first_hits
 

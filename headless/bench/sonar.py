@@ -16,10 +16,10 @@ from forest_addon.formats.species_file import ASSETS, find_species, load_species
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.growth.tree import grow
 from forest_addon.rng import stream
-from forest_addon.sensing.flight import fly
-from forest_addon.sensing.geometry import SceneGeometry
-from forest_addon.sensing.poses import Pose, posed
-from forest_addon.sensing.sonar import Echo, Targets, ping
+from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.sensing.sonar.flight import fly
+from forest_addon.sensing.sonar.ping import Echo, Targets, ping
+from forest_addon.sensing.sonar.poses import Pose, posed
 from forest_addon.spec import Air, Scene, Sonar
 from forest_addon.stand.forest import Forest, grow_forest
 

@@ -12,8 +12,8 @@ from itertools import pairwise
 import numpy as np
 
 from forest_addon.rng import stream
-from forest_addon.stand.intensity import Intensity, Mixture
-from forest_addon.stand.layers import Raster
+from forest_addon.stand.intensity.functions import Intensity, Mixture
+from forest_addon.stand.intensity.layers import Raster
 from forest_addon.stand.poisson import sample
 from forest_addon.stand.process import Process
 from forest_addon.stand.spacing import greedy, matern_ii

@@ -6,14 +6,14 @@ import numpy as np
 
 from forest_addon.rng import stream
 from forest_addon.spec import Forest
-from forest_addon.stand.goodness import window_of
-from forest_addon.stand.intensity import Mixture
-from forest_addon.stand.kernel import kernel_estimate
-from forest_addon.stand.mixture import fit_mixture
+from forest_addon.stand.intensity.functions import Mixture
 from forest_addon.stand.poisson import sample
 from forest_addon.stand.process import Process
-from forest_addon.stand.statistics import At, choose_radii, inhomogeneous_k
-from forest_addon.stand.window import Window
+from forest_addon.stand.statistics.goodness import window_of
+from forest_addon.stand.statistics.k_function import At, choose_radii, inhomogeneous_k
+from forest_addon.stand.statistics.kernel import kernel_estimate
+from forest_addon.stand.statistics.mixture import fit_mixture
+from forest_addon.stand.statistics.window import Window
 
 from . import Say, median_seconds, table
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from forest_addon.formats.species_file import ASSETS, find_species, load_species
-from forest_addon.growth.grammar import string_of
+from forest_addon.growth.lsystem.grammar import string_of
+from forest_addon.growth.lsystem.turtle import interpret
 from forest_addon.growth.species import skeleton_of
 from forest_addon.growth.tree import grow
-from forest_addon.growth.turtle import interpret
 from forest_addon.rng import stream
 from forest_addon.spec import Jitter, SpecError
 

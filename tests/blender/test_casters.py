@@ -13,11 +13,11 @@ from references.rays_brute import BruteCaster
 from forest_addon.blender import bvh
 from forest_addon.blender.bvh import BvhCaster
 from forest_addon.blender.embree import EmbreeCaster
-from forest_addon.growth.trimesh import LEAF, OTHER, TriMesh, join
-from forest_addon.growth.tubes import tube
+from forest_addon.growth.mesh.trimesh import LEAF, OTHER, TriMesh, join
+from forest_addon.growth.mesh.tubes import tube
 from forest_addon.rng import stream
-from forest_addon.sensing.geometry import SceneGeometry
-from forest_addon.sensing.rays import hit_normals
+from forest_addon.sensing.rays.caster import hit_normals
+from forest_addon.sensing.rays.geometry import SceneGeometry
 
 BOX = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 BOX_FACES = np.array(

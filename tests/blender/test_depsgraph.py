@@ -19,11 +19,11 @@ from forest_addon.blender.depsgraph import (
 )
 from forest_addon.blender.meshes import from_mesh, to_mesh
 from forest_addon.formats.species_file import find_species, load_species
-from forest_addon.growth.leaves import measure_leaves
+from forest_addon.growth.mesh.leaves import measure_leaves
+from forest_addon.growth.mesh.trimesh import LEAF, OTHER, WOOD, TriMesh, join
 from forest_addon.growth.tree import grow
-from forest_addon.growth.trimesh import LEAF, OTHER, WOOD, TriMesh, join
 from forest_addon.rng import stream
-from forest_addon.sensing.returns import label
+from forest_addon.sensing.lidar.returns import label
 
 
 def quad(x, part, leaf=-1):

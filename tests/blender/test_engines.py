@@ -13,7 +13,7 @@ from forest_addon.blender import casters, embree_library
 from forest_addon.blender.bvh import BvhCaster
 from forest_addon.blender.casters import make_caster
 from forest_addon.blender.embree import EmbreeCaster
-from forest_addon.sensing.rays import Hits
+from forest_addon.sensing.rays.caster import Hits
 from forest_addon.spec import Rays
 
 SCENE = casters._trial_scene()

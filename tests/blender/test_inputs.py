@@ -18,11 +18,11 @@ from forest_addon.blender.inputs import (
 from forest_addon.blender.layout import GROUND_NAME, part
 from forest_addon.blender.observe import Observer
 from forest_addon.formats.species_file import ASSETS, load_species
-from forest_addon.growth.trimesh import GROUND, WOOD
+from forest_addon.growth.mesh.trimesh import GROUND, WOOD
 from forest_addon.spec import SpecError
 from forest_addon.stand.forest import grow_forest
 from forest_addon.stand.inputs import Inputs
-from forest_addon.stand.terrain import Heightmap
+from forest_addon.stand.intensity.terrain import Heightmap
 
 
 def depsgraph():

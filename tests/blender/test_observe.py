@@ -13,7 +13,7 @@ from forest_addon.blender.forest import build
 from forest_addon.blender.layout import ROOT, TREES, part, root
 from forest_addon.blender.observe import Observer
 from forest_addon.formats.species_file import ASSETS, load_species
-from forest_addon.sensing.sonar import leaf_discs
+from forest_addon.sensing.sonar.ping import leaf_discs
 from forest_addon.stand.forest import grow_forest, leaf_table
 
 SCENE = spec.Scene(

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from forest_addon.formats.expansion_store import ExpansionStore
-from forest_addon.sensing import fast_scattering
-from forest_addon.sensing.expansion import Key, Layer, expand
-from forest_addon.sensing.fast_scattering import Expansions
-from forest_addon.sensing.scattering import TrunkPaths
+from forest_addon.sensing.reverb import fast_scattering
+from forest_addon.sensing.reverb.expansion import Key, Layer, expand
+from forest_addon.sensing.reverb.fast_scattering import Expansions
+from forest_addon.sensing.reverb.scattering import TrunkPaths
 from forest_addon.spec import Air
 
 KEY = Key(8000.0, 0.2, 0.2, 343.0, 1e-3)

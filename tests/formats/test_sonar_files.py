@@ -13,9 +13,9 @@ from forest_addon.formats.echo_files import write_echo
 from forest_addon.formats.sonar_files import equip, find, read_pattern, read_route
 from forest_addon.formats.species_file import ASSETS
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.sensing.flight import fly
-from forest_addon.sensing.poses import posed
-from forest_addon.sensing.sonar import Targets, ping
+from forest_addon.sensing.sonar.flight import fly
+from forest_addon.sensing.sonar.ping import Targets, ping
+from forest_addon.sensing.sonar.poses import posed
 from forest_addon.spec import Air, Scene, Sonar, SpecError
 
 LEAVES = discs_of([[2, 0, 2], [3, 0.2, 2]], [1.0, 0, 0], 0.02)

@@ -5,9 +5,9 @@ import pytest
 
 from forest_addon.formats.species_file import load_species
 from forest_addon.formats.stl import write_stl
-from forest_addon.growth.leaves import measure_leaves
+from forest_addon.growth.mesh.leaves import measure_leaves
+from forest_addon.growth.mesh.trimesh import LEAF
 from forest_addon.growth.tree import grow
-from forest_addon.growth.trimesh import LEAF
 from forest_addon.rng import stream
 from forest_addon.spec import SpecError
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from forest_addon.formats.species_file import find_species, load_species
-from forest_addon.growth.leaves import measure_leaves
+from forest_addon.growth.mesh.leaves import measure_leaves
+from forest_addon.growth.mesh.trimesh import WOOD
 from forest_addon.growth.tree import SUNK, grow
-from forest_addon.growth.trimesh import WOOD
 from forest_addon.rng import stream
 from forest_addon.spec import Detail, Grammar, Leaf, Species
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from forest_addon.growth.leaves import Leaves, no_leaves
-from forest_addon.growth.meshing import mesh_wood
+from forest_addon.growth.mesh.leaves import Leaves, no_leaves
+from forest_addon.growth.mesh.meshing import mesh_wood
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.growth.tree import Tree
 from forest_addon.growth.truth import (

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from forest_addon.growth.trimesh import LEAF, TriMesh
-from forest_addon.sensing.geometry import SceneGeometry
+from forest_addon.growth.mesh.trimesh import LEAF, TriMesh
+from forest_addon.sensing.rays.geometry import SceneGeometry
 
 
 def scene_of(mesh: TriMesh, *transforms: np.ndarray) -> SceneGeometry:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from forest_addon.growth.trimesh import GROUND, WOOD, TriMesh
-from forest_addon.sensing.geometry import SceneGeometry
+from forest_addon.growth.mesh.trimesh import GROUND, WOOD, TriMesh
+from forest_addon.sensing.rays.geometry import SceneGeometry
 
 
 def scene_with(*meshes):

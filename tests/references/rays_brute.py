@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from forest_addon.sensing.geometry import SceneGeometry
-from forest_addon.sensing.rays import Hits
+from forest_addon.sensing.rays.caster import Hits
+from forest_addon.sensing.rays.geometry import SceneGeometry
 
 EDGE = 1e-12  # barycentric slack: a ray aimed at a shared edge meets at least one of its triangles
 PAIRS = 1_000_000  # rays x triangles at a time

@@ -6,7 +6,7 @@ import pytest
 from forest_addon.rng import stream
 from forest_addon.spec import Forest, Gaussian, Planting, Rows, SpecError
 from forest_addon.stand.inputs import Inputs, TreeList
-from forest_addon.stand.intensity import IntensityError
+from forest_addon.stand.intensity.functions import IntensityError
 from forest_addon.stand.layouts import orchard
 from forest_addon.stand.plan import plan_stand
 

@@ -8,11 +8,18 @@ from scipy import stats
 
 from forest_addon.rng import stream
 from forest_addon.spec import Forest, Gaussian, Planting
-from forest_addon.stand import layers
 from forest_addon.stand.compose import process_of
-from forest_addon.stand.intensity import Constant, Intensity, IntensityError, Mixture, Product, Sum
+from forest_addon.stand.intensity import layers
+from forest_addon.stand.intensity.functions import (
+    Constant,
+    Intensity,
+    IntensityError,
+    Mixture,
+    Product,
+    Sum,
+)
+from forest_addon.stand.intensity.polygon import Polygon
 from forest_addon.stand.poisson import MAX_POINTS, BoundViolation, sample
-from forest_addon.stand.polygon import Polygon
 from forest_addon.stand.process import Process
 
 LOW, SIZE = np.array([500_000.0, 5_400_000.0]), np.array([60.0, 40.0])  # UTM

@@ -8,8 +8,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
-from forest_addon.sensing import panorama
-from forest_addon.sensing.scanner import pattern_of
+from forest_addon.sensing.lidar import panorama
+from forest_addon.sensing.lidar.scanner import pattern_of
 from forest_addon.ui import images, plots
 
 RATE = 100_000.0

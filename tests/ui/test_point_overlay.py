@@ -8,7 +8,7 @@ bpy = pytest.importorskip("bpy")
 from forest_addon.blender.cloud import COLOUR_OF_ORGAN
 from forest_addon.blender.layout import CLOUD_KEY, COLOUR_BY
 from forest_addon.blender.nodes import drawn_input, has_input, set_input
-from forest_addon.growth.trimesh import LEAF, WOOD
+from forest_addon.growth.mesh.trimesh import LEAF, WOOD
 from forest_addon.ui.point_overlay import GAMMA, positions_and_colours
 
 

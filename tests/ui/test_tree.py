@@ -6,7 +6,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon.blender.meshes import from_mesh
-from forest_addon.growth.trimesh import LEAF
+from forest_addon.growth.mesh.trimesh import LEAF
 from forest_addon.ui import tree
 
 

@@ -1,0 +1,1 @@
+"""L-systems: strings that are rewritten, and turtles that read them."""

@@ -1,0 +1,205 @@
+"""A whole skeleton to triangles, all branches at once.
+
+Every axis becomes a closed tube as in ``tubes``: a ring of n corners is widened by π/(n·sin(π/n)), which
+gives it the circle's perimeter and so its mean silhouette; n follows from the tolerance. ``nodes`` sorts
+the axes by n, ``frames`` turns their rings; here rings of equal n become vertices by one matrix product
+and triangles by one sum. Where the radius steps, as between S's internodes, a node has two rings. Nothing
+loops over branches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..skeleton import Skeleton
+from .edges import tube_edges
+from .frames import ring_frames
+from .nodes import Line, lines_of, thin_nodes
+from .trimesh import WOOD, Edges, TriMesh
+
+STEP = 1e-12  # metres between two radii of a node from which it has two rings
+POINTED = 2e-5  # metres; a thinner tip is a point: float32 would flatten its ring
+
+
+def mesh_wood(
+    skeleton: Skeleton, tolerance: float = 0.001, *, sunk: float = 0.0, uv: bool = True
+) -> TriMesh:
+    """The wood of a skeleton: closed tubes, facing outwards, in material slot 0.
+
+    tolerance : metres between a ring and its circle, and between the tube and an axis whose nodes are
+        so nearly in line that they are left out.
+    sunk : metres that a root goes on below its start, so that no gap shows at the ground.
+    uv : also make texture coordinates: u whole turns of about a metre around, v metres from the foot.
+
+    Branches without a radius have no mesh. ``order`` of the result is that of each triangle's axis.
+    """
+    line = thin_nodes(lines_of(skeleton, tolerance, sunk), tolerance)
+    return _tubes(line, uv)
+
+
+@dataclass(frozen=True)
+class _Rings:
+    """R rings of A axes, axis by axis."""
+
+    plane: np.ndarray  # (R, 9) centre, and what cosine and sine are multiplied by
+    first: np.ndarray  # (A + 1,) first ring of each axis
+    axis: np.ndarray  # (R,)
+    wall: np.ndarray  # (R,) whether there is a wall above: not on the last ring of an axis
+    metres: np.ndarray  # (R,) along the axis from its foot
+
+
+def _rings(line: Line) -> _Rings:
+    """One ring around each node, two where the radius steps, none at a tip that is a point."""
+    across, beside = ring_frames(line)
+    last = line.first[1:] - 1
+    times = 1 + (np.abs(line.below - line.above) > STEP)
+    times[last] = line.below[last] > POINTED
+    node = np.repeat(np.arange(len(times)), times)
+    upper = np.diff(node, prepend=-1) == 0  # the second ring of its node
+    radius = np.where(upper | (times[node] == 1), line.above[node], line.below[node])
+    first = np.concatenate([[0], np.cumsum(times)[last]])
+    axis = np.repeat(np.arange(len(line.sides)), np.diff(first))
+    wall = np.ones(len(node), dtype=bool)
+    wall[first[1:] - 1] = False
+    around = line.sides[axis]
+    widened = np.maximum(radius, POINTED) * (np.pi / (around * np.sin(np.pi / around)))
+    plane = np.concatenate(
+        [line.point[node], across[node] * widened[:, None], beside[node] * widened[:, None]], axis=1
+    )
+    return _Rings(plane, first, axis, wall, _along(line)[node])
+
+
+def _tubes(line: Line, with_uv: bool) -> TriMesh:
+    """Rings around nodes, walls between rings, a fan at each end."""
+    sides, last = line.sides, line.first[1:] - 1
+    rings = _rings(line)
+    around = sides[rings.axis]
+    vertices = np.empty((int(around.sum() + 2 * len(sides)), 3))
+    count = int((2 * around[rings.wall]).sum() + 2 * sides.sum())
+    triangles = np.empty((count, 3), dtype=np.int32)
+    order = np.empty(count, dtype=np.int8)
+    texture = np.empty((count, 3, 2), dtype=np.float32) if with_uv else None
+    turns = np.empty(0)
+    if with_uv and len(sides):
+        thick = np.maximum.reduceat(line.above, line.first[:-1])
+        turns = np.maximum(np.rint(2 * np.pi * thick), 1.0)
+
+    known = []
+    v = t = 0
+    for n in np.unique(sides):
+        a, b = np.searchsorted(sides, [n, n + 1])  # axes of this group, and their rings
+        low, high = rings.first[a], rings.first[b]
+        size, tubes = int(high - low), int(b - a)
+        wall = np.flatnonzero(rings.wall[low:high])
+        feet, tips = rings.first[a:b] - low, rings.first[a + 1 : b + 1] - 1 - low
+        stop = t + 2 * n * (len(wall) + tubes)
+
+        angle = 2 * np.pi * np.arange(n) / n
+        circle = np.stack([np.ones(n), np.cos(angle), np.sin(angle)])  # (3, n)
+        spread = np.einsum("pc,ij->picj", circle, np.eye(3)).reshape(9, 3 * n)
+        middle = v + size * n
+        np.matmul(rings.plane[low:high], spread, out=vertices[v:middle].reshape(size, 3 * n))
+        vertices[middle : middle + tubes] = line.point[line.first[a:b]]
+        vertices[middle + tubes : middle + 2 * tubes] = line.point[last[a:b]]
+        _triangulate(triangles[t:stop], n, v, wall, feet, tips, middle)
+        known.append(tube_edges(n, v, 3 * t // 2, wall, feet, tips, size))  # closed: 2E = 3T
+
+        own = line.order[a:b]
+        order[t : t + 2 * n * len(wall)] = np.repeat(own[rings.axis[low:high][wall] - a], 2 * n)
+        order[t + 2 * n * len(wall) : stop] = np.tile(np.repeat(own, n), 2)
+        if texture is not None:
+            metres, turn = rings.metres[low:high], turns[rings.axis[low:high][wall]]
+            above = np.minimum(wall + 1, size - 1)
+            _texture(
+                *(texture[t:stop], n, turn, metres[wall], metres[above]),
+                *(turns[a:b], metres[feet], metres[tips]),
+            )
+        v, t = middle + 2 * tubes, stop
+
+    return TriMesh(
+        vertices=vertices,
+        triangles=triangles,
+        part=np.full(count, WOOD, dtype=np.int8),
+        leaf=np.full(count, -1, dtype=np.int32),
+        material=np.zeros(count, dtype=np.int32),
+        uv=texture,
+        order=order,
+        edges=Edges(
+            np.concatenate([e.ends for e in known] or [np.empty((0, 2), np.int32)]),
+            np.concatenate([e.of_corner for e in known] or [np.empty((0, 3), np.int32)]),
+        ),
+    )
+
+
+def _triangulate(
+    out: np.ndarray,
+    n: int,
+    vertex: int,
+    wall: np.ndarray,
+    feet: np.ndarray,
+    tips: np.ndarray,
+    middle: int,
+) -> None:
+    """Write a group's triangles into ``out``: walls, fans of feet, fans of tips.
+
+    vertex : the group's first. middle : of its first foot; those of the tips follow on those of the feet.
+    wall, feet, tips : rings, counted within the group.
+    """
+    corner = np.arange(n)
+    following = (corner + 1) % n
+    pattern = np.stack(
+        [corner, following, n + following, corner, n + following, n + corner], axis=1
+    ).reshape(-1)  # (6n,): two triangles a corner
+    count = len(feet)
+    walls, fans = out[: 2 * n * len(wall)], out[2 * n * len(wall) :].reshape(2, count, n, 3)
+    np.add(
+        (vertex + n * wall).astype(np.int32)[:, None],
+        pattern.astype(np.int32),
+        out=walls.reshape(-1, 6 * n),
+    )
+    ends = middle + np.arange(2 * count).reshape(2, count, 1)
+    low, high = (vertex + n * feet)[:, None], (vertex + n * tips)[:, None]
+    fans[..., 0] = ends
+    fans[0, :, :, 1], fans[0, :, :, 2] = low + following, low + corner
+    fans[1, :, :, 1], fans[1, :, :, 2] = high + corner, high + following
+
+
+def _texture(
+    out: np.ndarray,
+    n: int,
+    wall_turns: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    turns: np.ndarray,
+    foot: np.ndarray,
+    tip: np.ndarray,
+) -> None:
+    """Write texture coordinates of a group's walls, feet and tips into ``out`` (T, 3, 2)."""
+    here = (np.arange(n) / n).astype(np.float32)
+    there = here + np.float32(1 / n)
+    walls = out[: len(low) * 2 * n].reshape(-1, n, 2, 3, 2)
+    pattern = np.stack(
+        [np.stack([here, there, there], 1), np.stack([here, there, here], 1)], axis=1
+    )  # (n, 2, 3)
+    np.multiply(wall_turns.astype(np.float32)[:, None, None, None], pattern, out=walls[..., 0])
+    v = np.stack([low, low, high, low, high, high], axis=1).astype(np.float32)
+    walls[..., 1] = v.reshape(-1, 1, 2, 3)
+    ends = out[len(low) * 2 * n :].reshape(2, len(turns), n, 3, 2)
+    middle = here + np.float32(0.5 / n)
+    for end, fan, height in (
+        (0, np.stack([middle, there, here], 1), foot),
+        (1, np.stack([middle, here, there], 1), tip),
+    ):
+        ends[end, ..., 0] = turns[:, None, None] * fan
+        ends[end, ..., 1] = height[:, None, None]
+
+
+def _along(line: Line) -> np.ndarray:
+    """(N,) metres along its axis from the foot to each node."""
+    step = np.zeros(len(line.point))
+    step[1:] = np.linalg.norm(np.diff(line.point, axis=0), axis=1)
+    step[line.first[:-1]] = 0.0
+    total = np.cumsum(step)
+    return np.asarray(total - np.repeat(total[line.first[:-1]], np.diff(line.first)))

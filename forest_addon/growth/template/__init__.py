@@ -1,0 +1,1 @@
+"""Templates: a tree in facets is recognised, cut and grafted."""

@@ -1,0 +1,1 @@
+"""LiDAR: scanners, waveforms and point clouds; SIMLIDAR's tractor."""

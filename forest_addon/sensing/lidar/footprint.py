@@ -1,0 +1,76 @@
+"""Sub-rays of a beam: rays of equal energy that together are a Gaussian beam at every range.
+
+The intensity across the beam is exp(-2 r²/w²) with w(R)² = w₀² + (R·θ/2)², the radius at 1/e² of a beam
+of exit radius w₀ and full divergence θ (Siegman 1986, 17.1). Each sub-ray is a straight line on a
+hyperboloid of that shape, so that straight rays keep the curved envelope exactly: it starts at
+r·w₀·(cos φ, sin φ) and turns away at right angles to that, by r·θ/2·(-sin φ, cos φ) (skew rays: Steier
+1966, Appl. Opt. 5, 1229). With different divergences along both axes the two widths are exact, and the
+ellipse may be turned a little where the beam changes from its exit to its far field.
+
+The N rays share the beam into rings of equal energy, one ray a ring at its root-mean-square radius, so
+that the second moment of the footprint is exact for any N; from ring to ring they turn by the golden
+angle (Vogel 1979), and the whole by a random angle a pulse.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import xlogy
+
+from ...rng import keyed_uniform
+from ...spec import Beam
+from .scanner import Pulses
+
+GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+
+
+def radii(subrays: int) -> np.ndarray:
+    """(N,) distances from the axis, in units of w, from the axis outwards; one ray is on the axis.
+
+    The share of energy outside r is q = exp(-2 r²); the mean of r² = -ln(q)/2 over a ring is closed.
+    """
+    if subrays == 1:
+        return np.zeros(1)
+    edge = 1 - np.arange(subrays + 1) / subrays
+    inside = (edge - xlogy(edge, edge)) / 2  # the integral of -ln(q)/2
+    return np.sqrt(np.maximum(-np.diff(inside) * subrays, 0.0))
+
+
+def spread(pulses: Pulses, beam: Beam, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(P·N, 3) origins and unit directions of the sub-rays of P pulses, pulse by pulse.
+
+    keys : (P,) uint64 keys of the pulses, for the turn of each.
+    """
+    if beam.subrays == 1:
+        return pulses.origin, pulses.direction
+    r, angle = radii(beam.subrays), GOLDEN_ANGLE * np.arange(beam.subrays)
+    x, y = r * np.cos(angle), r * np.sin(angle)  # (N,) before the turn of each pulse
+    turn = 2 * np.pi * keyed_uniform(keys, "footprint")
+    cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
+    along, across = np.array(beam.divergence_mrad) * 0.5e-3
+    u, v = pulses.across, np.cross(pulses.direction, pulses.across)
+    exit_radius = beam.exit_diameter / 2
+    origin = _placed(
+        pulses.origin, exit_radius * (cos * u + sin * v), x, exit_radius * (cos * v - sin * u), y
+    )
+    way = _placed(
+        pulses.direction,
+        across * cos * v - along * sin * u,
+        x,
+        -along * cos * u - across * sin * v,
+        y,
+    )
+    way /= np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
+    return origin.T, way.T
+
+
+def _placed(
+    start: np.ndarray, a: np.ndarray, x: np.ndarray, b: np.ndarray, y: np.ndarray
+) -> np.ndarray:
+    """(3, P·N) start + a·x + b·y of vectors (P, 3) and numbers (N,), each coordinate in one piece."""
+    places = np.empty((3, len(a), len(x)))
+    for axis, place in enumerate(places):
+        np.multiply(a[:, axis, None], x, out=place)
+        place += b[:, axis, None] * y
+        place += start[:, axis, None]
+    return places.reshape(3, -1)

@@ -1,0 +1,98 @@
+"""What a ray meets on its way: the first surface, and where leaves let light through, those behind.
+
+A leaf of transmittance τ passes a whole ray with probability τ, as if it had holes that are the same on
+the way back; or it passes a share τ of the light, there and back again, so that what is behind n leaves
+sends back τ²ⁿ. The first is unbiased with one ray a leaf, the second needs no chance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...growth.mesh.trimesh import LEAF
+from ...rng import daughter_keys, keyed_uniform
+from ...spec import Surfaces
+from ..rays.caster import Hits, RayCaster
+from .returns import organs
+
+FAINT = 1e-6  # share of the light below which a ray is not followed further
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """C surfaces that send light back, those of one ray from the nearest on.
+
+    ray : (C,) number of the ray. hits : what it met. organ : (C,) int8 part of the tree.
+    light : (C,) share of the ray's light that gets there and back.
+    """
+
+    ray: np.ndarray
+    hits: Hits
+    organ: np.ndarray
+    light: np.ndarray
+
+
+def meet(
+    caster: RayCaster,
+    origins: np.ndarray,
+    directions: np.ndarray,
+    max_distance: float,
+    surfaces: Surfaces,
+    keys: np.ndarray,
+) -> Contacts:
+    """Follow rays (R, 3), (R, 3) until their light is spent or they leave the scene.
+
+    keys : (R,) uint64 keys of the rays, for chances.
+    """
+    ray = np.arange(len(origins))
+    light = np.ones(len(origins))
+    hits = caster.cast(origins, directions, max_distance)
+    found: list[Contacts] = []
+    while True:
+        met = np.flatnonzero(hits.found)
+        ray, light, hits = ray[met], light[met], hits.take(met)
+        organ = organs(caster.scene, hits)
+        sends, goes_on, kept = _split(organ, light, surfaces, keys[ray], len(found))
+        found.append(Contacts(ray[sends], hits.take(sends), organ[sends], light[sends]))
+        if not len(goes_on):
+            break
+        ray, light, behind = ray[goes_on], light[goes_on] * kept, hits.take(goes_on)
+        hits = caster.cast(
+            origins[ray],
+            directions[ray],
+            max_distance,
+            min_distance=behind.distance,
+            leaving=behind,
+        )
+    if len(found) == 1:
+        return found[0]
+    return Contacts(
+        ray=np.concatenate([c.ray for c in found]),
+        hits=Hits(
+            np.concatenate([c.hits.distance for c in found]),
+            np.concatenate([c.hits.instance for c in found]),
+            np.concatenate([c.hits.triangle for c in found]),
+        ),
+        organ=np.concatenate([c.organ for c in found]),
+        light=np.concatenate([c.light for c in found]),
+    )
+
+
+def _split(
+    organ: np.ndarray, light: np.ndarray, surfaces: Surfaces, keys: np.ndarray, before: int
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Rows that send light back, rows of rays that go on, and the share of their light that does.
+
+    before : how many surfaces these rays have met before.
+    """
+    share = surfaces.leaf_transmittance
+    rows = np.arange(len(organ))
+    if share == 0:
+        return rows, rows[:0], 0.0
+    leaf = organ == LEAF
+    if surfaces.passing == "share":
+        return rows, rows[leaf & (light * share**2 > FAINT)], share**2
+    through = leaf & (keyed_uniform(daughter_keys(keys, before), "leaf") < share)
+    return rows[~through], rows[through], 1.0

@@ -1,0 +1,63 @@
+"""How much light comes back: the LiDAR equation for surfaces that scatter as Lambert's law says.
+
+An energy E sent into a beam gives back to an aperture of diameter D from a surface at range R
+
+    E·η·(D²/4)·I,   I = ρ·|cos θ|·exp(-2·α·R)/R²
+
+with reflectance ρ, angle of incidence θ, extinction of the air α, and efficiency of the optics η (Wagner
+2010, ISPRS J. 65, 505, eq. 4, for a target that fills the beam). ``I``, in 1/m², is what a scan calls
+intensity: the share of what a white surface would send back that faces the scanner at 1 m in clear air.
+A pulse of several sub-rays adds theirs up, each with its share of the energy.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...growth.mesh.trimesh import GROUND, LEAF, OTHER, WOOD
+from ...spec import Scanner, Surfaces
+from ..rays.caster import Hits
+from ..rays.geometry import SceneGeometry
+
+
+def intensity(
+    reflectance: np.ndarray, cos_incidence: np.ndarray, distance: np.ndarray, extinction: float
+) -> np.ndarray:
+    """(R,) 1/m², the I of the equation above; distances in metres, extinction in 1/m."""
+    with np.errstate(divide="ignore"):
+        back: np.ndarray = reflectance * np.abs(cos_incidence) / distance**2
+    return back * np.exp(-2 * extinction * distance) if extinction else back
+
+
+def received_energy(
+    intensity: np.ndarray, pulse_energy: float, aperture: float, efficiency: float = 1.0
+) -> np.ndarray:
+    """(R,) joules that reach the detector; pulse energy in joules, diameter of the aperture in metres."""
+    energy: np.ndarray = pulse_energy * efficiency * aperture**2 / 4 * intensity
+    return energy
+
+
+def detection_limit(scanner: Scanner) -> float:
+    """The intensity, 1/m², below which nothing is seen: of the faintest surface at the largest range."""
+    return float(
+        intensity(
+            np.array(scanner.faintest),
+            np.array(1.0),
+            np.array(scanner.max_range),
+            scanner.beam.extinction,
+        )
+    )
+
+
+def reflectance_of(
+    scene: SceneGeometry, hits: Hits, organ: np.ndarray, surfaces: Surfaces
+) -> np.ndarray:
+    """(R,) reflectances: what material or object say, else what the part is."""
+    of_part = np.zeros(128)
+    of_part[[OTHER, WOOD, LEAF, GROUND]] = (
+        surfaces.other,
+        surfaces.wood,
+        surfaces.leaf,
+        surfaces.ground,
+    )
+    return scene.reflectance_at(hits.instance, hits.triangle, of_part[organ])

@@ -1,0 +1,161 @@
+"""A LiDAR scan: pulses go out, their sub-rays meet surfaces, echoes come back as a point cloud.
+
+    pulses (``scanner``) → sub-rays (``footprint``) → contacts (``passage``) → light that comes back
+    (``radiometry``) → echoes (``waveform``) → errors (``noise``) → returns with labels and truth
+
+Each pulse is a function of its number and the seed alone, so a scan may be cut anywhere. A surface
+counts where its distance lies in [min_range, max_range], both ends included; what is nearer hides what
+is behind it all the same. Limits hold for the true range; noise is added after.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ...rng import daughter_keys, first_key
+from ..rays.caster import RayCaster, hit_normals
+from . import noise
+from .cloud import Cloud, join
+from .footprint import spread
+from .passage import Contacts, meet
+from .radiometry import detection_limit, intensity, reflectance_of
+from .returns import cosines, label
+from .scanner import LiDAR, Pulses, pattern_of
+from .trajectory import Trajectory
+from .waveform import LIGHT, Echoes, find_echoes, pulse_length
+
+Progress = Callable[[int, int], None]
+RAYS_AT_ONCE = 65_536
+
+
+class Scan:
+    """A scanner in a scene, ready to send its pulses."""
+
+    def __init__(
+        self, scanner: LiDAR, caster: RayCaster, seed: int = 0, path: Trajectory | None = None
+    ) -> None:
+        self.scanner, self.caster = scanner, caster
+        self.pattern = pattern_of(scanner, path)
+        self._key = first_key(seed, "lidar", scanner.name)
+        self.pulses = self.pattern.count
+        self.at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
+
+    def look(self, first: int, stop: int) -> Cloud:
+        """The returns of the pulses from number ``first`` to before ``stop``."""
+        scanner, beam = self.scanner, self.scanner.beam
+        number = np.arange(first, stop)
+        pulses = self.pattern.pulses(number)
+        keys = daughter_keys(self._key, number)
+        origins, directions = spread(pulses, beam, keys)
+        ray_keys = keys
+        if beam.subrays > 1:
+            ray_keys = daughter_keys(
+                np.repeat(keys, beam.subrays), np.tile(np.arange(beam.subrays), len(number))
+            )
+        contacts = meet(
+            self.caster, origins, directions, scanner.max_range, scanner.surfaces, ray_keys
+        )
+        return self._measure(pulses, number, keys, directions, contacts)
+
+    def chunks(self, first: int = 0, at_once: int | None = None) -> Iterator[tuple[int, Cloud]]:
+        """Pieces of the scan from pulse ``first`` on: where each ends, and what it found."""
+        step = at_once or self.at_once
+        for begin in range(first, self.pulses, step):
+            stop = min(begin + step, self.pulses)
+            yield stop, self.look(begin, stop)
+
+    def _measure(
+        self,
+        pulses: Pulses,
+        number: np.ndarray,
+        keys: np.ndarray,
+        directions: np.ndarray,
+        contacts: Contacts,
+    ) -> Cloud:
+        """What the receiver makes of the light that comes back."""
+        scanner, scene = self.scanner, self.caster.scene
+        hits, ways = contacts.hits, directions[contacts.ray]
+        normal = hit_normals(scene, hits)
+        reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
+        energy = intensity(
+            reflectance * contacts.light / scanner.beam.subrays,
+            cosines(normal, ways),
+            hits.distance,
+            scanner.beam.extinction,
+        )
+        counts = np.flatnonzero((energy > 0) & (hits.distance >= scanner.min_range))
+        pulse, subray = np.divmod(contacts.ray[counts], scanner.beam.subrays)
+        sigma = pulse_length(scanner.beam.pulse_ns)
+        echoes = find_echoes(pulse, subray, hits.distance[counts], energy[counts], sigma)
+        echoes = _taken(echoes, np.flatnonzero(echoes.energy >= detection_limit(scanner)))
+
+        return_keys = daughter_keys(keys[echoes.pulse], _rank(echoes.pulse))
+        kept = np.flatnonzero(noise.kept(scanner.noise, return_keys))
+        echoes, return_keys = _taken(echoes, kept), return_keys[kept]
+        rank = _rank(echoes.pulse)
+        kept = np.flatnonzero(rank < scanner.beam.max_returns)
+        echoes, return_keys, rank = _taken(echoes, kept), return_keys[kept], rank[kept]
+
+        chosen = counts[echoes.contact]
+        seen = label(scene, hits.take(chosen), ways[chosen], normal[chosen])
+        measured = echoes.distance + noise.range_error(
+            scanner.noise, echoes.distance, seen.cos_incidence, return_keys
+        )
+        way = pulses.direction[echoes.pulse]
+        return Cloud(
+            position=pulses.origin[echoes.pulse] + measured[:, None] * way,
+            pulse=number[echoes.pulse],
+            time=pulses.time[echoes.pulse],
+            number=(rank + 1).astype(np.uint8),
+            count=np.bincount(echoes.pulse, minlength=len(pulses))[echoes.pulse].astype(np.uint8),
+            azimuth=np.arctan2(way[:, 1], way[:, 0]),
+            elevation=np.arcsin(np.clip(way[:, 2], -1, 1)),
+            scan_angle=pulses.scan_angle[echoes.pulse],
+            intensity=echoes.energy,
+            width=echoes.width * 2 / LIGHT,
+            true_range=echoes.distance,
+            returns=replace(seen, distance=measured),
+            pulses=len(pulses),
+            engine=self.caster.engine,
+        )
+
+
+def scan(
+    scanner: LiDAR,
+    caster: RayCaster,
+    seed: int = 0,
+    path: Trajectory | None = None,
+    progress: Progress | None = None,
+) -> Cloud:
+    """A whole scan in memory; ``formats.scan_file`` writes one of any size to disk.
+
+    seed : scene seed, for noise and chances. path : see ``scanner.pattern_of``.
+
+    Raises
+    ------
+    SpecError : a mobile scanner that has nowhere to go.
+    """
+    work = Scan(scanner, caster, seed, path)
+    found = []
+    for done, piece in work.chunks():
+        found.append(piece)
+        if progress:
+            progress(done, work.pulses)
+    return join(found)
+
+
+def _taken(echoes: Echoes, rows: np.ndarray) -> Echoes:
+    return Echoes(**{n: getattr(echoes, n)[rows] for n in Echoes.__dataclass_fields__})
+
+
+def _rank(pulse: np.ndarray) -> np.ndarray:
+    """(E,) how many echoes of the same pulse come before each, of sorted pulses."""
+    if not len(pulse):
+        return pulse
+    first = np.flatnonzero(np.append(True, np.diff(pulse) != 0))
+    size = np.diff(np.append(first, len(pulse)))
+    rank: np.ndarray = np.arange(len(pulse)) - np.repeat(first, size)
+    return rank

@@ -1,0 +1,1 @@
+"""Rays: the scene as sensors see it, and how it is asked."""

@@ -1,0 +1,123 @@
+"""The scene as the sensors see it: unique meshes in local space, and where each instance stands.
+
+``blender/depsgraph`` fills it from the evaluated scene. Meshes stay local and transforms float64, so
+that a forest costs the memory of its variants and a hit can be refined to float64 far from the origin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from ...growth.mesh.trimesh import LEAF, TriMesh
+from .boxes import morton
+
+PIECES = 64  # boxes that a mesh is bounded by
+BOXES = 1_000_000  # of all its instances together, so that memory stays small
+
+
+@dataclass(frozen=True)
+class SceneGeometry:
+    """I instances of unique meshes.
+
+    meshes : unique meshes, each in its local space.
+    transform : (I, 3, 4) float64, local to world.
+    mesh_index : (I,) int64, which of ``meshes``.
+    object_name : names of the objects that the instances come from.
+    tree : (I,) int64, tree id, -1 where the instance is no tree.
+    species : (I,) int64, species number, -1 where the instance is no tree.
+    object_index : (I,) int64, which of ``object_name``; left out: each instance has a name of its own.
+    reflectance : (I,) of the object, NaN where it says nothing; left out: nowhere.
+    slot_reflectance : for each mesh (S,) of its material slots, NaN likewise; left out: nowhere.
+    """
+
+    meshes: tuple[TriMesh, ...]
+    transform: np.ndarray
+    mesh_index: np.ndarray
+    object_name: tuple[str, ...]
+    tree: np.ndarray
+    species: np.ndarray
+    object_index: np.ndarray = None  # type: ignore[assignment]  # filled in by __post_init__
+    reflectance: np.ndarray = None  # type: ignore[assignment]
+    slot_reflectance: tuple[np.ndarray, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.object_index is None:
+            object.__setattr__(self, "object_index", np.arange(len(self), dtype=np.int64))
+        if self.reflectance is None:
+            object.__setattr__(self, "reflectance", np.full(len(self), np.nan))
+
+    def __len__(self) -> int:
+        return len(self.mesh_index)
+
+    def reflectance_at(
+        self, instance: np.ndarray, triangle: np.ndarray, otherwise: float
+    ) -> np.ndarray:
+        """(R,) reflectance of what was hit: of its material, else of its object, else ``otherwise``."""
+        found = np.where(instance >= 0, np.append(self.reflectance, np.nan)[instance], np.nan)
+        mesh_of = np.append(self.mesh_index, -1)[instance]
+        for index, slots in enumerate(self.slot_reflectance):
+            if np.isfinite(slots).any():
+                rows = np.flatnonzero(mesh_of == index)
+                slot = self.meshes[index].material[triangle[rows]]
+                own = slots[np.clip(slot, 0, len(slots) - 1)]
+                found[rows] = np.where(np.isnan(own), found[rows], own)
+        return np.where(np.isnan(found), otherwise, found)
+
+    def solid(self) -> SceneGeometry:
+        """The same scene without leaves: what blocks a sound, or a line of sight."""
+        return replace(self, meshes=tuple(m.select(m.part != LEAF) for m in self.meshes))
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """(I, 3) smallest and (I, 3) largest world coordinates of each instance; NaN where empty.
+
+        They are those of some boxes around pieces of the mesh: one around all of it would grow by half
+        when it is turned.
+        """
+        low = np.full((len(self), 3), np.nan)
+        high = low.copy()
+        order = np.argsort(self.mesh_index, kind="stable")
+        cuts = np.searchsorted(self.mesh_index[order], np.arange(len(self.meshes) + 1))
+        for mesh, (first, last) in zip(self.meshes, pairwise(cuts.tolist()), strict=True):
+            rows = order[first:last]
+            least, most = _pieces(mesh, int(np.clip(BOXES // max(len(rows), 1), 1, PIECES)))
+            if not len(least):
+                continue
+            linear, shift = self.transform[rows, :, :3], self.transform[rows, None, :, 3]
+            centre = np.einsum("nij,kj->nki", linear, (least + most) / 2) + shift
+            extent = np.einsum("nij,kj->nki", np.abs(linear), (most - least) / 2)
+            low[rows], high[rows] = (centre - extent).min(axis=1), (centre + extent).max(axis=1)
+        return low, high
+
+
+def _pieces(mesh: TriMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(K, 3), (K, 3) boxes around at most ``count`` groups of vertices that lie near each other."""
+    used = mesh.vertices[np.unique(mesh.triangles)]
+    used = used[np.isfinite(used).all(axis=1)]
+    first = np.unique(np.linspace(0, len(used), count, endpoint=False).astype(np.int64))
+    if not len(used):
+        return used, used
+    used = used[np.argsort(morton(used))]
+    return np.minimum.reduceat(used, first), np.maximum.reduceat(used, first)
+
+
+def apply_transform(transform: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Points (P, 3) through one (3, 4) transform."""
+    moved: np.ndarray = points @ transform[:, :3].T + transform[:, 3]
+    return moved
+
+
+def invert_transforms(transform: np.ndarray) -> np.ndarray:
+    """World-to-local (I, 3, 4); NaN for a singular transform, whose instance has no volume."""
+    linear = transform[:, :, :3]
+    size = np.abs(linear).max(axis=(1, 2), initial=0.0)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        regular = np.abs(np.linalg.det(linear / size[:, None, None])) > 1e-18
+    inverse = np.full_like(transform, np.nan)
+    inverse[regular, :, :3] = np.linalg.inv(linear[regular])
+    inverse[regular, :, 3] = -np.einsum(
+        "nij,nj->ni", inverse[regular, :, :3], transform[regular, :, 3]
+    )
+    return inverse

@@ -1,0 +1,133 @@
+"""What the engines share: batches in tasks, limits on both ends, chained rays, exact distances.
+
+An engine only searches in float32: which triangle does each ray meet first behind its ``start``?
+``Search`` answers all of ``RayCaster`` with that. The search begins a little before ``min_distance`` and
+ends a little behind ``max_distance``, the float64 distance of what was found then decides. Where it says
+no (too near, or the triangle that the ray leaves), the ray starts again just behind what it met, by a
+step that doubles from try to try.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from .caster import Hits, unit_columns
+from .geometry import SceneGeometry
+from .refine import Surfaces
+
+TASK = 32_768  # rays; a multiple of 16, so that packets do not depend on the number of threads
+MARGIN = 1e-3  # metres before min_distance where a search begins
+STEP = 1e-6  # metres: the first step behind what does not count
+
+
+class Search(ABC):
+    """A ``RayCaster`` over an engine's ``_nearest``, on ``threads`` threads."""
+
+    engine: str
+
+    def __init__(self, scene: SceneGeometry, threads: int = 1) -> None:
+        self.scene = scene
+        self.threads = threads
+        self._surfaces = Surfaces(scene)
+
+    @abstractmethod
+    def _nearest(
+        self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
+    ) -> Hits:
+        """The nearest triangle of each ray between ``start`` and ``limit`` (R,), as float32 sees it.
+
+        origins, directions : (3, R) float64, each coordinate one contiguous array; finite, unit
+        directions. Distances in the hits are exact and from the origin; they may lie a little outside
+        of the limits.
+        """
+
+    def cast(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_distance: float | np.ndarray = np.inf,
+        *,
+        min_distance: float | np.ndarray = 0.0,
+        leaving: Hits | None = None,
+    ) -> Hits:
+        """The closest hit of each ray; see ``RayCaster``."""
+        origins, directions = np.asarray(origins), np.asarray(directions)
+        count = len(origins)
+        far = np.broadcast_to(np.asarray(max_distance, dtype=np.float64), count)
+        near = np.broadcast_to(np.asarray(min_distance, dtype=np.float64), count)
+        hits = Hits.misses(count)
+
+        def task(part: slice) -> None:
+            left = None if leaving is None else leaving.take(part)
+            hits.put(part, self._cast(origins[part], directions[part], near[part], far[part], left))
+
+        self._run(task, [slice(first, first + TASK) for first in range(0, count, TASK)])
+        return hits
+
+    def occluded(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_distance: float | np.ndarray = np.inf,
+        *,
+        min_distance: float | np.ndarray = 0.0,
+        leaving: Hits | None = None,
+    ) -> np.ndarray:
+        """Whether anything is hit; see ``RayCaster``."""
+        return self.cast(
+            origins, directions, max_distance, min_distance=min_distance, leaving=leaving
+        ).found
+
+    def _run(self, task: Callable[[slice], None], parts: list[slice]) -> None:
+        if self.threads == 1 or len(parts) < 2:
+            for part in parts:
+                task(part)
+            return
+        with ThreadPoolExecutor(self.threads) as pool:
+            list(pool.map(task, parts))
+
+    def _cast(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        near: np.ndarray,
+        far: np.ndarray,
+        leaving: Hits | None,
+    ) -> Hits:
+        """One task."""
+        origins = np.array(origins.T, dtype=np.float64, order="C")
+        directions = unit_columns(directions.T)
+        left = Hits.misses(len(near)) if leaving is None else leaving
+        start = near - MARGIN if leaving is None else np.where(left.found, near, near - MARGIN)
+        hits = Hits.misses(len(near))
+        valid = np.isfinite(origins.sum(axis=0) + directions.sum(axis=0)) & (near <= far)
+        rays = np.flatnonzero(valid)
+        step = STEP
+        while len(rays):
+            hits.put(rays, self._nearest(*_taken(rays, origins, directions, start, far)))
+            refused = _refused(hits.take(rays), near[rays], left.take(rays))
+            rays = rays[refused]
+            start[rays] = np.maximum(start[rays], hits.distance[rays]) + step
+            step *= 2.0
+        hits.put(hits.distance > far, Hits.misses(1))
+        return hits
+
+
+def _taken(rays: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Some rays of arrays (..., R); no copies where they are all."""
+    if len(rays) == arrays[0].shape[-1]:
+        return arrays
+    return tuple(np.ascontiguousarray(array[..., rays]) for array in arrays)
+
+
+def _refused(hits: Hits, near: np.ndarray, left: Hits) -> np.ndarray:
+    """(R,) bool: what does not count, being too near or the triangle that the ray leaves."""
+    refused: np.ndarray = hits.distance < near
+    if left.found.any():
+        same = (hits.instance == left.instance) & (hits.triangle == left.triangle)
+        refused |= left.found & hits.found & (same | (hits.distance <= near))
+    return refused

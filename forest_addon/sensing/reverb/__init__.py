@@ -1,0 +1,1 @@
+"""Forest reverb: what trunks do to sound between sources and receivers."""

@@ -1,0 +1,335 @@
+"""The sound of a forest of trunks: the impulse response between a source and a receiver.
+
+Upright trunks, a source and a receiver go in; the pressure at the receiver comes out, for a source that
+sends one sample of height 1 as heard at 1 m (Kaneko & Gamper 2021, K). Under e^{+iωt}, with the
+absorption b of the air and k = 2πf/c:
+
+    direct   e^{-(b+ik)d}/d
+    ground   g·e^{-(b+ik)d'}/d', d' to the receiver mirrored at z = 0
+    trees    Σ_m β/(r_s·r_r^α)·e^{-(b+ik)(r_s+r_r)}·H(f, φ_m), H of ``acoustics/cylinder``
+
+r_s and r_r are horizontal distances to the trunk's axis. Where source or receiver stand on or in a
+trunk, its distance is taken as the radius. Nothing shades the scattered paths (single scattering);
+wood between source and receiver takes the direct and the ground sound away.
+
+The band ends in a smooth roll-off from 0.45 to 0.5 of the sampling rate, and the transform is longer
+than the last path and its ringing, so that nothing wraps around into the impulse response.
+
+A directed source weighs each part by its departure angle: towards the receiver, towards the ground's
+bounce, towards each trunk's axis in the horizontal plane. The ground's g is a constant, or Q of
+``acoustics/ground``. Several sources and receivers make a channel each; they share the forest and what
+the fast sum has set up.
+
+``tree_response`` gives the third part for one pair of source and receiver, by the exact or the fast
+sum; call it once a pair, with the same ``expansions``, which are what takes time to set up.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft
+
+from ...acoustics.air import absorption
+from ...acoustics.ground import SURFACES, spherical_reflection, surface_impedance
+from ...acoustics.spectrum import delay_factors
+from ...spec import Air, Reverb
+from ..rays.caster import RayCaster
+from .continuation import Field, continue_trunks
+from .directivity import OMNI, Directivity, Term
+from .ends import Ends, ends_of
+from .fast_scattering import Expansions
+from .model_error import ModelError, model_error
+from .scattering import SPREAD, roll_off
+from .slices import Trunks
+from .tree_response import TreeResponse, tree_response
+
+Progress = Callable[[int, int], None]
+Gain = Callable[[np.ndarray], np.ndarray]  # by frequency
+TrunksBetween = Callable[[np.ndarray, np.ndarray], Trunks]  # by source and receiver
+LOWEST = 1.0  # Hz; below it, the ground is as it is there
+NEAREST = (
+    0.1  # m; a source has an extent, so that the direct sound is not louder than at this distance
+)
+GROUND_CLEARANCE = (
+    0.05  # m; lower than this, a line of sight is not tested against the ground itself
+)
+MARGIN = 1e-3  # m; so near its end, a line of sight is not tested
+
+
+@dataclass(frozen=True)
+class ImpulseResponse:
+    """The pressure at the receiver, sample 0 when the source sounds.
+
+    sample_rate : Hz. direct, ground, trees : (N,) the three parts, re the source's impulse at 1 m.
+    direct_delay : seconds from source to receiver in a straight line, whether blocked or not.
+    direct_clear, ground_clear : whether wood leaves the direct and the ground sound their way.
+    trunks : how many trunks were heard. continued : how many of them stand beyond the field.
+    late : how many more are so far away that they would be heard after the end.
+    clamped : how many trunks cover the source or the receiver.
+    exact : whether every trunk was summed at every frequency, rather than to the tolerance.
+    model_error : what single scattering leaves out, None if it was not asked for.
+    channel : which source and which receiver. further : the responses of further pairs.
+    """
+
+    sample_rate: float
+    direct: np.ndarray
+    ground: np.ndarray
+    trees: np.ndarray
+    direct_delay: float
+    direct_clear: bool
+    ground_clear: bool
+    trunks: int
+    continued: int
+    late: int
+    clamped: int
+    exact: bool
+    model_error: ModelError | None = None
+    channel: str = "source to receiver"
+    further: tuple[ImpulseResponse, ...] = ()
+
+    @property
+    def channels(self) -> tuple[ImpulseResponse, ...]:
+        """This response and the further ones."""
+        return (self, *self.further)
+
+    @property
+    def samples(self) -> np.ndarray:
+        """(N,) the impulse response, all parts together."""
+        return self.direct + self.ground + self.trees
+
+
+def channels_of(found: ImpulseResponse) -> np.ndarray:
+    """(N,) samples of one channel, or (N, C) of several."""
+    samples = np.column_stack([channel.samples for channel in found.channels])
+    return samples[:, 0] if samples.shape[1] == 1 else samples
+
+
+def impulse_response(
+    trunks: Trunks | TrunksBetween,
+    reverb: Reverb,
+    air: Air,
+    *,
+    ends: Ends | None = None,
+    directivity: Directivity = OMNI,
+    wood: RayCaster | None = None,
+    rng: np.random.Generator | None = None,
+    field: Field | None = None,
+    expansions: Expansions | None = None,
+    progress: Progress | None = None,
+) -> ImpulseResponse:
+    """The impulse responses of a forest: that of the first channel, with the ``further`` ones in it.
+
+    trunks : of the modelled field, all of them scatter; or a function of source and receiver.
+    ends : sources and receivers; None: those that ``reverb`` has without Blender's objects.
+    directivity : of every source; where they point is in ``reverb``.
+    wood : what blocks the direct and the ground sound; None: nothing does.
+    rng, field : for ``reverb.continue_to``: the random stream, and corner and extent of the field.
+    expansions : what the fast sum set up for other responses; None: it is set up for this one.
+    progress : called as progress(done, total).
+
+    Raises
+    ------
+    ValueError : ``continue_to`` is set and ``rng`` or ``field`` is missing.
+    """
+    ends = ends_of(reverb) if ends is None else ends
+    prepared = Expansions() if expansions is None else expansions
+    between = trunks if callable(trunks) else lambda source, receiver: trunks
+    beyond = continuation(between(*ends.pairs[0]), reverb, ends.on_ground, rng, field)
+    found = []
+    for number, (source, receiver) in enumerate(ends.pairs):
+        hears = _Pair(
+            source, receiver, reverb, air, directivity, lines_of_sight(source, receiver, wood)
+        )
+        found.append(
+            hears.response(
+                ends.channels[number],
+                between(source, receiver),
+                beyond,
+                prepared,
+                None if number else reverb.rescattering,
+                _share_of(progress, number, len(ends.pairs)),
+            )
+        )
+    return replace(found[0], further=tuple(found[1:]))
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """A source, a receiver and what is between them; ``clear`` : direct and ground sound pass."""
+
+    source: np.ndarray
+    receiver: np.ndarray
+    reverb: Reverb
+    air: Air
+    directivity: Directivity
+    clear: tuple[bool, bool]
+
+    def response(
+        self,
+        channel: str,
+        trunks: Trunks,
+        beyond: Trunks,
+        expansions: Expansions,
+        rescattering: int | None,
+        progress: Progress | None,
+    ) -> ImpulseResponse:
+        """The response with trunks of the field and those beyond it."""
+        forest = trunks.joined(beyond)
+        trees = self._trees(forest, expansions, progress)
+        count, rate, air = len(trees.samples), self.reverb.sample_rate, self.air
+        mirrored = self.receiver * (1.0, 1.0, -1.0)
+        straight, bounced = (
+            max(math.dist(self.source, end), NEAREST) for end in (self.receiver, mirrored)
+        )
+        direct, ground = self.clear
+        return ImpulseResponse(
+            sample_rate=rate,
+            direct=arrival(straight, self._sent_to(self.receiver), rate, count, air)
+            if direct
+            else np.zeros(count),
+            ground=arrival(bounced, self._reflected(mirrored, bounced), rate, count, air)
+            if ground
+            else np.zeros(count),
+            trees=trees.samples,
+            direct_delay=math.dist(self.source, self.receiver) / air.speed(),
+            direct_clear=direct,
+            ground_clear=ground,
+            trunks=int(trees.heard.sum()),
+            continued=int(trees.heard[len(trunks) :].sum()),
+            late=int((~trees.heard).sum()),
+            clamped=trees.clamped,
+            exact=trees.exact,
+            model_error=model_error(forest, self.source, self.receiver, rescattering, air)
+            if rescattering
+            else None,
+            channel=channel,
+        )
+
+    def _trees(
+        self, forest: Trunks, expansions: Expansions, progress: Progress | None
+    ) -> TreeResponse:
+        """The trunks' sound: a sum for each product that the directivity is made of."""
+        away = np.zeros((len(forest), 3))
+        away[:, :2] = forest.position - self.source[:2]
+        cosine = self._from_axis(away)
+        allowed = max(0.1 * self.reverb.tolerance, 1e-9)
+        parts = []
+        for term in self.directivity.terms(allowed):
+            part = tree_response(
+                forest,
+                self.source,
+                self.receiver,
+                self.reverb,
+                self.air,
+                gain=term.gains(cosine),
+                expansions=expansions,
+                progress=progress,
+            )
+            parts.append(
+                replace(part, samples=_filtered(part.samples, term, self.reverb.sample_rate))
+            )
+        return replace(parts[0], samples=np.sum([part.samples for part in parts], axis=0))
+
+    def _sent_to(self, end: np.ndarray) -> Gain:
+        cosine = float(self._from_axis((end - self.source)[None])[0])
+        return lambda frequency: self.directivity.at(cosine, frequency)
+
+    def _reflected(self, mirrored: np.ndarray, path: float) -> Gain:
+        """What is sent towards the mirrored receiver, times what the ground sends back."""
+        sent, reverb = self._sent_to(mirrored), self.reverb
+        if reverb.surface == "constant":
+            return lambda frequency: reverb.ground * sent(frequency)
+        resistivity = reverb.flow_resistivity or SURFACES[reverb.surface]
+        rise = float(self.source[2] + self.receiver[2])
+
+        def reflected(frequency: np.ndarray) -> np.ndarray:
+            audible = np.maximum(frequency, LOWEST)
+            impedance = surface_impedance(audible, resistivity, reverb.impedance_model)
+            return sent(frequency) * spherical_reflection(
+                audible, path, rise, impedance, self.air.speed()
+            )
+
+        return reflected
+
+    def _from_axis(self, way: np.ndarray) -> np.ndarray:
+        """(M,) cosines between ways (M, 3) and the source's axis; 1 where a way has no length."""
+        azimuth = math.radians(self.reverb.facing_azimuth_deg)
+        elevation = math.radians(self.reverb.facing_elevation_deg)
+        level = math.cos(elevation)
+        axis = np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])
+        length = np.linalg.norm(way, axis=1)
+        cosine = np.divide(way @ axis, length, out=np.ones(len(way)), where=length > 0)
+        return np.clip(cosine, -1.0, 1.0)
+
+
+def _filtered(samples: np.ndarray, term: Term, rate: float) -> np.ndarray:
+    """(N,) samples through a term's factors of frequency, which have no phase."""
+    if term.flat:
+        return samples * term.of_frequency[0]
+    size = fft.next_fast_len(2 * len(samples), real=True)
+    spectrum = fft.rfft(samples, size) * term.spectrum(np.arange(size // 2 + 1) * (rate / size))
+    filtered: np.ndarray = fft.irfft(spectrum, size)[: len(samples)]
+    return filtered
+
+
+def _share_of(progress: Progress | None, number: int, count: int) -> Progress | None:
+    """The progress of one channel of several, as that of all."""
+    if progress is None:
+        return None
+    return lambda done, total: progress(done + number * total, count * total)
+
+
+def arrival(path: float, gain: Gain, rate: float, count: int, air: Air) -> np.ndarray:
+    """(count,) samples of one arrival, gain(f)/path·e^{-(b+ik)path}, after ``path`` metres."""
+    delay = path / air.speed()
+    if (delay - count / rate) * rate > SPREAD:
+        return np.zeros(count)
+    size = fft.next_fast_len(max(count, math.ceil(delay * rate)) + 2 * SPREAD, real=True)
+    frequency = np.arange(size // 2 + 1) * (rate / size)
+    loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
+    carried = delay_factors(0.0, rate / size, len(frequency), np.array([delay]))[:, 0]
+    spectrum = gain(frequency) / path * np.exp(-loss * path) * carried * roll_off(frequency / rate)
+    samples: np.ndarray = fft.irfft(spectrum, size)[:count]
+    return samples
+
+
+def lines_of_sight(
+    source: np.ndarray, receiver: np.ndarray, wood: RayCaster | None
+) -> tuple[bool, bool]:
+    """Whether the direct and the ground sound, from (3,) to (3,), pass the wood.
+
+    The ground sound goes down towards z = 0 and up again; below ``GROUND_CLEARANCE`` its way is cut
+    short, so that the ground does not hide itself.
+    """
+    if wood is None:
+        return True, True
+    low, high = source[2], receiver[2]
+    bounce = source + (receiver - source) * (low / (low + high))
+    bounce[2] = 0.0
+    down, up = (
+        end + (bounce - end) * max(0.0, 1.0 - GROUND_CLEARANCE / end[2])
+        for end in (source, receiver)
+    )
+    start = np.stack([source, source, down, up])
+    way = np.stack([receiver, down, up, receiver]) - start
+    blocked = wood.occluded(start, way, np.maximum(np.linalg.norm(way, axis=1) - MARGIN, 0.0))
+    return not blocked[0], not blocked[1:].any()
+
+
+def continuation(
+    trunks: Trunks,
+    reverb: Reverb,
+    ends: np.ndarray,
+    rng: np.random.Generator | None,
+    field: Field | None,
+) -> Trunks:
+    """The trunks of the forest beyond the field, none of them over the ends (P, 2)."""
+    if reverb.continue_to <= 0:
+        return trunks.select(np.empty(0, np.int64))
+    if rng is None or field is None:
+        raise ValueError("continue_to needs a random stream and the field's corner and extent")
+    return continue_trunks(trunks, field, ends.mean(axis=0), reverb.continue_to, rng, clear=ends)

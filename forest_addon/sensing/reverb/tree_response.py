@@ -1,0 +1,112 @@
+"""What one receiver hears of one source by way of the trunks: the exact sum, or a fast one.
+
+Trunks, a source and a receiver go in, samples come out. ``tolerance`` chooses the way: 0 sums every
+trunk at every frequency (``scattering``), a larger one allows a relative error and uses separable
+expansions (``fast_scattering``). A few trunks are summed exactly in any case, because that is as fast.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from ...acoustics.air import absorption
+from ...spec import Air, Reverb
+from .fast_scattering import FEW_RADII, Expansions
+from .scattering import (
+    LONGEST_RINGING,
+    RINGING,
+    SPREAD,
+    TrunkPaths,
+    roll_off,
+    scattered_spectrum,
+    trunk_paths,
+)
+from .slices import Trunks
+
+Progress = Callable[[int, int], None]
+FEW = 50  # trunks of few different radii that are summed exactly
+FEW_SUMMANDS = 1.2e8  # trunks of many radii by samples of the response that are summed exactly
+
+
+@dataclass(frozen=True)
+class TreeResponse:
+    """The pressure at the receiver by way of the trunks, sample 0 when the source sounds.
+
+    samples : (N,) re the source's impulse at 1 m.
+    heard : (M,) bool, which trunks are heard before the end.
+    clamped : how many trunks cover the source or the receiver.
+    exact : whether every trunk was summed at every frequency.
+    """
+
+    samples: np.ndarray
+    heard: np.ndarray
+    clamped: int
+    exact: bool
+
+
+def tree_response(
+    trunks: Trunks,
+    source: np.ndarray,
+    receiver: np.ndarray,
+    reverb: Reverb,
+    air: Air,
+    *,
+    gain: np.ndarray | None = None,
+    expansions: Expansions | None = None,
+    progress: Progress | None = None,
+) -> TreeResponse:
+    """The sound of all trunks from a source to a receiver, each (3,) or (2,) metres.
+
+    reverb : its sample_rate, duration, strength, spreading and tolerance are used.
+    gain : (M,) amplitude of each trunk's path besides K's weight, as of a directed source; None: 1.
+    expansions : what the fast sum set up for other pairs; None: it is set up for this one.
+    progress : called as progress(trunks done, all trunks), by the exact sum alone.
+    """
+    paths = trunk_paths(
+        trunks,
+        np.asarray(source)[:2],
+        np.asarray(receiver)[:2],
+        reverb.strength,
+        reverb.spreading,
+        gain,
+    )
+    count = max(1, round(reverb.duration * reverb.sample_rate))
+    heard = paths.earliest <= (reverb.duration + SPREAD / reverb.sample_rate) * air.speed()
+    within = paths.select(heard)
+    exact = reverb.tolerance == 0 or len(within.length) <= _soon_summed(within.radius, count)
+    if exact:
+        samples = direct_sum(within, reverb.sample_rate, count, air, progress)
+    else:
+        prepared = Expansions() if expansions is None else expansions
+        samples = prepared.sum(within, reverb.sample_rate, count, air, reverb.tolerance)
+    return TreeResponse(samples, heard, int(paths.clamped.sum()), exact)
+
+
+def _soon_summed(radius: np.ndarray, count: int) -> int:
+    """Up to so many trunks the exact sum takes no longer than setting up the fast one."""
+    few = len(np.unique(radius)) <= FEW_RADII
+    return FEW if few else int(FEW_SUMMANDS / count)
+
+
+def direct_sum(
+    paths: TrunkPaths, rate: float, count: int, air: Air, progress: Progress | None = None
+) -> np.ndarray:
+    """(count,) samples at ``rate`` Hz from every trunk at every frequency, in float64.
+
+    The transform is longer than the last path and its ringing: nothing wraps around.
+    """
+    if len(paths.length) == 0:
+        return np.zeros(count)
+    ringing = np.minimum(RINGING * paths.radius / air.speed(), LONGEST_RINGING)
+    size = math.ceil(float((paths.length / air.speed() + ringing).max()) * rate)
+    size = fft.next_fast_len(max(size, count) + 2 * SPREAD, real=True)
+    frequency = np.arange(size // 2 + 1) * (rate / size)
+    loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
+    spectrum = scattered_spectrum(paths, rate / size, loss, air.speed(), progress)
+    whole: np.ndarray = fft.irfft(spectrum * roll_off(frequency / rate), size)
+    return whole[:count]

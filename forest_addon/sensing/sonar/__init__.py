@@ -1,0 +1,1 @@
+"""Biosonar: what a bat-like sonar hears of leaves, wood and ground."""

@@ -1,0 +1,90 @@
+"""What a sonar sends: calls, as samples and as spectra.
+
+A pulse of the whole band (Hann window, the seed's), a hyperbolic sweep (FM), a tone that ends in such a
+sweep (CF-FM, a horseshoe bat's), or samples of one's own. A call is sent at 1 m on the axis with a
+largest pressure of 1; an echo's spectrum is the call's times the transfer function of the scene.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...spec import Sonar
+
+EDGE = 0.1  # share of a call over which it fades in, and out
+ROOM = 0.05  # share of the band left free at each end, where a call's spectrum falls off
+SWEEP = 0.2  # share of a CF-FM call that is its sweep
+
+
+@dataclass(frozen=True)
+class Call:
+    """N samples of pressure re 1 m on the axis, the largest 1, and their rate in Hz."""
+
+    samples: np.ndarray
+    sample_rate: float
+
+    @property
+    def duration(self) -> float:
+        """Seconds."""
+        return len(self.samples) / self.sample_rate
+
+    def spectrum(self, frequency: np.ndarray) -> np.ndarray:
+        """(K,) complex Σ x_n e^{-i2πfn/rate}, by the chirp z-transform on an even grid."""
+        from scipy.signal import zoom_fft
+
+        if len(frequency) < 2:
+            steps = np.outer(frequency, np.arange(len(self.samples)) / self.sample_rate)
+            return np.exp(-2j * math.pi * steps) @ self.samples
+        ends = [float(frequency[0]), float(frequency[-1])]
+        return zoom_fft(self.samples, ends, m=len(frequency), fs=self.sample_rate, endpoint=True)
+
+    def spectrum_at(self, frequency: np.ndarray, factor: float) -> np.ndarray:
+        """The spectrum of the call played ``factor`` times faster: X(f/factor)/factor."""
+        return self.spectrum(frequency / factor) / factor
+
+
+def synthesise(sonar: Sonar) -> Call:
+    """The FM or CF-FM call of a sonar, a little within its band."""
+    rate = sonar.sample_rate
+    time = np.arange(max(2, round(sonar.call_duration * rate))) / rate
+    room = ROOM * (sonar.band[1] - sonar.band[0])
+    low, high = sonar.band[0] + room, sonar.band[1] - room
+    sweep = sonar.call_duration * (1.0 if sonar.call == "fm" else SWEEP)
+    turns = _sweep(time - (sonar.call_duration - sweep), sweep, low, high)
+    samples = np.sin(2.0 * math.pi * turns) * _fade(len(time))
+    return Call(samples / np.abs(samples).max(), rate)
+
+
+def resampled(samples: np.ndarray, rate: float, sonar: Sonar) -> Call:
+    """Samples (N,) or (N, channels) of any rate as a call at the sonar's, the first channel.
+
+    Raises
+    ------
+    ValueError : they are silent.
+    """
+    from scipy.signal import resample
+
+    first = np.asarray(samples, dtype=np.float64).reshape(len(samples), -1)[:, 0]
+    peak = np.abs(first).max(initial=0.0)
+    if not peak > 0:
+        raise ValueError("the call's WAV file is silent; give one with a sound in it")
+    count = max(1, round(len(first) * sonar.sample_rate / rate))
+    if count != len(first):
+        first = resample(first, count)
+    return Call(first / np.abs(first).max(), sonar.sample_rate)
+
+
+def _sweep(time: np.ndarray, length: float, low: float, high: float) -> np.ndarray:
+    """Turns of a tone at ``high`` until 0, then of a fall to ``low`` in which the period grows evenly."""
+    rate = (1.0 / low - 1.0 / high) / length  # of the period, per second
+    falling = np.log1p(np.maximum(time, 0.0) * rate * high) / rate if rate > 0 else high * time
+    return np.where(time < 0, high * time, falling)
+
+
+def _fade(count: int) -> np.ndarray:
+    from scipy.signal.windows import tukey
+
+    return tukey(count + 2, 2 * EDGE)[1:-1]

@@ -1,0 +1,234 @@
+"""A ping at a scene: the echo of leaves, wood and ground, as a bat-like sonar hears it (T20).
+
+What sounds back (``targets``) goes in; the echo's spectrum and impulse response at every ear come out.
+With f_i the scattering amplitude, S the beams of call and ear, b the absorption of the air, r_t and r_e
+the distances from mouth and to ear,
+
+    Y(f) = Σ_i S_emit·S_hear·f_i(k)/(r_t·r_e)·e^{-b(f)(r_t + r_e)}·e^{-ik(r_t + r_e)}
+
+is the echo's pressure relative to the sent one at 1 m on the axis; S·L·λ/(2πr²) of T20 is the same.
+
+The impulse response is the echo of a call whose spectrum is a Hann window over the band and whose
+envelope at 1 m on the axis has the peak 1. So a leaf gives a pulse at 2r/c with the height of its |A|,
+averaged over the band. The record reaches past the farthest that is heard, and past the pulse's tails:
+nothing wraps around. ``Echo.waveform`` is the echo of the sonar's own call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+from scipy import fft
+
+from ...spec import Air, Sonar
+from ..rays.caster import RayCaster
+from .bands import Band, Grid, grid_of
+from .discs import LeafDiscs, leaf_discs
+from .doppler import shifted_sum, widened
+from .poses import Pose, posed
+from .search import Group, mean_amplitude, search
+from .shading import Extinction, behind_wood
+from .station import Equipment, Station
+from .summation import sum_echoes
+from .targets import Targets
+
+__all__ = ["Contributions", "Echo", "LeafDiscs", "Targets", "leaf_discs", "ping"]
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Contributions:
+    """What M scatterers add, the loudest first.
+
+    kind : (M,) text, "leaf", "wood" or "facet". instance, tree, number : (M,) int64, of the scene, the
+    stand (-1 where none) and the mesh. position : (M, 3) metres. distance : (M,) metres from the mouth.
+    delay : (M,) s at the first ear. amplitude : (M,) mean |A| over the band (Hann).
+    """
+
+    kind: np.ndarray
+    instance: np.ndarray
+    tree: np.ndarray
+    number: np.ndarray
+    position: np.ndarray
+    distance: np.ndarray
+    delay: np.ndarray
+    amplitude: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.amplitude)
+
+    def around(self, time: float, sample_rate: float) -> np.ndarray:
+        """Rows whose echo lies within a sample of ``time`` s, the loudest first."""
+        return np.flatnonzero(np.abs(self.delay - time) <= 1.0 / sample_rate)
+
+
+@dataclass(frozen=True)
+class Echo:
+    """The echo of one ping; pressures are relative to what was sent, at 1 m on the axis.
+
+    frequency : (K,) Hz, the band. spectra : (E, K) complex, the transfer function, not windowed.
+    time : (N,) s after the call. responses : (E, N) of the band's pulse. envelopes : (E, N) of their
+    analytic signals. waveforms : (E, N) of the sonar's call; those of a pulse are the responses.
+    leaves, others : how many leaves, and cylinders and facets before they are
+    cut, the scene has of the kinds that sound. near, far, broken, hidden, late : scatterers outside the
+    limits of range, not finite, behind wood, after the end of the record.
+    cull_bound : all that is left out as too weak adds at most this share of Σ|A| of what is heard.
+    """
+
+    frequency: np.ndarray
+    spectra: np.ndarray
+    time: np.ndarray
+    responses: np.ndarray
+    envelopes: np.ndarray
+    waveforms: np.ndarray
+    leaves: int
+    others: int
+    near: int
+    far: int
+    broken: int
+    hidden: int
+    late: int
+    cull_bound: float
+    sound_speed: float
+    sample_rate: float
+    pose: Pose
+    list_heard: Callable[[], Contributions]
+
+    @cached_property
+    def heard(self) -> Contributions:
+        """What is in the sum; listed when it is first asked for."""
+        return self.list_heard()
+
+    @property
+    def spectrum(self) -> np.ndarray:
+        """(K,) at the first ear."""
+        first: np.ndarray = self.spectra[0]
+        return first
+
+    @property
+    def impulse_response(self) -> np.ndarray:
+        """(N,) at the first ear."""
+        first: np.ndarray = self.responses[0]
+        return first
+
+    @property
+    def envelope(self) -> np.ndarray:
+        """(N,) at the first ear."""
+        first: np.ndarray = self.envelopes[0]
+        return first
+
+    @property
+    def leaves_heard(self) -> int:
+        """How many leaves are in the sum."""
+        return int(np.count_nonzero(self.heard.kind == "leaf"))
+
+
+def ping(
+    targets: Targets | LeafDiscs,
+    sonar: Sonar,
+    air: Air,
+    wood: RayCaster | None = None,
+    progress: Progress | None = None,
+    *,
+    pose: Pose | None = None,
+    equipment: Equipment | None = None,
+    everything: RayCaster | None = None,
+) -> Echo:
+    """Send one ping and sum the echo of all that sounds.
+
+    wood : what hides scatterers where ``sonar.shading`` has "trunks"; None: nothing does.
+    progress : called as progress(scatterers done, all of them).
+    pose : where the sonar is, in place of the one its settings say.
+    equipment : beams and call; needed where the settings name files.
+    everything : rays that meet leaves, needed where ``sonar.shading`` has "extinction".
+
+    Raises
+    ------
+    ValueError : the record would be longer than memory, or something needed is not given; the sentence
+        says what to change.
+    """
+    if isinstance(targets, LeafDiscs):
+        targets = Targets.of_discs(targets)
+    station = Station(sonar, air, pose or posed(sonar), equipment or Equipment.of(sonar))
+    call = station.equipment.call
+    band, rate = Band(*sonar.band), sonar.sample_rate
+    hidden = behind_wood(wood, station.point) if wood and "trunks" in sonar.shading else None
+    found = search(targets, station, band, hidden, sonar.record or np.inf)
+    if "extinction" in sonar.shading:
+        if everything is None:
+            raise ValueError("shading by extinction needs rays that meet leaves; give a caster")
+        found = Extinction(everything, station).shade(found)
+    latest = max((float(g.paths.length.max()) for g in found.groups), default=0.0)
+    lasts = call.duration if call else 0.0
+    moving = float(np.linalg.norm(station.pose.velocity)) if call and sonar.doppler else 0.0
+    wide = widened(band, moving, station.sound_speed) if moving else band
+    grid = grid_of(wide, rate, latest / station.sound_speed, sonar.record, lasts)
+    spectra = sum_echoes(found.groups, station, grid, sonar.tolerance, progress)
+
+    window = band.window(grid.frequency)
+    analytic = _in_time(spectra * window, grid, grid.length / window.sum())
+    waveforms = np.ascontiguousarray(analytic.real)
+    responses = waveforms
+    if call is not None:
+        sent = call.spectrum(grid.frequency)
+        if moving:
+            called = shifted_sum(found.groups, station, wide, grid, sonar.tolerance, call)
+        else:
+            called = spectra * sent
+        waveforms = _in_time(called, grid, 2.0).real
+    return Echo(
+        frequency=grid.frequency,
+        spectra=spectra,
+        time=np.arange(grid.samples) / rate,
+        responses=responses,
+        envelopes=np.abs(analytic),
+        waveforms=waveforms,
+        leaves=targets.total(sonar, "leaf"),
+        others=targets.total(sonar) - targets.total(sonar, "leaf"),
+        **vars(found.counts),
+        cull_bound=found.bound,
+        sound_speed=station.sound_speed,
+        sample_rate=rate,
+        pose=station.pose,
+        list_heard=partial(_contributions, found.groups, station, band, targets),
+    )
+
+
+def _in_time(spectra: np.ndarray, grid: Grid, scale: float) -> np.ndarray:
+    """(E, N) analytic signals of one-sided spectra (E, K): scale·(1/length)·Σ_k."""
+    if grid.count == 1:
+        turns = grid.start / grid.spacing * np.arange(grid.samples)
+        tone: np.ndarray = spectra * np.exp(2j * np.pi * np.remainder(turns, 1.0))
+        return tone
+    analytic = np.zeros((len(spectra), grid.length), dtype=np.complex128)
+    first = round(grid.start / grid.spacing)
+    analytic[:, first : first + grid.count] = spectra
+    return fft.ifft(analytic, axis=1, overwrite_x=True)[:, : grid.samples] * scale
+
+
+def _contributions(
+    groups: list[Group], station: Station, band: Band, targets: Targets
+) -> Contributions:
+    """What each adds, loudest first."""
+    if not groups:
+        none, whole = np.empty(0), np.empty(0, np.int64)
+        empty = np.empty(0, "U5")
+        return Contributions(empty, whole, whole, whole, np.empty((0, 3)), none, none, none)
+    amplitude = np.concatenate([mean_amplitude(g, station, band) for g in groups])
+    order = np.argsort(-amplitude, kind="stable")
+    instance = np.concatenate([g.instance for g in groups])[order]
+    legs = np.concatenate([g.paths.length[0] for g in groups])[order]
+    return Contributions(
+        kind=np.repeat([g.scatterers.kind for g in groups], [len(g) for g in groups])[order],
+        instance=instance,
+        tree=targets.scene.tree[instance],
+        number=np.concatenate([g.scatterers.number for g in groups])[order],
+        position=np.concatenate([g.scatterers.centre for g in groups])[order],
+        distance=np.concatenate([g.paths.distance for g in groups])[order],
+        delay=legs / station.sound_speed,
+        amplitude=amplitude[order],
+    )

@@ -1,0 +1,198 @@
+"""A sonar at one pose in the air: what its beams, the distance and the air do to an echo.
+
+For a scatterer at the distances r_t from where the call starts and r_e from ear e,
+
+    gain_e(f) = S_emit(f)·S_hear,e(f)/(r_t·r_e)·e^{-b(f)(r_t + r_e)},
+
+b the absorption; the scattering amplitude times this, at the delay (r_t + r_e)/c, is its echo. Scattering
+itself is taken half way between mouth and ear: for ears a few centimetres apart that is right to the
+second order of the angle between them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...acoustics.air import absorption
+from ...spec import Air, Sonar
+from .beam import Beam, Gaussian, Horseshoe, Omni, beam_offsets
+from .calls import Call, synthesise
+from .poses import Ears, Pose
+from .targets import Candidates
+
+
+@dataclass(frozen=True)
+class Equipment:
+    """What a sonar sends and how: beams of call and ears, and the call, None for a pulse of the band."""
+
+    emit: Beam
+    hear: Beam
+    call: Call | None
+
+    @classmethod
+    def of(
+        cls,
+        sonar: Sonar,
+        emit: Beam | None = None,
+        hear: Beam | None = None,
+        call: Call | None = None,
+    ) -> Equipment:
+        """What the settings say; what they have in files is given.
+
+        Raises
+        ------
+        ValueError : a file's content is wanted and not given.
+        """
+        emit = emit or _beam(sonar.beam, sonar.beam_width_deg, "beam")
+        if hear is None:
+            hear = emit
+            if sonar.hearing != "same":
+                hear = _beam(sonar.hearing, sonar.hearing_width_deg, "hearing")
+        if call is None and sonar.call in ("fm", "cf-fm"):
+            call = synthesise(sonar)
+        if call is None and sonar.call == "file":
+            raise ValueError("the call's WAV file has not been read; give its samples")
+        return cls(emit, hear, call)
+
+    def widened(self, width: float | None) -> Equipment:
+        """With Gaussian beams of another width (radians), where a pose has one."""
+        if width is None or not isinstance(self.emit, Gaussian):
+            return self
+        emit = Gaussian((width, width))
+        return replace(self, emit=emit, hear=emit if self.hear is self.emit else self.hear)
+
+
+def _beam(kind: str, width_deg: tuple[float, float], name: str) -> Beam:
+    if kind == "gaussian":
+        return Gaussian((math.radians(width_deg[0]), math.radians(width_deg[1])))
+    if kind == "horseshoe":
+        return Horseshoe()
+    if kind == "omni":
+        return Omni()
+    raise ValueError(f"the {name}'s CSV file has not been read; give its pattern")
+
+
+class Station:
+    """A sonar with its equipment at one pose in the air."""
+
+    def __init__(self, sonar: Sonar, air: Air, pose: Pose, equipment: Equipment) -> None:
+        self.sonar, self.air, self.pose = sonar, air, pose
+        self.equipment = equipment.widened(pose.width)
+        ears = Ears.of(sonar)
+        self.point = pose.position
+        self.ear = pose.position + ears.offset @ pose.frame  # (E, 3)
+        self.ear_frame = ears.frame @ pose.frame  # (E, 3, 3)
+        self.together = len(ears) == 1 and sonar.ear_turn_deg == 0
+        self.apart = float(np.linalg.norm(ears.offset, axis=1).max())
+        self.sound_speed = air.speed()
+        self.least_loss = float(self.loss(np.array([sonar.band[0]]))[0])
+        self.wavenumbers = tuple(2.0 * math.pi * f / self.sound_speed for f in sonar.band)
+
+    def loss(self, frequency: np.ndarray) -> np.ndarray:
+        """(Q,) absorption in nepers per metre."""
+        if not self.sonar.absorption:
+            return np.zeros(len(frequency))
+        air = self.air
+        return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
+
+    def ceiling(self, some: Candidates) -> np.ndarray:
+        """(P,) no block adds more than this to Σ|A|, at any ear and frequency of the band."""
+        towards = some.centre - self.point
+        distance = np.linalg.norm(towards, axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            towards = towards / distance[:, None]
+            seen = np.arcsin(np.minimum((some.radius + self.apart) / distance, 1.0))
+        seen = np.where(distance > some.radius + self.apart, seen, math.pi)
+        axes = np.concatenate([self.pose.frame[None, 0], self.ear_frame[:, 0]])
+        off = np.arccos(np.clip(np.nan_to_num(towards) @ axes.T, -1.0, 1.0))  # (P, 1 + E)
+        off = np.maximum(off - np.nan_to_num(seen, nan=math.pi)[:, None], 0.0)
+        band, equipment = self.sonar.band, self.equipment
+        gain = equipment.emit.ceiling(off[:, 0], band)
+        gain = gain * equipment.hear.ceiling(off[:, 1:].min(axis=1), band)
+        back = np.maximum(some.nearest - self.apart, 0.5 * self.sonar.near_limit)
+        return (
+            some.strength
+            * gain
+            * np.exp(-self.least_loss * (some.nearest + back))
+            / (some.nearest * back)
+        )
+
+    def paths(self, centre: np.ndarray) -> Paths:
+        """The ways from the mouth by places (M, 3) to the ears."""
+        out = centre - self.point
+        distance = np.sqrt(np.einsum("mi,mi->m", out, out))
+        direction = out / distance[:, None]
+        emitted = np.stack(beam_offsets(direction, self.pose.frame))
+        if self.together:
+            return Paths(direction, distance, distance[None], emitted, emitted[None])
+        legs, heard = [], []
+        for ear, frame in zip(self.ear, self.ear_frame, strict=True):
+            back = centre - ear
+            leg = np.linalg.norm(back, axis=1)
+            legs.append(leg)
+            heard.append(np.stack(beam_offsets(back / leg[:, None], frame)))
+        return Paths(direction, distance, np.array(legs), emitted, np.array(heard))
+
+
+@dataclass(frozen=True)
+class Paths:
+    """M ways by a scatterer to E ears.
+
+    direction : (M, 3) unit, from the mouth. distance : (M,). leg : (E, M) from scatterer to ear.
+    emitted : (2, M) offsets off the beam's axis. heard : (E, 2, M) off the ears' axes.
+    """
+
+    direction: np.ndarray
+    distance: np.ndarray
+    leg: np.ndarray
+    emitted: np.ndarray
+    heard: np.ndarray
+
+    def select(self, rows: np.ndarray | slice) -> Paths:
+        """Some of them."""
+        return Paths(
+            self.direction[rows],
+            self.distance[rows],
+            self.leg[:, rows],
+            self.emitted[:, rows],
+            self.heard[:, :, rows],
+        )
+
+    @property
+    def length(self) -> np.ndarray:
+        """(E, M) metres from mouth to ear."""
+        return self.distance + self.leg
+
+    def gain(self, station: Station, ear: int, frequency: np.ndarray) -> np.ndarray:
+        """(Q, M), see above."""
+        equipment = station.equipment
+        sent = equipment.emit.gain(self.emitted[0], self.emitted[1], frequency)
+        if equipment.hear is equipment.emit and station.together:
+            gain = sent * sent
+        else:
+            gain = sent * equipment.hear.gain(self.heard[ear, 0], self.heard[ear, 1], frequency)
+        gain = gain / (self.distance * self.leg[ear])
+        if station.sonar.absorption:
+            gain = gain * np.exp(np.outer(-station.loss(frequency), self.length[ear]))
+        return gain
+
+    def bound(self, station: Station) -> np.ndarray:
+        """(M,) no gain in the band is larger, at any ear."""
+        band, equipment = station.sonar.band, station.equipment
+        sent = equipment.emit.loudest(self.emitted[0], self.emitted[1], band)
+        most = np.zeros(len(sent))
+        for ear in range(len(self.leg)):
+            same = station.together and equipment.hear is equipment.emit
+            heard = (
+                sent
+                if same
+                else equipment.hear.loudest(self.heard[ear, 0], self.heard[ear, 1], band)
+            )
+            weaker = np.exp(-station.least_loss * self.length[ear]) / (
+                self.distance * self.leg[ear]
+            )
+            most = np.maximum(most, sent * heard * weaker)
+        return most

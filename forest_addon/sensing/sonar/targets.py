@@ -1,0 +1,210 @@
+"""Everything in a scene that sounds back, and which of it a sonar must look at.
+
+Meshes are measured once a kind, in local space (``Population``); a scene of thousands of trees costs the
+memory of its variants. A ``Sonar`` asks for candidates: instances whose bounding spheres come within
+its range and beam, of these the blocks, each with a bound on all that it can add. Only the rows of blocks
+that are opened are moved into the world.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ...growth.mesh.trimesh import LEAF as LEAF_PART
+from ...growth.mesh.trimesh import TriMesh
+from ...spec import Sonar
+from ..rays.geometry import SceneGeometry
+from .discs import Foliage, LeafDiscs
+from .facets import FacetPopulation
+from .leaves import LeafPopulation
+from .scatterers import Population, Rows, Scatterers, Sight, Views
+from .wood import WoodPopulation
+
+KINDS = ("leaves", "wood", "facets")
+
+
+@dataclass(frozen=True)
+class _Stand:
+    """A population and its I instances: numbers in the scene, transforms, stretch, bounding spheres."""
+
+    population: Population
+    instance: np.ndarray
+    transform: np.ndarray
+    stretch: np.ndarray
+    centre: np.ndarray
+    radius: np.ndarray
+
+
+@dataclass(frozen=True)
+class Candidates(Rows):
+    """P blocks of instances that a sonar may hear.
+
+    stand, member, block : (P,) which. centre : (P, 3). radius : (P,). count : (P,) scatterers in each.
+    nearest : (P,) metres. strength : (P,) bound on Σ|f| over the band.
+    """
+
+    stand: np.ndarray
+    member: np.ndarray
+    block: np.ndarray
+    centre: np.ndarray
+    radius: np.ndarray
+    count: np.ndarray
+    nearest: np.ndarray
+    strength: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.stand)
+
+
+class Targets:
+    """What sounds back in a scene."""
+
+    def __init__(self, scene: SceneGeometry) -> None:
+        self.scene = scene
+        self._made: dict[tuple[str, str, int], Population] = {}
+        self._foliage: dict[int, Foliage] = {}
+        self._stands: dict[tuple[bool, bool, bool, str], list[_Stand]] = {}
+        self._stretch: np.ndarray | None = None
+
+    @classmethod
+    def of_discs(cls, discs: LeafDiscs) -> Targets:
+        """Leaves that are measured already, as one instance."""
+        nothing = TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3)), LEAF_PART)
+        one = np.zeros(1, dtype=np.int64)
+        made = cls(
+            SceneGeometry((nothing,), np.eye(3, 4)[None], one, ("leaves",), one - 1, one - 1)
+        )
+        made._foliage[0] = Foliage.of_discs(discs)
+        return made
+
+    def stands(self, sonar: Sonar) -> list[_Stand]:
+        """Populations with something in them, of the kinds that the sonar hears, made once."""
+        key = (sonar.leaves, sonar.wood, sonar.facets, sonar.leaf_model)
+        if key not in self._stands:
+            kinds = [kind for kind in KINDS if getattr(sonar, kind)]
+            self._stands[key] = [
+                stand
+                for index in np.unique(self.scene.mesh_index)
+                for kind in kinds
+                if (stand := self._stand(kind, int(index), sonar.leaf_model)) is not None
+            ]
+        return self._stands[key]
+
+    def total(self, sonar: Sonar, kind: str | None = None) -> int:
+        """How many scatterers there are, of one kind or of all; wood and facets before they are cut."""
+        return sum(
+            len(stand.population) * len(stand.instance)
+            for stand in self.stands(sonar)
+            if kind in (None, stand.population.kind)
+        )
+
+    def candidates(
+        self, sonar: Sonar, point: np.ndarray, lowest: float, highest: float
+    ) -> tuple[Candidates, int]:
+        """Blocks that reach into the sonar's range, and how many scatterers lie wholly beyond.
+
+        point : (3,) where the sonar is. lowest, highest : wavenumbers of the band.
+        """
+        found, far = [], 0
+        for number, stand in enumerate(self.stands(sonar)):
+            blocks = stand.population.blocks
+            away = np.linalg.norm(stand.centre - point, axis=1) - stand.radius
+            near = np.flatnonzero(~(away > sonar.max_range))
+            far += (len(stand.instance) - len(near)) * len(stand.population)
+            linear = stand.transform[near, :, :3]
+            towards = blocks.centre @ linear.transpose(0, 2, 1)  # (I, B, 3)
+            towards += (stand.transform[near, :, 3] - point)[:, None]
+            radius = stand.stretch[near, :1] * blocks.radius
+            distance = np.sqrt(np.einsum("ibk,ibk->ib", towards, towards))
+            inside = ~(distance - radius > sonar.max_range)
+            far += int((~inside @ blocks.count).sum())
+            member, block = np.nonzero(inside)
+            towards, radius, distance = towards[inside], radius[inside], distance[inside]
+            nearest = np.maximum(np.nan_to_num(distance - radius), sonar.near_limit)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                spread = np.where(
+                    distance > radius, np.arcsin(np.minimum(radius / distance, 1)), np.pi
+                )
+                local = np.einsum("pk,pka->pa", towards, linear[member])
+                local /= np.linalg.norm(local, axis=1, keepdims=True)
+            views = Views(block, stand.stretch[near][member], nearest, local, spread)
+            strength = stand.population.ceiling(views, lowest, highest)
+            strength[~np.isfinite(distance - radius)] = np.inf
+            found.append(
+                Candidates(
+                    np.full(len(member), number),
+                    near[member],
+                    block,
+                    towards + point,
+                    radius,
+                    blocks.count[block],
+                    nearest,
+                    strength,
+                )
+            )
+        return _joined(found), far
+
+    def scatterers(
+        self, sonar: Sonar, some: Candidates, sight: Sight
+    ) -> list[tuple[Scatterers, np.ndarray]]:
+        """The scatterers of opened candidates, one set a kind, each with its instance (M,)."""
+        opened: dict[str, tuple[list[Scatterers], list[np.ndarray]]] = {}
+        order = np.lexsort((some.block, some.member, some.stand))
+        stand, member, block = some.stand[order], some.member[order], some.block[order]
+        starts = np.flatnonzero(
+            (np.diff(stand, prepend=-1) != 0) | (np.diff(member, prepend=-1) != 0)
+        )
+        for first, last in pairwise([*starts, len(stand)] if len(starts) else []):
+            chosen = self.stands(sonar)[stand[first]]
+            bounds = chosen.population.blocks.first
+            rows = np.concatenate([np.arange(bounds[b], bounds[b + 1]) for b in block[first:last]])
+            which = member[first]
+            made = chosen.population.scatterers(chosen.transform[which], rows, sight)
+            sets, instances = opened.setdefault(made.kind, ([], []))
+            sets.append(made)
+            instances.append(np.full(len(made), chosen.instance[which]))
+        return [
+            (type(sets[0]).joined(sets), np.concatenate(instances))
+            for sets, instances in opened.values()
+        ]
+
+    def _stand(self, kind: str, index: int, model: str) -> _Stand | None:
+        population = self._population(kind, index, model)
+        if not len(population):
+            return None
+        if self._stretch is None:
+            finite = np.nan_to_num(self.scene.transform[:, :, :3], posinf=0.0, neginf=0.0)
+            self._stretch = np.linalg.svd(finite, compute_uv=False)
+        instance = np.flatnonzero(self.scene.mesh_index == index)
+        transform = self.scene.transform[instance]
+        blocks = population.blocks
+        middle = (blocks.centre.min(axis=0) + blocks.centre.max(axis=0)) / 2
+        reach = (np.linalg.norm(blocks.centre - middle, axis=1) + blocks.radius).max()
+        centre = np.einsum("iab,b->ia", transform[:, :, :3], middle) + transform[:, :, 3]
+        stretch = self._stretch[instance]
+        return _Stand(population, instance, transform, stretch, centre, stretch[:, 0] * reach)
+
+    def _population(self, kind: str, index: int, model: str) -> Population:
+        key = (kind, model if kind == "leaves" else "", index)
+        if key not in self._made:
+            mesh = self.scene.meshes[index]
+            if kind == "leaves":
+                if index not in self._foliage:
+                    self._foliage[index] = Foliage(mesh)
+                self._made[key] = LeafPopulation(self._foliage[index], model)
+            elif kind == "wood":
+                self._made[key] = WoodPopulation(mesh)
+            else:
+                self._made[key] = FacetPopulation(mesh)
+        return self._made[key]
+
+
+def _joined(found: list[Candidates]) -> Candidates:
+    if not found:
+        none = np.empty(0, np.int64)
+        return Candidates(none, none, none, np.empty((0, 3)), *([np.empty(0)] * 4))
+    names = list(Candidates.__dataclass_fields__)
+    return Candidates(*(np.concatenate([getattr(f, name) for f in found]) for name in names))

@@ -1,0 +1,247 @@
+"""Trunks and branches as finite cylinders: where they run in a mesh, and how they sound back.
+
+Wood is any mesh of tubes. Its pieces and their centrelines are found as for templates
+(``growth/centreline``), so that bent, scaled and imported wood is heard as it is evaluated; a line is
+straightened where it stays within a tolerance of a chord. A segment of length ℓ and radius a that the
+sound meets at the angle ψ to its axis scatters back with
+
+    f = (ℓ/π)·S(ka·sinψ, π)·sinc(kℓ·cosψ),   sinc x = sin x/x,
+
+S of ``acoustics/cylinder`` (a line source of the strength that gives the endless cylinder's far field).
+That holds in the far field of the segment, so segments are cut to half a Fresnel width, ℓ² <= λr/4; their
+coherent sum is right nearer too. S is tabulated once, with the delay of the near side taken off.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ...acoustics.cylinder import scattering_sum
+from ...growth.mesh.trimesh import WOOD as WOOD_PART
+from ...growth.mesh.trimesh import TriMesh
+from ...growth.template.centreline import find_centrelines
+from ...growth.template.pieces import part
+from .clusters import cluster
+from .scatterers import WOOD, Rows, Scatterers, Sight, Views, Whole
+
+STRAIGHT = 0.002  # m between a centreline and the chords that stand for it
+ALIKE = 0.1  # relative change of the radius along a chord
+LARGEST = 600.0  # ka; beyond, S grows as its root
+
+
+@dataclass(frozen=True)
+class CylinderStrength(Rows, Whole):
+    """length, radius : (M,) metres. sine, cosine : (M,) of the angle between sound and axis.
+
+    nearness : (M,) root of the distance to the near side over that to the axis: waves spread around a
+    cylinder from its axis, while the delay is that of the near side.
+    """
+
+    length: np.ndarray
+    radius: np.ndarray
+    sine: np.ndarray
+    cosine: np.ndarray
+    nearness: np.ndarray
+    noise: ClassVar[float] = 1e-6
+
+    def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
+        k = np.asarray(wavenumber)[:, None]
+        along = np.sinc(k * (self.length * self.cosine / math.pi))
+        around = np.conj(_backscatter(k * (self.radius * self.sine)))
+        return along * around * (self.nearness * self.length / math.pi)
+
+    def bound(self, lowest: float, highest: float) -> np.ndarray:
+        size = _largest_backscatter(highest * self.radius * self.sine)
+        with np.errstate(divide="ignore"):
+            lobes = 1.0 / (lowest * self.length * np.abs(self.cosine))
+        return self.length / math.pi * size * np.minimum(lobes, 1.0)
+
+    def reach(self) -> np.ndarray:
+        return self.length * np.abs(self.cosine)
+
+
+@dataclass(frozen=True)
+class Cylinders(Rows):
+    """Segments: middle of the axis, unit axis (M, 3), length and radius (M,); see ``Scatterers``.
+
+    ``centre`` is on the axis, moved towards the sonar to where it meets the near side.
+    """
+
+    centre: np.ndarray
+    axis: np.ndarray
+    length: np.ndarray
+    radius: np.ndarray
+    number: np.ndarray
+    kind: ClassVar[str] = WOOD
+
+    def __len__(self) -> int:
+        return len(self.radius)
+
+    @property
+    def clear(self) -> np.ndarray:
+        return np.maximum(self.radius, 1e-3)
+
+    def seen(self, point: np.ndarray) -> CylinderStrength:
+        away = self.centre - point
+        distance = np.linalg.norm(away, axis=1)
+        cosine = np.einsum("mi,mi->m", away, self.axis) / distance
+        sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+        nearness = np.sqrt(distance / (distance + self.radius * sine))
+        return CylinderStrength(self.length, self.radius, sine, cosine, nearness)
+
+
+class WoodPopulation:
+    """The wood of one mesh."""
+
+    kind: ClassVar[str] = WOOD
+
+    def __init__(self, mesh: TriMesh) -> None:
+        start, end, radius = wood_segments(mesh)
+        middle = (start + end) / 2
+        half = np.linalg.norm(end - start, axis=1) / 2
+        self.blocks = cluster(middle, half + radius)
+        order = self.blocks.order
+        self._start, self._end, self._radius = start[order], end[order], radius[order]
+        self._length = self.blocks.sums(2 * half[order])
+        self._thickest = self.blocks.largest(self._radius)
+
+    def __len__(self) -> int:
+        return len(self.blocks.order)
+
+    def ceiling(self, views: Views, lowest: float, highest: float) -> np.ndarray:
+        widest = views.stretch[:, 0]
+        size = _largest_backscatter(highest * widest * self._thickest[views.block])
+        return widest * self._length[views.block] / math.pi * size
+
+    def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> Scatterers:
+        linear, shift = transform[:, :3], transform[:, 3]
+        start, end = self._start[rows] @ linear.T + shift, self._end[rows] @ linear.T + shift
+        span = end - start
+        length = np.linalg.norm(span, axis=1)
+        local = np.linalg.norm(self._end[rows] - self._start[rows], axis=1)
+        # The cross section changes by what the volume changes beyond the length.
+        volume = abs(float(np.linalg.det(linear)))
+        radius = self._radius[rows] * np.sqrt(volume * local / np.maximum(length, 1e-30))
+        return _cut(start, span, length, radius, self.blocks.order[rows], sight)
+
+
+def wood_segments(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Start and end (N, 3) and radius (N,) of the wood of a mesh, local metres."""
+    triangles = mesh.triangles[mesh.part == WOOD_PART]
+    triangles = triangles[np.isfinite(mesh.vertices).all(axis=1)[triangles].all(axis=1)]
+    nothing = np.empty((0, 3)), np.empty((0, 3)), np.empty(0)
+    if not len(triangles):
+        return nothing
+    pieces = part(mesh.vertices[triangles])
+    if not pieces.count:
+        return nothing
+    lines = find_centrelines(pieces)
+    first, last = _chords(lines.knot, lines.radius, lines.first)
+    total = np.concatenate([[0.0], np.cumsum((lines.radius[1:] + lines.radius[:-1]) / 2)])
+    radius = (total[last] - total[first]) / (last - first)
+    return lines.knot[first], lines.knot[last], radius
+
+
+def _chords(
+    knot: np.ndarray, radius: np.ndarray, first: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """First and last knot of each of the chords that stand for the lines; pairs are joined in rounds."""
+    starts = np.ones(len(knot), dtype=bool)  # knots where a chord starts or a line ends
+    fixed = np.zeros(len(knot), dtype=bool)
+    fixed[first[:-1]] = fixed[first[1:] - 1] = True
+    allowed = STRAIGHT
+    for _ in range(6):
+        allowed /= 2
+        kept = np.flatnonzero(starts)
+        place = np.arange(1, len(kept) - 1, 2)
+        at, before, after = kept[place], kept[place - 1], kept[place + 1]
+        chord = knot[after] - knot[before]
+        square = np.maximum(np.einsum("ni,ni->n", chord, chord), 1e-30)
+        offset = knot[at] - knot[before]
+        share = np.einsum("ni,ni->n", offset, chord) / square
+        miss = np.linalg.norm(offset - share[:, None] * chord, axis=1)
+        alike = np.abs(radius[after] - radius[before]) <= ALIKE * (radius[after] + radius[before])
+        starts[at[~fixed[at] & (miss <= allowed) & (share > 0) & (share < 1) & alike]] = False
+    kept = np.flatnonzero(starts)
+    line = np.searchsorted(first, kept, side="right")
+    together = line[1:] == line[:-1]
+    return kept[:-1][together], kept[1:][together]
+
+
+def _cut(
+    start: np.ndarray,
+    span: np.ndarray,
+    length: np.ndarray,
+    radius: np.ndarray,
+    number: np.ndarray,
+    sight: Sight,
+) -> Cylinders:
+    """Segments cut to half a Fresnel width, and moved to their near side."""
+    away = start + span / 2 - sight.point
+    nearest = np.maximum(np.linalg.norm(away, axis=1) - length / 2, 1e-3)
+    longest = np.sqrt(math.pi * nearest / (2.0 * sight.wavenumber))
+    parts = np.clip(np.ceil(length / longest), 1, 4096).astype(np.int64)
+    row = np.repeat(np.arange(len(start)), parts)
+    place = np.arange(len(row)) - np.repeat(np.cumsum(parts) - parts, parts)
+    middle = start[row] + ((place + 0.5) / parts[row])[:, None] * span[row]
+    axis = np.divide(
+        span,
+        length[:, None],
+        out=np.tile([0.0, 0.0, 1.0], (len(span), 1)),
+        where=length[:, None] > 0,
+    )[row]
+    towards = sight.point - middle
+    square = towards - np.einsum("mi,mi->m", towards, axis)[:, None] * axis
+    distance = np.linalg.norm(square, axis=1, keepdims=True)
+    side = np.divide(square, distance, out=np.zeros_like(square), where=distance > 0)
+    moved = np.minimum(radius[row], 0.9 * distance[:, 0])
+    return Cylinders(
+        middle + moved[:, None] * side, axis, (length / parts)[row], radius[row], number[row]
+    )
+
+
+# ---------------------------------------------------------------------------------------------- S
+
+
+def _backscatter(size: np.ndarray) -> np.ndarray:
+    """S(ka, π) times e^{2ika}, what is left when the near side's delay is taken off (e^{-iωt})."""
+    inside = np.minimum(size, LARGEST)
+    value: np.ndarray = _table()(_coordinate(inside)) * inside**2 / (1.0 + inside**1.5)
+    return value * np.sqrt(np.maximum(size / LARGEST, 1.0))
+
+
+def _largest_backscatter(size: np.ndarray) -> np.ndarray:
+    """No |S(x, π)| with x <= ka is larger."""
+    grid, largest = _envelope()
+    after = np.minimum(np.searchsorted(grid, size), len(grid) - 1)
+    return largest[after] * np.sqrt(np.maximum(size / LARGEST, 1.0))
+
+
+@lru_cache(maxsize=1)
+def _table() -> CubicSpline:
+    """S·e^{2ika}·(1 + ka^1.5)/ka², which is flat at both ends, over ``_coordinate``."""
+    place = np.linspace(_coordinate(np.array(1e-6)), _coordinate(np.array(LARGEST)), 6000)
+    size = _size(place)
+    value = scattering_sum(size, math.pi) * np.exp(2j * size) * (1.0 + size**1.5) / size**2
+    return CubicSpline(place, value)
+
+
+@lru_cache(maxsize=1)
+def _envelope() -> tuple[np.ndarray, np.ndarray]:
+    size = np.concatenate([np.linspace(0, 20, 4001), np.linspace(20, LARGEST, 4000)[1:]])
+    return size, np.maximum.accumulate(np.abs(_backscatter(size))) * 1.001
+
+
+def _coordinate(size: np.ndarray) -> np.ndarray:
+    """Even steps of it are small where S wiggles (ka near 1) and wide where it is smooth."""
+    return np.log1p(2.0 * size)
+
+
+def _size(coordinate: np.ndarray) -> np.ndarray:
+    return np.expm1(coordinate) / 2.0

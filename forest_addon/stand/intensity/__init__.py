@@ -1,0 +1,1 @@
+"""Intensity functions: how many trees are expected where."""

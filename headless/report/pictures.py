@@ -1,0 +1,256 @@
+"""Pictures of results, drawn by matplotlib from the arrays that are also written as data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from forest_addon.formats.atomic import replacing
+from forest_addon.growth.mesh.trimesh import GROUND, LEAF, OTHER, WOOD
+from forest_addon.sensing.lidar.cloud import Cloud
+from forest_addon.sensing.lidar.panorama import range_image
+from forest_addon.sensing.lidar.returns import ESCAPED
+from forest_addon.sensing.lidar.tractor import TractorScan
+from forest_addon.sensing.reverb import metrics
+from forest_addon.sensing.reverb.response import ImpulseResponse
+from forest_addon.spec import Scanner, Terrestrial
+
+INK, FAINT, LEAF_GREEN, BARK, SOIL, SKY, RED = (
+    "#24302a",
+    "#b9c2bb",
+    "#4c8c3a",
+    "#7a5230",
+    "#cdb892",
+    "#eef3f6",
+    "#c8442c",
+)
+ORGANS = {
+    ESCAPED: ("sky", SKY),
+    OTHER: ("other", "#8d8d99"),
+    WOOD: ("wood", BARK),
+    LEAF: ("leaf", LEAF_GREEN),
+    GROUND: ("ground", SOIL),
+}
+STYLE = {
+    "font.size": 9,
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "axes.titlesize": 10,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "text.color": INK,
+    "legend.frameon": False,
+}
+
+
+def draw_scan(scan: TractorScan, path: Path) -> Path:
+    """The tractor's matrix: distance above, what was hit below."""
+    figure, (far, what) = _figure(2, 1, (11, 6.6))
+    extent = (
+        float(scan.track[0]),
+        float(scan.track[-1]),
+        float(np.rad2deg(scan.angle[0])),
+        float(np.rad2deg(scan.angle[-1])),
+    )
+    distance = np.ma.masked_invalid(scan.distance.T)
+    image = far.imshow(
+        distance,
+        extent=extent,
+        origin="lower",
+        aspect="auto",
+        cmap="viridis_r",
+        norm="log",
+        interpolation="nearest",
+        rasterized=True,
+    )
+    far.set_facecolor(SKY)
+    far.set_title("Distance of the first hit")
+    _distance_bar(figure, image, far)
+    _organ_image(what, scan.organ.T, extent)
+    what.set_title("What was hit")
+    for axes in (far, what):
+        axes.set_ylabel("angle from the horizontal, °")
+    what.set_xlabel("metres along the track")
+    return save_figure(figure, path)
+
+
+def draw_cloud(cloud: Cloud, scanner: Scanner, path: Path) -> Path:
+    """A scan of points: from a tripod the panorama by distance, else the side; and from above."""
+    figure, (left, above) = _figure(1, 2, (12.5, 5.2), widths=(1.75, 1))
+    every = max(1, len(cloud) // 150_000)
+    order = np.argsort(cloud.position[::every, 2], kind="stable")
+    points, organ = cloud.position[::every][order], cloud.returns.organ[::every][order]
+    colours = np.array([ORGANS[o][1] for o in range(GROUND + 1)])[organ]
+    if isinstance(scanner, Terrestrial):
+        _panorama(figure, left, cloud, scanner)
+        near = np.abs(points[:, :2] - np.array(scanner.position)[:2]).max(axis=1) < 22.0
+        points, colours = points[near], colours[near]
+    else:
+        left.scatter(*points[:, [0, 2]].T, s=0.5, c=colours, linewidths=0, rasterized=True)
+        left.set_aspect("equal", adjustable="datalim")
+        left.set_title("Points from the side")
+        left.set_xlabel("x, m")
+        left.set_ylabel("z, m")
+    above.scatter(*points[:, :2].T, s=0.5, c=colours, linewidths=0, rasterized=True)
+    if isinstance(scanner, Terrestrial):
+        _mark_scanner(above, scanner)
+    above.set_aspect("equal")
+    above.set_title("Points from above")
+    above.set_xlabel("x, m")
+    above.set_ylabel("y, m")
+    _organ_legend(above, (WOOD, LEAF, GROUND))
+    return save_figure(figure, path)
+
+
+def _panorama(figure: Figure, axes: Axes, cloud: Cloud, scanner: Terrestrial) -> None:
+    """Distances of the first returns, azimuth by elevation."""
+    (low_az, high_az), (low_el, high_el) = scanner.azimuth_deg, scanner.elevation_deg
+    shown = axes.imshow(
+        np.ma.masked_invalid(range_image(cloud, scanner)),
+        extent=(low_az, high_az, low_el, high_el),
+        origin="lower",
+        aspect="auto",
+        cmap="viridis_r",
+        norm="log",
+        rasterized=True,
+    )
+    axes.set_facecolor(SKY)
+    axes.set_title("Panorama: distance of the first hit")
+    axes.set_xlabel("azimuth, °")
+    axes.set_ylabel("elevation, °")
+    _distance_bar(figure, shown, axes)
+
+
+def _mark_scanner(axes: Axes, scanner: Terrestrial) -> None:
+    axes.plot(*scanner.position[:2], "o", color=RED, markersize=5)
+    axes.annotate(
+        "scanner",
+        scanner.position[:2],
+        xytext=(7, 6),
+        textcoords="offset points",
+        color=RED,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5},
+    )
+
+
+def draw_reverb(response: ImpulseResponse, path: Path) -> Path:
+    """An impulse response: waveform, energy decay, spectrogram."""
+    figure, (wave, decay, tone) = _figure(3, 1, (11, 8.2))
+    time = np.arange(len(response.samples)) / response.sample_rate
+    peak = float(np.abs(response.samples).max()) or 1.0
+    level = 20 * np.log10(np.maximum(np.abs(response.samples) / peak, 1e-6))
+    wave.plot(time * 1e3, level, color=INK, linewidth=0.35)
+    wave.axvline(response.direct_delay * 1e3, color=RED, linewidth=0.8)
+    wave.annotate(
+        "direct sound",
+        (response.direct_delay * 1e3, -4),
+        xytext=(5, 0),
+        textcoords="offset points",
+        color=RED,
+    )
+    wave.set_ylim(-100, 3)
+    wave.set_ylabel("dB re peak")
+    wave.set_title("Impulse response")
+
+    energy = metrics.energy_decay_db(response.samples)
+    decay.plot(time * 1e3, energy, color=LEAF_GREEN, linewidth=1.2)
+    decay.axhline(-5, color=FAINT, linewidth=0.8)
+    decay.axhline(-35, color=FAINT, linewidth=0.8)
+    decay.set_ylim(-70, 2)
+    decay.set_ylabel("dB")
+    decay.set_title("Energy decay (Schroeder); reverberation time is read between the grey lines")
+
+    window = 512
+    tone.specgram(
+        response.samples + 1e-9 * peak,
+        NFFT=window,
+        Fs=int(response.sample_rate),
+        noverlap=window * 7 // 8,
+        cmap="magma",
+        vmin=20 * np.log10(peak) - 150,
+        vmax=20 * np.log10(peak) - 50,
+    )
+    tone.set_xlim(0, time[-1])
+    tone.set_facecolor("black")
+    tone.set_ylabel("Hz")
+    tone.set_xlabel("seconds")
+    tone.set_title("Spectrogram")
+    wave.set_xlim(0, time[-1] * 1e3)
+    decay.set_xlim(0, time[-1] * 1e3)
+    wave.set_xlabel("ms")
+    decay.set_xlabel("ms")
+    return save_figure(figure, path)
+
+
+def _distance_bar(figure: Figure, image: ScalarMappable, axes: Axes) -> None:
+    if np.ma.count(image.get_array()) == 0:  # a logarithm has no scale for nothing
+        image.set_norm("linear")
+        return
+    bar = figure.colorbar(image, ax=axes, label="m", pad=0.01)
+    low, high = image.get_clim()
+    ticks = [t for t in (0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500) if low <= t <= high]
+    bar.set_ticks(ticks, labels=[f"{t:g}" for t in ticks])
+    bar.minorticks_off()
+
+
+def _organ_image(axes: Axes, organ: np.ndarray, extent: tuple[float, ...]) -> None:
+    codes = sorted(ORGANS)
+    axes.imshow(
+        organ,
+        extent=extent,
+        origin="lower",
+        aspect="auto",
+        cmap=ListedColormap([ORGANS[code][1] for code in codes]),
+        norm=BoundaryNorm([codes[0] - 0.5, *(code + 0.5 for code in codes)], len(codes)),
+        interpolation="nearest",
+        rasterized=True,
+    )
+    _organ_legend(axes, (LEAF, WOOD, GROUND, ESCAPED))
+
+
+def _organ_legend(axes: Axes, organs: tuple[int, ...]) -> None:
+    axes.legend(
+        handles=[
+            Patch(facecolor=ORGANS[o][1], edgecolor=FAINT, label=ORGANS[o][0]) for o in organs
+        ],
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=len(organs),
+        borderaxespad=0.2,
+        handlelength=1.2,
+        columnspacing=1.0,
+    )
+
+
+def _figure(
+    rows: int, columns: int, size: tuple[float, float], widths: tuple[float, ...] | None = None
+) -> tuple[Figure, np.ndarray]:
+    figure = blank_figure(size)
+    grid = figure.add_gridspec(rows, columns, width_ratios=widths)
+    axes = [figure.add_subplot(grid[r, c]) for r in range(rows) for c in range(columns)]
+    return figure, np.array(axes, dtype=object)
+
+
+def blank_figure(size: tuple[float, float]) -> Figure:
+    """An empty figure in the project's style, inches."""
+    import matplotlib
+
+    matplotlib.rcParams.update(STYLE)
+    return Figure(figsize=size, layout="constrained", dpi=110)
+
+
+def save_figure(figure: Figure, path: Path) -> Path:
+    """Write a figure as PNG; returns the path."""
+    with replacing(path) as partial:
+        figure.savefig(partial, metadata={"Software": "Forest Sensing"})
+    return path

@@ -1,0 +1,278 @@
+"""Meshes of whole skeletons against closed forms of cones and cylinders, and against plain tubes."""
+
+import numpy as np
+import pytest
+
+from forest_addon.growth.mesh.axes import find_axes, first_level
+from forest_addon.growth.mesh.meshing import mesh_wood
+from forest_addon.growth.mesh.nodes import sides_of
+from forest_addon.growth.mesh.trimesh import WOOD
+from forest_addon.growth.mesh.tubes import sides_for, tube
+from forest_addon.growth.skeleton import Skeleton
+
+
+def skeleton(start, end, radius, parent, order):
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    count = len(start)
+    radius = np.broadcast_to(np.asarray(radius, float), (count, 2)).copy()
+    parent = np.asarray(parent, np.int64)
+    return Skeleton(start, end, radius, parent, np.asarray(order, np.int64), np.arange(count))
+
+
+def chain(points, radius):
+    """One axis through points (P, 3) with radii (P,)."""
+    points, radius = np.asarray(points, float), np.asarray(radius, float)
+    count = len(points) - 1
+    return skeleton(
+        points[:-1],
+        points[1:],
+        np.stack([radius[:-1], radius[1:]], 1),
+        np.arange(-1, count - 1),
+        np.zeros(count),
+    )
+
+
+def random_tree(rng, count=400):
+    """A bushy random skeleton: every segment starts at the end of an earlier one, or on it."""
+    start, end = np.zeros((count, 3)), np.zeros((count, 3))
+    parent, order = np.full(count, -1), np.zeros(count, np.int64)
+    radius = np.full((count, 2), 0.2)
+    end[0] = (0, 0, 1)
+    continued = np.zeros(count, bool)
+    for s in range(1, count):
+        mother = int(rng.integers(max(0, s - 30), s))
+        parent[s] = mother
+        onward = not continued[mother] and rng.random() < 0.7
+        continued[mother] |= onward
+        order[s] = order[mother] + (not onward)
+        share = 1.0 if onward or rng.random() < 0.5 else rng.random()
+        start[s] = start[mother] + share * (end[mother] - start[mother])
+        way = end[mother] - start[mother] + rng.normal(size=3) * (0.1 if onward else 0.6)
+        end[s] = start[s] + way / np.linalg.norm(way) * rng.uniform(0.05, 0.4)
+        radius[s, 0] = radius[mother, 1] * (1.0 if onward else rng.uniform(0.5, 1.1))
+        radius[s, 1] = radius[s, 0] * rng.uniform(0.8, 1)
+    return Skeleton(start, end, radius, parent, order, np.arange(count))
+
+
+def volume(mesh):
+    a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
+    return float(np.einsum("ti,ti->", a, np.cross(b, c)) / 6)
+
+
+def area(mesh):
+    return float(np.linalg.norm(mesh.area_vectors(), axis=1).sum())
+
+
+def assert_watertight(mesh):
+    """Every edge is used once in each direction: closed, and wound alike."""
+    count = len(mesh.vertices)
+    ahead = mesh.triangles[:, [0, 1, 2]].astype(np.int64).ravel()
+    after = mesh.triangles[:, [1, 2, 0]].astype(np.int64).ravel()
+    keys, times = np.unique(ahead * count + after, return_counts=True)
+    assert (times == 1).all()
+    assert np.array_equal(keys, np.unique(after * count + ahead))
+
+
+def silhouette(mesh, direction):
+    """Area that a convex mesh covers when seen along a unit direction: half its projected facets."""
+    return float(np.abs(mesh.area_vectors() @ direction).sum() / 2)
+
+
+def test_cylinder_has_the_area_and_volume_of_its_prism():
+    mesh = mesh_wood(chain([[0, 0, 0], [0, 0, 2.5]], [0.2, 0.2]), 0.001)
+    n = int(sides_of(np.array([0.2]), 0.001)[0])
+    widened = 0.2 * np.pi / (n * np.sin(np.pi / n))
+    cap = n / 2 * widened**2 * np.sin(2 * np.pi / n)
+    assert volume(mesh) == pytest.approx(cap * 2.5, rel=1e-12)  # positive: outward facing
+    assert area(mesh) == pytest.approx(2 * np.pi * 0.2 * 2.5 + 2 * cap, rel=1e-12)
+    assert_watertight(mesh)
+    assert (mesh.part == WOOD).all()
+    assert (mesh.leaf == -1).all()
+    assert (mesh.order == 0).all()
+
+
+@pytest.mark.parametrize("tolerance", [0.005, 0.001, 0.0002])
+def test_cone_converges_to_its_closed_form(tolerance):
+    mesh = mesh_wood(chain([[0, 0, 0], [1, 2, 2]], [0.3, 0.0]), tolerance)
+    assert_watertight(mesh)
+    exact = np.pi * 0.3**2 * 3 / 3
+    n = int(sides_of(np.array([0.3]), tolerance)[0])
+    assert volume(mesh) == pytest.approx(exact, rel=4 / n**2)
+
+
+@pytest.mark.parametrize("tolerance", [0.02, 0.005, 0.001])
+def test_mean_silhouette_is_the_cylinders(tolerance):
+    """The mean over turns about the axis of the width seen from the side is the circle's: 1 ± 1e-9."""
+    mesh = mesh_wood(chain([[0, 0, 0], [0, 0, 50.0]], [0.2, 0.2]), tolerance)
+    turn = 2 * np.pi * (np.arange(3600) + 0.5) / 3600
+    seen = [silhouette(mesh, np.array([np.cos(a), np.sin(a), 0.0])) for a in turn]
+    assert np.mean(seen) / (2 * 0.2 * 50) == pytest.approx(1, abs=1e-5)
+
+
+def test_a_bent_cylinder_keeps_its_volume():
+    """Mitred rings: the volume of a bent tube of constant radius is area times length, exactly."""
+    rng = np.random.default_rng(3)
+    points = np.cumsum(rng.normal(size=(12, 3)) * 0.2 + [0, 0, 1.0], axis=0)
+    mesh = mesh_wood(chain(points, np.full(12, 0.05)), 0.0002)
+    n = int(sides_of(np.array([0.05]), 0.0002)[0])
+    widened = 0.05 * np.pi / (n * np.sin(np.pi / n))
+    cap = n / 2 * widened**2 * np.sin(2 * np.pi / n)
+    length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    assert volume(mesh) == pytest.approx(cap * length, rel=1e-9)
+    assert_watertight(mesh)
+
+
+def test_a_straight_axis_is_the_plain_tube_up_to_a_turn_about_it():
+    points = np.array([[0, 0, 0], [0, 0.3, 1.0], [0, 0.6, 2.0], [0, 0.9, 3.0]])
+    radius = np.array([0.2, 0.1, 0.15, 0.05])  # not in line, so that no ring is left out
+    sides = sides_for(0.2, 0.002)
+    mesh = mesh_wood(chain(points, radius), 0.002)
+    vertices, triangles = tube(points, radius, int(sides_of(np.array([0.2]), 0.002)[0]))
+    assert len(mesh.vertices) == len(vertices)
+    assert len(mesh.triangles) == len(triangles)
+    assert int(sides_of(np.array([0.2]), 0.002)[0]) >= sides
+    plain = (
+        np.einsum(
+            "ti,ti->",
+            vertices[triangles[:, 0]],
+            np.cross(vertices[triangles[:, 1]], vertices[triangles[:, 2]]),
+        )
+        / 6
+    )
+    assert volume(mesh) == pytest.approx(plain, rel=1e-9)
+
+
+def test_no_twist_jumps_along_a_helix_and_a_random_walk():
+    t = np.linspace(0, 4 * np.pi, 200)
+    rng = np.random.default_rng(0)
+    walk = np.cumsum(rng.normal(size=(200, 3)) * 0.02 + [0, 0, 0.1], axis=0)
+    for points in (np.stack([np.cos(t), np.sin(t), 0.3 * t], axis=1), walk):
+        mesh = mesh_wood(chain(points, np.full(200, 0.02)), 1e-5)
+        n = int(sides_of(np.array([0.02]), 1e-5)[0])
+        rings = mesh.vertices[:-2].reshape(200, n, 3) - points[:, None]
+        rings /= np.linalg.norm(rings, axis=2, keepdims=True)
+        turn = np.einsum("rki,rki->rk", rings[:-1], rings[1:])
+        step = np.diff(points, axis=0)
+        step /= np.linalg.norm(step, axis=1, keepdims=True)
+        bend = np.einsum("ri,ri->r", step[:-1], step[1:]).min()
+        assert turn.min() > np.cos(1.6 * np.arccos(bend)) - 1e-6
+
+
+def test_every_axis_of_a_tree_is_a_closed_tube():
+    tree = random_tree(np.random.default_rng(1))
+    mesh = mesh_wood(tree, 0.002, sunk=0.1)
+    assert np.isfinite(mesh.vertices).all()
+    assert_watertight(mesh)
+    assert set(np.unique(mesh.order)) == set(np.unique(tree.order))
+    assert mesh.vertices[:, 2].min() < -0.09  # sunk
+    euler = len(mesh.vertices) - 3 * len(mesh.triangles) // 2 + len(mesh.triangles)
+    assert euler == 2 * len(find_axes(tree))  # as many spheres as axes
+
+
+def test_axes_follow_equal_orders_and_first_levels_are_counted():
+    rng = np.random.default_rng(5)
+    tree = random_tree(rng, 120)
+    axes = find_axes(tree)
+    assert sorted(axes.segment.tolist()) == list(range(120))
+    for a in range(len(axes)):
+        member = axes.segment[axes.first[a] : axes.first[a + 1]]
+        assert len(set(tree.order[member].tolist())) == 1
+        assert (tree.parent[member[1:]] == member[:-1]).all()
+        np.testing.assert_allclose(tree.start[member[1:]], tree.end[member[:-1]], atol=1e-6)
+    number = first_level(tree)
+    for s in range(120):
+        up = s
+        while tree.order[up] > 1 or (tree.order[up] == 1 and tree.order[tree.parent[up]] == 1):
+            up = int(tree.parent[up])
+        if tree.order[up] == 0:
+            assert number[s] == -1
+        else:
+            firsts = np.flatnonzero((tree.order == 1) & (tree.order[tree.parent] == 0))
+            assert firsts[number[s]] == up
+
+
+def test_a_branch_that_leaves_at_a_fork_starts_within_its_mother():
+    """Mother ends at (0,0,2); two daughters leave at 40°: their feet are inside her, below the fork."""
+    way = np.array([[np.sin(0.7), 0, np.cos(0.7)], [-np.sin(0.7), 0, np.cos(0.7)]])
+    tip = np.array([0, 0, 2.0])
+    tree = skeleton([[0, 0, 0], tip, tip], [tip, *(tip + way)], 0.1, [-1, 0, 0], [0, 1, 1])
+    mesh = mesh_wood(tree, 0.001)
+    assert_watertight(mesh)
+    inside = mesh.vertices[np.unique(mesh.triangles[mesh.order == 1])]
+    low = inside[inside[:, 2] < 1.92]
+    assert len(low)
+    assert np.hypot(low[:, 0], low[:, 1]).max() < 0.1
+    # no gap: around the fork every direction across the bisecting wedge meets wood
+    widest = inside[np.abs(inside[:, 2] - 2.0) < 0.08]
+    assert np.hypot(widest[:, 0], widest[:, 1]).max() >= 0.1 - 1e-3
+
+
+def test_s_internodes_step_from_cylinder_to_cylinder():
+    """Radii that jump at a node: two rings there, and the volume is the sum of the cylinders'."""
+    tree = skeleton(
+        [[0, 0, 0], [0, 0, 1]], [[0, 0, 1], [0, 0, 2]], [[0.2, 0.2], [0.1, 0.1]], [-1, 0], [0, 0]
+    )
+    mesh = mesh_wood(tree, 1e-4)
+    assert_watertight(mesh)
+    assert volume(mesh) == pytest.approx(np.pi * (0.04 + 0.01), rel=2e-3)
+
+
+def test_rings_in_line_are_left_out_within_the_tolerance():
+    points = np.stack([np.zeros(101), np.zeros(101), np.linspace(0, 10, 101)], 1)
+    straight = mesh_wood(chain(points, np.linspace(0.2, 0.1, 101)), 0.001)
+    assert len(straight.triangles) < 200
+    assert volume(straight) == pytest.approx(np.pi * 10 / 3 * (0.04 + 0.01 + 0.02), rel=0.02)
+    t = np.linspace(0, 1, 2001)
+    arc = np.stack([10 * np.cos(t), 10 * np.sin(t), 0 * t], 1)
+    coarse = mesh_wood(chain(arc, np.full(2001, 0.01)), 0.002, uv=False)
+    assert len(coarse.triangles) < 2001
+    middle = np.hypot(coarse.vertices[:, 0], coarse.vertices[:, 1])
+    assert np.abs(middle - 10).max() < 0.0145 + 0.002
+
+
+def test_hard_skeletons():
+    nothing = skeleton(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2)), [], [])
+    assert len(mesh_wood(nothing).triangles) == 0
+    zero = chain([[0, 0, 0], [0, 0, 1]], [0.0, 0.0])
+    assert len(mesh_wood(zero).triangles) == 0
+    same = chain([[0, 0, 0], [0, 0, 0], [0, 0, 1], [0, 0, 1], [0, 0, 2]], np.full(5, 0.1))
+    mesh = mesh_wood(same, 0.001)
+    assert np.isfinite(mesh.vertices).all()
+    assert_watertight(mesh)
+    back = chain([[0, 0, 0], [0, 0, 1], [0, 1e-9, 0.2], [0.5, 0, 0.2]], np.full(4, 0.1))
+    assert np.isfinite(mesh_wood(back, 0.001).vertices).all()
+    # shorter than its mother's radius, and tips of a hundredth of a millimetre
+    short = skeleton(
+        [[0, 0, 0], [0, 0, 0.5], [0, 0, 0.5]],
+        [[0, 0, 1], [0.05, 0, 0.5], [1, 0, 0.6]],
+        [[0.2, 0.2], [0.02, 0.02], [5e-5, 1e-5]],
+        [-1, 0, 0],
+        [0, 1, 1],
+    )
+    mesh = mesh_wood(short, 0.001)
+    assert_watertight(mesh)
+    assert np.linalg.norm(mesh.area_vectors(), axis=1).min() > 0
+
+
+def test_texture_runs_in_metres_along_the_stem():
+    mesh = mesh_wood(chain([[0, 0, 0], [0, 0, 2], [0, 1, 3]], [0.4, 0.3, 0.1]), 0.001)
+    assert mesh.uv.shape == (len(mesh.triangles), 3, 2)
+    assert mesh.uv[..., 1].min() == 0
+    assert mesh.uv[..., 1].max() == pytest.approx(2 + np.sqrt(2), rel=1e-6)
+    assert mesh.uv[..., 0].max() == pytest.approx(round(2 * np.pi * 0.4), rel=1e-6)
+    flat = mesh.vertices[mesh.triangles][..., 2]
+    below = flat < 1e-9
+    np.testing.assert_allclose(mesh.uv[..., 1][below], 0, atol=1e-6)
+
+
+def test_a_million_segments():
+    count = 1_000_000
+    rng = np.random.default_rng(0)
+    start = rng.normal(size=(count, 3)) * 10
+    end = start + rng.normal(size=(count, 3)) * 0.1
+    parent = np.maximum(np.arange(count) // 2 - 1, -1)
+    many = Skeleton(
+        start, end, np.full((count, 2), 0.0005), parent, np.full(count, 1), np.zeros(count)
+    )
+    mesh = mesh_wood(many, 0.001, uv=False)
+    assert len(mesh.triangles) >= 12 * count

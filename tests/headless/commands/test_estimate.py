@@ -1,0 +1,168 @@
+"""A map of trees becomes a scene, and its forests are like the site."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from forest_addon.formats.stand_files import read_inputs
+from forest_addon.formats.toml_file import read_settings
+from forest_addon.rng import stream
+from forest_addon.spec import Scene, SpecError
+from forest_addon.stand.compose import process_of
+from forest_addon.stand.intensity.functions import Mixture
+from forest_addon.stand.plan import plan_stand
+from forest_addon.stand.poisson import sample
+from forest_addon.stand.process import Process
+from headless.commands.estimate import estimate_site
+
+ROOT = Path(__file__).resolve().parents[2]
+UTM = np.array([432_100.0, 5_612_300.0])
+SITE = {
+    "pine": Mixture(np.array([0.16]), np.array([[40.0, 60.0]]), np.array([[25.0, 15.0]])),
+    "maple": Mixture(np.array([0.05]), np.array([[95.0, 30.0]]), np.array([[40.0, 60.0]])),
+}
+WINDOW = ["432100", "5612300", "432220", "5612390"]
+
+
+def law(name):
+    return Process(SITE[name], np.zeros(2), np.array([120.0, 90.0]))
+
+
+@pytest.fixture
+def site(tmp_path):
+    """A CSV of a site with two species, in UTM coordinates, comments and all."""
+    rows = ["# mapped by hand", "Easting;Northing;Species;girth"]
+    for name in SITE:
+        points = sample(law(name), stream(11, name)) + UTM
+        rows += [f"{x:.3f};{y:.3f};{name};1" for x, y in points]
+    path = tmp_path / "site.csv"
+    path.write_text("\n".join([*rows, ""]), encoding="utf-8-sig")
+    return path
+
+
+@pytest.mark.parametrize(("method", "error"), [("mixture", 0.05), ("kernel", 0.25)])
+def test_forests_like_the_site(site, tmp_path, method, error):
+    said = []
+    scene = estimate_site(
+        site, tmp_path / "o" / "like.toml", method, WINDOW, ["pine=spruce"], said.append
+    )
+    made = sorted(p.name for p in scene.parent.iterdir())
+    arrays = ["like-maple.npy", "like-pine.npy"] if method == "kernel" else []
+    assert made == sorted([*arrays, "like-estimate.png", "like.toml"])
+    assert "pine as spruce" in "\n".join(said)
+    settings = read_settings(scene, Scene)
+    assert settings.offset == (432_100.0, 5_612_300.0, 0.0)
+    assert settings.forest.size == (120.0, 90.0)
+    inputs = read_inputs(settings, scene.parent)
+    x, y = np.meshgrid(np.arange(0.5, 120), np.arange(0.5, 90))
+    at = np.column_stack([x.ravel(), y.ravel()])
+    names = {"spruce": "pine", "maple": "maple"}
+    assert {p.species for p in settings.plantings} == set(names)
+    for planting in settings.plantings:
+        true, like = law(names[planting.species]), process_of(planting, settings.forest, inputs)
+        found = like.at(at) / like.expected() - true.at(at) / true.expected()
+        # Of the density, relative; some 3 times what it is on average.
+        assert (found**2).sum() < error * ((true.at(at) / true.expected()) ** 2).sum()
+    stand = plan_stand(3, settings.forest, settings.plantings, inputs)
+    mean = sum(p.expected for p in settings.plantings)
+    assert abs(len(stand) - mean) < 4.5 * np.sqrt(mean)  # false alarm 7e-6
+
+
+def test_a_polygon_as_the_window(tmp_path):
+    corners = [(0, 0), (50, 0), (50, 40), (0, 60)]
+    hole = [(10, 10), (20, 10), (20, 20), (10, 20)]
+    (tmp_path / "w.csv").write_text(
+        "x,y,ring\n"
+        + "".join(f"{x},{y},a\n" for x, y in corners)
+        + "".join(f"{x},{y},b\n" for x, y in hole)
+    )
+    (tmp_path / "t.csv").write_text("x,y\n" + "".join(f"{k},{(7 * k) % 9}\n" for k in range(40)))
+    scene = estimate_site(
+        tmp_path / "t.csv", tmp_path / "s.toml", "mixture", [str(tmp_path / "w.csv")], ["spruce"]
+    )
+    forest = read_settings(scene, Scene).forest
+    assert forest.polygon == tuple((float(x), float(y)) for x, y in corners)
+    assert forest.holes[0] == tuple((float(x), float(y)) for x, y in hole)
+    (tmp_path / "in.csv").write_text("x,y\n30,30\n15,15\n")
+    with pytest.raises(SpecError, match=r"row 3: the tree at \(15, 15\) lies outside"):
+        estimate_site(
+            tmp_path / "in.csv",
+            tmp_path / "s.toml",
+            "mixture",
+            [str(tmp_path / "w.csv")],
+            ["maple"],
+        )
+
+
+@pytest.mark.parametrize("method", ["mixture", "kernel"])
+@pytest.mark.parametrize("text", ["x,y\n5,5\n", "x,y\n5,5\n5,5\n5,5\n", "x,y\n5,5\n6,5\n9,5\n"])
+def test_few_trees_make_a_scene_too(tmp_path, method, text):
+    (tmp_path / "t.csv").write_text(text)
+    scene = estimate_site(tmp_path / "t.csv", tmp_path / "s.toml", method, (), ["maple"])
+    settings = read_settings(scene, Scene)
+    stand = plan_stand(1, settings.forest, settings.plantings, read_inputs(settings, tmp_path))
+    assert settings.plantings[0].expected == text.count("\n") - 1
+    assert len(stand) < 20
+
+
+@pytest.mark.parametrize(
+    ("text", "words", "said"),
+    [
+        ("", (), "is empty; it needs a header"),
+        ("x,y\n", (), "has no trees below its header"),
+        ("a,b\n1,2\n", (), 'has no column x; its header is "a,b"'),
+        ("x,y\n1,2\n3,zwei\n", (), 'row 3: y is "zwei", not a finite number'),
+        ("x,y\n1,2\n3,nan\n", (), 'row 3: y is "nan"'),
+        ("x,y\n1\n", (), "row 2 has 1 values, its header 2"),
+        ("x,y\n1,2\n", (), "some trees have no species; say what grows there"),
+        ("x,y,species\n1,2,pine\n", (), '"pine" is no preset; say what grows in its place'),
+        ("x,y,species\n1,2,pine\n", ("oak=maple",), 'no tree of the map is "oak"; it has "pine"'),
+        ("x,y,species\n1,2,pine\n", ("pine=oak.toml",), "there is no file oak.toml"),
+    ],
+)
+def test_bad_maps_are_told_by_row(tmp_path, text, words, said):
+    (tmp_path / "t.csv").write_text(text)
+    with pytest.raises(SpecError) as problem:
+        estimate_site(tmp_path / "t.csv", tmp_path / "o" / "s.toml", species=words)
+    assert said in str(problem.value)
+    assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize(
+    ("window", "said"),
+    [
+        (["0", "0", "10"], "give X0 Y0 X1 Y1"),
+        (["0", "0", "0", "9"], "give X0 Y0 X1 Y1"),
+        (["0", "a", "1", "9"], "could not convert"),
+        (["none.csv"], "there is no such file"),
+    ],
+)
+def test_bad_windows(tmp_path, window, said):
+    (tmp_path / "t.csv").write_text("x,y\n1,2\n")
+    with pytest.raises(SpecError) as problem:
+        estimate_site(tmp_path / "t.csv", tmp_path / "s.toml", window=window, species=["maple"])
+    assert said in str(problem.value)
+
+
+def test_the_command(site, tmp_path):
+    words = ["estimate", site, "--out", tmp_path / "s.toml", "--species", "pine=spruce"]
+    ended = subprocess.run(
+        [sys.executable, "-m", "headless", *map(str, words)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert "Next: python -m headless stand" in ended.stdout
+    words[-1] = "pine=elm"
+    ended = subprocess.run(
+        [sys.executable, "-m", "headless", *map(str, words)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert ended.returncode == 2
+    assert ended.stderr.startswith('error: --species: "elm" is no preset')

@@ -1,0 +1,43 @@
+"""The table and the contact sheet of species."""
+
+import numpy as np
+import pytest
+
+from headless.cli import main
+
+
+def test_table_and_sheet(tmp_path, capsys, monkeypatch):
+    pytest.importorskip("bpy")
+    from headless.commands import species as species_command
+
+    monkeypatch.setattr(species_command, "WIDTH", 300)
+    sheet = tmp_path / "new" / "species.png"
+    assert main(["species", "hazelnut", "--sheet", str(sheet)]) == 0
+    said = capsys.readouterr().out
+    assert "hazelnut" in said
+    assert sheet.stat().st_size > 10_000
+
+
+def test_unknown_species_is_one_sentence(capsys):
+    assert main(["species", "plum-pudding"]) == 2
+    assert "plum-pudding" in capsys.readouterr().err
+
+
+def test_small_pictures_for_the_panel(tmp_path, capsys, monkeypatch):
+    pytest.importorskip("bpy")
+    from PIL import Image
+
+    from headless.commands import species as species_command
+
+    monkeypatch.setattr(species_command, "ICON", 64)
+    folder = tmp_path / "new" / "pictures"
+    assert main(["species", "hazelnut", "honda-conifer", "--pictures", str(folder)]) == 0
+    assert "Wrote 2 pictures" in capsys.readouterr().out
+    assert sorted(path.name for path in folder.iterdir()) == ["hazelnut.jpg", "honda-conifer.jpg"]
+    for path in folder.iterdir():
+        with Image.open(path) as picture:
+            assert picture.size == (64, 64)
+            grey = np.asarray(picture.convert("L"), float)
+        tree = grey < 180  # darker than the paper behind it
+        assert 0.02 < tree.mean() < 0.5
+        assert tree[:, 24:40].sum() > 0.5 * tree.sum()  # it stands in the middle

@@ -1,0 +1,121 @@
+"""From a user's STL files to a forest in two commands."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from references.model_tree import tree
+
+from forest_addon.formats.species_file import load_species
+from forest_addon.formats.stl import write_stl
+from forest_addon.growth.template.unit import infer_unit
+from headless.cli import main
+
+MAPLE = Path(__file__).resolve().parents[3] / "shared" / "data" / "maple"
+
+
+@pytest.fixture
+def files(tmp_path):
+    """A model tree, drawn in centimetres."""
+    model = tree()
+    write_stl(tmp_path / "w.stl", model.wood() * 100)
+    write_stl(tmp_path / "l.stl", model.leaves() * 100)
+    return tmp_path
+
+
+def test_a_users_tree_becomes_a_forest_in_two_commands(files, capsys):
+    pytest.importorskip("bpy")
+    out = files / "elm"
+    assert (
+        main(["template", f"{files}/w.stl", f"{files}/l.stl", "--name", "elm", "--out", f"{out}"])
+        == 0
+    )
+    said = capsys.readouterr().out
+    assert "1 trunk" in said
+    assert "9 first-level branches" in said
+    assert "63 leaves" in said
+    assert "inferred" in said
+    assert "centimetres" in said
+    assert (out / "recognised.png").stat().st_size > 20_000
+
+    species, template = load_species(out / "elm.toml")
+    assert len(template.branches) == 9
+    assert template.unit == 1.0  # the library is in metres
+    assert species.grammar.radius == pytest.approx(template.trunk_radius, rel=1e-3)
+
+    scene = out / "scene.toml"
+    scene.write_text(
+        scene.read_text() + "\n[output]\nblend = false\nglb = false\npreview = false\n",
+    )
+    assert main(["run", str(scene), "--out", str(files / "out"), "--quiet"]) == 0
+    with open(files / "out" / "trees.csv", encoding="utf-8") as table:
+        rows = list(csv.DictReader(table))
+    assert rows
+    model = tree()
+    tall = np.ptp(model.wood()[:, :, 2])
+    for row in rows:
+        assert 0.5 * tall < float(row["height_m"]) / float(row["scale"]) < 1.6 * tall
+        assert float(row["wood_volume_m3"]) > 0
+    record = json.loads((files / "out" / "run.json").read_text())
+    assert record["triangles"]["unique"] > 0
+
+
+def test_a_height_that_is_given_sets_the_scale(files, capsys):
+    out = files / "elm"
+    words = ["template", str(files / "w.stl"), "--name", "elm", "--height", "8", "--out", str(out)]
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert "given by --height" in said
+    assert "8.00 m high" in said
+    assert not (out / "leaves.stl").exists()
+    _, template = load_species(out / "elm.toml")
+    assert template.leaf_count == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["nowhere.stl", "--name", "x"], "there is no file nowhere.stl"),
+        (["w.stl", "--name", "a b"], "letters, digits"),
+        (["w.stl", "--name", "x", "--height", "-1"], "out of range"),
+        (["l.stl", "--name", "x"], ""),
+    ],
+)
+def test_bad_input_is_one_sentence(files, monkeypatch, capsys, words, complaint):
+    monkeypatch.chdir(files)
+    assert main(["template", *words]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: ")
+    assert said.count("\n") == 1
+    assert complaint in said
+
+
+@pytest.mark.parametrize(
+    ("height", "leaf", "name"),
+    [
+        (9.5, 0.08, "metres"),
+        (950, 8, "centimetres"),
+        (12_000, 110, "millimetres"),
+        (40, 0.35, "feet"),
+        (8, None, "metres"),
+    ],
+)
+def test_units_are_inferred_from_usual_sizes(height, leaf, name):
+    assert infer_unit(height, leaf).name == name
+
+
+def test_the_maple_of_t20(tmp_path, capsys):
+    if not MAPLE.is_dir():
+        pytest.skip(f"the maple of T20 is not at {MAPLE}; it has no licence to be shipped")
+    wood, leaves = MAPLE / "maple_stem.stl", MAPLE / "maple_leaves.stl"
+    assert (
+        main(["template", str(wood), str(leaves), "--name", "maple", "--out", str(tmp_path)]) == 0
+    )
+    said = capsys.readouterr().out
+    assert "in 244 pieces" in said
+    assert "1 trunk" in said
+    assert "24 first-level branches" in said
+    assert "3,710 leaf faces: 1,855 leaves" in said
+    assert "inferred" in said

@@ -1,0 +1,330 @@
+"""Light that comes back from walls, edges, leaves and twigs, against closed forms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from references.lidar_scenes import ground, scene_with
+from references.rays_brute import BruteCaster
+from scipy.special import erf
+
+from forest_addon.growth.mesh.trimesh import GROUND, LEAF, OTHER, WOOD, TriMesh
+from forest_addon.growth.mesh.tubes import tube
+from forest_addon.sensing.lidar import radiometry
+from forest_addon.sensing.lidar.scan import Scan, scan
+from forest_addon.sensing.lidar.waveform import LIGHT, pulse_length
+from forest_addon.spec import Beam, Noise, Surfaces, Terrestrial
+
+CHANCE = 4.5  # standard deviations: a right program fails in 7 of a million tests
+
+
+def sheet(distance, part=OTHER, tilt=0.0, low=-50.0, high=50.0):
+    """A plane across the X axis from y = low to y = high, turned about Z by ``tilt`` radians."""
+    y, z = np.array([low, high, high, low]), np.array([-50.0, -50.0, 50.0, 50.0])
+    corners = np.stack([distance + y * np.tan(tilt), y, z], axis=1)
+    return TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), part)
+
+
+def along_x(pulses=1, **settings):
+    """A scanner whose pulses all go almost exactly along X."""
+    settings = {"min_range": 0.0, "max_range": 1000.0} | settings
+    return Terrestrial(
+        position=(0.0, 0.0, 0.0),
+        azimuth_deg=(0.0, 1e-7),
+        elevation_deg=(0.0, 1e-7),
+        angle_step_deg=1.0 if pulses == 1 else 1e-7 / (pulses - 1),
+        line_step_deg=90.0,
+        **settings,
+    )
+
+
+def look(scanner, *meshes, seed=0):
+    return scan(scanner, BruteCaster(scene_with(*meshes)), seed)
+
+
+# ------------------------------------------------------------------------------------- radiometry
+
+
+@pytest.mark.parametrize("distance", [1.0, 17.3, 400.0])
+@pytest.mark.parametrize("subrays", [1, 19])
+def test_a_facing_wall(distance, subrays):
+    beam = Beam(subrays=subrays, divergence_mrad=(0.3, 0.3), exit_diameter=0.005)
+    cloud = look(along_x(beam=beam, surfaces=Surfaces(other=0.8)), sheet(distance))
+    assert cloud.intensity[0] == pytest.approx(0.8 / distance**2, rel=1e-6)
+    assert cloud.true_range[0] == pytest.approx(distance, rel=1e-7)
+    assert cloud.width[0] == pytest.approx(pulse_length(4.0) * 2 / LIGHT, rel=1e-6)
+    assert cloud.returns.cos_incidence[0] == pytest.approx(1, abs=1e-6)
+
+
+@pytest.mark.parametrize("tilt", [0.3, 0.9, 1.3])
+def test_a_tilted_plane_dims_by_the_cosine_and_widens_the_echo(tilt):
+    beam = Beam(subrays=400, divergence_mrad=(2.0, 2.0), pulse_ns=1.0)
+    cloud = look(along_x(beam=beam), sheet(100.0, tilt=tilt))
+    assert cloud.intensity[0] == pytest.approx(0.5 * np.cos(tilt) / 100**2, rel=1e-3)
+    spread = 0.1 / 2 * np.tan(tilt)  # the footprint's sd is half its radius at 1/e²
+    expected = np.hypot(pulse_length(1.0), spread) * 2 / LIGHT
+    assert cloud.width[0] == pytest.approx(expected, rel=1e-2)
+    assert cloud.true_range[0] == pytest.approx(100, abs=1e-2 * spread)
+
+
+@pytest.mark.parametrize("extinction", [1e-4, 0.02])
+def test_the_air_takes_light_there_and_back(extinction):
+    cloud = look(along_x(beam=Beam(extinction=extinction)), sheet(80.0))
+    assert cloud.intensity[0] == pytest.approx(0.5 * np.exp(-2 * extinction * 80) / 80**2)
+
+
+def test_joules_at_the_detector():
+    # 1 µJ onto a white wall at 10 m, aperture of 50 mm: E·ρ·(D²/4)/R² = 6.25 pJ.
+    energy = radiometry.received_energy(np.array([1 / 10.0**2]), 1e-6, 0.05)
+    assert energy == pytest.approx([6.25e-12])
+
+
+def test_the_light_over_all_directions_is_what_was_sent():
+    # A white Lambert surface sends cos θ/π a steradian; over the half space that is all of it.
+    cos = (np.arange(100_000) + 0.5) / 100_000
+    aperture = 1e-3
+    share = radiometry.received_energy(np.array([1 / 5.0**2]), 1.0, aperture)[0]  # facing
+    solid_angle = np.pi * (aperture / 2) ** 2 / 5.0**2
+    assert share / solid_angle * 2 * np.pi * np.mean(cos) == pytest.approx(1, rel=1e-6)
+
+
+def test_each_part_has_its_reflectance_and_objects_may_say_their_own():
+    surfaces = Surfaces(other=0.1, wood=0.2, leaf=0.3, ground=0.4)
+    for part, share in ((OTHER, 0.1), (WOOD, 0.2), (LEAF, 0.3), (GROUND, 0.4)):
+        cloud = look(along_x(surfaces=surfaces), sheet(10.0, part))
+        assert cloud.intensity[0] == pytest.approx(share / 100)
+    scene = replace(scene_with(sheet(10.0)), reflectance=np.array([0.77]))
+    cloud = scan(along_x(surfaces=surfaces), BruteCaster(scene))
+    assert cloud.intensity[0] == pytest.approx(0.0077)
+
+
+@pytest.mark.parametrize(("reflectance", "seen"), [(0.2, True), (0.1999, False)])
+def test_the_faintest_surface_is_seen_at_the_largest_range(reflectance, seen):
+    scanner = along_x(
+        max_range=400.0,
+        faintest=0.2,
+        beam=Beam(extinction=1e-3),
+        surfaces=Surfaces(other=reflectance),
+    )
+    assert len(look(scanner, sheet(400.0))) == seen
+
+
+# ---------------------------------------------------------------------------------------- echoes
+
+
+def edge_scene(share_of_radius):
+    """A near wall up to an edge in the footprint, a far wall behind it: w = 0.05 m at 100 m."""
+    return sheet(100.0, high=share_of_radius * 0.05), sheet(130.0)
+
+
+@pytest.mark.parametrize("edge", [-0.8, -0.2, 0.0, 0.5])
+def test_an_edge_shares_the_pulse_by_the_error_function(edge):
+    beam = Beam(subrays=1000, divergence_mrad=(1.0, 1.0), max_returns=5)
+    cloud = look(along_x(beam=beam), *edge_scene(edge))
+    near = 0.5 + 0.5 * erf(np.sqrt(2) * edge)
+    assert cloud.number.tolist() == [1, 2]
+    assert cloud.count.tolist() == [2, 2]
+    assert cloud.true_range == pytest.approx([100, 130], abs=1e-4)
+    assert cloud.intensity[0] * 2 * 100**2 == pytest.approx(near, abs=0.005)
+    assert cloud.intensity[1] * 2 * 130**2 == pytest.approx(1 - near, abs=0.005)
+    assert cloud.returns.instance.tolist() == [0, 1]
+
+
+def test_only_the_first_echoes_are_kept():
+    beam = Beam(subrays=1000, divergence_mrad=(1.0, 1.0), max_returns=1)
+    cloud = look(along_x(beam=beam), *edge_scene(0.0))
+    assert (cloud.number.tolist(), cloud.count.tolist()) == ([1], [1])
+
+
+@pytest.mark.parametrize(("gap", "echoes"), [(0.1, 1), (0.4, 1), (1.0, 2)])
+def test_surfaces_closer_than_the_pulse_are_one_echo(gap, echoes):
+    # 4 ns are 0.6 m of range: its standard deviation is 0.255 m, two equal echoes part at 0.51 m.
+    beam = Beam(subrays=1000, divergence_mrad=(1.0, 1.0), max_returns=5, pulse_ns=4.0)
+    cloud = look(along_x(beam=beam), sheet(100.0, high=0.0), sheet(100.0 + gap))
+    assert len(cloud) == echoes
+    assert cloud.intensity.sum() == pytest.approx(0.5 / 100**2, rel=0.02)
+    if echoes == 1:
+        assert cloud.true_range[0] == pytest.approx(100 + gap / 2, abs=0.02 * gap + 0.01)
+
+
+def test_a_thin_twig_far_away_returns_its_share_of_the_footprint():
+    # 0.5 mm at 80 m in a beam of 0.3 mrad: 2.4 % of the light, often between two sub-rays.
+    beam = Beam(subrays=100, divergence_mrad=(0.3, 0.3))
+    scanner = along_x(pulses=400, beam=beam)
+    cloud = look(scanner, sheet(80.0, WOOD, low=-0.00025, high=0.00025))
+    share = erf(np.sqrt(2) * 0.00025 / 0.012)
+    mean = cloud.intensity.sum() / cloud.pulses
+    assert mean == pytest.approx(0.5 * share / 80**2, rel=0.15)
+    assert cloud.true_range == pytest.approx(80, abs=1e-4)
+
+
+def test_a_sphere_is_where_it_is():
+    rings, columns = 96, 192
+    el = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)
+    az = np.linspace(0, 2 * np.pi, columns, endpoint=False)
+    grid = np.stack(
+        [
+            np.cos(el)[:, None] * np.cos(az) + 10,
+            np.cos(el)[:, None] * np.sin(az),
+            np.sin(el)[:, None] + 0 * az,
+        ],
+        axis=2,
+    ).reshape(-1, 3)
+    i, j = np.meshgrid(np.arange(rings), np.arange(columns), indexing="ij")
+    a, b = i * columns + j, i * columns + (j + 1) % columns
+    faces = np.concatenate(
+        [np.stack([a, b, b + columns], 2), np.stack([a, b + columns, a + columns], 2)]
+    ).reshape(-1, 3)
+    scanner = Terrestrial(
+        position=(0.0, 0.0, 0.0),
+        azimuth_deg=(-5.0, 5.0),
+        elevation_deg=(-5.0, 5.0),
+        angle_step_deg=1.0,
+    )
+    cloud = look(scanner, TriMesh.of_part(grid, faces, OTHER))
+    off = np.arccos(np.cos(cloud.elevation) * np.cos(cloud.azimuth))
+    expected = 10 * np.cos(off) - np.sqrt(1 - (10 * np.sin(off)) ** 2)
+    degrees = np.deg2rad(np.arange(-5, 6))
+    inside = np.arccos(np.cos(degrees)[:, None] * np.cos(degrees)) < np.arcsin(1 / 10)
+    assert len(cloud) == np.count_nonzero(inside)
+    assert cloud.true_range == pytest.approx(expected, abs=1e-3)  # the mesh lies 0.5 mm inside
+    normal = cloud.position - [10, 0, 0]
+    cosine = np.abs(np.einsum("pi,pi->p", normal, cloud.position)) / cloud.true_range
+    assert cloud.returns.cos_incidence == pytest.approx(cosine, abs=0.03)
+    assert np.linalg.norm(cloud.returns.normal, axis=1) == pytest.approx(1)
+
+
+# ---------------------------------------------------------------------------------------- leaves
+
+
+def leaves(count, gap=2.0):
+    return [sheet(10.0 + gap * n, LEAF) for n in range(count)]
+
+
+@pytest.mark.parametrize("transmittance", [0.2, 0.7])
+def test_rays_pass_leaves_by_the_binomial_law(transmittance):
+    surfaces = Surfaces(leaf_transmittance=transmittance)
+    cloud = look(along_x(pulses=4000, surfaces=surfaces), *leaves(4), sheet(50.0, GROUND))
+    assert len(cloud) == cloud.pulses  # each ray ends once
+    for passed in range(5):
+        chance = transmittance**passed * (1 - transmittance if passed < 4 else 1)
+        count = np.count_nonzero(cloud.returns.instance == passed)
+        deviation = np.sqrt(cloud.pulses * chance * (1 - chance))
+        assert abs(count - cloud.pulses * chance) < CHANCE * deviation + 1, passed
+
+
+def test_a_share_of_the_light_passes_each_leaf_there_and_back():
+    surfaces = Surfaces(leaf=0.45, ground=0.3, leaf_transmittance=0.4, passing="share")
+    scanner = along_x(surfaces=surfaces, beam=Beam(max_returns=15))
+    cloud = look(scanner, *leaves(3), sheet(50.0, GROUND))
+    distance = np.array([10, 12, 14, 50.0])
+    expected = np.array([0.45, 0.45, 0.45, 0.3]) * 0.4 ** (2 * np.arange(4)) / distance**2
+    assert cloud.intensity == pytest.approx(expected, rel=1e-9)
+    assert cloud.true_range == pytest.approx(distance)
+    assert cloud.number.tolist() == [1, 2, 3, 4]
+
+
+def test_wood_lets_nothing_pass():
+    surfaces = Surfaces(leaf_transmittance=0.99)
+    cloud = look(along_x(pulses=200, surfaces=surfaces), sheet(10.0, WOOD), sheet(20.0, GROUND))
+    assert (cloud.returns.organ == WOOD).all()
+
+
+# --------------------------------------------------------------------------------- noise, limits
+
+
+def noisy(pulses=20_000, **noise):
+    return along_x(pulses=pulses, noise=Noise(**noise))
+
+
+@pytest.mark.parametrize(
+    ("noise", "tilt", "expected"),
+    [
+        ({"range_sd": 0.02}, 0.0, 0.02),
+        ({"range_ppm": 500.0}, 0.0, 0.05),
+        ({"incidence_sd": 0.01}, 1.0, 0.01 * np.tan(1.0)),
+        ({"range_sd": 0.03, "range_ppm": 400.0}, 0.0, 0.05),
+    ],
+)
+def test_ranges_scatter_as_stated(noise, tilt, expected):
+    cloud = look(noisy(**noise), sheet(100.0, tilt=tilt))
+    error = (cloud.returns.distance - cloud.true_range) / expected
+    count = len(error)
+    assert abs(error.mean()) < CHANCE / np.sqrt(count)
+    assert abs(error.var() - 1) < CHANCE * np.sqrt(2 / count)
+    assert abs(np.mean(error**4) - 3) < CHANCE * np.sqrt(96 / count)
+    after = np.mean(error[1:] * error[:-1])
+    assert abs(after) < CHANCE / np.sqrt(count)  # neighbours know nothing of each other
+    away = np.linalg.norm(cloud.position, axis=1)
+    assert away == pytest.approx(cloud.returns.distance)
+
+
+def test_returns_drop_out_by_chance():
+    cloud = look(noisy(drop_out=0.3), sheet(100.0))
+    lost = cloud.pulses - len(cloud)
+    assert abs(lost - 0.3 * cloud.pulses) < CHANCE * np.sqrt(cloud.pulses * 0.3 * 0.7)
+
+
+def test_another_seed_or_name_is_other_noise():
+    wall = sheet(100.0)
+    first = look(noisy(pulses=50, range_sd=0.1), wall)
+    again = look(noisy(pulses=50, range_sd=0.1), wall)
+    seed = look(noisy(pulses=50, range_sd=0.1), wall, seed=1)
+    other = look(replace(noisy(pulses=50, range_sd=0.1), name="other"), wall)
+    assert (first.returns.distance == again.returns.distance).all()
+    assert not np.isin(seed.returns.distance, first.returns.distance).any()
+    assert not np.isin(other.returns.distance, first.returns.distance).any()
+
+
+@pytest.mark.parametrize("at_once", [1, 7, 64, 1000])
+def test_chunks_do_not_change_a_byte(at_once):
+    scanner = along_x(
+        pulses=150,
+        beam=Beam(subrays=5, divergence_mrad=(2.0, 2.0), max_returns=3),
+        surfaces=Surfaces(leaf_transmittance=0.5),
+        noise=Noise(range_sd=0.1, incidence_sd=0.1, drop_out=0.2),
+    )
+    work = Scan(
+        scanner, BruteCaster(scene_with(sheet(30.0, LEAF, high=0.01), sheet(60.0, tilt=0.5)))
+    )
+    whole = work.look(0, work.pulses)
+    pieces = [cloud for _, cloud in work.chunks(at_once=at_once)]
+    for name in ("position", "pulse", "number", "count", "intensity", "width", "true_range"):
+        joined = np.concatenate([getattr(piece, name) for piece in pieces])
+        assert joined.tobytes() == getattr(whole, name).tobytes(), name
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "seen"),
+    [(20.0, 90.0, True), (0.0, 20.0, True), (np.nextafter(20.0, 21), 90.0, False),
+     (0.0, np.nextafter(20.0, 19), False)],
+)  # fmt: skip
+def test_limits_are_inclusive_to_the_last_digit(low, high, seen):
+    assert len(look(along_x(min_range=low, max_range=high), sheet(20.0))) == seen
+
+
+def test_what_is_too_near_hides_what_is_behind():
+    assert len(look(along_x(min_range=5.0), sheet(3.0), sheet(20.0))) == 0
+
+
+def test_noise_does_not_move_a_return_in_or_out_of_the_limits():
+    cloud = look(along_x(pulses=500, max_range=20.0, noise=Noise(range_sd=1.0)), sheet(20.0))
+    assert len(cloud) == cloud.pulses
+    assert cloud.returns.distance.max() > 20.5
+
+
+def test_inside_a_trunk():
+    trunk = TriMesh.of_part(*tube(np.array([[0, 0, -9.0], [0, 0, 9.0]]), np.full(2, 0.4), 48), WOOD)
+    scanner = Terrestrial(
+        position=(0.0, 0.0, 0.0), elevation_deg=(-60.0, 60.0), angle_step_deg=10.0, min_range=0.0
+    )
+    cloud = look(scanner, trunk)
+    assert len(cloud) == cloud.pulses
+    assert np.hypot(*cloud.position[:, :2].T) == pytest.approx(0.4, abs=2e-3)
+
+
+def test_nothing_below_an_open_sky():
+    scanner = Terrestrial(elevation_deg=(1.0, 80.0), angle_step_deg=5.0)
+    cloud = look(scanner, ground())
+    assert len(cloud) == 0
+    assert cloud.position.shape == (0, 3)

@@ -1,0 +1,166 @@
+"""Where pulses go: patterns of sweeps, ways of platforms."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from forest_addon.sensing.lidar.scanner import pattern_of
+from forest_addon.sensing.lidar.trajectory import path_along, path_of
+from forest_addon.spec import Airborne, Mobile, Pose, SpecError, Terrestrial
+
+
+def all_pulses(scanner, path=None):
+    pattern = pattern_of(scanner, path)
+    return pattern.pulses(np.arange(pattern.count))
+
+
+SCANNERS = [
+    Terrestrial(angle_step_deg=5.0),
+    *(
+        Airborne(pattern=p, pulse_rate=1000.0, line_rate=20.0, track=30.0, heading_deg=30.0)
+        for p in ("lines", "zigzag", "circles", "spinning")
+    ),
+]
+
+
+@pytest.mark.parametrize("scanner", SCANNERS, ids=lambda s: getattr(s, "pattern", s.kind))
+def test_directions_and_sweeps_are_unit_vectors_at_right_angles(scanner):
+    pulses = all_pulses(scanner)
+    assert np.linalg.norm(pulses.direction, axis=1) == pytest.approx(1)
+    assert np.linalg.norm(pulses.across, axis=1) == pytest.approx(1)
+    assert np.einsum("pi,pi->p", pulses.direction, pulses.across) == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("scanner", SCANNERS, ids=lambda s: getattr(s, "pattern", s.kind))
+def test_a_pulse_depends_on_its_number_alone(scanner):
+    pattern = pattern_of(scanner)
+    number = np.arange(pattern.count)
+    whole = pattern.pulses(number)
+    some = pattern.pulses(number[17:31])
+    assert (some.direction == whole.direction[17:31]).all()
+    assert (some.origin == whole.origin[17:31]).all()
+    assert whole.time == pytest.approx(number / scanner.pulse_rate)
+
+
+def test_a_tripod_with_its_own_step_in_elevation():
+    pulses = all_pulses(
+        Terrestrial(elevation_deg=(-15.0, 15.0), angle_step_deg=10.0, line_step_deg=2.0)
+    )
+    assert len(pulses) == 36 * 16
+    assert np.rad2deg(pulses.scan_angle[:16]) == pytest.approx(np.arange(-15, 16, 2))
+
+
+def test_parallel_lines_start_on_the_left_each_time():
+    flight = Airborne(
+        position=(0.0, 0.0, 100.0), heading_deg=0.0, track=10.0, speed=10.0,
+        pulse_rate=1000.0, line_rate=50.0, field_deg=(-45.0, 45.0),
+    )  # fmt: skip
+    pulses = all_pulses(flight)
+    lines = np.rad2deg(pulses.scan_angle).reshape(50, 20)
+    assert lines == pytest.approx(np.tile(-45 + 90 * np.arange(20) / 20, (50, 1)), abs=1e-6)
+    onto = pulses.origin + pulses.direction * (-100 / pulses.direction[:, 2])[:, None]
+    assert onto[:, 1] == pytest.approx(-100 * np.tan(pulses.scan_angle), abs=1e-6)  # left is +Y
+    assert onto[:, 0] == pytest.approx(10 * pulses.time)
+
+
+def test_a_zigzag_turns_at_both_ends():
+    flight = Airborne(
+        pattern="zigzag", track=10.0, speed=10.0, pulse_rate=1000.0, line_rate=10.0,
+        field_deg=(-20.0, 20.0),
+    )  # fmt: skip
+    angle = np.rad2deg(all_pulses(flight).scan_angle)
+    assert np.abs(np.diff(angle)).max() == pytest.approx(0.4, rel=1e-6)
+    assert angle.max() == pytest.approx(20)
+    assert angle[50] == pytest.approx(0, abs=1e-9)
+    assert angle[150] == pytest.approx(0, abs=1e-9)
+
+
+def test_circles_lie_on_a_cone_about_nadir():
+    flight = Airborne(pattern="circles", field_deg=(0.0, 20.0), pulse_rate=1e4, track=5.0)
+    pulses = all_pulses(flight)
+    assert -pulses.direction[:, 2] == pytest.approx(np.cos(np.deg2rad(20)))
+    assert np.rad2deg(np.abs(pulses.scan_angle)) == pytest.approx(20)
+    turn = np.arctan2(pulses.direction[:, 0], pulses.direction[:, 1])
+    assert np.ptp(turn) > 6.2
+
+
+def test_strips_go_there_and_back():
+    flight = Airborne(
+        position=(5.0, 0.0, 50.0), heading_deg=90.0, track=20.0, speed=10.0, strips=3, spacing=30.0,
+        pulse_rate=100.0,
+    )  # fmt: skip
+    pulses = all_pulses(flight)
+    strip = pulses.origin.reshape(3, 200, 3)
+    assert strip[:, :, 0] == pytest.approx(np.tile([[5.0], [35.0], [65.0]], (1, 200)))
+    assert strip[0, :, 1] == pytest.approx(np.arange(200) * 0.1)
+    assert strip[1, :, 1] == pytest.approx(20 - np.arange(200) * 0.1)
+    assert strip[2, 0, 1] == pytest.approx(0)
+
+
+def test_channels_spin_about_the_vertical():
+    scanner = Mobile(
+        pattern="spinning", channels=16, field_deg=(-15.0, 15.0), line_rate=10.0, pulse_rate=28800.0,
+        poses=(Pose(position=(0.0, 0.0, 2.0)),),
+    )  # fmt: skip
+    pulses = all_pulses(scanner)
+    assert len(pulses) == 2880  # one turn of a scanner that stands
+    assert np.rad2deg(np.arcsin(pulses.direction[:16, 2])) == pytest.approx(np.arange(-15, 16, 2))
+    azimuth = np.rad2deg(np.arctan2(pulses.direction[::16, 1], pulses.direction[::16, 0])) % 360
+    assert azimuth == pytest.approx(-2.0 * np.arange(180) % 360, abs=1e-6)  # clockwise
+
+
+def test_poses_are_passed_evenly_by_the_shortest_turn():
+    path = path_of(
+        [
+            Pose(time=5.0, position=(0.0, 0.0, 1.0), heading_deg=350.0),
+            Pose(time=7.0, position=(4.0, 2.0, 1.0), heading_deg=10.0, pitch_deg=30.0),
+        ]
+    )
+    where, attitude = path.at(np.array([4.0, 5.0, 6.0, 7.0, 9.0]))
+    assert where[:, 0] == pytest.approx([0, 0, 2, 4, 4])
+    forward = attitude.apply([1.0, 0, 0])
+    heading = np.rad2deg(np.arctan2(forward[:, 1], forward[:, 0]))
+    assert heading[[0, 1, 3, 4]] == pytest.approx([-10, -10, 10, 10])
+    assert abs(heading[2]) < 1  # not by way of 180°
+    assert np.rad2deg(np.arcsin(forward[3, 2])) == pytest.approx(30)  # nose up
+
+
+def test_roll_sinks_the_right_side():
+    _, attitude = path_of([Pose(roll_deg=20.0)]).at(np.zeros(1))
+    assert attitude.apply([0, -1.0, 0])[0, 2] == pytest.approx(-np.sin(np.deg2rad(20)))
+
+
+def test_a_polyline_is_followed_at_an_even_speed():
+    path = path_along(np.array([[0, 0, 0], [3, 0, 0], [3, 0, 0], [3, 4, 0.0]]), speed=2.0)
+    assert path.duration == pytest.approx(3.5)
+    where, attitude = path.at(np.array([0.0, 1.0, 2.5, 3.5]))
+    assert where[:, :2] == pytest.approx(np.array([[0, 0], [2, 0], [3, 2], [3, 4]]))
+    assert attitude.apply([1.0, 0, 0])[[0, 3]] == pytest.approx(
+        np.array([[1, 0, 0], [0, 1, 0]]), abs=1e-12
+    )
+    with pytest.raises(ValueError, match="two different points"):
+        path_along(np.zeros((4, 3)), 1.0)
+
+
+def test_a_scanner_is_turned_on_its_platform():
+    scanner = Mobile(
+        field_deg=(-1e-6, 1e-6), mount_deg=(0.0, 90.0, 0.0), poses=(Pose(heading_deg=90.0),)
+    )
+    pulses = all_pulses(scanner)
+    # Nadir, tipped up by 90°, looks ahead: north.
+    assert pulses.direction[0] == pytest.approx([0, 1, 0], abs=1e-6)
+
+
+def test_nowhere_to_go():
+    with pytest.raises(SpecError, match="poses: are missing"):
+        pattern_of(Mobile())
+    with pytest.raises(SpecError, match="later than the pose before"):
+        Mobile(poses=(Pose(time=1.0), Pose(time=1.0)))
+
+
+def test_a_path_of_one_pose_stands_still():
+    path = path_of([Pose(position=(1.0, 2.0, 3.0))])
+    where, attitude = path.at(np.linspace(0, 9, 5))
+    assert (where == [1, 2, 3]).all()
+    assert len(attitude) == 5
+    assert isinstance(attitude, Rotation)

@@ -1,0 +1,394 @@
+"""The foliage echo against scalar loops, and its hard cases (PHYSICS 4.4)."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from references.echo_direct import echo_spectrum_direct, leaf_direct
+from references.leaf_discs import discs_of
+from references.rays_brute import BruteCaster
+
+from forest_addon.acoustics import nonuniform
+from forest_addon.acoustics.disc import backscatter, backscatter_amplitude
+from forest_addon.growth.mesh.trimesh import WOOD, TriMesh
+from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.sensing.sonar import search
+from forest_addon.sensing.sonar.ping import Echo, LeafDiscs, ping
+from forest_addon.spec import Air
+from forest_addon.spec import Sonar as AnySonar
+
+AIR = Air(sound_speed=340.0)
+
+
+def Sonar(**settings: Any) -> AnySonar:
+    """A sonar to which leaves are pistons, so that scalar loops can follow."""
+    return AnySonar(**({"leaf_model": "piston"} | settings))
+
+
+def foliage_of(count: int, seed: int = 0, far: float = 5.0) -> LeafDiscs:
+    """Leaves of every direction in a shell about (0, 0, 2)."""
+    rng = np.random.default_rng(seed)
+    way = rng.normal(size=(count, 3))
+    way *= (rng.uniform(0.5, far, count) / np.linalg.norm(way, axis=1))[:, None]
+    return discs_of(
+        way + np.array([0, 0, 2.0]), rng.normal(size=(count, 3)), rng.uniform(0.005, 0.04, count)
+    )
+
+
+def expected(echo: Echo, discs: LeafDiscs, sonar: AnySonar, air: Air, bin_: int) -> complex:
+    return echo_spectrum_direct(
+        float(echo.frequency[bin_]),
+        zip(discs.centre, discs.normal, discs.radius, strict=True),
+        position=sonar.position,
+        azimuth=math.radians(sonar.azimuth_deg),
+        elevation=math.radians(sonar.elevation_deg),
+        width=(math.radians(sonar.beam_width_deg[0]), math.radians(sonar.beam_width_deg[1])),
+        model=sonar.leaf_model,
+        speed=air.speed(),
+        air=(air.temperature_c, air.humidity, air.pressure_kpa) if sonar.absorption else None,
+    )
+
+
+@pytest.mark.parametrize("model", ["piston", "paper"])
+@pytest.mark.parametrize(("absorption", "elevation"), [(True, 20.0), (False, -90.0)])
+def test_spectrum_against_scalar_loops(model: str, absorption: bool, elevation: float) -> None:
+    discs = foliage_of(60)
+    sonar = Sonar(
+        leaf_model=model,
+        absorption=absorption,
+        azimuth_deg=130.0,
+        elevation_deg=elevation,
+        beam_width_deg=(70.0, 40.0),
+        cull=0.0,
+        tolerance=0.0,
+    )
+    air = Air(temperature_c=5.0, humidity=80.0)
+    echo = ping(discs, sonar, air)
+    assert numbers(echo) == list(range(60))
+    assert echo.cull_bound == 0
+    for bin_ in (0, 1, 333, len(echo.frequency) // 2, len(echo.frequency) - 1):
+        wanted = expected(echo, discs, sonar, air, bin_)
+        assert abs(echo.spectrum[bin_] - wanted) < 1e-11 * np.abs(echo.spectrum).max()
+    for row in echo.heard.number[:3]:
+        sizes = [
+            abs(
+                leaf_direct(
+                    float(f),
+                    discs.centre[row],
+                    discs.normal[row],
+                    float(discs.radius[row]),
+                    sonar.position,
+                    math.radians(130.0),
+                    math.radians(elevation),
+                    (math.radians(70.0), math.radians(40.0)),
+                    model,
+                    air.speed(),
+                    (5.0, 80.0, 101.325) if absorption else None,
+                )
+            )
+            for f in echo.frequency[::20]
+        ]
+        hann = np.sin(np.pi * (echo.frequency[::20] - 60e3) / 20e3) ** 2
+        assert amplitude_of(echo, row) == pytest.approx(np.average(sizes, weights=hann), rel=1e-2)
+
+
+def numbers(echo: Echo) -> list[int]:
+    """The leaves that are heard, in order of their numbers."""
+    return sorted(echo.heard.number.tolist())
+
+
+def amplitude_of(echo: Echo, leaf: int) -> float:
+    """Mean |A| of a leaf, 0 where it is not heard."""
+    return float(echo.heard.amplitude[echo.heard.number == leaf].sum())
+
+
+def analytic_at(echo: Echo, time: np.ndarray) -> np.ndarray:
+    """The analytic signal between samples, from the spectrum and the stated window."""
+    low, high = 60e3, 80e3
+    window = np.sin(np.pi * (echo.frequency - low) / (high - low)) ** 2
+    turned = np.exp(2j * np.pi * np.outer(time, echo.frequency))
+    return np.asarray(turned @ (window * echo.spectrum) / window.sum())
+
+
+@pytest.mark.parametrize("model", ["piston", "paper", "exact"])
+@pytest.mark.parametrize("distance", [0.3, 1.0, 3.3333, 14.9])
+def test_single_leaf_has_its_delay_and_level(distance: float, model: str) -> None:
+    """Face-on and on the axis: |A| = L/kr², at 2r/c to a hundredth of a sample.
+
+    The exact disc's own phase falls a little with the frequency, which is 0.04 samples of delay.
+    """
+    radius = 0.02
+    discs = discs_of([[distance, 0, 2]], [1.0, 0, 0], radius)
+    echo = ping(discs, Sonar(absorption=False, leaf_model=model), AIR)
+    delay = 2 * distance / 340.0
+    time = delay + np.linspace(-1, 1, 2001) / echo.sample_rate
+    envelope = np.abs(analytic_at(echo, time))
+    k = 2 * np.pi * echo.frequency / 340.0
+    hann = np.sin(np.pi * (echo.frequency - 60e3) / 20e3) ** 2
+    own = np.exp(2j * np.pi * np.outer(time - delay, echo.frequency))
+    own = np.abs(own @ (hann * backscatter_amplitude(k * radius, 0.0, model) / k))
+    assert abs(time[own.argmax()] - delay) * echo.sample_rate < (0.05 if model == "exact" else 0.01)
+    assert abs(time[envelope.argmax()] - time[own.argmax()]) * echo.sample_rate < 0.01
+    size = backscatter(k * radius, 0.0, model) / k
+    level = float(np.average(size, weights=hann)) / distance**2
+    if model == "piston":
+        assert level == pytest.approx(2 * np.pi * 70e3 / 340 * radius**2 / (2 * distance**2))
+    assert envelope.max() == pytest.approx(level, rel=1e-4)
+    assert amplitude_of(echo, 0) == pytest.approx(level, rel=1e-3)
+    nearest = int(np.argmax(echo.envelope))
+    assert abs(echo.time[nearest] - delay) * echo.sample_rate < 1
+    assert echo.envelope[nearest] == pytest.approx(level, rel=0.02)
+    # Time and frequency say the same: the samples are the analytic signal at their times.
+    some = slice(nearest - 20, nearest + 20)
+    signal = analytic_at(echo, echo.time[some])
+    np.testing.assert_allclose(echo.impulse_response[some], signal.real, atol=1e-9 * level)
+    np.testing.assert_allclose(echo.envelope[some], np.abs(signal), atol=1e-9 * level)
+
+
+def test_paper_leaf_has_its_level() -> None:
+    discs = discs_of([[2.0, 0, 2]], [1.0, 0, 0], 0.02)
+    echo = ping(discs, Sonar(absorption=False, leaf_model="paper"), AIR)
+    c = 2 * np.pi * echo.frequency / 340.0 * 0.02
+    np.testing.assert_allclose(
+        np.abs(echo.spectrum), (0.5003 * c**2 + 0.6867) * 0.02 / c / 4, rtol=1e-6
+    )
+
+
+def test_air_takes_its_share() -> None:
+    discs = discs_of([[5.0, 0, 2]], [1.0, 0, 0], 0.02)
+    dry, wet = (ping(discs, Sonar(absorption=on), Air()) for on in (False, True))
+    middle = len(wet.frequency) // 2
+    loss = 20 * np.log10(np.abs(dry.spectrum / wet.spectrum))[middle]
+    assert loss == pytest.approx(2.290820845537 * 10, rel=1e-3)  # PHYSICS 5.3, 70 kHz over 2 x 5 m
+
+
+def test_three_decibels_at_half_the_beam_width_each_way() -> None:
+    for azimuth, elevation in ((15.0, 0.0), (0.0, 10.0)):
+        a, e = math.radians(azimuth), math.radians(elevation)
+        way = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
+        settings = Sonar(beam_width_deg=(30.0, 20.0), absorption=False)
+        off = ping(discs_of([3 * way + [0, 0, 2]], way, 0.02), settings, AIR)
+        on = ping(discs_of([[3.0, 0, 2]], [1.0, 0, 0], 0.02), settings, AIR)
+        level = 20 * np.log10(np.abs(off.spectrum / on.spectrum))
+        np.testing.assert_allclose(level, -6.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("elevation", [90.0, -90.0, 45.0, 0.0])
+def test_any_elevation_is_the_same_sonar(elevation: float) -> None:
+    """Turning the sonar and the leaves together changes nothing, straight up included."""
+    discs = foliage_of(50)
+    settings = {"beam_width_deg": (50.0, 20.0), "cull": 0.0, "position": (0.0, 0.0, 0.0)}
+    settings["tolerance"] = 0.0
+    flat = dataclasses.replace(discs, centre=discs.centre - [0, 0, 2.0])
+    level = ping(flat, Sonar(**settings), AIR)
+    e, a = math.radians(elevation), math.radians(77.0)
+    up = np.array([[math.cos(e), 0, -math.sin(e)], [0, 1, 0], [math.sin(e), 0, math.cos(e)]])
+    round_ = np.array([[math.cos(a), -math.sin(a), 0], [math.sin(a), math.cos(a), 0], [0, 0, 1]])
+    turn = round_ @ up
+    turned = dataclasses.replace(flat, centre=flat.centre @ turn.T, normal=flat.normal @ turn.T)
+    raised = ping(turned, Sonar(elevation_deg=elevation, azimuth_deg=77.0, **settings), AIR)
+    np.testing.assert_allclose(
+        raised.spectrum, level.spectrum, atol=1e-10 * np.abs(level.spectrum).max()
+    )
+
+
+def test_no_leaf_in_range_is_silence() -> None:
+    for discs in (
+        discs_of(np.empty((0, 3)), [1.0, 0, 0], 0.02),
+        discs_of([[99, 0, 0]], [1.0, 0, 0], 1),
+    ):
+        echo = ping(discs, Sonar(), AIR)
+        assert len(echo.time) > 0
+        for array in (echo.spectrum, echo.impulse_response, echo.envelope):
+            assert not array.any()
+        assert len(echo.heard) == 0
+        assert echo.cull_bound == 0
+        assert echo.far == len(discs)
+
+
+def test_leaves_out_of_range_are_left_out_and_counted() -> None:
+    centre = [[0, 0, 2], [0.049, 0, 2], [0.051, 0, 2], [15, 0, 2], [15.001, 0, 2], [np.nan, 0, 2]]
+    echo = ping(discs_of(centre, [1.0, 0, 0], 0.02), Sonar(cull=0.0), AIR)
+    assert (echo.near, echo.far, echo.broken, echo.leaves) == (2, 1, 1, 6)
+    assert numbers(echo) == [2, 3]
+    assert np.isfinite(echo.impulse_response).all()
+
+
+@pytest.mark.parametrize("model", ["piston", "paper"])
+def test_leaf_without_area_adds_nothing(model: str) -> None:
+    one = ping(discs_of([[2, 0, 2]], [1.0, 0, 0], 0.02), Sonar(leaf_model=model), AIR)
+    two = ping(
+        discs_of([[2, 0, 2], [1, 0, 2]], [1.0, 0, 0], [0.02, 0.0]), Sonar(leaf_model=model), AIR
+    )
+    np.testing.assert_array_equal(one.spectrum, two.spectrum)
+    assert (numbers(two), two.cull_bound) == ([0], 0.0)
+
+
+def test_edge_on_leaf() -> None:
+    edge = ping(discs_of([[2, 0, 2]], [0, 0, 1.0], 0.02), Sonar(), AIR)
+    face = ping(discs_of([[2, 0, 2]], [1.0, 0, 0], 0.02), Sonar(), AIR)
+    assert np.isfinite(edge.spectrum).all()
+    assert np.abs(edge.spectrum).max() < 1e-15 * np.abs(face.spectrum).max()
+
+
+def test_identical_leaves_add_coherently() -> None:
+    """Ten thousand at one place are ten thousand times one, in one time bin."""
+    one = ping(discs_of([[2, 0.3, 2]], [1.0, 0, 0], 0.02), Sonar(), AIR)
+    many = ping(discs_of(np.tile([2, 0.3, 2], (10_000, 1)), [1.0, 0, 0], 0.02), Sonar(), AIR)
+    size = np.abs(many.spectrum).max()
+    np.testing.assert_allclose(many.spectrum, 1e4 * one.spectrum, atol=1e-6 * size)
+
+
+@pytest.mark.parametrize("far", [10.2, 14.99])
+def test_late_echoes_do_not_wrap(far: float) -> None:
+    """The record ends after the last echo's tail, and holds nothing before the first echo."""
+    echo = ping(discs_of([[far, 0, 2]], [1.0, 0, 0], 0.02), Sonar(absorption=False), AIR)
+    delay = 2 * far / 340.0
+    assert echo.time[-1] > delay + 60 / 20e3
+    peak = echo.envelope.max()
+    assert echo.envelope[echo.time < delay - 64 / 20e3].max() < 2e-6 * peak
+    near = ping(discs_of([[0.06, 0, 2]], [1.0, 0, 0], 0.02), Sonar(absorption=False), AIR)
+    assert near.envelope[near.time > 0.12 / 340.0 + 60 / 20e3].max() < 2e-6 * near.envelope.max()
+
+
+@pytest.mark.parametrize("band", [(69_900.0, 70_000.0), (60e3, 200e3), (1.0, 30.0)])
+def test_any_band(band: tuple[float, float]) -> None:
+    """A band of 100 Hz, one that ends at half the sampling rate, one near 0."""
+    rate = 400e3 if band[0] > 60e3 - 1 else 1000.0
+    settings = Sonar(band=band, sample_rate=rate, absorption=False)
+    echo = ping(discs_of([[0.8, 0, 2]], [1.0, 0, 0], 0.02), settings, AIR)
+    assert band[0] <= echo.frequency[0]
+    assert echo.frequency[-1] <= band[1]
+    assert np.isfinite(echo.impulse_response).all()
+    k = 2 * np.pi * (band[0] + band[1]) / 2 / 340.0
+    assert echo.envelope.max() == pytest.approx(k * 0.02**2 / 2 / 0.64, rel=0.02)
+
+
+def test_record_that_no_memory_holds_is_refused() -> None:
+    with pytest.raises(ValueError, match="widen the band"):
+        ping(discs_of([[2, 0, 2]], [1.0, 0, 0], 0.02), Sonar(band=(69_999.999, 70_000.0)), AIR)
+
+
+@pytest.mark.parametrize("model", ["piston", "paper"])
+@pytest.mark.parametrize("cull", [1e-4, 1e-2, 0.1])
+def test_culling_keeps_its_promise(
+    model: str, cull: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is left out adds less than promised, at every frequency and instant."""
+    monkeypatch.setattr(search, "LOUDEST", 16)
+    discs = foliage_of(3000)
+    whole = ping(discs, Sonar(leaf_model=model, cull=0.0, tolerance=0.0), AIR)
+    part = ping(discs, Sonar(leaf_model=model, cull=cull, tolerance=0.0), AIR)
+    assert len(whole.heard) == 3000
+    assert len(part.heard) < 2500
+    assert 0 < part.cull_bound <= cull
+    rows = np.setdiff1d(np.arange(3000), part.heard.number)
+    left_out = dataclasses.replace(
+        discs,
+        **{name: getattr(discs, name)[rows] for name in ("centre", "normal", "radius")},
+        leaf=rows,
+        instance=rows * 0,
+        tree=rows * 0,
+    )
+    rest = ping(left_out, Sonar(leaf_model=model, cull=0.0, tolerance=0.0), AIR)
+    promised = part.cull_bound * part.heard.amplitude.sum()
+    sizes = [
+        abs(
+            leaf_direct(
+                frequency,
+                *(getattr(discs, name)[row] for name in ("centre", "normal")),
+                float(discs.radius[row]),
+                (0.0, 0.0, 2.0),
+                0.0,
+                0.0,
+                (math.radians(30.0), math.radians(30.0)),
+                model,
+                340.0,
+                (20.0, 50.0, 101.325),
+            )
+        )
+        for row in rows[:40]
+        for frequency in (60e3, 66e3, 71e3, 80e3)
+    ]
+    assert max(sizes) <= promised
+    assert np.abs(rest.spectrum).max() <= promised
+    assert rest.envelope.max() <= promised
+    assert rest.heard.amplitude.sum() <= promised
+
+
+def test_a_null_in_the_band_does_not_fool_the_culling() -> None:
+    """One leaf whose lobe has its zero in the band: the promise is about the mean over the band."""
+    zero = 3.8317059702075125 / (2 * 2 * np.pi * 70_123.4 / 340.0 * 0.03)
+    tilt = [-math.cos(math.asin(zero)), 0, zero]
+    centre = [[2, 0, 2], *([3 + i / 100, 0.5, 2] for i in range(30))]
+    radius = [0.03] + [1e-4] * 30
+    normal = np.array([tilt] + [[1.0, 0.2, 0.1]] * 30)
+    discs = discs_of(centre, normal, radius)
+    echo = ping(discs, Sonar(cull=0.01), AIR)
+    whole = ping(discs, Sonar(cull=0.0), AIR)
+    assert 0 in numbers(echo)
+    assert echo.cull_bound <= 0.01
+    gap = whole.heard.amplitude.sum() - echo.heard.amplitude.sum()
+    assert gap <= echo.cull_bound * echo.heard.amplitude.sum() + 1e-12
+
+
+def board(x: float) -> BruteCaster:
+    """A board across the beam's right half (y < 0)."""
+    corners = np.array([(x, -5, -5), (x, 0, -5), (x, 0, 9), (x, -5, 9)], dtype=np.float64)
+    mesh = TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), WOOD)
+    one = np.zeros(1, np.int64)
+    return BruteCaster(SceneGeometry((mesh,), np.eye(3, 4)[None], one, ("board",), one, one))
+
+
+def test_wood_hides_leaves() -> None:
+    centre = [[2, 0.1, 2], [2, -0.1, 2], [1, -0.1, 2], [1.5, -0.1, 2], [1.5005, -0.1, 2]]
+    discs = discs_of(centre, [1.0, 0, 0], 0.02)
+    shaded = ping(discs, Sonar(), AIR, board(1.5))
+    assert numbers(shaded) == [0, 2, 3, 4]  # on the board, and 0.5 mm behind
+    assert shaded.hidden == 1
+    open_ = ping(discs, Sonar(shading="none"), AIR, board(1.5))
+    assert len(open_.heard) == 5
+    assert len(ping(discs, Sonar(), AIR, None).heard) == 5
+    behind = ping(discs, Sonar(), AIR, board(0.5))
+    assert behind.hidden == 4
+
+
+def test_all_leaves_hidden_is_silence() -> None:
+    echo = ping(discs_of([[2, -0.1, 2]], [1.0, 0, 0], 0.02), Sonar(), AIR, board(1.0))
+    assert not echo.impulse_response.any()
+    assert (echo.hidden, echo.cull_bound) == (1, 0.0)
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1e-6])
+def test_blocks_do_not_matter(tolerance: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    discs = foliage_of(100)
+    whole = ping(discs, Sonar(tolerance=tolerance), AIR)
+    monkeypatch.setattr(nonuniform, "VALUES_AT_ONCE", 101)
+    steps: list[tuple[int, int]] = []
+    parts = ping(
+        discs,
+        Sonar(tolerance=tolerance),
+        AIR,
+        progress=lambda done, total: steps.append((done, total)),
+    )
+    scale = np.abs(whole.spectrum).max()
+    np.testing.assert_allclose(parts.spectrum, whole.spectrum, atol=1e-12 * scale)
+    assert steps[-1][0] == steps[-1][1] == len(parts.heard)
+
+
+@pytest.mark.parametrize("model", ["piston", "paper"])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
+@pytest.mark.parametrize("beam", ["gaussian", "horseshoe"])
+def test_the_fast_sum_keeps_its_tolerance(model: str, tolerance: float, beam: str) -> None:
+    for count in (1, 40, 2000):
+        discs = foliage_of(count, seed=count)
+        sonar = Sonar(leaf_model=model, cull=0.0, tolerance=tolerance, beam=beam)
+        fast = ping(discs, sonar, AIR)
+        exact = ping(discs, dataclasses.replace(sonar, tolerance=0.0), AIR)
+        error = np.abs(fast.spectrum - exact.spectrum).max()
+        # The tolerance is of Σ max|A|; a mean over this band is at least a third of a largest.
+        assert error <= 3 * tolerance * exact.heard.amplitude.sum()

@@ -1,0 +1,284 @@
+"""Intensities: values, true bounds, closed integrals, and what is refused."""
+
+import numpy as np
+import pytest
+from scipy import integrate
+
+from forest_addon.formats.species_file import ASSETS
+from forest_addon.formats.toml_file import read_settings
+from forest_addon.rng import stream
+from forest_addon.spec import Forest, Gaussian, Planting, Raster, Scene
+from forest_addon.stand.compose import process_of
+from forest_addon.stand.inputs import Inputs, Painted
+from forest_addon.stand.intensity import layers
+from forest_addon.stand.intensity.functions import (
+    Constant,
+    IntensityError,
+    Mixture,
+    Product,
+    Sum,
+)
+from forest_addon.stand.intensity.polygon import Polygon
+from forest_addon.stand.intensity.terrain import Heightmap, Triangulated
+from forest_addon.stand.process import Process, quadrature
+
+LOW, SIZE = np.array([500_000.0, 5_400_000.0]), np.array([60.0, 40.0])  # UTM: far from the origin
+STAR = np.array(
+    [
+        [(20, 8)[k % 2] * np.cos(k * np.pi / 5), (20, 8)[k % 2] * np.sin(k * np.pi / 5)]
+        for k in range(10)
+    ]
+)
+HOLE = [[-3, -3], [3, -3], [3, 3], [-3, 3]]
+
+
+def mixture():
+    return Mixture(
+        np.array([2.0, 5.0]), np.add(LOW, [[10, 10], [50, 35]]), np.array([[4.0, 9.0], [0.8, 0.5]])
+    )
+
+
+def raster(rows=7, columns=11, seed=1):
+    return layers.Raster(stream(seed, "pixels").random((rows, columns)), LOW, SIZE)
+
+
+def painted_mesh():
+    """A bumpy surface over part of the field, with a fold that hangs over."""
+    rng = stream(2, "mesh")
+    x, y = np.meshgrid(np.linspace(5, 50, 12), np.linspace(2, 38, 9))
+    corner = np.column_stack([x.ravel(), y.ravel()]) + rng.uniform(-1, 1, (108, 2))
+    vertices = np.column_stack([corner + LOW, rng.random(108)])
+    first = (np.arange(8)[:, None] * 12 + np.arange(11)).ravel()
+    triangles = np.concatenate(
+        [
+            np.column_stack([first, first + 1, first + 13]),
+            np.column_stack([first, first + 13, first + 12]),
+        ]
+    )
+    return Painted(vertices, triangles, rng.random(108))
+
+
+def terrain():
+    return Heightmap(10 * stream(3, "hill").random((6, 9)), LOW, SIZE, "hill")
+
+
+EVERY = {
+    "constant": lambda: Constant(0.3),
+    "mixture": mixture,
+    "raster": raster,
+    "mask": lambda: layers.RasterMask(raster(), 0.6),
+    "mesh": lambda: layers.PaintedMesh(painted_mesh(), 2.0),
+    "polygon": lambda: Polygon(STAR + LOW + 20, [np.array(HOLE) + LOW + 20]),
+    "limits": lambda: layers.TerrainLimits(terrain(), (0.1, 0.7), (2.0, 8.0)),
+    "limits on triangles": lambda: layers.TerrainLimits(
+        Triangulated(painted_mesh().vertices, painted_mesh().triangles), (0.05, 0.3), (0.2, 0.9)
+    ),
+    "sum": lambda: Sum((mixture(), raster(), Constant(0.1))),
+    "product": lambda: Product((mixture(), raster(), Polygon(STAR + LOW + 20)), 1.5),
+}
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_bounds_hold_in_cells_of_every_size(name):
+    intensity, rng = EVERY[name](), stream(5, "cells", name)
+    count = 400
+    middle = LOW + rng.uniform(-5, 65, (count, 2))
+    half = 30 * 10 ** rng.uniform(-6, 0, (count, 1)) * rng.uniform(0.2, 1, (count, 2))
+    low, high = middle - half, middle + half
+    lower, upper = intensity.bounds(low, high)
+    room = 1e-9 * np.maximum(1, upper)
+    for _ in range(60):
+        part = rng.random((count, 2))
+        edge = rng.random((count, 2)) < 0.3  # also on the closed edge
+        part = np.where(edge, np.rint(part), part)
+        value = intensity.at(np.minimum(low + part * (high - low), high))
+        assert (value <= upper + room).all()
+        assert (value >= lower - room).all()
+
+
+def test_raster_bounds_are_exact_in_cells_of_up_to_two_patches():
+    grid, rng = raster(), stream(6, "exact")
+    low = LOW + rng.uniform(0, 1, (200, 2)) * (SIZE - 6)
+    high = low + rng.uniform(0.5, 5, (200, 2))
+    lower, upper = grid.bounds(low, high)
+    for k in range(200):
+        x, y = (np.linspace(low[k, a], high[k, a], 201) for a in (0, 1))
+        seen = grid.at(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+        assert upper[k] == pytest.approx(seen.max(), abs=0.02)
+        assert lower[k] == pytest.approx(seen.min(), abs=0.02)
+        assert lower[k] <= seen.min() + 1e-12
+        assert upper[k] >= seen.max() - 1e-12
+
+
+def test_raster_is_bilinear_between_centres():
+    """Against scipy's spline of order 1, in the pixels' own coordinates."""
+    from scipy.ndimage import map_coordinates
+
+    pixels = stream(1, "pixels").random((7, 11))
+    points = LOW + stream(7, "points").random((500, 2)) * SIZE
+    x, y = ((points - LOW) / SIZE * [11, 7]).T
+    expected = map_coordinates(pixels[::-1], [y - 0.5, x - 0.5], order=1, mode="nearest")
+    assert raster().at(points) == pytest.approx(expected, abs=1e-9)
+    north_west = np.add(LOW, [0.01, SIZE[1] - 0.01])
+    assert raster().at(north_west[None])[0] == pixels[0, 0]  # the first row is the north edge
+    assert raster().at(LOW[None] - 0.1)[0] == 0
+
+
+@pytest.mark.parametrize("name", ["constant", "mixture", "raster", "polygon", "sum"])
+def test_closed_integrals_agree_with_quadrature(name):
+    intensity, rng = EVERY[name](), stream(8, "rect", name)
+    for _ in range(4):
+        corners = np.sort(LOW + rng.random((2, 2)) * SIZE, axis=0)
+        closed = intensity.closed_integral(*corners)
+        numeric = quadrature(intensity, *corners)
+        assert closed == pytest.approx(numeric.value, rel=2e-4, abs=numeric.error)
+
+
+@pytest.mark.parametrize("name", ["mask", "mesh", "limits", "product"])
+def test_integrals_without_closed_form_are_within_their_stated_error(name):
+    intensity = EVERY[name]()
+    found = quadrature(intensity, LOW, LOW + SIZE)
+    # A midpoint sum on 700 x 700 places, whose own error is a part of what is allowed here.
+    x, y = (LOW[a] + (np.arange(700) + 0.5) * SIZE[a] / 700 for a in (0, 1))
+    total = sum(intensity.at(np.column_stack([x, np.full(700, row)])).sum() for row in y) * (
+        SIZE.prod() / 700**2
+    )
+    assert abs(found.value - total) < found.error + 4e-4 * total
+    assert found.error < 0.02 * found.value
+
+
+def test_mixture_integral_is_that_of_scipy():
+    hills = mixture()
+
+    def at(y, x):
+        return float(hills.at(np.array([[x, y]]))[0])
+
+    low, high = np.add(LOW, [3, 4]), np.add(LOW, [30, 20])
+    numeric = integrate.dblquad(at, low[0], high[0], low[1], high[1], epsabs=1e-7)[0]
+    assert hills.closed_integral(low, high) == pytest.approx(numeric, abs=1e-5)
+
+
+def test_the_preset_has_the_hills_of_the_example():
+    """T20's example is written unsquared, 0.4 exp(-(x-5)²/5 - (y-5)²/6); the preset converts it."""
+    (maple, _) = read_settings(ASSETS / "scenes" / "tanveer-20m.toml", Scene).plantings
+    (written,) = maple.gaussians
+    hill = Mixture(*(np.array([value]) for value in (written.peak, written.centre, written.width)))
+    value = hill.at(np.array([[6.0, 7.0]]))[0]
+    assert value == pytest.approx(0.4 * np.exp(-1 / 5 - 4 / 6), rel=1e-9)
+
+
+@pytest.mark.parametrize(("bad", "said"), [(np.nan, "nan"), (-0.5, "-0.5"), (np.inf, "inf")])
+def test_pixels_that_are_no_intensity_are_refused_with_their_place(bad, said):
+    pixels = np.ones((4, 6))
+    pixels[1, 4] = bad
+    with pytest.raises(IntensityError, match=rf"row 1, column 4 .* is {said}.*1 of 24"):
+        layers.Raster(pixels, LOW, SIZE, "d.png")
+
+
+def test_weights_that_are_no_intensity_are_refused_with_their_place():
+    mesh = painted_mesh()
+    weight = mesh.weight.copy()
+    weight[17] = -1
+    with pytest.raises(IntensityError, match="vertex 17"):
+        layers.PaintedMesh(Painted(mesh.vertices, mesh.triangles, weight), 1.0)
+    with pytest.raises(IntensityError, match="no area"):
+        layers.PaintedMesh(Painted(mesh.vertices * [1, 0, 1], mesh.triangles, mesh.weight), 1.0)
+
+
+def test_painted_weights_are_barycentric_and_of_the_topmost_triangle():
+    lower = [[0, 0, 0], [4, 0, 0], [0, 4, 0]]
+    upper = [[0, 0, 1], [2, 0, 1], [0, 2, 1]]
+    mesh = Painted(
+        np.array(lower + upper, dtype=float),
+        np.array([[0, 1, 2], [3, 4, 5]]),
+        np.array([0, 4, 8, 1, 1, 1.0]),
+    )
+    at = layers.PaintedMesh(mesh, 2.0).at
+    assert at(np.array([[3.0, 0.5]]))[0] == pytest.approx(2 * (4 * 0.75 + 8 * 0.125))
+    assert at(np.array([[0.5, 0.5]]))[0] == pytest.approx(2.0)
+    assert at(np.array([[3.0, 3.0]]))[0] == 0
+
+
+# ------------------------------------------------------------------------------------- polygons
+
+
+def test_polygon_holds_what_winding_says():
+    from matplotlib.path import Path
+
+    star, points = STAR + LOW + 20, LOW + stream(9, "in").uniform(-5, 45, (20_000, 2))
+    outer = Path(star - LOW).contains_points(points - LOW)
+    inner = Path(np.array(HOLE) + 20).contains_points(points - LOW)
+    found = Polygon(star, [np.array(HOLE) + LOW + 20]).at(points) > 0
+    assert (found == (outer & ~inner)).all()
+
+
+def test_polygon_area_and_clipped_area():
+    square = Polygon([[0, 0], [10, 0], [10, 10], [0, 10]], [[[2, 2], [4, 2], [4, 4], [2, 4]]])
+    assert square.area == pytest.approx(96)
+    assert square.closed_integral(np.array([3, 0]), np.array([20, 5])) == pytest.approx(35 - 2)
+    far = Polygon(STAR + LOW, [np.array(HOLE) + LOW])
+    assert far.area == pytest.approx(Polygon(STAR, [HOLE]).area, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("corners", "holes", "said"),
+    [
+        ([[0, 0], [5, 0], [10, 0]], [], "no area"),
+        ([[0, 0], [5, 5]], [], "no area"),
+        ([[1, 1]] * 4, [], "no area"),
+        ([[0, 0], [10, 10], [10, 0], [0, 9]], [], "cross"),
+        ([[0, 0], [10, 0], [10, 10], [5, 0], [0, 10]], [], "cross or touch"),  # touches its base
+        ([[0, 0], [10, 0], [4, 0], [4, 5]], [], "cross"),  # folds back over itself
+        ([[0, 0], [9, 0], [9, 9], [0, 9]], [[[8, 8], [10, 8], [10, 10]]], "cross"),
+        ([[0, 0], [9, 0], [9, 9], [0, 9]], [[[20, 20], [22, 20], [22, 22]]], "within the outline"),
+        ([[0, 0], [9, 0], [9, np.nan]], [], "not finite"),
+    ],
+)
+def test_polygons_that_are_none_are_refused(corners, holes, said):
+    with pytest.raises(IntensityError, match=said):
+        Polygon(corners, holes)
+
+
+# -------------------------------------------------------------------------------------- settings
+
+
+def test_a_planting_adds_multiplies_and_masks():
+    field = Forest(size=(60.0, 40.0), origin=tuple(LOW))
+    shade, only = stream(4, "shade").random((5, 5)), np.tile([0.0, 1.0], (4, 2))
+    planting = Planting(
+        species="m",
+        base=0.2,
+        gaussians=(Gaussian(peak=2.0, centre=tuple(LOW + 10), width=(4.0, 9.0)),),
+        rasters=(
+            Raster(file="shade", use="add", value=3.0),
+            Raster(file="shade", use="multiply", value=0.5),
+            Raster(file="only", use="mask"),
+        ),
+    )
+    process = process_of(planting, field, Inputs(rasters={"shade": shade, "only": only}))
+    points = LOW + stream(5, "points").random((2000, 2)) * SIZE
+    image = layers.Raster(shade, LOW, SIZE).at(points)
+    hill = 2 * np.exp(-(((points - LOW - 10) / [4, 9]) ** 2).sum(axis=1))
+    within = layers.Raster(only, LOW, SIZE).at(points) >= 0.5
+    assert process.at(points) == pytest.approx((0.2 + hill + 3 * image) * 0.5 * image * within)
+
+
+def test_a_density_counts_within_the_polygon():
+    triangle = ((0.0, 0.0), (20.0, 0.0), (0.0, 20.0))
+    planting = Planting(species="m", density=0.5)
+    field = Forest(size=(20.0, 20.0), polygon=triangle)
+    assert process_of(planting, field).expected() == pytest.approx(100, rel=1e-9)
+
+
+def test_an_expected_number_within_a_mask_counts_what_the_mask_leaves():
+    triangle = ((0.0, 0.0), (20.0, 0.0), (0.0, 20.0))
+    hill = Gaussian(centre=(5.0, 5.0), width=(6.0, 6.0))
+    planting = Planting(species="m", expected=500, gaussians=(hill,), polygon=triangle)
+    process = process_of(planting, Forest(size=(20.0, 20.0)))
+    assert isinstance(process, Process)
+    bare = Mixture(np.array([1.0]), np.array([[5.0, 5.0]]), np.array([[6.0, 6.0]]))
+    exact = integrate.dblquad(
+        lambda y, x: bare.at(np.array([[x, y]]))[0], 0, 20, 0, lambda x: 20 - x, epsabs=1e-4
+    )[0]
+    assert process.expected() == pytest.approx(500, rel=1e-12)
+    assert process.factor * exact == pytest.approx(500, abs=2 * process.total.error + 0.05)

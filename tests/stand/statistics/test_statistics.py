@@ -1,0 +1,270 @@
+"""K, L, quadrats and envelopes against closed forms, a direct sum and their own laws."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from forest_addon.rng import stream
+from forest_addon.stand.spacing import Spacing, space
+from forest_addon.stand.statistics.envelope import envelope
+from forest_addon.stand.statistics.goodness import Law, examine, law_of
+from forest_addon.stand.statistics.k_function import (
+    choose_quadrats,
+    choose_radii,
+    inhomogeneous_k,
+    integrate_by_quadrat,
+    quadrat_test,
+)
+from forest_addon.stand.statistics.mixture import fit_mixture
+from forest_addon.stand.statistics.region import region_of
+from forest_addon.stand.statistics.window import Window
+from tests.references.point_pattern import k_direct
+
+FIELD = Window.rectangle((0, 0), (100, 80))
+NOTCHED = Window(
+    (
+        np.array([[0, 0], [100, 0], [90, 80], [40, 95], [0, 55.0]]),
+        np.array([[20, 20], [40, 20], [40, 40], [20, 30.0]]),
+    )
+)
+UTM = np.array([432_100.0, 5_612_300.0])
+
+
+def slope(points):
+    """λ of the test forests: rises e-fold in 40 m."""
+    return 0.02 * np.exp(points[:, 0] / 40)
+
+
+def forest(*key, window=FIELD, factor=1.0):
+    """A Poisson forest with that λ."""
+    rng = stream(7, *key)
+    top = 0.02 * factor * np.exp(window.high[0] / 40)
+    count = rng.poisson(top * np.prod(window.extent))
+    points = window.low + window.extent * rng.random((count, 2))
+    kept = rng.random(count) * top < factor * slope(points)
+    return points[kept & window.contains(points)]
+
+
+def flat(points):
+    return np.ones(len(points))
+
+
+def test_the_edge_correction_on_an_example_by_hand():
+    # Two trees 3 m apart along x and 4 m along y in 10 m by 8 m: |W ∩ (W + h)| = 7·4, and the pair counts
+    # once from either end, 2 / (λ² · 28).
+    window = Window.rectangle((0, 0), (10, 8))
+    points = np.array([[1.0, 2.0], [4.0, 6.0]])
+    at = np.array([4.9, 5.0, 9.0])
+    found = inhomogeneous_k(points, np.array([0.5, 0.25]), window, at, renormalise=False)
+    assert found.value == pytest.approx([0, 2 / (0.125 * 28), 2 / (0.125 * 28)])
+    assert found.pairs == 1
+    assert found.l_function == pytest.approx(np.sqrt(found.value / np.pi))
+    # Renormalised it is |W|² / |W ∩ (W + h)|, whatever λ is.
+    again = inhomogeneous_k(points, np.array([0.5, 0.25]), window, at)
+    assert again.value == pytest.approx([0, 80**2 / 28, 80**2 / 28])
+
+
+def test_it_is_the_direct_sum():
+    points = forest("direct")[:150]
+    points[3] = points[4]  # two trees at one place
+    radius = np.array([0.5, 2.0, 7.0, 20.0])
+    direct = k_direct(points, slope(points), FIELD.low, FIELD.high, radius)
+    found = inhomogeneous_k(points, slope(points), FIELD, radius, renormalise=False)
+    assert found.value == pytest.approx(direct, rel=1e-12)
+    moved = inhomogeneous_k(
+        points + UTM,
+        slope(points),
+        Window.rectangle(FIELD.low + UTM, FIELD.high + UTM),
+        radius,
+        renormalise=False,
+    )
+    assert moved.value == pytest.approx(direct, rel=1e-6)
+
+
+def test_blocks_do_not_matter(monkeypatch):
+    points, radius = forest("blocks"), np.linspace(0.5, 6, 12)
+    whole = inhomogeneous_k(points, slope(points), FIELD, radius)
+    monkeypatch.setattr("forest_addon.stand.statistics.k_function.BLOCK", 50)
+    parts = inhomogeneous_k(points, slope(points), FIELD, radius)
+    assert parts.pairs == whole.pairs
+    assert parts.value == pytest.approx(whole.value, rel=1e-12)
+
+
+@pytest.mark.parametrize("window", [FIELD, NOTCHED], ids=["rectangle", "polygon with a hole"])
+@pytest.mark.parametrize("renormalise", [False, True])
+def test_k_of_a_poisson_forest_is_pi_r_squared(window, renormalise):
+    radius = np.array([2.0, 5.0, 12.0])
+    found = []
+    for seed in range(150):
+        points = forest("law", seed, window=window)
+        k = inhomogeneous_k(points, slope(points), window, radius, renormalise=renormalise)
+        found.append(k.value / (np.pi * radius**2))
+    found = np.array(found)
+    # Three radii at 4.5 sigma, false alarm 2e-5; the polygon's table adds 1e-3, renormalising 1/n.
+    room = 4.5 * found.std(axis=0) / np.sqrt(len(found)) + 3e-3
+    assert (np.abs(found.mean(axis=0) - 1) < room).all()
+
+
+def test_clusters_and_spacing_show():
+    radius = np.array([1.0, 3.0])
+    parents = forest("parents")[:120]
+    daughters = np.repeat(parents, 5, axis=0)
+    daughters = daughters + stream(1, "daughters").normal(0, 0.7, daughters.shape)
+    daughters = daughters[FIELD.contains(daughters)]
+    k = inhomogeneous_k(daughters, slope(daughters), FIELD, radius)
+    assert (k.l_function > 1.3 * radius).all()
+    points = forest("spaced", factor=3.0)
+    mark = stream(2, "mark").random(len(points))
+    none = np.zeros(len(points), dtype=int)
+    keep = space(points, mark, Spacing(np.array([[2.0]]), none, np.zeros(len(points))), "matern")
+    kept = points[keep]
+    assert inhomogeneous_k(kept, slope(kept), FIELD, radius).value[0] == 0
+
+
+def test_what_k_cannot_use_is_refused():
+    points = np.array([[1.0, 2.0], [3.0, 4.0]])
+    for bad in (0.0, -1.0, np.nan):
+        with pytest.raises(ValueError, match=r"not positive at the tree at \(3, 4\)"):
+            inhomogeneous_k(points, np.array([1.0, bad]), FIELD, np.array([1.0]))
+    with pytest.raises(ValueError, match="at least 2 trees, there are 1"):
+        inhomogeneous_k(points[:1], np.ones(1), FIELD, np.array([1.0]))
+
+
+def test_radii_hold_a_bounded_number_of_neighbours():
+    rng = stream(3, "radii")
+    for points in (
+        rng.uniform([0, 0], [100, 80], (20_000, 2)),
+        np.clip(rng.normal(50, 0.5, (5000, 2)), 0, 80),
+        np.full((500, 2), 7.0),
+    ):
+        radius = choose_radii(points, FIELD)
+        assert (np.diff(radius) > 0).all()
+        assert radius[0] > 0
+        k = inhomogeneous_k(points, np.ones(len(points)), FIELD, radius)
+        assert k.pairs < 60 * len(points) or (points == 7).all()
+
+
+def test_integrals_over_quadrats():
+    cells = integrate_by_quadrat(slope, FIELD, (4, 5))
+    edges = np.arange(0, 101, 20)
+    law = 0.02 * 40 * np.diff(np.exp(edges / 40)) * 20
+    assert cells == pytest.approx(np.tile(law, (4, 1)), rel=1e-4)
+    assert integrate_by_quadrat(flat, NOTCHED, (6, 7)).sum() == pytest.approx(
+        NOTCHED.area, rel=1e-3
+    )
+
+
+@pytest.mark.parametrize("window", [FIELD, NOTCHED], ids=["rectangle", "polygon with a hole"])
+def test_p_values_of_the_quadrat_test_are_uniform(window):
+    law = integrate_by_quadrat(slope, window, (6, 8))
+    tests = [quadrat_test(forest("quadrat", s, window=window), law, window) for s in range(300)]
+    assert all(test.count.sum() > 200 and test.classes > 20 for test in tests)
+    # Kolmogorov-Smirnov at 1e-4; χ² itself holds to about 1 % with five expected trees a class.
+    assert stats.kstest([test.p_value for test in tests], "uniform").pvalue > 1e-4
+
+
+def test_the_quadrat_test_sees_a_wrong_intensity_and_too_even_a_stand():
+    points = forest("wrong")
+    shape = choose_quadrats(len(points), FIELD)
+    assert 8 < len(points) / np.prod(shape) < 13
+    even, rising = (integrate_by_quadrat(at, FIELD, shape) for at in (flat, slope))
+    assert quadrat_test(points, rising, FIELD).p_value > 1e-3
+    assert quadrat_test(points, even, FIELD).p_value < 1e-6
+    orchard = np.stack(np.meshgrid(np.arange(1.0, 100, 2), np.arange(1.0, 80, 2)), -1).reshape(
+        -1, 2
+    )
+    planted = quadrat_test(orchard, even, FIELD)
+    assert planted.statistic < planted.classes / 2
+    assert planted.p_value < 1e-6
+    few = quadrat_test(points[:4], even, FIELD)
+    assert few.classes == 1
+    assert np.isnan(few.p_value)
+
+
+def test_the_global_envelope_keeps_its_level():
+    # Curves of one law: the observed one lies outside with probability 2/40 exactly. 4000 trials have a
+    # standard deviation of 0.0034; 4.5 sigma, false alarm 7e-6.
+    rng = stream(4, "envelope")
+    outside = 0
+    for _ in range(4000):
+        curves = np.cumsum(rng.standard_normal((40, 12)), axis=1)
+        outside += not envelope(curves[0], curves[1:]).inside
+    assert abs(outside / 4000 - 0.05) < 4.5 * np.sqrt(0.05 * 0.95 / 4000)
+
+
+def test_pointwise_envelopes_hold_at_one_radius_and_not_at_all():
+    rng = stream(5, "envelope")
+    missed = np.zeros(12)
+    anywhere = 0
+    for _ in range(2000):
+        curves = rng.standard_normal((40, 12))
+        bands = envelope(curves[0], curves[1:])
+        out = (bands.observed < bands.low) | (bands.observed > bands.high)
+        missed += out
+        anywhere += out.any()
+    # 2/40 at each of 12 radii at 5 sigma, false alarm 7e-6.
+    assert np.abs(missed / 2000 - 0.05).max() < 5 * np.sqrt(0.05 * 0.95 / 2000)
+    assert anywhere / 2000 > 0.4  # which is why there is a global one
+
+
+def test_an_envelope_agrees_with_its_p_value():
+    rng = stream(6, "envelope")
+    for shift in (0.0, 1.0, 5.0):
+        curves = rng.standard_normal((40, 8))
+        bands = envelope(curves[0] + shift, curves[1:])
+        strays = (bands.observed < bands.global_low) | (bands.observed > bands.global_high)
+        assert bands.inside or (strays | np.isclose(bands.observed, bands.global_high)).any()
+        assert bands.inside == (bands.p_value > 0.05)
+    still = envelope(np.zeros(8), np.zeros((39, 8)))
+    assert still.inside
+    with pytest.raises(ValueError, match="at least 19"):
+        envelope(np.zeros(3), np.zeros((5, 3)))
+
+
+def test_a_region_is_where_the_intensity_is_not_small():
+    region = region_of(slope, FIELD)
+    assert region.area == pytest.approx(FIELD.area)  # e^2.5 is not small enough
+    shift = np.array([[0.0, 0.0], [10.0, 5.0], [-33.3, 41.7]])
+    assert region.set_covariance(shift) == pytest.approx(FIELD.set_covariance(shift), rel=1e-12)
+
+    def hill(points):
+        return np.exp(-(((points - [50, 40]) / 15) ** 2).sum(axis=1))
+
+    region = region_of(hill, FIELD)
+    # Half the peak is the mean over trees; a circle of radius 15·√ln 20 and its lens with itself moved.
+    radius = 15 * np.sqrt(np.log(20))
+    assert region.area == pytest.approx(np.pi * radius**2, rel=0.02)
+    lens = 2 * radius**2 * np.arccos(10 / radius) - 10 * np.sqrt(4 * radius**2 - 400)
+    assert region.set_covariance(np.array([[20.0, 0.0]]))[0] == pytest.approx(lens, rel=0.02)
+    places = np.array([[50.0, 40.0], [50.0 + radius - 1, 40.0], [50.0 + radius + 1, 40.0]])
+    assert region.contains(places).tolist() == [True, True, False]
+
+
+def test_a_forest_of_the_law_passes_and_another_does_not():
+    known = Law(lambda k: forest("known", k), lambda trees: (slope(trees), slope))
+    passed = [examine(forest("passed", s), FIELD, known) for s in range(3)]
+    # Each fails with probability 1/40 at p = 0.025: all three 2e-5.
+    assert any(found.excess.p_value > 0.025 for found in passed)
+    assert all(found.radius[-1] <= 20 for found in passed)
+    points = forest("spaced", factor=3.0)
+    none = np.zeros(len(points), dtype=int)
+    mark = stream(2, "mark").random(len(points))
+    keep = space(points, mark, Spacing(np.array([[2.0]]), none, np.zeros(len(points))), "matern")
+    spaced = examine(points[keep], FIELD, known)
+    assert spaced.excess.p_value == 1 / 40
+    assert spaced.excess.observed[0] < spaced.excess.global_low[0]
+    assert examine(points[:9], FIELD, known) is None
+
+
+def test_an_estimate_is_tested_fairly():
+    # The intensity of every simulation is estimated again, so p is nearly uniform; of 6 forests fewer
+    # than 3 have p at most 0.1 with probability 0.98, more than 4 with 6e-5.
+    found = []
+    for seed in range(6):
+        points = forest("fair", seed)
+        fit = fit_mixture(points, FIELD)
+        simulate = [forest("fair simulation", seed, k) for k in range(19)]
+        law = law_of(fit, simulate.__getitem__)
+        found.append(examine(points, FIELD, law, simulations=19).excess.p_value)
+    assert sum(p <= 0.1 for p in found) <= 4
+    assert max(found) > 0.3
