@@ -6,6 +6,7 @@ import inspect
 import pytest
 
 from forest_addon import spec
+from forest_addon.spec.base import _check
 
 GROUPS = [
     c
@@ -21,7 +22,7 @@ def test_every_field_has_help_and_a_default_within_its_range(group):
         assert known.help, field.name
         assert known.minimum <= known.maximum
         if not known.required:
-            spec._check(field.name, field.default, known)  # does not raise
+            _check(field.name, field.default, known)  # does not raise
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """Trunks and branches as finite cylinders: where they run in a mesh, and how they sound back.
 
 Wood is any mesh of tubes. Its pieces and their centrelines are found as for templates
-(``growth/centreline``), so that bent, scaled and imported wood is heard as it is evaluated; a line is
+(``growth/template/centreline``), so that bent, scaled and imported wood is heard as it is evaluated; a line is
 straightened where it stays within a tolerance of a chord. A segment of length ℓ and radius a that the
 sound meets at the angle ψ to its axis scatters back with
 

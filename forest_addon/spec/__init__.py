@@ -1,0 +1,79 @@
+"""Everything a user can set: each parameter once, with unit, range, default and help.
+
+A scene file, the Python API and Blender's panel are all made from these frozen dataclasses. A field
+is declared with ``param``; a value that is out of range never becomes an object, it raises
+``SpecError`` with the key, the value and what is allowed. Lengths are metres, times seconds,
+frequencies hertz; angles are degrees here (``_deg``), because people type them, and radians everywhere
+else.
+"""
+
+from .air import Air
+from .base import Discrete, Normal, Param, Settings, SpecError, param, param_of, with_files, within
+from .forest import Corners, Distance, Forest, Gaussian, Planting, Raster, Rows, Stems, Terrain
+from .lidar import (
+    Airborne,
+    Beam,
+    Mobile,
+    MovingScanner,
+    Noise,
+    Pose,
+    Scanner,
+    Surfaces,
+    Terrestrial,
+    Tractor,
+)
+from .reverb import Place, Reverb
+from .scene import SENSORS, Output, Rays, Scene, Sensor
+from .sonar import HORSESHOE_BAND, Sonar
+from .species import MAX_REACH, Detail, Grammar, Honda, Jitter, Leaf, Look, Rules, Species, Template
+
+__all__ = [
+    "HORSESHOE_BAND",
+    "MAX_REACH",
+    "SENSORS",
+    "Air",
+    "Airborne",
+    "Beam",
+    "Corners",
+    "Detail",
+    "Discrete",
+    "Distance",
+    "Forest",
+    "Gaussian",
+    "Grammar",
+    "Honda",
+    "Jitter",
+    "Leaf",
+    "Look",
+    "Mobile",
+    "MovingScanner",
+    "Noise",
+    "Normal",
+    "Output",
+    "Param",
+    "Place",
+    "Planting",
+    "Pose",
+    "Raster",
+    "Rays",
+    "Reverb",
+    "Rows",
+    "Rules",
+    "Scanner",
+    "Scene",
+    "Sensor",
+    "Settings",
+    "Sonar",
+    "SpecError",
+    "Species",
+    "Stems",
+    "Surfaces",
+    "Template",
+    "Terrain",
+    "Terrestrial",
+    "Tractor",
+    "param",
+    "param_of",
+    "with_files",
+    "within",
+]

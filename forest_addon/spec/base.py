@@ -1,0 +1,188 @@
+"""One parameter, once: its unit, range, default and help, and groups of parameters that check themselves."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+
+class SpecError(ValueError):
+    """A setting that cannot be used: ``key`` says where, the text says what and what to do."""
+
+    def __init__(self, key: str, problem: str) -> None:
+        super().__init__(f"{key}: {problem}" if key else problem)
+        self.key = key
+        self.problem = problem
+
+
+@dataclass(frozen=True)
+class Param:
+    """What is known of one parameter besides its type and default."""
+
+    help: str
+    unit: str = ""
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    open_minimum: bool = False  # the minimum itself is not allowed
+    choices: tuple[str, ...] = ()
+    file: bool = (
+        False  # it names a file, from the folder of the one that says so, or what is shipped
+    )
+    required: bool = False
+
+    def allowed(self) -> str:
+        """The allowed values in words."""
+        if self.choices:
+            return "one of " + ", ".join(f'"{c}"' for c in self.choices)
+        unit = f" {self.unit}" if self.unit else ""
+        low, high = f"{self.minimum:g}", f"{self.maximum:g}"
+        above = "larger than" if self.open_minimum else "at least"
+        if math.isinf(self.minimum) and math.isinf(self.maximum):
+            return "any finite number"
+        if math.isinf(self.maximum):
+            return f"{above} {low}{unit}"
+        if math.isinf(self.minimum):
+            return f"at most {high}{unit}"
+        if self.open_minimum:
+            return f"larger than {low} and at most {high}{unit}"
+        return f"from {low} to {high}{unit}"
+
+
+def param(
+    default: Any = dataclasses.MISSING,
+    *,
+    help: str,
+    unit: str = "",
+    ge: float = -math.inf,
+    gt: float | None = None,
+    le: float = math.inf,
+    choices: tuple[str, ...] = (),
+    file: bool = False,
+) -> Any:
+    """A dataclass field with its unit, range and help; without a default it must be given."""
+    known = Param(
+        help=help,
+        unit=unit,
+        minimum=ge if gt is None else gt,
+        maximum=le,
+        open_minimum=gt is not None,
+        choices=choices,
+        file=file,
+        required=default is dataclasses.MISSING,
+    )
+    return dataclasses.field(default=default, metadata={"param": known})
+
+
+def param_of(field: dataclasses.Field[Any]) -> Param:
+    """The ``Param`` of a dataclass field."""
+    known: Param = field.metadata["param"]
+    return known
+
+
+class Settings:
+    """Base of every group of settings: a frozen keyword dataclass that checks itself."""
+
+    TITLE: ClassVar[str] = ""
+
+    if TYPE_CHECKING:  # dataclass makes them; values are checked when they are given
+        __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
+
+        def __init__(self, **values: Any) -> None: ...
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        dataclass(frozen=True, kw_only=True)(cls)
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            _check(field.name, getattr(self, field.name), param_of(field))
+        self.check()
+
+    def check(self) -> None:
+        """Rules between fields; raises SpecError."""
+
+
+T = TypeVar("T", bound="Settings")
+
+
+def with_files(settings: T, rename: Callable[[str], str]) -> T:
+    """Settings in which every file that they name, at any depth, is called otherwise."""
+    changed: dict[str, Any] = {}
+    for field in dataclasses.fields(settings):  # type: ignore[arg-type]
+        value = getattr(settings, field.name)
+        if isinstance(value, Settings):
+            changed[field.name] = with_files(value, rename)
+        elif isinstance(value, tuple) and value and isinstance(value[0], Settings):
+            changed[field.name] = tuple(with_files(item, rename) for item in value)
+        elif param_of(field).file and value:
+            changed[field.name] = rename(value)
+    return dataclasses.replace(settings, **changed)
+
+
+def _check(key: str, value: Any, known: Param) -> None:
+    if isinstance(value, bool) or value is None:
+        return
+    if isinstance(value, str):
+        if known.choices and value not in known.choices:
+            raise SpecError(key, f'"{value}" is not known; use {known.allowed()}')
+    elif isinstance(value, (int, float)):
+        low = value > known.minimum if known.open_minimum else value >= known.minimum
+        if not (low and value <= known.maximum and math.isfinite(value)):
+            unit = f" {known.unit}" if known.unit else ""
+            raise SpecError(key, f"{value:g}{unit} is out of range; use {known.allowed()}")
+    elif isinstance(value, tuple):
+        for index, item in enumerate(value):
+            _check(f"{key}[{index}]", item, known)
+
+
+class Normal(Settings):
+    """A truncated normal distribution; with sd 0 always the mean."""
+
+    mean: float = param(help="mean before truncation", ge=-1e6, le=1e6)
+    sd: float = param(0.0, help="standard deviation before truncation", ge=0, le=1e6)
+    low: float | None = param(None, help="nothing smaller; left out: mean - 2 sd")
+    high: float | None = param(None, help="nothing larger; left out: mean + 2 sd")
+
+    def bounds(self) -> tuple[float, float]:
+        """The smallest and the largest value that can be drawn."""
+        if self.sd == 0:
+            return self.mean, self.mean
+        low = self.mean - 2 * self.sd if self.low is None else self.low
+        return low, self.mean + 2 * self.sd if self.high is None else self.high
+
+    def check(self) -> None:
+        low = self.mean if self.low is None else self.low
+        high = self.mean if self.high is None else self.high
+        if not low <= self.mean <= high:
+            raise SpecError("mean", f"{self.mean:g} must lie between low and high")
+
+
+class Discrete(Settings):
+    """A distribution over a few whole numbers."""
+
+    values: tuple[int, ...] = param(help="the numbers that may be drawn", ge=0, le=10000)
+    weights: tuple[float, ...] = param(
+        (), help="how often each, relative to the others; left out: all alike", ge=0, le=1e9
+    )
+
+    def check(self) -> None:
+        if not self.values:
+            raise SpecError("values", "is empty; give at least one number")
+        if self.weights and len(self.weights) != len(self.values):
+            raise SpecError("weights", f"has {len(self.weights)} values; give {len(self.values)}")
+        if self.weights and sum(self.weights) <= 0:
+            raise SpecError("weights", "are all zero; make one larger")
+
+
+def within(key: str, spread: Normal, low: float, high: float, open_low: bool = False) -> None:
+    """Refuse a distribution that can draw what its place does not allow."""
+    for value in (*spread.bounds(), spread.mean):
+        if value < low or value > high or (open_low and value == low):
+            above = "larger than" if open_low else "at least"
+            raise SpecError(
+                key,
+                f"can draw {value:g}; keep it {above} {low:g} and at most {high:g} by mean, low and high",
+            )

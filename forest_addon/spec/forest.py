@@ -1,0 +1,258 @@
+"""The field: which species stand where, on which ground."""
+
+from __future__ import annotations
+
+from .base import Normal, Settings, SpecError, param, within
+
+
+class Gaussian(Settings):
+    """One hill of the intensity function: peak·exp(-(x-a)²/h² - (y-b)²/l²) (T20, squared form)."""
+
+    peak: float = param(1.0, unit="trees/m²", help="intensity at the centre", ge=0, le=1e6)
+    centre: tuple[float, float] = param(unit="m", help="centre (a, b)", ge=-1e7, le=1e7)
+    width: tuple[float, float] = param(unit="m", help="widths (h, l)", gt=0, le=1e7)
+
+
+Corners = tuple[tuple[float, float], ...]
+
+
+def _check_rings(polygon: Corners, holes: tuple[Corners, ...]) -> None:
+    if holes and not polygon:
+        raise SpecError("holes", "need a polygon around them; give polygon too")
+    for key, ring in [("polygon", polygon), *((f"holes[{k}]", h) for k, h in enumerate(holes))]:
+        if len(ring) < 3 and (ring or key != "polygon"):
+            raise SpecError(key, f"has {len(ring)} corners; give at least 3")
+
+
+class Raster(Settings):
+    """An image or array that is part of an intensity function; its first row is the north edge."""
+
+    file: str = param(help="PNG, TIFF or npy file, relative to the scene file", file=True)
+    use: str = param(
+        "add",
+        help="add it to the hills, multiply what there is, or keep trees where it reaches threshold",
+        choices=("add", "multiply", "mask"),
+    )
+    value: float = param(
+        1.0, help="what a pixel of 1 means (white of an image): trees/m², or a factor", ge=0, le=1e6
+    )
+    threshold: float = param(0.5, help="smallest pixel that a mask keeps", ge=0, le=1e6)
+    size: tuple[float, float] | None = param(
+        None, unit="m", help="extent along x and y; left out: as the field", gt=0, le=1e7
+    )
+    origin: tuple[float, float] | None = param(
+        None,
+        unit="m",
+        help="its corner with the smallest x and y; left out: the field's",
+        ge=-1e7,
+        le=1e7,
+    )
+
+
+class Rows(Settings):
+    """An orchard: parallel rows of trees (S)."""
+
+    rows: int = param(0, help="how many rows; 0: as many as fit the field", ge=0, le=100000)
+    trees: int = param(0, help="trees in each row; 0: as many as fit the field", ge=0, le=100000)
+    row_spacing: float = param(4.0, unit="m", help="distance between rows", gt=0, le=1e4)
+    tree_spacing: float = param(2.0, unit="m", help="distance within a row", gt=0, le=1e4)
+    start: tuple[float, float] = param(
+        (0.0, 0.0),
+        unit="m",
+        help="the first tree, from the field's origin; rows follow to the right of their heading",
+        ge=-1e7,
+        le=1e7,
+    )
+    heading_deg: float = param(
+        90.0, unit="deg", help="direction of a row, from +X towards +Y", ge=-360, le=360
+    )
+    jitter: float = param(
+        0.0,
+        unit="m",
+        help="spread of each tree about its place along x and y, truncated at twice that",
+        ge=0,
+        le=1e3,
+    )
+
+
+class Planting(Settings):
+    """One species of the forest and where its trees stand.
+
+    Its intensity is hills + base + rasters and paint that are added, times those that multiply, within
+    masks, polygon and limits; nothing to add: the same everywhere.
+    """
+
+    species: str = param(help="a species of assets/species, or a species file (.toml)", file=True)
+    variants: int = param(3, help="how many different trees are grown and instanced", ge=1, le=1000)
+    layout: str = param(
+        "poisson",
+        help="an inhomogeneous Poisson process, rows of an orchard, or a list of trees",
+        choices=("poisson", "rows", "list"),
+    )
+    expected: float | None = param(
+        None,
+        unit="trees",
+        help="expected number of trees; scales the intensity. Left out: the peaks count as given",
+        ge=0,
+        le=1e8,
+    )
+    density: float | None = param(
+        None,
+        unit="trees/m²",
+        help="mean of the intensity over the field; scales it, in place of an expected number",
+        ge=0,
+        le=1e6,
+    )
+    exact: bool = param(
+        False,
+        help="exactly the expected number of trees, before spacing, in place of a Poisson one",
+    )
+    scale: tuple[float, float] = param(
+        (0.85, 1.15), help="smallest and largest size factor of a tree", gt=0, le=100
+    )
+    crown: float = param(
+        0.0,
+        unit="m",
+        help="crown radius at size factor 1; crowns of two trees do not overlap",
+        ge=0,
+        le=1e3,
+    )
+    base: float = param(
+        0.0, unit="trees/m²", help="intensity everywhere, added to the hills", ge=0, le=1e6
+    )
+    gaussians: tuple[Gaussian, ...] = param(
+        (), help="hills of the intensity function; none: the same everywhere"
+    )
+    rasters: tuple[Raster, ...] = param((), help="images that are part of the intensity function")
+    painted: str = param("", help="weights on a mesh of the Blender scene: OBJECT, or OBJECT:LAYER")
+    painted_value: float = param(
+        1.0, unit="trees/m²", help="intensity where the painted weight is 1", ge=0, le=1e6
+    )
+    polygon: Corners = param(
+        (), unit="m", help="corners that it keeps within; none: the whole field", ge=-1e7, le=1e7
+    )
+    holes: tuple[Corners, ...] = param(
+        (), unit="m", help="corners of each hole in the polygon", ge=-1e7, le=1e7
+    )
+    slope_deg: tuple[float, float] = param(
+        (0.0, 90.0), unit="deg", help="slopes of the terrain that it grows on", ge=0, le=90
+    )
+    altitude: tuple[float, float] = param(
+        (-1e5, 1e5), unit="m", help="heights of the terrain that it grows at", ge=-1e5, le=1e5
+    )
+    rows: Rows = param(Rows(), help="the orchard, where the layout is rows")
+    trees: str = param(
+        "",
+        help="CSV of trees (list): x,y on the map, offset included, and any of species,scale,rotation",
+        file=True,
+    )
+    collection: str = param(
+        "", help="collection of the Blender scene whose objects say where trees stand (list)"
+    )
+
+    def check(self) -> None:
+        for key in ("scale", "slope_deg", "altitude"):
+            low, high = getattr(self, key)
+            if low > high:
+                raise SpecError(key, f"{[low, high]} must be [smallest, largest]")
+        _check_rings(self.polygon, self.holes)
+        if self.expected is not None and self.density is not None:
+            raise SpecError("density", "cannot be given beside expected; remove one of them")
+        if self.layout == "poisson" and not (self._has_intensity() or self._is_scaled()):
+            raise SpecError("expected", "is needed where there are no gaussians; give a number")
+        if self.layout == "list" and bool(self.trees) == bool(self.collection):
+            raise SpecError("trees", "a list needs a file in trees, or else a collection; give one")
+
+    def _is_scaled(self) -> bool:
+        return self.expected is not None or self.density is not None
+
+    def _has_intensity(self) -> bool:
+        added = any(raster.use == "add" for raster in self.rasters)
+        return bool(self.gaussians or self.base or self.painted or added)
+
+
+class Distance(Settings):
+    """How far apart trees of two plantings stand, in place of the forest's spacing."""
+
+    species: str = param(help="one of them, as the report names it")
+    other: str = param(help="the other; the same name twice: among themselves")
+    distance: float = param(unit="m", help="no two of them stand closer", ge=0, le=1e5)
+
+
+class Terrain(Settings):
+    """The ground: flat, a heightmap or a triangulated surface."""
+
+    file: str = param(
+        "",
+        help="heightmap (PNG, TIFF, npy) or surface (STL); neither file nor object: flat",
+        file=True,
+    )
+    object: str = param("", help="mesh object of the Blender scene, in place of a file")
+    base: float = param(
+        0.0, unit="m", help="height where a pixel is 0, or of flat ground", ge=-1e5, le=1e5
+    )
+    relief: float = param(
+        1.0, unit="m", help="height of a pixel of 1 (white of an image) above that", ge=-1e5, le=1e5
+    )
+    size: tuple[float, float] | None = param(
+        None, unit="m", help="extent of a heightmap; left out: as the field", gt=0, le=1e7
+    )
+    origin: tuple[float, float] | None = param(
+        None,
+        unit="m",
+        help="its corner with the smallest x and y; left out: the field's",
+        ge=-1e7,
+        le=1e7,
+    )
+
+    def check(self) -> None:
+        if self.file and self.object:
+            raise SpecError("object", "cannot be given beside file; remove one of them")
+
+
+class Forest(Settings):
+    """The field that the trees stand on."""
+
+    size: tuple[float, float] = param(
+        (30.0, 30.0), unit="m", help="extent of the field along x and y", gt=0, le=1e5
+    )
+    origin: tuple[float, float] = param(
+        (0.0, 0.0), unit="m", help="its corner with the smallest x and y", ge=-1e7, le=1e7
+    )
+    polygon: Corners = param(
+        (), unit="m", help="corners of the field; none: all of its extent", ge=-1e7, le=1e7
+    )
+    holes: tuple[Corners, ...] = param(
+        (), unit="m", help="corners of each hole in the field", ge=-1e7, le=1e7
+    )
+    spacing: float = param(0.0, unit="m", help="no two trees stand closer than this", ge=0, le=1e5)
+    spacing_rule: str = param(
+        "matern",
+        help="of two trees too close the younger goes, even if the older goes too (Matérn II), "
+        "or only if the older stays (greedy, W)",
+        choices=("matern", "greedy"),
+    )
+    distances: tuple[Distance, ...] = param((), help="other distances between two plantings")
+    terrain: Terrain = param(Terrain(), help="the ground that trees stand on")
+    margin: float = param(
+        20.0, unit="m", help="how far the ground reaches beyond the field", ge=0, le=1e4
+    )
+    instancing: str = param(
+        "auto",
+        help="trees in Blender: objects that can be moved one by one, points of one object that geometry "
+        "nodes put trees on (a hundred thousand stay light), or points from 1001 trees on",
+        choices=("auto", "objects", "points"),
+    )
+
+    def check(self) -> None:
+        _check_rings(self.polygon, self.holes)
+
+
+class Stems(Settings):
+    """Trees that are upright cylinders only: reverb hears them, nothing is grown or drawn (K)."""
+
+    count: int = param(help="how many, evenly at random over the field", ge=0, le=20_000_000)
+    radius: Normal = param(Normal(mean=0.25), unit="m", help="radius of each")
+
+    def check(self) -> None:
+        within("radius", self.radius, 0, 20, open_low=True)

@@ -1,0 +1,258 @@
+"""LiDAR: SIMLIDAR's tractor, and scanners on tripods, vehicles and aircraft."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from .base import Settings, SpecError, param
+
+
+class Tractor(Settings):
+    """SIMLIDAR's scanner: a vertical fan that drives past the trees and measures a matrix."""
+
+    TITLE: ClassVar[str] = "LiDAR, tractor"
+    kind: str = param("tractor", help="kind of sensor", choices=("tractor",))
+    name: str = param("scan", help="name of its output files")
+    position: tuple[float, float, float] = param(
+        (-1.0, 0.0, 1.0), unit="m", help="where the drive starts; z is the scanner's height"
+    )
+    heading_deg: float = param(
+        90.0, unit="deg", help="direction of travel, from +X towards +Y", ge=-360, le=360
+    )
+    side: str = param("right", help="side it looks to", choices=("left", "right"))
+    track: float = param(30.0, unit="m", help="length of the drive", gt=0, le=1e5)
+    step: float = param(0.002, unit="m", help="advance between scans (S)", gt=0, le=100)
+    gap: int = param(0, help="scans skipped after each one taken", ge=0, le=100000)
+    angle_step_deg: float = param(
+        0.25, unit="deg", help="angle between beams of a scan (S)", gt=0, le=90
+    )
+    reach: float = param(
+        20.0,
+        unit="m",
+        help="horizontal distance at which the lowest beam meets z = 0",
+        gt=0,
+        le=1e4,
+    )
+    top: float = param(12.0, unit="m", help="height that the highest beam has at that distance")
+    max_range: float = param(100.0, unit="m", help="nothing farther is seen", gt=0, le=1e5)
+    splits: int = param(
+        0,
+        help="P: a beam is (P + 1)² rays over step by angle step, the nearest hit counts (S: 2); 0: one ray",
+        ge=0,
+        le=16,
+    )
+    escape: float | None = param(
+        None,
+        unit="m",
+        help="written into the matrix where a beam meets nothing; left out: inf",
+        ge=-1e6,
+        le=1e6,
+    )
+
+    def check(self) -> None:
+        if self.position[2] <= 0:
+            raise SpecError("position[2]", "the scanner must be above z = 0; raise it")
+        if self.top <= self.position[2]:
+            raise SpecError("top", f"{self.top:g} m must be above the scanner's height")
+
+
+class Beam(Settings):
+    """The light of a scanner's pulse, its way through the air, and how its echo is read."""
+
+    wavelength_nm: float = param(
+        1550.0, unit="nm", help="wavelength; it is noted with the results", gt=0, le=20000
+    )
+    divergence_mrad: tuple[float, float] = param(
+        (0.0, 0.0),
+        unit="mrad",
+        help="full angle at 1/e² of the intensity, in the direction of the sweep (azimuth on a tripod) and "
+        "across it",
+        ge=0,
+        le=100,
+    )
+    exit_diameter: float = param(
+        0.0, unit="m", help="diameter where the beam leaves, at 1/e² of the intensity", ge=0, le=1
+    )
+    subrays: int = param(
+        1, help="rays that a pulse is made of; 1: one on its axis", ge=1, le=100000
+    )
+    pulse_ns: float = param(
+        4.0,
+        unit="ns",
+        help="length of a pulse as the receiver sees it, full width at half maximum",
+        gt=0,
+        le=1000,
+    )
+    max_returns: int = param(1, help="echoes that are kept of a pulse, the first ones", ge=1, le=15)
+    extinction: float = param(
+        0.0, unit="1/m", help="light that a metre of air takes from a beam", ge=0, le=10
+    )
+
+
+class Surfaces(Settings):
+    """What surfaces do to light of this wavelength; an object may say its own reflectance."""
+
+    other: float = param(0.5, help="share that other things send back (Lambert)", ge=0, le=1)
+    wood: float = param(0.5, help="share that wood sends back", ge=0, le=1)
+    leaf: float = param(0.5, help="share that a leaf sends back", ge=0, le=1)
+    ground: float = param(0.5, help="share that the ground sends back", ge=0, le=1)
+    leaf_transmittance: float = param(
+        0.0, help="share of the light that passes a leaf", ge=0, le=0.99
+    )
+    passing: str = param(
+        "probability",
+        help="a ray passes a leaf whole with that probability, or a share of its light passes each leaf",
+        choices=("probability", "share"),
+    )
+
+
+class Noise(Settings):
+    """What a scanner measures wrongly: spreads are standard deviations and add up as squares."""
+
+    range_sd: float = param(0.0, unit="m", help="spread of the range, always", ge=0, le=100)
+    range_ppm: float = param(
+        0.0, unit="ppm", help="spread of the range for each range", ge=0, le=1e5
+    )
+    incidence_sd: float = param(
+        0.0, unit="m", help="spread of the range for each tan(angle of incidence)", ge=0, le=100
+    )
+    drop_out: float = param(0.0, help="share of the returns that get lost", ge=0, le=1)
+
+
+class Scanner(Settings):
+    """What LiDAR scanners of every platform have."""
+
+    scanner: str = param(
+        "",
+        help="an instrument of assets/scanners, or a scanner file (.toml), that settings start from",
+        file=True,
+    )
+    min_range: float = param(0.1, unit="m", help="nothing nearer is seen", ge=0, le=1e5)
+    max_range: float = param(120.0, unit="m", help="nothing farther is seen", gt=0, le=1e5)
+    faintest: float = param(
+        0.0,
+        help="reflectance that a facing surface needs to be seen at max_range; 0: everything is seen",
+        ge=0,
+        le=1,
+    )
+    pulse_rate: float = param(100e3, unit="Hz", help="pulses a second", gt=0, le=1e9)
+    beam: Beam = param(Beam(), help="light and echo")
+    surfaces: Surfaces = param(Surfaces(), help="reflectance and transmittance")
+    noise: Noise = param(Noise(), help="what is measured wrongly")
+
+    def check(self) -> None:
+        if self.min_range >= self.max_range:
+            raise SpecError("min_range", "must be smaller than max_range")
+
+
+class Terrestrial(Scanner):
+    """A scanner on a tripod: azimuth by elevation, a point cloud."""
+
+    TITLE: ClassVar[str] = "LiDAR, terrestrial"
+    kind: str = param("terrestrial", help="kind of sensor", choices=("terrestrial",))
+    name: str = param("cloud", help="name of its output files")
+    position: tuple[float, float, float] = param((0.0, 0.0, 1.6), unit="m", help="where it stands")
+    azimuth_deg: tuple[float, float] = param(
+        (0.0, 360.0), unit="deg", help="from, to; from +X towards +Y", ge=-360, le=720
+    )
+    elevation_deg: tuple[float, float] = param(
+        (-40.0, 80.0), unit="deg", help="from, to; from the horizon up", ge=-90, le=90
+    )
+    angle_step_deg: float = param(0.25, unit="deg", help="angle between beams", gt=0, le=90)
+    line_step_deg: float | None = param(
+        None,
+        unit="deg",
+        help="angle between beams in elevation; left out: as in azimuth",
+        gt=0,
+        le=90,
+    )
+
+    def check(self) -> None:
+        for key in ("azimuth_deg", "elevation_deg"):
+            low, high = getattr(self, key)
+            if low >= high:
+                raise SpecError(key, f"[{low:g}, {high:g}] must be [from, to] with from < to")
+        super().check()
+
+
+class MovingScanner(Scanner):
+    """What scanners on vehicles and aircraft have: how the beam sweeps while they move."""
+
+    pattern: str = param(
+        "lines",
+        help="how the beam sweeps: parallel lines (rotating mirror), a zigzag (oscillating mirror), circles "
+        "(a cone about nadir), or several channels that spin about the vertical",
+        choices=("lines", "zigzag", "circles", "spinning"),
+    )
+    field_deg: tuple[float, float] = param(
+        (-30.0, 30.0),
+        unit="deg",
+        help="from, to; from nadir, right positive (circles: to is the cone's angle; spinning: elevation)",
+        ge=-180,
+        le=180,
+    )
+    line_rate: float = param(100.0, unit="Hz", help="lines, or turns, a second", gt=0, le=1e6)
+    channels: int = param(16, help="beams one above the other (spinning)", ge=1, le=1024)
+    mount_deg: tuple[float, float, float] = param(
+        (0.0, 0.0, 0.0),
+        unit="deg",
+        help="roll, pitch and yaw of the scanner on its platform",
+        ge=-180,
+        le=180,
+    )
+
+    def check(self) -> None:
+        if self.field_deg[0] >= self.field_deg[1]:
+            raise SpecError("field_deg", "must be [from, to] with from < to")
+        super().check()
+
+
+class Pose(Settings):
+    """Where a platform is at one time; in between it moves evenly."""
+
+    time: float = param(0.0, unit="s", help="when", ge=-1e9, le=1e9)
+    position: tuple[float, float, float] = param((0.0, 0.0, 2.0), unit="m", help="where")
+    heading_deg: float = param(
+        0.0, unit="deg", help="direction of travel, from +X towards +Y", ge=-360, le=360
+    )
+    pitch_deg: float = param(0.0, unit="deg", help="nose up", ge=-180, le=180)
+    roll_deg: float = param(0.0, unit="deg", help="right side down", ge=-180, le=180)
+
+
+class Mobile(MovingScanner):
+    """A scanner on a vehicle, a drone or a back: it follows poses, a curve, or an animated object."""
+
+    TITLE: ClassVar[str] = "LiDAR, mobile"
+    kind: str = param("mobile", help="kind of sensor", choices=("mobile",))
+    name: str = param("track", help="name of its output files")
+    follow: str = param(
+        "", help="curve or animated object that it follows; its X axis is forward, Z is up"
+    )
+    speed: float = param(1.5, unit="m/s", help="speed along a curve", gt=0, le=1e4)
+    poses: tuple[Pose, ...] = param((), help="where it is at what time, where it follows nothing")
+
+    def check(self) -> None:
+        for index, (before, after) in enumerate(zip(self.poses, self.poses[1:], strict=False), 1):
+            if before.time >= after.time:
+                raise SpecError(f"poses[{index}].time", "must be later than the pose before")
+        super().check()
+
+
+class Airborne(MovingScanner):
+    """A scanner in an aircraft that flies parallel strips, back and forth, and looks down."""
+
+    TITLE: ClassVar[str] = "LiDAR, airborne"
+    kind: str = param("airborne", help="kind of sensor", choices=("airborne",))
+    name: str = param("flight", help="name of its output files")
+    position: tuple[float, float, float] = param(
+        (0.0, 0.0, 100.0), unit="m", help="where the first strip starts"
+    )
+    heading_deg: float = param(
+        90.0, unit="deg", help="direction of flight, from +X towards +Y", ge=-360, le=360
+    )
+    track: float = param(100.0, unit="m", help="length of a strip", gt=0, le=1e6)
+    speed: float = param(30.0, unit="m/s", help="speed over ground", gt=0, le=1e4)
+    strips: int = param(
+        1, help="how many strips, each to the right of the one before", ge=1, le=10000
+    )
+    spacing: float = param(50.0, unit="m", help="distance between strips", ge=0, le=1e5)

@@ -1,0 +1,126 @@
+"""Forest reverb: sources, receivers, ground and trunks."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from .base import Settings, SpecError, param
+
+
+class Place(Settings):
+    """Where one more source or receiver is."""
+
+    position: tuple[float, float, float] = param((0.0, 0.0, 1.5), unit="m", help="where it is")
+
+    def check(self) -> None:
+        if self.position[2] <= 0:
+            raise SpecError("position[2]", "must be above the ground, z = 0; raise it")
+
+
+class Reverb(Settings):
+    """The impulse response of a forest of trunks between sources and receivers (K)."""
+
+    TITLE: ClassVar[str] = "Forest reverb"
+    kind: str = param("reverb", help="kind of sensor", choices=("reverb",))
+    name: str = param("reverb", help="name of its output files")
+    source: tuple[float, float, float] = param(
+        (5.0, 10.0, 1.5), unit="m", help="where sound starts"
+    )
+    receiver: tuple[float, float, float] = param(
+        (15.0, 10.0, 1.5), unit="m", help="where it is heard"
+    )
+    sources: tuple[Place, ...] = param((), help="further sources")
+    receivers: tuple[Place, ...] = param((), help="further receivers")
+    source_objects: str = param(
+        "", help="names of Speakers that are further sources, separated by commas"
+    )
+    receiver_objects: str = param(
+        "", help="names of Empties and Cameras that are further receivers, separated by commas"
+    )
+    array: int = param(
+        1,
+        help="microphones of each receiver, in a row around it: 2 are a pair of ears without a head",
+        ge=1,
+        le=256,
+    )
+    array_spacing: float = param(
+        0.18, unit="m", help="distance between microphones of a row", gt=0, le=100
+    )
+    array_azimuth_deg: float = param(
+        90.0,
+        unit="deg",
+        help="direction from the first microphone of a row to the last, from +X towards +Y",
+        ge=-360,
+        le=360,
+    )
+    array_elevation_deg: float = param(
+        0.0, unit="deg", help="the same, from the horizon up", ge=-90, le=90
+    )
+    directivity: str = param(
+        "omni",
+        help="how sources send: alike all round, as a cardioid, or as a file says",
+        choices=("omni", "cardioid", "measured"),
+    )
+    directivity_file: str = param(
+        "",
+        help="CSV: first column degrees from the axis, further columns dB at the header's Hz",
+        file=True,
+    )
+    facing_azimuth_deg: float = param(
+        0.0, unit="deg", help="where sources point, from +X towards +Y", ge=-360, le=360
+    )
+    facing_elevation_deg: float = param(
+        0.0, unit="deg", help="where sources point, from the horizon up", ge=-90, le=90
+    )
+    sample_rate: float = param(24e3, unit="Hz", help="sampling rate", ge=1000, le=384e3)
+    duration: float = param(1.0, unit="s", help="length of the impulse response", gt=0, le=60)
+    ground: float = param(0.8, help="reflection coefficient of a constant ground (K)", ge=-1, le=1)
+    surface: str = param(
+        "constant",
+        help="what the ground is: the same at all frequencies, or an impedance by flow resistivity",
+        choices=("constant", "snow", "forest floor", "grass", "soil", "asphalt"),
+    )
+    impedance_model: str = param(
+        "miki", help="impedance of a surface", choices=("miki", "delany-bazley")
+    )
+    flow_resistivity: float = param(
+        0.0, unit="kPa·s/m²", help="of the surface; 0: its usual one", ge=0, le=1e6
+    )
+    strength: float = param(2.0, help="β, weight of the scattered field (K)", ge=0, le=1000)
+    spreading: float = param(
+        0.7, help="α, spreading from tree to receiver: 0.5 cylindrical, 1 spherical (K)", ge=0, le=2
+    )
+    min_radius: float = param(
+        0.01, unit="m", help="thinner stems are left out, and counted", gt=0, le=10
+    )
+    continue_to: float = param(
+        0.0,
+        unit="m",
+        help="beyond the field, go on with trunks of the same density up to this distance",
+        ge=0,
+        le=2000,
+    )
+    tolerance: float = param(
+        1e-4,
+        help="relative error allowed to the sum over trunks; 0 sums every trunk and frequency",
+        ge=0,
+        le=0.01,
+    )
+    rescattering: int = param(
+        0,
+        help="trunks around the pair for which single scattering is compared with exact multiple "
+        "scattering; 0: no comparison",
+        ge=0,
+        le=400,
+    )
+
+    def check(self) -> None:
+        for key in ("source", "receiver"):
+            if getattr(self, key)[2] <= 0:
+                raise SpecError(f"{key}[2]", "must be above the ground, z = 0; raise it")
+        if self.directivity == "measured" and not self.directivity_file:
+            raise SpecError(
+                "directivity_file", "is needed where directivity is measured; name a CSV"
+            )
+        if 0 < self.tolerance < 1e-6:
+            raise SpecError("tolerance", "must be 0 (exact) or from 1e-6 to 0.01")

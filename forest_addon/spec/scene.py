@@ -1,0 +1,87 @@
+"""A whole scene: forest, air, sensors, and what is written."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from .air import Air
+from .base import Settings, SpecError, param
+from .forest import Forest, Planting, Stems
+from .lidar import Airborne, Mobile, Terrestrial, Tractor
+from .reverb import Reverb
+from .sonar import Sonar
+
+Sensor = Tractor | Terrestrial | Mobile | Airborne | Sonar | Reverb
+SENSORS: dict[str, type[Settings]] = {
+    "tractor": Tractor,
+    "terrestrial": Terrestrial,
+    "mobile": Mobile,
+    "airborne": Airborne,
+    "sonar": Sonar,
+    "reverb": Reverb,
+}
+
+
+class Rays(Settings):
+    """How rays are cast; what they find does not depend on it."""
+
+    TITLE: ClassVar[str] = "Rays"
+    engine: str = param(
+        "auto",
+        help="Blender's own Embree, its BVHTree, or the first of them that works",
+        choices=("auto", "bvhtree", "embree"),
+    )
+    threads: int = param(0, help="threads of Embree; 0: as many as there are cores", ge=0, le=1024)
+
+
+class Output(Settings):
+    """What is written besides the sensors' results."""
+
+    blend: bool = param(True, help="write forest.blend")
+    glb: bool = param(True, help="write forest.glb")
+    preview: bool = param(True, help="render preview.png with Cycles")
+    preview_size: tuple[int, int] = param(
+        (1280, 640), unit="px", help="width and height of the preview", ge=16, le=8192
+    )
+    preview_samples: int = param(20, help="samples a pixel of the preview", ge=1, le=65536)
+
+
+class Scene(Settings):
+    """A whole scene: forest, air, sensors, output. One seed decides every draw."""
+
+    name: str = param("forest", help="title of the scene")
+    seed: int = param(0, help="one seed for the whole scene", ge=0, le=2**63 - 1)
+    offset: tuple[float, float, float] = param(
+        (0.0, 0.0, 0.0),
+        unit="m",
+        help="added to coordinates that are written, in double precision: a map's origin (UTM)",
+        ge=-1e8,
+        le=1e8,
+    )
+    crs: str = param("", help="coordinate system of what is written, such as EPSG:32632")
+    blend: str = param(
+        "",
+        help="Blender file to start from, whose objects the settings name; left out: an empty one",
+    )
+    forest: Forest = param(Forest(), help="the field")
+    plantings: tuple[Planting, ...] = param((), help="species and where they stand")
+    stems: tuple[Stems, ...] = param((), help="trees that are cylinders only, for reverb")
+    air: Air = param(Air(), help="the air")
+    rays: Rays = param(Rays(), help="how rays are cast")
+    sensors: tuple[Sensor, ...] = param((), help="what looks at the forest")
+    output: Output = param(Output(), help="what is written")
+
+    def check(self) -> None:
+        seen: dict[str, int] = {}
+        for index, sensor in enumerate(self.sensors):
+            name = sensor.name
+            if not name or not all(c.isalnum() or c in "-_" for c in name):
+                raise SpecError(
+                    f"sensors[{index}].name", f'"{name}" must be letters, digits, "-" and "_"'
+                )
+            if name in seen:
+                raise SpecError(
+                    f"sensors[{index}].name",
+                    f'"{name}" is taken by sensors[{seen[name]}]; give each sensor a name of its own',
+                )
+            seen[name] = index

@@ -1,0 +1,252 @@
+"""Species: how a tree grows and what it looks like."""
+
+from __future__ import annotations
+
+from .base import Discrete, Normal, Settings, SpecError, param, within
+
+MAX_REACH = 1000.0  # metres that a branch may end from the foot of its tree
+
+
+class Grammar(Settings):
+    """An L-system of T20 (g -> d(g)[g)+g, axiom g)) or of A20 (whorls on one trunk)."""
+
+    dialect: str = param("T20", help="whose grammar", choices=("T20", "A20"))
+    whorls: int = param(2, help="A20 only: groups d(d)+d) on the trunk", ge=1, le=12)
+    generations: int = param(7, help="how often the grammar is rewritten", ge=0, le=12)
+    copies: int = param(
+        2,
+        help="how many times the first-level branches are set, each copy turned and raised",
+        ge=1,
+        le=4,
+    )
+    length: float = param(2.0, unit="m", help="length of the first internode", gt=0, le=100)
+    side_ratio: float = param(
+        0.62, help="length of a side branch's first internode over its mother's", gt=0, le=2
+    )
+    centre_ratio: float = param(
+        0.826, help="length of an internode over the one before it on the same axis", gt=0, le=2
+    )
+    angle_deg: float = param(
+        50.0, unit="deg", help="angle between a side branch and its mother", ge=0, le=180
+    )
+    twist_deg: float = param(
+        -43.75, unit="deg", help="turn about the mother axis per internode", ge=-180, le=180
+    )
+    radius: float = param(0.04, unit="m", help="radius at the foot of the trunk", gt=0, le=10)
+    radius_ratio: float = param(
+        0.7, help="radius of a side branch over its mother's at the fork", gt=0, le=1
+    )
+
+    def check(self) -> None:
+        ratio = max(self.side_ratio, self.centre_ratio)
+        reach = self.length * sum(ratio**level for level in range(self.generations + 1))
+        if reach > MAX_REACH:
+            raise SpecError(
+                "generations",
+                f"{self.generations} with a ratio of {ratio:g} make branches that reach {reach:,.0f} m, "
+                f"more than {MAX_REACH:g} m; use fewer, or smaller ratios",
+            )
+
+
+class Jitter(Settings):
+    """How much a tree differs from the grammar: standard deviations, truncated at two of them."""
+
+    length: float = param(0.08, help="relative spread of lengths", ge=0, le=0.45)
+    angle_deg: float = param(5.0, unit="deg", help="spread of branching angles", ge=0, le=45)
+    twist_deg: float = param(8.0, unit="deg", help="spread of twists", ge=0, le=90)
+    raise_ratio: float = param(
+        0.6,
+        help="a symmetric branch starts up to this share of an internode above its sister",
+        ge=0,
+        le=0.95,
+    )
+    lean_deg: float = param(2.0, unit="deg", help="bend of the trunk per internode", ge=0, le=30)
+    leaf_size: float = param(0.12, help="relative spread of leaf size", ge=0, le=0.45)
+
+
+class Template(Settings):
+    """STL files of one full tree, which is split into trunk, branches and leaves."""
+
+    wood: str = param(
+        help="STL file of trunk and branches, relative to the species file", file=True
+    )
+    leaves: str = param("", help="STL file of the leaves; empty: the tree is leafless", file=True)
+    grow_leaves: bool = param(
+        False, help="where there is no STL of leaves, set those of [leaf] on the outermost branches"
+    )
+    height: float = param(
+        0.0, unit="m", help="height of the tree in the files; 0: they are in metres", ge=0, le=200
+    )
+
+
+class Look(Settings):
+    """Colours of bark and leaves, linear RGB from 0 to 1."""
+
+    bark: tuple[float, float, float] = param((0.09, 0.06, 0.04), help="bark colour", ge=0, le=1)
+    leaf: tuple[float, float, float] = param((0.06, 0.15, 0.02), help="leaf colour", ge=0, le=1)
+
+
+class Rules(Settings):
+    """An L-system in full: productions as ABOP and cpfg write them, and a turtle that reads them.
+
+    ``A(l, w) : l > 0.1 -> !(w)F(l)[&(a)A(l*r, w*0.7)] : 1/3`` has a condition and a probability, each
+    optional. Angles in productions are degrees; ``n`` is the generation that is being made, ``N`` their
+    number.
+    """
+
+    dialect: str = param("ABOP", help="whose symbols", choices=("ABOP", "S"))
+    axiom: str = param(help="the string that is rewritten")
+    productions: tuple[str, ...] = param((), help="what symbols are replaced by")
+    constants: tuple[str, ...] = param((), help='named numbers, "r = 0.9"')
+    symbols: tuple[str, ...] = param(
+        (), help='what the turtle does at a symbol, over the dialect\'s, "I(n) = draw(h0/n)"'
+    )
+    generations: int = param(5, help="how often the string is rewritten", ge=0, le=1000)
+    angle_deg: float = param(
+        45.0, unit="deg", help="turn of + - & ^ without a number", ge=-360, le=360
+    )
+    rotation_deg: float = param(
+        45.0, unit="deg", help="turn of T t (S) without a number", ge=-360, le=360
+    )
+    length: float = param(1.0, help="length of F without a number, times scale", gt=0, le=1e6)
+    diameter: float = param(0.1, help="diameter before the first !, times scale", gt=0, le=1e6)
+    thinning: float = param(0.707, help="diameter after ! without a number", gt=0, le=10)
+    scale: float = param(1.0, unit="m", help="metres of a length 1", gt=0, le=1e4)
+    tropism: tuple[float, float, float] = param(
+        (0.0, 0.0, -1.0), help="direction that branches bend to", ge=-1e3, le=1e3
+    )
+    elasticity: float = param(
+        0.0, unit="rad", help="bend of a segment at right angles to the tropism", ge=0, le=10
+    )
+    prune_descending: bool = param(False, help="remove branches in which the turtle descends (S)")
+
+
+class Honda(Settings):
+    """W's trees after Honda (1971): mothers bear daughters, smaller by a ratio, recursively."""
+
+    levels: Discrete = param(
+        Discrete(values=(5,)), help="per tree: how often branches bear daughters"
+    )
+    length: Normal = param(Normal(mean=2.0, sd=0.2), unit="m", help="per tree: length of the trunk")
+    radius: Normal = param(
+        Normal(mean=0.1, sd=0.01), unit="m", help="per tree: radius at the trunk's foot"
+    )
+    length_ratio: Normal = param(
+        Normal(mean=0.75, sd=0.03), help="per tree: length of a daughter over her mother's"
+    )
+    radius_ratio: Normal = param(
+        Normal(mean=0.6, sd=0.03), help="per tree: radius of a daughter over her mother's"
+    )
+    sprouting: str = param(
+        "apex",
+        help="where daughters leave their mother: at its tip, or at random places along it",
+        choices=("apex", "along"),
+    )
+    bare: float = param(0.15, help="share of a mother without daughters (along)", ge=0, le=0.99)
+    cone: float = param(
+        0.0, help="how much shorter the last daughter is than the first (along)", ge=0, le=0.99
+    )
+    daughters: Discrete = param(
+        Discrete(values=(2, 3)), help="per branch: how many daughters it bears"
+    )
+    trunk_daughters: Discrete | None = param(
+        None, help="how many the trunk bears; left out: as any branch"
+    )
+    angle_deg: Normal = param(
+        Normal(mean=40.0, sd=5.0), unit="deg", help="per branch: angle to its mother"
+    )
+    twist_deg: Normal = param(
+        Normal(mean=137.5, sd=8.0),
+        unit="deg",
+        help="per branch: turn about the mother, from one daughter to the next (along), or of all "
+        "daughters, which stand evenly around the tip, against their mother's plane (apex)",
+    )
+    leader_ratio: float = param(
+        0.0, help="length of a straight leader at the apex over its mother's; 0: none", ge=0, le=2
+    )
+    pieces: int = param(4, help="straight pieces of a branch", ge=1, le=64)
+    crook_deg: Normal = param(
+        Normal(mean=0.0, sd=3.0), unit="deg", help="per piece: bend to each side"
+    )
+    droop: float = param(
+        0.0, unit="rad", help="bend of a level branch towards the ground; negative: up", ge=-6, le=6
+    )
+    droop_from: int = param(
+        1, help="first order that droops; trunk and its leaders are 0", ge=0, le=12
+    )
+    tip: float = param(0.5, help="radius at a branch's tip over that at its foot", gt=0, le=1)
+    leaves: Discrete = param(
+        Discrete(values=(8, 10, 12)), help="per branch of the last levels: how many leaves"
+    )
+    leaf_levels: int = param(1, help="how many of the last levels bear leaves", ge=0, le=12)
+
+    def check(self) -> None:
+        within("length", self.length, 0, 200, open_low=True)
+        within("radius", self.radius, 0, 20, open_low=True)
+        within("length_ratio", self.length_ratio, 0, 2, open_low=True)
+        within("radius_ratio", self.radius_ratio, 0, 1, open_low=True)
+        within("angle_deg", self.angle_deg, 0, 180)
+        if max(self.levels.values) > 12:
+            raise SpecError("levels", f"can draw {max(self.levels.values)}; use at most 12")
+
+
+class Leaf(Settings):
+    """Leaves of a species that grows without a template, or on one that has none."""
+
+    on: bool = param(True, help="grow leaves; switching them off moves no branch")
+    shape: str = param("ellipse", help="shape of the blade", choices=("ellipse", "maple", "needle"))
+    mesh: str = param(
+        "", help="STL file of one leaf instead of a shape, relative to the species file", file=True
+    )
+    length: Normal = param(Normal(mean=0.05, sd=0.01), unit="m", help="length of a leaf")
+    width_ratio: Normal = param(Normal(mean=0.6, sd=0.05), help="width of a leaf over its length")
+    angle_deg: Normal = param(
+        Normal(mean=50.0, sd=10.0), unit="deg", help="angle between a leaf and its branch"
+    )
+    nodes: int = param(4, help="leaf-bearing nodes of a growing tip (T20)", ge=1, le=100)
+    per_node: int = param(4, help="leaves at each node (T20)", ge=1, le=100)
+    fan_deg: float = param(
+        10.0, unit="deg", help="turn from one node's leaves to the next (T20)", ge=-360, le=360
+    )
+
+    def check(self) -> None:
+        within("length", self.length, 0, 10, open_low=True)
+        within("width_ratio", self.width_ratio, 0, 10, open_low=True)
+        within("angle_deg", self.angle_deg, 0, 180)
+
+
+class Detail(Settings):
+    """How finely a tree without a template is meshed."""
+
+    tolerance: float = param(
+        0.002, unit="m", help="largest distance between a branch and its mesh", gt=0, le=1
+    )
+    leaves: float = param(
+        1.0, help="share of the leaves that is made, each enlarged to keep their area", gt=0, le=1
+    )
+
+
+class Species(Settings):
+    """One kind of tree and its looks.
+
+    With a template, a grammar gives the trunk and the places of branches from STL files. Without one the
+    whole tree is grown: by ``rules``, by ``honda``, or by the grammar alone.
+    """
+
+    name: str = param(help="name of the species")
+    source: str = param("", help="where the numbers come from")
+    template: Template | None = param(
+        None, help="STL files that branches and leaves are taken from"
+    )
+    grammar: Grammar = param(Grammar(), help="the L-system of T20 or A20")
+    rules: Rules | None = param(None, help="an L-system of your own, for the whole tree")
+    honda: Honda | None = param(None, help="branching by angles and ratios, for the whole tree")
+    jitter: Jitter = param(Jitter(), help="natural variation around the grammar")
+    leaf: Leaf = param(Leaf(), help="leaves, where there is no template")
+    detail: Detail = param(Detail(), help="level of detail, where there is no template")
+    look: Look = param(Look(), help="colours")
+
+    def check(self) -> None:
+        given = [key for key in ("template", "rules", "honda") if getattr(self, key) is not None]
+        if len(given) > 1:
+            raise SpecError(given[1], f"cannot be used beside {given[0]}; remove one of them")
