@@ -1,8 +1,8 @@
 """Trunks and branches as finite cylinders: where they run in a mesh, and how they sound back.
 
 Wood is any mesh of tubes. Its pieces and their centrelines are found as for templates
-(``growth/template/centreline``), so that bent, scaled and imported wood is heard as it is evaluated; a line is
-straightened where it stays within a tolerance of a chord. A segment of length ℓ and radius a that the
+(``growth/template/centreline``), so that bent, scaled and imported wood is heard as it is evaluated; a line
+is straightened where it stays within a tolerance of a chord. A segment of length ℓ and radius a that the
 sound meets at the angle ψ to its axis scatters back with
 
     f = (ℓ/π)·S(ka·sinψ, π)·sinc(kℓ·cosψ),   sinc x = sin x/x,
