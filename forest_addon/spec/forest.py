@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .base import Normal, Settings, SpecError, param, within
+from .parts import azimuth
 
 
 class Gaussian(Settings):
@@ -63,9 +64,7 @@ class Rows(Settings):
         ge=-1e7,
         le=1e7,
     )
-    heading_deg: float = param(
-        90.0, unit="deg", help="direction of a row, from +X towards +Y", ge=-360, le=360
-    )
+    heading_deg: float = azimuth(90.0, "direction of a row")
     jitter: float = param(
         0.0,
         unit="m",

@@ -5,20 +5,19 @@ from __future__ import annotations
 from typing import ClassVar
 
 from .base import Settings, SpecError, param
+from .parts import azimuth, kind, output_name, place, range_limit
 
 
 class Tractor(Settings):
     """SIMLIDAR's scanner: a vertical fan that drives past the trees and measures a matrix."""
 
     TITLE: ClassVar[str] = "LiDAR, tractor"
-    kind: str = param("tractor", help="kind of sensor", choices=("tractor",))
-    name: str = param("scan", help="name of its output files")
-    position: tuple[float, float, float] = param(
-        (-1.0, 0.0, 1.0), unit="m", help="where the drive starts; z is the scanner's height"
+    kind: str = kind("tractor")
+    name: str = output_name("scan")
+    position: tuple[float, float, float] = place(
+        (-1.0, 0.0, 1.0), "where the drive starts; z is the scanner's height"
     )
-    heading_deg: float = param(
-        90.0, unit="deg", help="direction of travel, from +X towards +Y", ge=-360, le=360
-    )
+    heading_deg: float = azimuth(90.0, "direction of travel")
     side: str = param("right", help="side it looks to", choices=("left", "right"))
     track: float = param(30.0, unit="m", help="length of the drive", gt=0, le=1e5)
     step: float = param(0.002, unit="m", help="advance between scans (S)", gt=0, le=100)
@@ -34,7 +33,7 @@ class Tractor(Settings):
         le=1e4,
     )
     top: float = param(12.0, unit="m", help="height that the highest beam has at that distance")
-    max_range: float = param(100.0, unit="m", help="nothing farther is seen", gt=0, le=1e5)
+    max_range: float = range_limit(100.0)
     splits: int = param(
         0,
         help="P: a beam is (P + 1)² rays over step by angle step, the nearest hit counts (S: 2); 0: one ray",
@@ -128,7 +127,7 @@ class Scanner(Settings):
         file=True,
     )
     min_range: float = param(0.1, unit="m", help="nothing nearer is seen", ge=0, le=1e5)
-    max_range: float = param(120.0, unit="m", help="nothing farther is seen", gt=0, le=1e5)
+    max_range: float = range_limit(120.0)
     faintest: float = param(
         0.0,
         help="reflectance that a facing surface needs to be seen at max_range; 0: everything is seen",
@@ -149,9 +148,9 @@ class Terrestrial(Scanner):
     """A scanner on a tripod: azimuth by elevation, a point cloud."""
 
     TITLE: ClassVar[str] = "LiDAR, terrestrial"
-    kind: str = param("terrestrial", help="kind of sensor", choices=("terrestrial",))
-    name: str = param("cloud", help="name of its output files")
-    position: tuple[float, float, float] = param((0.0, 0.0, 1.6), unit="m", help="where it stands")
+    kind: str = kind("terrestrial")
+    name: str = output_name("cloud")
+    position: tuple[float, float, float] = place((0.0, 0.0, 1.6), "where it stands")
     azimuth_deg: tuple[float, float] = param(
         (0.0, 360.0), unit="deg", help="from, to; from +X towards +Y", ge=-360, le=720
     )
@@ -211,10 +210,8 @@ class Pose(Settings):
     """Where a platform is at one time; in between it moves evenly."""
 
     time: float = param(0.0, unit="s", help="when", ge=-1e9, le=1e9)
-    position: tuple[float, float, float] = param((0.0, 0.0, 2.0), unit="m", help="where")
-    heading_deg: float = param(
-        0.0, unit="deg", help="direction of travel, from +X towards +Y", ge=-360, le=360
-    )
+    position: tuple[float, float, float] = place((0.0, 0.0, 2.0), "where")
+    heading_deg: float = azimuth(0.0, "direction of travel")
     pitch_deg: float = param(0.0, unit="deg", help="nose up", ge=-180, le=180)
     roll_deg: float = param(0.0, unit="deg", help="right side down", ge=-180, le=180)
 
@@ -223,8 +220,8 @@ class Mobile(MovingScanner):
     """A scanner on a vehicle, a drone or a back: it follows poses, a curve, or an animated object."""
 
     TITLE: ClassVar[str] = "LiDAR, mobile"
-    kind: str = param("mobile", help="kind of sensor", choices=("mobile",))
-    name: str = param("track", help="name of its output files")
+    kind: str = kind("mobile")
+    name: str = output_name("track")
     follow: str = param(
         "", help="curve or animated object that it follows; its X axis is forward, Z is up"
     )
@@ -242,14 +239,10 @@ class Airborne(MovingScanner):
     """A scanner in an aircraft that flies parallel strips, back and forth, and looks down."""
 
     TITLE: ClassVar[str] = "LiDAR, airborne"
-    kind: str = param("airborne", help="kind of sensor", choices=("airborne",))
-    name: str = param("flight", help="name of its output files")
-    position: tuple[float, float, float] = param(
-        (0.0, 0.0, 100.0), unit="m", help="where the first strip starts"
-    )
-    heading_deg: float = param(
-        90.0, unit="deg", help="direction of flight, from +X towards +Y", ge=-360, le=360
-    )
+    kind: str = kind("airborne")
+    name: str = output_name("flight")
+    position: tuple[float, float, float] = place((0.0, 0.0, 100.0), "where the first strip starts")
+    heading_deg: float = azimuth(90.0, "direction of flight")
     track: float = param(100.0, unit="m", help="length of a strip", gt=0, le=1e6)
     speed: float = param(30.0, unit="m/s", help="speed over ground", gt=0, le=1e4)
     strips: int = param(

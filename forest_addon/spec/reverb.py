@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import ClassVar
 
 from .base import Settings, SpecError, param
+from .parts import azimuth, elevation, kind, output_name, place
 
 
 class Place(Settings):
     """Where one more source or receiver is."""
 
-    position: tuple[float, float, float] = param((0.0, 0.0, 1.5), unit="m", help="where it is")
+    position: tuple[float, float, float] = place((0.0, 0.0, 1.5), "where it is")
 
     def check(self) -> None:
         if self.position[2] <= 0:
@@ -21,14 +22,10 @@ class Reverb(Settings):
     """The impulse response of a forest of trunks between sources and receivers (K)."""
 
     TITLE: ClassVar[str] = "Forest reverb"
-    kind: str = param("reverb", help="kind of sensor", choices=("reverb",))
-    name: str = param("reverb", help="name of its output files")
-    source: tuple[float, float, float] = param(
-        (5.0, 10.0, 1.5), unit="m", help="where sound starts"
-    )
-    receiver: tuple[float, float, float] = param(
-        (15.0, 10.0, 1.5), unit="m", help="where it is heard"
-    )
+    kind: str = kind("reverb")
+    name: str = output_name("reverb")
+    source: tuple[float, float, float] = place((5.0, 10.0, 1.5), "where sound starts")
+    receiver: tuple[float, float, float] = place((15.0, 10.0, 1.5), "where it is heard")
     sources: tuple[Place, ...] = param((), help="further sources")
     receivers: tuple[Place, ...] = param((), help="further receivers")
     source_objects: str = param(
@@ -46,16 +43,10 @@ class Reverb(Settings):
     array_spacing: float = param(
         0.18, unit="m", help="distance between microphones of a row", gt=0, le=100
     )
-    array_azimuth_deg: float = param(
-        90.0,
-        unit="deg",
-        help="direction from the first microphone of a row to the last, from +X towards +Y",
-        ge=-360,
-        le=360,
+    array_azimuth_deg: float = azimuth(
+        90.0, "direction from the first microphone of a row to the last"
     )
-    array_elevation_deg: float = param(
-        0.0, unit="deg", help="the same, from the horizon up", ge=-90, le=90
-    )
+    array_elevation_deg: float = elevation(0.0, "the same")
     directivity: str = param(
         "omni",
         help="how sources send: alike all round, as a cardioid, or as a file says",
@@ -66,12 +57,8 @@ class Reverb(Settings):
         help="CSV: first column degrees from the axis, further columns dB at the header's Hz",
         file=True,
     )
-    facing_azimuth_deg: float = param(
-        0.0, unit="deg", help="where sources point, from +X towards +Y", ge=-360, le=360
-    )
-    facing_elevation_deg: float = param(
-        0.0, unit="deg", help="where sources point, from the horizon up", ge=-90, le=90
-    )
+    facing_azimuth_deg: float = azimuth(0.0, "where sources point")
+    facing_elevation_deg: float = elevation(0.0, "where sources point")
     sample_rate: float = param(24e3, unit="Hz", help="sampling rate", ge=1000, le=384e3)
     duration: float = param(1.0, unit="s", help="length of the impulse response", gt=0, le=60)
     ground: float = param(0.8, help="reflection coefficient of a constant ground (K)", ge=-1, le=1)

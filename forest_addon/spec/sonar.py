@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from .base import Settings, SpecError, param
+from .parts import PATTERNS, azimuth, beam_width, elevation, kind, output_name, place
 
 HORSESHOE_BAND = (60e3, 80e3)  # Hz, of the call whose beam width T20 give
 
@@ -13,15 +14,11 @@ class Sonar(Settings):
     """A bat-like sonar that listens to the echo of foliage (T20)."""
 
     TITLE: ClassVar[str] = "Biosonar"
-    kind: str = param("sonar", help="kind of sensor", choices=("sonar",))
-    name: str = param("echo", help="name of its output files")
-    position: tuple[float, float, float] = param((0.0, 0.0, 2.0), unit="m", help="where it is")
-    azimuth_deg: float = param(
-        0.0, unit="deg", help="direction of the beam, from +X towards +Y", ge=-360, le=360
-    )
-    elevation_deg: float = param(
-        0.0, unit="deg", help="direction of the beam, from the horizon up", ge=-90, le=90
-    )
+    kind: str = kind("sonar")
+    name: str = output_name("echo")
+    position: tuple[float, float, float] = place((0.0, 0.0, 2.0), "where it is")
+    azimuth_deg: float = azimuth(0.0, "direction of the beam")
+    elevation_deg: float = elevation(0.0, "direction of the beam")
     route: str = param(
         "",
         help="CSV file with a pose a row (x_m, y_m, z_m, azimuth_deg, elevation_deg and, if wanted, "
@@ -46,15 +43,9 @@ class Sonar(Settings):
         "gaussian",
         help="how the call spreads: a Gaussian of the width below, the horseshoe bat's of T20 (its width "
         "follows from the frequency), a measured pattern, or everywhere alike",
-        choices=("gaussian", "horseshoe", "file", "omni"),
+        choices=PATTERNS,
     )
-    beam_width_deg: tuple[float, float] = param(
-        (30.0, 30.0),
-        unit="deg",
-        help="full -3 dB width of a Gaussian beam, in azimuth and elevation",
-        gt=0,
-        le=360,
-    )
+    beam_width_deg: tuple[float, float] = beam_width(30.0, "a Gaussian beam")
     beam_file: str = param(
         "",
         help="CSV file of a measured pattern: angle_deg, then dB in a column a frequency in Hz",
@@ -63,15 +54,9 @@ class Sonar(Settings):
     hearing: str = param(
         "same",
         help="directivity of the ears; same: as the call",
-        choices=("same", "gaussian", "horseshoe", "file", "omni"),
+        choices=("same", *PATTERNS),
     )
-    hearing_width_deg: tuple[float, float] = param(
-        (60.0, 60.0),
-        unit="deg",
-        help="full -3 dB width of Gaussian ears, in azimuth and elevation",
-        gt=0,
-        le=360,
-    )
+    hearing_width_deg: tuple[float, float] = beam_width(60.0, "Gaussian ears")
     hearing_file: str = param("", help="CSV file of the ears' measured pattern", file=True)
     ears: int = param(1, help="receivers, on a level line across the beam", ge=1, le=64)
     ear_spacing: float = param(
