@@ -59,7 +59,7 @@ def template() -> str:
 
 def of_code() -> Iterator[Text]:
     """Texts that are given to ``words`` or, as they are, to Blender."""
-    for file in sorted(UI.glob("*.py")):
+    for file in sorted(UI.rglob("*.py")):
         place = file.relative_to(ROOT).as_posix()
         for call in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(call, ast.Call):
@@ -93,7 +93,7 @@ def of_classes() -> Iterator[Text]:
     import bpy
 
     from forest_addon import ui
-    from forest_addon.ui import things
+    from forest_addon.ui.sensors import things
 
     ui.register()
     try:

@@ -35,6 +35,12 @@ WINGS = {
         "intensity": set(),
         "statistics": {"intensity"},
     },
+    "ui": {
+        "species": set(),
+        "results": set(),
+        "sensors": {"results"},
+        "forest": {"species", "results"},
+    },
 }
 LONGEST = 400  # lines; a file that needs more says here why
 LONG = {}

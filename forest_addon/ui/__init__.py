@@ -1,9 +1,15 @@
-"""The panel and its operators, and how Blender gets to know them: all of them or none."""
+"""The panel and its operators, and how Blender gets to know them: all of them or none.
+
+By what a user sees: ``species``, ``forest``, ``sensors``, ``results``. Beside them stands what these share:
+settings as properties (``fields``, ``groups``, ``properties``), between those and ``spec`` (``exchange``),
+lists, drawing, running, words.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from types import ModuleType
 
 Step = tuple[Callable[[], object], Callable[[], object]]
 
@@ -37,21 +43,6 @@ def _steps() -> Iterator[Step]:
     """What registering does, one by one, and how each is taken back."""
     import bpy
 
-    from . import (
-        command,
-        hills,
-        languages,
-        live,
-        migration,
-        new_file,
-        overlay,
-        painting,
-        running,
-        species_pictures,
-        start,
-        things,
-        tree,
-    )
     from .properties import FOREST_PG_scene, FOREST_PG_sensor
 
     for cls in _classes():
@@ -62,43 +53,41 @@ def _steps() -> Iterator[Step]:
     ):
         pointer = bpy.props.PointerProperty(type=group)
         yield partial(setattr, owner, name, pointer), partial(delattr, owner, name)
-    yield species_pictures.refresh, species_pictures.unregister
-    of_views = (overlay, hills, painting, live)
-    for part in (languages, running, things, tree, start, new_file, *of_views, command, migration):
-        yield part.register, part.unregister
+    for room in _rooms():
+        if hasattr(room, "register"):
+            yield room.register, room.unregister
 
 
 def _classes() -> tuple[type, ...]:
-    from . import (
-        lists,
-        live,
-        migration,
-        new_file,
-        operators,
-        painting,
-        panels,
-        preferences,
-        properties,
-        species_edit,
-        species_import,
-        species_panel,
-        start,
-        tree,
-    )
+    return tuple(cls for room in _rooms() for cls in getattr(room, "CLASSES", ()))
 
-    of_species = (species_edit, species_import, species_panel)
-    rooms = (
-        properties,
-        lists,
-        operators,
-        live,
-        painting,
-        tree,
-        start,
-        new_file,
-        preferences,
+
+def _rooms() -> tuple[ModuleType, ...]:
+    """What has classes, menus or handlers; panels in the order in which they stand."""
+    from . import (
+        command,
+        languages,
         migration,
-        panels,
-        *of_species,
+        overlay,
+        preferences,
+        properties,
+        running,
+        scene_file,
     )
-    return tuple(cls for room in rooms for cls in room.CLASSES)
+    from .forest import build, hills, live, new_file, painting, start, tree
+    from .forest import lists as forest_lists
+    from .forest import panels as forest_panels
+    from .results import panel as results_panel
+    from .results import show
+    from .sensors import add, run, things
+    from .sensors import lists as sensors_lists
+    from .sensors import panels as sensors_panels
+    from .species import edit, import_stl, pictures
+    from .species import panel as species_panel
+
+    return (
+        *(properties, pictures, languages, running, things, tree, start, new_file),
+        *(sensors_lists, forest_lists, build, scene_file, add, run, show, preferences),
+        *(forest_panels, sensors_panels, results_panel, overlay, edit, import_stl, species_panel),
+        *(hills, painting, live, command, migration),
+    )

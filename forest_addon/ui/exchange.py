@@ -16,8 +16,7 @@ from ..blender import sensors
 from ..blender.sensors import file_name
 from ..blender.single import shortest
 from ..spec import Settings, SpecError
-from . import hills
-from .properties import (
+from .fields import (
     LARGEST_INT,
     WHEN_USED,
     fields_of,
@@ -29,6 +28,7 @@ from .properties import (
     text_of,
     without_none,
 )
+from .forest import hills
 from .words import say
 
 T = TypeVar("T", bound=Settings)

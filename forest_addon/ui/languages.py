@@ -11,7 +11,7 @@ import re
 
 import bpy
 
-from .properties import ASSETS
+from .assets import ASSETS
 
 LANGUAGES = ASSETS / "languages"
 ANY = "*"  # Blender's name for no context

@@ -21,7 +21,7 @@ from ..blender.ours import MADE_KEY
 from ..blender.single import shortest
 from ..spec import Settings, SpecError
 from . import exchange
-from .properties import fields_of
+from .fields import fields_of
 from .running import InOwnScene
 from .words import say
 

@@ -16,7 +16,8 @@ from typing import Any
 import bpy
 
 from .. import spec
-from .properties import fields_of, property_of
+from .fields import fields_of
+from .groups import property_of
 from .words import label, say
 
 ROOT = (__package__ or "").split(".forest_addon")[0].removesuffix(".ui")

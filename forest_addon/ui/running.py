@@ -7,13 +7,13 @@ From a script, or for Blender's redo panel, it runs to its end at once.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import ClassVar
 
 import bpy
 
-from ..blender.jobs import Job, Tell, Work
+from ..blender.jobs import Job, Task, Tell, Work
 from ..spec import SpecError
 from . import requirements
 from .views import redraw_sidebars
@@ -163,6 +163,14 @@ class FOREST_OT_cancel(bpy.types.Operator):
     def execute(self, _context: bpy.types.Context) -> set[str]:
         stop()
         return {"FINISHED"}
+
+
+CLASSES = (FOREST_OT_cancel,)
+
+
+def getting_ready(import_rooms: Callable[[Tell], object]) -> Task:
+    """The first piece of work: importing what it needs, scipy with it, takes a while the first time."""
+    return Task(say("getting ready"), import_rooms, whole=True)
 
 
 def obstacle(context: bpy.types.Context) -> str:

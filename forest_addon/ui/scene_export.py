@@ -17,7 +17,7 @@ from ..blender.ours import is_ours
 from ..blender.standings import IGNORED_KEY, SOLID_TYPES
 from ..formats.toml_file import write_settings
 from .exchange import to_spec
-from .species_edit import Edited, edited_species, from_folder, relocated
+from .species.edit import Edited, edited_species, from_folder, relocated
 from .words import say
 
 OF_OBJECTS = ("object", "painted", "collection", "follow", "source_objects", "receiver_objects")

@@ -84,9 +84,9 @@ def stop(what: str) -> Scenario:
 
 def panels() -> list[type]:
     """Our panels of the sidebar, those above before those within them."""
-    from bl_ext.user_default.forest_sensing.forest_addon.ui import panels, species_panel
+    from bl_ext.user_default.forest_sensing.forest_addon import ui
 
-    return [cls for room in (panels, species_panel) for cls in room.CLASSES]
+    return [cls for cls in ui._classes() if issubclass(cls, bpy.types.Panel)]
 
 
 def open_every_panel() -> None:

@@ -57,3 +57,10 @@ def small(props, sensor):
     sensor("reverb", source=(1, 1, 1), receiver=(5, 5, 1), sample_rate=4000, duration=0.1)
     bpy.context.view_layer.update()  # until then objects do not say where they are
     return props
+
+
+@pytest.fixture
+def built(small):
+    """The small forest, built."""
+    assert bpy.ops.forest.build() == {"FINISHED"}
+    return small

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from forest_addon import spec
 from forest_addon.blender import sensors
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.ui import exchange, properties
+from forest_addon.ui import exchange, fields
 
 DEMO = Path(__file__).resolve().parents[2] / "assets/scenes/demo.toml"
 IN_BLENDER = settings(
@@ -40,7 +40,7 @@ def values(kind, known, digits):
         if parts[-1] is Ellipsis:
             return st.lists(groups(parts[0], digits), max_size=3).map(tuple)
         return st.tuples(*(values(part, known, digits) for part in parts))
-    if properties.is_group(kind):
+    if fields.is_group(kind):
         return groups(kind, digits)
     if kind is bool:
         return st.booleans()
@@ -52,7 +52,7 @@ def values(kind, known, digits):
         )
     low, high = max(known.minimum, -1e7), min(known.maximum, 1e7)
     if kind is int:
-        return st.integers(int(low), int(min(high, properties.LARGEST_INT)))
+        return st.integers(int(low), int(min(high, fields.LARGEST_INT)))
     numbers = st.floats(low, high, exclude_min=known.open_minimum, allow_subnormal=False)
     return numbers.map(lambda x: float(f"{x:.{digits}g}")).filter(
         lambda x: low <= x <= high and (x == 0 or abs(x) > 1e-30)

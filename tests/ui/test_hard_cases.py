@@ -24,8 +24,9 @@ from forest_addon.blender import layout, sensors
 from forest_addon.blender.depsgraph import TREE_KEY
 from forest_addon.blender.jobs import Job
 from forest_addon.blender.layout import CLOUD_KEY
-from forest_addon.ui import exchange, plots, running
-from forest_addon.ui import operators as ui_operators
+from forest_addon.ui import exchange, running
+from forest_addon.ui.forest import build
+from forest_addon.ui.results import plots
 
 ROOT = Path(__file__).resolve().parents[2]
 TWIG = """
@@ -146,7 +147,7 @@ def fill(scene, folder):
 def again(home, tmp_path, monkeypatch):
     """Opens the forest as it was, with copies of its files in a folder of the test's own."""
     folder = tmp_path / "files"
-    monkeypatch.setattr(ui_operators, "DEMO", folder / "scene.toml")  # smaller than the real one
+    monkeypatch.setattr(build, "DEMO", folder / "scene.toml")  # smaller than the real one
     monkeypatch.setattr(plots, "WIDE", 64)
     monkeypatch.setattr(plots, "HIGH", 32)
 

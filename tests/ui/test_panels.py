@@ -9,9 +9,10 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon import spec
+from forest_addon import spec, ui
 from forest_addon.blender import sensors
-from forest_addon.ui import lists, panels, properties, requirements, species_panel
+from forest_addon.ui import properties, requirements
+from forest_addon.ui.species.panel import SPREADS
 
 
 class Layout:
@@ -60,7 +61,7 @@ class Layout:
     def template_list(self, kind, name, owner, items, active_owner, active, rows):
         assert hasattr(bpy.types, kind)
         assert active in active_owner.bl_rna.properties
-        shown = next(cls for cls in lists.CLASSES if cls.__name__ == kind)
+        shown = next(cls for cls in ui._classes() if cls.__name__ == kind)
         for item in getattr(owner, items):
             if kind == "FOREST_UL_sensors" and not sensors.kind_of(item):
                 continue
@@ -84,7 +85,7 @@ def drawn(context=None):
     """All texts of all panels that Blender would draw now."""
     context = context or bpy.context
     seen = []
-    for panel in (*panels.CLASSES, *species_panel.CLASSES):
+    for panel in (cls for cls in ui._classes() if issubclass(cls, bpy.types.Panel)):
         if not hasattr(panel, "poll") or panel.poll(context):
             canvas = SimpleNamespace(layout=Layout(seen))
             for part in ("draw_header_preset", "draw"):
@@ -113,7 +114,7 @@ def test_every_setting_has_its_place(small, sensor):
         bpy.context.view_layer.objects.active = thing
         seen += drawn()
     posed = {name for names in sensors.POSED.values() for name in names} | {"name"}
-    in_a_line = set(species_panel.SPREADS)  # distributions: under the label of what is drawn
+    in_a_line = set(SPREADS)  # distributions: under the label of what is drawn
     for group in properties.GROUPS.values():
         if group.__name__ in in_a_line:
             continue

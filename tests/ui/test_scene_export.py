@@ -14,7 +14,7 @@ from forest_addon.formats.toml_file import read_settings, write_settings
 from forest_addon.spec import Raster, Scene, Species
 from forest_addon.ui import exchange
 from forest_addon.ui.scene_export import write_scene
-from forest_addon.ui.species_edit import relocated
+from forest_addon.ui.species.edit import relocated
 
 ROOT = Path(__file__).resolve().parents[2]
 

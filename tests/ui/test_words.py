@@ -16,7 +16,7 @@ bpy = pytest.importorskip("bpy")
 from forest_addon.ui import languages, words
 
 ROOT = Path(__file__).resolve().parents[2]
-FILES = sorted((ROOT / "forest_addon" / "ui").glob("*.py"))
+FILES = sorted((ROOT / "forest_addon" / "ui").rglob("*.py"))
 CODE = {file.name: ast.parse(file.read_text(encoding="utf-8")) for file in FILES}
 OURS = {"say", "label", "keep"}
 # Where a text is shown: the number of the argument, or its name.

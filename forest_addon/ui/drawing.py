@@ -1,0 +1,82 @@
+"""What all panels share: where they are, icons of sensors, and how settings are drawn.
+
+Drawing only reads properties; nothing is computed or loaded here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any
+
+import bpy
+
+from .exchange import untouched
+from .groups import PARTS
+from .words import label
+
+BIG = 1.4  # heights of a row: the buttons that start work
+ICONS = {
+    "forest": "OUTLINER_OB_CURVES",
+    "tractor": "AUTO",
+    "terrestrial": "OUTLINER_OB_POINTCLOUD",
+    "mobile": "CURVE_PATH",
+    "airborne": "OUTLINER_OB_LIGHTPROBE",
+    "sonar": "OUTLINER_OB_SPEAKER",
+    "reverb": "RNDCURVE",
+}
+
+
+class Tab:
+    """Where our panels are."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Forest"
+
+
+class OnceStarted(Tab):
+    """A panel that appears when there are settings to show."""
+
+    bl_order = 1  # Species comes first
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return not untouched(context.scene.forest_sensing)
+
+
+def split(layout: bpy.types.UILayout) -> bpy.types.UILayout:
+    """A column with labels to the left and values to the right."""
+    column = layout.column()
+    column.use_property_split = True
+    column.use_property_decorate = False
+    return column
+
+
+def draw_settings(
+    layout: bpy.types.UILayout, group: Any, hidden: Collection[str] = frozenset()
+) -> None:
+    """Every setting of a group, in the order of ``spec``."""
+    for name in group.shown:
+        if name not in hidden:
+            draw_field(layout, group, name)
+
+
+def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
+    """One setting: pairs as two rows, a value that may be left out behind its switch."""
+    known = group.bl_rna.properties[name]
+    if f"use_{name}" in group.bl_rna.properties:
+        row = layout.row(align=True, heading=known.name)
+        row.prop(group, f"use_{name}", text="")
+        value = row.row(align=True)
+        value.active = getattr(group, f"use_{name}")
+        value.prop(group, name, text="")
+    elif name in PARTS and getattr(known, "is_array", False):
+        column = layout.column(align=True)
+        first, second = PARTS[name]
+        words, space, unit = label(known.name).partition(" (")
+        column.prop(
+            group, name, index=0, text=label("{setting} {end}", setting=words, end=label(first))
+        )
+        column.prop(group, name, index=1, text=f"{label(second)}{space}{unit}")
+    else:
+        layout.prop(group, name)

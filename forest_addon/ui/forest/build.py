@@ -1,0 +1,85 @@
+"""Building the forest: the button, and the dice beside the seed.
+
+An operator asks the panel's properties for settings, hands them to the rooms below and says what came
+of it. Those rooms, and scipy with them, are imported when an operator runs and not before.
+"""
+
+from __future__ import annotations
+
+import secrets
+import time
+from pathlib import Path
+from typing import Any, ClassVar
+
+import bpy
+
+from ...blender.jobs import Task, Work
+from ..assets import ASSETS
+from ..exchange import to_spec, untouched
+from ..running import InOwnScene, Working, getting_ready
+from ..scene_file import open_scene
+from ..species.edit import edited_species, load
+from ..views import look_at
+from ..words import say
+from . import live
+
+DEMO = ASSETS / "scenes" / "demo.toml"
+
+
+def _import_rooms(_tell: Any) -> None:
+    from ...blender import forest, inputs  # noqa: F401
+    from ...formats import stand_files  # noqa: F401
+    from ..results import finding  # noqa: F401
+
+
+class FOREST_OT_build(Working, bpy.types.Operator):
+    """Grow the trees and plant them, in place of the forest that stands in this scene"""
+
+    bl_idname = "forest.build"
+    bl_label = "Build Forest"
+
+    def work(self, context: bpy.types.Context) -> Work:
+        started, scene = time.perf_counter(), context.scene
+        yield getting_ready(_import_rooms)
+        from ...blender.forest import build
+        from ...blender.inputs import inputs_from_scene
+        from ...formats.stand_files import read_inputs
+        from ...stand.forest import grow_forest
+        from ..results.finding import keep_forest
+
+        if untouched(scene.forest_sensing):
+            open_scene(scene, DEMO)
+        settings, edited = to_spec(scene), edited_species(scene)
+        mark = live.fingerprint(scene, context.evaluated_depsgraph_get())
+        folder = Path(bpy.path.abspath(scene.forest_sensing.folder))
+        files = yield Task(say("reading files"), lambda _: read_inputs(settings, folder))
+        inputs = inputs_from_scene(settings, context.evaluated_depsgraph_get(), files)
+
+        def grow(tell: Any) -> Any:
+            species = [load(planting.species, folder, edited) for planting in settings.plantings]
+            return grow_forest(settings, species, tell, inputs)
+
+        forest = yield Task(say("growing trees"), grow)
+        first = "forest" not in scene.forest_sensing.results
+        build(scene, settings, forest, inputs.terrain)
+        scene.forest_sensing.built = mark
+        if first and context.area is not None and context.area.type == "VIEW_3D":
+            look_at(context.area, settings.forest)
+        return keep_forest(context, settings, forest, time.perf_counter() - started)
+
+
+class FOREST_OT_new_seed(InOwnScene, bpy.types.Operator):
+    """Throw the dice: another seed is another forest. Press Update to see it"""
+
+    bl_idname = "forest.new_seed"
+    bl_label = "New Seed"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        props = context.scene.forest_sensing
+        # Not a stream of the scene: this is the one place where chance itself is wanted.
+        props.seed = secrets.randbelow(1_000_000)
+        return {"FINISHED"}
+
+
+CLASSES = (FOREST_OT_build, FOREST_OT_new_seed)

@@ -1,0 +1,262 @@
+"""Whether what stands is what the settings say, and with *Live* on, a build whenever it is not.
+
+A fingerprint sums up all that a forest is built from; the build leaves its own in the scene, where undo
+brings it back with the forest. Blender tells of every change; once nothing has changed for a moment, nobody
+is dragging and no other job runs, the fingerprint is taken anew. Drawing only compares two texts.
+What undo, redo or a file brought is let be, and so is what could not be built or was cancelled, until the
+next change. Without a window nothing of this happens.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any, ClassVar
+
+import bpy
+import numpy as np
+
+from ...blender.jobs import Job
+from .. import exchange
+from ..running import PROBLEMS, current, obstacle, stop
+from ..species.edit import edited_species
+from ..views import region_of
+
+QUIET = 0.4  # s without a change before anything is done
+LOOK = 0.1  # s between two looks at what is under way
+DRAGGING = ("TRANSFORM_OT_", "OBJECT_OT_", "VIEW3D_OT_")  # operators that hold the mouse
+UNUSABLE = "unusable"  # the fingerprint of settings that nothing can be built from
+
+_now: dict[int, str] = {}  # fingerprint of a scene's settings, by its session_uid
+_let_be: dict[int, str] = {}  # the one that is not built by itself
+_digests: dict[tuple[str, str], tuple[str, str]] = {}  # of a surface or weights: (object, digest)
+_due = 0.0  # when it will have been quiet for long enough
+_brought: set[int] = set()  # scenes of which the next report is the work of undo, redo or a file
+_building: tuple[Job, int, str] | None = None  # the job that Live began, its scene, what it builds
+
+
+class FOREST_OT_live(bpy.types.Operator):
+    """Build the forest, unless a mouse button is down: then a slider is being dragged.
+
+    Only an operator is told of that, by the event that it is invoked with, the last one of the window.
+    """
+
+    bl_idname = "forest.live"
+    bl_label = "Build Live"
+    bl_options: ClassVar[set[str]] = {"INTERNAL"}
+
+    def invoke(self, _context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if event.value == "PRESS" and event.type.endswith("MOUSE"):
+            return {"CANCELLED"}
+        bpy.ops.forest.build("INVOKE_DEFAULT")
+        return {"FINISHED"}
+
+
+def register() -> None:
+    """Hear of changes, where there is a window."""
+    if bpy.app.background:
+        return
+    for handlers, hear in _handlers():
+        handlers.append(hear)
+
+
+def unregister() -> None:
+    """Take everything back."""
+    for handlers, hear in _handlers():
+        if hear in handlers:
+            handlers.remove(hear)
+    if bpy.app.timers.is_registered(_settle):
+        bpy.app.timers.unregister(_settle)
+    for known in (_now, _let_be, _digests, _brought):
+        known.clear()
+
+
+def is_stale(scene: bpy.types.Scene) -> bool:
+    """Whether settings have changed since the forest was built; for drawing."""
+    built = scene.forest_sensing.built
+    return bool(built) and _now.get(scene.session_uid, built) != built
+
+
+def fingerprint(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> str:
+    """A digest of all that a forest is built from, but for what is in files.
+
+    Raises
+    ------
+    SpecError : a setting that cannot be used, or an object that is not there.
+    """
+    from ...blender.inputs import read_places
+
+    settings = exchange.to_spec(scene, [])
+    folder = bpy.path.abspath(scene.forest_sensing.folder)
+    said = (settings.seed, settings.offset, settings.forest, settings.plantings)
+    parts = [repr((*said, edited_species(scene), folder))]
+    surface = settings.forest.terrain.object
+    if surface:
+        make = partial(_of_terrain, surface, depsgraph)
+        parts.append(_kept_digest(("surface", surface), surface, make))
+    for number, planting in enumerate(settings.plantings):
+        name, where = planting.painted, f"plantings[{number}]"
+        if name:
+            holder = name if name in bpy.data.objects else name.rpartition(":")[0]
+            make = partial(_of_painted, name, depsgraph, f"{where}.painted")
+            parts.append(_kept_digest(("weights", name), holder, make))
+        if planting.layout == "list" and planting.collection:
+            places = read_places(planting.collection, depsgraph, f"{where}.collection")
+            parts.append(_digest(places.position, places.scale, places.rotation))
+    return hashlib.blake2b("\n".join(parts).encode(), digest_size=16).hexdigest()
+
+
+def settle(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, brought: bool = False) -> str:
+    """Take the fingerprint anew; returns it if Live should build it, else nothing.
+
+    brought : the change was undo, redo or a file, and is let be.
+    """
+    props, key = scene.forest_sensing, scene.session_uid
+    try:
+        mark = fingerprint(scene, depsgraph)
+    except PROBLEMS:
+        mark = UNUSABLE
+    _now[key] = mark
+    if brought:
+        _let_be[key] = mark
+    if mark == props.built:
+        _let_be.pop(key, None)
+    if not props.live or mark in (UNUSABLE, props.built, _let_be.get(key)):
+        return ""
+    return mark
+
+
+def begin(scene: bpy.types.Scene) -> None:
+    """Live was switched on or off: what was let be is so no longer."""
+    _let_be.pop(scene.session_uid, None)
+
+
+def let_be(scene: bpy.types.Scene, mark: str) -> None:
+    """This is being built: however it ends, it is not begun again by itself."""
+    _let_be[scene.session_uid] = mark
+
+
+# ------------------------------------------------------------------------------------------ digests
+
+
+def _kept_digest(what: tuple[str, str], holder: str, make: Callable[[], str]) -> str:
+    """The digest of something that is read from an object, until Blender says that this has changed."""
+    if what not in _digests:
+        _digests[what] = (holder, make())
+    return _digests[what][1]
+
+
+def _of_terrain(name: str, depsgraph: bpy.types.Depsgraph) -> str:
+    from ...blender.inputs import read_terrain
+
+    surface = read_terrain(name, depsgraph).surface
+    return _digest(surface.vertices, surface.triangles)
+
+
+def _of_painted(name: str, depsgraph: bpy.types.Depsgraph, where: str) -> str:
+    from ...blender.inputs import read_painted
+
+    painted = read_painted(name, depsgraph, where)
+    return _digest(painted.vertices, painted.triangles, painted.weight)
+
+
+def _digest(*arrays: np.ndarray | None) -> str:
+    whole = hashlib.blake2b(digest_size=16)
+    for array in arrays:
+        whole.update(b"" if array is None else np.ascontiguousarray(array))
+    return whole.hexdigest()
+
+
+# ---------------------------------------------------------------------------------- what is reported
+
+
+def _handlers() -> tuple[tuple[list, Any], ...]:
+    handlers = bpy.app.handlers
+    changes = (handlers.depsgraph_update_post, handlers.frame_change_post)
+    brought = (handlers.undo_post, handlers.redo_post, handlers.load_post)
+    return (*((h, _hear) for h in changes), *((h, _hear_brought) for h in brought))
+
+
+@bpy.app.handlers.persistent
+def _hear(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Something has changed."""
+    global _due
+    brought = scene.session_uid in _brought
+    _brought.discard(scene.session_uid)
+    props = scene.forest_sensing
+    if not props.built and not props.live:
+        return
+    if brought:
+        settle(scene, depsgraph, brought)
+        return
+    if _digests:
+        _forget_changed(depsgraph)
+    _due = time.monotonic() + QUIET
+    if not bpy.app.timers.is_registered(_settle):
+        bpy.app.timers.register(_settle, first_interval=QUIET, persistent=True)
+
+
+@bpy.app.handlers.persistent
+def _hear_brought(*_: object) -> None:
+    """All may have changed, and nobody has touched a setting."""
+    _brought.update(scene.session_uid for scene in bpy.data.scenes)
+    _digests.clear()
+
+
+def _forget_changed(depsgraph: bpy.types.Depsgraph) -> None:
+    changed = {
+        update.id.name
+        for update in depsgraph.updates
+        if update.is_updated_geometry or update.is_updated_transform
+    }
+    for what, (holder, _) in list(_digests.items()):
+        if holder in changed:
+            del _digests[what]
+
+
+def _settle() -> float | None:
+    """What is done when it has been quiet: seconds until the next look, None when there is nothing more."""
+    left = _due - time.monotonic()
+    if left > 0:
+        return left
+    windows = bpy.context.window_manager.windows
+    if any(op.bl_idname.startswith(DRAGGING) for w in windows for op in w.modal_operators):
+        return LOOK
+    waits = [_attend(window) for window in windows]  # every one of them
+    return LOOK if True in waits else None
+
+
+def _attend(window: bpy.types.Window) -> bool:
+    """See to the scene of a window; whether there is something to wait for."""
+    global _building
+    scene = window.scene
+    if exchange.untouched(scene.forest_sensing):
+        return False
+    area = next((area for area in window.screen.areas if area.type == "VIEW_3D"), None)
+    region = None if area is None else region_of(area, "WINDOW")
+    with bpy.context.temp_override(window=window, area=area, region=region):
+        was = is_stale(scene)
+        mark = settle(scene, bpy.context.evaluated_depsgraph_get())
+        if area is not None and was != is_stale(scene):
+            area.tag_redraw()
+        job = current()
+        if _building is not None and _building[0] is not job:
+            _building = None
+        of_this = _building is not None and _building[1] == scene.session_uid
+        if of_this and _now[scene.session_uid] != _building[2]:
+            stop()
+        if not mark or (job is None and obstacle(bpy.context)):
+            return False
+        if job is not None:
+            return True
+        if bpy.ops.forest.live("INVOKE_DEFAULT") == {"CANCELLED"}:
+            return True
+        let_be(scene, mark)
+        begun = current()
+        _building = None if begun is None else (begun, scene.session_uid, mark)
+    return False
+
+
+CLASSES = (FOREST_OT_live,)

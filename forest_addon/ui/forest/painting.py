@@ -1,0 +1,135 @@
+"""Painting where trees stand: a button that lays a canvas over the field and gives the user the brush.
+
+While it is painted the canvas is drawn before the trees. However the user leaves Weight Paint mode, by the
+button or Blender's own ways, it is put away then.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, ClassVar
+
+import bpy
+
+from ... import spec
+from ...blender.layout import INTENSITY, part
+from .. import exchange
+from ..chosen import chosen_planting
+from ..running import LINKED, PROBLEMS, in_words
+from ..selection import select
+from ..words import say
+
+NAME = "Canvas"
+PAINTING = "PAINT_WEIGHT"
+
+_in_hand = ""  # the canvas that is being painted
+
+
+def register() -> None:
+    """Hear when a mode is left."""
+    bpy.app.handlers.depsgraph_update_post.append(_put_away)
+
+
+def unregister() -> None:
+    """Take the handler back."""
+    if _put_away in bpy.app.handlers.depsgraph_update_post:
+        bpy.app.handlers.depsgraph_update_post.remove(_put_away)
+
+
+@bpy.app.handlers.persistent
+def _put_away(*_: object) -> None:
+    """Put the canvas away when it is no longer painted."""
+    global _in_hand
+    if not _in_hand or bpy.context.mode == PAINTING:
+        return
+    from ...blender.canvas import CANVAS_KEY, put_away
+
+    thing = bpy.data.objects.get(_in_hand)
+    _in_hand = ""
+    if thing is not None and CANVAS_KEY in thing:  # in another file it may be anything
+        put_away(thing)
+
+
+class FOREST_OT_paint(bpy.types.Operator):
+    """Paint where this species stands, on the ground; press again when it is done"""
+
+    bl_idname = "forest.paint"
+    bl_label = "Paint"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        reason = ""
+        if context.mode not in ("OBJECT", PAINTING):
+            reason = say("Leave this mode first: painting begins in Object Mode")
+        elif not context.scene.is_editable:
+            reason = say(LINKED)
+        elif chosen_planting(context.scene.forest_sensing) is None:
+            reason = say("There is no planting yet. Add one to the list")
+        if reason:
+            cls.poll_message_set(reason)
+        return not reason
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ...blender.canvas import layer_of, take_up
+
+        global _in_hand
+        if context.mode == PAINTING:
+            bpy.ops.object.mode_set(mode="OBJECT")
+            _put_away()
+            return {"FINISHED"}
+        try:
+            thing = self._canvas(context)
+        except PROBLEMS as problem:
+            self.report({"ERROR"}, in_words(problem))
+            return {"CANCELLED"}
+        planting = chosen_planting(context.scene.forest_sensing)
+        layer = layer_of(thing, _layer_name(planting, thing))
+        planting.painted = f"{thing.name}:{layer.name}"
+        select(context, thing)
+        bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
+        take_up(thing)
+        _in_hand = thing.name
+        self.report({"INFO"}, "Paint where trees stand; Done ends it, Update plants them")
+        return {"FINISHED"}
+
+    def _canvas(self, context: bpy.types.Context) -> bpy.types.Object:
+        """The scene's canvas, laid over the field as it is now."""
+        from ...blender import canvas
+
+        props = context.scene.forest_sensing
+        field = exchange.read(props.forest, spec.Forest, "forest")
+        terrain = _terrain(context, field, Path(bpy.path.abspath(props.folder)))
+        home = part(context.scene, INTENSITY)
+        thing = canvas.find_canvas(home) or canvas.new_canvas(NAME, home)
+        canvas.lay(thing, field, terrain)
+        return thing
+
+
+def _terrain(context: bpy.types.Context, field: spec.Forest, folder: Path) -> Any:
+    """The ground that the forest would be planted on now."""
+    from ...blender.inputs import read_terrain
+    from ...formats import stand_files
+    from ...stand.intensity.terrain import Flat
+
+    if field.terrain.object:
+        return read_terrain(field.terrain.object, context.evaluated_depsgraph_get())
+    if field.terrain.file:
+        return stand_files.read_terrain(field.terrain, field, folder)
+    return Flat(field.terrain.base)
+
+
+def _layer_name(planting: Any, thing: bpy.types.Object) -> str:
+    """The layer that the planting has on the canvas, or the name for one of its own."""
+    holder, _, layer = planting.painted.rpartition(":")
+    if holder == thing.name and layer in thing.vertex_groups:
+        return str(layer)
+    stem = name = Path(planting.species).stem or "trees"
+    number = 1
+    while name in thing.vertex_groups:
+        number += 1
+        name = f"{stem} {number}"
+    return name
+
+
+CLASSES = (FOREST_OT_paint,)

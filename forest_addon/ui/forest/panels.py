@@ -1,0 +1,257 @@
+"""The panel *Forest*: what grows, where it stands, on which ground."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import bpy
+
+from .. import requirements
+from ..chosen import chosen
+from ..drawing import BIG, OnceStarted, Tab, draw_field, draw_settings, split
+from ..exchange import untouched
+from ..lists import draw_list
+from ..migration import draw_notice
+from ..running import current
+from ..words import label
+from . import live
+from .painting import PAINTING
+
+
+def _planting(context: bpy.types.Context) -> Any:
+    return chosen(context.scene.forest_sensing, "plantings")
+
+
+class FOREST_PT_forest(Tab, bpy.types.Panel):
+    bl_label = "Forest"
+    bl_order = 0
+
+    def draw_header_preset(self, context: bpy.types.Context) -> None:
+        self.layout.operator("forest.load_scene", text="", icon="FILE_FOLDER", emboss=False)
+        self.layout.operator("forest.save_scene", text="", icon="FILE_TICK", emboss=False)
+        self.layout.separator()  # from the handle that Blender draws at the end
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, props = self.layout, context.scene.forest_sensing
+        if requirements.missing():
+            _say_what_is_missing(layout)
+        if props.notice:
+            draw_notice(layout, props)
+        if context.scene.unit_settings.scale_length != 1:
+            _say_what_a_unit_is(layout)
+        if untouched(props):
+            _draw_start(layout)
+            return
+        _draw_update(layout, context.scene)
+        column = split(layout)
+        seed = column.row(align=True)
+        seed.prop(props, "seed")
+        seed.operator("forest.new_seed", text="", icon="FILE_REFRESH")
+        draw_field(column, props.forest, "size")
+        draw_field(column, props.forest, "instancing")
+
+
+class FOREST_PT_plantings(OnceStarted, bpy.types.Panel):
+    bl_label = "Plantings"
+    bl_parent_id = "FOREST_PT_forest"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, props = self.layout, context.scene.forest_sensing
+        draw_list(layout, "FOREST_UL_plantings", props, "plantings", "planting")
+        if not props.plantings:
+            layout.label(text="No trees: add a planting", icon="INFO")
+            return
+        column, planting = split(layout), _planting(context)
+        for name in ("species", "variants", "layout", "expected", "density", "exact"):
+            draw_field(column, planting, name)
+        for name in ("scale", "crown"):
+            draw_field(column, planting, name)
+
+
+class _OfPlanting(Tab):
+    """More of the chosen planting."""
+
+    bl_parent_id = "FOREST_PT_plantings"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return bool(context.scene.forest_sensing.plantings)
+
+
+class FOREST_PT_intensity(_OfPlanting, bpy.types.Panel):
+    bl_label = "Where They Stand"
+    bl_options: ClassVar[set[str]] = set()
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, planting = self.layout, _planting(context)
+        layout.active = planting.layout == "poisson"
+        draw_list(layout, "FOREST_UL_gaussians", planting, "gaussians", "gaussian")
+        if not planting.gaussians:
+            layout.label(text="No hills: the same everywhere", icon="INFO")
+        else:
+            draw_settings(split(layout), chosen(planting, "gaussians"))
+            layout.prop(context.scene.forest_sensing, "drag_hills", icon="EMPTY_AXIS", toggle=True)
+        layout.label(text="Images")
+        draw_list(layout, "FOREST_UL_rasters", planting, "rasters", "raster")
+        if planting.rasters:
+            draw_settings(split(layout), chosen(planting, "rasters"))
+        column = split(layout)
+        draw_field(column, planting, "base")
+        painted = column.row(align=True)
+        painted.prop(planting, "painted")
+        on = context.mode == PAINTING
+        painted.operator(
+            "forest.paint",
+            text=label("Done") if on else "",
+            icon="CHECKMARK" if on else "BRUSH_DATA",
+        )
+        draw_field(column, planting, "painted_value")
+
+
+class FOREST_PT_limits(_OfPlanting, bpy.types.Panel):
+    bl_label = "Limits"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        column = split(self.layout)
+        for name in ("slope_deg", "altitude", "polygon", "holes"):
+            draw_field(column, _planting(context), name)
+
+
+class FOREST_PT_rows(_OfPlanting, bpy.types.Panel):
+    bl_label = "Orchard Rows"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        column, planting = split(self.layout), _planting(context)
+        column.active = planting.layout == "rows"
+        draw_settings(column, planting.rows)
+
+
+class FOREST_PT_list(_OfPlanting, bpy.types.Panel):
+    bl_label = "List of Trees"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        column, planting = split(self.layout), _planting(context)
+        column.active = planting.layout == "list"
+        for name in ("trees", "collection"):
+            draw_field(column, planting, name)
+
+
+class FOREST_PT_spacing(OnceStarted, bpy.types.Panel):
+    bl_label = "Spacing"
+    bl_parent_id = "FOREST_PT_forest"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, forest = self.layout, context.scene.forest_sensing.forest
+        column = split(layout)
+        for name in ("spacing", "spacing_rule"):
+            draw_field(column, forest, name)
+        layout.label(text="Between Two Species")
+        draw_list(layout, "FOREST_UL_distances", forest, "distances", "distance")
+        if forest.distances:
+            draw_settings(split(layout), chosen(forest, "distances"))
+
+
+class FOREST_PT_stems(OnceStarted, bpy.types.Panel):
+    bl_label = "Stems for Reverb"
+    bl_parent_id = "FOREST_PT_forest"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, props = self.layout, context.scene.forest_sensing
+        draw_list(layout, "FOREST_UL_stems", props, "stems", "stems")
+        if props.stems:
+            stems = chosen(props, "stems")
+            draw_settings(split(layout), stems)
+            draw_settings(split(layout), stems.radius)
+
+
+class FOREST_PT_ground(OnceStarted, bpy.types.Panel):
+    bl_label = "Ground"
+    bl_parent_id = "FOREST_PT_forest"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        props = context.scene.forest_sensing
+        column = split(self.layout)
+        for name in ("origin", "polygon", "holes", "margin"):
+            draw_field(column, props.forest, name)
+        self.layout.label(text="Terrain")
+        draw_settings(split(self.layout), props.forest.terrain)
+        self.layout.label(text="On the Map")
+        column = split(self.layout)
+        for name in ("offset", "crs"):
+            column.prop(props, name)
+
+
+def _draw_start(layout: bpy.types.UILayout) -> None:
+    """What a newcomer sees: one button that shows what this is."""
+    column = layout.column(align=True)
+    column.label(text="Grow a forest, scan it")
+    column.label(text="and listen in it.")
+    _build_or_progress(layout, "PLAY", label("Build Demo Forest"))
+    layout.operator("forest.load_scene", icon="FILE_FOLDER")
+
+
+def _draw_update(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
+    """The button that builds, with a star where settings have changed since, and Live beside it."""
+    row = layout.row(align=True)
+    if "forest" not in scene.forest_sensing.results:
+        _build_or_progress(row, "PLAY", label("Build Forest"))
+    else:
+        star = " *" if live.is_stale(scene) else ""
+        _build_or_progress(row, "FILE_REFRESH", label("Update") + star)
+    beside = row.row(align=True)
+    beside.scale_y = BIG
+    beside.ui_units_x = 3
+    beside.prop(scene.forest_sensing, "live", toggle=True)
+
+
+def _say_what_is_missing(layout: bpy.types.UILayout) -> None:
+    box = layout.box()
+    box.alert = True
+    column = box.column(align=True)
+    column.label(text=requirements.in_words(requirements.missing()), icon="ERROR")
+    for line in requirements.WHAT_TO_DO:
+        column.label(text=line)
+
+
+def _say_what_a_unit_is(layout: bpy.types.UILayout) -> None:
+    """Blender shows lengths times the scene's Unit Scale; trees and sound are computed without it."""
+    column = layout.box().column(align=True)
+    column.label(text="A unit counts as 1 m here:", icon="ERROR")
+    column.label(text="set Scene > Unit Scale to 1", icon="BLANK1")
+
+
+def _build_or_progress(layout: bpy.types.UILayout, icon: str, text: str) -> None:
+    """The button that builds; while something runs, how far that is, in its place so that nothing moves."""
+    if current() is not None:
+        _draw_job(layout)
+        return
+    row = layout.row()
+    row.scale_y = BIG
+    row.operator("forest.build", text=text, icon=icon)
+
+
+def _draw_job(layout: bpy.types.UILayout) -> None:
+    """How far the running job is, and the button that stops it."""
+    job = current()
+    row = layout.row(align=True)
+    row.scale_y = BIG
+    row.progress(factor=job.share, text=f"{job.label} {job.share:.0%}")
+    row.operator("forest.cancel", text="", icon="CANCEL")
+
+
+CLASSES = (
+    FOREST_PT_forest,
+    FOREST_PT_plantings,
+    FOREST_PT_intensity,
+    FOREST_PT_limits,
+    FOREST_PT_rows,
+    FOREST_PT_list,
+    FOREST_PT_spacing,
+    FOREST_PT_stems,
+    FOREST_PT_ground,
+)

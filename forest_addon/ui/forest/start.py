@@ -1,0 +1,101 @@
+"""Add > Forest: whole set-ups of the papers, an empty start, and the demo."""
+
+from __future__ import annotations
+
+import functools
+import tomllib
+from typing import ClassVar
+
+import bpy
+
+from ..assets import ASSETS
+from ..running import PROBLEMS, WhenReady, in_words
+from ..words import say
+
+SCENES = ASSETS / "scenes"
+
+
+@functools.cache
+def presets() -> tuple[tuple[str, str], ...]:
+    """(file, title) of every scene that comes with the add-on, the demo first."""
+    found = []
+    for path in sorted(SCENES.glob("*.toml"), key=lambda path: (path.stem != "demo", path.stem)):
+        found.append(
+            (path.stem, tomllib.loads(path.read_text(encoding="utf-8")).get("name", path.stem))
+        )
+    return tuple(found)
+
+
+class FOREST_OT_start(WhenReady, bpy.types.Operator):
+    """Take this set-up: species, field, sensors. Build Forest then grows it"""
+
+    bl_idname = "forest.start"
+    bl_label = "Start a Forest"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    preset: bpy.props.StringProperty(
+        name="Preset", description="A scene of the add-on; empty: nothing planted, no sensor"
+    )
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            name = take(context.scene, self.preset)
+        except PROBLEMS as problem:
+            self.report({"ERROR"}, in_words(problem))
+            return {"CANCELLED"}
+        done = say("{name} is set up. Press Build Forest in the sidebar to grow it", name=name)
+        self.report({"INFO"}, done)
+        return {"FINISHED"}
+
+
+class FOREST_MT_start(bpy.types.Menu):
+    """Set-ups to start from"""
+
+    bl_idname = "FOREST_MT_start"
+    bl_label = "Forest"
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        draw_presets(self.layout, "forest.start")
+
+
+def take(scene: bpy.types.Scene, preset: str) -> str:
+    """Put a preset into a scene, an empty forest where none is named; returns its name.
+
+    Raises
+    ------
+    SpecError : there is no such preset, or its file cannot be used; nothing is changed.
+    """
+    from ... import spec
+    from ..exchange import from_spec
+    from ..scene_file import open_scene
+
+    if preset:
+        return open_scene(scene, SCENES / f"{preset}.toml")
+    from_spec(scene, spec.Scene(name="My forest", seed=1))
+    return say("An empty forest")
+
+
+def draw_presets(layout: bpy.types.UILayout, operator: str) -> None:
+    """An entry for every preset, and the empty one."""
+    for file, title in presets():
+        layout.operator(operator, text=title).preset = file
+    layout.separator()
+    layout.operator(operator, text="Empty", icon="FILE_NEW").preset = ""
+
+
+def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    """The entry in Add."""
+    menu.layout.menu(FOREST_MT_start.bl_idname, icon="OUTLINER_OB_CURVES")
+
+
+CLASSES = (FOREST_OT_start, FOREST_MT_start)
+
+
+def register() -> None:
+    """Add the entry to Blender's menu."""
+    bpy.types.VIEW3D_MT_add.append(draw_in_menu)
+
+
+def unregister() -> None:
+    """Take it back."""
+    bpy.types.VIEW3D_MT_add.remove(draw_in_menu)

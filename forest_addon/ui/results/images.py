@@ -1,0 +1,151 @@
+"""Plots as Blender images: axes and numbers around the pixels, and a small one for the panel.
+
+Text is drawn with Blender's own font into an image buffer. Blender 4.5 gives no access to its pixels: there
+it goes through a file in Blender's temporary folder, and is left out where that is full.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import blf
+import bpy
+import imbuf
+import numpy as np
+
+from ...blender.ours import ROLE_KEY, by_role, own
+from .plots import Axis, Plot, Strip
+
+LEFT, RIGHT, BELOW, ABOVE = 96, 28, 66, 38  # pixels around strips; ABOVE each for its title
+FONT, SIZE = 0, 18
+GROUND, TEXT, LINE = 0.03, 0.85, 0.35  # grey
+TICK = 6  # pixels
+ICON = 256  # pixels of the panel's picture, a square
+
+Label = tuple[
+    str, float, float, float, float
+]  # text, where, and how much of its size is left and below
+
+
+def show(name: str, plot: Plot) -> bpy.types.Image:
+    """A plot as the Blender image of this name, packed into the file, its preview without the axes."""
+    canvas, labels = _compose(plot)
+    canvas = np.maximum(canvas, TEXT * _written(labels, canvas.shape)[..., None])
+    image = _image(name, canvas.shape[1], canvas.shape[0])
+    image.pixels.foreach_set(_with_alpha(canvas).ravel())
+    image.update()
+    image.pack()  # a drawn image would be lost when the file is saved
+    preview = image.preview_ensure()
+    preview.image_size = (ICON, ICON)
+    preview.image_pixels_float.foreach_set(_with_alpha(_small(plot)).ravel())
+    return image
+
+
+def ticks(axis: Axis, most: int) -> list[float]:
+    """Round values along an axis, at most so many: steps of 1, 2 or 5 times a power of ten."""
+    span = axis.high - axis.low
+    if not span > 0:
+        return [axis.low]
+    power = 10.0 ** math.floor(math.log10(span / most))
+    step = next(
+        power * factor for factor in (1, 2, 5, 10, 20) if span / (power * factor) < most + 1e-9
+    )
+    first, last = math.ceil(axis.low / step - 1e-9), math.floor(axis.high / step + 1e-9)
+    return [number * step for number in range(first, last + 1)]
+
+
+def _image(name: str, wide: int, high: int) -> bpy.types.Image:
+    """Our image of this name, which editors go on showing; an image of the user's is left alone."""
+    image = by_role(bpy.data.images).get(name)
+    if image is None:
+        image = own(bpy.data.images.new(name, wide, high))
+        image[ROLE_KEY] = name
+    elif tuple(image.size) != (wide, high):
+        image.scale(wide, high)
+    return image
+
+
+def _compose(plot: Plot) -> tuple[np.ndarray, list[Label]]:
+    """The canvas with strips, frames and ticks, and what is to be written on it."""
+    wide = plot.strips[0].pixels.shape[1]
+    high = BELOW + sum(len(strip.pixels) + ABOVE for strip in plot.strips)
+    canvas = np.full((high, LEFT + wide + RIGHT, 3), GROUND)
+    labels: list[Label] = []
+    bottom = BELOW
+    for strip in plot.strips:
+        labels.extend(_draw_strip(canvas, strip, plot.across, bottom))
+        bottom += len(strip.pixels) + ABOVE
+    for value, column in _places(plot.across, wide, 10):
+        labels.append((f"{value:g}", LEFT + column, BELOW - TICK - 4, 0.5, 1.0))
+    labels.append((plot.across.label, LEFT + wide / 2, 10, 0.5, 0.0))
+    return canvas, labels
+
+
+def _draw_strip(canvas: np.ndarray, strip: Strip, across: Axis, bottom: int) -> Iterator[Label]:
+    high, wide, _ = strip.pixels.shape
+    top, right = bottom + high, LEFT + wide
+    canvas[bottom - 1 : top + 1, LEFT - 1 : right + 1] = LINE
+    canvas[bottom:top, LEFT:right] = strip.pixels
+    for _, column in _places(across, wide, 10):
+        canvas[bottom - TICK : bottom, LEFT + column] = LINE
+    yield (strip.title, LEFT, top + 10, 0.0, 0.0)
+    yield (strip.up.label, right, top + 10, 1.0, 0.0)
+    for value, row in _places(strip.up, high, 6):
+        canvas[bottom + row, LEFT - TICK : LEFT] = LINE
+        yield (f"{value:g}", LEFT - TICK - 6, bottom + row, 1.0, 0.5)
+
+
+def _places(axis: Axis, pixels: int, most: int) -> Iterator[tuple[float, int]]:
+    """Ticks of an axis and the pixels that they are at."""
+    span = (axis.high - axis.low) or 1.0
+    for value in ticks(axis, most):
+        yield round(value, 9), round((value - axis.low) / span * (pixels - 1))
+
+
+def _written(labels: list[Label], shape: tuple[int, ...]) -> np.ndarray:
+    """(H, W) of 0 to 1: where the labels are."""
+    high, wide = shape[:2]
+    paper = imbuf.new((wide, high))
+    blf.size(FONT, SIZE)
+    blf.color(FONT, 1.0, 1.0, 1.0, 1.0)
+    with blf.bind_imbuf(FONT, paper):
+        for text, x, y, left, below in labels:
+            _, tall = blf.dimensions(FONT, "0")
+            blf.position(FONT, x - left * blf.dimensions(FONT, text)[0], y - below * tall, 0)
+            blf.draw_buffer(FONT, text)
+    if not hasattr(paper, "with_buffer"):
+        return _through_a_file(paper)
+    with paper.with_buffer() as pixels:
+        return np.asarray(pixels)[..., 0] / 255.0
+
+
+def _through_a_file(paper: imbuf.types.ImBuf) -> np.ndarray:
+    wide, high = paper.size
+    with tempfile.TemporaryDirectory(dir=bpy.app.tempdir) as folder:
+        file = str(Path(folder) / "labels.png")
+        try:
+            imbuf.write(paper, filepath=file)
+            image = bpy.data.images.load(file)
+        except (OSError, RuntimeError):
+            return np.zeros((high, wide))
+        pixels = np.zeros(high * wide * 4, dtype=np.float32)
+        if len(image.pixels) == len(pixels):
+            image.pixels.foreach_get(pixels)
+        bpy.data.images.remove(image)
+    return pixels.reshape(high, wide, 4)[..., 0]
+
+
+def _small(plot: Plot) -> np.ndarray:
+    """(ICON, ICON, 3): the strips alone."""
+    pixels = np.concatenate([strip.pixels for strip in plot.strips])
+    rows, columns = (np.arange(ICON) * size // ICON for size in pixels.shape[:2])
+    return pixels[np.ix_(rows, columns)]
+
+
+def _with_alpha(colours: np.ndarray) -> np.ndarray:
+    pixels = np.ones((*colours.shape[:2], 4), dtype=np.float32)
+    pixels[..., :3] = colours
+    return pixels

@@ -1,0 +1,67 @@
+"""The panel *Results*: what came of it, in figures and pictures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ...blender.layout import COLOUR_BY
+from ...blender.nodes import drawn_input, has_input
+from ..drawing import ICONS, OnceStarted, split
+from ..words import label_of_kept
+
+
+class FOREST_PT_results(OnceStarted, bpy.types.Panel):
+    bl_label = "Results"
+    bl_order = 2
+
+    def draw(self, context: bpy.types.Context) -> None:
+        results = context.scene.forest_sensing.results
+        if not results:
+            self.layout.label(text="Nothing has run yet", icon="INFO")
+        for result in results:
+            _draw_result(self.layout, result)
+
+
+def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
+    header, body = layout.panel_prop(result, "opened")
+    header.label(text=result.title, icon=ICONS.get(result.kind, "DOT"))
+    if result.shown:
+        chosen = header.operator("forest.select_result", text="", icon="RESTRICT_SELECT_OFF")
+        chosen.shown = result.shown
+    if result.kind == "reverb":
+        header.operator("forest.play", text="", icon="PLAY_SOUND").sensor = result.name
+    if result.picture is not None:
+        shown = header.operator("forest.show_picture", text="", icon="IMAGE_DATA")
+        shown.result = result.name
+    if result.file:
+        opened = header.operator("wm.path_open", text="", icon="FILE_FOLDER")
+        opened.filepath = result.file
+    if body is None:
+        return
+    if result.picture is not None and result.picture.preview is not None:
+        body.template_icon(result.picture.preview.icon_id, scale=8)
+        caption = body.row()
+        caption.alignment = "CENTER"
+        caption.active = False
+        caption.label(text=result.caption)
+    _draw_colour_by(body, result)
+    table = body.column(align=True)
+    for figure in result.figures:
+        row = table.split(factor=0.45)
+        name = row.row()
+        name.active = False
+        name.label(text=figure.name)
+        row.label(text=label_of_kept(figure.made_of) if figure.made_of else figure.value)
+
+
+def _draw_colour_by(layout: bpy.types.UILayout, result: Any) -> None:
+    """The menu that colours a cloud, which its modifier has."""
+    cloud = bpy.data.objects.get(result.shown)
+    for modifier in cloud.modifiers if cloud is not None else ():
+        if has_input(modifier, COLOUR_BY):
+            split(layout).prop(*drawn_input(modifier, COLOUR_BY), text=COLOUR_BY)
+
+
+CLASSES = (FOREST_PT_results,)

@@ -1,0 +1,206 @@
+"""Results drawn with numpy, as Blender has no plotting library: strips of pixels above one another that
+share the axis across. ``images`` puts axes around them and makes Blender images of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from ...sensing.lidar.cloud import Cloud
+from ...sensing.lidar.panorama import range_image
+from ...sensing.lidar.tractor import TractorScan
+from ...sensing.reverb import metrics
+from ...spec import Scanner, Terrestrial
+from ..words import label
+
+WIDE, HIGH = 1100, 300  # pixels of one strip
+DEPTH_DB = 80.0
+PAPER = np.array([0.07, 0.08, 0.09])
+INK = np.array([0.55, 0.75, 0.35])
+CURVE = np.array([1.0, 0.65, 0.25])
+# From silence to the loudest, from far to near, from low to high.
+SCALE = np.array(
+    [[0.02, 0.02, 0.05], [0.2, 0.1, 0.4], [0.7, 0.2, 0.35], [0.98, 0.6, 0.2], [1, 1, 0.8]]
+)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """What stands along an edge: the values at its ends, and what they are."""
+
+    low: float
+    high: float
+    label: str
+
+
+@dataclass(frozen=True)
+class Strip:
+    """pixels : (H, W, 3) of 0 to 1, the lowest row first. up : their vertical axis."""
+
+    title: str
+    pixels: np.ndarray
+    up: Axis
+
+
+@dataclass(frozen=True)
+class Plot:
+    """strips : from the lowest up, equally wide. across : their common axis. caption : in a few words."""
+
+    strips: tuple[Strip, ...]
+    across: Axis
+    caption: str
+
+
+def sound_plot(samples: np.ndarray, sample_rate: float, decay: bool = False) -> Plot:
+    """Level and spectrogram of a signal (N,), up to its last audible sample.
+
+    decay : draw the energy decay curve over the level.
+    """
+    loud = np.abs(samples)
+    floor = (loud.max(initial=0.0) or 1.0) * 10.0 ** (-DEPTH_DB / 20.0)
+    audible = np.flatnonzero(loud > floor)
+    part = samples[: int(audible[-1]) + 1] if len(audible) else samples
+    level = _level(np.abs(part), floor)
+    title = label("Level")
+    if decay and len(audible):
+        _draw_curve(level, metrics.energy_decay_db(samples)[: len(part)])
+        title = label("Level and energy decay curve")
+    spectrogram, low, high = _spectrogram(part, sample_rate)
+    milliseconds = 1e3 * len(part) / sample_rate
+    return Plot(
+        (
+            Strip(label("Spectrogram"), spectrogram, Axis(low / 1e3, high / 1e3, "kHz")),
+            Strip(title, level, Axis(-DEPTH_DB, 0.0, "dB")),
+        ),
+        Axis(0.0, milliseconds, "ms"),
+        f"{milliseconds:.0f} ms, {DEPTH_DB:.0f} dB",
+    )
+
+
+def matrix_plot(scan: TractorScan) -> Plot:
+    """The distances of a tractor's scan, near is bright; a beam that escaped is dark."""
+    angle = np.rad2deg(scan.angle)
+    track = scan.track
+    return Plot(
+        (
+            Strip(
+                label("Distance of the first hit"),
+                _by_distance(scan.distance.T),
+                Axis(float(angle[0]), float(angle[-1]), label("degrees from the horizontal")),
+            ),
+        ),
+        Axis(float(track[0]), float(track[-1]), label("m along the track")),
+        label(
+            "{length:.3g} m by {angle:.3g}°",
+            length=track[-1] - track[0],
+            angle=angle[-1] - angle[0],
+        ),
+    )
+
+
+def cloud_plot(cloud: Cloud, scanner: Scanner) -> Plot | None:
+    """Points as an image: from a tripod by azimuth and elevation, else from above; None without points."""
+    if not len(cloud):
+        return None
+    if not isinstance(scanner, Terrestrial):
+        return _from_above(cloud.position)
+    distance = range_image(cloud, scanner)
+    (west, east), (low, high) = scanner.azimuth_deg, scanner.elevation_deg
+    return Plot(
+        (
+            Strip(
+                label("Distance of the first return"),
+                _by_distance(distance),
+                Axis(low, high, label("elevation (°)")),
+            ),
+        ),
+        Axis(west, east, label("azimuth (°)")),
+        label("{wide:g}° by {high:g}°", wide=east - west, high=high - low),
+    )
+
+
+def _from_above(position: np.ndarray) -> Plot:
+    """The highest point of each square cell; cells are as small as the points are dense."""
+    low, high = position.min(axis=0), position.max(axis=0)
+    extent = np.maximum((high - low)[:2], 1e-3)
+    cell = max(*extent / WIDE, float(np.sqrt(extent.prod() / len(position))))
+    shape = np.maximum(1, np.ceil((high - low)[:2] / cell)).astype(int)
+    column, row = np.minimum(((position[:, :2] - low[:2]) / cell).astype(int), shape - 1).T
+    height = np.full((shape[1], shape[0]), -np.inf)
+    np.maximum.at(height, (row, column), position[:, 2])
+    share = (height - low[2]) / (high[2] - low[2] or 1.0)
+    cells = np.where(np.isfinite(height)[..., None], _coloured(0.2 + 0.8 * share), PAPER)
+    enlarged = max(1, WIDE // max(height.shape))
+    pixels = cells.repeat(enlarged, axis=0).repeat(enlarged, axis=1)
+    return Plot(
+        (
+            Strip(
+                label("Height of the points"), pixels, Axis(float(low[1]), float(high[1]), "y (m)")
+            ),
+        ),
+        Axis(float(low[0]), float(high[0]), "x (m)"),
+        label(
+            "{length:.0f} m by {width:.0f} m, from above",
+            length=high[0] - low[0],
+            width=high[1] - low[1],
+        ),
+    )
+
+
+def _by_distance(distance: np.ndarray) -> np.ndarray:
+    """Colours of distances (H, W) by their logarithm, enlarged or thinned to the size of two strips."""
+    high, wide = distance.shape
+    rows = (np.arange(2 * HIGH) * high) // (2 * HIGH)
+    columns = (np.arange(WIDE) * wide) // WIDE
+    there = distance[np.ix_(rows, columns)]
+    known = np.isfinite(there)
+    if not known.any():
+        return _coloured(np.zeros(there.shape))
+    near, far = np.log(np.maximum(np.percentile(there[known], (1, 100)), 1e-3))
+    away = (np.log(np.where(known, np.maximum(there, 1e-3), 1.0)) - near) / ((far - near) or 1.0)
+    return _coloured(np.where(known, 1.0 - 0.85 * np.clip(away, 0.0, 1.0), 0.0))
+
+
+def _level(size: np.ndarray, floor: float) -> np.ndarray:
+    column = np.linspace(0, len(size), WIDE, endpoint=False).astype(int)
+    largest = np.maximum.reduceat(size, column) if len(size) else np.zeros(WIDE)
+    height = np.log(np.maximum(largest / floor, 1.0)) / np.log(10.0 ** (DEPTH_DB / 20.0))
+    row = (np.arange(HIGH) + 0.5)[:, None] / HIGH
+    return np.where((row < height)[..., None], INK, PAPER)
+
+
+def _draw_curve(pixels: np.ndarray, level: np.ndarray) -> None:
+    """Draw dB re the top, not below ``DEPTH_DB`` of it, as a line over a strip."""
+    shown = level[np.linspace(0, len(level) - 1, WIDE).astype(int)]
+    row = np.maximum((1.0 + shown / DEPTH_DB) * (HIGH - 1), 0.0).astype(int)
+    before = np.concatenate([row[:1], row[:-1]])
+    for column, (a, b) in enumerate(zip(before, row, strict=True)):
+        pixels[max(min(a, b) - 1, 0) : max(a, b) + 2, column] = CURVE
+
+
+def _spectrogram(samples: np.ndarray, sample_rate: float) -> tuple[np.ndarray, float, float]:
+    """Pixels of a strip, and the lowest and highest frequency in it (Hz): as far as there is sound."""
+    window = max(16, min(512, len(samples) // 16))
+    if len(samples) < window:
+        return np.broadcast_to(SCALE[0], (HIGH, WIDE, 3)), 0.0, sample_rate / 2
+    hop = max(1, (len(samples) - window) // WIDE)
+    transform = signal.ShortTimeFFT(signal.windows.hann(window), hop, sample_rate, mfft=4 * window)
+    first = transform.p_min  # the times of its columns are those of the signal, without overhang
+    power = np.abs(transform.stft(samples)[:, -first : -first + 1 + (len(samples) - 1) // hop]) ** 2
+    level = 10.0 * np.log10(np.maximum(power / (power.max() or 1.0), 1e-30))
+    heard = np.flatnonzero((level > -DEPTH_DB).any(axis=1))
+    low, high = (heard[0], heard[-1]) if len(heard) else (0, len(level) - 1)
+    rows = np.linspace(low, high, HIGH).astype(int)
+    columns = np.linspace(0, level.shape[1] - 1, WIDE).astype(int)
+    colours = _coloured(1.0 + level[np.ix_(rows, columns)] / DEPTH_DB)
+    return colours, float(transform.f[low]), float(transform.f[high])
+
+
+def _coloured(share: np.ndarray) -> np.ndarray:
+    """(..., 3) colours of values 0 to 1."""
+    place = np.linspace(0.0, 1.0, len(SCALE))
+    clipped = np.clip(share, 0.0, 1.0)
+    return np.stack([np.interp(clipped, place, SCALE[:, k]) for k in range(3)], axis=-1)

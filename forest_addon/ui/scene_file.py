@@ -1,0 +1,81 @@
+"""Scene files from the panel: taken into a Blender scene, written from one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import ClassVar
+
+import bpy
+from bpy_extras.io_utils import ExportHelper, ImportHelper
+
+from .. import spec
+from ..blender.sensors import file_name
+from .exchange import from_spec
+from .running import PROBLEMS, InOwnScene, in_words
+from .words import say
+
+
+def open_scene(scene: bpy.types.Scene, path: Path) -> str:
+    """Put a scene file into a Blender scene; returns its name.
+
+    Raises
+    ------
+    SpecError : the file cannot be used; nothing is changed.
+    """
+    from ..formats.toml_file import read_settings
+
+    settings = read_settings(path, spec.Scene)
+    from_spec(scene, settings)
+    scene.forest_sensing.folder = str(path.resolve().parent)
+    scene.forest_sensing.active_sensor = 0  # active in the scene, too
+    return settings.name
+
+
+class FOREST_OT_load_scene(InOwnScene, bpy.types.Operator, ImportHelper):
+    """Take forest and sensors from a scene file (.toml), the same that runs without a window"""
+
+    bl_idname = "forest.load_scene"
+    bl_label = "Open Scene File"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+    filename_ext = ".toml"
+    filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            name = open_scene(context.scene, Path(self.filepath))
+        except PROBLEMS as problem:
+            self.report({"ERROR"}, in_words(problem))
+            return {"CANCELLED"}
+        self.report({"INFO"}, say("{name} is loaded. Build the forest to see it", name=name))
+        return {"FINISHED"}
+
+
+class FOREST_OT_save_scene(bpy.types.Operator, ExportHelper):
+    """Write forest and sensors to a scene file (.toml) that gives the same results without a window"""
+
+    bl_idname = "forest.save_scene"
+    bl_label = "Export Scene File"
+    filename_ext = ".toml"
+    filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self.filepath = f"{file_name(context.scene.forest_sensing.name)}.toml"
+        return ExportHelper.invoke(self, context, event)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from .scene_export import write_scene
+
+        try:
+            wanting = write_scene(context.scene, Path(self.filepath))
+        except PROBLEMS as problem:
+            self.report({"ERROR"}, in_words(problem))
+            return {"CANCELLED"}
+        written = say("Written: {file}", file=self.filepath)
+        if wanting:
+            self.report({"WARNING"}, f"{written}. {wanting}")
+        else:
+            self.report({"INFO"}, written)
+        return {"FINISHED"}
+
+
+CLASSES = (FOREST_OT_load_scene, FOREST_OT_save_scene)

@@ -1,0 +1,1 @@
+"""Sensors: added, set, drawn where they look, run."""

@@ -1,0 +1,74 @@
+"""Where sensors look, drawn over the 3D view as lines: beams to -3 dB, fans, paths of sound."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+import gpu
+import numpy as np
+from gpu_extras.batch import batch_for_shader
+
+from ...blender.sensors import kind_of, sensors_of
+from ...spec import SpecError
+from .. import exchange
+
+LIDAR = (0.35, 0.75, 1.0, 0.8)
+COLOURS = {
+    "tractor": LIDAR,
+    "terrestrial": LIDAR,
+    "mobile": LIDAR,
+    "airborne": LIDAR,
+    "sonar": (1.0, 0.75, 0.25, 0.8),
+    "reverb": (0.75, 0.55, 1.0, 0.9),
+}
+WIDTH = 1.5  # pixels
+
+log = logging.getLogger(__name__)
+
+_drawn_for: int | None = None  # the scene that the batches are of; None: make them anew
+_batches: list[tuple[Any, tuple[float, ...]]] = []
+
+
+def forget(_depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    """Something changed: make the lines anew before the next drawing."""
+    global _drawn_for
+    _drawn_for = None
+
+
+def draw(context: bpy.types.Context) -> None:
+    """Draw the lines of the scene's sensors, where that is asked for."""
+    global _drawn_for
+    if not context.scene.forest_sensing.show_sensors:
+        return
+    shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+    if _drawn_for != context.scene.session_uid:
+        _drawn_for = context.scene.session_uid
+        _batches.clear()
+        for kind, ends in lines(context.scene):
+            batch = batch_for_shader(shader, "LINES", {"pos": ends})
+            _batches.append((batch, COLOURS[kind]))
+    shader.bind()
+    for batch, colour in _batches:
+        shader.uniform_float("color", colour)
+        shader.uniform_float("lineWidth", WIDTH)
+        shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
+        batch.draw(shader)
+
+
+def lines(scene: bpy.types.Scene) -> Iterator[tuple[str, np.ndarray]]:
+    """Kind and ends of lines, (2 N, 3) float32 with N > 0, of every sensor that has any."""
+    from ...sensing.outline import outline
+
+    for thing in sensors_of(scene):
+        try:
+            ends = outline(exchange.sensor_of(thing)).reshape(-1, 3).astype(np.float32)
+        except (SpecError, ValueError):
+            continue  # the panel says what is wrong when it is run
+        except Exception:  # a fault of ours: other sensors are drawn all the same
+            log.exception("Forest Sensing cannot draw where %s looks", thing.name)
+            continue
+        if len(ends) and np.isfinite(ends).all():
+            yield kind_of(thing), ends

@@ -1,0 +1,145 @@
+"""The panel *Sensors*: which there are, what they are set to, and the buttons that run them."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import bpy
+
+from ... import spec
+from ...blender import sensors
+from ..chosen import chosen, chosen_sensor
+from ..drawing import BIG, OnceStarted, draw_settings, split
+from ..lists import draw_list
+from ..words import label
+from .things import seen_thing
+
+
+class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
+    bl_label = "Sensors"
+    bl_order = 1
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, props = self.layout, context.scene.forest_sensing
+        home = sensors.home_of(context.scene)
+        row = layout.row()
+        if home is not None:
+            row.template_list(
+                "FOREST_UL_sensors", "", home, "objects", props, "active_sensor", rows=3
+            )
+        else:
+            row.label(text="No sensor yet: add one", icon="INFO")
+        buttons = row.column(align=True)
+        buttons.operator_menu_enum("forest.add_sensor", "kind", text="", icon="ADD")
+        buttons.operator("forest.remove_sensor", text="", icon="REMOVE")
+        thing = chosen_sensor(context)
+        run = layout.row(align=True)
+        run.scale_y = BIG
+        one = run.row(align=True)
+        one.enabled = thing is not None
+        this = one.operator(
+            "forest.run",
+            text=label("Run") if thing is None else label("Run {sensor}", sensor=thing.name),
+            icon="PLAY",
+        )
+        this.sensor, this.frames = "" if thing is None else thing.name, "THIS"
+        run.operator("forest.run", text="All").frames = "THIS"
+        frames = run.operator("forest.run", text="", icon="RENDER_ANIMATION")
+        frames.frames = "RANGE"
+        split(layout).prop(props, "output", placeholder="In this file alone")
+
+
+class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
+    """Settings of the chosen sensor."""
+
+    bl_label = "Settings"
+    bl_parent_id = "FOREST_PT_sensors"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}  # results stay in sight
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return super().poll(context) and chosen_sensor(context) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        thing = chosen_sensor(context)
+        kind = sensors.kind_of(thing)
+        column = split(self.layout)
+        column.prop(thing, "name")
+        column.prop(thing, "location")
+        if kind == "reverb":
+            column.prop(thing, f'["{sensors.RECEIVER_KEY}"]', text="Receiver")
+        if kind != "terrestrial":
+            column.prop(thing, "rotation_euler", text="Rotation")
+        group = getattr(thing.forest_sensor, kind)
+        hidden = {"name", *sensors.POSED.get(kind, ())}
+        draw_settings(split(self.layout), group, hidden)
+        for part in group.nested:
+            header, body = self.layout.panel(f"FOREST_{kind}_{part}", default_closed=True)
+            header.label(text=group.bl_rna.properties[part].name)
+            if body is not None:
+                draw_settings(split(body), getattr(group, part))
+        if kind == "mobile" and not group.follow:
+            self.layout.label(text="Where It Goes")
+            draw_list(self.layout, "FOREST_UL_poses", group, "poses", "pose")
+            if group.poses:
+                draw_settings(split(self.layout), chosen(group, "poses"))
+        if kind == "reverb":
+            self.layout.label(text="Further Sources")
+            _draw_ends(self.layout, group, "sources", "source")
+            self.layout.label(text="Further Receivers")
+            _draw_ends(self.layout, group, "receivers", "receiver")
+
+
+def _draw_ends(layout: bpy.types.UILayout, reverb: Any, name: str, thing: str) -> None:
+    """Further sources or receivers: the list, and the place of the chosen one."""
+    draw_list(layout, "FOREST_UL_places", reverb, name, thing)
+    if getattr(reverb, name):
+        draw_settings(split(layout), chosen(reverb, name))
+
+
+class FOREST_PT_thing(OnceStarted, bpy.types.Panel):
+    """What the active object is to sensors."""
+
+    bl_label = "This Object"
+    bl_parent_id = "FOREST_PT_sensors"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return super().poll(context) and seen_thing(context) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        thing = seen_thing(context)
+        column = split(self.layout)
+        column.prop(thing, "name")
+        column.prop(thing, "forest_seen")
+        column.prop(thing, "forest_reflects")
+        if thing.forest_reflects:
+            column.prop(thing, "forest_reflected")
+
+
+class FOREST_PT_air(OnceStarted, bpy.types.Panel):
+    bl_label = "Air"
+    bl_parent_id = "FOREST_PT_sensors"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        draw_settings(split(self.layout), context.scene.forest_sensing.air)
+
+
+class FOREST_PT_rays(OnceStarted, bpy.types.Panel):
+    bl_label = spec.Rays.TITLE
+    bl_parent_id = "FOREST_PT_sensors"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        draw_settings(split(self.layout), context.scene.forest_sensing.rays)
+
+
+CLASSES = (
+    FOREST_PT_sensors,
+    FOREST_PT_sensor,
+    FOREST_PT_thing,
+    FOREST_PT_air,
+    FOREST_PT_rays,
+)

@@ -1,0 +1,1 @@
+"""Species: chosen by picture, edited, taken from STL files."""

@@ -1,0 +1,121 @@
+"""The sub-panel *Species*: what the chosen planting plants, as a picture, and its settings when edited."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..chosen import chosen_planting
+from ..drawing import OnceStarted, draw_settings, split
+from ..lists import draw_list
+from ..words import label
+from .edit import edited_item
+
+GROWN = ("rules", "honda")  # in place of the grammar
+SPREADS = {"FOREST_PG_normal": ("mean", "sd"), "FOREST_PG_discrete": ("values", "weights")}
+
+
+class FOREST_PT_species(OnceStarted, bpy.types.Panel):
+    bl_label = "Species"
+    bl_parent_id = "FOREST_PT_forest"
+    bl_order = 0
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, props = self.layout, context.scene.forest_sensing
+        if len(props.plantings) != 1:
+            draw_list(layout, "FOREST_UL_plantings", props, "plantings", "planting")
+        halves = layout.split(factor=0.5)
+        if chosen_planting(props) is not None:
+            halves.template_icon_view(
+                props, "species_picture", show_labels=True, scale=5.5, scale_popup=6.5
+            )
+        buttons = halves.column(align=True)
+        item = edited_item(props)
+        if item is None:
+            buttons.operator("forest.edit_species", icon="GREASEPENCIL")
+        else:
+            buttons.operator("forest.build", text="Update", icon="FILE_REFRESH")
+            buttons.operator("forest.save_species", icon="FILE_TICK")
+            buttons.operator("forest.discard_species", icon="LOOP_BACK")
+        buttons.separator()
+        buttons.operator("forest.import_tree", icon="IMPORT")
+
+
+class FOREST_PT_edited(OnceStarted, bpy.types.Panel):
+    """The settings of an edited species, part by part."""
+
+    bl_label = "Settings"
+    bl_parent_id = "FOREST_PT_species"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return edited_item(context.scene.forest_sensing) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        group = edited_item(context.scene.forest_sensing).settings
+        for part in group.nested:
+            optional = f"use_{part}" in group.bl_rna.properties
+            header, body = self.layout.panel(f"FOREST_species_{part}", default_closed=True)
+            if optional:
+                header.prop(group, f"use_{part}", text="")
+            header.label(text=group.bl_rna.properties[part].name)
+            if body is not None:
+                body.active = getattr(group, f"use_{part}", True) and not _is_idle(group, part)
+                _draw_part(body, getattr(group, part))
+        split(self.layout).prop(group, "source")
+
+
+def _is_idle(group: Any, part: str) -> bool:
+    """Whether a part of a species has no effect beside others that are in use."""
+    if part in ("grammar", "jitter"):
+        return any(getattr(group, f"use_{other}") for other in GROWN)
+    return part == "detail" and group.use_template
+
+
+def _draw_part(layout: bpy.types.UILayout, group: Any) -> None:
+    """Numbers and texts first, then what is drawn from a distribution."""
+    long = _long_texts(group)
+    draw_settings(split(layout), group, long)
+    for name in long:
+        layout.label(text=group.bl_rna.properties[name].name)
+        layout.prop(group, name, text="")
+    for name in group.nested:
+        _draw_spread(layout, group, name)
+
+
+def _long_texts(group: Any) -> tuple[str, ...]:
+    """What needs the whole width: the texts of an L-system."""
+    wide = ("axiom", "productions", "constants", "symbols")
+    return tuple(name for name in group.shown if name in wide)
+
+
+def _draw_spread(layout: bpy.types.UILayout, owner: Any, name: str) -> None:
+    """A distribution in a line or two: what is drawn, and within which limits."""
+    group = getattr(owner, name)
+    first, second = SPREADS[type(group).__name__]
+    column = layout.column(align=True)
+    row = _line(column, owner.bl_rna.properties[name].name)
+    if f"use_{name}" in owner.bl_rna.properties:
+        row.prop(owner, f"use_{name}", text="")
+    row.prop(group, first, text="")
+    row.prop(group, second, text="", placeholder="weights")
+    if "use_low" in group.bl_rna.properties:
+        row = _line(column, label("Within"))
+        for limit in ("low", "high"):
+            row.prop(group, f"use_{limit}", text="")
+            value = row.row(align=True)
+            value.active = getattr(group, f"use_{limit}")
+            value.prop(group, limit, text="")
+
+
+def _line(column: bpy.types.UILayout, heading: str) -> bpy.types.UILayout:
+    """A row for several values, with a label to the left as other settings have it."""
+    halves = column.split(factor=0.4)
+    left = halves.row()
+    left.alignment = "RIGHT"
+    left.label(text=heading)
+    return halves.row(align=True)
+
+
+CLASSES = (FOREST_PT_species, FOREST_PT_edited)

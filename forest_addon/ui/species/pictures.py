@@ -1,0 +1,113 @@
+"""Species to choose from, as pictures: the presets, one's own, those that are edited in the file.
+
+Folders are looked into and pictures loaded when they are first drawn, and not again: Blender reads a
+picture's file when it shows it, apart from drawing. ``refresh`` takes note of a new file.
+"""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+from typing import Any
+
+import bpy
+import bpy.utils.previews
+
+from ..assets import ASSETS
+from ..chosen import chosen_planting
+from ..preferences import species_folder
+from ..words import label, language
+from .names import title_of
+
+Choice = tuple[str, str, str, int, int]  # what a planting calls it, name, help, icon, number
+
+_pictures: Any = None
+
+
+def choices(props: Any) -> tuple[Choice, ...]:
+    """Presets, one's own species, those edited here, and what else is planted."""
+    edited = tuple((item.name, item.origin) for item in props.edited)
+    return _choices(edited, tuple(planting.species for planting in props.plantings), language())
+
+
+def number_of(props: Any) -> int:
+    """The place of the chosen planting's species in ``choices``."""
+    planting = chosen_planting(props)
+    species = "" if planting is None else planting.species
+    return next((choice[4] for choice in choices(props) if choice[0] == species), 0)
+
+
+def choose(props: Any, number: int) -> None:
+    """Plant another of ``choices``, in place of the chosen planting's species."""
+    planting = chosen_planting(props)
+    if planting is not None:
+        planting.species = choices(props)[number][0]
+
+
+def refresh() -> None:
+    """Look into the folders again when species are next drawn."""
+    _files.cache_clear()
+    _choices.cache_clear()
+
+
+def register() -> None:
+    """Look into the folders when species are first drawn."""
+    refresh()
+
+
+def unregister() -> None:
+    """Free the pictures."""
+    global _pictures
+    refresh()
+    if _pictures is not None:
+        bpy.utils.previews.remove(_pictures)
+        _pictures = None
+
+
+@functools.lru_cache(maxsize=16)  # Blender wants the texts kept while it shows them
+def _choices(
+    edited: tuple[tuple[str, str], ...], planted: tuple[str, ...], _language: str
+) -> tuple[Choice, ...]:
+    origins = dict(edited)
+    names = dict.fromkeys([*_files(), *origins, *filter(None, planted)])
+    titles = [
+        label("{species} (edited)", species=title_of(name)) if name in origins else title_of(name)
+        for name in names
+    ]
+    return tuple(
+        (
+            name,
+            title,
+            label("Plant {species}", species=title),
+            _icon(origins.get(name, name)),
+            number,
+        )
+        for number, (name, title) in enumerate(zip(names, titles, strict=True))
+    )
+
+
+@functools.cache
+def _files() -> dict[str, Path | None]:
+    """What a planting calls each species that is there, and its picture if it has one."""
+    presets = sorted(file.stem for file in (ASSETS / "species").glob("*.toml"))
+    pictures = {file.stem: file for file in (ASSETS / "species" / "pictures").glob("*.jpg")}
+    own = sorted([*species_folder().glob("*.toml"), *species_folder().glob("*/*.toml")])
+    mine = (file.as_posix() for file in own if file.name != "scene.toml")
+    return {name: pictures.get(name) for name in presets} | dict.fromkeys(mine)
+
+
+def _icon(species: str) -> int:
+    """The number of a species' picture; that of a plain icon where it has none."""
+    global _pictures
+    if _pictures is None:
+        _pictures = bpy.utils.previews.new()
+    picture = _files().get(species)
+    if picture is None:
+        return int(_plain_icons()["OUTLINER_OB_CURVES"].value)
+    if species not in _pictures:
+        _pictures.load(species, str(picture), "IMAGE")
+    return int(_pictures[species].icon_id)
+
+
+def _plain_icons() -> Any:
+    return bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items

@@ -1,0 +1,294 @@
+"""What Live decides; that it hears of changes and runs is shown in the real window (tests/gui)."""
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon.blender import depsgraph as reading
+from forest_addon.spec import SpecError
+from forest_addon.ui.forest import live
+
+
+def grid(name, height=0.0):
+    """A plane of 3 x 3 vertices over the small field."""
+    places = [(x, y, height) for x in (-1, 3, 7) for y in (-1, 3, 7)]
+    faces = [(i, i + 3, i + 4, i + 1) for i in (0, 1, 3, 4)]
+    data = bpy.data.meshes.new(name)
+    data.from_pydata(places, [], faces)
+    thing = bpy.data.objects.new(name, data)
+    bpy.context.scene.collection.objects.link(thing)
+    return thing
+
+
+def mark():
+    bpy.context.view_layer.update()
+    graph = bpy.context.evaluated_depsgraph_get()
+    return live.fingerprint(bpy.context.scene, graph)
+
+
+def settle(brought=False):
+    """What Live would build now."""
+    bpy.context.view_layer.update()
+    graph = bpy.context.evaluated_depsgraph_get()
+    return live.settle(bpy.context.scene, graph, brought)
+
+
+def stale():
+    return live.is_stale(bpy.context.scene)
+
+
+@pytest.fixture
+def heard(small):
+    """The small forest, of whose changes Live is told as it is in a window."""
+    bpy.app.handlers.depsgraph_update_post.append(forget := live_forget)
+    yield small
+    if forget in bpy.app.handlers.depsgraph_update_post:
+        bpy.app.handlers.depsgraph_update_post.remove(forget)
+    live.unregister()
+
+
+def live_forget(_scene, graph):
+    live._forget_changed(graph)
+
+
+@pytest.fixture
+def built(heard):
+    bpy.ops.forest.build()
+    heard.live = True
+    return heard
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda p: setattr(p, "seed", 4),
+        lambda p: setattr(p.forest, "spacing", 0.5),
+        lambda p: setattr(p.plantings[0], "crown", 0.5),
+        lambda p: setattr(p.plantings[0].gaussians.add(), "peak", 2.0),
+        lambda p: setattr(p.forest.terrain, "base", 1.0),
+        lambda p: bpy.ops.forest.edit_species(),
+    ],
+)
+def test_what_a_forest_is_made_of_is_in_the_fingerprint(heard, change):
+    before = mark()
+    change(heard)
+    assert mark() != before
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda p: setattr(p, "name", "other"),
+        lambda p: setattr(p.air, "humidity", 20),
+        lambda p: setattr(p.plantings[0], "density", 3.0),  # not in use
+        lambda p: setattr(p.plantings[0], "active_gaussians", 3),
+        lambda p: setattr(p, "live", True),
+        lambda p: bpy.ops.forest.add_sensor(kind="sonar"),
+        lambda p: grid("unconcerned"),
+    ],
+)
+def test_what_it_is_not_made_of_is_not(heard, change):
+    before = mark()
+    change(heard)
+    assert mark() == before
+
+
+def test_an_edited_species_counts_while_it_is_planted(heard):
+    bpy.ops.forest.edit_species()
+    before = mark()
+    heard.edited[0].settings.jitter.length = 0.3
+    assert mark() != before
+
+
+def test_the_terrain_that_is_moved_or_edited_counts(heard):
+    ground = grid("hill")
+    heard.forest.terrain.object = "hill"
+    found = [mark()]
+    ground.location.z = 1
+    found.append(mark())
+    ground.data.vertices[4].co.z = 0.5
+    ground.data.update()
+    found.append(mark())
+    ground.modifiers.new("thick", "SOLIDIFY").thickness = 0.2
+    found.append(mark())
+    assert len(set(found)) == 4
+    ground.select_set(True)
+    assert mark() == found[-1]
+
+
+def test_what_is_painted_counts(heard):
+    thing = grid("canvas")
+    group = thing.vertex_groups.new(name="trees")
+    heard.plantings[0].painted = "canvas:trees"
+    found = [mark()]
+    group.add([4], 0.7, "REPLACE")
+    thing.data.update()
+    found.append(mark())
+    group.add([4], 0.2, "REPLACE")
+    thing.data.update()
+    found.append(mark())
+    assert len(set(found)) == 3
+
+
+def test_weights_on_the_terrain_itself_count(heard):
+    thing = grid("hillside")
+    group = thing.vertex_groups.new(name="trees")
+    heard.forest.terrain.object = heard.plantings[0].painted = "hillside"
+    before = mark()
+    group.add([4], 0.7, "REPLACE")
+    thing.data.update()
+    assert mark() != before
+
+
+def test_objects_that_say_where_trees_stand_count(heard):
+    thing = grid("tree")
+    home = bpy.data.collections.new("places")
+    home.objects.link(thing)
+    bpy.context.scene.collection.children.link(home)
+    heard.plantings[0].layout, heard.plantings[0].collection = "list", "places"
+    before = mark()
+    thing.location.x = 1
+    assert mark() != before
+
+
+def test_what_is_not_there_is_refused_as_a_build_refuses_it(heard):
+    heard.plantings[0].painted = "nothing"
+    with pytest.raises(SpecError, match=r"plantings\[0\]\.painted.*no object"):
+        mark()
+
+
+def test_an_unread_scene_is_not_read_twice(heard, monkeypatch):
+    """Surfaces are read again when Blender reports them changed, and not before."""
+    from forest_addon.blender import inputs
+
+    ground = grid("hill")
+    heard.forest.terrain.object = "hill"
+    reads = []
+    read = inputs.read_terrain
+    monkeypatch.setattr(inputs, "read_terrain", lambda *a: reads.append(a) or read(*a))
+    for _ in range(3):
+        mark()
+    assert len(reads) == 1
+    ground.location.z = 2
+    mark()
+    assert len(reads) == 2
+
+
+def test_a_change_is_shown_and_built_once(built):
+    assert settle() == ""
+    assert not stale()
+    built.seed = 9
+    wanted = settle()
+    assert wanted
+    assert stale()
+    live.let_be(bpy.context.scene, wanted)  # it is being built
+    assert settle() == ""
+    bpy.ops.forest.build()
+    assert settle() == ""
+    assert not stale()
+    assert built.built == wanted
+
+
+def test_what_failed_or_was_cancelled_waits_for_the_next_change(built):
+    built.seed = 9
+    live.let_be(bpy.context.scene, settle())
+    assert settle() == settle() == ""
+    assert stale()
+    built.seed = 10
+    assert settle()
+    built.seed = 3
+    assert settle() == ""  # back at what stands
+    assert not stale()
+    built.seed = 9
+    assert settle()
+
+
+def test_settings_that_cannot_be_built_are_stale_and_left(built):
+    built.plantings[0].use_expected = False
+    assert settle() == ""
+    assert stale()
+    built.plantings[0].use_expected = True
+    assert settle() == ""
+    assert not stale()
+
+
+def test_switched_off_nothing_is_wanted_but_the_star_is_shown(built):
+    built.live = False
+    built.seed = 9
+    assert settle() == ""
+    assert stale()
+    built.live = True
+    assert settle()
+
+
+def test_undo_is_let_be_and_brings_the_fingerprint_back(built):
+    def props():
+        return bpy.context.scene.forest_sensing
+
+    def trees():
+        things = bpy.context.scene.objects
+        return sorted(tuple(t.location) for t in things if reading.TREE_KEY in t)
+
+    bpy.ops.ed.undo_push(message="built")
+    first, stood = props().built, trees()
+    props().seed = 9
+    bpy.ops.ed.undo_push(message="seed")
+    second = settle()
+    live.let_be(bpy.context.scene, second)
+    bpy.ops.forest.build()
+    bpy.ops.ed.undo_push(message="build")
+    assert props().built == second
+    assert trees() != stood
+    bpy.ops.ed.undo()
+    assert (props().seed, props().built, trees()) == (9, first, stood)
+    assert settle(brought=True) == ""
+    assert stale()
+    bpy.ops.ed.undo()
+    assert (props().seed, props().built) == (3, first)
+    assert settle(brought=True) == ""
+    assert not stale()
+    bpy.ops.ed.redo()
+    bpy.ops.ed.redo()
+    assert settle(brought=True) == ""
+    assert not stale()
+    assert props().built == second
+    props().seed = 11
+    assert settle()
+
+
+def test_what_a_file_brought_is_let_be_in_every_scene(built):
+    """Two windows show two scenes: the report of the first says nothing of the second."""
+    here, there = bpy.context.scene, bpy.data.scenes.new("there")
+    for scene in (here, there):
+        scene.forest_sensing.built, scene.forest_sensing.live = "an older forest", True
+    live._hear_brought()
+    for scene in (here, there):
+        with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
+            graph = bpy.context.evaluated_depsgraph_get()
+            live._hear(scene, graph)
+            assert not bpy.app.timers.is_registered(live._settle)
+            assert live.settle(scene, graph) == ""
+
+
+def test_a_file_without_a_fingerprint_is_not_called_stale(built):
+    built.built = ""
+    settle()
+    assert not stale()
+
+
+def test_without_a_window_nothing_runs_by_itself(built):
+    """Switched on in the background: no handlers, no timer."""
+    assert bpy.app.background
+    live.register()
+    built.seed = 12
+    bpy.context.view_layer.update()
+    assert not bpy.app.timers.is_registered(live._settle)
+    assert live._hear not in bpy.app.handlers.depsgraph_update_post
+
+
+def test_saved_and_opened_the_forest_is_known_to_be_up_to_date(built, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "live.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "live.blend"))
+    assert settle(brought=True) == ""
+    assert not stale()
+    assert bpy.context.scene.forest_sensing.live

@@ -1,0 +1,104 @@
+"""File > New > Forest: start scenes in a file of their own."""
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from bpy_extras.object_utils import world_to_camera_view
+from mathutils import Vector
+
+from forest_addon.blender.depsgraph import TREE_KEY
+from forest_addon.formats.toml_file import read_settings
+from forest_addon.spec import Scene
+from forest_addon.ui.forest import new_file
+from forest_addon.ui.forest.start import SCENES, presets
+
+
+def ground_in_picture(scene):
+    """Where the corners of the field are in the camera's picture, 0 to 1."""
+    (x, y), (wide, deep) = scene.forest_sensing.forest.origin, scene.forest_sensing.forest.size
+    bpy.context.view_layer.update()
+    for corner in ((x, y), (x + wide, y), (x, y + deep), (x + wide, y + deep)):
+        seen = world_to_camera_view(scene, scene.camera, Vector((*corner, 0)))
+        assert seen.z > 0
+        yield seen.xy
+
+
+@pytest.mark.parametrize(("preset", "trees"), [("t20-one-tree", 1), ("paper-100k", 0)])
+def test_a_start_scene_stands_built_and_lit(props, preset, trees):
+    bpy.data.meshes.new("of the old file").use_fake_user = True
+    assert bpy.ops.forest.new(preset=preset) == {"FINISHED"}
+    scene = bpy.context.scene
+    assert "of the old file" not in bpy.data.meshes
+    assert sum(TREE_KEY in thing for thing in scene.objects) == trees
+    assert "forest" in scene.forest_sensing.results
+    assert scene.forest_sensing.name == read_settings(SCENES / f"{preset}.toml", Scene).name
+    assert scene.world is not None
+    assert [thing.data.type for thing in scene.objects if thing.type == "LIGHT"] == ["SUN"]
+    for place in ground_in_picture(scene):
+        assert min(place) >= 0
+        assert max(place) <= 1
+    sensors = {sensor.name for sensor in read_settings(SCENES / f"{preset}.toml", Scene).sensors}
+    assert sensors <= {thing.name for thing in scene.objects}
+
+
+def test_the_empty_one_has_light_a_camera_and_nothing_else(props):
+    assert bpy.ops.forest.new(preset="") == {"FINISHED"}
+    assert {thing.type for thing in bpy.context.scene.objects} == {"LIGHT", "CAMERA"}
+
+
+def test_a_preset_that_is_not_there_is_reported(props):
+    with pytest.raises(RuntimeError, match=r"baobab.toml.*no such file"):
+        bpy.ops.forest.new(preset="baobab")
+
+
+def test_the_menu_is_there_and_offers_what_add_offers(registered):
+    drawn = bpy.types.TOPBAR_MT_file_new._dyn_ui_initialize()
+    assert new_file.draw_in_menu in drawn
+    offered = []
+
+    class Layout:
+        def operator(self, name, **_):
+            offered.append(self)
+            assert name == "forest.new"
+            return self
+
+        def separator(self):
+            pass
+
+    menu = type("Menu", (), {"layout": Layout()})
+    new_file.FOREST_MT_new.draw(menu, None)
+    assert len(offered) == len(presets()) + 1
+
+
+@pytest.fixture
+def furnished(registered, monkeypatch):
+    """The presets of new files that are furnished, in a Blender that has a window."""
+    presets = []
+    monkeypatch.setattr(new_file, "_furnish_soon", presets.append)
+    return presets
+
+
+def test_the_new_file_that_was_asked_for_is_furnished_and_no_other(furnished, monkeypatch):
+    monkeypatch.setattr(new_file, "_awaited", "demo")
+    bpy.ops.wm.read_homefile(app_template="")
+    assert furnished == ["demo"]
+    bpy.ops.wm.read_homefile(app_template="")
+    assert furnished == ["demo"]
+
+
+def test_another_file_is_left_as_it_is(furnished, monkeypatch, tmp_path):
+    file = str(tmp_path / "other.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=file)
+    monkeypatch.setattr(new_file, "_awaited", "demo")
+    bpy.ops.wm.open_mainfile(filepath=file)
+    bpy.ops.wm.read_homefile(app_template="")
+    assert furnished == []
+
+
+def test_who_chooses_anew_is_not_given_what_was_given_up(furnished, monkeypatch):
+    monkeypatch.setattr(new_file, "_awaited", "demo")
+    layout = type("Layout", (), {"separator": lambda _: None, "menu": lambda *_, **__: None})()
+    new_file.draw_in_menu(type("Menu", (), {"layout": layout}), None)
+    bpy.ops.wm.read_homefile(app_template="")
+    assert furnished == []

@@ -1,0 +1,53 @@
+"""Buttons pressed from tests, and what is there after it."""
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from forest_addon.blender.depsgraph import TREE_KEY
+from forest_addon.blender.layout import CLOUD_KEY
+
+ROOT = Path(__file__).resolve().parents[2]
+SENSORS = {"scan": "tractor", "cloud": "terrestrial", "echo": "sonar", "reverb": "reverb"}
+LIDARS = ("scan", "cloud")
+
+
+def press(name, **settings):
+    return getattr(bpy.ops.forest, name)(**settings)
+
+
+def run(name, **settings):
+    return press("run", sensor=name, **settings)
+
+
+def settings_of(name):
+    """The settings on the object of a sensor."""
+    return getattr(bpy.data.objects[name].forest_sensor, SENSORS[name])
+
+
+def trees():
+    return [thing for thing in bpy.data.objects if TREE_KEY in thing]
+
+
+def clouds():
+    return [thing for thing in bpy.data.objects if CLOUD_KEY in thing]
+
+
+def counts():
+    """How many of everything there is."""
+    kinds = ("objects", "meshes", "materials", "collections", "node_groups", "images")
+    return {kind: len(getattr(bpy.data, kind)) for kind in kinds}
+
+
+def facts(props, name):
+    return {figure.name: figure.value for figure in props.results[name].figures}
+
+
+def add_cube(collection=None):
+    data = bpy.data.meshes.new("cube")
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    data.from_pydata(corners.tolist(), [], [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6)])
+    cube = bpy.data.objects.new("cube", data)
+    (collection or bpy.context.scene.collection).objects.link(cube)
+    return cube

@@ -1,0 +1,182 @@
+"""Results as pictures: what is drawn stands where its axes say, and the axes are written."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon import spec
+from forest_addon.sensing.lidar import panorama
+from forest_addon.sensing.lidar.scanner import pattern_of
+from forest_addon.ui.results import images, plots
+
+RATE = 100_000.0
+
+
+def tone(frequency, start, end, seconds=0.1):
+    time = np.arange(int(seconds * RATE)) / RATE
+    return np.where((time >= start) & (time < end), np.sin(2 * np.pi * frequency * time), 0.0)
+
+
+def brightest(strip, across):
+    """Where the middle of the brightest pixels is, in the values of the axes."""
+    light = strip.pixels.sum(axis=2)
+    row, column = (where.mean() for where in np.nonzero(light > 0.97 * light.max()))
+    high, wide = light.shape
+    up = strip.up
+    return (
+        across.low + (across.high - across.low) * (column + 0.5) / wide,
+        up.low + (up.high - up.low) * (row + 0.5) / high,
+    )
+
+
+@pytest.mark.parametrize(("frequency", "start", "end"), [(20e3, 0.04, 0.06), (31e3, 0.0, 0.02)])
+def test_a_tone_is_drawn_at_its_time_and_frequency(frequency, start, end):
+    samples = tone(frequency, start, end)
+    samples[-1] = 1e-3  # heard, so that the picture goes to the end
+    plot = plots.sound_plot(samples, RATE)
+    spectrogram, level = plot.strips
+    milliseconds, kilohertz = brightest(spectrogram, plot.across)
+    assert milliseconds == pytest.approx(500 * (start + end), abs=1.5)
+    assert kilohertz == pytest.approx(frequency / 1e3, abs=1.0)
+    drawn = np.flatnonzero((level.pixels == plots.INK).all(axis=2).sum(axis=0) > plots.HIGH / 2)
+    edges = plot.across.high * np.array([drawn[0], drawn[-1] + 1]) / plots.WIDE
+    assert edges == pytest.approx([1e3 * start, 1e3 * end], abs=0.3)
+
+
+def test_the_decay_curve_of_an_exponential_is_a_straight_line():
+    """60 dB in 50 ms of a signal of 100 ms: of its energy, all but 1e-12 is before the end."""
+    time = np.arange(int(0.1 * RATE)) / RATE
+    samples = np.random.default_rng(1).normal(size=len(time)) * 10 ** (-3 * time / 0.05)
+    plot = plots.sound_plot(samples, RATE, decay=True)
+    curve = (plot.strips[1].pixels == plots.CURVE).all(axis=2)
+    columns = np.flatnonzero(curve.any(axis=0))
+    height = np.array([np.flatnonzero(curve[:, column]).mean() for column in columns])
+    level = -plots.DEPTH_DB * (1 - height / (plots.HIGH - 1))
+    milliseconds = plot.across.high * columns / plots.WIDE
+    straight = milliseconds < 50
+    slope = np.polyfit(milliseconds[straight], level[straight], 1)[0]
+    assert slope == pytest.approx(-60 / 50, rel=0.03)
+
+
+def test_silence_is_a_picture_too():
+    plot = plots.sound_plot(np.zeros(1000), RATE, decay=True)
+    assert np.isfinite(plot.strips[0].pixels).all()
+    assert images.show("silence", plot).has_data
+
+
+class Points(SimpleNamespace):
+    """Of a cloud, what a picture needs."""
+
+    def __len__(self):
+        return len(self.position)
+
+
+def test_a_panorama_has_each_return_where_its_beam_looked():
+    scanner = spec.Terrestrial(azimuth_deg=(0, 90), elevation_deg=(-10, 20), angle_step_deg=1.0)
+    cloud = Points(
+        position=np.zeros((3, 3)),
+        number=np.ones(3, dtype=np.uint8),
+        azimuth=np.deg2rad([0, 45, 90]),
+        elevation=np.deg2rad([-10, 5, 20]),
+        returns=SimpleNamespace(distance=np.array([2.0, 1.0, 4.0])),
+    )
+    plot = plots.cloud_plot(cloud, scanner)
+    (strip,) = plot.strips
+    assert (plot.across.low, plot.across.high, strip.up.low, strip.up.high) == (0, 90, -10, 20)
+    azimuth, elevation = brightest(strip, plot.across)
+    assert azimuth == pytest.approx(45, abs=0.6)
+    assert elevation == pytest.approx(5, abs=0.6)
+    sky = strip.pixels[plots.HIGH, 10]
+    assert (strip.pixels[0, 0] > sky).all()  # the corners hold the other two returns
+    assert (strip.pixels[-1, -1] > sky).all()
+
+
+def test_from_above_the_highest_point_is_the_brightest():
+    grid = np.stack(np.meshgrid(np.arange(50.0), np.arange(20.0)), axis=-1).reshape(-1, 2)
+    position = np.column_stack([grid, np.zeros(len(grid))])
+    position[(grid == (30, 15)).all(axis=1), 2] = 7.0
+    plot = plots.cloud_plot(Points(position=position), spec.Airborne())
+    x, y = brightest(plot.strips[0], plot.across)
+    assert (x, y) == pytest.approx((30, 15), abs=1.0)
+    high, wide, _ = plot.strips[0].pixels.shape
+    assert wide / high == pytest.approx(50 / 20, rel=0.1)
+
+
+def test_no_points_no_picture():
+    assert plots.cloud_plot(Points(position=np.empty((0, 3))), spec.Airborne()) is None
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "most", "expected"),
+    [
+        (0, 1000, 10, list(range(0, 1001, 100))),
+        (-80, 0, 6, [-80, -60, -40, -20, 0]),
+        (0.3, 0.9, 6, [0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9]),
+        (-3.7, 46.5, 10, [0, 10, 20, 30, 40]),
+        (5, 5, 6, [5]),
+    ],
+)
+def test_ticks_are_round_and_few(low, high, most, expected):
+    found = images.ticks(plots.Axis(low, high, ""), most)
+    assert found == pytest.approx(expected)
+
+
+def test_axes_are_written_and_the_strips_are_as_drawn():
+    plot = plots.sound_plot(tone(20e3, 0.0, 0.1), RATE)
+    image = images.show("with axes", plot)
+    wide, high = image.size
+    pixels = np.empty(wide * high * 4, dtype=np.float32)
+    image.pixels.foreach_get(pixels)
+    pixels = pixels.reshape(high, wide, 4)
+    below = pixels[: images.BELOW - images.TICK, images.LEFT :, 0]
+    assert (below > 0.5).sum() > 200  # ink of the numbers and of "ms"
+    lowest = plot.strips[0].pixels
+    drawn = pixels[
+        images.BELOW : images.BELOW + len(lowest), images.LEFT : images.LEFT + lowest.shape[1]
+    ]
+    assert np.abs(drawn[..., :3] - lowest).max() < 1 / 254
+    assert image.preview.image_size[:] == (images.ICON, images.ICON)
+    assert image.packed_file is not None
+
+
+def test_a_picture_of_another_size_is_drawn_into_the_first():
+    first = images.show("again", plots.sound_plot(tone(20e3, 0.0, 0.1), RATE))
+    flat = plots.cloud_plot(Points(position=np.eye(3)), spec.Airborne())
+    before = len(bpy.data.images)
+    again = images.show("again", flat)
+    assert again == first  # editors go on showing it
+    assert len(bpy.data.images) == before
+    pixels = np.empty((again.size[1], again.size[0], 4), dtype=np.float32)
+    again.pixels.foreach_get(pixels.ravel())
+    drawn = flat.strips[0].pixels
+    high, wide, _ = drawn.shape
+    part = pixels[images.BELOW : images.BELOW + high, images.LEFT : images.LEFT + wide, :3]
+    assert np.abs(part - drawn).max() < 1 / 254
+
+
+def test_an_image_of_the_user_that_has_the_name_stays():
+    mine = bpy.data.images.new("mine", 4, 4)
+    flat = plots.cloud_plot(Points(position=np.eye(3)), spec.Airborne())
+    shown = images.show("mine", flat)
+    assert shown != mine
+    assert tuple(mine.size) == (4, 4)
+    assert images.show("mine", flat) == shown
+
+
+@pytest.mark.parametrize("step", [10.0, 7.0, 0.7])
+def test_each_beam_of_a_whole_turn_has_its_pixel_and_there_is_no_other(step):
+    """The beam at 360 degrees would be that at 0 again; azimuths come back as -180 to 180."""
+    scanner = spec.Terrestrial(azimuth_deg=(-90, 270), elevation_deg=(0, 10), angle_step_deg=step)
+    pattern = pattern_of(scanner)
+    way = pattern.pulses(np.arange(pattern.count)).direction
+    cloud = Points(
+        number=np.ones(len(way), dtype=np.uint8),
+        azimuth=np.arctan2(way[:, 1], way[:, 0]),
+        elevation=np.arcsin(way[:, 2]),
+        returns=SimpleNamespace(distance=np.arange(len(way), dtype=float)),
+    )
+    image = panorama.range_image(cloud, scanner)
+    assert np.array_equal(image.T.ravel(), cloud.returns.distance)  # column by column

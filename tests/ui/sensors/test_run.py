@@ -1,0 +1,229 @@
+"""Sensors added and run for real in a forest of three small trees; results in the panel and in files."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from ui.pressing import (
+    LIDARS,
+    SENSORS,
+    add_cube,
+    clouds,
+    counts,
+    facts,
+    press,
+    run,
+    settings_of,
+    trees,
+)
+
+from forest_addon.ui import exchange
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_each_sensor_finds_something(built, name):
+    assert run(name) == {"FINISHED"}
+    figures = facts(built, name)
+    found = {"scan": "Points", "cloud": "Points", "echo": "Leaves Heard", "reverb": "Trunks Heard"}
+    assert int(figures[found[name]].split()[0].replace(",", "")) > 0
+
+
+def test_points_of_both_lidars_lie_on_the_same_things(built):
+    run("scan")
+    run("cloud")
+    for cloud in clouds():
+        ground = np.empty(len(cloud.data.vertices), dtype=np.int32)
+        cloud.data.attributes["organ"].data.foreach_get("value", ground)
+        place = np.empty((len(ground), 3), dtype=np.float32)
+        cloud.data.attributes["position"].data.foreach_get("vector", place.ravel())
+        assert np.abs(place[ground == 3, 2]).max(initial=0) < 1e-5
+        assert place[ground != 3, 2].min() > -0.05
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_twice_in_a_row_nothing_piles_up(built, name):
+    run(name)
+    before = counts()
+    run(name)
+    assert counts() == before
+    assert len(built.results) == 2
+
+
+def test_a_scene_with_nothing_in_it_says_build_first(props, sensor):
+    sensor("sonar")
+    with pytest.raises(RuntimeError, match="Build a forest first"):
+        press("run")
+
+
+def test_a_scene_without_sensors_says_add_one(props):
+    add_cube()
+    with pytest.raises(RuntimeError, match="no sensor yet"):
+        press("run")
+
+
+def test_a_sensor_that_is_gone_is_named(built):
+    with pytest.raises(RuntimeError, match="ear is no sensor"):
+        run("ear")
+
+
+def test_sensors_run_in_a_scene_of_the_users_own(props, sensor):
+    add_cube()
+    sensor("terrestrial", angle_step_deg=6)
+    sensor("tractor", step=5)
+    sensor("sonar")
+    sensor("reverb")
+    assert press("run") == {"FINISHED"}
+    assert len(props.results) == 4
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_sensors_run_when_trees_or_results_were_deleted(built, name):
+    run(name)
+    for thing in [*trees(), *clouds()]:
+        bpy.data.objects.remove(thing)
+    assert run(name) == {"FINISHED"}
+    assert len(clouds()) == (name in (*LIDARS, "echo"))
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "value", "words"),
+    [
+        ("cloud", "azimuth_deg", (90, 10), "from < to"),
+        ("scan", "top", 0.5, r"scan\.top.*above the scanner"),
+        ("echo", "band", (1e5, 3e5), r"echo\.band.*sample_rate"),
+    ],
+)
+def test_a_bad_sensor_is_reported_and_its_last_result_kept(built, name, key, value, words):
+    run(name)
+    before, figures = counts(), facts(built, name)
+    setattr(settings_of(name), key, value)
+    with pytest.raises(RuntimeError, match=words):
+        run(name)
+    assert counts() == before
+    assert facts(built, name) == figures
+
+
+def test_a_source_below_the_ground_is_refused(built):
+    bpy.data.objects["reverb"].location.z = -1
+    with pytest.raises(RuntimeError, match="above the ground"):
+        run("reverb")
+
+
+def test_a_sensor_that_is_moved_sees_from_there(built):
+    run("cloud")
+    before = facts(built, "cloud")
+    bpy.data.objects["cloud"].location = (0, 0, 3)
+    run("cloud")
+    assert facts(built, "cloud") != before
+
+
+def test_a_sensor_follows_the_frames(built, tmp_path):
+    scene, echo = bpy.context.scene, bpy.data.objects["echo"]
+    for frame, x in ((1, -1), (3, -2)):
+        echo.location.x = x
+        echo.keyframe_insert("location", frame=frame)
+    scene.frame_start, scene.frame_end, scene.frame_current = 1, 3, 2
+    built.output = str(tmp_path)
+    assert run("echo", frames="RANGE") == {"FINISHED"}
+    written = sorted(tmp_path.glob("*.npz"))
+    assert [file.name for file in written] == [f"echo-000{frame}.npz" for frame in (1, 2, 3)]
+    assert scene.frame_current == 2
+    records = [np.load(file)["impulse_response"] for file in written]
+    assert len({record.tobytes() for record in records}) == 3
+
+
+def test_sensors_are_added_chosen_and_removed(built):
+    for kind in SENSORS.values():
+        assert press("add_sensor", kind=kind) == {"FINISHED"}
+    assert bpy.context.view_layer.objects.active.name == "reverb.001"
+    before = counts()["objects"]
+    assert press("remove_sensor") == {"FINISHED"}
+    assert counts()["objects"] == before - 2  # the receiver goes too
+    assert "reverb.001" not in bpy.data.objects
+
+
+def test_an_edit_of_the_scene_is_seen(built):
+    run("cloud")
+    before = facts(built, "cloud")
+    roof = add_cube()
+    roof.location, roof.scale = (-20, -20, 3), (40, 40, 1)
+    run("cloud")
+    assert facts(built, "cloud") != before
+
+
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [("scan", "scan.npz"), ("cloud", "cloud.laz"), ("echo", "echo.npz"), ("reverb", "reverb.wav")],
+)
+def test_results_are_saved_where_the_user_says(built, name, file, tmp_path):
+    built.output = str(tmp_path / "new" / "folder")
+    run(name)
+    written = tmp_path / "new" / "folder" / file
+    assert written.stat().st_size > 0
+    assert built.results[name].file == str(written)
+
+
+def test_nothing_is_saved_unless_asked(built, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    press("run")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_is_said_before_the_work(built, tmp_path):
+    (tmp_path / "file").write_text("x")
+    built.output = str(tmp_path / "file" / "folder")
+    with pytest.raises(RuntimeError, match=r"Save To.*cannot be made"):
+        run("cloud")
+    assert clouds() == []
+
+
+def test_a_folder_beside_an_unsaved_file_is_refused(built):
+    built.output = "//results"
+    with pytest.raises(RuntimeError, match="save that first"):
+        run("echo")
+
+
+def test_a_full_disk_keeps_the_result_in_the_scene(built, tmp_path, monkeypatch):
+    from forest_addon.formats import findings
+
+    def full(*_):
+        raise OSError(28, "No space left on device", "cloud.laz")
+
+    monkeypatch.setattr(findings, "write_las", full)
+    built.output = str(tmp_path)
+    assert run("cloud") == {"FINISHED"}
+    assert len(clouds()) == 1
+    assert list(tmp_path.iterdir()) == []
+    assert built.results["cloud"].file == ""
+
+
+def test_a_scanner_without_a_way_is_told_so(built, sensor):
+    track = sensor("mobile").forest_sensor.mobile
+    with pytest.raises(RuntimeError, match="give poses, or the object to follow"):
+        run("track")
+    track.follow = "Nothing"
+    with pytest.raises(RuntimeError, match='no object "Nothing"'):
+        run("track")
+
+
+def test_a_scanner_flies_over_the_forest(built, sensor):
+    settings = {"position": (3, -2, 30), "track": 10, "speed": 10}
+    sensor("airborne", pulse_rate=2000, line_rate=20, **settings)
+    assert run("flight") == {"FINISHED"}
+    figures = facts(built, "flight")
+    assert figures["Beams"] == "2,000"
+    assert int(figures["Points"].replace(",", "")) > 100
+
+
+def test_choosing_a_scanner_fills_in_its_figures(built):
+    settings = settings_of("cloud")
+    settings.max_range = 77
+    settings.scanner = "riegl-vz-400"  # not complete yet
+    assert settings.max_range == 77
+    settings.scanner = "riegl-vz-400i"
+    found = exchange.sensor_of(bpy.data.objects["cloud"])
+    assert (found.max_range, found.min_range, found.beam.exit_diameter) == (800, 1.5, 0.007)
+    assert (found.name, found.position) == ("cloud", (3, 3, 1))
+    settings.beam.subrays = 3
+    assert exchange.sensor_of(bpy.data.objects["cloud"]).beam.subrays == 3

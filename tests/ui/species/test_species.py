@@ -1,0 +1,341 @@
+"""Species in the panel: chosen by picture, edited, saved, imported from STL, and nothing left behind."""
+
+import builtins
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from references.model_tree import tree
+
+from forest_addon import spec, ui
+from forest_addon.blender.jobs import CancelledError
+from forest_addon.formats.species_file import ASSETS, load_species
+from forest_addon.formats.stl import write_stl
+from forest_addon.formats.template_library import make_library
+from forest_addon.formats.toml_file import read_settings
+from forest_addon.spec import SpecError
+from forest_addon.ui import preferences
+from forest_addon.ui.exchange import to_spec
+from forest_addon.ui.species import edit as species_edit
+from forest_addon.ui.species import import_stl as species_import
+from forest_addon.ui.species import pictures as species_pictures
+
+PRESETS = sorted(path.stem for path in (ASSETS / "species").glob("*.toml"))
+
+
+@pytest.fixture
+def own(tmp_path, monkeypatch):
+    """A folder of one's own species that is only of this test."""
+    folder = tmp_path / "own"
+    for room in (preferences, species_edit, species_import, species_pictures):
+        monkeypatch.setattr(room, "species_folder", lambda: folder)
+    species_pictures.refresh()
+    yield folder
+    species_pictures.refresh()
+
+
+@pytest.fixture
+def planting(props, own):
+    """A planting of maples."""
+    planting = props.plantings.add()
+    planting.species, planting.use_expected, planting.expected = "maple", True, 4
+    return planting
+
+
+@pytest.fixture
+def model(tmp_path):
+    """STL files of a model tree, in centimetres."""
+    folder = tmp_path / "elm"
+    folder.mkdir()
+    write_stl(folder / "wood.stl", tree().wood() * 100)
+    write_stl(folder / "leaves.stl", tree().leaves() * 100)
+    return folder
+
+
+def edited(planting):
+    """The species that a planting plants, as it is edited."""
+    return species_edit.edited_species(bpy.context.scene)[planting.species][0]
+
+
+def files_of(path):
+    """The STL files that a species file names, as they are found from it."""
+    species = read_settings(path, spec.Species)
+    named = [species.leaf.mesh]
+    if species.template:
+        named += [species.template.wood, species.template.leaves]
+    return [(path.parent / name).resolve() for name in named if name]
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_edit_save_and_read_gives_the_preset(planting, tmp_path, name):
+    preset = ASSETS / "species" / f"{name}.toml"
+    planting.species = name
+    assert bpy.ops.forest.edit_species() == {"FINISHED"}
+    assert planting.species == f"edited/{name}.toml"
+    assert edited(planting) == read_settings(preset, spec.Species)
+    saved = tmp_path / "deep" / f"{name}.toml"
+    assert bpy.ops.forest.save_species(filepath=str(saved)) == {"FINISHED"}
+    assert planting.species == saved.as_posix()
+    back, _ = load_species(saved)
+    home = ASSETS / "species"
+    assert species_edit.relocated(back, saved.parent, home) == species_edit.relocated(
+        read_settings(preset, spec.Species), home, home
+    )
+    assert files_of(saved) == files_of(preset)
+    assert len(bpy.context.scene.forest_sensing.edited) == 0
+
+
+def test_what_is_changed_is_built(small, own):
+    small.plantings[0].species = "hazelnut"
+    bpy.ops.forest.build()
+    before = trees()
+    bpy.ops.forest.edit_species()
+    bpy.ops.forest.build()
+    np.testing.assert_array_equal(trees(), before)  # taken as it is, it grows the same trees
+    small.edited[0].settings.grammar.length *= 1.5
+    bpy.ops.forest.build()
+    assert trees()[:, 2].max() > 1.1 * before[:, 2].max()
+    bpy.ops.forest.discard_species()
+    assert small.plantings[0].species == "hazelnut"
+    bpy.ops.forest.build()
+    np.testing.assert_array_equal(trees(), before)
+
+
+def trees():
+    """(V, 3) vertices of the trees of the forest that was built."""
+    meshes = sorted({m.name for m in bpy.data.meshes if m.users and "hazelnut" in m.name})
+    found = [np.array([v.co for v in bpy.data.meshes[name].vertices]) for name in meshes]
+    assert found
+    return np.concatenate(found)
+
+
+def test_parts_that_may_be_left_out_are_switched(planting):
+    bpy.ops.forest.edit_species()
+    settings = bpy.context.scene.forest_sensing.edited[0].settings
+    settings.use_honda = True  # a tree grows in one way: the template is switched off
+    assert edited(planting).honda == spec.Honda()
+    assert edited(planting).template is None
+    settings.honda.use_trunk_daughters = True
+    settings.honda.levels.values, settings.honda.levels.weights = "2, 3", "[0.5, 1.5]"
+    honda = edited(planting).honda
+    assert honda.levels == spec.Discrete(values=(2, 3), weights=(0.5, 1.5))
+    assert honda.trunk_daughters is not None
+    settings.use_rules = True
+    assert edited(planting).honda is None
+    settings.rules.productions = " A -> F[+A]A : 1/2 ;; A -> FA : 1/2; "
+    assert edited(planting).rules.productions == ("A -> F[+A]A : 1/2", "A -> FA : 1/2")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda s: setattr(s.leaf.length, "mean", -1), "maple.leaf.length: can draw"),
+        (lambda s: setattr(s.honda.levels, "values", "2.5"), "must be whole numbers"),
+        (lambda s: setattr(s.honda.levels, "values", "two"), "is not a list of numbers"),
+        (lambda s: setattr(s.honda.levels, "values", ""), "give at least one number"),
+        (lambda s: setattr(s.template, "wood", "gone.stl"), "there is no file"),
+        (lambda s: setattr(s.rules, "productions", "A -> F(l"), "rules"),
+    ],
+)
+def test_what_cannot_be_used_is_one_sentence(planting, change, said):
+    bpy.ops.forest.edit_species()
+    settings = bpy.context.scene.forest_sensing.edited[0].settings
+    if "whole" in said or "number" in said:
+        settings.use_honda = True
+    if said == "rules":
+        settings.use_rules = True
+    change(settings)
+    with pytest.raises(RuntimeError) as problem:
+        bpy.ops.forest.build()
+    assert said in str(problem.value)
+    assert str(problem.value).strip().count("\n") == 0
+
+
+def test_each_edit_has_a_name_of_its_own(planting):
+    props = bpy.context.scene.forest_sensing
+    bpy.ops.forest.edit_species()
+    planting.species = "maple"
+    bpy.ops.forest.edit_species()
+    assert [item.name for item in props.edited] == ["edited/maple.toml", "edited/maple-2.toml"]
+    with pytest.raises(RuntimeError, match="being edited already"):
+        bpy.ops.forest.edit_species()
+    bpy.ops.forest.discard_species()
+    assert [item.name for item in props.edited] == ["edited/maple.toml"]
+    with pytest.raises(RuntimeError, match="Press Edit first"):
+        bpy.ops.forest.save_species(filepath="x.toml")
+
+
+def test_a_file_of_ones_own_is_edited_where_its_stl_files_are(planting, tmp_path):
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    shutil.copy(ASSETS / "templates" / "hazelnut" / "wood.stl", folder / "w.stl")
+    (folder / "oak.toml").write_text('name = "oak"\n[template]\nwood = "w.stl"\n')
+    bpy.context.scene.forest_sensing.folder = str(folder)
+    planting.species = "oak.toml"
+    bpy.ops.forest.edit_species()
+    _, home = species_edit.edited_species(bpy.context.scene)[planting.species]
+    assert home == folder
+    bpy.ops.forest.save_species(filepath=str(folder / "oak.toml"))
+    assert planting.species == "oak.toml"
+    assert files_of(folder / "oak.toml") == [folder / "w.stl"]
+
+
+def test_a_species_that_is_gone_is_said(planting):
+    planting.species = "gone.toml"
+    with pytest.raises(RuntimeError, match="there is no such file"):
+        bpy.ops.forest.edit_species()
+    assert len(bpy.context.scene.forest_sensing.edited) == 0
+
+
+def test_an_exported_scene_takes_edited_species_along(planting, tmp_path):
+    bpy.ops.forest.edit_species()
+    scene = bpy.context.scene
+    scene.forest_sensing.edited[0].settings.look.leaf = (0.5, 0.25, 0.125)
+    wanted, home = species_edit.edited_species(scene)[planting.species]
+    path = tmp_path / "stand.toml"
+    bpy.ops.forest.save_scene(filepath=str(path))
+    exported = read_settings(path, spec.Scene)
+    (species,) = (planted.species for planted in exported.plantings)
+    assert species == "stand-species/maple.toml"
+    back, _ = load_species(tmp_path / species)
+    assert back == species_edit.relocated(wanted, home, tmp_path / "stand-species")
+    assert replace(exported, plantings=()) == replace(to_spec(scene), plantings=())
+
+
+def test_edited_species_travel_in_the_file(planting, tmp_path):
+    bpy.ops.forest.edit_species()
+    wanted = edited(planting)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
+    props = bpy.context.scene.forest_sensing
+    assert edited(props.plantings[0]) == wanted
+
+
+# ------------------------------------------------------------------------------------------ import
+
+
+def test_a_tree_from_stl_is_planted(planting, model, own):
+    bpy.ops.forest.import_tree(
+        directory=str(model), files=[{"name": "leaves.stl"}, {"name": "wood.stl"}]
+    )
+    props = bpy.context.scene.forest_sensing
+    assert props.active_plantings == 1
+    path = Path(props.plantings[1].species)
+    assert path == own / "elm" / "elm.toml"
+    _, template = load_species(path)
+    assert len(template.branches) == 9
+    assert template.leaf_count == 63
+    assert path.as_posix() in [choice[0] for choice in species_pictures.choices(props)]
+    bpy.ops.forest.import_tree(filepath=str(model / "wood.stl"), directory=str(model), height=8)
+    assert Path(props.plantings[2].species) == own / "elm-2" / "elm-2.toml"
+
+
+def test_a_template_of_ours_is_imported(planting, own):
+    folder = ASSETS / "templates" / "hazelnut"
+    wood, leaves = folder / "wood.stl", folder / "leaves.stl"
+    bpy.ops.forest.make_species(wood=str(wood), leaves=str(leaves), title="hazel")
+    _, ours = load_species(ASSETS / "species" / "hazelnut.toml")
+    _, made = load_species(own / "hazel" / "hazel.toml")
+    assert len(made.branches) == len(ours.branches)
+    assert made.leaf_count == ours.leaf_count
+
+
+@pytest.mark.parametrize(
+    ("files", "said"),
+    [
+        (["gone.stl"], "there is no file"),
+        (["bad.stl"], "bad.stl"),
+        (["a.stl", "b.stl"], "do not tell wood from leaves"),
+        (["a.stl", "b.stl", "c.stl"], "3 files are chosen"),
+    ],
+)
+def test_bad_files_are_one_sentence(planting, tmp_path, own, files, said):
+    (tmp_path / "bad.stl").write_bytes(b"no triangles here")
+    with pytest.raises(RuntimeError) as problem:
+        bpy.ops.forest.import_tree(
+            directory=f"{tmp_path}/",
+            filepath=str(tmp_path / files[0]),
+            files=[{"name": name} for name in files],
+        )
+    assert said in str(problem.value)
+    assert str(problem.value).strip().count("\n") == 0
+    assert not own.exists()
+    assert len(bpy.context.scene.forest_sensing.plantings) == 1
+
+
+def test_an_import_that_is_cancelled_leaves_nothing(model, own):
+    def stop(done, total):
+        if done == total - 1:
+            raise CancelledError
+
+    with pytest.raises(CancelledError):
+        make_library(model / "wood.stl", model / "leaves.stl", "elm", 0.0, own / "elm", stop)
+    assert not own.exists()
+
+
+def test_names_tell_wood_from_leaves():
+    wood, leaves = Path("oak_stem.stl"), Path("oak_Leaves.stl")
+    assert species_import.parts_of([leaves, wood]) == (wood, leaves)
+    assert species_import.parts_of([wood]) == (wood, None)
+    with pytest.raises(SpecError):
+        species_import.parts_of([leaves, leaves])
+    assert species_import.title_from(Path("/trees/old oak/wood.stl")) == "old-oak"
+    assert species_import.title_from(Path("/trees/elm.stl")) == "elm"
+
+
+# ---------------------------------------------------------------------------------------- pictures
+
+
+def test_every_preset_has_a_small_picture():
+    pictures = ASSETS / "species" / "pictures"
+    assert sorted(path.stem for path in pictures.iterdir()) == PRESETS
+    assert sum(path.stat().st_size for path in pictures.iterdir()) < 1e6
+
+
+def test_a_picture_chooses_what_is_planted(planting):
+    props = bpy.context.scene.forest_sensing
+    names = [choice[0] for choice in species_pictures.choices(props)]
+    assert names == PRESETS
+    for name in ("spruce", "maple"):
+        props.species_picture = name
+        assert planting.species == name
+        assert props.species_picture == name
+    planting.species = "//mine/oak.toml"
+    assert props.species_picture == "//mine/oak.toml"
+    planting.species = "maple"
+    bpy.ops.forest.edit_species()
+    assert props.species_picture == "edited/maple.toml"
+
+
+def test_drawing_touches_no_file_after_the_first_time(planting, monkeypatch):
+    props = bpy.context.scene.forest_sensing
+    first = species_pictures.choices(props)
+
+    def refuse(*_, **__):
+        raise AssertionError("a file was looked at")
+
+    with monkeypatch.context() as watch:
+        for owner, name in ((Path, "glob"), (Path, "is_file"), (Path, "open"), (builtins, "open")):
+            watch.setattr(owner, name, refuse)
+        assert species_pictures.choices(props) == first
+        props.species_picture = "spruce"
+        species_pictures.number_of(props)
+
+
+def test_pictures_go_with_the_add_on(planting):
+    species_pictures.choices(bpy.context.scene.forest_sensing)
+    held = species_pictures._pictures
+    assert held is not None
+    assert len(held)
+    ui.unregister()
+    try:
+        assert species_pictures._pictures is None
+        assert len(held) == 0
+    finally:
+        ui.register()

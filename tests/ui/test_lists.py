@@ -1,0 +1,61 @@
+"""Lists of the panel: their buttons add and remove."""
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from ui.pressing import (
+    facts,
+    press,
+    run,
+    settings_of,
+)
+
+from forest_addon.ui import exchange
+
+
+def test_plantings_and_hills_are_added_and_removed(props):
+    assert press("add_planting") == {"FINISHED"}
+    assert press("add_gaussian") == {"FINISHED"}
+    assert press("add_gaussian") == {"FINISHED"}
+    planting = exchange.to_spec(bpy.context.scene).plantings[0]
+    assert planting.species == "maple"
+    assert planting.gaussians[0].centre == (15.0, 15.0)
+    assert press("remove_gaussian") == {"FINISHED"}
+    assert len(props.plantings[0].gaussians) == 1
+    assert press("remove_planting") == {"FINISHED"}
+    assert len(props.plantings) == 0
+    assert not bpy.ops.forest.remove_planting.poll()
+    assert not bpy.ops.forest.add_gaussian.poll()
+
+
+def test_a_scanner_travels_along_poses(built):
+    press("add_sensor", kind="mobile")
+    track = bpy.data.objects["track"].forest_sensor.mobile
+    for x in (-2.0, 4.0):
+        assert press("add_pose") == {"FINISHED"}
+        track.poses[-1].position = (x, 3, 2)
+    track.pulse_rate, track.line_rate = 200, 2
+    track.field_deg = (-180, 180)
+    assert track.poses[1].time == 10
+    assert run("track") == {"FINISHED"}
+    assert int(facts(built, "track")["Points"].replace(",", "")) > 500
+    assert press("remove_pose") == {"FINISHED"}
+    assert len(track.poses) == 1
+
+
+def test_a_reverb_has_further_ends(built):
+    bpy.context.view_layer.objects.active = bpy.data.objects["reverb"]
+    for end in ("source", "receiver", "receiver"):
+        assert press(f"add_{end}") == {"FINISHED"}
+    settings = settings_of("reverb")
+    assert tuple(settings.sources[0].position) == (3, 3, 1.5)
+    settings.receivers[0].position = (5, 1, 1)
+    assert run("reverb") == {"FINISHED"}
+    found = exchange.sensor_of(bpy.data.objects["reverb"])
+    assert [tuple(place.position) for place in found.receivers] == [(5, 1, 1), (3, 3, 1.5)]
+    assert press("remove_receiver") == {"FINISHED"}
+    assert len(settings.receivers) == 1
+    bpy.context.view_layer.objects.active = bpy.data.objects["cloud"]
+    with pytest.raises(RuntimeError, match="Choose a reverb"):
+        press("add_source")
