@@ -1,1 +1,20 @@
-"""The commands of ``python -m headless``, a file each."""
+"""The commands of ``python -m headless``, a file each, in the order of its help."""
+
+from .bench import Bench
+from .convolve import Convolve
+from .demo import Demo
+from .derive import Derive
+from .estimate import Estimate
+from .lidar import Lidar
+from .reverb_figures import ReverbFigures
+from .run import Run
+from .simlidar import Simlidar
+from .species import Species
+from .stand import Stand
+from .template import Template
+
+COMMANDS = (
+    *(Run(), Demo(), Bench()),
+    *(Derive(), Template(), Species(), Stand(), Estimate()),
+    *(Lidar(), Simlidar(), Convolve(), ReverbFigures()),
+)

@@ -2,42 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import argparse
 from pathlib import Path
 
-import numpy as np
-
-from forest_addon.formats.wav import read_wav, write_wav
-from forest_addon.sensing.reverb.auralise import auralise, normalised
-
-Say = Callable[[str], None]
+from ..command import Command
 
 
-def convolve(
-    response: Path, dry: Path, wet: Path, normalise: float | None, say: Say = print
-) -> None:
-    """Convolve a dry sound with an impulse response and write what is heard.
-
-    normalise : level of the largest sample, dB re full scale; None: as it is, even above 1.
-
-    Raises
-    ------
-    SpecError : a file that cannot be used.
-    """
-    echoes, rate = read_wav(response)
-    sound, dry_rate = read_wav(dry)
-    heard = auralise(echoes, sound, rate, dry_rate)
-    if dry_rate != rate:
-        say(f"{dry.name} is resampled from {dry_rate:g} to {rate:g} Hz.")
-    if normalise is not None:
-        heard, gain = normalised(heard, normalise)
-        say(f"Normalised by {gain:+.1f} dB: the largest sample is at {normalise:g} dB.")
-    wet.parent.mkdir(parents=True, exist_ok=True)
-    write_wav(wet, heard, rate)
-    peak = float(np.abs(heard).max())
-    level = f"largest sample {20 * np.log10(peak):.1f} dB" if peak > 0 else "silence"
-    say(
-        f"Wrote {wet}: {heard.shape[1]} channel(s), {len(heard) / rate:.2f} s, {level} re full scale."
+class Convolve(Command):
+    name = "convolve"
+    help = "hear a dry sound in the forest"
+    description = (
+        "Convolve a dry sound with an impulse response that a reverb wrote. The wet sound has "
+        "the response's rate and channels, as 32-bit float."
     )
-    if peak > 1:
-        say("Players of 16-bit sound would clip it; --normalise -1 brings it down.")
+
+    def arguments(self, parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("response", type=Path, metavar="IR.wav", help="the impulse response")
+        parser.add_argument("dry", type=Path, metavar="DRY.wav", help="the dry sound, at any rate")
+        parser.add_argument(
+            "--out",
+            type=Path,
+            metavar="WET.wav",
+            help="the wet sound (default IR-DRY.wav beside IR)",
+        )
+        parser.add_argument(
+            "--normalise",
+            type=float,
+            metavar="DB",
+            help="bring the largest sample to so many dB re full scale; left out: levels stay",
+        )
+
+    def output(self, chosen: argparse.Namespace) -> Path:
+        beside = chosen.response.with_name(f"{chosen.response.stem}-{chosen.dry.stem}.wav")
+        return chosen.out or beside
+
+    def run(self, chosen: argparse.Namespace) -> None:
+        from ..work.convolve import convolve
+
+        convolve(chosen.response, chosen.dry, chosen.out, chosen.normalise)

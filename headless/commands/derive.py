@@ -1,71 +1,34 @@
-"""``derive``: the string that a species' L-system makes, or how many symbols and branches it has."""
+"""``python -m headless derive``: the string that a species' L-system makes."""
 
 from __future__ import annotations
 
-import sys
-from dataclasses import replace
-from pathlib import Path
+import argparse
 
-import numpy as np
-
-from forest_addon.formats.species_file import find_species
-from forest_addon.formats.toml_file import read_settings
-from forest_addon.growth.lsystem.grammar import system_of_grammar
-from forest_addon.growth.lsystem.production import System
-from forest_addon.growth.lsystem.rewrite import Prediction, predict, rewrite, written
-from forest_addon.growth.lsystem.ruled import system_of
-from forest_addon.growth.lsystem.word import Word
-from forest_addon.rng import stream
-from forest_addon.spec import SpecError, Species
-
-BRANCHES = {"T20": "(+", "A20": "(+", "S": "[", "ABOP": "["}  # symbols that begin a side branch
+from ..command import Command, refuse_negative
 
 
-def derive_species(name: str, generations: int | None, seed: int, count: bool) -> None:
-    """Print the string of a species, or with ``count`` its symbols and branches.
+class Derive(Command):
+    name = "derive"
+    help = "print the string of a species' L-system"
+    description = "Print the string that the L-system of a species makes."
 
-    Raises
-    ------
-    SpecError : no such species, or one that is not grown by an L-system.
-    ValueError : a string that would be too long; says how long.
-    """
-    if seed < 0:
-        raise SpecError("--seed", f"{seed} is out of range; use at least 0")
-    species = read_settings(find_species(name, Path()), Species)
-    system, dialect, generations = _system(species, generations)
-    if count:
-        _print_counts(system, dialect, generations, seed)
-        return
-    sys.stdout.write(_derive(system, generations, seed).text() + "\n")
-
-
-def _system(species: Species, generations: int | None) -> tuple[System, str, int]:
-    if species.honda is not None:
-        raise SpecError(
-            species.name, "grows by branching ratios, not by an L-system; it has no string"
+    def arguments(self, parser: argparse.ArgumentParser) -> None:
+        parser.add_argument(
+            "species", metavar="PRESET", help="a species of assets/species, or a .toml"
         )
-    chosen = species.rules or species.grammar
-    if generations is not None:
-        try:
-            chosen = replace(chosen, generations=generations)
-        except SpecError as problem:
-            raise SpecError("--generations", problem.problem) from None
-    if species.rules is None:
-        return system_of_grammar(species.grammar), chosen.dialect, chosen.generations
-    return system_of(chosen), chosen.dialect, chosen.generations
+        parser.add_argument(
+            "--generations",
+            type=int,
+            metavar="N",
+            help="how often it is rewritten (default: as in the file)",
+        )
+        parser.add_argument("--seed", type=int, default=0, help="seed of the chances (default 0)")
+        parser.add_argument(
+            "--count", action="store_true", help="print the numbers of symbols and branches"
+        )
 
+    def run(self, chosen: argparse.Namespace) -> None:
+        refuse_negative(chosen.seed)
+        from ..work.derive import derive_species
 
-def _derive(system: System, generations: int, seed: int) -> Word:
-    return rewrite(system, generations, stream(seed, "derive"))
-
-
-def _print_counts(system: System, dialect: str, generations: int, seed: int) -> None:
-    size: Prediction = predict(system, generations)
-    symbols, branches = size.symbols, sum(size.letters.get(b, 0) for b in BRANCHES[dialect])
-    if not size.exact:
-        if system.stochastic and not system.conditional:
-            print(f"expected: {written(symbols)} symbols, {written(branches)} branches")
-        word = _derive(system, generations, seed)
-        seen = np.bincount(word.codes, minlength=256)
-        symbols, branches = len(word), sum(int(seen[ord(b)]) for b in BRANCHES[dialect])
-    print(f"{written(symbols)} symbols, {written(branches)} branches")
+        derive_species(chosen.species, chosen.generations, chosen.seed, chosen.count)

@@ -1,136 +1,31 @@
-"""``python -m headless species``: every preset in a table, and in a contact sheet with ``--sheet``.
-
-``--pictures`` renders a small picture of each, as Blender's panel shows them (assets/species/pictures).
-"""
+"""``python -m headless species``: every preset in a table, and in pictures."""
 
 from __future__ import annotations
 
-import math
-import tempfile
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+import argparse
 from pathlib import Path
 
-import matplotlib
-from matplotlib.figure import Figure
-from matplotlib.image import imread
-from matplotlib.patches import Rectangle
-
-from forest_addon.formats.atomic import replacing
-from forest_addon.formats.species_file import ASSETS, find_species, load_species
-from forest_addon.growth.tree import Tree, grow
-from forest_addon.growth.truth import tree_truth
-from forest_addon.rng import stream
-from forest_addon.spec import Detail, Species
-
-from ..report.pictures import FAINT, INK, STYLE, save_figure
-
-Say = Callable[[str], None]
-PAPER = "#f4f2ec"
-WIDTH = 1500  # pixels
-ICON = 192  # pixels along a side of a small picture
+from ..command import Command, refuse_negative
 
 
-def show_species(
-    names: Sequence[str],
-    sheet: Path | None,
-    seed: int,
-    say: Say = print,
-    pictures: Path | None = None,
-) -> None:
-    """Grow one tree of each species, print its truth, and render them.
+class Species(Command):
+    name = "species"
+    help = "grow one tree of each preset: a table, and a contact sheet"
+    description = "Grow one tree of each species and print its size, leaves and wood."
 
-    names : presets or species files; none: every preset.
-    sheet : picture of all of them. pictures : folder for a small picture of each.
-
-    Raises
-    ------
-    SpecError : a species is not known or cannot be used.
-    """
-    grown = [_grow(name, seed) for name in names or preset_names()]
-    head = f"{'species':<20}{'height':>8}{'triangles':>12}{'leaves':>9}{'leaf area':>11}{'wood':>9}"
-    say(head)
-    for species, tree in grown:
-        truth = tree_truth(tree)
-        say(
-            f"{species.name:<20}{truth['height_m']:>6.1f} m{len(tree.mesh.triangles):>12,}"
-            f"{len(tree.leaves):>9,}{truth['leaf_area_m2']:>8.1f} m²"
-            f"{1000 * truth['wood_volume_m3']:>7.0f} l"
+    def arguments(self, parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("names", nargs="*", metavar="NAME", help="which; default every preset")
+        parser.add_argument("--sheet", type=Path, metavar="PNG", help="also render a contact sheet")
+        parser.add_argument(
+            "--pictures",
+            type=Path,
+            metavar="DIR",
+            help="also render a small picture of each into a folder",
         )
-    if sheet:
-        draw_sheet(grown, sheet)
-        say(f"Wrote {sheet}")
-    if pictures:
-        draw_pictures(grown, pictures)
-        say(f"Wrote {len(grown)} pictures into {pictures}")
+        parser.add_argument("--seed", type=int, default=1, help="seed of the trees (default 1)")
 
+    def run(self, chosen: argparse.Namespace) -> None:
+        refuse_negative(chosen.seed)
+        from ..work.species import show_species
 
-def preset_names() -> list[str]:
-    """Every preset of ``assets/species``."""
-    return sorted(path.stem for path in (ASSETS / "species").glob("*.toml"))
-
-
-def draw_sheet(grown: Sequence[tuple[Species, Tree]], path: Path) -> Path:
-    """The contact sheet: a render of all trees with a name and a scale below each."""
-    from forest_addon.blender.sheet import FIELD, FOOT, render_sheet
-
-    columns = max(1, min(6, math.ceil(math.sqrt(1.6 * len(grown)))))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as folder:
-        trees = [(species.name, species.look, tree) for species, tree in grown]
-        rendered = Path(folder) / "trees.png"
-        cells = render_sheet(trees, columns, WIDTH, rendered)
-        image = imread(rendered)
-    matplotlib.rcParams.update(STYLE)
-    high, wide = image.shape[:2]
-    figure = Figure(figsize=(wide / 100, high / 100), dpi=100, facecolor=PAPER)
-    axes = figure.add_axes((0, 0, 1, 1))
-    axes.imshow(image)
-    axes.set_axis_off()
-    reach, below = 0.42 * wide / columns, FOOT / FIELD[0] * wide / columns
-    for cell in cells:  # the sunk foot of a trunk is no part of the picture
-        ground = Rectangle((cell.x - reach, cell.y), 2 * reach, below, color=PAPER, linewidth=0)
-        axes.add_patch(ground).set_zorder(1.5)
-    for (species, tree), cell in zip(grown, cells, strict=True):
-        axes.plot([cell.x - reach, cell.x + reach], [cell.y, cell.y], color=FAINT, linewidth=1.0)
-        axes.text(cell.x, cell.y + 10, species.name, ha="center", va="top", color=INK, fontsize=11)
-        detail = f"{tree.height:.1f} m"
-        if len(tree.leaves):
-            detail += f", {len(tree.leaves):,} leaves"
-        axes.text(cell.x, cell.y + 28, detail, ha="center", va="top", color=INK, fontsize=8.5)
-    axes.set_xlim(0, wide)
-    axes.set_ylim(high, 0)
-    return save_figure(figure, path)
-
-
-def draw_pictures(grown: Sequence[tuple[Species, Tree]], folder: Path) -> None:
-    """A square JPEG of each tree, cut from one render at twice its size."""
-    from PIL import Image
-
-    from forest_addon.blender.sheet import FIELD, FOOT, render_sheet
-
-    columns = math.ceil(math.sqrt(len(grown)))
-    wide = 2 * ICON
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as held:
-        rendered = Path(held) / "trees.png"
-        trees = [(species.name, species.look, tree) for species, tree in grown]
-        cells = render_sheet(trees, columns, columns * wide, rendered)
-        with Image.open(rendered) as image:
-            whole = image.convert("RGBA")
-    above, below = round((FIELD[1] - FOOT) * wide), round(0.03 * wide)
-    side = above + below
-    for (species, _), cell in zip(grown, cells, strict=True):
-        left, foot = round(cell.x) - wide // 2, round(cell.y)
-        tree_alone = whole.crop((left, foot - above, left + wide, foot))  # without its sunk foot
-        paper = Image.new("RGBA", (side, side), PAPER)
-        paper.alpha_composite(tree_alone, ((side - wide) // 2, 0))
-        small = paper.convert("RGB").resize((ICON, ICON), Image.Resampling.LANCZOS)
-        with replacing(folder / f"{species.name}.jpg") as partial:
-            small.save(partial, quality=85, optimize=True)
-
-
-def _grow(name: str, seed: int) -> tuple[Species, Tree]:
-    species, template = load_species(find_species(name, Path()))
-    fine = replace(species, detail=Detail(tolerance=0.003))
-    return species, grow(fine, template, stream(seed, "sheet", name))
+        show_species(chosen.names, chosen.sheet, chosen.seed, pictures=chosen.pictures)

@@ -1,81 +1,35 @@
-"""``python -m headless stand``: where the trees of a scene stand, without growing any.
-
-Positions go into a CSV or GeoJSON file, a map of them into a picture beside it; what was expected, drawn and
-removed is printed as a table.
-"""
+"""``python -m headless stand``: where the trees of a scene stand, without growing any."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-from dataclasses import replace
+import argparse
 from pathlib import Path
 
-from forest_addon.formats.stand_files import read_inputs
-from forest_addon.formats.stand_table import note_of, write_stand
-from forest_addon.formats.toml_file import read_settings
-from forest_addon.spec import Scene, SpecError
-from forest_addon.stand.plan import Stand, labels, plan_stand
-
-from ..report.stand import draw_stand
-
-Say = Callable[[str], None]
+from ..command import Command
 
 
-def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = print) -> Stand:
-    """Plan the stand of a scene file; write positions and map.
+class Stand(Command):
+    name = "stand"
+    help = "sample where the trees of a scene stand: a table, and a map"
+    description = (
+        "Sample the positions of a scene's trees, without growing them; write them as CSV or "
+        "GeoJSON, and a map beside that."
+    )
 
-    Raises
-    ------
-    SpecError : the scene, or a file that it names, cannot be used; ``out`` cannot be written.
-    ValueError : an intensity that cannot be used, or asks for too many trees.
-    """
-    settings = read_settings(scene, Scene)
-    if seed is not None:
-        try:
-            settings = replace(settings, seed=seed)
-        except SpecError as problem:
-            raise SpecError("--seed", problem.problem) from None
-    inputs = read_inputs(settings, scene.resolve().parent)
-    started = time.perf_counter()
-    stand = plan_stand(settings.seed, settings.forest, settings.plantings, inputs)
-    took = time.perf_counter() - started
-    names = labels(settings.plantings)
-    for line in stand_lines(stand, names):
-        say(line)
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise SpecError(
-            f"--out {out}", f"cannot be written to ({problem.strerror}); choose another folder"
-        ) from None
-    write_stand(out, stand, names, settings.offset, settings.crs)
-    picture = draw_stand(stand, names, settings, inputs, out.with_suffix(".png"))
-    say(f"\nSampled in {took:.2f} s. Wrote {out} and {picture}")
-    note = note_of(settings.offset, settings.crs)
-    if note:
-        say(note[:1].upper() + note[1:] + ".")
-    return stand
-
-
-def stand_lines(stand: Stand, names: list[str]) -> list[str]:
-    """A table: what was expected of every planting, what stands, what was taken away and why."""
-    width = max([8, *map(len, names)])
-    lines = [
-        f"{'species':<{width}}{'expected':>14}{'trees':>11}{'trees/ha':>11}"
-        f"{'too near':>10}{'no ground':>11}{'off field':>11}"
-    ]
-    counts, density = stand.counts(), stand.density() * 1e4
-    for k, name in enumerate(names):
-        error = f" ±{stand.error[k]:.2g}" if stand.error[k] else ""
-        lines.append(
-            f"{name:<{width}}{f'{stand.expected[k]:,.1f}{error}':>14}{counts[k]:>11,}{density[k]:>11,.1f}"
-            f"{stand.too_near[k]:>10,}{stand.off_ground[k]:>11,}{stand.off_field[k]:>11,}"
+    def arguments(self, parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="the scene file")
+        parser.add_argument(
+            "--out",
+            type=Path,
+            metavar="FILE",
+            help=".csv or .geojson (default out/SCENE/points.csv)",
         )
-    if len(names) > 1:
-        lines.append(
-            f"{'together':<{width}}{f'{stand.expected.sum():,.1f}':>14}{len(stand):>11,}"
-            f"{density.sum():>11,.1f}{stand.removed:>10,}{stand.off_ground.sum():>11,}"
-            f"{stand.off_field.sum():>11,}"
-        )
-    return lines
+        parser.add_argument("--seed", type=int, help="another seed than the scene file's")
+
+    def output(self, chosen: argparse.Namespace) -> Path:
+        return chosen.out or Path("out") / chosen.scene.stem / "points.csv"
+
+    def run(self, chosen: argparse.Namespace) -> None:
+        from ..work.stand import sample_stand
+
+        sample_stand(chosen.scene, chosen.out, chosen.seed)

@@ -1,4 +1,4 @@
-"""``python -m headless reverb-figures``: the figures of Kaneko & Gamper (2021), from our own responses.
+"""The figures of Kaneko & Gamper (2021), from our own responses.
 
 Forests of cylinders on 1 km², as in the paper (a = 0.25 m, 24 kHz, ends at 1.5 m): 2 waveforms and spectra,
 3 echo density by the number of trees and the distance, 4 energy decay by distance, 5 reverberation time by

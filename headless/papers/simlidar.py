@@ -1,4 +1,4 @@
-"""``python -m headless simlidar``: S's experiment with 42 orchards, its table and regressions beside ours.
+"""S's experiment with 42 orchards, its table and regressions beside ours.
 
 Each orchard is grown, built as a Blender scene, and scanned on the evaluated depsgraph twice: with one ray a
 beam, and with S's solid beam (P = 2). Its row is written when it is finished; an experiment that was
@@ -7,23 +7,22 @@ interrupted goes on where it was.
 
 from __future__ import annotations
 
-import argparse
-import csv
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from forest_addon.formats.table import write_csv
 from forest_addon.growth.truth import Wood, wood_of_skeleton
 from forest_addon.sensing.lidar import wood_indices
-from forest_addon.spec import Rays, Scene, SpecError
+from forest_addon.spec import Rays, Scene
 from forest_addon.stand.forest import Forest
 
+from ..progress import Stages, hushed
 from . import orchards
 from .orchards import Orchard
 from .simlidar_report import draw, print_report
+from .simlidar_rows import Finding, FinishedOrchards, TreeFinding
 
 if TYPE_CHECKING:
     from forest_addon.blender.observe import Observer
@@ -31,98 +30,6 @@ if TYPE_CHECKING:
 Progress = Callable[[int, int], None]
 SOLID = 2  # S's P
 QUICK_GAP = 9
-
-
-@dataclass(frozen=True)
-class Finding:
-    """A row of orchards.csv: what was asked for, down to the engine, and what came out (times: CPU s)."""
-
-    iterations: int
-    trees: int
-    smallest_m: float
-    pruned: bool
-    stochastic: bool
-    seed: int
-    internode_m: float
-    gap: int
-    engine: str
-    branches: int
-    triangles: int
-    scans: int
-    beams: int
-    volume_m3: float
-    area_m2: float
-    projected_m2: float
-    impacted_m2: float
-    impacted_solid_m2: float
-    impacted_eq14_m2: float
-    hits: int
-    hits_solid: int
-    build_s: float
-    scan_s: float
-    scan_solid_s: float
-
-    @property
-    def orchard(self) -> Orchard:
-        """Which one it is."""
-        return Orchard(self.iterations, self.trees, self.smallest_m, self.pruned, self.stochastic)
-
-
-@dataclass(frozen=True)
-class TreeFinding:
-    """A row of trees.csv: one tree of one orchard."""
-
-    iterations: int
-    trees: int
-    smallest_m: float
-    pruned: bool
-    stochastic: bool
-    tree: int
-    branches: int
-    volume_m3: float
-    area_m2: float
-    projected_m2: float
-    impacted_m2: float
-    impacted_solid_m2: float
-
-
-def add_simlidar(commands: argparse._SubParsersAction) -> None:
-    """The command's arguments."""
-    simlidar = commands.add_parser(
-        "simlidar",
-        help="SIMLIDAR's 42 orchards: its table and regressions beside ours",
-        description="Grow, build and scan the 42 orchards of Méndez et al. (SIMLIDAR); print their table "
-        "and regressions beside ours. Finished orchards are kept, and not done again.",
-    )
-    simlidar.add_argument(
-        "--quick", action="store_true", help="only 4 and 5 iterations, every tenth scan"
-    )
-    simlidar.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out") / "simlidar",
-        metavar="DIR",
-        help="folder for tables and picture (default out/simlidar)",
-    )
-    simlidar.add_argument("--seed", type=int, default=1, help="seed of the trees (default 1)")
-    simlidar.add_argument(
-        "--engine", default="auto", choices=("auto", "bvhtree", "embree"), help="who casts rays"
-    )
-    simlidar.add_argument("--quiet", action="store_true", help="no progress, only the report")
-    simlidar.set_defaults(do=_simlidar)
-
-
-def _simlidar(chosen: argparse.Namespace) -> int:
-    if chosen.seed < 0:
-        raise SpecError("--seed", f"{chosen.seed} is out of range; use at least 0")
-    run_experiment(
-        chosen.out,
-        quick=chosen.quick,
-        seed=chosen.seed,
-        engine=chosen.engine,
-        quiet=chosen.quiet,
-    )
-    return 0
 
 
 def run_experiment(
@@ -135,14 +42,12 @@ def run_experiment(
     ValueError : the engine cannot be used; rows in the folder that cannot be read.
     OSError : a file could not be written; what was finished before is kept.
     """
-    from ..progress import Stages
-
     out.mkdir(parents=True, exist_ok=True)
     stages = Stages(quiet)
     with stages.stage("calibrate the first internode"):
         internode = orchards.first_internode()
     gap = QUICK_GAP if quick else 0
-    known = _Kept(out)
+    known = FinishedOrchards(out)
     wanted = orchards.experiment(quick)
     found = []
     for number, orchard in enumerate(wanted):
@@ -236,8 +141,6 @@ def stand_up(forest: Forest, scene: Scene, rays: Rays) -> Observer:
     ------
     ValueError : the engine cannot be used; says why.
     """
-    from ..progress import hushed
-
     with hushed():
         import bpy
 
@@ -247,72 +150,6 @@ def stand_up(forest: Forest, scene: Scene, rays: Rays) -> Observer:
         bpy.ops.wm.read_factory_settings(use_empty=True)
     build(bpy.context.scene, scene, forest)
     return Observer(bpy.context.evaluated_depsgraph_get(), rays)
-
-
-class _Kept:
-    """The rows of orchards that are finished, in two files that grow orchard by orchard."""
-
-    def __init__(self, out: Path) -> None:
-        self._orchards, self._trees = out / "orchards.csv", out / "trees.csv"
-        self.rows = _read(self._orchards, Finding)
-        finished = {row.orchard for row in self.rows}
-        self._tree_rows = [
-            row for row in _read(self._trees, TreeFinding) if _orchard(row) in finished
-        ]
-
-    def find(
-        self, orchard: Orchard, seed: int, internode: float, gap: int, engine: str
-    ) -> Finding | None:
-        """The row of an orchard that was done with these settings."""
-        for row in self.rows:
-            same = (row.orchard, row.seed, row.internode_m, row.gap) == (
-                *(orchard, seed, internode, gap),
-            )
-            if same and engine in ("auto", row.engine):
-                return row
-        return None
-
-    def add(self, row: Finding, trees: Sequence[TreeFinding]) -> None:
-        """Write an orchard, in place of one that was done with other settings."""
-        self._tree_rows = [t for t in self._tree_rows if _orchard(t) != row.orchard] + list(trees)
-        self.rows = [r for r in self.rows if r.orchard != row.orchard] + [row]
-        _write(self._trees, TreeFinding, self._tree_rows)
-        _write(self._orchards, Finding, self.rows)  # last: what stands here is finished
-
-
-def _orchard(row: TreeFinding) -> Orchard:
-    return Orchard(row.iterations, row.trees, row.smallest_m, row.pruned, row.stochastic)
-
-
-def _write(path: Path, kind: type, rows: Sequence[object]) -> None:
-    write_csv(path, {f.name: [getattr(row, f.name) for row in rows] for f in fields(kind)})
-
-
-def _read(path: Path, kind: type) -> list:
-    """Rows of a file of ours, none where there is no file.
-
-    Raises
-    ------
-    SpecError : it is not such a file.
-    """
-    if not path.is_file():
-        return []
-    readers = {
-        "int": int,
-        "float": float,
-        "str": str,
-        "bool": {"True": True, "False": False}.__getitem__,
-    }
-    try:
-        with open(path, newline="", encoding="utf-8") as file:
-            return [
-                kind(**{f.name: readers[str(f.type)](line[f.name]) for f in fields(kind)})
-                for line in csv.DictReader(file)
-            ]
-    except (KeyError, ValueError, TypeError, csv.Error):
-        raise SpecError(
-            str(path), "is not of this experiment; remove it, or choose another --out"
-        ) from None
 
 
 def _name(number: int, count: int, orchard: Orchard) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,9 +11,7 @@ from forest_addon.sensing.lidar.wood_indices import Line, line_through_origin
 
 from ..bench import table
 from ..report.pictures import BARK, FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
-
-if TYPE_CHECKING:
-    from .simlidar import Finding
+from .simlidar_rows import Finding
 
 # S, Table 3: iterations, trees, branches, beams, minutes.
 TABLE_3 = (

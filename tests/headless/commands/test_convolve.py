@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
-from headless.commands.convolve import convolve
 from headless.papers.reverb_figures import Study, draw_figures, findings, responses
+from headless.work.convolve import convolve
 
 ROOT = Path(__file__).resolve().parents[2]
 CLAP = ROOT / "assets" / "sounds" / "clap.wav"

@@ -16,7 +16,7 @@ from forest_addon.stand.intensity.functions import Mixture
 from forest_addon.stand.plan import plan_stand
 from forest_addon.stand.poisson import sample
 from forest_addon.stand.process import Process
-from headless.commands.estimate import estimate_site
+from headless.work.estimate import estimate_site
 
 ROOT = Path(__file__).resolve().parents[2]
 UTM = np.array([432_100.0, 5_612_300.0])

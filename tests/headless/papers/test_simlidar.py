@@ -10,9 +10,9 @@ pytest.importorskip("bpy")
 from forest_addon.growth.skeleton import Skeleton
 from headless.bench.exact_cones import first_hits
 from headless.cli import main
-from headless.papers import orchards, simlidar_report
-from headless.papers import simlidar as simlidar_command
+from headless.papers import orchards, simlidar, simlidar_report
 from headless.papers.orchards import Orchard
+from headless.papers.simlidar_rows import Finding, TreeFinding, read_rows
 
 SMALL = [
     Orchard(iterations=2, trees=1, smallest=0.006),
@@ -74,59 +74,59 @@ def test_the_command_prints_both_tables_and_goes_on_where_it_was(
         assert word in said
     assert (tmp_path / "regressions.png").read_bytes()[:4] == b"\x89PNG"
     first = (tmp_path / "orchards.csv").read_bytes()
-    rows = simlidar_command._read(tmp_path / "orchards.csv", simlidar_command.Finding)
-    trees = simlidar_command._read(tmp_path / "trees.csv", simlidar_command.TreeFinding)
+    rows = read_rows(tmp_path / "orchards.csv", Finding)
+    trees = read_rows(tmp_path / "trees.csv", TreeFinding)
     assert [row.orchard for row in rows] == SMALL
     assert [sum(t.trees == n for t in trees) for n in (1, 2)] == [2, 2]
     for row in rows:
-        own = [t for t in trees if simlidar_command._orchard(t) == row.orchard]
+        own = [t for t in trees if t.orchard == row.orchard]
         assert sum(t.impacted_m2 for t in own) == pytest.approx(row.impacted_m2, rel=1e-12)
         assert 0 < row.impacted_m2 < row.impacted_solid_m2  # the solid beam sees wood thicker
         assert row.area_m2 == pytest.approx(np.pi * row.projected_m2, rel=1e-12)
 
     # Interrupted before the last orchard: only that one is done again.
     done = []
-    observe = simlidar_command.observe
+    observe = simlidar.observe
 
     def counted(orchard, *rest):
         done.append(orchard)
         return observe(orchard, *rest)
 
-    monkeypatch.setattr(simlidar_command, "observe", counted)
+    monkeypatch.setattr(simlidar, "observe", counted)
     lines = first.splitlines(keepends=True)
     (tmp_path / "orchards.csv").write_bytes(b"".join(lines[:-1]))
     assert run(tmp_path) == 0
     assert done == SMALL[-1:]
-    again = simlidar_command._read(tmp_path / "orchards.csv", simlidar_command.Finding)
+    again = read_rows(tmp_path / "orchards.csv", Finding)
     still = {"build_s": 0, "scan_s": 0, "scan_solid_s": 0}
     assert [replace(r, **still) for r in again] == [replace(r, **still) for r in rows]
 
 
 def test_rows_of_table_3_stand_beside_s(small):
-    row = simlidar_command.observe(SMALL[0], 0.4, 1, 99, "auto")[0]
+    row = simlidar.observe(SMALL[0], 0.4, 1, 99, "auto")[0]
     (cells,) = simlidar_report._table_3([replace(row, iterations=6)])
     assert cells[:6] == ["6", "1", f"{row.branches:,}", "5,564", f"{row.beams:,}", "504,840"]
     assert simlidar_report._table_3([row, replace(row, iterations=6, pruned=False)]) == []
 
 
 def test_ctrl_c_keeps_what_is_finished(small, tmp_path, monkeypatch, capsys):
-    observe = simlidar_command.observe
+    observe = simlidar.observe
 
     def until_the_second(orchard, *rest):
         if orchard == SMALL[1]:
             raise KeyboardInterrupt
         return observe(orchard, *rest)
 
-    monkeypatch.setattr(simlidar_command, "observe", until_the_second)
+    monkeypatch.setattr(simlidar, "observe", until_the_second)
     assert run(tmp_path) == 130
     assert "kept" in capsys.readouterr().err
-    rows = simlidar_command._read(tmp_path / "orchards.csv", simlidar_command.Finding)
+    rows = read_rows(tmp_path / "orchards.csv", Finding)
     assert [row.orchard for row in rows] == SMALL[:1]
 
 
 def test_both_engines_give_the_same_indices(small):
     ours, theirs = (
-        simlidar_command.observe(SMALL[0], 0.4, 1, 9, engine)[0] for engine in ("bvhtree", "auto")
+        simlidar.observe(SMALL[0], 0.4, 1, 9, engine)[0] for engine in ("bvhtree", "auto")
     )
     assert ours.engine == "bvhtree"
     assert ours.impacted_m2 == pytest.approx(theirs.impacted_m2, rel=1e-3)

@@ -1,0 +1,75 @@
+"""What a command of ``python -m headless`` is: a name, its words, where it writes, what it does.
+
+A command's file imports nothing heavy at its top, so that ``--help`` and a mistyped word are answered at
+once; ``run`` imports the work that it hands the words to.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import ClassVar
+
+from forest_addon.spec import Scene, SpecError
+
+
+class Command:
+    """One command; a file of ``commands/`` holds one, ``commands/__init__`` lists them."""
+
+    name: ClassVar[str]
+    help: ClassVar[str]  # a line in the list of commands
+    description: ClassVar[str]
+    epilog: ClassVar[str | None] = None
+
+    def arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Declare what may follow the name."""
+
+    def output(self, chosen: argparse.Namespace) -> Path:
+        """Where results go, of a command that has ``--out``: what was asked for, or the default."""
+        return Path(chosen.out)
+
+    def kept(self, chosen: argparse.Namespace) -> str:
+        """What an interrupted command says of the files that it leaves."""
+        return (
+            f"finished files are kept in {chosen.out}" if "out" in chosen else "nothing was written"
+        )
+
+    def run(self, chosen: argparse.Namespace) -> None:
+        """Do it.
+
+        Raises
+        ------
+        SpecError, ValueError : what was asked for cannot be; exit code 2.
+        OSError : something failed while running; exit code 1.
+        """
+        raise NotImplementedError
+
+
+def read_scene(path: Path, seed: int | None) -> Scene:
+    """The settings of a scene file, with another seed if one is given.
+
+    Raises
+    ------
+    SpecError : the file, or ``--seed``, cannot be used.
+    """
+    from forest_addon.formats.toml_file import read_settings
+
+    settings = read_settings(path, Scene)
+    if seed is None:
+        return settings
+    try:
+        return replace(settings, seed=seed)
+    except SpecError as problem:
+        raise SpecError("--seed", problem.problem) from None
+
+
+def refuse_negative(seed: int) -> None:
+    """Say that a seed below 0 cannot be.
+
+    Raises
+    ------
+    SpecError : it is negative.
+    """
+    if seed < 0:
+        raise SpecError("--seed", f"{seed} is out of range; use at least 0")

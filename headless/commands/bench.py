@@ -1,0 +1,27 @@
+"""``python -m headless bench``: speed and error on this machine, side by side."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from forest_addon.spec import SpecError
+
+from ..bench import SECTIONS
+from ..bench import run as run_sections
+from ..command import Command
+
+
+class Bench(Command):
+    name = "bench"
+    help = "measure speed and error on this machine"
+    description = f"Print time and error side by side. Sections: {', '.join(SECTIONS)}."
+
+    def arguments(self, parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("sections", nargs="*", metavar="SECTION", help="which; default all")
+
+    def run(self, chosen: argparse.Namespace) -> None:
+        unknown = [name for name in chosen.sections if name not in SECTIONS]
+        if unknown:
+            raise SpecError("bench", f'"{unknown[0]}" is not known; use {", ".join(SECTIONS)}')
+        run_sections(chosen.sections, Path("out") / "bench")

@@ -1,0 +1,28 @@
+"""``python -m headless demo``: the demo forest, and what a call sounds like in it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ..command import Command
+from .run import add_run_options, run_file
+
+ASSETS = Path(__file__).resolve().parents[2] / "assets"
+DEMO = ASSETS / "scenes" / "demo.toml"
+
+
+class Demo(Command):
+    name = "demo"
+    help = "run the demo forest"
+    description = f"Run the demo forest, assets/scenes/{DEMO.name}."
+
+    def arguments(self, parser: argparse.ArgumentParser) -> None:
+        add_run_options(parser, "out/demo")
+        parser.set_defaults(convolve=ASSETS / "sounds" / "call.wav")
+
+    def output(self, chosen: argparse.Namespace) -> Path:
+        return chosen.out or Path("out") / DEMO.stem
+
+    def run(self, chosen: argparse.Namespace) -> None:
+        run_file(DEMO, chosen)

@@ -1,0 +1,50 @@
+"""``python -m headless run SCENE.toml``: everything that a scene file asks for, into a folder."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ..command import Command, read_scene
+
+
+class Run(Command):
+    name = "run"
+    help = "run a scene file"
+    description = "Run a scene file."
+
+    def arguments(self, parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="the scene file")
+        add_run_options(parser, "out/SCENE")
+
+    def output(self, chosen: argparse.Namespace) -> Path:
+        return chosen.out or Path("out") / chosen.scene.stem
+
+    def run(self, chosen: argparse.Namespace) -> None:
+        run_file(chosen.scene, chosen)
+
+
+def add_run_options(parser: argparse.ArgumentParser, folder: str) -> None:
+    """What may be asked of any run of a scene."""
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help=f"folder for the results (default {folder})"
+    )
+    parser.add_argument("--seed", type=int, help="another seed than the scene file's")
+    parser.add_argument(
+        "--convolve",
+        type=Path,
+        metavar="DRY.wav",
+        help="also write what each reverb makes of this dry sound: NAME-DRY.wav",
+    )
+    parser.add_argument("--quiet", action="store_true", help="say nothing but errors")
+
+
+def run_file(scene: Path, chosen: argparse.Namespace) -> None:
+    """Run a scene file as the options say."""
+    settings = read_scene(scene, chosen.seed)
+    from ..progress import hushed
+
+    with hushed():  # Blender says where its colours come from
+        from ..pipeline import run_scene
+
+    run_scene(settings, scene.resolve().parent, chosen.out, quiet=chosen.quiet, dry=chosen.convolve)
