@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from scipy.optimize import minimize_scalar
 
+from forest_addon.formats.scanner_file import read_scanner, scanner_names
 from forest_addon.sensing.lidar.waveform import LIGHT, find_echoes, pulse_length, sample
 
 SIGMA = 0.3
@@ -135,3 +138,99 @@ def test_the_contact_that_stands_for_an_echo_is_the_innermost_of_the_strong():
 def test_nothing_comes_back():
     found = echoes_of([])
     assert [len(array) for array in (found.pulse, found.distance, found.energy)] == [0, 0, 0]
+
+
+# ------------------------------------------------------------------------------- whatever comes back
+
+
+def instruments():
+    """Lengths of the pulses of all instruments, metres."""
+    tables = [read_scanner(name).tables for name in scanner_names()]
+    lengths = {kind["beam"]["pulse_ns"] for table in tables for kind in table.values()}
+    return sorted(pulse_length(length) for length in lengths)
+
+
+# One pulse of 19 sub-rays: its middle crest owns the one contact just before the valley behind it.
+HARD_SIGMA = 0.19096520260599778
+HARD_DISTANCE = [
+    4.603726448587371, 4.606746323905647, 4.585039914057052, 4.604206140163594, 4.607711508584166,
+    4.697875275149075, 4.607894887604133, 4.588637505925392, 4.590658047032093, 4.610694575374582,
+    4.6992313832892325, 4.605974451488044, 4.608730617181796, 4.697957508946587, 4.612390761619516,
+    4.700392540703029, 4.068985619504748, 3.681032491995881, 4.7014040049208266,
+]  # fmt: skip
+HARD_ENERGY = [
+    4.156467178376e-4, 4.150884609011e-4, 2.920888601144e-5, 4.155058845432e-4, 4.149652887694e-4,
+    7.900817810521e-4, 4.148196529239e-4, 2.922817088974e-5, 2.899422421653e-5, 4.143808004705e-4,
+    7.895927222211e-4, 4.151077079492e-4, 4.148557268778e-4, 7.901177934023e-4, 4.139804121130e-4,
+    7.796377293331e-4, 9.878054989664e-4, 1.036429684209e-3, 7.889418956579e-4,
+]  # fmt: skip
+
+
+def test_a_contact_just_before_a_valley_is_its_crests():
+    found = echoes_of(HARD_DISTANCE, HARD_ENERGY, sigma=HARD_SIGMA)
+    assert len(found.distance) == 3
+    assert found.energy[1] == HARD_ENERGY[16]
+    assert found.distance == pytest.approx(
+        crests_by_grid(HARD_DISTANCE, HARD_ENERGY, HARD_SIGMA), abs=HARD_SIGMA / 2000
+    )
+
+
+def contacts(most=100):
+    """Contacts of one pulse: in clumps, far and near, some at the very same place."""
+    place = st.one_of(
+        st.floats(-30, 30), st.integers(-8, 8).map(float), st.floats(-2.5, 2.5), st.floats(-1e-9, 1e-9)
+    )  # in pulse lengths
+    return st.lists(
+        st.tuples(place, st.floats(0, 5), st.sampled_from([0.0, 0.0, 0.5, 3.0, 40.0])),
+        min_size=1,
+        max_size=most,
+    )
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    sigma=st.sampled_from(instruments()),
+    pulses=st.lists(contacts(), min_size=1, max_size=3),
+    spread=st.booleans(),
+)
+@example(
+    sigma=HARD_SIGMA,
+    pulses=[[((x - 40) / HARD_SIGMA, 5 + np.log10(e), 0.0) for x, e in zip(HARD_DISTANCE, HARD_ENERGY, strict=True)]],
+    spread=False,
+)  # fmt: skip
+def test_no_pulse_is_lost_and_no_light(sigma, pulses, spread):
+    place, decade, blur = (
+        np.array([contact[k] for pulse in pulses for contact in pulse]) for k in range(3)
+    )
+    pulse = np.repeat(np.arange(len(pulses)), [len(contacts) for contacts in pulses])
+    distance, energy, blur = 40 + sigma * place, 10 ** (decade - 5), sigma * blur * spread
+    subray = np.concatenate([np.arange(len(contacts)) for contacts in pulses])
+    found = find_echoes(pulse, subray, distance, energy, sigma, blur)
+
+    for number in range(len(pulses)):
+        mine, its = found.pulse == number, pulse == number
+        assert 1 <= mine.sum() <= its.sum()
+        assert found.energy[mine].sum() == pytest.approx(energy[its].sum(), rel=1e-12)
+        assert (np.diff(found.distance[mine]) > 0).all()
+        assert (pulse[found.contact[mine]] == number).all()
+        assert found.distance[mine].min() >= distance[its].min()
+        assert found.distance[mine].max() <= distance[its].max()
+    assert (found.width >= sigma).all()
+    assert (found.energy > 0).all()
+    assert len(np.unique(found.contact)) == len(found.contact)
+
+
+@settings(max_examples=200, deadline=None)
+@given(sigma=st.sampled_from(instruments()), places=contacts(most=45), seed=st.integers(0, 99))
+def test_every_contact_is_in_exactly_one_echo(sigma, places, seed):
+    # Energies are powers of two from 2^0 to 2^44 in any order: the bits of an echo's energy are its contacts.
+    distance = 40 + sigma * np.array([place for place, _, _ in places])
+    energy = 2.0 ** np.random.default_rng(seed).permutation(len(places))
+    found = echoes_of(distance, energy, sigma=sigma)
+    taken = [{k for k in range(45) if int(e) >> k & 1} for e in found.energy]
+    assert sum(len(one) for one in taken) == len(places)
+    assert set().union(*taken) == set(range(len(places)))
+    for one, contact in zip(taken, found.contact, strict=True):
+        assert int(np.log2(energy[contact])) in one
+    reach = [[distance[energy == 2.0**k][0] for k in one] for one in taken]
+    assert all(max(a) <= min(b) for a, b in zip(reach, reach[1:], strict=False))  # in order
