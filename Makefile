@@ -1,4 +1,4 @@
-# Two commands matter: `make demo` and `make test`. Both first make the environment in VENV, once: an
+# Two commands matter: `make demo` and `make test`; between two edits `make check`. All first make the environment in VENV, once: an
 # interpreter that really runs (packaging/find_python.sh), a venv with Blender as a module
 # (packaging/setup_env.py). That is done again when pyproject.toml changes. Choose with
 # PYTHON=/path/to/python and VENV=folder; ARGS="..." is handed on.
@@ -11,7 +11,7 @@ RUN := $(VENV)/bin/python
 READY := $(VENV)/ready
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-gui lint bench extension words clean distclean
+.PHONY: help demo check test test-gui lint bench extension words clean distclean
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
@@ -19,8 +19,14 @@ help: ## list what can be made
 demo: $(READY) ## grow the demo forest, run every sensor in it, results and report in out/demo
 	@$(RUN) -m headless demo --out out/demo $(ARGS)
 
+# A process a core; who is done takes over from who is not. Tests marked slow are left out of the check.
+TESTS := $(RUN) -m pytest -n auto --maxprocesses 8 --dist worksteal
+
+check: lint ## lint, types and the quick tests; ARGS=tests/sensing/sonar for those of a room
+	@$(TESTS) -m "not slow" --hypothesis-profile=quick -q $(ARGS)
+
 test: $(READY) ## run the tests, a process for each core; ARGS="-n0 tests/ui" for some, in one
-	@$(RUN) -m pytest -n auto --maxprocesses 8 --dist loadfile $(ARGS)
+	@$(TESTS) $(ARGS)
 
 test-gui: $(READY) ## drive the extension in a real Blender window, photographed in out/gui; BLENDER=...
 	@$(RUN) tests/gui/run.py

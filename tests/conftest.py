@@ -1,9 +1,30 @@
-"""Fixtures that several tests share, and how the tests end."""
+"""Fixtures that several tests share, how tests draw their inputs, and how they end."""
 
 import os
 import sys
 
+# Small matrices need no threads of their own: with several processes on the machine, OpenBLAS spends
+# most of its time waiting for its threads (7 times the CPU was measured). Before numpy is loaded; the
+# processes that tests start inherit it.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import pytest
+from hypothesis import HealthCheck, settings
+
+# No clock decides whether a property holds, and everybody gets the same inputs: a loaded machine or an
+# unlucky draw fails nobody's change. `--hypothesis-profile=search` draws new ones, and more.
+settings.register_profile(
+    "full",
+    max_examples=100,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+settings.register_profile("quick", settings.get_profile("full"), max_examples=16)
+settings.register_profile(
+    "search", settings.get_profile("full"), max_examples=1000, derandomize=False
+)
+settings.load_profile("full")
 
 _outcome = pytest.StashKey()
 

@@ -4,6 +4,7 @@ Every import counts, also those inside functions: a circle that is hidden there 
 """
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -53,9 +54,14 @@ def room_of(path):
     return path.relative_to(ADDON).with_suffix("").parts[0]
 
 
+@cache
+def tree_of(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def imports_of(path):
     """(module, level) of every import anywhere in a file, also within functions."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield alias.name, 0
@@ -81,7 +87,7 @@ def project_imports():
         name = name_of(path)
         package = path.relative_to(ROOT).parts[:-1]
         targets = set()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.Import):
                 targets |= {alias.name for alias in node.names} & known
             if not isinstance(node, ast.ImportFrom):
@@ -100,37 +106,54 @@ def project_imports():
 ARROWS = project_imports()
 
 
-@pytest.mark.parametrize(
-    "path", [p for p in SOURCES if room_of(p) in PURE], ids=lambda p: str(p.relative_to(ADDON))
-)
-def test_pure_rooms_import_no_blender(path):
-    heads = {module.split(".")[0] for module, level in imports_of(path) if level == 0}
-    assert not heads & {"bpy", "mathutils", "bmesh", "gpu", "bl_ui", "addon_utils"}
+def none_of(violations):
+    """A rule names every place that breaks it, not the first."""
+    found = sorted(violations)
+    assert not found, "\n".join(["", *found])
 
 
-@pytest.mark.parametrize("name", [n for n in ARROWS if n.startswith("forest_addon.")])
-def test_rooms_import_only_to_their_left(name):
-    room = name.split(".")[1]
-    for target in ARROWS[name]:
-        if target == "forest_addon":
-            continue
-        other = target.split(".")[1]
-        assert other in ORDER, f"{other} is no room"
-        assert ORDER.index(other) <= ORDER.index(room), f"{room} imports {target}"
+def absolute(path):
+    """First names of what a file imports absolutely."""
+    return {module.split(".")[0] for module, level in imports_of(path) if level == 0}
+
+
+def test_pure_rooms_import_no_blender():
+    blender = {"bpy", "mathutils", "bmesh", "gpu", "bl_ui", "addon_utils"}
+    none_of(
+        f"{path.relative_to(ROOT)} imports {head}"
+        for path in SOURCES
+        if room_of(path) in PURE
+        for head in absolute(path) & blender
+    )
+
+
+def test_rooms_import_only_to_their_left():
+    rooms = {name: name.split(".")[1] for name in ARROWS if name.startswith("forest_addon.")}
+    none_of(f"{room} is no room" for room in set(rooms.values()) - set(ORDER))
+    none_of(
+        f"{name} imports {target}"
+        for name, room in rooms.items()
+        for target in ARROWS[name] & rooms.keys()
+        if ORDER.index(rooms[target]) > ORDER.index(room)
+    )
 
 
 @pytest.mark.parametrize("room", WINGS)
 def test_wings_of_a_room_import_only_what_they_may(room):
     """The three sensors never import each other; lsystem and mesh know no template."""
     wings = WINGS[room]
-    for name, targets in ARROWS.items():
+
+    def wing(name):
         parts = name.split(".")
-        if parts[:2] != ["forest_addon", room] or len(parts) < 3 or parts[2] not in wings:
-            continue
-        for target in targets:
-            there = target.split(".")
-            if there[:2] == ["forest_addon", room] and len(there) > 2 and there[2] in wings:
-                assert there[2] in wings[parts[2]] | {parts[2]}, f"{name} imports {target}"
+        inside = parts[:2] == ["forest_addon", room] and len(parts) > 2 and parts[2] in wings
+        return parts[2] if inside else None
+
+    none_of(
+        f"{name} imports {target}"
+        for name, targets in ARROWS.items()
+        for target in targets
+        if wing(name) and wing(target) and wing(target) not in wings[wing(name)] | {wing(name)}
+    )
 
 
 def test_folders_of_a_room_are_its_wings():
@@ -140,14 +163,17 @@ def test_folders_of_a_room_are_its_wings():
         )
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ADDON)))
-def test_imports_inside_the_addon_are_relative_and_offline(path):
-    heads = {module.split(".")[0] for module, level in imports_of(path) if level == 0}
-    assert "forest_addon" not in heads
-    assert "headless" not in heads
-    assert not heads & NETWORK
-    depth = len(path.relative_to(ADDON).parts)
-    assert all(level <= depth for _, level in imports_of(path)), "reaches out of forest_addon"
+def test_imports_inside_the_addon_are_relative_and_offline():
+    none_of(
+        f"{path.relative_to(ROOT)} imports {head}"
+        for path in SOURCES
+        for head in absolute(path) & {"forest_addon", "headless", *NETWORK}
+    )
+    none_of(
+        f"{path.relative_to(ROOT)} reaches out of forest_addon"
+        for path in SOURCES
+        if any(level > len(path.relative_to(ADDON).parts) for _, level in imports_of(path))
+    )
 
 
 def test_no_import_circles():
@@ -166,24 +192,33 @@ def test_no_import_circles():
     assert not rest, "circle among " + ", ".join(sorted(rest))
 
 
-@pytest.mark.parametrize("path", ALL, ids=lambda p: str(p.relative_to(ROOT)))
-def test_no_file_is_too_long(path):
-    lines = len(path.read_text(encoding="utf-8").splitlines())
-    assert lines <= LONGEST or str(path.relative_to(ROOT)) in LONG, f"{lines} lines"
+def test_no_file_is_too_long():
+    none_of(
+        f"{name}: {lines} lines"
+        for name, lines in (
+            (str(path.relative_to(ROOT)), len(path.read_text(encoding="utf-8").splitlines()))
+            for path in ALL
+        )
+        if lines > LONGEST and name not in LONG
+    )
 
 
-@pytest.mark.parametrize("path", ALL, ids=lambda p: str(p.relative_to(ROOT)))
-def test_no_eval_no_path_tricks_no_global_random(path):
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            assert node.func.id not in {"eval", "exec", "compile"}, f"line {node.lineno}"
-        if isinstance(node, ast.Attribute):
-            text = ast.unparse(node)
-            assert not text.startswith("sys.path"), f"line {node.lineno}"
-            allowed = ("Generator", "SeedSequence", "PCG64", "Philox")
-            if text.startswith(("np.random.", "numpy.random.")):
-                assert text.split(".")[2] in allowed, f"line {node.lineno}: {text}"
+def tricks_in(path):
+    """eval, sys.path and numpy's global random numbers in a file, each with its line."""
+    allowed = {"Generator", "SeedSequence", "PCG64", "Philox"}
+    for node in ast.walk(tree_of(path)):
+        match node:
+            case ast.Call(func=ast.Name("eval" | "exec" | "compile" as what)):
+                yield f"{path.relative_to(ROOT)}:{node.lineno}: {what}"
+            case ast.Attribute(ast.Name("sys"), "path"):
+                yield f"{path.relative_to(ROOT)}:{node.lineno}: sys.path"
+            case ast.Attribute(ast.Attribute(ast.Name("np" | "numpy"), "random"), what):
+                if what not in allowed:
+                    yield f"{path.relative_to(ROOT)}:{node.lineno}: numpy.random.{what}"
+
+
+def test_no_eval_no_path_tricks_no_global_random():
+    none_of(trick for path in ALL for trick in tricks_in(path))
 
 
 def test_the_shim_imports_nothing_at_load():

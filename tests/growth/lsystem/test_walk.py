@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from references.examples import examples
 from references.turtle_abop import walk_plainly
 
 from forest_addon.growth.lsystem.dialect import ABOP, S, read_commands
@@ -38,7 +39,7 @@ string = st.recursive(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@examples(150)
 @given(
     axiom=string,
     rule=string,

@@ -14,7 +14,7 @@ from forest_addon.growth.template import cut as template
 from forest_addon.growth.template.cut import TemplateError, split_tree
 from forest_addon.growth.template.recognise import recognise
 
-MAPLE = Path(__file__).resolve().parents[3] / "shared" / "data" / "maple"
+MAPLE = Path(__file__).resolve().parents[4] / "shared" / "data" / "maple"
 
 
 # --------------------------------------------------------------------------------- what is cut
