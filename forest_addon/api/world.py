@@ -73,8 +73,8 @@ def build(scene: Scene, *, folder: str | Path = ".", progress: Progress | None =
     SpecError : ``bpy`` is missing; a species, a file or an object cannot be used.
 
     >>> from forest_addon import api as forest
-    >>> maple = forest.Planting(species="maple", expected=3, exact=True)
-    >>> world = forest.build(forest.Scene(seed=1, plantings=(maple,)))
+    >>> bush = forest.Planting(species="hazelnut", variants=1, expected=3, exact=True)
+    >>> world = forest.build(forest.Scene(seed=1, plantings=(bush,)))
     >>> len(world.trees["x_m"])
     3
     """
