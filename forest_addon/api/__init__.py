@@ -1,4 +1,4 @@
-"""The Python door: what a script, a notebook or Blender's console calls.
+"""The Python door: what a script, a notebook or Blender's console calls::
 
     from forest_addon import api as forest
 
@@ -27,6 +27,7 @@ from ..spec import (
     Gaussian,
     Mobile,
     Noise,
+    Normal,
     Planting,
     Pose,
     Rays,
@@ -54,6 +55,7 @@ __all__ = [
     "Gaussian",
     "Mobile",
     "Noise",
+    "Normal",
     "Planting",
     "PointCloud",
     "Pose",
