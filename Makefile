@@ -11,7 +11,7 @@ RUN := $(VENV)/bin/python
 READY := $(VENV)/ready
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test test-gui lint bench extension words clean distclean
+.PHONY: help demo check test test-gui lint bench docs extension words clean distclean
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
@@ -38,6 +38,11 @@ lint: $(READY) ## ruff on everything, mypy on the rooms that know no Blender
 
 bench: $(READY) ## measure speed and accuracy on this machine
 	@$(RUN) -m headless bench $(ARGS)
+
+docs: $(READY) ## build the documentation site in build/site; it runs the notebooks
+	@$(RUN) -c "import sphinx, furo, myst_nb" 2>/dev/null || $(RUN) -m pip install --quiet --editable ".[docs]"
+	@$(RUN) -m sphinx --quiet --fail-on-warning --keep-going -b html docs build/site
+	@echo "build/site/index.html"
 
 extension: $(READY) ## build the Blender extension in build/; PLATFORM=all for every system
 	@$(RUN) packaging/build_extension.py $(PLATFORM)

@@ -51,6 +51,15 @@ def new_sensor(scene: bpy.types.Scene, settings: Settings) -> bpy.types.Object:
     return thing
 
 
+def put_sensor(scene: bpy.types.Scene, settings: Settings) -> bpy.types.Object:
+    """The object of a sensor: the one of its name and kind that the scene has, moved, or a new one."""
+    for thing in sensors_of(scene):
+        if file_name(thing.name) == settings.name and kind_of(thing) == settings.kind:
+            place(thing, settings)
+            return thing
+    return new_sensor(scene, settings)
+
+
 def _speaker(name: str) -> bpy.types.Object:
     """A Speaker in no collection; one that plays on the timeline where Blender's operator can make it."""
     from .sound import add_speaker

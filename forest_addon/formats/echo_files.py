@@ -40,19 +40,39 @@ def write_echo(folder: Path, name: str, found: Echo | Flight, sonar: Sonar) -> l
     ------
     OSError : a file cannot be written; what had its name before stays as it was.
     """
-    flight = found if isinstance(found, Flight) else Flight((found,))
-    single = isinstance(found, Echo)
-    waveform = flight.stacked("waveforms")  # (P, E, N)
-    peak = float(np.abs(waveform).max(initial=0.0))
-    gain = LOUD / peak if peak > 0 else 1.0
     files = [folder / f"{name}.npz", folder / f"{name}.wav"]
-    write_npz(files[0], _arrays(flight, waveform, single) | {"wav_gain": np.array(gain)}, UNITS)
-    sound = np.moveaxis(waveform, 1, 2).reshape(-1, waveform.shape[1]) * gain
-    write_wav(files[1], sound, max(1, round(flight.echoes[0].sample_rate / sonar.time_expansion)))
+    write_echo_arrays(files[0], found)
+    write_echo_sound(files[1], found, sonar.time_expansion)
     if sonar.contributions:
         files.append(folder / f"{name}-heard.npz")
-        write_npz(files[2], _heard(flight), HEARD_UNITS)
+        write_npz(files[2], _heard(_flight(found)), HEARD_UNITS)
     return files
+
+
+def write_echo_arrays(path: Path, found: Echo | Flight) -> None:
+    """Write axes, responses, spectra, echoes and poses as NPZ."""
+    flight, single = _flight(found), isinstance(found, Echo)
+    waveform = flight.stacked("waveforms")
+    arrays = _arrays(flight, waveform, single) | {"wav_gain": np.array(_gain(waveform))}
+    write_npz(path, arrays, UNITS)
+
+
+def write_echo_sound(path: Path, found: Echo | Flight, time_expansion: float) -> None:
+    """Write the echoes as WAV, ``time_expansion`` times slower."""
+    flight = _flight(found)
+    waveform = flight.stacked("waveforms")
+    sound = np.moveaxis(waveform, 1, 2).reshape(-1, waveform.shape[1]) * _gain(waveform)
+    write_wav(path, sound, max(1, round(flight.echoes[0].sample_rate / time_expansion)))
+
+
+def _flight(found: Echo | Flight) -> Flight:
+    return found if isinstance(found, Flight) else Flight((found,))
+
+
+def _gain(waveform: np.ndarray) -> float:
+    """What the loudest sample of (P, E, N) needs to fill the WAV."""
+    peak = float(np.abs(waveform).max(initial=0.0))
+    return LOUD / peak if peak > 0 else 1.0
 
 
 def _arrays(flight: Flight, waveform: np.ndarray, single: bool) -> dict[str, np.ndarray]:

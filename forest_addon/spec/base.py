@@ -8,6 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
+T = TypeVar("T", bound="Settings")
+
 
 class SpecError(ValueError):
     """A setting that cannot be used: ``key`` says where, the text says what and what to do."""
@@ -104,8 +106,18 @@ class Settings:
     def check(self) -> None:
         """Rules between fields; raises SpecError."""
 
+    def changed(self: T, **values: Any) -> T:
+        """The same settings but for some of them.
 
-T = TypeVar("T", bound="Settings")
+        Raises
+        ------
+        SpecError : a setting that there is not, or a value that is out of range.
+        """
+        known = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]
+        for key in values:
+            if key not in known:
+                raise SpecError(key, f"is no setting here; use one of {', '.join(known)}")
+        return dataclasses.replace(self, **values)
 
 
 def with_files(settings: T, rename: Callable[[str], str]) -> T:

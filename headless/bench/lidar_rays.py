@@ -23,11 +23,11 @@ from forest_addon.growth.mesh.trimesh import TriMesh
 from forest_addon.growth.tree import grow
 from forest_addon.rng import stream
 from forest_addon.sensing.rays.caster import Hits
+from forest_addon.sensing.rays.exact import cast_exactly
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.rays.search import Search
 
 from . import Say, median_seconds, table
-from .exact_rays import cast_exactly
 
 TREES = {"20k": "whorl-8", "200k": "honda-broadleaf"}  # leaf-on, of about as many triangles
 VARIANTS = 5

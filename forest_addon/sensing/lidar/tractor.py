@@ -72,7 +72,7 @@ def to_cloud(scan: TractorScan, tractor: Tractor) -> Cloud:
     pulse = np.flatnonzero(np.isfinite(scan.returns.distance))
     seen = take(scan.returns, pulse)
     row, step = np.divmod(pulse, len(scan.angle))
-    origin, way = _origins(tractor, scan.track)[row], _directions(tractor, scan.angle)[step]
+    origin, way = axes(tractor, row, step)
     return Cloud(
         position=origin + seen.distance[:, None] * way,
         pulse=pulse,
@@ -101,6 +101,12 @@ def fan(tractor: Tractor) -> np.ndarray:
 def positions(tractor: Tractor) -> np.ndarray:
     """(N,) metres travelled at each scan; ``gap`` scans are skipped after each."""
     return steps(0.0, tractor.track, tractor.step * (tractor.gap + 1))
+
+
+def axes(tractor: Tractor, scan: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(B, 3), (B, 3) origins and unit directions of the first rays of beams, by scan and step of the fan."""
+    along = positions(tractor)[scan]
+    return _origins(tractor, along), _directions(tractor, fan(tractor)[step])
 
 
 def _look(

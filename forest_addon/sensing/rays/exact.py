@@ -1,4 +1,4 @@
-"""Rays against every triangle near them, in float64: the reference that engines are measured against.
+"""Rays against every triangle near them, in float64: what audits and benchmarks hold the engines against.
 
 Slow and plain: triangles stand in groups of neighbours, a ray is tested against the box of each group of
 each instance it may meet, and against each triangle of the groups whose box it meets (Möller & Trumbore
@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from forest_addon.sensing.rays.boxes import morton
-from forest_addon.sensing.rays.caster import Hits
-from forest_addon.sensing.rays.geometry import SceneGeometry
+from .boxes import morton
+from .caster import Hits
+from .geometry import SceneGeometry
 
 GROUP = 128  # triangles
 EDGE = 1e-12  # barycentric slack: a ray at a shared edge meets at least one of its triangles
@@ -19,7 +19,7 @@ EDGE = 1e-12  # barycentric slack: a ray at a shared edge meets at least one of 
 
 def cast_exactly(scene: SceneGeometry, origins: np.ndarray, directions: np.ndarray) -> Hits:
     """The closest hits of rays (R, 3), (R, 3), one ray after the other."""
-    groups = [_Groups(mesh.vertices[mesh.triangles]) for mesh in scene.meshes]
+    groups: dict[int, _Groups] = {}  # of meshes that some ray comes to
     low, high = scene.bounds()
     hits = Hits.misses(len(origins))
     ways = directions / np.linalg.norm(directions, axis=1, keepdims=True)
@@ -33,7 +33,11 @@ def cast_exactly(scene: SceneGeometry, origins: np.ndarray, directions: np.ndarr
             local = np.linalg.solve(
                 matrix[:, :3], np.stack([origin - matrix[:, 3], way], axis=1)
             ).T  # the length of the direction stays: distances are those of the world
-            distance, triangle = groups[scene.mesh_index[instance]].nearest(*local)
+            index = int(scene.mesh_index[instance])
+            if index not in groups:
+                mesh = scene.meshes[index]
+                groups[index] = _Groups(mesh.vertices[mesh.triangles])
+            distance, triangle = groups[index].nearest(*local)
             if distance < hits.distance[ray]:
                 hits.put(
                     slice(ray, ray + 1),

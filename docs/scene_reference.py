@@ -1,0 +1,129 @@
+"""The page of the scene file: every key with its type, unit, range, default and help, from ``spec``."""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+import typing
+from pathlib import Path
+from typing import Any
+
+from forest_addon import spec
+
+TABLES: list[tuple[str, type[spec.Settings]]] = [
+    ("The file's top level", spec.Scene),
+    ("[forest]", spec.Forest),
+    ("[forest.terrain]", spec.Terrain),
+    ("[[forest.distances]]", spec.Distance),
+    ("[[plantings]]", spec.Planting),
+    ("[[plantings]] gaussians", spec.Gaussian),
+    ("[[plantings]] rasters", spec.Raster),
+    ("[[plantings]] rows", spec.Rows),
+    ("[[stems]]", spec.Stems),
+    ("[air]", spec.Air),
+    ("[rays]", spec.Rays),
+    ('[[sensors]] kind = "tractor"', spec.Tractor),
+    ('[[sensors]] kind = "terrestrial"', spec.Terrestrial),
+    ('[[sensors]] kind = "mobile"', spec.Mobile),
+    ('[[sensors]] kind = "airborne"', spec.Airborne),
+    ("[sensors.beam]", spec.Beam),
+    ("[sensors.surfaces]", spec.Surfaces),
+    ("[sensors.noise]", spec.Noise),
+    ("[[sensors.poses]]", spec.Pose),
+    ('[[sensors]] kind = "sonar"', spec.Sonar),
+    ('[[sensors]] kind = "reverb"', spec.Reverb),
+    ("[[sensors.sources]], [[sensors.receivers]]", spec.Place),
+    ("[output]", spec.Output),
+]
+SPECIES: list[tuple[str, type[spec.Settings]]] = [
+    ("A species file", spec.Species),
+    ("[template]", spec.Template),
+    ("[grammar]", spec.Grammar),
+    ("[rules]", spec.Rules),
+    ("[honda]", spec.Honda),
+    ("[jitter]", spec.Jitter),
+    ("[leaf]", spec.Leaf),
+    ("[detail]", spec.Detail),
+    ("[look]", spec.Look),
+    ("A distribution: { mean, sd, low, high }", spec.Normal),
+    ("A distribution: { values, weights }", spec.Discrete),
+]
+
+
+def write_reference(path: Path) -> None:
+    """Write the page, unless it is as it would be."""
+    text = reference()
+    if not path.exists() or path.read_text(encoding="utf-8") != text:
+        path.write_text(text, encoding="utf-8")
+
+
+def reference() -> str:
+    """The page as Markdown."""
+    parts = [
+        "# The scene file\n",
+        "TOML; every key has a default unless it says *needed*. The same names, units and ranges hold in the "
+        "[Python API](api.md) and in Blender's panel. A key that is not known, or a value out of range, is "
+        "answered by one sentence.\n",
+    ]
+    parts += [_table(title, group) for title, group in TABLES]
+    parts.append("# The species file\n")
+    parts += [_table(title, group) for title, group in SPECIES]
+    return "\n".join(parts)
+
+
+def _table(title: str, group: type[spec.Settings]) -> str:
+    lines = [f"## `{title}`" if title[0] == "[" else f"## {title}", ""]
+    lines += [" ".join((group.__doc__ or "").split()), ""]
+    lines += ["| key | type | unit | allowed | default | what it is |", "|---|---|---|---|---|---|"]
+    hints = typing.get_type_hints(group)
+    for field in dataclasses.fields(group):  # type: ignore[arg-type]
+        known = spec.param_of(field)
+        default = "*needed*" if known.required else _value(field.default)
+        cells = (
+            f"`{field.name}`",
+            _kind(hints[field.name]),
+            known.unit,
+            "" if _is_group(field.default) else _allowed(known),
+            default,
+            known.help,
+        )
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _allowed(known: spec.Param) -> str:
+    if known.choices:
+        return ", ".join(f"`{choice}`" for choice in known.choices)
+    words = known.allowed()
+    if words == "any finite number":
+        return ""
+    return words.removesuffix(f" {known.unit}") if known.unit else words
+
+
+def _is_group(value: Any) -> bool:
+    return isinstance(value, spec.Settings)
+
+
+def _value(value: Any) -> str:
+    if value is None or value == () or value == "":
+        return ""
+    if _is_group(value):
+        return "see its table"
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    if isinstance(value, tuple):
+        return f"`[{', '.join(f'{v:g}' if isinstance(v, float) else str(v) for v in value)}]`"
+    return f"`{value:g}`" if isinstance(value, float) else f"`{value}`"
+
+
+def _kind(hint: Any) -> str:
+    origin, inside = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        kinds = dict.fromkeys(_kind(kind) for kind in inside if kind is not type(None))
+        return " or ".join(kinds)
+    if origin is tuple:
+        if len(inside) == 2 and inside[1] is Ellipsis:
+            return f"list of {_kind(inside[0])}"
+        return f"{len(inside)} numbers" if inside[0] in (int, float) else "list"
+    names = {str: "text", float: "number", int: "whole number", bool: "true or false"}
+    return names.get(hint, "table")

@@ -1,0 +1,276 @@
+"""What a sensor found, with names: arrays to compute with, ``save`` to a file, ``plot`` to look at.
+
+A result holds what the sensor's own code returned (``found``: a ``Cloud``, an ``Echo``, ...) and adds what
+a script wants of it. The ending of a file's name chooses its format; it is written under another name and
+then renamed, so that nothing is left half written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..formats.echo_files import write_echo_arrays, write_echo_sound
+from ..formats.findings import Finding, write_response
+from ..formats.las import write_las
+from ..formats.npz import write_npz
+from ..formats.ply import PlyFile
+from ..formats.points import POINT, records
+from ..formats.scan_file import write_npz_rows
+from ..formats.table import write_csv
+from ..formats.wav import write_wav
+from ..sensing.lidar.cloud import Cloud
+from ..sensing.lidar.tractor import TractorScan, to_cloud
+from ..sensing.reverb.metrics import RoomMetrics, room_metrics
+from ..sensing.reverb.response import ImpulseResponse, channels_of
+from ..sensing.sonar.flight import Flight
+from ..sensing.sonar.ping import Echo
+from ..spec import Sensor, SpecError
+from . import plots
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What a sensor found.
+
+    sensor : its settings. found : what its own code returned. seconds : that it took.
+    offset : (3,) metres that are added to positions when they are written, the scene's.
+    """
+
+    sensor: Sensor
+    found: Any
+    seconds: float
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    ENDINGS: ClassVar[tuple[str, ...]] = ()
+
+    def save(self, path: str | Path) -> Path:
+        """Write it to a file, in the format that the ending of its name says; returns its path.
+
+        Raises
+        ------
+        SpecError : the ending is of no format that holds such a result.
+        OSError : it cannot be written; what had its name before stays as it was.
+        """
+        path = Path(path)
+        ending = path.suffix.lower()
+        if ending not in self.ENDINGS:
+            raise SpecError(
+                str(path), f"cannot be written; end its name in {', '.join(self.ENDINGS)}"
+            )
+        self._write(path, ending)
+        return path
+
+    def plot(self) -> Any:
+        """A matplotlib figure of it.
+
+        Raises
+        ------
+        SpecError : matplotlib is not installed.
+        """
+        raise SpecError("plot", "is not known of this result")
+
+    def _write(self, path: Path, ending: str) -> None:
+        raise SpecError(str(path), "cannot be written")
+
+    def summary(self) -> dict[str, str]:
+        """Its figures in words."""
+        return {}
+
+    def _repr_html_(self) -> str:
+        """For notebooks: its figures and its picture."""
+        rows = "".join(f"<tr><td>{k}</td><td>{v}</td></tr>" for k, v in self.summary().items())
+        return f"<table>{rows}</table>" + plots.as_html(self)
+
+
+class PointCloud(Result):
+    """The returns of a scan.
+
+    ``found`` is a ``Cloud``: its arrays have their shapes and units there.
+    """
+
+    found: Cloud
+    ENDINGS = (".laz", ".las", ".ply", ".npz", ".csv")
+
+    def __len__(self) -> int:
+        return len(self.found)
+
+    @property
+    def points(self) -> np.ndarray:
+        """(P, 3) metres, in Blender's coordinates, without the scene's offset."""
+        return self.found.position
+
+    @property
+    def labels(self) -> dict[str, np.ndarray]:
+        """(P,) each: tree, species, leaf and object, -1 where there is none; organ, 0 other, 1 wood, 2
+        leaf, 3 ground.
+        """
+        returns = self.found.returns
+        named = {name: getattr(returns, name) for name in ("tree", "species", "leaf", "organ")}
+        return named | {"object": returns.instance}
+
+    def summary(self) -> dict[str, str]:
+        share = len(np.unique(self.found.pulse)) / max(self.found.pulses, 1)
+        return {
+            "points": f"{len(self):,}",
+            "pulses": f"{self.found.pulses:,}, {share:.1%} of them came back",
+            "rays by": self.found.engine,
+            "time": f"{self.seconds:.2f} s",
+        }
+
+    def plot(self) -> Any:
+        return plots.draw_cloud(self.found)
+
+    def _write(self, path: Path, ending: str) -> None:
+        rows = records(self.found, self.offset)
+        if ending in (".laz", ".las"):
+            write_las(path, rows)
+        elif ending == ".npz":
+            write_npz_rows(path, rows)
+        elif ending == ".csv":
+            write_csv(path, {name: rows[name].tolist() for name in POINT.names or ()})
+        else:
+            partial = path.with_name(f"{path.stem}.partial.ply")
+            file = PlyFile(partial, POINT, (f"Forest Sensing {self.sensor.kind} scan",))
+            try:
+                file.append(rows)
+            finally:
+                file.close()
+            partial.replace(path)
+
+
+class RowScan(Result):
+    """The matrix of a tractor's scan; ``found`` is a ``TractorScan``."""
+
+    found: TractorScan
+    ENDINGS = (".npz", ".laz", ".las", ".ply", ".csv")
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """(N, M) metres, scans by angles; ``inf`` or the escape value where a beam met nothing."""
+        return self.found.matrix
+
+    @property
+    def cloud(self) -> PointCloud:
+        """The beams that met something, as points."""
+        made = to_cloud(self.found, self.sensor)
+        return PointCloud(self.sensor, made, self.seconds, self.offset)
+
+    def summary(self) -> dict[str, str]:
+        scans, angles = self.matrix.shape
+        met = int(np.isfinite(self.found.distance).sum())
+        return {
+            "beams": f"{scans * angles:,} ({scans:,} scans of {angles:,})",
+            "met something": f"{met:,}",
+            "time": f"{self.seconds:.2f} s",
+        }
+
+    def plot(self) -> Any:
+        return plots.draw_matrix(self.found)
+
+    def _write(self, path: Path, ending: str) -> None:
+        if ending != ".npz":
+            self.cloud.save(path)
+            return
+        arrays = {"distance": self.matrix, "organ": self.found.organ}
+        arrays |= {"angle": self.found.angle, "track": self.found.track}
+        write_npz(path, arrays, {"distance": "m", "angle": "rad", "track": "m"})
+
+
+class Echoes(Result):
+    """The echo of a ping (``found`` is an ``Echo``), or of a flight (a ``Flight``)."""
+
+    found: Echo | Flight
+    ENDINGS = (".npz", ".wav")
+
+    @property
+    def pings(self) -> tuple[Echo, ...]:
+        """The echoes, one a pose."""
+        return self.found.echoes if isinstance(self.found, Flight) else (self.found,)
+
+    @property
+    def time(self) -> np.ndarray:
+        """(N,) seconds after the call, of the longest record."""
+        return self.found.time
+
+    @property
+    def waveforms(self) -> np.ndarray:
+        """(P, E, N) echoes of the call by pose and ear, re the call at 1 m."""
+        return Flight(self.pings).stacked("waveforms")
+
+    def summary(self) -> dict[str, str]:
+        level = 20 * np.log10(max(float(np.abs(self.waveforms).max(initial=0.0)), 1e-30))
+        return {
+            "pings": f"{len(self.pings)}",
+            "leaves heard": f"{sum(echo.leaves_heard for echo in self.pings):,}",
+            "loudest": f"{level:.1f} dB re the call at 1 m",
+            "time": f"{self.seconds:.2f} s",
+        }
+
+    def plot(self) -> Any:
+        return plots.draw_echo(self.pings[0])
+
+    def _write(self, path: Path, ending: str) -> None:
+        if ending == ".npz":
+            write_echo_arrays(path, self.found)
+        else:
+            write_echo_sound(path, self.found, self.sensor.time_expansion)
+
+
+class Response(Result):
+    """Impulse responses, a channel for each pair of source and receiver; ``found`` is the first."""
+
+    found: ImpulseResponse
+    ENDINGS = (".wav", ".npz")
+
+    @property
+    def samples(self) -> np.ndarray:
+        """(N,) of one channel, or (N, C), re the source's impulse at 1 m."""
+        return channels_of(self.found)
+
+    @property
+    def sample_rate(self) -> float:
+        """Hz."""
+        return self.found.sample_rate
+
+    @property
+    def metrics(self) -> RoomMetrics:
+        """Room measures of the first channel, by band."""
+        return room_metrics(self.found.samples, self.found.sample_rate)
+
+    def summary(self) -> dict[str, str]:
+        return {
+            "channels": f"{len(self.found.channels)}",
+            "trunks heard": f"{self.found.trunks:,}",
+            "record": f"{len(self.found.samples) / self.sample_rate:.2f} s at {self.sample_rate:g} Hz",
+            "time": f"{self.seconds:.2f} s",
+        }
+
+    def plot(self) -> Any:
+        return plots.draw_response(self.found)
+
+    def _write(self, path: Path, ending: str) -> None:
+        if ending == ".wav":
+            write_wav(path, self.samples, self.sample_rate)
+        else:
+            write_response(path.parent, path.stem, self.found)
+
+
+KINDS: Mapping[type, Callable[..., Result]] = {
+    Cloud: PointCloud,
+    TractorScan: RowScan,
+    Echo: Echoes,
+    Flight: Echoes,
+    ImpulseResponse: Response,
+}
+
+
+def result_of(
+    sensor: Sensor, found: Finding, seconds: float, offset: tuple[float, float, float]
+) -> Result:
+    """A sensor's finding as a result."""
+    return KINDS[type(found)](sensor, found, seconds, offset)

@@ -1,0 +1,182 @@
+"""The Python door: the README's lines as written, truth by name, and what cannot be done in one sentence."""
+
+import doctest
+import sys
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+import laspy
+
+from forest_addon import api as forest
+from forest_addon.api import world as world_module
+from forest_addon.blender.observe import Observer
+
+SCENE = forest.Scene(
+    seed=4,
+    forest=forest.Forest(size=(6.0, 6.0), margin=5.0),
+    plantings=(forest.Planting(species="hazelnut", variants=1, expected=2, exact=True),),
+)
+TRIPOD = forest.Terrestrial(position=(-2.0, 3.0, 1.5), angle_step_deg=2.0)
+BAT = forest.Sonar(position=(-2.0, 3.0, 1.5), beam_width_deg=(60.0, 60.0), cull=0.01)
+CLAP = forest.Reverb(source=(-3, 3, 0.2), receiver=(9, 3, 0.2), sample_rate=8000, duration=0.1)
+
+
+@pytest.fixture(scope="module")
+def world():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    return forest.build(SCENE)
+
+
+def test_the_same_as_the_sensors_find(world):
+    observer = Observer(bpy.context.evaluated_depsgraph_get())
+    cloud, echo, sound = world.scan(TRIPOD), world.ping(BAT), world.impulse_response(CLAP)
+    assert np.array_equal(cloud.points, observer.observe(TRIPOD, SCENE).position)
+    assert np.array_equal(echo.pings[0].spectra, observer.observe(BAT, SCENE).spectra)
+    assert np.array_equal(sound.found.trees, observer.observe(CLAP, SCENE).trees)
+    assert set(np.unique(cloud.labels["tree"])) <= {-1, 0, 1}
+
+
+def test_truth_by_name(world):
+    assert len(world.trees["height_m"]) == 2
+    leaves = world.leaves
+    assert leaves["centre"].shape == leaves["normal"].shape == (len(leaves["radius"]), 3)
+    wood = world.skeleton(1)
+    assert np.allclose(wood["start"][0, :2], [world.trees["x_m"][1], world.trees["y_m"][1]])
+    assert wood["radius"].shape == (len(wood["start"]), 2)
+
+
+def test_what_is_moved_is_scanned_where_it_is(world):
+    before = world.scan(TRIPOD)
+    tree = next(o for o in bpy.context.scene.objects if o.name.startswith("hazelnut 0000"))
+    tree.location.x += 0.5
+    try:
+        assert len(world.scan(TRIPOD)) != len(before)
+    finally:
+        tree.location.x -= 0.5
+    again = world.scan(TRIPOD)
+    assert np.allclose(again.points, before.points, atol=1e-4)
+
+
+@pytest.mark.parametrize("ending", [".laz", ".las", ".ply", ".npz", ".csv"])
+def test_a_cloud_as_a_file(world, tmp_path, ending):
+    cloud = world.scan(TRIPOD)
+    path = cloud.save(tmp_path / f"cloud{ending}")
+    if ending in (".laz", ".las"):
+        with laspy.open(path) as file:
+            assert file.header.point_count == len(cloud)
+    elif ending == ".npz":
+        assert np.array_equal(np.load(path)["x"], cloud.points[:, 0])
+    elif ending == ".csv":
+        assert np.allclose(
+            np.loadtxt(path, delimiter=",", skiprows=1, usecols=0), cloud.points[:, 0]
+        )
+    else:
+        assert f"element vertex {len(cloud)}".encode() in path.read_bytes()[:2000]
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_sounds_as_files(world, tmp_path):
+    for result, name in ((world.ping(BAT), "echo"), (world.impulse_response(CLAP), "clap")):
+        for ending in (".npz", ".wav"):
+            assert result.save(tmp_path / f"{name}{ending}").stat().st_size > 1000
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "clap.npz",
+        "clap.wav",
+        "echo.npz",
+        "echo.wav",
+    ]
+
+
+def test_notebooks_show_pictures(world):
+    row = forest.Tractor(position=(-3, 0, 1), track=2, step=0.5, angle_step_deg=5, reach=8, top=4)
+    for result in (
+        world.scan(TRIPOD),
+        world.scan(row),
+        world.ping(BAT),
+        world.impulse_response(CLAP),
+    ):
+        assert "<img" in result._repr_html_()
+    assert "hazelnut" in world._repr_html_()
+
+
+def test_any_scene_of_blender():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_cube_add(location=(5, 0, 0))
+    found = forest.current().scan(forest.Terrestrial(position=(0, 0, 0), angle_step_deg=3))
+    assert np.isclose(found.points[:, 0].min(), 4.0)
+    with pytest.raises(forest.SpecError, match="not grown here"):
+        forest.current().trees  # noqa: B018
+
+
+def test_an_empty_scene():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    world = forest.current()
+    assert len(world.scan(TRIPOD)) == 0
+    assert not world.ping(BAT).waveforms.any()
+    assert np.isfinite(world.impulse_response(CLAP).samples).all()
+
+
+def test_blenders_own_cube_is_not_in_the_forest():
+    bpy.ops.wm.read_factory_settings()
+    forest.build(SCENE)
+    assert not {"Cube", "Camera", "Light"} & {thing.name for thing in bpy.data.objects}
+
+
+def test_a_closed_file():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    world = forest.build(SCENE)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with pytest.raises(forest.SpecError, match=r"world: .*build it again|another scene"):
+        world.scan(TRIPOD)
+
+
+@pytest.fixture(scope="module")
+def bare():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    return forest.build(SCENE)
+
+
+@pytest.mark.parametrize(
+    ("do", "words"),
+    [
+        (
+            lambda w: w.scan(BAT),
+            "scan: takes a Tractor or Terrestrial or Mobile or Airborne, not a Sonar",
+        ),
+        (lambda w: w.ping(TRIPOD), "ping: takes a Sonar"),
+        (lambda w: w.skeleton(99), "99 is no tree of this world"),
+        (lambda w: w.scan(TRIPOD).save("cloud.txt"), "end its name in .laz"),
+        (lambda w: w.scan(forest.Mobile(follow="nothing")), 'there is no object "nothing"'),
+        (lambda w: SCENE.changed(sed=3), "sed: is no setting here; use one of name, seed"),
+        (lambda w: SCENE.changed(seed=-1), "seed: -1 is out of range"),
+        (lambda w: forest.read("nowhere.toml"), "there is no such file"),
+        (
+            lambda w: forest.build(
+                SCENE.changed(plantings=(forest.Planting(species="oak", expected=1),))
+            ),
+            '"oak"',
+        ),
+    ],
+)
+def test_what_cannot_be_done_says_so(do, words, bare):
+    with pytest.raises(forest.SpecError) as said:
+        do(bare)
+    assert words in str(said.value)
+    assert "\n" not in str(said.value)
+
+
+def test_without_blender(monkeypatch):
+    monkeypatch.setitem(sys.modules, "bpy", None)
+    with pytest.raises(forest.SpecError, match="pip install bpy"):
+        forest.build(SCENE)
+    assert forest.Terrestrial().kind == "terrestrial"  # settings need no Blender
+
+
+def test_the_examples_run():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    found = doctest.testmod(world_module)
+    assert found.attempted >= 8
+    assert found.failed == 0

@@ -1,0 +1,91 @@
+"""A scan's audit: silent on what is right, loud on what is wrong."""
+
+import numpy as np
+import pytest
+from references.rays_brute import BruteCaster
+
+from forest_addon.growth.mesh.trimesh import LEAF, TriMesh
+from forest_addon.rng import stream
+from forest_addon.sensing.audit import Audit, sample
+from forest_addon.sensing.lidar.audit import audit_drive, audit_scan, ray_errors
+from forest_addon.sensing.lidar.scan import Scan
+from forest_addon.sensing.rays.caster import Hits
+from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.spec import Beam, Terrestrial, Tractor
+
+
+def scene(count: int = 300, shift: float = 0.0) -> SceneGeometry:
+    rng = stream(5, "audit test")
+    corners = rng.uniform(-3, 3, (count, 1, 3)) + rng.normal(0, 0.4, (count, 3, 3))
+    mesh = TriMesh.of_part(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), LEAF)
+    place = np.eye(3, 4)[None].copy()
+    place[0, :, 3] = shift
+    none = np.full(1, -1)
+    return SceneGeometry((mesh,), place, np.zeros(1, int), ("leaves",), none, none)
+
+
+class Off(BruteCaster):
+    """A caster that is wrong by a factor, or blind to every tenth ray."""
+
+    def __init__(self, scene, factor=1.0, blind=False):
+        super().__init__(scene)
+        self._factor, self._blind = factor, blind
+
+    def cast(self, *rays, **limits):
+        hits = super().cast(*rays, **limits)
+        distance = hits.distance * self._factor
+        if self._blind:
+            distance[::10] = np.inf
+        return Hits(distance, hits.instance, hits.triangle)
+
+
+@pytest.mark.parametrize("shift", [0.0, 5e5])
+def test_a_right_scan_passes_and_says_what_it_took(shift):
+    caster = BruteCaster(scene(shift=shift))
+    looks = Terrestrial(position=(shift,) * 3, angle_step_deg=5, beam=Beam(subrays=7))
+    found = audit_scan(Scan(looks, caster), stream(1, "audit"), seconds=2.0, share=0.05)
+    assert found.kept
+    assert found.checked >= 8
+    assert found.rms <= found.error <= found.allowed
+    assert found.exact_seconds > 0
+
+
+@pytest.mark.parametrize("wrong", [{"factor": 1 + 1e-8}, {"blind": True}])
+def test_a_wrong_engine_is_found(wrong):
+    caster = Off(scene(), **wrong)
+    looks = Terrestrial(position=(0, 0, 0), angle_step_deg=5)
+    found = audit_scan(Scan(looks, caster), stream(1, "audit"), seconds=20.0, share=0.05)
+    assert not found.kept
+    assert "MORE than" in str(found)
+
+
+def test_a_drive_is_audited_too():
+    drives = Tractor(position=(-5, -3, 1), track=6.0, step=0.5, angle_step_deg=5, splits=2)
+    right = audit_drive(drives, BruteCaster(scene()), stream(1, "a"), seconds=2.0, share=0.05)
+    wrong = audit_drive(drives, Off(scene(), 1.001), stream(1, "a"), seconds=2.0, share=0.05)
+    assert right.kept
+    assert not wrong.kept
+
+
+def test_either_side_of_an_edge_is_right():
+    """A ray along the rim of a triangle: that the engine misses what brute force hits is no error."""
+    mesh = TriMesh.of_part(
+        np.array([[1.0, 0, 0], [1, 1, 0], [1, 0, 1]]), np.array([[0, 1, 2]]), LEAF
+    )
+    none = np.full(1, -1)
+    alone = SceneGeometry((mesh,), np.eye(3, 4)[None], np.zeros(1, int), ("leaf",), none, none)
+    caster = Off(alone, blind=True)
+    way = np.array([[1.0, 0.3, 1e-7]])
+    assert ray_errors(caster, np.zeros((1, 3)), way, 50.0) == 0.0
+    assert ray_errors(caster, np.zeros((1, 3)), np.array([[1.0, 0.3, 0.3]]), 50.0) > 40.0
+
+
+def test_the_sample_takes_its_share_and_at_least_one():
+    batches = iter([np.array([1e-3, 2e-3]), np.array([9.0])])
+    found = sample(batches, seconds=0.0)
+    assert found.errors.tolist() == [1e-3, 2e-3]
+    assert np.isclose(found.rms, np.sqrt(2.5e-6))
+
+
+def test_an_error_that_is_no_number_is_not_kept():
+    assert not Audit("x", 1, float("nan"), 0.0, 1.0, 1.0, 1.0).kept
