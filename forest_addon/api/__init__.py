@@ -20,6 +20,7 @@ These names stay: a later version may add to them.
 from __future__ import annotations
 
 from ..spec import (
+    Accuracy,
     Air,
     Airborne,
     Beam,
@@ -47,6 +48,7 @@ from .results import Echoes, PointCloud, Response, Result, RowScan
 from .world import World, build, current, read
 
 __all__ = [
+    "Accuracy",
     "Air",
     "Airborne",
     "Beam",

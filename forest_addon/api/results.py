@@ -23,6 +23,7 @@ from ..formats.points import POINT, records
 from ..formats.scan_file import write_npz_rows
 from ..formats.table import write_csv
 from ..formats.wav import write_wav
+from ..sensing.audit import Audit
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan, to_cloud
 from ..sensing.reverb.metrics import RoomMetrics, room_metrics
@@ -38,12 +39,14 @@ class Result:
     """What a sensor found.
 
     sensor : its settings. found : what its own code returned. seconds : that it took.
+    audit : a random sample of it, computed again by the exact way; None where that is switched off.
     offset : (3,) metres that are added to positions when they are written, the scene's.
     """
 
     sensor: Sensor
     found: Any
     seconds: float
+    audit: Audit | None = None
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     ENDINGS: ClassVar[tuple[str, ...]] = ()
@@ -83,7 +86,8 @@ class Result:
 
     def _repr_html_(self) -> str:
         """For notebooks: its figures and its picture."""
-        rows = "".join(f"<tr><td>{k}</td><td>{v}</td></tr>" for k, v in self.summary().items())
+        said = self.summary() | ({"audit": str(self.audit)} if self.audit else {})
+        rows = "".join(f"<tr><td>{k}</td><td>{v}</td></tr>" for k, v in said.items())
         return f"<table>{rows}</table>" + plots.as_html(self)
 
 
@@ -158,7 +162,7 @@ class RowScan(Result):
     def cloud(self) -> PointCloud:
         """The beams that met something, as points."""
         made = to_cloud(self.found, self.sensor)
-        return PointCloud(self.sensor, made, self.seconds, self.offset)
+        return PointCloud(self.sensor, made, self.seconds, self.audit, self.offset)
 
     def summary(self) -> dict[str, str]:
         scans, angles = self.matrix.shape
@@ -270,7 +274,11 @@ KINDS: Mapping[type, Callable[..., Result]] = {
 
 
 def result_of(
-    sensor: Sensor, found: Finding, seconds: float, offset: tuple[float, float, float]
+    sensor: Sensor,
+    found: Finding,
+    seconds: float,
+    audit: Audit | None,
+    offset: tuple[float, float, float],
 ) -> Result:
     """A sensor's finding as a result."""
-    return KINDS[type(found)](sensor, found, seconds, offset)
+    return KINDS[type(found)](sensor, found, seconds, audit, offset)

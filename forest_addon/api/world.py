@@ -175,12 +175,15 @@ class World:
         observer = self.observer
         before = time.perf_counter()
         try:
-            found = observer.observe(sensor, self.scene, progress, self.folder)
+            way = observer.way(sensor, self.folder)
+            found = observer.observe(sensor, self.scene, progress, self.folder, way)
+            seconds = time.perf_counter() - before
+            audit = observer.audit(sensor, self.scene, found, seconds, self.folder, way)
         except SpecError:
             raise
         except ValueError as problem:
             raise SpecError(sensor.name, str(problem)) from None
-        return result_of(sensor, found, time.perf_counter() - before, self.scene.offset)
+        return result_of(sensor, found, seconds, audit, self.scene.offset)
 
     @property
     def observer(self) -> Observer:

@@ -12,8 +12,10 @@ import numpy as np
 from ..formats.directivity_file import directivity_of
 from ..formats.sonar_files import equip, find, read_route
 from ..rng import stream
+from ..sensing.audit import Audit
 from ..sensing.lidar import scan as lidar
 from ..sensing.lidar import tractor
+from ..sensing.lidar.audit import audit_drive, audit_scan
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.trajectory import Path as Track
 from ..sensing.rays.caster import RayCaster
@@ -113,6 +115,31 @@ class Observer:
         if isinstance(sensor, Sonar):
             return self._listen(sensor, settings, progress, folder, way)
         return self._clap(sensor, settings, progress, folder)
+
+    def audit(
+        self,
+        sensor: Sensor,
+        settings: Scene,
+        found: Finding,
+        seconds: float,
+        folder: Path = Path(),
+        way: Way = None,
+    ) -> Audit | None:
+        """A random sample of a finding, computed again by the exact way; None where audits are off.
+
+        seconds : that the finding took; the audit takes ``settings.accuracy.audit`` of it.
+        """
+        share = settings.accuracy.audit
+        if share == 0:
+            return None
+        way = self.way(sensor, folder) if way is None else way
+        rng = stream(settings.seed, "audit", sensor.name)
+        if isinstance(sensor, Tractor):
+            return audit_drive(sensor, self.caster, rng, seconds, share)
+        if isinstance(sensor, Scanner):
+            work = lidar.Scan(sensor, self.caster, settings.seed, way)
+            return audit_scan(work, rng, seconds, share)
+        return None
 
     def _clap(
         self, sensor: Reverb, settings: Scene, progress: Progress | None, folder: Path

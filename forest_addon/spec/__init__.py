@@ -23,7 +23,7 @@ from .lidar import (
     Tractor,
 )
 from .reverb import Place, Reverb
-from .scene import SENSORS, Output, Rays, Scene, Sensor
+from .scene import SENSORS, Accuracy, Output, Rays, Scene, Sensor
 from .sonar import HORSESHOE_BAND, Sonar
 from .species import MAX_REACH, Detail, Grammar, Honda, Jitter, Leaf, Look, Rules, Species, Template
 
@@ -31,6 +31,7 @@ __all__ = [
     "HORSESHOE_BAND",
     "MAX_REACH",
     "SENSORS",
+    "Accuracy",
     "Air",
     "Airborne",
     "Beam",

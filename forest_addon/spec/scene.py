@@ -34,6 +34,14 @@ class Rays(Settings):
     threads: int = param(0, help="threads of Embree; 0: as many as there are cores", ge=0, le=1024)
 
 
+class Accuracy(Settings):
+    """How results are checked: a random sample of each is computed again by the exact way."""
+
+    audit: float = param(
+        0.05, help="time for it, as a share of the time that each result took; 0: none", ge=0, le=10
+    )
+
+
 class Output(Settings):
     """What is written besides the sensors' results."""
 
@@ -69,6 +77,7 @@ class Scene(Settings):
     air: Air = param(Air(), help="the air")
     rays: Rays = param(Rays(), help="how rays are cast")
     sensors: tuple[Sensor, ...] = param((), help="what looks at the forest")
+    accuracy: Accuracy = param(Accuracy(), help="how results are checked")
     output: Output = param(Output(), help="what is written")
 
     def check(self) -> None:

@@ -285,9 +285,7 @@ class _Tubes:
         parts = [self._contacts(points[rows], seen.of(rows), thinnest) for rows in batches]
         return Contact(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
-    def _contacts(
-        self, points: np.ndarray, seen: _Look, thinnest: bool
-    ) -> tuple[np.ndarray, ...]:
+    def _contacts(self, points: np.ndarray, seen: _Look, thinnest: bool) -> tuple[np.ndarray, ...]:
         least = np.maximum(seen.gap.min(axis=0, initial=np.inf), 0.0)
         best = np.full(len(points), np.inf)
         chosen = np.zeros(len(points), dtype=np.int64)
@@ -325,4 +323,8 @@ class _Tubes:
         gap = np.sqrt(np.einsum("nki,nki->nk", aside, aside)) - radius
         rank = np.where(gap < 0, radius - self.radius.max(), gap) if thinnest else gap
         row, best = np.arange(len(points)), np.argmin(rank, axis=1)
-        return cone[row, best], rank[row, best], np.stack([x[row, best] for x in (gap, part, radius)])
+        return (
+            cone[row, best],
+            rank[row, best],
+            np.stack([x[row, best] for x in (gap, part, radius)]),
+        )
