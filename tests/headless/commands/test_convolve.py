@@ -12,7 +12,7 @@ from scipy.io import wavfile
 from headless.papers.reverb_figures import Study, draw_figures, findings, responses
 from headless.work.convolve import convolve
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 CLAP = ROOT / "assets" / "sounds" / "clap.wav"
 
 

@@ -18,7 +18,7 @@ from forest_addon.stand.poisson import sample
 from forest_addon.stand.process import Process
 from headless.work.estimate import estimate_site
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 UTM = np.array([432_100.0, 5_612_300.0])
 SITE = {
     "pine": Mixture(np.array([0.16]), np.array([[40.0, 60.0]]), np.array([[25.0, 15.0]])),

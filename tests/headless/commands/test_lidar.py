@@ -15,7 +15,7 @@ bpy = pytest.importorskip("bpy")
 
 from headless.cli import main
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def words(*arguments):

@@ -13,7 +13,7 @@ from forest_addon.formats.stl import write_stl
 from forest_addon.growth.template.unit import infer_unit
 from headless.cli import main
 
-MAPLE = Path(__file__).resolve().parents[3] / "shared" / "data" / "maple"
+MAPLE = Path(__file__).resolve().parents[4] / "shared" / "data" / "maple"
 
 
 @pytest.fixture
