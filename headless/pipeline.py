@@ -58,9 +58,8 @@ from forest_addon.stand.statistics.goodness import examine, law_of_scene, poisso
 
 from .cache import user_cache
 from .progress import Stages, hushed
-from .report import echo as pictures_sonar
-from .report import page as report
-from .report import pictures
+from .report import findings, page, pictures
+from .report.echo import draw_echo, draw_flight, sample_leaves
 from .report.site import draw_goodness
 from .report.stand import draw_stand
 
@@ -75,7 +74,7 @@ class Run:
     out: Path
     stages: Stages
     forest: Forest
-    findings: list[report.Finding] = field(default_factory=list)
+    findings: list[page.Finding] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
 
     def path(self, name: str) -> Path:
@@ -116,7 +115,7 @@ def run_scene(
     run = Run(settings, out, stages, forest)
     with stages.stage("draw the stand"):
         drawn = draw_stand(forest.stand, forest.labels, settings, inputs, run.path("stand.png"))
-    run.findings.append(report.forest_finding(settings, forest, drawn))
+    run.findings.append(findings.forest_finding(settings, forest, drawn))
     with stages.stage("test where trees stand"):
         _test_stand(run, inputs)
 
@@ -152,7 +151,7 @@ def run_scene(
             render(scene, settings.output, run.path("preview.png"), progress)
     _write_record(run, observer.geometry, engine)
     with stages.stage("write report.html"):
-        report.write(run.out / "report.html", settings, run.findings, stages.seconds, run.files)
+        page.write(run.out / "report.html", settings, run.findings, stages.seconds, run.files)
     stages.say(f"Done: {len(run.files) + 1} files in {out}. Open {out / 'report.html'}")
 
 
@@ -202,7 +201,7 @@ def _test_stand(run: Run, inputs: Inputs) -> None:
     found = examine(trees, window, law_of_scene(run.settings, inputs))
     if found is not None:
         picture = draw_goodness(found, window, run.path("goodness.png"))
-        run.findings.append(report.goodness_finding(found, picture))
+        run.findings.append(findings.goodness_finding(found, picture))
 
 
 def _write_truth(run: Run) -> None:
@@ -231,23 +230,23 @@ def _let_hear(
         give_sound(speaker, name, heard, found.sample_rate)
 
 
-def _describe(run: Run, sensor: Any, found: SensorFinding, observer: Observer) -> report.Finding:
+def _describe(run: Run, sensor: Any, found: SensorFinding, observer: Observer) -> page.Finding:
     """Draw a result and say what it is."""
     path = run.path(f"{sensor.name}.png")
     if isinstance(found, TractorScan):
-        return report.scan_finding(sensor, found, pictures.draw_scan(found, path))
+        return findings.scan_finding(sensor, found, pictures.draw_scan(found, path))
     if isinstance(found, Cloud):
-        return report.cloud_finding(sensor, found, pictures.draw_cloud(found, sensor, path))
+        return findings.cloud_finding(sensor, found, pictures.draw_cloud(found, sensor, path))
     if isinstance(found, Echo):
-        leaves = pictures_sonar.sample_leaves(observer.targets)
-        picture = pictures_sonar.draw_echo(found, sensor, leaves, run.forest, path)
-        return report.echo_finding(sensor, found, picture)
+        leaves = sample_leaves(observer.targets)
+        picture = draw_echo(found, sensor, leaves, run.forest, path)
+        return findings.echo_finding(sensor, found, picture)
     if isinstance(found, Flight):
-        leaves = pictures_sonar.sample_leaves(observer.targets)
-        picture = pictures_sonar.draw_flight(found, sensor, leaves, run.forest, path)
-        return report.flight_finding(sensor, found, picture)
+        leaves = sample_leaves(observer.targets)
+        picture = draw_flight(found, sensor, leaves, run.forest, path)
+        return findings.flight_finding(sensor, found, picture)
     picture = pictures.draw_reverb(found, path)
-    return report.reverb_finding(sensor, found, observer.trunks(sensor), picture)
+    return findings.reverb_finding(sensor, found, observer.trunks(sensor), picture)
 
 
 def _write_record(run: Run, geometry: SceneGeometry, engine: str) -> None:
@@ -258,7 +257,7 @@ def _write_record(run: Run, geometry: SceneGeometry, engine: str) -> None:
     shown = sum(len(geometry.meshes[m].triangles) for m in geometry.mesh_index)
     record = {
         "versions": {
-            "forest_sensing": report.version(),
+            "forest_sensing": page.version(),
             "blender": bpy.app.version_string,
             "python": platform.python_version(),
             "numpy": np.__version__,

@@ -18,7 +18,9 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 UI = ROOT / "forest_addon" / "ui"
+FIGURES = ROOT / "forest_addon" / "formats" / "figures.py"
 OURS = {"say", "label", "keep"}  # of ui/words.py
+WORDED = {"numbers": 2, "words": 3}  # of formats/figures.py: the short name; and the pattern
 SHOWN = {"text", "heading", "placeholder"}  # what a layout is given by these names
 BUTTONS = {"operator", "operator_menu_enum"}
 ANY, OPERATOR = "*", "Operator"
@@ -58,8 +60,8 @@ def template() -> str:
 
 
 def of_code() -> Iterator[Text]:
-    """Texts that are given to ``words`` or, as they are, to Blender."""
-    for file in sorted(UI.rglob("*.py")):
+    """Texts that are given to ``ui/words`` and ``formats/figures`` or, as they are, to Blender."""
+    for file in (*sorted(UI.rglob("*.py")), FIGURES):
         place = file.relative_to(ROOT).as_posix()
         for call in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(call, ast.Call):
@@ -73,11 +75,19 @@ def _given(call: ast.Call) -> Iterator[tuple[str, ast.expr]]:
     name = getattr(call.func, "attr", getattr(call.func, "id", ""))
     if isinstance(call.func, ast.Name) and name in OURS:
         yield ANY, call.args[0]
+    elif isinstance(call.func, ast.Name) and name in WORDED:
+        given = [each for arg in call.args for each in _spread(arg)]
+        yield from ((ANY, each) for each in given[1 : WORDED[name]])
     elif name == "report":
         yield ANY, call.args[1]
     for given in call.keywords:
         if given.arg in SHOWN:
             yield OPERATOR if name in BUTTONS else ANY, given.value
+
+
+def _spread(part: ast.expr) -> list[ast.expr]:
+    """The parts of ``*("a", "b")``, or the part alone."""
+    return part.value.elts if isinstance(part, ast.Starred) else [part]
 
 
 def _plain(part: ast.expr) -> list[str]:

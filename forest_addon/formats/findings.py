@@ -20,12 +20,11 @@ from ..sensing.sonar.flight import Flight
 from ..sensing.sonar.ping import Echo
 from ..spec import Sensor, Sonar
 from .echo_files import write_echo
+from .figures import Finding
 from .las import write_las
 from .npz import write_npz
 from .points import records
 from .wav import write_wav
-
-Finding = TractorScan | Cloud | Echo | Flight | ImpulseResponse
 
 
 def write_finding(

@@ -18,6 +18,7 @@ from forest_addon.ui import languages, words
 ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted((ROOT / "forest_addon" / "ui").rglob("*.py"))
 CODE = {file.name: ast.parse(file.read_text(encoding="utf-8")) for file in FILES}
+FIGURES = ROOT / "forest_addon" / "formats" / "figures.py"
 OURS = {"say", "label", "keep"}
 # Where a text is shown: the number of the argument, or its name.
 SHOWN = {"report": 1, "poll_message_set": 0, "status_text_set": 0, "SpecError": 1, "Task": 0}
@@ -127,14 +128,27 @@ def test_poll_messages_are_looked_up():
     assert literal == []
 
 
+def figures_in_words():
+    """(place, pattern, keywords) of every figure of a result that is said in words."""
+    for call in ast.walk(ast.parse(FIGURES.read_text(encoding="utf-8"))):
+        if isinstance(call, ast.Call) and name_of(call) == "words":
+            spread = [a.value.elts if isinstance(a, ast.Starred) else [a] for a in call.args]
+            yield (
+                f"figures.py:{call.lineno}",
+                [a for part in spread for a in part][2],
+                call.keywords,
+            )
+
+
 def test_every_pattern_is_filled_with_what_it_names():
-    known = list(calls(*OURS))
-    assert len(known) > 100
-    for place, call in known:
-        pattern = call.args[0]
-        given = {one.arg for one in call.keywords}
-        if not isinstance(pattern, ast.Constant):  # a text that was kept, looked up as it is
-            assert not given, place
+    known = [(place, call.args[0], call.keywords) for place, call in calls(*OURS)]
+    figures = list(figures_in_words())
+    assert len(known) > 90
+    assert len(figures) > 10
+    for place, pattern, keywords in known + figures:
+        given = {one.arg for one in keywords}
+        if not isinstance(pattern, ast.Constant):  # a text that was kept, or a figure's
+            assert given <= {None}, place
             assert not isinstance(pattern, ast.JoinedStr | ast.BinOp), place
         elif given:
             named = {name for _, name, _, _ in string.Formatter().parse(pattern.value) if name}

@@ -1,0 +1,209 @@
+"""What each stage of a run has to say: sentences, figures (``formats/figures``), and notes about accuracy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from forest_addon.formats.figures import facts, figures_of, of_forest
+from forest_addon.sensing.lidar.cloud import Cloud
+from forest_addon.sensing.lidar.tractor import TractorScan
+from forest_addon.sensing.reverb.response import ImpulseResponse
+from forest_addon.sensing.reverb.slices import Trunks
+from forest_addon.sensing.sonar.flight import Flight
+from forest_addon.sensing.sonar.ping import Echo
+from forest_addon.spec import Reverb, Scanner, Scene, Sonar, Terrestrial, Tractor
+from forest_addon.stand.forest import Forest
+from forest_addon.stand.statistics.goodness import Goodness
+
+from .page import Finding
+
+
+def forest_finding(settings: Scene, forest: Forest, picture: Path) -> Finding:
+    """Trees, leaves and triangles of the forest, and where its trees stand."""
+    kinds = {planting.layout for planting in settings.plantings}
+    what = {frozenset({"rows"}): "An orchard", frozenset({"list"}): "A forest from a list of trees"}
+    return Finding(
+        "Forest",
+        f"{what.get(frozenset(kinds), 'An inhomogeneous Poisson forest')} on "
+        f"{settings.forest.size[0]:g} by {settings.forest.size[1]:g} m, grown from L-systems and STL "
+        "branch templates.",
+        facts(of_forest(forest)),
+        tuple(_stand_notes(settings, forest)),
+        picture,
+    )
+
+
+def _stand_notes(settings: Scene, forest: Forest) -> Iterator[str]:
+    """What was expected, what was taken away and why."""
+    stand = forest.stand
+    sums = [
+        f"{label} {value:,.1f}" + (f" ± {error:.2g}" if error else "")
+        for label, value, error in zip(forest.labels, stand.expected, stand.error, strict=True)
+    ]
+    if sums:
+        yield f"Expected: {', '.join(sums)} trees."
+    if stand.removed:
+        lost = zip(forest.labels, stand.too_near, strict=True)
+        rule = {"matern": "Matérn II", "greedy": "greedy removal"}[settings.forest.spacing_rule]
+        yield (
+            f"{stand.removed:,} trees were removed to keep their distances ({rule}): "
+            + ", ".join(f"{label} {count:,}" for label, count in lost if count)
+            + "."
+        )
+    if stand.off_ground.any():
+        yield f"{stand.off_ground.sum():,} trees were left out where the terrain has no ground."
+    if stand.off_field.any():
+        yield f"{stand.off_field.sum():,} places of rows or lists lie beyond the field."
+
+
+def goodness_finding(found: Goodness, picture: Path) -> Finding:
+    """Whether trees stand as their intensity says."""
+    bands, quadrats = found.excess, found.quadrats
+    return Finding(
+        "Where the trees stand",
+        "The inhomogeneous L function of the trees and their counts in quadrats, against "
+        f"{bands.simulations} other stands of the same settings. L(r) - r is 0 for a Poisson process, below "
+        "it where trees keep apart.",
+        {
+            "trees tested": f"{found.trees:,}",
+            "L function": f"p = {bands.p_value:.3f}",
+            f"quadrats ({quadrats.classes} classes)": f"p = {found.quadrat_p_value:.3f}",
+        },
+        (
+            "Edge correction by translation, within the region where the intensity is at least a tenth of "
+            "its mean over trees. The global envelope is the studentised maximum deviation at 5 %; one "
+            "stand in twenty lies beyond it by chance.",
+        ),
+        picture,
+    )
+
+
+def scan_finding(sensor: Tractor, scan: TractorScan, picture: Path) -> Finding:
+    """The tractor scan."""
+    scans, beams = scan.organ.shape
+    return Finding(
+        f"Tractor LiDAR: {sensor.name}",
+        f"{scans:,} scans of {beams} beams along {sensor.track:g} m (SIMLIDAR's scanner, one ray a beam).",
+        facts(figures_of(sensor, scan)),
+        (
+            f"Rays by {scan.engine} on the evaluated depsgraph; every distance is computed again in "
+            "float64 on the triangle that was hit.",
+        ),
+        picture,
+    )
+
+
+def cloud_finding(sensor: Scanner, cloud: Cloud, picture: Path) -> Finding:
+    """A scan that gives points: from a tripod, a vehicle, an aircraft."""
+    beam = sensor.beam
+    spacing = f" every {sensor.angle_step_deg:g}°" if isinstance(sensor, Terrestrial) else ""
+    instrument = f" by {sensor.scanner}" if sensor.scanner else ""
+    return Finding(
+        f"{sensor.kind.title()} LiDAR: {sensor.name}",
+        f"{cloud.pulses:,} pulses{spacing}{instrument} gave {len(cloud):,} points.",
+        facts(figures_of(sensor, cloud)),
+        (
+            "One ray a pulse."
+            if beam.subrays == 1
+            else f"{beam.subrays} rays of equal energy a pulse, over a Gaussian footprint.",
+            "LAS coordinates are stored to 0.1 mm; labels and truth (range without noise, normal, angle "
+            "of incidence) are extra bytes.",
+        ),
+        picture,
+    )
+
+
+def echo_finding(sensor: Sonar, echo: Echo, picture: Path) -> Finding:
+    """The foliage echo."""
+    return Finding(
+        f"Biosonar: {sensor.name}",
+        f"One ping of {_call_in_words(sensor)}.",
+        facts(figures_of(sensor, echo)),
+        _echo_notes(sensor, echo.cull_bound),
+        picture,
+    )
+
+
+def flight_finding(sensor: Sonar, flight: Flight, picture: Path) -> Finding:
+    """Echoes along a way; the facts are those of the loudest."""
+    bound = max(echo.cull_bound for echo in flight.echoes)
+    return Finding(
+        f"Biosonar: {sensor.name}",
+        f"{len(flight)} pings of {_call_in_words(sensor)}; what follows is of the loudest.",
+        facts(figures_of(sensor, flight)),
+        _echo_notes(sensor, bound),
+        picture,
+    )
+
+
+def _call_in_words(sensor: Sonar) -> str:
+    beam = {"horseshoe": "a horseshoe bat's", "file": "a measured", "omni": "an even"}
+    model = {"piston": "hard discs (physical optics)", "paper": "T20's fit"}
+    return (
+        f"{sensor.band[0] / 1e3:g} to {sensor.band[1] / 1e3:g} kHz with "
+        f"{beam.get(sensor.beam, f'a {sensor.beam_width_deg[0]:g}°')} beam, at {sensor.ears} "
+        f"ear{'s' if sensor.ears > 1 else ''}; leaves scatter as "
+        f"{model.get(sensor.leaf_model, 'hard discs (exact)')}"
+    )
+
+
+def _echo_notes(sensor: Sonar, bound: float) -> tuple[str, ...]:
+    summed = (
+        f"Fast sum, error at most {sensor.tolerance:.0e} of all amplitudes"
+        if sensor.tolerance
+        else "Direct sum over every scatterer and frequency in float64"
+    )
+    shade = {
+        "none": "Nothing shades anything, as in the paper.",
+        "trunks": "Leaves do not shade each other; wood hides them as straight rays would.",
+        "extinction": "Leaves weaken what lies behind them by Beer-Lambert; wood hides nothing.",
+    }
+    both = (
+        "Leaves weaken what lies behind them by Beer-Lambert, wood hides it as straight rays would."
+    )
+    return (
+        f"{summed}; what is left out as too weak adds at most {bound:.1e} of them.",
+        shade.get(sensor.shading, both),
+    )
+
+
+def reverb_finding(
+    sensor: Reverb, response: ImpulseResponse, trunks: Trunks, picture: Path
+) -> Finding:
+    """The impulse response."""
+    distance = float(np.linalg.norm(np.subtract(sensor.source, sensor.receiver)))
+    channels = response.channels
+    peak = float(np.abs([channel.samples for channel in channels]).max())
+    notes = [
+        (
+            "Direct sum over every trunk and frequency in float64."
+            if response.exact
+            else f"Sum over trunks to a relative error of {sensor.tolerance:.0e}."
+        )
+        + " Single scattering itself is the larger error, and grows with the density of the stand"
+        " (rescattering = 100 measures it).",
+        "Reverberation time is read from -5 to -35 dB of the energy decay; C50 with the onset at "
+        "-20 dB.",
+    ]
+    if len(channels) > 1:
+        notes.append(
+            f"Figures are of the first of {len(channels)} channels, {response.channel}; "
+            f"{sensor.name}.npz has those of all."
+        )
+    if any(channel.clamped for channel in channels):
+        most = max(channel.clamped for channel in channels)
+        notes.append(
+            f"{most} trunk(s) cover a source or a receiver; their distance is taken as their radius."
+        )
+    if peak > 1:
+        notes.append("The sound exceeds full scale; the WAV is 32-bit float and does not clip.")
+    return Finding(
+        f"Forest reverb: {sensor.name}",
+        f"The impulse response over {distance:.1f} m, from single scattering by trunks (K).",
+        facts(figures_of(sensor, response, len(trunks.radius))),
+        tuple(notes),
+        picture,
+    )

@@ -1,0 +1,59 @@
+"""Figures of a result: worded once, the same value in the report and in the panel."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from forest_addon.formats.figures import facts, figures_of, words
+from forest_addon.sensing.reverb.response import ImpulseResponse
+from forest_addon.spec import Reverb
+
+
+def response(direct_clear=True, further=()):
+    """A decay of 60 dB/s after an impulse."""
+    time = np.arange(24_000) / 24_000
+    decay = 10.0 ** (-3 * time)
+    return ImpulseResponse(
+        sample_rate=24_000.0,
+        direct=np.where(time == 0, 1.0, 0.0),
+        ground=np.zeros_like(time),
+        trees=0.1 * decay,
+        direct_delay=0.0,
+        direct_clear=direct_clear,
+        ground_clear=True,
+        trunks=1234,
+        continued=0,
+        late=0,
+        clamped=0,
+        exact=True,
+        further=further,
+    )
+
+
+def test_numbers_of_a_response():
+    shown = facts(figures_of(Reverb(), response(), trunks=5000))
+    assert shown["trunks cut from the scene"] == "5,000"
+    assert shown["trunks heard"] == "1,234"
+    assert float(shown["reverberation time"].removesuffix(" s")) == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_path_of_several_channels():
+    blocked = dataclasses.replace(response(direct_clear=False), channel="other")
+    found = figures_of(Reverb(), response(further=(blocked,)))
+    (path,) = [each for each in found if each.name == "direct path"]
+    assert path.text == "blocked by wood in 1 of 2"
+    assert path.pattern.format(**path.values) == path.text
+    assert facts(figures_of(Reverb(), blocked))["direct path"] == "blocked by wood"
+
+
+def test_no_name_twice():
+    found = figures_of(Reverb(), response(), trunks=1)
+    for names in ([each.name for each in found], [each.short for each in found]):
+        named = [name for name in names if name]
+        assert len(named) == len(set(named))
+
+
+def test_braces_in_a_text_stay():
+    assert words("a", "A", "as {it} is").text == "as {it} is"
+    assert words("a", "A", "{n:,} of them", n=1200).text == "1,200 of them"

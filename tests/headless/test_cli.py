@@ -1,0 +1,70 @@
+"""The command line itself: a loop over commands, quick to answer, the same words for all."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from headless import cli
+from headless.commands import COMMANDS
+
+ROOT = Path(__file__).resolve().parents[2]
+HEAVY = {"numpy", "scipy", "matplotlib", "bpy", "laspy", "cattrs", "tqdm"}
+
+
+def test_the_parser_knows_no_command_by_name():
+    tree = ast.parse(Path(cli.__file__).read_text(encoding="utf-8"))
+    texts = {n.value for n in ast.walk(tree) if isinstance(n, ast.Constant)} - {cli.EPILOG}
+    assert not texts & {command.name for command in COMMANDS}
+
+
+def test_every_file_of_commands_is_one_command():
+    files = {p.stem for p in (ROOT / "headless" / "commands").glob("[a-z]*.py")}
+    assert files == {type(command).__module__.split(".")[-1] for command in COMMANDS}
+    assert files == {command.name.replace("-", "_") for command in COMMANDS}
+
+
+def test_help_imports_little():
+    code = (
+        "import sys\nfrom headless.cli import main\n"
+        "try: main(['--help'])\nexcept SystemExit: print(*sys.modules, file=sys.stderr)"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert "demo" in ended.stdout
+    assert not {name.split(".")[0] for name in ended.stderr.split()} & HEAVY
+
+
+@pytest.mark.parametrize(
+    ("words", "joined"),
+    [
+        (["--at", "-1,2,3"], ["--at=-1,2,3"]),
+        (["--azimuth", "-30"], ["--azimuth", "-30"]),  # argparse knows plain numbers
+        (["--window", "-1", "-2", "3", "4"], ["--window", "-1", "-2", "3", "4"]),
+        (["--at", "1,2,3"], ["--at", "1,2,3"]),
+        (["--", "-1,2"], ["--", "-1,2"]),
+    ],
+)
+def test_values_that_begin_with_a_minus(words, joined):
+    assert cli._values_joined(words) == joined
+
+
+@pytest.mark.parametrize(
+    ("words", "out"),
+    [
+        (["run", "a/my.toml"], "out/my"),
+        (["demo"], "out/demo"),
+        (["template", "w.stl", "--name", "elm"], "out/elm"),
+        (["stand", "my.toml"], "out/my/points.csv"),
+        (["estimate", "trees.csv"], "out/trees/site.toml"),
+        (["lidar", "park.blend", "--scanner", "riegl-vz-400i"], "out/park-riegl-vz-400i.laz"),
+        (["lidar", "park.blend", "--out", "a.las", "--format", "ply"], "a.las.ply"),
+        (["convolve", "out/ir.wav", "clap.wav"], "out/ir-clap.wav"),
+        (["simlidar"], "out/simlidar"),
+        (["stand", "my.toml", "--out", "b.csv"], "b.csv"),
+    ],
+)
+def test_where_results_go(words, out):
+    chosen = cli._parser().parse_args(words)
+    assert chosen.command.output(chosen) == Path(out)
