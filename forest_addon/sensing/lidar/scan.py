@@ -15,9 +15,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...growth.mesh.trimesh import LEAF
 from ...rng import daughter_keys, first_key
 from ..rays.caster import RayCaster, hit_normals
-from . import noise
+from . import noise, patches
 from .cloud import Cloud, join
 from .footprint import spread
 from .passage import Contacts, meet
@@ -58,7 +59,7 @@ class Scan:
         contacts = meet(
             self.caster, origins, directions, scanner.max_range, scanner.surfaces, ray_keys
         )
-        return self._measure(pulses, number, keys, directions, contacts)
+        return self._measure(pulses, number, keys, (origins, directions), contacts)
 
     def chunks(self, first: int = 0, at_once: int | None = None) -> Iterator[tuple[int, Cloud]]:
         """Pieces of the scan from pulse ``first`` on: where each ends, and what it found."""
@@ -72,12 +73,12 @@ class Scan:
         pulses: Pulses,
         number: np.ndarray,
         keys: np.ndarray,
-        directions: np.ndarray,
+        rays: tuple[np.ndarray, np.ndarray],
         contacts: Contacts,
     ) -> Cloud:
-        """What the receiver makes of the light that comes back."""
+        """What the receiver makes of the light that comes back to origins and directions of rays."""
         scanner, scene = self.scanner, self.caster.scene
-        hits, ways = contacts.hits, directions[contacts.ray]
+        hits, ways = contacts.hits, rays[1][contacts.ray]
         normal = hit_normals(scene, hits)
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         energy = intensity(
@@ -89,7 +90,23 @@ class Scan:
         counts = np.flatnonzero((energy > 0) & (hits.distance >= scanner.min_range))
         pulse, subray = np.divmod(contacts.ray[counts], scanner.beam.subrays)
         sigma = pulse_length(scanner.beam.pulse_ns)
-        echoes = find_echoes(pulse, subray, hits.distance[counts], energy[counts], sigma)
+        distance, blur = hits.distance[counts], None
+        if scanner.beam.subrays > 1:
+            solid = np.flatnonzero(contacts.organ[counts] != LEAF)
+            solid = solid[patches.long(pulse[solid], distance[solid], sigma)]
+            rows = counts[solid]
+            met = patches.Contacted(
+                pulse=pulse[solid],
+                subray=subray[solid],
+                distance=distance[solid],
+                energy=energy[rows],
+                origin=rays[0][contacts.ray[rows]],
+                direction=ways[rows],
+                normal=normal[rows],
+            )
+            blur = np.zeros(len(counts))
+            distance[solid], blur[solid] = patches.blurred(met, scanner.beam.subrays, sigma)
+        echoes = find_echoes(pulse, subray, distance, energy[counts], sigma, blur)
         echoes = _taken(echoes, np.flatnonzero(echoes.energy >= detection_limit(scanner)))
 
         return_keys = daughter_keys(keys[echoes.pulse], _rank(echoes.pulse))

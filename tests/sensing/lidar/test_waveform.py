@@ -178,7 +178,10 @@ def test_a_contact_just_before_a_valley_is_its_crests():
 def contacts(most=100):
     """Contacts of one pulse: in clumps, far and near, some at the very same place."""
     place = st.one_of(
-        st.floats(-30, 30), st.integers(-8, 8).map(float), st.floats(-2.5, 2.5), st.floats(-1e-9, 1e-9)
+        st.floats(-30, 30),
+        st.integers(-8, 8).map(float),
+        st.floats(-2.5, 2.5),
+        st.floats(-1e-9, 1e-9),
     )  # in pulse lengths
     return st.lists(
         st.tuples(place, st.floats(0, 5), st.sampled_from([0.0, 0.0, 0.5, 3.0, 40.0])),
