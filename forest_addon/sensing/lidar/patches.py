@@ -24,7 +24,7 @@ from scipy.sparse.csgraph import connected_components
 
 from .returns import cosines
 
-SHORT = 1.0  # pulse lengths: patches up to this have one crest anyway
+SHORT = 0.4  # pulse lengths: what is shorter is one echo at its mean anyway
 ALIKE = 0.95  # cosine between the normals of neighbours on one surface
 BESIDE = 0.1  # pulse lengths, and BESIDE_SHARE of the way, that a surface may be off a plane
 BESIDE_SHARE = 0.2

@@ -171,7 +171,9 @@ def test_leaves_at_grazing_incidence_are_not_spread():
     beam = Beam(subrays=19, divergence_mrad=(1.0, 1.0), pulse_ns=1.0, max_returns=9)
     corners = np.array([[30.0, -1, 0], [30.05, -1, 0], [30.05, 1, 0], [30.0, 1, 0]])
     blades = [
-        TriMesh.of_part(corners + [2.0 * n, 0, -0.01 * n], np.array([[0, 1, 2], [0, 2, 3]]), LEAF)
+        TriMesh.of_part(
+            corners + np.array([2.0 * n, 0, -0.01 * n]), np.array([[0, 1, 2], [0, 2, 3]]), LEAF
+        )
         for n in range(3)
     ]
     scanner = replace(
