@@ -134,6 +134,8 @@ def figures_of(found: TractorScan | Cloud | Echo | Flight | ImpulseResponse) -> 
             keep("Trees Seen"): f"{len(seen):,}",
         }
         figures |= _organs(found.returns.organ, found.engine)
+        if found.lost:
+            figures[keep("Not Measured")] = "; ".join(map(str, found.lost))
         return figures, say("{count:,} points", count=points)
     if isinstance(found, ImpulseResponse):
         return _reverb_figures(found)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 import time
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -269,3 +270,6 @@ def _scan_opened(
         f"{done.path}: {done.points:,} points of {done.pulses:,} pulses by {caster.engine}, "
         f"{(done.pulses - done.resumed_at) / took:,.0f} pulses/s"
     )
+    for lost in done.lost:
+        text = f"Not measured, by a fault of this program that is worth a report: {lost}"
+        print(text, file=sys.stderr, flush=True)  # whoever wants no words but errors wants this one

@@ -149,6 +149,8 @@ def cloud_finding(sensor: Scanner, cloud: Cloud, picture: Path) -> Finding:
     }
     if beam.max_returns > 1:
         facts["of several returns"] = _share(cloud.count > 1)
+    if cloud.lost:
+        facts["not measured, by a fault of this program"] = "; ".join(map(str, cloud.lost))
     return Finding(
         f"{sensor.kind.title()} LiDAR: {sensor.name}",
         f"{cloud.pulses:,} pulses{spacing}{instrument} gave {len(organ):,} points.",

@@ -19,7 +19,7 @@ from ...growth.mesh.trimesh import LEAF
 from ...rng import daughter_keys, first_key
 from ..rays.caster import RayCaster, hit_normals
 from . import noise, patches
-from .cloud import Cloud, join
+from .cloud import Cloud, Lost, join
 from .footprint import spread
 from .passage import Contacts, meet
 from .radiometry import detection_limit, intensity, reflectance_of
@@ -30,6 +30,7 @@ from .waveform import LIGHT, Echoes, find_echoes, pulse_length
 
 Progress = Callable[[int, int], None]
 RAYS_AT_ONCE = 65_536
+MOST_LOST = 100  # pulses of a scan; beyond, it is not a pulse that is at fault
 
 
 class Scan:
@@ -43,6 +44,7 @@ class Scan:
         self._key = first_key(seed, "lidar", scanner.name)
         self.pulses = self.pattern.count
         self.at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
+        self._lost = 0
 
     def look(self, first: int, stop: int) -> Cloud:
         """The returns of the pulses from number ``first`` to before ``stop``."""
@@ -62,11 +64,29 @@ class Scan:
         return self._measure(pulses, number, keys, (origins, directions), contacts)
 
     def chunks(self, first: int = 0, at_once: int | None = None) -> Iterator[tuple[int, Cloud]]:
-        """Pieces of the scan from pulse ``first`` on: where each ends, and what it found."""
+        """Pieces of the scan from pulse ``first`` on: where each ends, and what it found.
+
+        A pulse on which the program fails costs no other: it is looked for by halves and named in the
+        cloud's ``lost``.
+        """
         step = at_once or self.at_once
         for begin in range(first, self.pulses, step):
             stop = min(begin + step, self.pulses)
-            yield stop, self.look(begin, stop)
+            yield stop, self._look_around_faults(begin, stop)
+
+    def _look_around_faults(self, first: int, stop: int) -> Cloud:
+        try:
+            return self.look(first, stop)
+        except Exception as fault:
+            if stop - first > 1:
+                middle = (first + stop) // 2
+                halves = [(first, middle), (middle, stop)]
+                return join([self._look_around_faults(*half) for half in halves])
+            self._lost += 1
+            if self._lost > MOST_LOST:
+                raise
+            why = f"{type(fault).__name__}: {fault}"
+            return replace(self.look(first, first), pulses=1, lost=(Lost(first, stop, why),))
 
     def _measure(
         self,
