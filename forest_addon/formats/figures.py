@@ -138,6 +138,9 @@ def _of_cloud(sensor: Sensor, cloud: Cloud) -> list[Figure]:
     ]
     if isinstance(sensor, Scanner) and sensor.beam.max_returns > 1:
         found.append(numbers("of several returns", "Several Returns", _share(cloud.count > 1)))
+    if cloud.lost:
+        lost = "; ".join(map(str, cloud.lost))
+        found.append(numbers("not measured, by a fault of this program", "Not Measured", lost))
     return [*found, numbers("", "Rays By", cloud.engine)]
 
 

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..sensing.lidar.cloud import Lost, together
 from ..sensing.lidar.scan import Scan
 from ..sensing.rays.geometry import SceneGeometry
 from ..spec import SpecError
@@ -35,23 +36,29 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Written:
-    """What a scan wrote: its file, pulses and points; ``resumed_at`` is the pulse that it went on from."""
+    """What a scan wrote: its file, pulses and points; ``resumed_at`` is the pulse that it went on from,
+    ``lost`` what could not be measured.
+    """
 
     path: Path
     pulses: int
     points: int
     resumed_at: int
+    lost: tuple[Lost, ...] = ()
 
 
 @dataclass(frozen=True)
 class State:
-    """How far an unfinished scan is: which scan, its pulses, those of a chunk, those done, its points."""
+    """How far an unfinished scan is: which scan, its pulses, those of a chunk, those done, those of them that
+    were lost, its points.
+    """
 
     scan: str
     pulses: int
     at_once: int
     done: int = 0
     points: int = 0
+    lost: tuple[Lost, ...] = ()
 
 
 def write_scan(
@@ -87,7 +94,8 @@ def write_scan(
     try:
         for done, cloud in scan.chunks(begin, state.at_once):
             file.append(records(cloud, offset))
-            state = dataclasses.replace(state, done=done, points=file.count)
+            lost = together([*state.lost, *cloud.lost])
+            state = dataclasses.replace(state, done=done, points=file.count, lost=lost)
             with replacing(noted) as text:
                 text.write_text(json.dumps(dataclasses.asdict(state)) + "\n", encoding="utf-8")
             if progress:
@@ -96,7 +104,7 @@ def write_scan(
         file.close()
     _finish(file, path, kind)
     noted.unlink(missing_ok=True)
-    return Written(path, scan.pulses, file.count, begin)
+    return Written(path, scan.pulses, file.count, begin, state.lost)
 
 
 def _finish(file: PlyFile, path: Path, kind: str) -> None:
@@ -133,8 +141,9 @@ def write_npz_rows(path: Path, rows: np.ndarray) -> None:
 def _resumed(noted: Path, fresh: State) -> State:
     """What an unfinished scan says of itself; its chunks go on as they were."""
     try:
-        known = State(**json.loads(noted.read_text(encoding="utf-8")))
-    except (ValueError, TypeError):
+        said = json.loads(noted.read_text(encoding="utf-8"))
+        known = State(**said | {"lost": tuple(Lost(**one) for one in said.get("lost", ()))})
+    except (ValueError, TypeError, AttributeError):
         known = None
     if known is None or (known.scan, known.pulses) != (fresh.scan, fresh.pulses):
         raise SpecError(

@@ -6,6 +6,7 @@ interrupted, or killed, goes on with ``--resume``.
 
 from __future__ import annotations
 
+import sys
 import time
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -176,6 +177,9 @@ def scan_blend(
             f"{done.path}: {done.points:,} points of {done.pulses:,} pulses by {caster.engine}, "
             f"{(done.pulses - done.resumed_at) / took:,.0f} pulses/s"
         )
+        for lost in done.lost:
+            text = f"Not measured, by a fault of this program that is worth a report: {lost}"
+            print(text, file=sys.stderr, flush=True)  # whoever wants no words but errors wants this one
     finally:
         with hushed():  # with an evaluated scene at hand, bpy 4.5 never ends
             bpy.ops.wm.read_factory_settings(use_empty=True)

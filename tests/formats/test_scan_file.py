@@ -99,6 +99,64 @@ def test_an_interrupted_scan_ends_with_the_same_bytes(tmp_path, kind, kills):
     assert cut.read_bytes() == whole.read_bytes()
 
 
+class Faulty(BruteCaster):
+    """Fails on some pulses, as a program does that has a fault."""
+
+    def __init__(self, *pulses):
+        super().__init__(work().caster.scene)
+        way = work().pattern.pulses(np.array(pulses, dtype=np.int64)).direction
+        self.ways = way[:, None, :]
+
+    def cast(self, origins, directions, *limits, **more):
+        # The axis of a pulse is the mean of its rays, but for their lengths.
+        if len(directions):
+            axis = directions.reshape(-1, SCANNER.beam.subrays, 3).mean(axis=1)
+            if (np.abs(axis - self.ways).max(axis=2) < 1e-3).any():
+                raise IndexError("index 2 is out of bounds")
+        return super().cast(origins, directions, *limits, **more)
+
+
+def faulty(*pulses):
+    return Scan(SCANNER, Faulty(*pulses), seed=5)
+
+
+def test_a_pulse_that_cannot_be_measured_costs_no_other(tmp_path):
+    whole = records(scan(SCANNER, work().caster, 5))
+    done = write_scan(tmp_path / "a.ply", faulty(100, 101, 230), 5, at_once=64)
+    rows, _ = read_ply(tmp_path / "a.ply")
+    kept = whole[~np.isin(whole["pulse"], [100, 101, 230])]
+    assert len(kept) < len(whole)
+    assert rows.tobytes() == kept.tobytes()
+    assert done.pulses == work().pulses
+    assert [str(lost) for lost in done.lost] == [
+        "pulses 100 to 101 (IndexError: index 2 is out of bounds)",
+        "pulse 230 (IndexError: index 2 is out of bounds)",
+    ]
+    cloud = scan(SCANNER, Faulty(100, 101, 230), 5)
+    assert cloud.lost == done.lost
+    assert cloud.pulses == work().pulses
+    assert records(cloud).tobytes() == kept.tobytes()
+
+
+def test_what_was_lost_before_an_interruption_is_named_after_it(tmp_path):
+    path = tmp_path / "a.ply"
+    with pytest.raises(Killed):
+        write_scan(path, faulty(40, 300), 5, at_once=64, progress=killed_after(128))
+    done = write_scan(path, faulty(40, 300), 5, resume=True)
+    assert [(lost.first, lost.stop) for lost in done.lost] == [(40, 41), (300, 301)]
+    write_scan(tmp_path / "b.ply", faulty(40, 300), 5, at_once=64)
+    assert path.read_bytes() == (tmp_path / "b.ply").read_bytes()
+
+
+def test_a_caster_that_fails_always_ends_the_scan_and_keeps_what_is_done(tmp_path):
+    with pytest.raises(IndexError):
+        write_scan(tmp_path / "a.ply", faulty(*range(128, 480)), 5, at_once=64)
+    rows, _ = read_ply(tmp_path / "a.partial.ply")
+    whole = records(scan(SCANNER, work().caster, 5))
+    assert rows.tobytes() == whole[whole["pulse"] < 192].tobytes()[: rows.nbytes]
+    assert rows["pulse"].max() < 128
+
+
 def test_rows_that_were_written_but_not_noted_are_cut_off(tmp_path):
     path = tmp_path / "a.ply"
     with pytest.raises(Killed):

@@ -12,6 +12,20 @@ from .returns import Returns
 
 
 @dataclass(frozen=True)
+class Lost:
+    """Pulses from number ``first`` to before ``stop`` that could not be measured, and why."""
+
+    first: int
+    stop: int
+    why: str
+
+    def __str__(self) -> str:
+        last = self.stop - 1
+        which = f"pulse {last}" if last == self.first else f"pulses {self.first} to {last}"
+        return f"{which} ({self.why})"
+
+
+@dataclass(frozen=True)
 class Cloud:
     """P returns of ``pulses`` pulses, sorted by pulse and then by range.
 
@@ -24,6 +38,7 @@ class Cloud:
     width : (P,) seconds, standard deviation of the echo; 0 where a pulse has no length.
     true_range : (P,) metres, the range without noise.
     returns : measured range, surface and labels of the P returns.
+    lost : those of the ``pulses`` on which the program failed; a fault of ours, to be reported.
     """
 
     position: np.ndarray
@@ -40,6 +55,7 @@ class Cloud:
     returns: Returns
     pulses: int
     engine: str
+    lost: tuple[Lost, ...] = ()
 
     def __len__(self) -> int:
         return len(self.pulse)
@@ -50,11 +66,27 @@ def join(clouds: Sequence[Cloud]) -> Cloud:
     arrays = {
         field.name: np.concatenate([getattr(cloud, field.name) for cloud in clouds])
         for field in dataclasses.fields(Cloud)
-        if field.name not in ("returns", "pulses", "engine")
+        if field.name not in ("returns", "pulses", "engine", "lost")
     }
     labels = {
         field.name: np.concatenate([getattr(cloud.returns, field.name) for cloud in clouds])
         for field in dataclasses.fields(Returns)
     }
     pulses = sum(cloud.pulses for cloud in clouds)
-    return Cloud(**arrays, returns=Returns(**labels), pulses=pulses, engine=clouds[0].engine)
+    return Cloud(
+        **arrays,
+        returns=Returns(**labels),
+        pulses=pulses,
+        engine=clouds[0].engine,
+        lost=together([lost for cloud in clouds for lost in cloud.lost]),
+    )
+
+
+def together(lost: Sequence[Lost]) -> tuple[Lost, ...]:
+    """Lost pulses in order, those that follow each other for the same reason as one."""
+    joined: list[Lost] = []
+    for one in lost:
+        if joined and (joined[-1].stop, joined[-1].why) == (one.first, one.why):
+            one = Lost(joined.pop().first, one.stop, one.why)
+        joined.append(one)
+    return tuple(joined)

@@ -7,12 +7,15 @@ r·w₀·(cos φ, sin φ) and turns away at right angles to that, by r·θ/2·(-
 1966, Appl. Opt. 5, 1229). With different divergences along both axes the two widths are exact, and the
 ellipse may be turned a little where the beam changes from its exit to its far field.
 
-The N rays share the beam into rings of equal energy, one ray a ring at its root-mean-square radius, so
-that the second moment of the footprint is exact for any N; from ring to ring they turn by the golden
-angle (Vogel 1979), and the whole by a random angle a pulse.
+The N rays share the beam into rings of equal energy, one ray a ring at its root-mean-square radius; from
+ring to ring they turn by the golden angle (Vogel 1979), and the whole by a random angle a pulse. The few
+rays of a small N then are moved a little, so that their centre is the beam's and their second moments
+are exact along every axis: a plane is at its range at any incidence, and as wide as the closed form says.
 """
 
 from __future__ import annotations
+
+from functools import cache
 
 import numpy as np
 from scipy.special import xlogy
@@ -36,6 +39,23 @@ def radii(subrays: int) -> np.ndarray:
     return np.sqrt(np.maximum(-np.diff(inside) * subrays, 0.0))
 
 
+@cache
+def places(subrays: int) -> np.ndarray:
+    """(N, 2) where rays cross the beam, in units of w, from the axis outwards."""
+    if subrays == 1:
+        return np.zeros((1, 2))
+    angle = GOLDEN_ANGLE * np.arange(subrays)
+    place = radii(subrays)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    place -= place.mean(axis=0)
+    moments, axes = np.linalg.eigh(place.T @ place / subrays)
+    if subrays == 2:  # on a line
+        moments[:] = moments.sum() / 2
+    place = place @ (axes * (0.5 / np.sqrt(moments))) @ axes.T  # w is two standard deviations
+    place = place[np.argsort(np.hypot(*place.T), kind="stable")]
+    place.flags.writeable = False
+    return place
+
+
 def spread(pulses: Pulses, beam: Beam, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(P·N, 3) origins and unit directions of the sub-rays of P pulses, pulse by pulse.
 
@@ -43,8 +63,7 @@ def spread(pulses: Pulses, beam: Beam, keys: np.ndarray) -> tuple[np.ndarray, np
     """
     if beam.subrays == 1:
         return pulses.origin, pulses.direction
-    r, angle = radii(beam.subrays), GOLDEN_ANGLE * np.arange(beam.subrays)
-    x, y = r * np.cos(angle), r * np.sin(angle)  # (N,) before the turn of each pulse
+    x, y = places(beam.subrays).T  # before the turn of each pulse
     turn = 2 * np.pi * keyed_uniform(keys, "footprint")
     cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
     along, across = np.array(beam.divergence_mrad) * 0.5e-3

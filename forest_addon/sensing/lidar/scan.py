@@ -15,10 +15,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...growth.mesh.trimesh import LEAF
 from ...rng import daughter_keys, first_key
 from ..rays.caster import RayCaster, hit_normals
-from . import noise
-from .cloud import Cloud, join
+from . import noise, patches
+from .cloud import Cloud, Lost, join
 from .footprint import spread
 from .passage import Contacts, meet
 from .radiometry import detection_limit, intensity, reflectance_of
@@ -29,6 +30,7 @@ from .waveform import LIGHT, Echoes, find_echoes, pulse_length
 
 Progress = Callable[[int, int], None]
 RAYS_AT_ONCE = 65_536
+MOST_LOST = 100  # pulses of a scan; beyond, it is not a pulse that is at fault
 
 
 class Scan:
@@ -42,6 +44,7 @@ class Scan:
         self._key = first_key(seed, "lidar", scanner.name)
         self.pulses = self.pattern.count
         self.at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
+        self._lost = 0
 
     def look(self, first: int, stop: int) -> Cloud:
         """The returns of the pulses from number ``first`` to before ``stop``."""
@@ -58,26 +61,44 @@ class Scan:
         contacts = meet(
             self.caster, origins, directions, scanner.max_range, scanner.surfaces, ray_keys
         )
-        return self._measure(pulses, number, keys, directions, contacts)
+        return self._measure(pulses, number, keys, (origins, directions), contacts)
 
     def chunks(self, first: int = 0, at_once: int | None = None) -> Iterator[tuple[int, Cloud]]:
-        """Pieces of the scan from pulse ``first`` on: where each ends, and what it found."""
+        """Pieces of the scan from pulse ``first`` on: where each ends, and what it found.
+
+        A pulse on which the program fails costs no other: it is looked for by halves and named in the
+        cloud's ``lost``.
+        """
         step = at_once or self.at_once
         for begin in range(first, self.pulses, step):
             stop = min(begin + step, self.pulses)
-            yield stop, self.look(begin, stop)
+            yield stop, self._look_around_faults(begin, stop)
+
+    def _look_around_faults(self, first: int, stop: int) -> Cloud:
+        try:
+            return self.look(first, stop)
+        except Exception as fault:
+            if stop - first > 1:
+                middle = (first + stop) // 2
+                halves = [(first, middle), (middle, stop)]
+                return join([self._look_around_faults(*half) for half in halves])
+            self._lost += 1
+            if self._lost > MOST_LOST:
+                raise
+            why = f"{type(fault).__name__}: {fault}"
+            return replace(self.look(first, first), pulses=1, lost=(Lost(first, stop, why),))
 
     def _measure(
         self,
         pulses: Pulses,
         number: np.ndarray,
         keys: np.ndarray,
-        directions: np.ndarray,
+        rays: tuple[np.ndarray, np.ndarray],
         contacts: Contacts,
     ) -> Cloud:
-        """What the receiver makes of the light that comes back."""
+        """What the receiver makes of the light that comes back to origins and directions of rays."""
         scanner, scene = self.scanner, self.caster.scene
-        hits, ways = contacts.hits, directions[contacts.ray]
+        hits, ways = contacts.hits, rays[1][contacts.ray]
         normal = hit_normals(scene, hits)
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         energy = intensity(
@@ -89,7 +110,23 @@ class Scan:
         counts = np.flatnonzero((energy > 0) & (hits.distance >= scanner.min_range))
         pulse, subray = np.divmod(contacts.ray[counts], scanner.beam.subrays)
         sigma = pulse_length(scanner.beam.pulse_ns)
-        echoes = find_echoes(pulse, subray, hits.distance[counts], energy[counts], sigma)
+        distance, blur = hits.distance[counts], None
+        if scanner.beam.subrays > 1:
+            solid = np.flatnonzero(contacts.organ[counts] != LEAF)
+            solid = solid[patches.long(pulse[solid], distance[solid], sigma)]
+            rows = counts[solid]
+            met = patches.Contacted(
+                pulse=pulse[solid],
+                subray=subray[solid],
+                distance=distance[solid],
+                energy=energy[rows],
+                origin=rays[0][contacts.ray[rows]],
+                direction=ways[rows],
+                normal=normal[rows],
+            )
+            blur = np.zeros(len(counts))
+            distance[solid], blur[solid] = patches.blurred(met, scanner.beam.subrays, sigma)
+        echoes = find_echoes(pulse, subray, distance, energy[counts], sigma, blur)
         echoes = _taken(echoes, np.flatnonzero(echoes.energy >= detection_limit(scanner)))
 
         return_keys = daughter_keys(keys[echoes.pulse], _rank(echoes.pulse))

@@ -74,7 +74,7 @@ def find_echoes(
     blur = np.zeros(len(pulse)) if blur is None else blur
     if (np.diff(pulse) > 0).all():  # one contact a pulse: that is its echo
         return Echoes(pulse, distance, energy, np.hypot(sigma, blur), np.arange(len(pulse)))
-    order = np.lexsort((subray, distance, pulse))
+    order = _by_range(pulse, distance)
     pulse, subray, energy = pulse[order], subray[order], energy[order]
     at, width = distance[order], np.hypot(sigma, blur[order])
     first = np.flatnonzero(np.append(True, _apart(pulse, at, width, sigma)))
@@ -97,6 +97,15 @@ def find_echoes(
         width=np.sqrt(sigma**2 + spread),
         contact=order[chosen],
     )
+
+
+def _by_range(pulse: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Order of contacts by pulse and then by distance; as they came where these are equal."""
+    order = np.argsort(distance, kind="stable")
+    few = pulse.max(initial=0) <= np.iinfo(np.uint16).max  # sorted by their digits
+    key = pulse.astype(np.uint16) if few else pulse
+    by_range: np.ndarray = order[np.argsort(key[order], kind="stable")]
+    return by_range
 
 
 def _apart(pulse: np.ndarray, at: np.ndarray, width: np.ndarray, sigma: float) -> np.ndarray:

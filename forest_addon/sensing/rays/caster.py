@@ -14,6 +14,8 @@ import numpy as np
 
 from .geometry import SceneGeometry
 
+ROWS = 8192  # hits at a time: what is in work stays in the cache
+
 
 @dataclass(frozen=True)
 class Hits:
@@ -116,14 +118,22 @@ def hit_normals(scene: SceneGeometry, hits: Hits) -> np.ndarray:
     normals = np.full((len(hits.distance), 3), np.nan)
     found = np.flatnonzero(hits.found)
     mesh_of_hit = scene.mesh_index[hits.instance[found]]
-    for index in np.unique(mesh_of_hit):
+    for index in np.flatnonzero(np.bincount(mesh_of_hit)):
         rows = found[mesh_of_hit == index]
         mesh = scene.meshes[index]
-        corners = mesh.vertices[mesh.triangles[hits.triangle[rows]]]
-        linear = scene.transform[hits.instance[rows], :, :3]
-        u = np.einsum("rij,rj->ri", linear, corners[:, 1] - corners[:, 0])
-        v = np.einsum("rij,rj->ri", linear, corners[:, 2] - corners[:, 0])
-        normal = np.cross(u, v)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            normals[rows] = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+        for first in range(0, len(rows), ROWS):
+            part = rows[first : first + ROWS]
+            a, b, c = (mesh.vertices[corner].T for corner in mesh.triangles[hits.triangle[part]].T)
+            m = scene.transform[hits.instance[part]].reshape(-1, 12).T.copy()
+            u, v = _turned(m, b - a), _turned(m, c - a)
+            x = u[1] * v[2] - u[2] * v[1]
+            y = u[2] * v[0] - u[0] * v[2]
+            z = u[0] * v[1] - u[1] * v[0]
+            with np.errstate(invalid="ignore", divide="ignore"):
+                normals[part] = (np.stack([x, y, z]) / np.sqrt(x * x + y * y + z * z)).T
     return normals
+
+
+def _turned(m: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Vectors (3, R) by the linear parts of transforms (12, R)."""
+    return tuple(m[i] * v[0] + m[i + 1] * v[1] + m[i + 2] * v[2] for i in (0, 4, 8))

@@ -1,5 +1,7 @@
 """Echoes against sampled waveforms and closed forms."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -178,7 +180,10 @@ def test_a_contact_just_before_a_valley_is_its_crests():
 def contacts(most=100):
     """Contacts of one pulse: in clumps, far and near, some at the very same place."""
     place = st.one_of(
-        st.floats(-30, 30), st.integers(-8, 8).map(float), st.floats(-2.5, 2.5), st.floats(-1e-9, 1e-9)
+        st.floats(-30, 30),
+        st.integers(-8, 8).map(float),
+        st.floats(-2.5, 2.5),
+        st.floats(-1e-9, 1e-9),
     )  # in pulse lengths
     return st.lists(
         st.tuples(place, st.floats(0, 5), st.sampled_from([0.0, 0.0, 0.5, 3.0, 40.0])),
@@ -187,17 +192,19 @@ def contacts(most=100):
     )
 
 
+HARD_PULSE = [
+    ((x - 40) / HARD_SIGMA, 5 + np.log10(e), 0.0)
+    for x, e in zip(HARD_DISTANCE, HARD_ENERGY, strict=True)
+]
+
+
 @settings(max_examples=300, deadline=None)
 @given(
     sigma=st.sampled_from(instruments()),
     pulses=st.lists(contacts(), min_size=1, max_size=3),
     spread=st.booleans(),
 )
-@example(
-    sigma=HARD_SIGMA,
-    pulses=[[((x - 40) / HARD_SIGMA, 5 + np.log10(e), 0.0) for x, e in zip(HARD_DISTANCE, HARD_ENERGY, strict=True)]],
-    spread=False,
-)  # fmt: skip
+@example(sigma=HARD_SIGMA, pulses=[HARD_PULSE], spread=False)
 def test_no_pulse_is_lost_and_no_light(sigma, pulses, spread):
     place, decade, blur = (
         np.array([contact[k] for pulse in pulses for contact in pulse]) for k in range(3)
@@ -233,4 +240,4 @@ def test_every_contact_is_in_exactly_one_echo(sigma, places, seed):
     for one, contact in zip(taken, found.contact, strict=True):
         assert int(np.log2(energy[contact])) in one
     reach = [[distance[energy == 2.0**k][0] for k in one] for one in taken]
-    assert all(max(a) <= min(b) for a, b in zip(reach, reach[1:], strict=False))  # in order
+    assert all(max(a) <= min(b) for a, b in pairwise(reach))  # in order
