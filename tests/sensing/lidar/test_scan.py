@@ -7,7 +7,7 @@ from references.rays_brute import BruteCaster
 
 from forest_addon.growth.mesh.trimesh import GROUND, WOOD, TriMesh
 from forest_addon.growth.mesh.tubes import tube
-from forest_addon.sensing.lidar import scan
+from forest_addon.sensing.lidar.scan import scan
 from forest_addon.spec import Terrestrial
 
 
