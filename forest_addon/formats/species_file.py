@@ -5,6 +5,7 @@ Wherever a species is named, a name without an ending means a file of ``assets/s
 
 from __future__ import annotations
 
+from hashlib import blake2b
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,8 @@ from .stl import StlError, read_stl
 from .toml_file import read_settings
 
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
+KEPT = 4  # trees that stay recognised
+_recognised: dict[tuple[bytes, float], TreeTemplate] = {}
 
 
 def find_species(name: str, folder: Path) -> Path:
@@ -75,10 +78,26 @@ def complete_species(
         if leaves is None and template.grow_leaves and leaf.on:
             unit = template.height / float(np.ptp(wood[:, :, 2])) if template.height else 1.0
             leaves = dress(wood, leaf, blade or SHAPES[leaf.shape](), unit)
-        return species, split_tree(wood, leaves, height=template.height)
+        return species, _split_once(wood, leaves, template.height)
     except FileNotFoundError as problem:
         raise SpecError(
             place, f"{what}: there is no file {problem.filename}; check the path"
         ) from None
     except (StlError, TemplateError, BladeError) as problem:
         raise SpecError(place, f"{what}: {problem}") from None
+
+
+def _split_once(wood: np.ndarray, leaves: np.ndarray | None, height: float) -> TreeTemplate:
+    """What ``split_tree`` finds; the trees that were last asked for are not recognised again.
+
+    Every update of a forest reads its species anew, and recognising one takes up to seconds.
+    """
+    content = blake2b(wood.tobytes())
+    if leaves is not None:
+        content.update(b"leaves" + leaves.tobytes())
+    key = (content.digest(), height)
+    found = _recognised.pop(key, None) or split_tree(wood, leaves, height=height)
+    _recognised[key] = found  # the last again
+    for old in list(_recognised)[:-KEPT]:
+        _recognised.pop(old, None)
+    return found

@@ -9,7 +9,7 @@ from references.lidar_scenes import ground, scene_with, wall
 from references.rays_brute import BruteCaster
 
 from forest_addon.blender.cloud import GROUP, MEASURES, NUMBERS, show_cloud
-from forest_addon.sensing.lidar import scan
+from forest_addon.sensing.lidar.scan import scan
 from forest_addon.spec import Beam, Terrestrial
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from forest_addon.formats.species_file import load_species
-from forest_addon.formats.stl import write_stl
+from forest_addon.formats.species_file import ASSETS, KEPT, load_species
+from forest_addon.formats.stl import read_stl, write_stl
 from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.growth.mesh.trimesh import LEAF
 from forest_addon.growth.tree import grow
@@ -46,3 +46,28 @@ def test_a_leaf_that_cannot_be_used(tmp_path, facets, complaint):
     with pytest.raises(SpecError, match=complaint) as caught:
         load_species(tmp_path / "kite.toml")
     assert "leaf.mesh" in str(caught.value)
+
+
+def test_a_tree_is_recognised_once_as_long_as_its_files_stay_the_same(tmp_path):
+    """By what is in them: a file that was written anew is read anew, at another height it is another."""
+
+    def load(height):
+        (tmp_path / "mine.toml").write_text(
+            f'name = "mine"\n[template]\nwood = "wood.stl"\nheight = {height}\n'
+        )
+        return load_species(tmp_path / "mine.toml")[1]
+
+    wood = read_stl(ASSETS / "templates" / "apple" / "wood.stl")
+    write_stl(tmp_path / "wood.stl", wood)
+    first = load(5.0)
+    assert load(5.0) is first
+    assert load(6.0).trunk_length == pytest.approx(1.2 * first.trunk_length)
+    assert load(5.0) is first
+    write_stl(tmp_path / "wood.stl", wood * [1, 1, 2])
+    assert load(5.0) is not first
+    for height in range(7, 7 + KEPT):
+        load(float(height))
+    write_stl(tmp_path / "wood.stl", wood)
+    again = load(5.0)  # no longer kept: recognised again, the same
+    assert again is not first
+    np.testing.assert_array_equal(again.trunk.vertices, first.trunk.vertices)
