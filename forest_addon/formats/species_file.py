@@ -13,8 +13,11 @@ from ..growth.lsystem.expression import ExpressionError
 from ..growth.lsystem.ruled import check_rules
 from ..growth.lsystem.word import GrammarError
 from ..growth.mesh.blades import SHAPES, Blade, BladeError, blade_from
+from ..growth.template.anatomy import dissect
 from ..growth.template.cut import TemplateError, TreeTemplate, split_tree
 from ..growth.template.dress import dress
+from ..growth.template.fitted import Habit, fit
+from ..growth.template.recognise import recognise
 from ..spec import SpecError, Species
 from .stl import StlError, read_stl
 from .toml_file import read_settings
@@ -40,7 +43,7 @@ def find_species(name: str, folder: Path) -> Path:
     return preset
 
 
-def load_species(path: Path) -> tuple[Species, TreeTemplate | Blade | None]:
+def load_species(path: Path) -> tuple[Species, TreeTemplate | Habit | Blade | None]:
     """Read a species and what it takes from STL files: templates, or the leaf of one without.
 
     Raises
@@ -52,7 +55,7 @@ def load_species(path: Path) -> tuple[Species, TreeTemplate | Blade | None]:
 
 def complete_species(
     species: Species, folder: Path, place: str
-) -> tuple[Species, TreeTemplate | Blade | None]:
+) -> tuple[Species, TreeTemplate | Habit | Blade | None]:
     """A species with what it takes from STL files, which start from ``folder``.
 
     Raises
@@ -75,6 +78,10 @@ def complete_species(
         if leaves is None and template.grow_leaves and leaf.on:
             unit = template.height / float(np.ptp(wood[:, :, 2])) if template.height else 1.0
             leaves = dress(wood, leaf, blade or SHAPES[leaf.shape](), unit)
+        if species.siblings is not None:
+            tall = float(np.ptp(wood[:, :, 2])) if len(wood) else 0.0
+            metres = template.height / tall if template.height and tall else 1.0
+            return species, fit(dissect(recognise(wood, leaves), metres))
         return species, split_tree(wood, leaves, height=template.height)
     except FileNotFoundError as problem:
         raise SpecError(
