@@ -5,8 +5,10 @@ Wherever a species is named, a name without an ending means a file of ``assets/s
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from hashlib import blake2b
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,15 +16,18 @@ from ..growth.lsystem.expression import ExpressionError
 from ..growth.lsystem.ruled import check_rules
 from ..growth.lsystem.word import GrammarError
 from ..growth.mesh.blades import SHAPES, Blade, BladeError, blade_from
+from ..growth.template.anatomy import dissect
 from ..growth.template.cut import TemplateError, TreeTemplate, split_tree
 from ..growth.template.dress import dress
+from ..growth.template.fitted import Habit, fit
+from ..growth.template.recognise import recognise
 from ..spec import SpecError, Species
 from .stl import StlError, read_stl
 from .toml_file import read_settings
 
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
 KEPT = 4  # trees that stay recognised
-_recognised: dict[tuple[bytes, float], TreeTemplate] = {}
+_recognised: dict[tuple[bytes, tuple[str, float]], TreeTemplate | Habit] = {}
 
 
 def find_species(name: str, folder: Path) -> Path:
@@ -43,7 +48,7 @@ def find_species(name: str, folder: Path) -> Path:
     return preset
 
 
-def load_species(path: Path) -> tuple[Species, TreeTemplate | Blade | None]:
+def load_species(path: Path) -> tuple[Species, TreeTemplate | Habit | Blade | None]:
     """Read a species and what it takes from STL files: templates, or the leaf of one without.
 
     Raises
@@ -55,7 +60,7 @@ def load_species(path: Path) -> tuple[Species, TreeTemplate | Blade | None]:
 
 def complete_species(
     species: Species, folder: Path, place: str
-) -> tuple[Species, TreeTemplate | Blade | None]:
+) -> tuple[Species, TreeTemplate | Habit | Blade | None]:
     """A species with what it takes from STL files, which start from ``folder``.
 
     Raises
@@ -78,7 +83,16 @@ def complete_species(
         if leaves is None and template.grow_leaves and leaf.on:
             unit = template.height / float(np.ptp(wood[:, :, 2])) if template.height else 1.0
             leaves = dress(wood, leaf, blade or SHAPES[leaf.shape](), unit)
-        return species, _split_once(wood, leaves, template.height)
+        if species.siblings is not None:
+            tall = float(np.ptp(wood[:, :, 2])) if len(wood) else 0.0
+            metres = template.height / tall if template.height and tall else 1.0
+            return species, _once(
+                ("fit", metres), wood, leaves, lambda: fit(dissect(recognise(wood, leaves), metres))
+            )
+        height = template.height
+        return species, _once(
+            ("split", height), wood, leaves, lambda: split_tree(wood, leaves, height=height)
+        )
     except FileNotFoundError as problem:
         raise SpecError(
             place, f"{what}: there is no file {problem.filename}; check the path"
@@ -87,16 +101,18 @@ def complete_species(
         raise SpecError(place, f"{what}: {problem}") from None
 
 
-def _split_once(wood: np.ndarray, leaves: np.ndarray | None, height: float) -> TreeTemplate:
-    """What ``split_tree`` finds; the trees that were last asked for are not recognised again.
+def _once(
+    what: tuple[str, float], wood: np.ndarray, leaves: np.ndarray | None, make: Callable[[], Any]
+) -> Any:
+    """What ``make`` makes of facets; of the trees that were last asked for it is kept.
 
     Every update of a forest reads its species anew, and recognising one takes up to seconds.
     """
     content = blake2b(wood.tobytes())
     if leaves is not None:
         content.update(b"leaves" + leaves.tobytes())
-    key = (content.digest(), height)
-    found = _recognised.pop(key, None) or split_tree(wood, leaves, height=height)
+    key = (content.digest(), what)
+    found = _recognised.pop(key, None) or make()
     _recognised[key] = found  # the last again
     for old in list(_recognised)[:-KEPT]:
         _recognised.pop(old, None)

@@ -1,6 +1,7 @@
 """One tree: grown to the last twig as a skeleton, or grafted from templates (T20).
 
-A species without a template is a skeleton with leaf sites, of which meshes are made. With one, the
+A species without a template is a skeleton with leaf sites, of which meshes are made. With one, either a
+grammar fitted to that tree makes siblings of it out of its own pieces (``template.sibling``), or T20's
 L-system gives trunk and first-level nodes, templates give the branches: the trunk is a tube along the
 skeleton's axis of order 0; at every node where an axis of order 1 leaves it, and at the trunk's tip, a
 branch template is grafted whose length is that of the whole axis. With as many templates as nodes they
@@ -16,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..rng import truncated_normal
-from ..spec import Species
+from ..spec import Siblings, Species
 from .lsystem.grammar import string_of
 from .lsystem.turtle import interpret
 from .mesh.axes import first_level
@@ -29,7 +30,10 @@ from .mesh.tubes import sides_for, tube
 from .skeleton import Skeleton
 from .species import skeleton_of
 from .template.cut import TreeTemplate
+from .template.fitted import Habit
 from .template.graft import Scion, Site, graft, prepare
+from .template.relay import mesh_of, skeleton_of_grown
+from .template.sibling import grow_sibling
 
 TOLERANCE = 0.002  # metres between a trunk's polygon and its circle
 SUNK = 0.15  # metres the trunk goes on below the ground, so that no gap shows
@@ -41,8 +45,8 @@ class Tree:
 
     mesh : wood in material slot 0, leaves in slot 1.
     leaves : the truth of its leaves; ``branch`` counts the first-level branches, -1 on the trunk.
-    skeleton : all of its wood; of a grafted tree, trunk and first-level axes.
-    grafted : whether its branches come from templates.
+    skeleton : all of its wood; of one that is grafted by T20's grammar, trunk and first-level axes.
+    grafted : whether its branches come from templates, so that the mesh knows more than the skeleton.
     """
 
     mesh: TriMesh
@@ -56,15 +60,27 @@ class Tree:
         return float(self.mesh.vertices[:, 2].max(initial=0.0))
 
 
-def grow(species: Species, template: TreeTemplate | Blade | None, rng: np.random.Generator) -> Tree:
+def grow(
+    species: Species, template: TreeTemplate | Habit | Blade | None, rng: np.random.Generator
+) -> Tree:
     """Grow one tree of a species from its random stream.
 
-    template : its branches; for a species without, its own leaf or None.
+    template : its branches, or the grammar fitted to them; for a species without, its own leaf or None.
     """
+    if isinstance(template, Habit):
+        return _sibling(species, template, rng)
     if isinstance(template, TreeTemplate):
         return _grafted(species, template, rng)
     blade = template or SHAPES[species.leaf.shape]()
     return _whole(species, blade, rng)
+
+
+def _sibling(species: Species, habit: Habit, rng: np.random.Generator) -> Tree:
+    """A tree like the template's, of its own pieces."""
+    siblings = species.siblings or Siblings()
+    grown = grow_sibling(habit, siblings, int(rng.integers(2**63)))
+    mesh, leaves = mesh_of(habit.anatomy, grown, siblings.variety)
+    return Tree(mesh, leaves, skeleton_of_grown(grown))
 
 
 def _whole(species: Species, blade: Blade, rng: np.random.Generator) -> Tree:

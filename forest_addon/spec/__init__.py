@@ -25,7 +25,19 @@ from .lidar import (
 from .reverb import Place, Reverb
 from .scene import SENSORS, Accuracy, Output, Rays, Scene, Sensor
 from .sonar import HORSESHOE_BAND, Sonar
-from .species import MAX_REACH, Detail, Grammar, Honda, Jitter, Leaf, Look, Rules, Species, Template
+from .species import (
+    MAX_REACH,
+    Detail,
+    Grammar,
+    Honda,
+    Jitter,
+    Leaf,
+    Look,
+    Rules,
+    Siblings,
+    Species,
+    Template,
+)
 
 __all__ = [
     "HORSESHOE_BAND",
@@ -64,6 +76,7 @@ __all__ = [
     "Scene",
     "Sensor",
     "Settings",
+    "Siblings",
     "Sonar",
     "SpecError",
     "Species",

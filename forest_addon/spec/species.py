@@ -79,6 +79,42 @@ class Template(Settings):
     )
 
 
+class Siblings(Settings):
+    """Trees like the one in the template: a grammar is fitted to it, and its own pieces stand on what grows.
+
+    Left out, a template's branches are set on the grammar of T20 or A20.
+    """
+
+    variety: float = param(
+        1.0,
+        help="0: the tree of the files itself; 1: as different as trees of a stand are",
+        ge=0,
+        le=1,
+    )
+    age: float = param(
+        1.0, help="age over that of the tree of the files: its diameter grows in proportion", ge=0.2, le=3
+    )
+    height: float = param(
+        0.0, unit="m", help="height; 0: follows from age and diameter", ge=0, le=200
+    )
+    dbh: float = param(
+        0.0, unit="m", help="diameter at breast height; 0: follows from age and height", ge=0, le=20
+    )
+    allometry: str = param(
+        "any",
+        help="whose measured proportions: how height and crown grow with the stem",
+        choices=(
+            *("any", "broadleaf", "conifer", "abies", "acer", "betula", "eucalyptus", "fagus"),
+            *("larix", "picea", "pinus", "populus", "pseudotsuga", "quercus"),
+        ),
+    )
+
+    def check(self) -> None:
+        if self.age != 1 and (self.height or self.dbh):
+            given = "height" if self.height else "dbh"
+            raise SpecError(given, "cannot be used beside age; remove one of them")
+
+
 class Look(Settings):
     """Colours of bark and leaves, linear RGB from 0 to 1."""
 
@@ -229,14 +265,18 @@ class Detail(Settings):
 class Species(Settings):
     """One kind of tree and its looks.
 
-    With a template, a grammar gives the trunk and the places of branches from STL files. Without one the
-    whole tree is grown: by ``rules``, by ``honda``, or by the grammar alone.
+    With a template, a grammar gives the trunk and the places of branches from STL files: one fitted to
+    that tree (``siblings``), or T20's. Without one the whole tree is grown: by ``rules``, by ``honda``,
+    or by the grammar alone.
     """
 
     name: str = param(help="name of the species")
     source: str = param("", help="where the numbers come from")
     template: Template | None = param(
         None, help="STL files that branches and leaves are taken from"
+    )
+    siblings: Siblings | None = param(
+        None, help="trees like the template's own, by a grammar fitted to it instead of T20's"
     )
     grammar: Grammar = param(Grammar(), help="the L-system of T20 or A20")
     rules: Rules | None = param(None, help="an L-system of your own, for the whole tree")
@@ -250,3 +290,5 @@ class Species(Settings):
         given = [key for key in ("template", "rules", "honda") if getattr(self, key) is not None]
         if len(given) > 1:
             raise SpecError(given[1], f"cannot be used beside {given[0]}; remove one of them")
+        if self.siblings is not None and self.template is None:
+            raise SpecError("siblings", "needs a template to be like; add one or remove it")

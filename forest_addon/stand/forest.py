@@ -10,6 +10,7 @@ import numpy as np
 from ..growth.mesh.blades import Blade
 from ..growth.mesh.leaves import Leaves, join_leaves
 from ..growth.template.cut import TreeTemplate
+from ..growth.template.fitted import Habit
 from ..growth.tree import Tree, grow
 from ..growth.truth import leaf_angles, wood_of_tree
 from ..rng import stream
@@ -58,7 +59,7 @@ class Forest:
 
 def grow_forest(
     scene: Scene,
-    species: Sequence[tuple[Species, TreeTemplate | Blade | None]],
+    species: Sequence[tuple[Species, TreeTemplate | Habit | Blade | None]],
     progress: Progress | None = None,
     inputs: Inputs | None = None,
 ) -> Forest:

@@ -40,9 +40,9 @@ def _make_groups() -> dict[type, type]:
     groups: dict[type, type] = {}
     held = (spec.Distance, spec.Terrain, spec.Gaussian, spec.Raster, spec.Rows)
     of_species = (spec.Normal, spec.Discrete, spec.Grammar, spec.Jitter, spec.Template, spec.Look)
-    of_trees = (spec.Rules, spec.Honda, spec.Leaf, spec.Detail, spec.Species)
+    of_trees = (spec.Rules, spec.Honda, spec.Siblings, spec.Leaf, spec.Detail, spec.Species)
     of_sensors = (spec.Beam, spec.Surfaces, spec.Noise, spec.Pose, spec.Place)
-    of_scene = (spec.Forest, spec.Planting, spec.Stems, spec.Air, spec.Rays)
+    of_scene = (spec.Forest, spec.Planting, spec.Stems, spec.Air, spec.Rays, spec.Accuracy)
     plain = (*held, *of_species, *of_trees, *of_sensors, *of_scene)
     for settings in (*plain, *spec.SENSORS.values()):
         groups[settings] = make_group(settings, groups, WHEN_SET, BESIDES.get(settings, {}))
@@ -124,6 +124,7 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
             "active_stems": IntProperty(options={"HIDDEN"}),
             "air": PointerProperty(type=GROUPS[spec.Air]),
             "rays": PointerProperty(type=GROUPS[spec.Rays]),
+            "accuracy": PointerProperty(type=GROUPS[spec.Accuracy]),
             "active_sensor": IntProperty(options={"HIDDEN"}, update=_choose_sensor),
             "show_sensors": BoolProperty(
                 name="Sensors",

@@ -90,7 +90,7 @@ def split_tree(
     tall = float(np.ptp(wood[:, :, 2])) if len(wood) else 0.0
     unit = height / tall if height > 0 and tall > 0 else 1.0
     found = recognise(wood * unit, None if leaves is None else np.asarray(leaves) * unit)
-    timber = _mesh(found.wood.vertices, _turned_outwards(found), WOOD)
+    timber = _mesh(found.wood.vertices, turned_outwards(found), WOOD)
     foliage = _mesh(found.leaves.vertices, found.leaves.triangles, LEAF, found.leaves.piece)
 
     firsts, share, direction, stubs = _first_level(found)
@@ -182,7 +182,7 @@ def _cut(
     )
 
 
-def _turned_outwards(found: Recognition) -> np.ndarray:
+def turned_outwards(found: Recognition) -> np.ndarray:
     """(T, 3) triangles of the wood, those of pieces that face their centreline turned over."""
     wood = found.wood
     outward = found.lines.outward[wood.triangles].mean(axis=1)

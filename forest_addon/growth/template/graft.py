@@ -18,29 +18,9 @@ from ..mesh.edges import repeated_edges
 from ..mesh.leaves import Leaves
 from ..mesh.trimesh import LEAF, WOOD, Edges, TriMesh, join_edges
 from .cut import BranchTemplate, canonical_frame
+from .runs import Runs
 
 MOST_LEAVES_A_FOOT = 3.0
-
-
-@dataclass(frozen=True)
-class Runs:
-    """Rows that stand together by leaf: the first row (L,) of each leaf and how many it has (L,)."""
-
-    first: np.ndarray
-    size: np.ndarray
-
-    @classmethod
-    def of(cls, owner: np.ndarray, count: int) -> Runs:
-        """The runs of an ascending ``owner``, the leaf of each row."""
-        first = np.searchsorted(owner, np.arange(count + 1))
-        return cls(first[:-1], np.diff(first))
-
-    def copy(self, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows of each wanted leaf; which wanted one each row is for; how far each one has moved."""
-        size = self.size[wanted]
-        moved = np.cumsum(size) - size - self.first[wanted]
-        which = np.repeat(np.arange(len(wanted)), size)
-        return np.arange(len(which)) - moved[which], which, moved
 
 
 @dataclass(frozen=True)

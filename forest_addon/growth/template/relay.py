@@ -1,0 +1,256 @@
+"""The mesh of a tree whose branches have been laid: pieces bent along their courses, leaves hung on them.
+
+A vertex is held by two stretches of its piece. Stretch s carries what is around it by
+v -> m' + F' D Fᵀ (v - m), with its middle m and frame F in the template, m' and F' where it is laid, and
+D = diag(girth, ±girth, length) its scales (-1: mirrored); a vertex goes to the weighted mean of both
+(linear blend skinning, Magnenat-Thalmann et al. 1988). Leaves are moved as they are, whatever their branch
+is scaled by; a longer branch bears more of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...rng import daughter_keys, keyed_normal, keyed_uniform
+from ..mesh.leaves import Leaves
+from ..mesh.trimesh import Edges, TriMesh, join
+from ..skeleton import Skeleton
+from .anatomy import Anatomy, Seats, share_of
+from .runs import Runs
+from .sibling import Grown, seat_at, stand_on
+
+LEAF_SIZE = 0.10  # relative spread
+LEAF_TURN = np.deg2rad(12.0)
+LEAF_SHIFT = 0.3  # of the distance from leaf to leaf along the branch
+BLOCK = 1 << 17  # vertices that are moved at once
+
+
+@dataclass(frozen=True)
+class HungLeaves:
+    """L leaves of a tree: leaf of the template, branch, seat on it, size, turn about the branch."""
+
+    source: np.ndarray
+    branch: np.ndarray
+    seat: Seats
+    share: np.ndarray
+    size: np.ndarray
+    turn: np.ndarray
+
+
+def mesh_of(anatomy: Anatomy, grown: Grown, variety: float) -> tuple[TriMesh, Leaves]:
+    """Wood and leaves of a tree in one mesh, and the truth of the leaves."""
+    wood = _wood(anatomy, grown)
+    leaves, truth = _leaves(anatomy, grown, hang_leaves(anatomy, grown, variety))
+    return join([wood, leaves]), truth
+
+
+def skeleton_of_grown(grown: Grown) -> Skeleton:
+    """All wood of a tree as segments, the trunk's first."""
+    lines = grown.lines
+    line = lines.line
+    knot = np.arange(len(lines.length)) + line
+    inner = np.arange(len(lines.length)) > lines.first[line]
+    mother = np.maximum(grown.mother, 0)
+    seat, _ = seat_at(lines, mother, grown.share)
+    foot = np.where(grown.mother < 0, -1, lines.first[mother] + seat)
+    parent = np.where(inner, np.arange(len(line)) - 1, foot[line])
+    generation = np.zeros(len(line), np.int64)
+    below = np.zeros(len(grown.piece), np.int64)  # of the foot of each branch
+    for order in range(int(grown.order.max(initial=0)) + 1):
+        mine = np.flatnonzero(grown.order == order)
+        if order:
+            below[mine] = generation[foot[mine]] + 1
+        rows = np.flatnonzero(grown.order[line] == order)
+        generation[rows] = below[line[rows]] + rows - lines.first[line[rows]]
+    return Skeleton(
+        start=lines.knot[knot],
+        end=lines.knot[knot + 1],
+        radius=np.stack([lines.radius[knot], lines.radius[knot + 1]], axis=1),
+        parent=parent,
+        order=grown.order[line],
+        generation=generation,
+    )
+
+
+def first_levels(grown: Grown) -> np.ndarray:
+    """(B,) number of the first-level branch that each branch belongs to, -1 for trunks."""
+    number = np.full(len(grown.piece), -1)
+    firsts = np.flatnonzero(grown.order == 1)
+    number[firsts] = np.arange(len(firsts))
+    for order in range(2, int(grown.order.max(initial=0)) + 1):
+        mine = np.flatnonzero(grown.order == order)
+        number[mine] = number[grown.mother[mine]]
+    return number
+
+
+def _wood(anatomy: Anatomy, grown: Grown) -> TriMesh:
+    wood = anatomy.wood
+    matrix = _carried(anatomy, grown)
+    vertex, owner, moved = wood.vertices.copy(grown.piece)
+    first = grown.lines.first
+    one = first[owner] + wood.bone[vertex]
+    two = np.minimum(one + 1, first[owner + 1] - 1)
+    place = _blend(matrix, one, two, wood.weight[vertex], wood.mesh.vertices[vertex])
+    triangle, of_triangle, _ = wood.triangles.copy(grown.piece)
+    corners, of_corner, ends = _edges(
+        wood.mesh, wood.edges, triangle, of_triangle, moved, grown.piece, grown.sign < 0
+    )
+    return TriMesh(
+        vertices=place,
+        triangles=corners,
+        part=wood.mesh.part[triangle],
+        leaf=wood.mesh.leaf[triangle],
+        material=wood.mesh.material[triangle],
+        order=grown.order[of_triangle].astype(np.int8),
+        edges=Edges(ends, of_corner),
+    )
+
+
+def _carried(anatomy: Anatomy, grown: Grown) -> np.ndarray:
+    """(S, 12) by stretch the matrix, then the shift, that carries what is around it."""
+    old, new, source = anatomy.lines, grown.lines, grown.source
+    scales = np.stack(
+        [grown.girth, grown.girth * grown.sign[new.line], grown.scale[new.line]], axis=1
+    )
+    matrix = (new.frame * scales[:, None]) @ np.swapaxes(old.frame[source], 1, 2)
+    knot, was = np.arange(len(source)) + new.line, source + old.line[source]
+    middle = (new.knot[knot] + new.knot[knot + 1]) / 2
+    before = (old.knot[was] + old.knot[was + 1]) / 2
+    shift = middle - np.einsum("sij,sj->si", matrix, before)
+    return np.concatenate([matrix.reshape(-1, 9), shift], axis=1)
+
+
+def _blend(
+    matrix: np.ndarray, one: np.ndarray, two: np.ndarray, weight: np.ndarray, place: np.ndarray
+) -> np.ndarray:
+    """(V, 3) places carried by two stretches each."""
+    moved = np.empty_like(place)
+    for start in range(0, len(place), BLOCK):
+        rows = slice(start, start + BLOCK)
+        held = matrix[one[rows]]
+        held += weight[rows, None] * (matrix[two[rows]] - held)
+        x, y, z = place[rows].T
+        for axis in range(3):
+            a, b, c = held[:, 3 * axis], held[:, 3 * axis + 1], held[:, 3 * axis + 2]
+            moved[rows, axis] = a * x + b * y + c * z + held[:, 9 + axis]
+    return moved
+
+
+def _edges(
+    mesh: TriMesh,
+    edges: Runs,
+    triangle: np.ndarray,
+    of_triangle: np.ndarray,
+    moved: np.ndarray,
+    source: np.ndarray,
+    mirrored: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Triangles (T, 3), edges of their corners (T, 3) and ends of edges (E, 2) of copied owners.
+
+    moved : how far the vertices of each copy have moved. mirrored : copies that are turned inside out.
+    """
+    known = mesh.edges
+    assert known is not None  # ``dissect`` finds them
+    edge, of_edge, edge_moved = edges.copy(source)
+    corners = (mesh.triangles[triangle] + moved[of_triangle, None]).astype(np.int32)
+    of_corner = (known.of_corner[triangle] + edge_moved[of_triangle, None]).astype(np.int32)
+    flipped = mirrored[of_triangle]
+    corners[flipped] = corners[flipped][:, ::-1]
+    of_corner[flipped] = of_corner[flipped][:, [1, 0, 2]]
+    return corners, of_corner, (known.ends[edge] + moved[of_edge, None]).astype(np.int32)
+
+
+def hang_leaves(anatomy: Anatomy, grown: Grown, variety: float) -> HungLeaves:
+    """The leaves of all branches: as many times those of their pieces as they are longer."""
+    foliage, lines = anatomy.foliage, anatomy.lines
+    row, branch, _ = foliage.of_piece.copy(grown.piece)
+    rank = row - foliage.of_piece.first[grown.piece[branch]]
+    key = daughter_keys(daughter_keys(grown.key[branch], "leaf"), rank)
+    times = np.floor(grown.scale[branch] + keyed_uniform(key, "times"))
+    times = np.where(grown.scale[branch] == 1, 1, times).astype(np.int64)
+    which = np.repeat(np.arange(len(row)), times)
+    copy = np.arange(len(which)) - np.repeat(np.cumsum(times) - times, times)
+    row, branch, key = row[which], branch[which], key[which]
+    key = np.where(copy > 0, daughter_keys(key, copy), key)
+
+    seat = foliage.seat.take(row)
+    piece = grown.piece[branch]
+    share = share_of(lines, piece, seat)
+    each = 1.0 / np.maximum(foliage.of_piece.size[piece], 1)
+    shift = variety * LEAF_SHIFT * (2 * keyed_uniform(key, "shift") - 1)
+    shift = np.where(copy > 0, keyed_uniform(key, "further") - 0.5, shift) * each
+    moved = np.flatnonzero((shift != 0) & (share < 1) & (share > 0))  # at a tip it stays
+    share[moved] = np.clip(share[moved] + shift[moved], 0.0, 1.0)
+    stretch, part = seat_at(lines, piece[moved], share[moved])
+    seat.stretch[moved], seat.part[moved] = stretch, part
+    turn = variety * LEAF_TURN * keyed_normal(key, "turn")
+    turn = np.where(copy > 0, np.pi * (0.4 + 1.2 * keyed_uniform(key, "turn")), turn)
+    size = 1 + variety * LEAF_SIZE * np.clip(keyed_normal(key, "size"), -2, 2)
+    return HungLeaves(row, branch, seat, share, size, turn)
+
+
+def _leaves(anatomy: Anatomy, grown: Grown, hung: HungLeaves) -> tuple[TriMesh, Leaves]:
+    foliage = anatomy.foliage
+    source, branch = hung.source, hung.branch
+    foot, matrix = feet_of_leaves(anatomy, grown, hung)
+    matrix = matrix * hung.size[:, None, None]
+    vertex, leaf, moved = foliage.vertices.copy(source)
+    carried = np.concatenate([matrix.reshape(-1, 9), foot], axis=1)
+    place = _blend(carried, leaf, leaf, np.zeros(len(leaf)), foliage.mesh.vertices[vertex])
+    triangle, of_triangle, _ = foliage.triangles.copy(source)
+    corners, of_corner, ends = _edges(
+        foliage.mesh, foliage.edges, triangle, of_triangle, moved, source, grown.sign[branch] < 0
+    )
+    mesh = TriMesh(
+        vertices=place,
+        triangles=corners,
+        part=foliage.mesh.part[triangle],
+        leaf=of_triangle.astype(np.int32),
+        material=foliage.mesh.material[triangle],
+        order=grown.order[branch[of_triangle]].astype(np.int8),
+        edges=Edges(ends, of_corner),
+    )
+    own = foliage.truth
+    turn = matrix / hung.size[:, None, None]
+    truth = Leaves(
+        centre=foot + np.einsum("nij,nj->ni", matrix, (own.centre - foliage.foot)[source]),
+        normal=np.einsum("nij,nj->ni", turn, own.normal[source]),
+        axis=np.einsum("nij,nj->ni", turn, own.axis[source]),
+        length=own.length[source] * hung.size,
+        width=own.width[source] * hung.size,
+        radius=own.radius[source] * hung.size,
+        branch=first_levels(grown)[branch].astype(np.int32),
+    )
+    return mesh, truth
+
+
+def feet_of_leaves(
+    anatomy: Anatomy, grown: Grown, hung: HungLeaves
+) -> tuple[np.ndarray, np.ndarray]:
+    """(L, 3) where leaves hang, and (L, 3, 3) how each is turned from its template.
+
+    A leaf keeps its distance to the bark, and inside the wood its share of the radius.
+    """
+    foliage, lines = anatomy.foliage, anatomy.lines
+    own = foliage.seat.take(hung.source)
+    _, was, thick = stand_on(lines, foliage.bearer[hung.source], own)
+    place, frame, thickness = stand_on(grown.lines, hung.branch, hung.seat)
+    thick = np.maximum(thick, np.finfo(float).tiny)
+    outside = own.away > thick
+    away = np.where(outside, own.away + (thickness - thick), own.away / thick * thickness)
+    sign = grown.sign[hung.branch]
+    around = sign * own.aside + hung.turn
+    foot = place + (away * np.cos(around))[:, None] * frame[:, :, 0]
+    foot += (away * np.sin(around))[:, None] * frame[:, :, 1]
+    foot += own.along[:, None] * frame[:, :, 2]
+    # Turned about the branch by ``turn``, mirrored across B.
+    cos, sin = np.cos(hung.turn), np.sin(hung.turn)
+    turned = np.empty_like(frame)
+    turned[:, :, 0] = cos[:, None] * frame[:, :, 0] + sin[:, None] * frame[:, :, 1]
+    turned[:, :, 1] = sign[:, None] * (
+        -sin[:, None] * frame[:, :, 0] + cos[:, None] * frame[:, :, 1]
+    )
+    turned[:, :, 2] = frame[:, :, 2]
+    return foot, turned @ np.swapaxes(was, 1, 2)

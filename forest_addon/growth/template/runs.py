@@ -1,0 +1,43 @@
+"""Rows that stand together by owner, and copies of the rows of many owners at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Rows that stand together: the first row (N,) of each owner and how many it has (N,)."""
+
+    first: np.ndarray
+    size: np.ndarray
+
+    @classmethod
+    def of(cls, owner: np.ndarray, count: int) -> Runs:
+        """The runs of an ascending ``owner``, 0 .. count - 1, of each row."""
+        first = np.searchsorted(owner, np.arange(count + 1))
+        return cls(first[:-1], np.diff(first))
+
+    @classmethod
+    def at(cls, first: np.ndarray) -> Runs:
+        """The runs that begin at ``first`` (N + 1,), whose last is the number of rows."""
+        return cls(first[:-1], np.diff(first))
+
+    def copy(self, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows of each wanted owner; which wanted one each row is for; how far each one has moved."""
+        size = self.size[wanted]
+        moved = np.cumsum(size) - size - self.first[wanted]
+        which = np.repeat(np.arange(len(wanted)), size)
+        return np.arange(len(which)) - moved[which], which, moved
+
+
+def starts(size: np.ndarray) -> np.ndarray:
+    """(N,) the first row of owners that have so many rows each, one after the other."""
+    return np.asarray(np.cumsum(size) - size)
+
+
+def bounds(size: np.ndarray) -> np.ndarray:
+    """(N + 1,) the same, and the number of all rows."""
+    return np.concatenate([[0], np.cumsum(size)]).astype(np.int64)
