@@ -1,5 +1,6 @@
 """The commands of ``python -m headless``, a file each, in the order of its help."""
 
+from .accuracy import Accuracy
 from .bench import Bench
 from .convolve import Convolve
 from .demo import Demo
@@ -14,7 +15,7 @@ from .stand import Stand
 from .template import Template
 
 COMMANDS = (
-    *(Run(), Demo(), Bench()),
+    *(Run(), Demo(), Accuracy(), Bench()),
     *(Derive(), Template(), Species(), Stand(), Estimate()),
     *(Lidar(), Simlidar(), Convolve(), ReverbFigures()),
 )

@@ -1,0 +1,100 @@
+"""A scene through all sweeps: a table, a picture, and the scene with the settings recommended."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from forest_addon import api as forest
+from forest_addon.blender.observe import Observer
+from forest_addon.formats.table import write_csv
+from forest_addon.formats.toml_file import write_settings
+from forest_addon.spec import Reverb, Scanner, Scene, Sensor, Sonar, SpecError, Tractor
+
+from ..progress import Stages, hushed
+from .lidar import sweep_scanner, sweep_tractor
+from .picture import draw_sweeps
+from .reverb import sweep_reverb
+from .sonar import sweep_sonar
+from .sweep import Say, Sweep
+
+
+def sweep_scene(path: Path, out: Path, error: float, seconds: float, say: Say = print) -> None:
+    """Sweep every sensor of a scene file; write accuracy.csv, accuracy.png and recommended.toml.
+
+    Raises
+    ------
+    SpecError : the scene cannot be used, or has no sensor; an error or a time that is not above 0.
+    """
+    for key, value in (("--error", error), ("--seconds", seconds)):
+        if not value > 0:
+            raise SpecError(key, f"{value:g} is out of range; use more than 0")
+    scene = forest.read(path)
+    if not scene.sensors:
+        raise SpecError(str(path), "has no sensor; give it [[sensors]]")
+    out.mkdir(parents=True, exist_ok=True)
+    stages = Stages(quiet=False)
+    with stages.stage("grow and build the forest"), hushed():
+        observer = forest.build(scene).observer
+    sweeps = []
+    for sensor in scene.sensors:
+        with stages.stage(f"try settings of {sensor.name}"):
+            sweeps.append(sweep_sensor(sensor, observer, scene))
+    chosen = [sweep.choice(error, seconds) for sweep in sweeps]
+    for sweep in sweeps:
+        _tell(sweep, error, seconds, say)
+    _write(sweeps, out / "accuracy.csv")
+    draw_sweeps(sweeps, chosen, out / "accuracy.png")
+    better = tuple(
+        replace(sensor, **point.changes)
+        for sensor, point in zip(scene.sensors, chosen, strict=True)
+    )
+    write_settings(out / "recommended.toml", scene.changed(sensors=better))
+    say(f"\nWrote {out / 'accuracy.png'}, accuracy.csv and recommended.toml.")
+
+
+def sweep_sensor(sensor: Sensor, observer: Observer, scene: Scene, folder: Path = Path()) -> Sweep:
+    """The sweep of one sensor."""
+    way = observer.way(sensor, folder)
+    if isinstance(sensor, Tractor):
+        return sweep_tractor(sensor, observer, scene)
+    if isinstance(sensor, Scanner):
+        return sweep_scanner(sensor, observer, scene, way)
+    if isinstance(sensor, Sonar):
+        return sweep_sonar(sensor, observer, scene, way, folder)
+    assert isinstance(sensor, Reverb)
+    return sweep_reverb(sensor, observer, scene, folder)
+
+
+def _tell(sweep: Sweep, error: float, seconds: float, say: Say) -> None:
+    unit = f" {sweep.unit}" if sweep.unit else ""
+    say(f"\n{sweep.sensor.name} ({sweep.sensor.kind}): {sweep.what}")
+    front = sweep.frontier()
+    for point in sorted(sweep.all, key=lambda p: p.seconds):
+        mark = "*" if point in front else " "
+        now = "  <- today" if point is sweep.today else ""
+        spread = f" ± {point.spread:.0e}" if point.spread else ""
+        say(
+            f" {mark} {point.label:34} {point.seconds:9.3g} s  {point.error:.1e}{spread}{unit}{now}"
+        )
+    if sweep.model is not None:
+        say(f"   the model itself: {sweep.model[0]:.1e} ({sweep.model[1]})")
+    for note in sweep.notes:
+        say(f"   {note}")
+    say(f"   -> {sweep.verdict(error, seconds)}")
+
+
+def _write(sweeps: list[Sweep], path: Path) -> None:
+    rows = [(sweep, point) for sweep in sweeps for point in sweep.all]
+    write_csv(
+        path,
+        {
+            "sensor": [sweep.sensor.name for sweep, _ in rows],
+            "settings": [point.label for _, point in rows],
+            "today": [int(point is sweep.today) for sweep, point in rows],
+            "cpu_seconds": [point.seconds for _, point in rows],
+            "error": [point.error for _, point in rows],
+            "standard_error": [point.spread for _, point in rows],
+            "unit": [sweep.unit or "share" for sweep, _ in rows],
+        },
+    )
