@@ -57,6 +57,7 @@ def to_spec(scene: Any, things: Iterable[Any] | None = None) -> spec.Scene:
         ),
         air=read(props.air, spec.Air, "air"),
         rays=read(props.rays, spec.Rays, "rays"),
+        accuracy=read(props.accuracy, spec.Accuracy, "accuracy"),
         sensors=tuple(sensor_of(thing) for thing in _all_of(scene, things)),
     )
 
@@ -96,6 +97,7 @@ def from_spec(scene: Any, settings: spec.Scene) -> None:
     write(props.forest, settings.forest)
     write(props.air, settings.air)
     write(props.rays, settings.rays)
+    write(props.accuracy, settings.accuracy)
     _fill(props, "plantings", settings.plantings)
     _fill(props, "stems", settings.stems)
     for thing in sensors.sensors_of(scene):

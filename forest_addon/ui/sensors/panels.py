@@ -134,6 +134,7 @@ class FOREST_PT_rays(OnceStarted, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         draw_settings(split(self.layout), context.scene.forest_sensing.rays)
+        draw_settings(split(self.layout), context.scene.forest_sensing.accuracy)
 
 
 CLASSES = (
