@@ -23,6 +23,7 @@ from forest_addon.blender.forest import build
 from forest_addon.blender.inputs import inputs_from_scene
 from forest_addon.blender.layout import RESULTS, part
 from forest_addon.blender.observe import Observer
+from forest_addon.blender.opening import empty_file, open_file
 from forest_addon.blender.preview import render, set_stage
 from forest_addon.blender.sensors import file_name, kind_of, new_sensor, place, sensors_of
 from forest_addon.blender.sound import give_sound
@@ -158,15 +159,14 @@ def run_scene(
 def _open_blender(settings: Scene, folder: Path) -> None:
     """Start from the scene's .blend file, or from nothing."""
     with hushed():
-        bpy.ops.wm.read_factory_settings(use_empty=True)
+        empty_file()
         if not settings.blend:
             return
         path = folder / settings.blend
         try:
-            bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
-        except RuntimeError as problem:
-            why = str(problem).strip().removeprefix("Error: ")
-            raise SpecError("blend", f"{path} cannot be opened ({why}); check the path") from None
+            open_file(path)
+        except SpecError as problem:
+            raise SpecError("blend", f"{path} {problem.problem}") from None
 
 
 def _stand(scene: bpy.types.Scene, sensor: Sensor) -> bpy.types.Object:

@@ -18,6 +18,7 @@ from .. import spec
 from ..growth.tree import Tree
 from . import materials
 from .meshes import to_mesh
+from .opening import empty_file
 from .preview import render
 
 TILT = math.radians(7.0)
@@ -53,7 +54,7 @@ def render_sheet(
     ------
     OSError : the picture could not be written.
     """
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    empty_file()
     scene = bpy.context.scene
     rows = max(math.ceil(len(trees) / columns), 1)
     pixels = width / (columns * FIELD[0])

@@ -52,8 +52,9 @@ def measure(instancing: str, count: int) -> dict[str, float]:
     from forest_addon.blender.export import save_blend
     from forest_addon.blender.forest import build
     from forest_addon.blender.observe import Observer
+    from forest_addon.blender.opening import empty_file, open_file
 
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    empty_file()
     told: dict[str, float] = {}
     start = time.process_time()
 
@@ -79,7 +80,7 @@ def measure(instancing: str, count: int) -> dict[str, float]:
         save_blend(path)
         lap("save")
         told["size"] = path.stat().st_size / 1e6
-        bpy.ops.wm.open_mainfile(filepath=str(path))
+        open_file(path)
         bpy.context.evaluated_depsgraph_get()
         lap("open")
     told["peak"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2

@@ -146,8 +146,9 @@ def stand_up(forest: Forest, scene: Scene, rays: Rays) -> Observer:
 
         from forest_addon.blender.forest import build
         from forest_addon.blender.observe import Observer
+        from forest_addon.blender.opening import empty_file
 
-        bpy.ops.wm.read_factory_settings(use_empty=True)
+        empty_file()
     build(bpy.context.scene, scene, forest)
     return Observer(bpy.context.evaluated_depsgraph_get(), rays)
 

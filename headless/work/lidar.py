@@ -148,10 +148,11 @@ def scan_blend(
         import bpy
 
         from forest_addon.blender.observe import Observer
+        from forest_addon.blender.opening import empty_file, open_file
         from forest_addon.blender.platform import path_of_object
     try:
         with stages.stage(f"open {blend.name}"), hushed(errors=True):
-            _open(blend)
+            open_file(blend)
         with stages.stage("read evaluated scene"):
             observer = Observer(bpy.context.evaluated_depsgraph_get(), Rays(engine=engine))
             if not len(observer.geometry):
@@ -182,13 +183,4 @@ def scan_blend(
             print(text, file=sys.stderr, flush=True)  # whoever wants no words but errors wants this one
     finally:
         with hushed():  # with an evaluated scene at hand, bpy 4.5 never ends
-            bpy.ops.wm.read_factory_settings(use_empty=True)
-
-
-def _open(blend: Path) -> None:
-    import bpy
-
-    try:
-        bpy.ops.wm.open_mainfile(filepath=str(blend.resolve()), load_ui=False, use_scripts=False)
-    except RuntimeError:
-        raise SpecError(str(blend), "is no .blend file that Blender can open") from None
+            empty_file()

@@ -8,10 +8,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Generator
+from importlib import metadata
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+import addon_utils
 import bpy
 from drive import (
     Ending,
@@ -31,6 +33,31 @@ from drive import (
 
 OUT = Path(__file__).parent
 MODULE = "bl_ext.user_default.forest_sensing"
+
+JOB = """
+seed = 3
+[forest]
+size = [8.0, 8.0]
+[[plantings]]
+species = "hazelnut"
+variants = 1
+expected = 2
+exact = true
+[[sensors]]
+kind = "terrestrial"
+name = "cloud"
+position = [4.0, 4.0, 1.6]
+angle_step_deg = 4.0
+[output]
+preview = false
+"""
+
+
+def installed() -> set[str]:
+    """Names of the packages that extensions brought, as they lie on the disk."""
+    local = Path(bpy.utils.user_resource("EXTENSIONS")) / ".local"
+    folders = [str(folder) for folder in local.rglob("site-packages")]
+    return {dist.name for dist in metadata.distributions(path=folders)}
 
 
 def props():
@@ -248,6 +275,22 @@ def newcomer(steps: Steps) -> Scenario:
     ]
     answer = subprocess.run(command, capture_output=True, text=True, timeout=120)
     assert "d(g)[g)+g)" in answer.stdout, answer.stdout + answer.stderr
+    yield 0.5
+
+    steps.step("a job of the command line leaves the extension and its packages")
+    before = installed()
+    assert {"scipy", "laspy", "lazrs"} <= before
+    scene = OUT / "job.toml"
+    scene.write_text(JOB, encoding="utf-8")
+    job = [bpy.app.binary_path, "-b", "--command", "forest", "run", str(scene)]
+    job += ["--out", str(OUT / "job"), "--quiet"]
+    answer = subprocess.run(job, capture_output=True, text=True, timeout=300)
+    assert answer.returncode == 0, answer.stdout + answer.stderr
+    assert (OUT / "job" / "report.html").exists()
+    assert (OUT / "job" / "cloud.laz").exists()
+    assert installed() == before
+    assert addon_utils.check(MODULE) == (True, True)
+    print(f"FIGURE packages of the extension after a job: {len(before)}, as before", flush=True)
     yield 0.5
 
     steps.step("File > New asks whether to save")

@@ -38,9 +38,21 @@ def session(archive, tmp_path_factory):
     """What extension_session.py saw."""
     folder = tmp_path_factory.mktemp("session")
     answer = folder / "answer.json"
+    run = run_in_clean_blender(folder, SESSION, archive, answer)
+    assert run.returncode == 0, run.stdout + run.stderr
+    return json.loads(answer.read_text()) | {"resources": folder / "resources"}
+
+
+@pytest.fixture(scope="session")
+def in_clean_blender():
+    """``run(folder, script, *words)``: a script in a Blender that has nothing but what it ships."""
+    return run_in_clean_blender
+
+
+def run_in_clean_blender(folder, *words):
     environment = {name: value for name, value in os.environ.items() if "PYTHON" not in name}
-    run = subprocess.run(
-        [sys._base_executable, "-s", "-S", SESSION, archive, answer],
+    return subprocess.run(
+        [sys._base_executable, "-s", "-S", *map(str, words)],
         env=environment
         | {
             "PYTHONPATH": str(what_blender_ships(folder / "blender")),
@@ -49,10 +61,8 @@ def session(archive, tmp_path_factory):
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=120,  # bpy 4.5 hangs at exit when an operator stays registered
+        timeout=300,  # bpy 4.5 hangs at exit when an operator stays registered
     )
-    assert run.returncode == 0, run.stdout + run.stderr
-    return json.loads(answer.read_text()) | {"resources": folder / "resources"}
 
 
 def what_blender_ships(folder: Path) -> Path:

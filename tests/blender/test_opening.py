@@ -1,0 +1,59 @@
+"""Other files in this Blender: preferences and extensions stay, scripts in a file never run."""
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon.blender.opening import empty_file, open_file
+from forest_addon.spec import SpecError
+
+ROOT = Path(__file__).resolve().parents[2]
+OURS = [p for room in ("forest_addon", "headless") for p in (ROOT / room).rglob("*.py")]
+
+
+def test_an_empty_file_is_empty_and_preferences_stay(empty_blender):
+    undo = bpy.context.preferences.edit.undo_steps
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.context.preferences.edit.undo_steps = 77
+    before = {addon.module for addon in bpy.context.preferences.addons}
+    empty_file()
+    assert len(bpy.data.objects) == len(bpy.data.meshes) == 0
+    assert bpy.context.preferences.edit.undo_steps == 77
+    assert {addon.module for addon in bpy.context.preferences.addons} == before
+    bpy.context.preferences.edit.undo_steps = undo
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_scripts_of_a_file_never_run(empty_blender, tmp_path, monkeypatch, wanted):
+    """Neither with the preference that they may, nor without: a registered text and a driver."""
+    file = tmp_path / "trap.blend"
+    text = bpy.data.texts.new("trap.py")
+    text.write("import sys; sys.trapped = True")
+    text.use_module = True
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    monkeypatch.setattr(bpy.context.preferences.filepaths, "use_scripts_auto_execute", wanted)
+    empty_file()
+    open_file(file)
+    assert "trap.py" in bpy.data.texts
+    assert not hasattr(sys, "trapped")
+
+
+def test_what_is_no_blend_file(tmp_path):
+    (tmp_path / "a.blend").write_text("no")
+    for name in ("a.blend", "gone.blend"):
+        with pytest.raises(SpecError, match=rf"{name}: cannot be opened .*; check the path"):
+            open_file(tmp_path / name)
+
+
+def test_there_is_no_other_way_to_another_file():
+    """Factory settings switch extensions off and remove what they brought; scripts are never let run."""
+    for path in OURS:
+        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            name = getattr(getattr(call, "func", None), "attr", "")
+            assert name not in ("read_factory_settings", "read_userpref"), path
+            if name == "open_mainfile":
+                assert path.name == "opening.py", f"{path} opens files by itself"

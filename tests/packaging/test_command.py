@@ -1,0 +1,23 @@
+"""The command line of the installed extension: its jobs leave the extension and its packages in place."""
+
+import json
+import sys
+from pathlib import Path
+
+SESSION = Path(__file__).with_name("command_session.py")
+SMALL = Path(__file__).parents[1] / "headless" / "small.toml"
+
+
+def test_jobs_leave_the_extension_as_it_was(archive, in_clean_blender, tmp_path):
+    """Factory settings in a user's Blender would switch it off and remove scipy and the rest."""
+    out = tmp_path / "out"
+    out.mkdir()
+    run = in_clean_blender(tmp_path, SESSION, archive, SMALL, out)
+    assert run.returncode == 0, run.stdout + run.stderr
+    answer = json.loads((out / "answer.json").read_text())
+    assert answer["codes"] == [0, 0, 0], run.stderr
+    assert {"report.html", "forest.blend", "own.laz", "sheet.png"} <= set(answer["files"])
+    before, *after = answer["seen"]
+    assert before["enabled"] == [True, True]
+    assert {"scipy", "laspy", "lazrs"} <= set(before["packages"]), sys.version
+    assert after == [before] * 3
