@@ -7,6 +7,7 @@ halved, because the T_n are orthogonal in sums over the points.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,10 +18,16 @@ def points(count: int) -> np.ndarray:
     return place
 
 
+@lru_cache(maxsize=64)
+def series(count: int) -> np.ndarray:
+    """(R, R): values at the points to Chebyshev coefficients."""
+    rows: np.ndarray = (2.0 / count) * np.cos(np.arange(count)[:, None] * np.arccos(points(count)))
+    rows[0] *= 0.5
+    return rows
+
+
 def lagrange(count: int, place: np.ndarray) -> np.ndarray:
     """(R, M) polynomials of R points at places (M,) in -1 … 1."""
     order = np.arange(count)[:, None]
-    series = (2.0 / count) * np.cos(order * np.arccos(points(count)))
-    series[0] *= 0.5
-    polynomials: np.ndarray = series.T @ np.cos(order * np.arccos(np.clip(place, -1.0, 1.0)))
+    polynomials: np.ndarray = series(count).T @ np.cos(order * np.arccos(np.clip(place, -1.0, 1.0)))
     return polynomials

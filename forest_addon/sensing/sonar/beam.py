@@ -19,6 +19,8 @@ from typing import Protocol
 
 import numpy as np
 
+from ...acoustics.smoothness import Loss
+
 HALF_POWER = -2.0 * math.log(10.0 ** (-3.0 / 20.0))  # T20 print -2·ln 0.7079
 DEGREES = 4  # of the polynomials in frequency through a measured pattern
 HORSESHOE = (0.011333, -2.3219, 156.15, -3402.7)  # degrees, of the frequency in kHz (T20)
@@ -29,6 +31,10 @@ class Beam(Protocol):
 
     def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
         """(Q, M), or (1, M) where it is alike at every frequency (Q,), at offsets (M,) radians."""
+        ...
+
+    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss] | None:
+        """What changes the gain over the frequency, none where nothing does; None: not known."""
         ...
 
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
@@ -50,6 +56,9 @@ class Gaussian:
         across, along = self.width
         return np.exp(_exponent(az, el) @ (1.0 / np.square([across, along])))[None]
 
+    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss] | None:
+        return []
+
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return self.gain(az, el, np.array(band))[0]
 
@@ -68,6 +77,9 @@ class Horseshoe:
     def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
         away = _exponent(az, el).sum(axis=1)
         return np.exp(away / np.square(self.width(frequency))[:, None])
+
+    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss] | None:
+        return [Loss(lambda f: self.width(f) ** -2.0, -_exponent(az, el).sum(axis=1))]
 
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return self.gain(az, el, np.array(band[:1]))[0]  # the width falls with the frequency
@@ -108,6 +120,9 @@ class Measured:
         at = [np.interp(off, self.angle, level) for level in levels.T]
         return 10.0 ** (np.array(at) / 20.0)
 
+    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss] | None:
+        return None  # clipped and joined by straight lines: anything may be in it
+
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return self.ceiling(np.hypot(az, el), band)
 
@@ -124,6 +139,9 @@ class Omni:
 
     def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
         return np.ones((1, len(az)))
+
+    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss] | None:
+        return []
 
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return np.ones(len(az))

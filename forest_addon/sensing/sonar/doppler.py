@@ -52,14 +52,14 @@ def shifted_sum(
         return np.zeros((len(station.ear), grid.count), dtype=np.complex128)
     low, high = min(a.min() for a in alpha), max(a.max() for a in alpha)
     if high - low < SPREAD:
-        plain = sum_echoes(groups, station, grid, tolerance)
+        plain = sum_echoes(groups, station, grid, tolerance).spectrum
         return plain * call.spectrum_at(grid.frequency, float(low))
     # Within X(f/α) are phases 2πf·t/α up to the end of the call.
     turns = math.pi * band.high * call.duration * float(high - low) / float(low) ** 2
     digits = -math.log10(tolerance or 1e-12)
     count = math.ceil(turns + (2.0 + 0.6 * digits) * max(turns, 1.0) ** (1 / 3))
     shares = [chebyshev.lagrange(count, (2.0 * a - low - high) / (high - low)).T for a in alpha]
-    plain = sum_echoes(groups, station, grid, tolerance, weights=shares)
+    plain = sum_echoes(groups, station, grid, tolerance, weights=shares).spectrum
     factor = (low + high) / 2 + (high - low) / 2 * chebyshev.points(count)
     played = np.array([call.spectrum_at(grid.frequency, float(f)) for f in factor])
     shifted: np.ndarray = np.einsum("ewk,wk->ek", plain, played)

@@ -19,11 +19,22 @@ from typing import ClassVar
 
 import numpy as np
 
+from ...acoustics.smoothness import Profile
 from ...growth.mesh.trimesh import WOOD as WOOD_PART
 from ...growth.mesh.trimesh import TriMesh
 from ...growth.template.pieces import part
 from .clusters import cluster
-from .scatterers import CLEAR, FACET, Rows, Scatterers, Sight, Views, Whole
+from .scatterers import (
+    CLEAR,
+    FACET,
+    Rows,
+    Scatterers,
+    Sight,
+    Views,
+    Whole,
+    sinc_argument,
+    sinc_place,
+)
 
 FLAT = 1e-5  # sine of the angle between facets that are in one plane
 RADIAL = 1e-9  # sine below which an edge runs through the foot
@@ -36,7 +47,6 @@ class RimStrength(Rows, Whole):
 
     weight: np.ndarray
     slope: np.ndarray
-    noise: ClassVar[float] = 0.0
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         k = np.asarray(wavenumber)[:, None]
@@ -47,8 +57,28 @@ class RimStrength(Rows, Whole):
             lobes = 1.0 / (lowest * np.abs(self.slope))
         return np.abs(self.weight) * np.minimum(lobes, 1.0)
 
-    def reach(self) -> np.ndarray:
-        return np.abs(self.slope)
+    def profile(self) -> Profile:
+        none = np.zeros(len(self.slope))
+        return Profile(SincFamily(), np.abs(self.weight), none, np.abs(self.slope))
+
+
+@dataclass(frozen=True)
+class SincFamily:
+    """sinc(k·slope); it has no first variable."""
+
+    scaled: ClassVar[bool] = True
+
+    def evaluate(self, scale: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        return np.sinc(scale * (second / math.pi))
+
+    def place(self, second: np.ndarray) -> np.ndarray:
+        return sinc_place(second)
+
+    def at(self, place: np.ndarray) -> np.ndarray:
+        return sinc_argument(place)
+
+    def turns(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        return second
 
 
 @dataclass(frozen=True)

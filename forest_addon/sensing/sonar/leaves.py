@@ -16,6 +16,8 @@ import numpy as np
 from scipy import special
 
 from ...acoustics.disc import amplitude_bound, backscatter_amplitude
+from ...acoustics.disc_table import table_error
+from ...acoustics.smoothness import Profile
 from .clusters import cluster
 from .discs import SIMILAR, Foliage
 from .scatterers import CLEAR, LEAF, Part, Rows, Scatterers, Sight, Views, Whole
@@ -30,11 +32,11 @@ def spiral(count: int) -> np.ndarray:
 
 
 RIM = 6.0  # 2ka·sinβ above which a piston's echo is that of two places of its rim
-HANKEL_TERMS = 9
+HANKEL_TERMS = 11
 SPREADS = np.array([0.08, 0.16, 0.32])  # radians between views of one block
 VIEWS = spiral(96)  # of a block, one of each pair of opposite directions
 BETWEEN = 0.23  # radians from any direction to the nearest of these, at most
-TABLE_NOISE = 1e-4  # of a leaf at a random angle, where a table is 1e-5 of it face-on
+INCIDENCES = 16  # classes of them
 RADII, STEPS = 8, 90  # classes of radii, steps of incidence
 
 
@@ -46,10 +48,6 @@ class DiscStrength(Rows):
     incidence: np.ndarray
     model: str
 
-    @property
-    def noise(self) -> float:
-        return TABLE_NOISE if self.model == "exact" else 0.0
-
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         k = np.asarray(wavenumber)[:, None]
         return backscatter_amplitude(k * self.radius, self.incidence, self.model) / k
@@ -57,10 +55,11 @@ class DiscStrength(Rows):
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         return amplitude_bound(lowest, highest, self.radius, self.incidence, self.model)
 
-    def parts(self, lowest: float) -> list[Part]:
+    def parts(self, lowest: float, highest: float) -> list[Part]:
         """Of a piston, far enough off its normal, the two places of its rim that sound."""
         across = self.radius * np.sin(self.incidence)
-        rims = (2.0 * lowest * across > RIM) & (self.model == "piston")
+        rims = (2.0 * lowest * across > RIM) & (2.0 * (highest - lowest) * across > np.pi)
+        rims &= self.model == "piston"
         near, far = np.flatnonzero(~rims), np.flatnonzero(rims)
         parts = [Part(near, np.zeros(len(near)), self.select(near))] if len(near) else []
         if len(far):
@@ -69,12 +68,40 @@ class DiscStrength(Rows):
                 parts.append(Part(far, side * 2.0 * across[far], strength))
         return parts
 
-    def reach(self) -> np.ndarray:
+    def profile(self) -> Profile:
+        return Profile(DiscFamily(self.model), self.radius, self.radius, self.incidence)
+
+    def error(self, highest: float) -> np.ndarray | None:
+        if self.model != "exact":
+            return None
+        return self.radius * table_error(highest * self.radius, self.incidence)
+
+
+@dataclass(frozen=True)
+class DiscFamily:
+    """f/a of a disc as a function of ka and the incidence."""
+
+    model: str
+    scaled: ClassVar[bool] = False
+
+    def evaluate(self, scale: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        size = np.maximum(scale * first, 1e-9)
+        return backscatter_amplitude(size, second, self.model) / size
+
+    def place(self, second: np.ndarray) -> np.ndarray:
+        return np.asarray(second) * (2 * INCIDENCES / np.pi)
+
+    def at(self, place: np.ndarray) -> np.ndarray:
+        return np.minimum(np.asarray(place) * (np.pi / 2 / INCIDENCES), np.pi / 2)
+
+    def turns(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
         if self.model == "paper":  # has the beam of the mirror direction, and no rim
-            return np.zeros(len(self.radius))
-        if self.model == "exact":  # sound also runs across the face, from rim to rim
-            return 2.0 * self.radius
-        return 2.0 * self.radius * np.sin(self.incidence)
+            return np.where(
+                first > 2e-3, 3.0 + 0.5 * second * np.maximum(first, 1e-3) ** -0.9, np.inf
+            )
+        if self.model == "exact":  # an edge's sound goes to and fro across the face
+            return 5.0 * first
+        return 2.0 * first * np.sin(second)
 
 
 @dataclass(frozen=True)
@@ -90,7 +117,6 @@ class DiscRim(Rows, Whole):
     radius: np.ndarray
     incidence: np.ndarray
     side: int
-    noise: ClassVar[float] = 0.0
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         wave = hankel(2.0 * np.asarray(wavenumber)[:, None] * self.across)
@@ -100,12 +126,32 @@ class DiscRim(Rows, Whole):
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         return np.abs(self.amplitude(np.array([lowest])))[0]
 
-    def reach(self) -> np.ndarray:
-        return np.zeros(len(self.across))
+    def profile(self) -> Profile:
+        size = 0.25 * self.radius**2 * np.cos(self.incidence) / self.across
+        return Profile(RimFamily(), size, 2.0 * self.across, size)
+
+
+@dataclass(frozen=True)
+class RimFamily:
+    """Hankel functions without their phase."""
+
+    scaled: ClassVar[bool] = False
+
+    def evaluate(self, scale: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        return hankel(np.maximum(scale * first, 0.8 * RIM))
+
+    def place(self, second: np.ndarray) -> np.ndarray:
+        return np.zeros(len(second))
+
+    def at(self, place: np.ndarray) -> np.ndarray:
+        return np.zeros(np.shape(place))
+
+    def turns(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        return np.zeros(len(first))
 
 
 def hankel(x: np.ndarray) -> np.ndarray:
-    """H₁⁽¹⁾(x)·e^{-ix} for x >= ``RIM``, to 1e-9: √x times it is smooth in 1/x."""
+    """H₁⁽¹⁾(x)·e^{-ix} for x >= ``RIM``, to 2e-13: √x times it is smooth in 1/x."""
     place = 2.0 * RIM / x - 1.0
     root = np.sqrt(x)
     wave = np.empty(x.shape, dtype=np.complex128)

@@ -77,6 +77,8 @@ class Echo:
     cut, the scene has of the kinds that sound. near, far, broken, hidden, late : scatterers outside the
     limits of range, not finite, behind wood, after the end of the record.
     cull_bound : all that is left out as too weak adds at most this share of Σ|A| of what is heard.
+    error_bound, table_error : of Σ max|A|, by which the spectra may be off the direct sum, and by which
+    this may be off because the exact disc and cylinders are looked up.
     """
 
     frequency: np.ndarray
@@ -93,6 +95,8 @@ class Echo:
     hidden: int
     late: int
     cull_bound: float
+    error_bound: float
+    table_error: float
     sound_speed: float
     sample_rate: float
     pose: Pose
@@ -167,7 +171,8 @@ def ping(
     moving = float(np.linalg.norm(station.pose.velocity)) if call and sonar.doppler else 0.0
     wide = widened(band, moving, station.sound_speed) if moving else band
     grid = grid_of(wide, rate, latest / station.sound_speed, sonar.record, lasts)
-    spectra = sum_echoes(found.groups, station, grid, sonar.tolerance, progress)
+    summed = sum_echoes(found.groups, station, grid, sonar.tolerance, progress)
+    spectra = summed.spectrum
 
     window = band.window(grid.frequency)
     analytic = _in_time(spectra * window, grid, grid.length / window.sum())
@@ -191,6 +196,8 @@ def ping(
         others=targets.total(sonar) - targets.total(sonar, "leaf"),
         **vars(found.counts),
         cull_bound=found.bound,
+        error_bound=summed.error_bound,
+        table_error=summed.table_error,
         sound_speed=station.sound_speed,
         sample_rate=rate,
         pose=station.pose,

@@ -1,8 +1,8 @@
 """What sounds back: places in the world, each with a strength seen from a sonar.
 
 ``Scatterers`` are M places of one kind. Seen from a point, they have a ``Strength``: the scattering
-amplitude f(k) in metres, smooth but for what ``reach`` says, and never larger than its ``bound``. The kinds
-are in ``leaves``, ``wood`` and ``facets``.
+amplitude f(k) in metres, of one of the classes of its ``profile``, and never larger than its ``bound``. The
+kinds are in ``leaves``, ``wood`` and ``facets``.
 
 A ``Population`` is what one mesh has of one kind, in local space and in blocks; instances make scatterers
 of its rows when a sonar comes near.
@@ -16,6 +16,7 @@ from typing import ClassVar, Protocol, Self
 
 import numpy as np
 
+from ...acoustics.smoothness import Profile
 from .clusters import Blocks
 
 LEAF, WOOD, FACET = "leaf", "wood", "facet"
@@ -47,13 +48,7 @@ class Rows:
 
 
 class Strength(Protocol):
-    """How M scatterers send sound back to one point.
-
-    noise : error of typical amplitudes as a share of themselves; no sum need be more exact.
-    """
-
-    @property
-    def noise(self) -> float: ...
+    """How M scatterers send sound back to one point."""
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         """(Q, M) complex f in metres at wavenumbers (Q,), e^{+iωt}."""
@@ -63,12 +58,19 @@ class Strength(Protocol):
         """(M,) no |f| between two wavenumbers is larger."""
         ...
 
-    def reach(self) -> np.ndarray:
-        """(M,) metres that the echo is spread by about its path, half of it to either side."""
+    def profile(self) -> Profile:
+        """What the amplitudes depend on: of which classes of alike ones they are."""
         ...
 
-    def parts(self, lowest: float) -> list[Part]:
-        """Smoother strengths that add up to this one, at wavenumbers from ``lowest`` on."""
+    def error(self, highest: float) -> np.ndarray | None:
+        """(M,) metres that f may be off by because it is tabulated, up to a wavenumber; None: nothing."""
+        ...
+
+    def parts(self, lowest: float, highest: float) -> list[Part]:
+        """Smoother strengths that add up to this one between two wavenumbers.
+
+        Of a scatterer in several parts, some frequency between finds all of them in phase.
+        """
         ...
 
     def select(self, rows: np.ndarray | slice) -> Self: ...
@@ -84,12 +86,28 @@ class Part:
 
 
 class Whole:
-    """Base of strengths that come in one part."""
+    """Base of strengths that come in one part, computed and not looked up."""
 
-    def parts(self, lowest: float) -> list[Part]:
+    def parts(self, lowest: float, highest: float) -> list[Part]:
         """Itself."""
-        count = len(self.reach())  # type: ignore[attr-defined]
+        count = len(self.profile().length)  # type: ignore[attr-defined]
         return [Part(np.arange(count), np.zeros(count), self)]  # type: ignore[arg-type]
+
+    def error(self, highest: float) -> np.ndarray | None:
+        """None: nothing."""
+        return None
+
+
+def sinc_place(argument: np.ndarray) -> np.ndarray:
+    """Where the argument of a sinc lies among classes that are narrow where it is small."""
+    place: np.ndarray = np.log1p(4.0 * np.asarray(argument)) / 0.15
+    return place
+
+
+def sinc_argument(place: np.ndarray) -> np.ndarray:
+    """The argument again."""
+    argument: np.ndarray = np.expm1(0.15 * np.asarray(place)) / 4.0
+    return argument
 
 
 class Scatterers(Protocol):

@@ -12,7 +12,7 @@ A bound holds at every frequency of the band, so it also holds at every instant 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,6 +51,19 @@ class Group(Rows):
             self.bound[rows],
             self.shade[rows],
         )
+
+    def gain(
+        self,
+        station: Station,
+        ear: int,
+        frequency: Sequence[float] | np.ndarray,
+        rows: np.ndarray | slice = slice(None),
+    ) -> np.ndarray:
+        """(Q, m) of some of them, at an ear: what beams, distance, air and shade leave."""
+        paths = self.paths if isinstance(rows, slice) else self.paths.select(rows)
+        gain = paths.gain(station, ear, np.asarray(frequency))
+        gain *= self.shade[rows]
+        return gain
 
     def seen(self, station: Station, ear: int) -> Strength:
         """Their strength half way between mouth and ear."""

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...acoustics.air import absorption
+from ...acoustics.smoothness import Loss
 from ...spec import Air, Sonar
 from .beam import Beam, Gaussian, Horseshoe, Omni, beam_offsets
 from .calls import Call, synthesise
@@ -178,6 +179,18 @@ class Paths:
         if station.sonar.absorption:
             gain = gain * np.exp(np.outer(-station.loss(frequency), self.length[ear]))
         return gain
+
+    def losses(self, station: Station, ear: int) -> list[Loss] | None:
+        """What makes the gain change over the frequency; None: not known."""
+        equipment = station.equipment
+        sent = equipment.emit.losses(*self.emitted)
+        heard = equipment.hear.losses(*self.heard[ear])
+        if sent is None or heard is None:
+            return None
+        losses = [*sent, *heard]
+        if station.sonar.absorption:
+            losses.append(Loss(station.loss, self.length[ear]))
+        return losses
 
     def bound(self, station: Station) -> np.ndarray:
         """(M,) no gain in the band is larger, at any ear."""

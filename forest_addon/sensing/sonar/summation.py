@@ -10,16 +10,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...acoustics.nonuniform import sum_delayed
+from ...acoustics.smoothness import Smoothness, smoothness
 from .bands import Grid
 from .scatterers import Part, Strength
 from .search import Group
 from .station import Station
 
+SPLIT = 1e-12  # what parts may differ by from the whole
+PARTIAL = 0.8  # caution: parts are computed at a few frequencies
+
 Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class EchoSum:
+    """Sums at E ears, and how far they may be off.
+
+    spectrum : (E, K), or (E, W, K) with weights. error_bound : no value is farther from the sum over the
+    model's amplitudes than this share of Σ max|A|, at any ear. table_error : share by which these may be
+    off as well, because they are looked up.
+    """
+
+    spectrum: np.ndarray
+    error_bound: float
+    table_error: float
 
 
 def sum_echoes(
@@ -29,37 +48,71 @@ def sum_echoes(
     tolerance: float,
     progress: Progress | None = None,
     weights: list[np.ndarray] | None = None,
-) -> np.ndarray:
-    """(E, K) spectrum at the ears, without a window; with weights (E, W, K).
+) -> EchoSum:
+    """The spectrum at the ears, without a window.
 
-    tolerance : largest error as a share of Σ max|A|, not below what the amplitudes themselves are known
-        to (``Strength.noise``); 0: the direct sum, exact to rounding.
+    tolerance : largest error as a share of Σ max|A|; 0: the direct sum, exact to rounding.
     progress : called as progress(scatterers done, all of them).
-    weights : (M, W) for each group, of its scatterers in W sums.
+    weights : (M, W) for each group, of its scatterers in W sums; errors are then to be multiplied by the
+        largest.
     """
     total, done = sum(len(group) for group in groups) * len(station.ear), 0
     sums = () if weights is None else (weights[0].shape[1],)
     spectrum = np.zeros((len(station.ear), *sums, grid.count), dtype=np.complex128)
-    lowest = 2.0 * math.pi * grid.start / station.sound_speed
+    band = (grid.start, grid.start + grid.spacing * (grid.count - 1))
+    lowest, highest = (2.0 * math.pi * end / station.sound_speed for end in band)
+    error, table, size = np.zeros((3, len(station.ear)))
     for number, group in enumerate(groups):
         for ear in range(len(station.ear)):
             seen = group.seen(station, ear)
-            for part in seen.parts(lowest) if tolerance else [_whole(seen, len(group))]:
+            parts = seen.parts(lowest, highest) if tolerance else [_whole(seen, len(group))]
+            doubtful = seen.error(highest)
+            if doubtful is not None:
+                table[ear] += float((group.gain(station, ear, band[:1])[0] * doubtful).sum())
+            whole = len(parts) == 1 or sum(len(part.rows) for part in parts) == len(group)
+            for part in parts:
                 some = group if len(part.rows) == len(group) else group.select(part.rows)
-                spectrum[ear] += sum_delayed(
+                alone = whole or np.count_nonzero(part.offset) == 0
+                found = sum_delayed(
                     _Heard(some, part.strength, station, ear),
                     (some.paths.length[ear] + part.offset) / station.sound_speed,
                     grid.start,
                     grid.spacing,
                     grid.count,
-                    tolerance=max(tolerance, part.strength.noise) if tolerance else 0.0,
-                    spread=part.strength.reach() / station.sound_speed,
+                    tolerance=tolerance if alone else tolerance * _together(some, station, ear, band),
                     weights=None if weights is None else weights[number][part.rows],
-                ).spectrum
+                    smooth=_smooth(some, part.strength, station, ear, band) if tolerance else None,
+                )
+                spectrum[ear] += found.spectrum
+                error[ear] += (found.error_bound + (0.0 if alone else SPLIT)) * found.size
+                size[ear] += found.size if alone else PARTIAL * found.least
             done += len(group)
             if progress:
                 progress(done, total)
-    return spectrum
+    known = size > 0
+    bound, looked_up = (
+        float(np.divide(part, size, out=np.zeros_like(size), where=known).max(initial=0.0))
+        for part in (error, table)
+    )
+    return EchoSum(spectrum, bound, looked_up)
+
+
+def _together(group: Group, station: Station, ear: int, band: tuple[float, float]) -> float:
+    """What parts that are somewhere in phase have at least in common, of the largest of each."""
+    first, last = (group.gain(station, ear, [end])[0].sum() for end in band)
+    share = math.sqrt(band[0] / band[1]) * last / first if first > 0 else 1.0
+    return PARTIAL * float(min(share, 1.0))
+
+
+def _smooth(
+    group: Group, strength: Strength, station: Station, ear: int, band: tuple[float, float]
+) -> Smoothness | None:
+    """How smooth echoes are in a band; None where their beam does not say."""
+    losses = group.paths.losses(station, ear)
+    if losses is None:
+        return None
+    gain = group.gain(station, ear, band[:1])[0]
+    return smoothness(strength.profile(), band, station.sound_speed, gain, losses)
 
 
 def _whole(strength: Strength, count: int) -> Part:
@@ -77,7 +130,5 @@ class _Heard:
         """(Q, m) complex A of some rows at frequencies (Q,)."""
         wavenumber = 2.0 * math.pi * frequency / self._station.sound_speed
         amplitude = self._strength.select(rows).amplitude(wavenumber)
-        gain = self._group.paths.select(rows).gain(self._station, self._ear, frequency)
-        gain *= self._group.shade[rows]
-        amplitude *= gain
+        amplitude *= self._group.gain(self._station, self._ear, frequency, rows)
         return amplitude

@@ -23,16 +23,18 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ...acoustics.cylinder import scattering_sum
+from ...acoustics.smoothness import Profile
 from ...growth.mesh.trimesh import WOOD as WOOD_PART
 from ...growth.mesh.trimesh import TriMesh
 from ...growth.template.centreline import find_centrelines
 from ...growth.template.pieces import part
 from .clusters import cluster
-from .scatterers import WOOD, Rows, Scatterers, Sight, Views, Whole
+from .scatterers import WOOD, Rows, Scatterers, Sight, Views, Whole, sinc_argument, sinc_place
 
 STRAIGHT = 0.002  # m between a centreline and the chords that stand for it
 ALIKE = 0.1  # relative change of the radius along a chord
 LARGEST = 600.0  # ka; beyond, S grows as its root
+TABULATED, EXTENDED = 5e-7, 4e-6  # largest error of S relative to it, up to there and beyond
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,6 @@ class CylinderStrength(Rows, Whole):
     sine: np.ndarray
     cosine: np.ndarray
     nearness: np.ndarray
-    noise: ClassVar[float] = 1e-6
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         k = np.asarray(wavenumber)[:, None]
@@ -62,8 +63,35 @@ class CylinderStrength(Rows, Whole):
             lobes = 1.0 / (lowest * self.length * np.abs(self.cosine))
         return self.length / math.pi * size * np.minimum(lobes, 1.0)
 
-    def reach(self) -> np.ndarray:
-        return self.length * np.abs(self.cosine)
+    def profile(self) -> Profile:
+        scale = self.nearness * self.length / math.pi
+        along = self.length * np.abs(self.cosine)
+        return Profile(CylinderFamily(), scale, self.radius * self.sine, along)
+
+    def error(self, highest: float) -> np.ndarray:
+        size = highest * self.radius * self.sine
+        share = np.where(size > LARGEST, EXTENDED, TABULATED)
+        return share * self.nearness * self.length / math.pi * _largest_backscatter(size)
+
+
+@dataclass(frozen=True)
+class CylinderFamily:
+    """f·π/ℓ as a function of ka·sinψ and kℓ·cosψ."""
+
+    scaled: ClassVar[bool] = True
+
+    def evaluate(self, scale: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        along = np.sinc(scale * (second / math.pi))
+        return along * np.conj(_backscatter(np.maximum(scale * first, 1e-9)))
+
+    def place(self, second: np.ndarray) -> np.ndarray:
+        return sinc_place(second)
+
+    def at(self, place: np.ndarray) -> np.ndarray:
+        return sinc_argument(place)
+
+    def turns(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        return second + np.minimum(first, 4.0)  # of creeping waves around thin ones
 
 
 @dataclass(frozen=True)
@@ -213,7 +241,8 @@ def _backscatter(size: np.ndarray) -> np.ndarray:
     """S(ka, π) times e^{2ika}, what is left when the near side's delay is taken off (e^{-iωt})."""
     inside = np.minimum(size, LARGEST)
     value: np.ndarray = _table()(_coordinate(inside)) * inside**2 / (1.0 + inside**1.5)
-    return value * np.sqrt(np.maximum(size / LARGEST, 1.0))
+    beyond = np.maximum(size / LARGEST, 1.0)
+    return value * np.sqrt(beyond) * (1.0 + _bend() * (1.0 - 1.0 / beyond))
 
 
 def _largest_backscatter(size: np.ndarray) -> np.ndarray:
@@ -221,6 +250,16 @@ def _largest_backscatter(size: np.ndarray) -> np.ndarray:
     grid, largest = _envelope()
     after = np.minimum(np.searchsorted(grid, size), len(grid) - 1)
     return largest[after] * np.sqrt(np.maximum(size / LARGEST, 1.0))
+
+
+@lru_cache(maxsize=1)
+def _bend() -> complex:
+    """What S/√ka still changes by, relative to it, from ``LARGEST`` to infinity: ∝ 1/ka."""
+    half, last = (
+        _table()(_coordinate(np.array(x))) * x**1.5 / (1.0 + x**1.5)
+        for x in (LARGEST / 2, LARGEST)
+    )
+    return complex((last - half) / last)
 
 
 @lru_cache(maxsize=1)

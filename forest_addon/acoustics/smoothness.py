@@ -1,0 +1,252 @@
+"""How smooth echoes are in frequency: bounds on their Chebyshev series, for whole classes of echoes.
+
+Interpolated between R Chebyshev points, a function with the coefficients c_n is off by at most
+|c_R| + 2·Σ|c_n| over n > R (T_R vanishes at the points, and T_n beyond is mistaken for a lower one).
+An echo's amplitude is scale·F(kℓ, ·)·e^{-Σ w_j·e_j(f)}: F of a ``Family``, of which many echoes share
+a class of kℓ and of what else F depends on, and what air and beams take, by classes of w. A class's |c_n|
+is the largest of samples all over it, so that no echo is taken to be smoother than its neighbours because
+one of its coefficients happens to vanish. The product of two series follows from
+T_m·T_n = ½T_{m+n} + ½T_{|m-n|}.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Protocol
+
+import numpy as np
+
+from . import chebyshev
+
+LEVELS = (3, 4, 5, 6, 7, 8, 10, 12, 15, 18, 22, 27, 33, 40, 48, 58, 70, 85, 100, 120, 150, 200)
+STEP = 0.1  # width of a class in log(kℓ)
+SMALLEST = 1e-3  # kℓ of the first class and all below
+ACROSS = 1 << 8  # most classes of the second variable
+ORDERS = (32, 48, 64, 96, 128, 192, 256, 320)  # of a series
+SPARE = 24  # orders beyond what F turns through
+CAUTION = 1.5  # what a class may hold beyond its samples
+UNSEEN = 4.0  # what may lie beyond a series, in parts of its last quarter
+FLOOR = 2.5  # times what lies beyond: here more nodes stop paying
+WEAKEST, RATIO = 0.02, 1.25  # classes of losses: nepers over the band
+AT_ONCE = 1 << 17  # samples
+
+
+class Family(Protocol):
+    """Functions F(y, second), y = kℓ, that many echoes share. Hashable.
+
+    scaled : whether the second variable is a length too, taken times k.
+    """
+
+    @property
+    def scaled(self) -> bool: ...
+
+    def __hash__(self) -> int: ...
+
+    def evaluate(self, scale: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        """(N, C) at ``scale`` (N, 1) times the wavenumber of y = ``first`` and ``second`` (C,)."""
+        ...
+
+    def place(self, second: np.ndarray) -> np.ndarray:
+        """(M,) where the second variable lies, 0 to ``ACROSS``; a class is a whole number wide."""
+        ...
+
+    def at(self, place: np.ndarray) -> np.ndarray:
+        """The second variable at places."""
+        ...
+
+    def turns(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        """(C,) radians of phase that F(y, ·) runs through from 0 to y, about."""
+        ...
+
+
+@dataclass(frozen=True)
+class Profile:
+    """M amplitudes scale·F(k·length, second); (M,) each, scale and length in metres."""
+
+    family: Family
+    scale: np.ndarray
+    length: np.ndarray
+    second: np.ndarray
+
+
+@dataclass(frozen=True)
+class Loss:
+    """e^{-weight·exponent(f)}, weights (M,) not negative; the exponent is least at the lowest f."""
+
+    exponent: Callable[[np.ndarray], np.ndarray]
+    weight: np.ndarray
+
+
+@dataclass(frozen=True)
+class Smoothness:
+    """What interpolation does to M echoes.
+
+    kind : (M,) row of ``errors`` (C, levels). scale : (M,) what these are
+    multiples of: between ``LEVELS[i]`` nodes echo m is off by at most scale[m]·errors[kind[m], i].
+    floor : (C,) what more nodes do not improve on, because F itself is a table. typical : (C,) about
+    the largest |A|, in parts of the scale.
+    """
+
+    kind: np.ndarray
+    scale: np.ndarray
+    errors: np.ndarray
+    floor: np.ndarray
+    typical: np.ndarray
+
+    @property
+    def size(self) -> np.ndarray:
+        """(M,) about the largest |A|."""
+        size: np.ndarray = self.scale * self.typical[self.kind]
+        return size
+
+
+def smoothness(
+    profile: Profile,
+    band: tuple[float, float],
+    speed: float,
+    gain: np.ndarray,
+    losses: Sequence[Loss],
+) -> Smoothness:
+    """Of echoes in a band (Hz) of sound of a speed; ``gain`` (M,) is theirs at the band's lower end."""
+    low, high = (2.0 * math.pi * end / speed for end in band)
+    middle, ratio = (low + high) / 2, (high - low) / (high + low)
+    classes = _place(middle * profile.length) * ACROSS
+    second = profile.second * middle if profile.family.scaled else profile.second
+    classes += np.clip(profile.family.place(second), 0, ACROSS - 1).astype(np.int64)
+    some, of_echo = _numbered(classes)
+    series, beyond, size = _known(profile.family, round(ratio, 12)).of(some)
+    decay, of_decay = _decays(losses, band, len(classes))
+    unseen = np.multiply.outer(beyond, decay.sum(axis=1)).ravel()
+    errors = _errors(series, decay) + unseen[:, None]
+    return Smoothness(
+        of_echo * len(decay) + of_decay,
+        profile.scale * gain,
+        errors,
+        FLOOR * np.where(np.isfinite(unseen), unseen, 0.0),
+        np.repeat(size, len(decay)),
+    )
+
+
+def _numbered(classes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The classes there are, and of each echo which of these; np.unique without a sort."""
+    if not len(classes):
+        return classes, classes
+    least = int(classes.min())
+    present = np.zeros(int(classes.max()) - least + 1, dtype=bool)
+    present[classes - least] = True
+    some = np.flatnonzero(present)
+    number = np.cumsum(present) - 1
+    return some + least, number[classes - least]
+
+
+def _place(y: np.ndarray) -> np.ndarray:
+    """(M,) class of y; 0 holds all that is small."""
+    logarithm = np.log(np.maximum(y, SMALLEST) / SMALLEST)
+    return np.ceil(logarithm / STEP).astype(np.int64)
+
+
+@lru_cache(maxsize=64)
+def _known(family: Family, ratio: float) -> _Classes:
+    return _Classes(family, ratio)
+
+
+class _Classes:
+    """Series of classes of one family, in bands of one ratio of half width to middle; kept."""
+
+    def __init__(self, family: Family, ratio: float) -> None:
+        self._family, self._ratio = family, ratio
+        self._found: dict[int, tuple[np.ndarray, float, float]] = {}
+
+    def of(self, classes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(C, N) bounds on |c_n|, (C,) on all beyond, infinite where F turns too often; (C,) about |F|."""
+        missing = np.array([c for c in classes.tolist() if c not in self._found], dtype=np.int64)
+        if len(missing):
+            self._find(missing)
+        found = [self._found[c] for c in classes.tolist()]
+        longest = max((len(row) for row, *_ in found), default=1)
+        series = np.zeros((len(found), longest))
+        for line, (row, *_) in zip(series, found, strict=True):
+            line[: len(row)] = row
+        beyond, size = np.array([rest for _, *rest in found]).reshape(-1, 2).T
+        return series, beyond, size
+
+    def _find(self, classes: np.ndarray) -> None:
+        inner, across = np.divmod(classes, ACROSS)
+        share = np.array([0.0, 0.37, 0.71, 1.0])
+        log = STEP * (inner[:, None] - 1 + share)
+        first = np.where(inner[:, None] > 0, SMALLEST * np.exp(log), SMALLEST * share)
+        second = self._family.at(across[:, None] + share)
+        first, second = np.repeat(first, len(share), axis=1), np.tile(second, len(share))
+        turns = self._family.turns(first[:, -1] * (1.0 + self._ratio), second[:, -1])
+        orders = SPARE + 1.2 * self._ratio / (1.0 + self._ratio) * turns
+        level = np.searchsorted(ORDERS, orders)
+        for number, order in enumerate(ORDERS):
+            rows = np.flatnonzero(level == number)
+            step = max(1, AT_ONCE // (order * first.shape[1]))
+            for begin in range(0, len(rows), step):
+                some = rows[begin : begin + step]
+                self._sample(classes[some], first[some], second[some], order)
+        for one in classes[level == len(ORDERS)].tolist():
+            self._found[one] = (np.zeros(1), math.inf, 1.0)
+
+    def _sample(
+        self, classes: np.ndarray, first: np.ndarray, second: np.ndarray, order: int
+    ) -> None:
+        scale = 1.0 + self._ratio * chebyshev.points(order)[:, None]
+        values = self._family.evaluate(scale, first.ravel(), second.ravel())
+        series = np.abs(chebyshev.series(order) @ values).reshape(order, *first.shape)
+        sizes = np.abs(values).max(axis=0).reshape(first.shape).mean(axis=1)
+        bounds = CAUTION * series.max(axis=2).T
+        beyond = UNSEEN * bounds[:, 3 * order // 4 :].sum(axis=1)
+        known = zip(classes.tolist(), bounds, beyond.tolist(), sizes.tolist(), strict=True)
+        for one, row, rest, size in known:
+            self._found[one] = (row, rest, size)
+
+
+def _decays(
+    losses: Sequence[Loss], band: tuple[float, float], count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """(G, N) bounds on |c_n| of what losses leave, 1 at the lowest frequency; and of each echo which."""
+    order = 64
+    frequency = band[0] + (band[1] - band[0]) * (1.0 + chebyshev.points(order)) / 2
+    edges, classes = [], np.zeros(count, dtype=np.int64)
+    radix: list[tuple[np.ndarray, float]] = []
+    for loss in losses:
+        exponent = loss.exponent(frequency) - float(loss.exponent(np.array(band[:1]))[0])
+        span = max(float(np.abs(exponent).max()), 1e-30)
+        place = np.ceil(np.log(np.maximum(loss.weight * (span / WEAKEST), 1.0)) / math.log(RATIO))
+        classes = classes * 64 + np.minimum(place, 63).astype(np.int64)
+        radix.append((exponent / span, span))
+    some, of_echo = _numbered(classes)
+    most = least = np.zeros((len(some), order))
+    for exponent, _ in reversed(radix):
+        some, digit = np.divmod(some, 64)
+        most = most + np.outer(WEAKEST * RATIO ** digit.astype(float), exponent)
+        below = np.where(digit > 0, WEAKEST * RATIO ** (digit - 1.0), 0.0)
+        least = least + np.outer(below, exponent)
+    edges = [np.exp(-most), np.exp(-least)]
+    bounds = np.max([np.abs(edge @ chebyshev.series(order).T) for edge in edges], axis=0)
+    return np.atleast_2d(bounds), of_echo
+
+
+def _errors(series: np.ndarray, decay: np.ndarray) -> np.ndarray:
+    """(C·G, levels) of the products of series (C, N) and (G, N')."""
+    level = np.array(LEVELS)
+    order = np.arange(series.shape[1])[:, None]
+    errors = np.empty((len(series), len(decay), len(level)))
+    for number, row in enumerate(decay):
+        after = np.append(np.cumsum(row[::-1])[::-1], 0.0)  # Σ from n on
+        whole = after[0]
+
+        def beyond(place: np.ndarray, after: np.ndarray = after) -> np.ndarray:
+            return after[np.clip(place, 0, len(after) - 1)]
+
+        total = np.zeros((len(order), len(level)))
+        for start in (level, level + 1):
+            total += 0.5 * (beyond(start - order) + beyond(order + start))
+            total += 0.5 * np.where(order >= start, whole - beyond(order - start + 1), 0.0)
+        errors[:, number] = series @ total
+    return errors.reshape(-1, len(level))
