@@ -98,7 +98,8 @@ class Planting(Settings):
     density: float | None = param(
         None,
         unit="trees/m²",
-        help="mean of the intensity over the field; scales it, in place of an expected number",
+        help="mean of the intensity over the ground where it may stand (polygons, masks, slope, altitude); "
+        "scales it, in place of an expected number",
         ge=0,
         le=1e6,
     )

@@ -1,8 +1,8 @@
 """From settings to intensities: what a planting says, as one process on its field.
 
 λ = (base + hills + rasters and paint that are added) · rasters that multiply, within the field's polygon,
-the planting's polygon, its masks and its limits of slope and altitude; scaled to an expected number or a
-mean density where one is given.
+the planting's polygon, its masks and its limits of slope and altitude; scaled to an expected number, or to a
+mean density over the ground that these leave, where one is given.
 """
 
 from __future__ import annotations
@@ -35,18 +35,27 @@ def process_of(
         *masks_of(planting, forest, inputs),
     ]
     process = Process(parts[0] if len(parts) == 1 else Product(tuple(parts)), low, high)
-    wanted = planting.expected
+    wanted, asked = planting.expected, f"{planting.expected:g} trees" if planting.expected else ""
     if planting.density is not None:
-        wanted = planting.density * area_of(forest)
+        wanted = planting.density * permitted_area(planting, forest, inputs)
+        asked = f"{planting.density:g} trees/m²" if planting.density else ""
     if wanted is None:
         return process
     total = process.expected()
-    if total <= 0 and wanted > 0:
+    if total <= 0 and asked:
         raise IntensityError(
-            f"{planting.species}: the {_what(planting)} put nothing on the field, so {wanted:g} "
-            "trees cannot be expected there; move a centre or widen it"
+            f"{planting.species}: the {_what(planting)} put nothing on the field, so {asked} "
+            "cannot be expected there; move a centre or widen it"
         )
     return process.scaled(wanted / total if total > 0 else 0.0)
+
+
+def permitted_area(planting: spec.Planting, forest: spec.Forest, inputs: Inputs) -> float:
+    """m² of the field where polygons, masks, slope and altitude let a planting's trees stand."""
+    masks = tuple(masks_of(planting, forest, inputs))
+    if not masks:
+        return area_of(forest)
+    return Process(masks[0] if len(masks) == 1 else Product(masks), *corners_of(forest)).expected()
 
 
 def corners_of(forest: spec.Forest) -> tuple[np.ndarray, np.ndarray]:

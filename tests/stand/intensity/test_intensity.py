@@ -270,6 +270,48 @@ def test_a_density_counts_within_the_polygon():
     assert process_of(planting, field).expected() == pytest.approx(100, rel=1e-9)
 
 
+def ramp():
+    """Ground that is level up to x = 24 m and rises by 45° behind."""
+    vertices = np.array([[x, y, max(x - 24.0, 0.0)] for x in (0.0, 24.0, 60.0) for y in (0.0, 40.0)])
+    triangles = np.array([[0, 2, 1], [1, 2, 3], [2, 4, 3], [3, 4, 5]])
+    return Triangulated(vertices, triangles)
+
+
+@pytest.mark.parametrize(
+    ("limits", "share"),
+    [
+        ({"slope_deg": (0.0, 30.0)}, 24 / 60),
+        ({"slope_deg": (30.0, 90.0)}, 36 / 60),
+        ({"altitude": (12.0, 100.0)}, 24 / 60),
+        ({"slope_deg": (30.0, 90.0), "altitude": (0.0, 12.0)}, 12 / 60),
+        ({"polygon": ((0.0, 0.0), (30.0, 0.0), (30.0, 40.0), (0.0, 40.0))}, 30 / 60),
+    ],
+)
+def test_a_density_is_that_of_the_ground_where_it_may_stand(limits, share):
+    planting = Planting(species="m", density=0.5, **limits)
+    process = process_of(planting, Forest(size=(60.0, 40.0)), Inputs(terrain=ramp()))
+    assert process.expected() == pytest.approx(0.5 * share * 2400, rel=5e-3)
+    points = stream(6, "points").random((500, 2)) * [60.0, 40.0]
+    there = process.at(points)
+    assert there[there > 0] == pytest.approx(0.5, rel=1e-9)  # exactly so, as it is even
+
+
+def test_a_density_of_uneven_ground_is_its_mean_there():
+    hill = Gaussian(centre=(30.0, 20.0), width=(20.0, 20.0))
+    planting = Planting(species="m", density=0.5, gaussians=(hill,), slope_deg=(0.0, 30.0))
+    process = process_of(planting, Forest(size=(60.0, 40.0)), Inputs(terrain=ramp()))
+    exact = integrate.dblquad(
+        lambda y, x: np.exp(-(((x - 30) / 20) ** 2) - ((y - 20) / 20) ** 2), 0, 24, 0, 40
+    )[0]
+    assert process.factor * exact == pytest.approx(0.5 * 24 * 40, rel=5e-3)
+
+
+def test_a_density_where_nothing_may_stand_is_refused():
+    planting = Planting(species="m", density=0.5, slope_deg=(60.0, 90.0))
+    with pytest.raises(IntensityError, match="0.5 trees/m² cannot be expected"):
+        process_of(planting, Forest(size=(60.0, 40.0)), Inputs(terrain=ramp()))
+
+
 def test_an_expected_number_within_a_mask_counts_what_the_mask_leaves():
     triangle = ((0.0, 0.0), (20.0, 0.0), (0.0, 20.0))
     hill = Gaussian(centre=(5.0, 5.0), width=(6.0, 6.0))
