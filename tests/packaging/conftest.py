@@ -49,7 +49,7 @@ def session(archive, tmp_path_factory):
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=120,  # bpy 4.5 hangs at exit when an operator stays registered
+        timeout=900,  # bpy 4.5 hangs at exit when an operator stays registered
     )
     assert run.returncode == 0, run.stdout + run.stderr
     return json.loads(answer.read_text()) | {"resources": folder / "resources"}
