@@ -28,6 +28,17 @@ settings.load_profile("full")
 
 _outcome = pytest.StashKey()
 
+# What takes long to make: a test that asks for it is as slow as one that is marked so.
+COSTLY = {"archive", "done"}
+
+
+@pytest.hookimpl(tryfirst=True)  # before slow tests are left out
+def pytest_collection_modifyitems(items):
+    """`make check` is for between two edits: no built zip, no whole run of all sensors."""
+    for item in items:
+        if COSTLY & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.slow)
+
 
 @pytest.fixture
 def empty_blender():

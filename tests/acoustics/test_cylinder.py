@@ -33,6 +33,7 @@ def test_values(ka: float, angle: float, expected: complex) -> None:
     assert abs(scattering_sum(ka, angle) - expected) < 1e-14 * abs(expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "ka", [1e-3, 0.03, 0.5, 2.4048, 3.8317, 4.999, 5.0, 11.7, 56.0, 120.0, 600.0]
 )

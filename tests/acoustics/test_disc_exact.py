@@ -26,6 +26,7 @@ def test_values(ka: float, degrees: float, expected: float) -> None:
     assert abs(hard_disc_amplitude(ka, angle, angle, 0.0)) == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ka", [0.3, 2.0, 6.0])
 def test_separation_of_variables(ka: float) -> None:
     expected = hard_disc_spheroidal(ka, DIRECTIONS)
@@ -41,6 +42,7 @@ def test_reciprocity(ka: float) -> None:
     np.testing.assert_allclose(there, back, atol=1e-12 * min(ka**3, ka**2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ka", [1e-2, 1.0, 8.0, 30.0])
 @pytest.mark.parametrize("incidence", [0.0, 0.7, 1.5])
 def test_optical_theorem(ka: float, incidence: float) -> None:

@@ -24,6 +24,7 @@ SCRIPT = Path(__file__).resolve().parents[2] / "packaging" / "make_disc_table.py
 RANGES = [(1e-9, 0.1), (0.1, 1), (1, 3), (3, 10), (10, 40), (40, 80), (80, LAST)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("low", "high"), RANGES)
 def test_error_is_as_stated(low: float, high: float) -> None:
     rng = np.random.default_rng(5)

@@ -41,6 +41,7 @@ def leaves(model, count, seed=1):
     return amplitude, 2 * distance / SPEED, 2 * radius * np.sin(angle) / SPEED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 def test_tolerance_is_kept(model: str) -> None:
     amplitude, delay, spread = leaves(model, 600)
@@ -79,6 +80,7 @@ def test_tolerance_is_kept_when_all_errors_add_up() -> None:
         assert np.abs(found.spectrum - count * exact).max() <= tolerance * count * size
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-12, 0.0])
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 64, 65])
 def test_few_bins(count: int, tolerance: float) -> None:
@@ -201,6 +203,7 @@ def test_kernel_has_the_transform_it_claims() -> None:
     np.testing.assert_allclose(numeric, chosen.transform(frequency), atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 0.0])
 @pytest.mark.parametrize("sums", [1, 3, 40])
 def test_weighted_sums_of_the_same_echoes(sums: int, tolerance: float) -> None:

@@ -49,6 +49,7 @@ def test_every_species_is_named_sourced_and_grows(path):
         assert leaves.length.min() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXPECTED)
 def test_trees_have_natural_sizes_and_stay_above_the_ground(name):
     species, _ = loaded(name)
@@ -60,6 +61,7 @@ def test_trees_have_natural_sizes_and_stay_above_the_ground(name):
         assert fewest <= len(leaves) <= most
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("branches", [8, 12, 16])
 def test_whorls_have_as_many_first_level_branches_as_a20s_figures(branches):
     species, template = loaded(f"whorl-{branches}")

@@ -41,6 +41,7 @@ def leaves_in_metres(tree: TreeTemplate) -> tuple[Leaves, np.ndarray]:
     return join_leaves([branch.leaves for branch in tree.branches]), np.concatenate(unit)
 
 
+@pytest.mark.slow
 def test_the_script_makes_the_committed_files(tmp_path: Path) -> None:
     script = ASSETS / "make_templates.py"
     subprocess.run([sys.executable, str(script), "--out", str(tmp_path)], check=True)
@@ -68,6 +69,7 @@ def test_every_facet_is_finite_and_has_an_area(name: str, part: str) -> None:
     assert len(corners) == (size - 84) // 50
 
 
+@pytest.mark.slow
 @species
 def test_a_tree_splits_into_its_branches_with_all_leaves(
     name: str, trees: dict[str, TreeTemplate]

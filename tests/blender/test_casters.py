@@ -136,6 +136,7 @@ def test_utm_offset_loses_nothing(engine):
     assert np.quantile(np.abs(a.distance[both] - b.distance[both]), 0.99) < 1e-8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("far", [0.0, 5e5])
 def test_no_leak_through_edges_and_vertices_of_a_closed_mesh(engine, far):
     """Within a closed crumpled sphere, a million rays for each engine, each fifth at a vertex."""
@@ -317,6 +318,7 @@ def test_impossible_limits_hit_nothing(engine, bad):
     assert not caster.cast(start, up, np.inf, min_distance=np.nan).found.any()
 
 
+@pytest.mark.slow
 def test_chained_rays_pass_every_surface_once(engine):
     """Along one line through a forest: what brute force finds one behind the other."""
     scene = forest(12)
@@ -338,6 +340,7 @@ def test_chained_rays_pass_every_surface_once(engine):
         assert (ours.distance > last.distance)[ours.found].all()
 
 
+@pytest.mark.slow
 def test_reflected_rays_do_not_meet_the_face_they_leave(engine):
     """In a closed room every ray meets another wall, again and again, wherever the room stands."""
     rng = stream(9, "room")
@@ -413,6 +416,7 @@ def test_far_origins_and_near_ones_meet_the_same(engine):
     assert np.abs(near.distance[both] + 4950.0 - far.distance[both]).max() < 1e-8
 
 
+@pytest.mark.slow
 def test_a_ground_among_many_instances(engine):
     """One box as large as the scene above hundreds of small ones: all are met."""
     rng = stream(14, "ground")
@@ -436,6 +440,7 @@ def test_threads_change_nothing():
         assert (getattr(one, name) == getattr(three, name)).all()
 
 
+@pytest.mark.slow
 def test_embree_gives_its_memory_back():
     resource = pytest.importorskip("resource")
     page = resource.getpagesize()

@@ -61,6 +61,7 @@ def test_mesh_round_trip_keeps_everything(empty_blender):
         assert (getattr(back, name) == getattr(mesh, name)).all(), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("species", ["maple", "honda-birch"])
 def test_edges_that_growth_knows_are_those_that_blender_finds(empty_blender, species):
     kind, template = load_species(find_species(species, Path()))

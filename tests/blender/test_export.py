@@ -43,6 +43,7 @@ def in_order(transforms):
     return transforms[np.lexsort(transforms[:, :2, 3].round(3).T)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("instancing", ["points", "objects"])
 def test_blender_reads_back_every_tree_where_it_stood(empty_blender, instancing, tmp_path):
     forest = planted(instancing)
@@ -85,6 +86,7 @@ def numbers(document, binary, index):
     return np.frombuffer(binary, "<f4", accessor["count"], view["byteOffset"]).astype(int)
 
 
+@pytest.mark.slow
 def test_ten_thousand_trees_add_fifty_bytes_each(empty_blender, tmp_path):
     planted("points", 10)
     export_glb(bpy.context.scene, tmp_path / "few.glb")
@@ -111,6 +113,7 @@ def test_the_scene_is_as_before(empty_blender, tmp_path):
     assert list(bpy.context.selected_objects) == [trees]
 
 
+@pytest.mark.slow
 def test_a_light_view_exports_whole_trees(empty_blender, tmp_path, monkeypatch):
     planted("points")
     export_glb(bpy.context.scene, tmp_path / "full.glb")

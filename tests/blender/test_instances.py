@@ -187,6 +187,7 @@ def scanned(instancing, forest):
     return observer.observe(settings.sensors[0], settings)
 
 
+@pytest.mark.slow
 def test_lidar_labels_are_the_same_for_points_and_for_objects(empty_blender, grown, monkeypatch):
     monkeypatch.setattr("forest_addon.blender.forest.SHOWN_IN_FULL", 10)  # a light view
     points, objects = scanned("points", grown), scanned("objects", grown)
@@ -256,6 +257,7 @@ def test_a_variant_dragged_in_is_seen_with_its_species_and_stays(empty_blender, 
     assert dragged.name in part(bpy.context.scene, TREES).objects
 
 
+@pytest.mark.slow
 def test_the_blend_file_opens_without_the_extension(empty_blender, grown, tmp_path):
     build(bpy.context.scene, scene_of("points"), grown)
     save_blend(tmp_path / "forest.blend")

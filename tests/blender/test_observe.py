@@ -69,16 +69,19 @@ def differ(before, after):
     }
 
 
+@pytest.mark.slow
 def test_nothing_changes_by_itself(trees):
     assert differ(look(), look()) == set()
 
 
+@pytest.mark.slow
 def test_a_moved_tree_is_seen_and_heard(trees):
     before = look()
     trees[0].location.x += 1.0
     assert differ(before, look()) == {"tractor", "terrestrial", "sonar", "reverb"}
 
 
+@pytest.mark.slow
 def test_a_bent_tree_is_seen_and_heard(trees):
     before = look()
     modifier = trees[0].modifiers.new("Wind", "SIMPLE_DEFORM")
@@ -95,6 +98,7 @@ def test_a_hidden_forest_is_neither_seen_nor_heard(trees):
     assert not found["reverb"].any()
 
 
+@pytest.mark.slow
 def test_a_wall_of_the_users_own_is_seen_and_blocks_the_direct_sound(trees):
     before = look()
     bpy.ops.mesh.primitive_cube_add(size=2, location=(6.0, 2.0, 0.0), scale=(0.1, 3, 2))

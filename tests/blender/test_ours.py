@@ -56,6 +56,7 @@ def test_building_again_piles_nothing_up_and_keeps_names(empty_blender, grown, i
     assert all(is_ours(thing) for thing in bpy.data.objects)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PARTS)
 def test_what_others_put_into_our_collections_stays_there(empty_blender, grown, name):
     plant(grown)

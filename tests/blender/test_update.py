@@ -149,6 +149,7 @@ def mesh(name="own"):
 # ------------------------------------------------------------------------------ the same and the new
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", HOW)
 @pytest.mark.parametrize(
     "change",
@@ -211,6 +212,7 @@ def test_a_variant_whose_number_changes_is_the_same_object(empty_blender):
     assert [int(name[:3]) for name in names] == list(range(len(names)))
 
 
+@pytest.mark.slow
 def test_many_updates_leave_nothing_behind(empty_blender, tmp_path):
     sizes, told_of = [], []
     for _ in range(5):
@@ -402,6 +404,7 @@ def test_a_further_variant_wears_what_the_first_of_its_species_wears(empty_blend
         assert (slots(thing)[0] == mine) == ("apple-stochastic" in name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", HOW)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_look_that_changes_recolours_our_materials_and_no_others(empty_blender, how, seed):
@@ -433,6 +436,7 @@ def ramp(material):
     return next(n for n in material.node_tree.nodes if n.type == "VALTORGB").color_ramp
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", HOW)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_materials_that_were_deleted_come_back(empty_blender, how, seed):
@@ -503,6 +507,7 @@ def test_a_view_becomes_light_by_itself_until_the_user_chooses(empty_blender, mo
     assert not nodes.is_light(modifier)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", ["modifier", "group", "outlines socket", "variants"])
 def test_an_instancer_that_lost_something_works_again(empty_blender, loss):
     plant("points", seed=2)
@@ -639,6 +644,7 @@ def ramp_colours(material):
     return [c for n in nodes for e in n.color_ramp.elements for c in e.color]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", HOW)
 @pytest.mark.parametrize("where", ["ground_mesh", "outline", "fingerprint", "points_mesh"])
 def test_an_update_that_fails_changes_nothing(empty_blender, how, where, monkeypatch):
@@ -659,6 +665,7 @@ def test_an_update_that_fails_changes_nothing(empty_blender, how, where, monkeyp
     assert everything() == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", HOW)
 def test_undo_and_redo_restore_exactly(empty_blender, how):
     def step(name):
@@ -717,6 +724,7 @@ def test_while_something_of_it_is_edited_a_forest_stays_as_it_is(empty_blender):
 # --------------------------------------------------------------------------------- other forests, loss
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", HOW)
 @pytest.mark.parametrize("shown", [False, True])
 def test_each_scene_updates_its_own_forest(empty_blender, how, shown):
@@ -738,6 +746,7 @@ def test_each_scene_updates_its_own_forest(empty_blender, how, shown):
     assert ids(ours(TREES, there).values()) == uids
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PARTS)
 @pytest.mark.parametrize("how", HOW)
 def test_a_linked_forest_within_ours_is_left_alone(empty_blender, how, name, tmp_path):
@@ -776,6 +785,7 @@ def dissolve(home):
     bpy.data.collections.remove(home)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", HOW)
 @pytest.mark.parametrize("lost", [None, TREES, VARIANTS, OUTLINES, GROUND_NAME])
 def test_a_collection_that_was_deleted_comes_back_with_what_was_in_it(empty_blender, how, lost):
@@ -796,6 +806,7 @@ def test_a_collection_that_was_deleted_comes_back_with_what_was_in_it(empty_blen
     assert not root(bpy.context.scene).objects
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", HOW)
 @pytest.mark.parametrize("lost", [None, TREES, VARIANTS, OUTLINES, GROUND_NAME])
 def test_a_collection_that_was_deleted_with_its_objects_is_made_anew(empty_blender, how, lost):

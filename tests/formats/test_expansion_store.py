@@ -102,6 +102,7 @@ def _write(folder: str, rounds: int) -> None:
         store.save(KEY, layers)
 
 
+@pytest.mark.slow
 def test_two_processes_write_the_same(tmp_path: Path) -> None:
     """A reader between them finds a whole file or none."""
     context = multiprocessing.get_context("spawn")

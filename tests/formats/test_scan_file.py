@@ -171,6 +171,7 @@ def test_rows_that_were_written_but_not_noted_are_cut_off(tmp_path):
     assert path.read_bytes() == (tmp_path / "b.ply").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at_once", [7, 33, 10_000])
 def test_the_size_of_chunks_changes_no_byte(tmp_path, at_once):
     write_scan(tmp_path / "a.ply", work(), 5)

@@ -115,6 +115,7 @@ def test_what_is_the_default_is_not_written(tmp_path):
     assert tomllib.loads((tmp_path / "sonar.toml").read_text()) == {"sensors": [{"kind": "sonar"}]}
 
 
+@pytest.mark.slow
 @given(st.floats(allow_nan=False, allow_infinity=False, min_value=1e-300, max_value=1e5))
 def test_numbers_are_written_to_the_last_digit(number):
     with tempfile.TemporaryDirectory() as folder:

@@ -135,6 +135,7 @@ RADIUS = Normal(mean=0.1, sd=0.02)
 RATIO = Normal(mean=0.7, sd=0.1, high=0.8)
 
 
+@pytest.mark.slow
 def test_what_is_drawn_per_tree():
     honda = but(
         levels=Discrete(values=(1, 2, 4), weights=(1.0, 2.0, 1.0)),

@@ -14,6 +14,7 @@ from forest_addon.rng import stream
 from forest_addon.spec import Detail, Grammar, Leaf, Species
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["maple", "spruce"])
 def test_grafted_truth_is_what_the_mesh_measures(name):
     species, template = load_species(find_species(name, Path()))

@@ -129,6 +129,7 @@ def without_sensors(tmp_path):
     return scene_with(tmp_path, text.split("[[sensors]]")[0] + "[output]\npreview = false\n")
 
 
+@pytest.mark.slow
 def test_a_full_disk(tmp_path):
     """A folder of 3 MB: some results fit, forest.glb does not."""
     scene = without_sensors(tmp_path)
@@ -160,6 +161,7 @@ def test_a_full_disk(tmp_path):
     assert not [name for name in files if "partial" in name]
 
 
+@pytest.mark.slow
 def test_a_file_that_may_not_grow(tmp_path):
     """Without mounting: the system refuses files above 400 kB with EFBIG."""
 
@@ -185,6 +187,7 @@ def interrupt_when(process, ready, patience=120):
     return ended(process)
 
 
+@pytest.mark.slow
 def test_ctrl_c_between_sensors_keeps_finished_files(tmp_path):
     process = start("run", SMALL, "--out", tmp_path)
     code, said = interrupt_when(process, (tmp_path / "trees.csv").exists)
@@ -195,6 +198,7 @@ def test_ctrl_c_between_sensors_keeps_finished_files(tmp_path):
     no_half_written_files(tmp_path)
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_long_render(tmp_path):
     """The render would take an hour, longer than a test waits for a process to end."""
     text = SMALL.read_text().split("[output]")[0]

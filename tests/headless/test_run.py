@@ -57,6 +57,7 @@ def done(tmp_path_factory):
     return out, ended
 
 
+@pytest.mark.slow
 def test_every_result_is_there_and_nothing_else(done):
     out, ended = done
     assert sorted(p.name for p in out.iterdir()) == RESULTS
@@ -100,6 +101,7 @@ def test_results_agree_with_each_other(done):
         assert ((scan["organ"] < 0) == np.isinf(scan["distance"])).all()
 
 
+@pytest.mark.slow
 def test_the_blend_file_opens_with_everything_in_named_collections(done):
     code = """
 import bpy, sys
@@ -137,6 +139,7 @@ def test_the_report_holds_its_pictures(done):
     assert "http" not in page.replace("http-equiv", "")
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_results_in_another_process(done, tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(SMALL.read_text().split("[output]")[0] + BARE)
@@ -147,6 +150,7 @@ def test_the_same_seed_gives_the_same_results_in_another_process(done, tmp_path)
         assert (tmp_path / name).read_bytes() == (done[0] / name).read_bytes(), name
 
 
+@pytest.mark.slow
 def test_another_seed_gives_another_forest(headless, done, tmp_path):
     bare = tmp_path / "bare.toml"
     text = SMALL.read_text().split("[[sensors]]")[0]
@@ -155,6 +159,7 @@ def test_another_seed_gives_another_forest(headless, done, tmp_path):
     assert (tmp_path / "o" / "trees.csv").read_bytes() != (done[0] / "trees.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_without_trees_the_sensors_see_the_ground_only(headless, tmp_path):
     scene = tmp_path / "none.toml"
     text = SMALL.read_text().replace("expected = 4", "expected = 0")
@@ -171,6 +176,7 @@ def test_without_trees_the_sensors_see_the_ground_only(headless, tmp_path):
         assert np.isfinite(echo["spectrum"]).all()
 
 
+@pytest.mark.slow
 def test_a_species_file_and_stl_files_of_ones_own(headless, tmp_path):
     for part in ("wood", "leaves"):
         shutil.copy(ROOT / "assets" / "templates" / "apple" / f"{part}.stl", tmp_path)
@@ -187,6 +193,7 @@ def test_a_species_file_and_stl_files_of_ones_own(headless, tmp_path):
     assert "mine" in (tmp_path / "o" / "trees.csv").read_text()
 
 
+@pytest.mark.slow
 def test_the_script_for_blender_itself(tmp_path):
     bare = tmp_path / "bare.toml"
     text = SMALL.read_text().split("[[sensors]]")[0]
@@ -224,6 +231,7 @@ def test_a_run_starts_from_a_blend_file_and_stands_on_what_is_in_it(headless, tm
     assert "gone.blend cannot be opened" in ended.stderr
 
 
+@pytest.mark.slow
 def test_sensors_that_meet_nothing_are_reported_too(headless, tmp_path):
     """A field without trees or ground in reach: every picture is drawn, every file is written."""
     scene = tmp_path / "nothing.toml"

@@ -61,7 +61,7 @@ def run_in_clean_blender(folder, *words):
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=300,  # bpy 4.5 hangs at exit when an operator stays registered
+        timeout=900,  # bpy 4.5 hangs at exit when an operator stays registered
     )
 
 

@@ -66,6 +66,7 @@ def process(name, total=60.0):
     return made.scaled(total / made.expected())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_counts_in_rectangles_are_poisson(name):
     made, runs = process(name), 300
@@ -97,6 +98,7 @@ def marginals(made):
         yield LOW[axis] + np.linspace(0, SIZE[axis], count + 1), share / share[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 @pytest.mark.parametrize("exactly", [None, 40])
 def test_positions_follow_the_intensity(name, exactly):
@@ -109,6 +111,7 @@ def test_positions_follow_the_intensity(name, exactly):
         assert found < stats.kstwo.isf(1e-4, len(pit)) + 5e-4  # what the midpoint sum may be off
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["thinned hills", "raster"])
 def test_disjoint_cells_are_independent(name):
     made, runs = process(name), 300
@@ -178,6 +181,7 @@ def test_nothing_where_the_intensity_is_zero():
         sample(empty, stream(0, "x"), 7)
 
 
+@pytest.mark.slow
 def test_ten_million_points_stay_points_of_the_process():
     """The count, and the mean of x, at 5 sigma: false alarm 2e-6."""
     field = Forest(size=(3000.0, 3000.0))

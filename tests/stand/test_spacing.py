@@ -50,6 +50,7 @@ def test_pairs_crowns_and_rules_equal_the_definition(rule, cluster, count):
     assert (gap >= spacing.between(trees[a], trees[b])).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("distance", [0.05, 0.5, 3.0])
 def test_batches_of_many_trees_equal_the_definition(rule, distance):

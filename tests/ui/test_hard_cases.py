@@ -454,6 +454,7 @@ SITUATIONS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("situation", SITUATIONS, ids=lambda s: s.__name__)
 def test_every_operator_works_or_says_why_not(again, situation):
     complaints, fresh = [], False
@@ -479,6 +480,7 @@ def drawn():
     return test_panels.drawn()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", operators())
 def test_twice_in_a_row(again, name):
     folder = again()
@@ -511,6 +513,7 @@ def test_a_linked_scene_is_not_changed(again):
     assert exchange.to_spec(bpy.context.scene) == settings
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("link", [linked_forest, overridden_forest])
 def test_a_linked_forest_is_sensed_and_stays(again, link):
     link(again())

@@ -77,6 +77,7 @@ def test_results_stay_with_their_sensors(first):
     assert bpy.ops.forest.select_result(shown="cloud points") == {"FINISHED"}
 
 
+@pytest.mark.slow
 def test_the_next_forest_takes_the_place_of_the_old_one(first):
     rock = bpy.data.objects["My rock"]
     first.forest_sensing.output = ""

@@ -110,6 +110,7 @@ def test_expected_size_of_a_stochastic_grammar():
     assert np.mean(sizes) == pytest.approx(1.5**8, abs=5 * np.std(sizes) / 20)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("axiom", "rules", "generations", "words"),
     [

@@ -95,6 +95,7 @@ def test_angles_of_0_and_180_degrees(angle):
     assert np.abs(s.end[:, :2]).max() < 1e-15 * 10
 
 
+@pytest.mark.slow
 def test_deep_brackets_do_not_overflow():
     depth = 30_000
     walked = walk_text("F(1)" + "[" * depth + "+F(1)" + "]" * depth + "[" * 100 + "F(1)")

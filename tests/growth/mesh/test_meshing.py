@@ -265,6 +265,7 @@ def test_texture_runs_in_metres_along_the_stem():
     np.testing.assert_allclose(mesh.uv[..., 1][below], 0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_million_segments():
     count = 1_000_000
     rng = np.random.default_rng(0)

@@ -12,6 +12,7 @@ from forest_addon.growth.tree import grow
 from forest_addon.rng import stream
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("species", ["maple", "honda-conifer", "apple-leafless"])
 def test_an_outline_has_the_size_of_its_tree(species):
     mesh = grow(*load_species(find_species(species, Path())), stream(2, "outline")).mesh

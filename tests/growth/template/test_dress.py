@@ -49,6 +49,7 @@ def test_leaves_reach_the_tips(wood):
         assert np.linalg.norm(corner - tip, axis=1).min() < 0.02
 
 
+@pytest.mark.slow
 def test_a_species_file_asks_for_them(tmp_path):
     shutil.copy(ASSETS / "templates" / "maple" / "wood.stl", tmp_path)
     text = 'name = "dressed"\n[template]\nwood = "wood.stl"\n'

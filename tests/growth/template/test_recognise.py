@@ -179,6 +179,7 @@ def test_a_leaf_in_a_fork_hangs_on_the_twig() -> None:
     model.check(recognise(model.wood(), model.leaves()))
 
 
+@pytest.mark.slow
 def test_contacts_agree_with_a_search_of_all_wood() -> None:
     model = tree(3)
     found = recognise(model.wood())

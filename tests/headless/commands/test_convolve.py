@@ -50,6 +50,7 @@ def test_levels_above_full_scale_stay_unless_normalised(tmp_path):
     assert peak == pytest.approx(10 ** (-0.05), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_figures_and_findings(tmp_path, monkeypatch):
     """A tiny study: files, and verdicts that follow the responses they are given."""
     tiny = Study((300, 900), (10.0, 40.0), (1,))

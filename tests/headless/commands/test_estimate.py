@@ -43,6 +43,7 @@ def site(tmp_path):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "error"), [("mixture", 0.05), ("kernel", 0.25)])
 def test_forests_like_the_site(site, tmp_path, method, error):
     said = []
@@ -71,6 +72,7 @@ def test_forests_like_the_site(site, tmp_path, method, error):
     assert abs(len(stand) - mean) < 4.5 * np.sqrt(mean)  # false alarm 7e-6
 
 
+@pytest.mark.slow
 def test_a_polygon_as_the_window(tmp_path):
     corners = [(0, 0), (50, 0), (50, 40), (0, 60)]
     hole = [(10, 10), (20, 10), (20, 20), (10, 20)]
@@ -97,6 +99,7 @@ def test_a_polygon_as_the_window(tmp_path):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["mixture", "kernel"])
 @pytest.mark.parametrize("text", ["x,y\n5,5\n", "x,y\n5,5\n5,5\n5,5\n", "x,y\n5,5\n6,5\n9,5\n"])
 def test_few_trees_make_a_scene_too(tmp_path, method, text):

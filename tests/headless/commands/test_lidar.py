@@ -50,6 +50,7 @@ SCAN = ("--scanner", "riegl-vz-400i", "--at", "-1,0.5,1.6", "--set", "angle_step
 SCAN += ("--set", "beam.subrays=7")
 
 
+@pytest.mark.slow
 def test_a_scene_of_ones_own(park, tmp_path):
     out = tmp_path / "scan.laz"
     ended = headless(
@@ -98,6 +99,7 @@ def test_a_killed_scan_goes_on_to_the_same_bytes(park, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cut.laz", "whole.laz"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("follow", ["Way", "Drone"])
 def test_a_scanner_follows_a_curve_or_an_object(park, tmp_path, follow):
     out = tmp_path / "scan.npz"
@@ -164,6 +166,7 @@ def test_what_cannot_be_used_is_one_sentence(park, tmp_path, capfd, arguments, s
     assert "Traceback" not in told
 
 
+@pytest.mark.slow
 def test_scanners_of_a_scene_file(tmp_path):
     """Every platform, from presets, through a whole run with pictures and report."""
     scene = tmp_path / "scene.toml"

@@ -6,6 +6,7 @@ import pytest
 from headless.cli import main
 
 
+@pytest.mark.slow
 def test_table_and_sheet(tmp_path, capsys, monkeypatch):
     pytest.importorskip("bpy")
     from headless.work import species as species_work
@@ -23,6 +24,7 @@ def test_unknown_species_is_one_sentence(capsys):
     assert "plum-pudding" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_small_pictures_for_the_panel(tmp_path, capsys, monkeypatch):
     pytest.importorskip("bpy")
     from PIL import Image

@@ -44,6 +44,7 @@ def scene(tmp_path):
     return tmp_path / "scene.toml"
 
 
+@pytest.mark.slow
 def test_positions_and_map_are_written(scene, tmp_path, capsys):
     out = tmp_path / "new" / "points.csv"
     assert main(["stand", str(scene), "--out", str(out)]) == 0
@@ -60,6 +61,7 @@ def test_positions_and_map_are_written(scene, tmp_path, capsys):
     assert imread(out.with_suffix(".png")).std() > 0.05
 
 
+@pytest.mark.slow
 def test_geojson_and_another_seed(scene, tmp_path):
     made = []
     for seed in ("0", "2"):  # the first is the scene's own
@@ -89,6 +91,7 @@ def test_what_cannot_be_sampled_is_said_in_one_sentence(scene, tmp_path, capsys,
     assert not (tmp_path / "p.csv").exists()
 
 
+@pytest.mark.slow
 def test_many_trees_are_drawn_as_pixels(tmp_path):
     scene = tmp_path / "many.toml"
     scene.write_text('[[plantings]]\nspecies = "maple"\nexpected = 30000\n')

@@ -25,6 +25,7 @@ def files(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_a_users_tree_becomes_a_forest_in_two_commands(files, capsys):
     pytest.importorskip("bpy")
     out = files / "elm"

@@ -65,6 +65,7 @@ def test_orchards_share_their_trees():
     assert first.radius.min() == pytest.approx(0.003)  # half of d_m on the last internodes
 
 
+@pytest.mark.slow
 def test_the_command_prints_both_tables_and_goes_on_where_it_was(
     small, tmp_path, capsys, monkeypatch
 ):
@@ -124,6 +125,7 @@ def test_ctrl_c_keeps_what_is_finished(small, tmp_path, monkeypatch, capsys):
     assert [row.orchard for row in rows] == SMALL[:1]
 
 
+@pytest.mark.slow
 def test_both_engines_give_the_same_indices(small):
     ours, theirs = (
         simlidar.observe(SMALL[0], 0.4, 1, 9, engine)[0] for engine in ("bvhtree", "auto")

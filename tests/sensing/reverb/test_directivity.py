@@ -63,6 +63,7 @@ def listen(forest: Trunks, directivity: Directivity, **settings: float):
     return impulse_response(forest, reverb, AIR, directivity=directivity)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [0.0, 1e-6])
 def test_each_path_has_the_gain_of_its_departure(tolerance: float) -> None:
     """One trunk at a time, and 60 at once by the fast sum: cardioid that points away from the receiver."""

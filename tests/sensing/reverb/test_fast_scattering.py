@@ -35,6 +35,7 @@ def errors(found: np.ndarray, exact: np.ndarray, rate: float) -> tuple[float, fl
     return float(np.linalg.norm(found - exact) / np.linalg.norm(exact)), float(gap / whole)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate", "distance", "side", "radius", "count"),
     [
@@ -58,6 +59,7 @@ def test_tolerance_is_kept(
         assert max(errors(found, exact, rate)) > 1e-3 * tolerance  # it is the fast way
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
 def test_every_trunk_a_radius_of_its_own(tolerance: float) -> None:
     some = paths(300, 10.0, 80.0, (0.05, 0.3))
@@ -73,6 +75,7 @@ def test_few_radii_and_one_of_none() -> None:
     assert max(errors(Expansions().sum(some, 8e3, 4000, AIR, 1e-4), exact, 8e3)) < 1e-4
 
 
+@pytest.mark.slow
 def test_192_khz() -> None:
     """ka to 176; the air takes 3 dB a metre at the band's end."""
     some = paths(40, 10.0, 20.0, 0.1)
@@ -81,6 +84,7 @@ def test_192_khz() -> None:
     assert max(errors(found, exact, 192e3)) < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("temperature", [-40.0, 50.0])
 @pytest.mark.parametrize("humidity", [0.01, 100.0])
 def test_extreme_air(temperature: float, humidity: float) -> None:
@@ -90,6 +94,7 @@ def test_extreme_air(temperature: float, humidity: float) -> None:
     assert max(errors(Expansions().sum(some, 24e3, 20_000, air, 1e-4), exact, 24e3)) < 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, np.pi / 2, np.pi - 1e-6, np.pi])
 def test_single_angles(angle: float) -> None:
     """Straight on and straight back, where cos φ is at its ends."""
@@ -143,6 +148,7 @@ def test_gain_of_each_path() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("source", "receiver"),
     [

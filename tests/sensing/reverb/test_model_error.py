@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from forest_addon.sensing.reverb.model_error import model_error
 from forest_addon.sensing.reverb.slices import Trunks
@@ -18,6 +19,7 @@ def forest(count: int, side: float, radius: float = 0.15, seed: int = 0) -> Trun
     return Trunks(place, np.full(count, radius), np.arange(count))
 
 
+@pytest.mark.slow
 def test_dense_stands_scatter_more_than_once() -> None:
     """15 to 30 % at 0.01 trunks/m², more at 0.05 (PHYSICS 5.5)."""
     found = {}

@@ -171,6 +171,7 @@ def test_late_trunks_are_counted_and_nothing_wraps() -> None:
     assert np.abs(long.trees[arrival - 20 : arrival + 20]).max() > 1e-4 * peak
 
 
+@pytest.mark.slow
 def test_sizes_from_1e_3_to_500() -> None:
     response = listen(
         forest((9, 12, 1.2), (11, 20, 0.01), (11, 5, 1e-5), (2, 2, 0.0)),
@@ -315,6 +316,7 @@ def test_the_ground_has_the_spectrum_of_its_reflection() -> None:
         np.testing.assert_allclose(found[bins] / mirror[bins], expected, atol=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [1000.0, 192_000.0])
 def test_slow_and_fast_sampling(rate: float) -> None:
     response = listen(forest((9, 11, 0.3)), sample_rate=rate, duration=0.1, surface="snow")

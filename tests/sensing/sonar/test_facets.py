@@ -49,6 +49,7 @@ def sphere(radius: float, centre: tuple[float, float, float], cells: int = 24) -
     return TriMesh.of_part(np.array(centre) + radius * around.reshape(-1, 3), triangles, OTHER)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("size", [0.02, 0.1, 0.3])
 def test_one_triangle_is_kirchhoffs_integral(seed: int, size: float) -> None:
@@ -82,6 +83,7 @@ def test_a_foot_on_an_edge_or_a_corner_counts_once(point: tuple[float, float]) -
     assert np.abs(echo.spectrum) == pytest.approx(0.5, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_sphere_sounds_like_a_sphere() -> None:
     """Geometric optics of a sphere: p = R/(2s(R + s)); facets of 1 mm sag would need finer ones."""
     radius, away = 0.05, 1.0

@@ -273,6 +273,7 @@ def test_record_that_no_memory_holds_is_refused() -> None:
         ping(discs_of([[2, 0, 2]], [1.0, 0, 0], 0.02), Sonar(band=(69_999.999, 70_000.0)), AIR)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["piston", "paper"])
 @pytest.mark.parametrize("cull", [1e-4, 1e-2, 0.1])
 def test_culling_keeps_its_promise(
@@ -380,6 +381,7 @@ def test_blocks_do_not_matter(tolerance: float, monkeypatch: pytest.MonkeyPatch)
     assert steps[-1][0] == steps[-1][1] == len(parts.heard)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["piston", "paper"])
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9])
 @pytest.mark.parametrize("beam", ["gaussian", "horseshoe"])

@@ -38,6 +38,7 @@ def depths(mesh: TriMesh, distance: float, spread: int = 9) -> np.ndarray:
     return Extinction(caster, station).depth(np.stack([az, el]), far, np.full(len(az), 1e-3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("facing", "g"), [(True, 1.0), (False, 0.5)])
 def test_optical_depth_is_projected_leaf_area_on_the_way(facing: bool, g: float) -> None:
     """τ = G·u·s: 1 for leaves face-on, ½ for leaves any way round; within four standard errors."""

@@ -53,6 +53,7 @@ def grove(count: int = 1500) -> Targets:
     return Targets(scene_of(mesh, *placed))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 def test_blocks_find_what_all_leaves_sum_up_to(model: str) -> None:
     targets = grove()
@@ -69,6 +70,7 @@ def test_blocks_find_what_all_leaves_sum_up_to(model: str) -> None:
         assert ours.leaves == len(discs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("cull", [1e-3, 0.05])
 def test_what_is_left_out_is_within_the_bound(model: str, cull: float) -> None:

@@ -124,6 +124,7 @@ def test_raster_is_bilinear_between_centres():
     assert raster().at(LOW[None] - 0.1)[0] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["constant", "mixture", "raster", "polygon", "sum"])
 def test_closed_integrals_agree_with_quadrature(name):
     intensity, rng = EVERY[name](), stream(8, "rect", name)
@@ -134,6 +135,7 @@ def test_closed_integrals_agree_with_quadrature(name):
         assert closed == pytest.approx(numeric.value, rel=2e-4, abs=numeric.error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["mask", "mesh", "limits", "product"])
 def test_integrals_without_closed_form_are_within_their_stated_error(name):
     intensity = EVERY[name]()

@@ -33,6 +33,7 @@ def relative_error(fit, process):
     return ((fit.at(at) - law) ** 2).sum() / (law**2).sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("window", [FIELD, NOTCHED], ids=["rectangle", "polygon"])
 def test_it_finds_the_hills_also_that_beyond_the_edge(window):
     points, process = drawn(HILLS, 8_000, "found")
@@ -66,6 +67,7 @@ def test_it_is_a_maximum_of_the_likelihood():
                 assert likelihood(**{name: moved}) < best
 
 
+@pytest.mark.slow
 def test_the_error_falls_with_one_over_n():
     # MISE of maximum likelihood falls with 1/n. From 200 to 1,600 trees, 5 samples each, the slope
     # spreads by 0.1: bounds at 4 sigma.
@@ -76,6 +78,7 @@ def test_the_error_falls_with_one_over_n():
     assert -1.4 < np.log(errors[1] / errors[0]) / np.log(8) < -0.6
 
 
+@pytest.mark.slow
 def test_trees_that_stand_evenly_or_in_an_orchard_get_no_hill():
     # BIC takes one hill of 5 parameters for chance with probability about 1 %: 3 of 12 has 2e-4.
     even = [fit_mixture(drawn(Constant(1.0), 300, "even", s)[0], FIELD) for s in range(12)]
@@ -97,6 +100,7 @@ def test_hills_on_a_base():
     assert relative_error(fit, process) < 0.01
 
 
+@pytest.mark.slow
 def test_order_and_place_of_the_map_do_not_matter():
     points, _ = drawn(HILLS, 4500, "order")  # more than the sketch
     fit = fit_mixture(points, FIELD)

@@ -90,6 +90,7 @@ def test_blocks_do_not_matter(monkeypatch):
     assert parts.value == pytest.approx(whole.value, rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("window", [FIELD, NOTCHED], ids=["rectangle", "polygon with a hole"])
 @pytest.mark.parametrize("renormalise", [False, True])
 def test_k_of_a_poisson_forest_is_pi_r_squared(window, renormalise):
@@ -256,6 +257,7 @@ def test_a_forest_of_the_law_passes_and_another_does_not():
     assert examine(points[:9], FIELD, known) is None
 
 
+@pytest.mark.slow
 def test_an_estimate_is_tested_fairly():
     # The intensity of every simulation is estimated again, so p is nearly uniform; of 6 forests fewer
     # than 3 have p at most 0.1 with probability 0.98, more than 4 with 6e-5.

@@ -75,6 +75,7 @@ def test_what_a_forest_is_made_of_is_in_the_fingerprint(heard, change):
     assert mark() != before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [
@@ -174,6 +175,7 @@ def test_an_unread_scene_is_not_read_twice(heard, monkeypatch):
     assert len(reads) == 2
 
 
+@pytest.mark.slow
 def test_a_change_is_shown_and_built_once(built):
     assert settle() == ""
     assert not stale()
@@ -221,6 +223,7 @@ def test_switched_off_nothing_is_wanted_but_the_star_is_shown(built):
     assert settle()
 
 
+@pytest.mark.slow
 def test_undo_is_let_be_and_brings_the_fingerprint_back(built):
     def props():
         return bpy.context.scene.forest_sensing

@@ -24,6 +24,7 @@ def ground_in_picture(scene):
         yield seen.xy
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("preset", "trees"), [("t20-one-tree", 1), ("paper-100k", 0)])
 def test_a_start_scene_stands_built_and_lit(props, preset, trees):
     bpy.data.meshes.new("of the old file").use_fake_user = True

@@ -82,6 +82,7 @@ def test_the_canvas_lies_on_a_terrain_and_beyond_it_at_its_base(painting):
     assert z[x > 8.1] == pytest.approx(LIFT)
 
 
+@pytest.mark.slow
 def test_what_is_painted_is_planted_there_and_nowhere_else(painting):
     painting.plantings[0].expected = 40
     press()
@@ -130,6 +131,7 @@ def test_each_planting_has_a_layer_of_its_own(painting):
     ]
 
 
+@pytest.mark.slow
 def test_the_canvas_survives_a_build_and_undo(painting):
     press()
     weigh("hazelnut", lambda x, _: x > 10)
