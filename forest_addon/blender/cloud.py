@@ -16,7 +16,7 @@ from ..sensing.lidar.cloud import Cloud
 from ..sensing.sonar.ping import Contributions
 from .layout import CLOUD_KEY, COLOUR_BY
 from .materials import coloured_points
-from .ours import make_object
+from .ours import is_ours, make_object, own
 
 COLOUR_OF_ORGAN = {
     WOOD: (0.30, 0.17, 0.08, 1.0),
@@ -78,13 +78,12 @@ def show_heard(home: bpy.types.Collection, name: str, heard: Contributions) -> b
 
 
 def _show(home: bpy.types.Collection, name: str, data: bpy.types.Mesh) -> bpy.types.Object:
-    """An object of these points, in place of the last one of this name."""
+    """An object of these points: the one of before, with all that was done to it, or a new one."""
     data.update()
-    for old in [thing for thing in home.objects if thing.get(CLOUD_KEY) == name]:
-        mesh = old.data
-        bpy.data.objects.remove(old)
-        if not mesh.users:
-            bpy.data.meshes.remove(mesh)
+    thing = _standing(home, name)
+    if thing is not None:
+        _hand_over(thing, data)
+        return thing
     thing = make_object(f"{name} points", data, home)
     thing[CLOUD_KEY] = name
     data.materials.append(bpy.data.materials.get(GROUP) or coloured_points(GROUP))
@@ -92,6 +91,33 @@ def _show(home: bpy.types.Collection, name: str, data: bpy.types.Mesh) -> bpy.ty
     modifier.node_group = bpy.data.node_groups.get(GROUP) or _points_group()
     thing.hide_render = True
     return thing
+
+
+def _standing(home: bpy.types.Collection, name: str) -> bpy.types.Object | None:
+    """The object that shows this sensor's points: in its collection, or where the user has put it in the
+    scene. One that was copied or renamed belongs to the user.
+    """
+    scenes = {
+        s for s in bpy.data.scenes if home in (s.collection, *s.collection.children_recursive)
+    }
+    elsewhere = (thing for thing in bpy.data.objects if scenes & set(thing.users_scene))
+    ours = (t for t in (*home.objects, *elsewhere) if t.get(CLOUD_KEY) == name)
+    return next((t for t in ours if is_ours(t) and t.type == "MESH" and t.mode == "OBJECT"), None)
+
+
+def _hand_over(thing: bpy.types.Object, data: bpy.types.Mesh) -> None:
+    """Give an object other points: the mesh takes the place of its old one everywhere, in its clothes."""
+    old = thing.data
+    for material in old.materials:
+        data.materials.append(material)
+    for key, value in old.items():
+        data[key] = value
+    name = old.name
+    old.user_remap(data)
+    if not old.users:
+        bpy.data.meshes.remove(old)
+        data.name = name
+    own(data)
 
 
 def _points_group() -> bpy.types.NodeTree:

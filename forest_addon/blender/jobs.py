@@ -60,6 +60,7 @@ class Job:
         self.share = 0.0
         self.result = ""
         self.over = False
+        self.kept: list[str] = []  # what the work has brought to its end, in words
         self._work = work
         self._thread: threading.Thread | None = None
         self._outcome: Any = None

@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from .layout import LIBRARIES, PARTS, TREES, VARIANTS, grove, groves, part, root
+from .layout import CLOUD_KEY, LIBRARIES, PARTS, TREES, VARIANTS, grove, groves, part, root
 from .ours import ROLE_KEY, is_ours, settle
 from .standing import DATA_KEY, Standing, has_own_mesh
 
@@ -79,6 +79,7 @@ def put(
 
 def _clear(homes: set[bpy.types.Collection], kept: set[bpy.types.Object]) -> None:
     """Remove what of ours is wanted no more; what is in a collection of the user's too stays in that.
+    Points that were found in the forest of before go, the objects that show them stay.
 
     What is nowhere any more, its collection removed, goes as well: it would keep its name from others.
     """
@@ -89,7 +90,9 @@ def _clear(homes: set[bpy.types.Collection], kept: set[bpy.types.Object]) -> Non
         for thing in list(home.objects):
             if thing in kept or thing.type != "MESH" or not is_ours(thing):
                 continue
-            if thing in theirs:
+            if CLOUD_KEY in thing:  # its next points come with what the user has done to it
+                thing.data.clear_geometry()
+            elif thing in theirs:
                 home.objects.unlink(thing)
             else:
                 doomed.add(thing)

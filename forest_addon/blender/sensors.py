@@ -1,7 +1,8 @@
 """Sensors as objects: where they are and look is the object's own transform, so they can be moved, parented,
 keyed, and follow a curve.
 
-A sonar and a tractor look along their object's local X axis; a scanner on a tripod stays upright. A reverb
+A sonar and a tractor look along their object's local X axis; a scanner on a tripod stays upright, and its
+azimuth counts from where that axis points (``heading``). A reverb
 is a Speaker at the source, which sends along its local -Z as Speakers do, with an Empty, its receiver.
 ``place`` puts settings into transforms, ``pose`` reads them back as a scene file would have them; what the
 pose is made of is not shown in the panel again (``POSED``).
@@ -31,7 +32,15 @@ POSED: dict[str, tuple[str, ...]] = {
     "sonar": ("position", "azimuth_deg", "elevation_deg"),
     "reverb": ("source", "receiver", "facing_azimuth_deg", "facing_elevation_deg"),
 }
-SHAPES = {"terrestrial": "SPHERE"}  # others are arrows: they look along X
+# Axes of its rotation that a sensor heeds; about the others no hand can turn it. A tripod stays upright.
+TURNS: dict[str, tuple[int, ...]] = {
+    "tractor": (2,),
+    "terrestrial": (2,),
+    "mobile": (),
+    "airborne": (2,),
+    "sonar": (1, 2),
+    "reverb": (0, 1, 2),
+}
 DEGREE_DIGITS = 4  # what single precision keeps of an angle: rounding gives 110 back
 
 
@@ -44,8 +53,9 @@ def new_sensor(scene: bpy.types.Scene, settings: Settings) -> bpy.types.Object:
         home.objects.link(receiver)
         thing[RECEIVER_KEY] = receiver
     else:
-        thing = _empty(settings.name, SHAPES.get(settings.kind, "ARROWS"))
+        thing = _empty(settings.name, "ARROWS")
     thing[KIND_KEY] = settings.kind
+    lock(thing)
     home.objects.link(thing)
     place(thing, settings)
     return thing
@@ -58,6 +68,14 @@ def put_sensor(scene: bpy.types.Scene, settings: Settings) -> bpy.types.Object:
             place(thing, settings)
             return thing
     return new_sensor(scene, settings)
+
+
+def lock(thing: bpy.types.Object) -> None:
+    """Keep a sensor from moves by hand that would have no effect."""
+    kind = kind_of(thing)
+    thing.lock_location = (kind == "mobile",) * 3
+    thing.lock_rotation = tuple(axis not in TURNS[kind] for axis in range(3))
+    thing.lock_scale = (True,) * 3
 
 
 def _speaker(name: str) -> bpy.types.Object:
@@ -77,10 +95,11 @@ def _speaker(name: str) -> bpy.types.Object:
 
 
 def remove_sensor(thing: bpy.types.Object) -> None:
-    """Remove a sensor's object with its receiver and its data."""
+    """Remove a sensor's object with its data, and with its receiver unless a copy of it has that too."""
     receiver, data = receiver_of(thing), thing.data
+    shared = any(other != thing and receiver_of(other) == receiver for other in bpy.data.objects)
     bpy.data.objects.remove(thing)
-    if receiver is not None:
+    if receiver is not None and not shared:
         bpy.data.objects.remove(receiver)
     if data is not None and not data.users:
         bpy.data.batch_remove([data])
@@ -164,6 +183,11 @@ def pose(thing: bpy.types.Object) -> dict[str, Any]:
     elif kind in ("tractor", "airborne"):
         found["heading_deg"] = azimuth
     return found
+
+
+def heading(thing: bpy.types.Object) -> float:
+    """Where an object's X axis points, degrees from +X towards +Y."""
+    return _direction_of(thing)[0]
 
 
 def receiver_of(thing: bpy.types.Object) -> bpy.types.Object | None:

@@ -14,6 +14,8 @@ from typing import Any
 import bpy
 import numpy as np
 
+from .layout import objects_in
+
 TREE_KEY, SPECIES_KEY = "forest_tree", "forest_species"
 IGNORED_KEY, REFLECTANCE_KEY = "forest_ignored", "forest_reflectance"
 SOLID_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}  # objects that can have a surface
@@ -49,6 +51,20 @@ def has_nodes(thing: bpy.types.Object) -> bool:
 def has_duplis(thing: bpy.types.Object) -> bool:
     """Whether an object instances in one of the ways that are older than geometry nodes."""
     return thing.instance_type != "NONE" or len(thing.particle_systems) > 0
+
+
+def may_be_met(thing: bpy.types.Object) -> bool:
+    """Whether an object may have a surface, or instance something that has."""
+    waiting, known = [thing], set()
+    while waiting:
+        one = waiting.pop()
+        if one.type in SOLID_TYPES or has_nodes(one):
+            return True
+        home = one.instance_collection if one.instance_type == "COLLECTION" else None
+        if home is not None and home not in known:
+            known.add(home)
+            waiting.extend(objects_in(home))
+    return False
 
 
 def standings(thing: bpy.types.Object) -> list[Standing]:

@@ -65,6 +65,7 @@ def _classes() -> tuple[type, ...]:
 def _rooms() -> tuple[ModuleType, ...]:
     """What has classes, menus or handlers; panels in the order in which they stand."""
     from . import (
+        chosen,
         command,
         languages,
         migration,
@@ -89,5 +90,5 @@ def _rooms() -> tuple[ModuleType, ...]:
         *(properties, pictures, languages, running, things, tree, start, new_file),
         *(sensors_lists, forest_lists, build, scene_file, add, run, show, preferences),
         *(forest_panels, sensors_panels, results_panel, overlay, edit, import_stl, species_panel),
-        *(hills, painting, live, command, migration),
+        *(chosen, hills, painting, live, command, migration),
     )

@@ -12,6 +12,7 @@ import bpy
 
 from .exchange import untouched
 from .groups import PARTS
+from .references import is_lost
 from .words import label
 
 BIG = 1.4  # heights of a row: the buttons that start work
@@ -64,7 +65,9 @@ def draw_settings(
 def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
     """One setting: pairs as two rows, a value that may be left out behind its switch."""
     known = group.bl_rna.properties[name]
-    if f"use_{name}" in group.bl_rna.properties:
+    if f"{name}_pointer" in group.bl_rna.properties:
+        draw_reference(layout, group, name)
+    elif f"use_{name}" in group.bl_rna.properties:
         row = layout.row(align=True, heading=known.name)
         row.prop(group, f"use_{name}", text="")
         value = row.row(align=True)
@@ -80,3 +83,12 @@ def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
         column.prop(group, name, index=1, text=f"{label(second)}{space}{unit}")
     else:
         layout.prop(group, name)
+
+
+def draw_reference(layout: bpy.types.UILayout, group: Any, name: str) -> None:
+    """What a setting names, to be picked; a name that nothing here has stands below as a text."""
+    layout.prop(group, f"{name}_pointer")
+    if is_lost(group, name):
+        layout.prop(group, name, text=label("Not Here"), icon="ERROR")
+    elif f"{name}_layer" in group.bl_rna.properties and getattr(group, f"{name}_pointer"):
+        layout.prop(group, f"{name}_layer")

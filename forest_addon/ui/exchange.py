@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from .. import spec
@@ -16,6 +17,7 @@ from ..blender import sensors
 from ..blender.sensors import file_name
 from ..blender.single import shortest
 from ..spec import Settings, SpecError
+from . import references
 from .fields import (
     LARGEST_INT,
     WHEN_USED,
@@ -71,12 +73,26 @@ def sensor_of(thing: Any) -> Settings:
     """
     kind = sensors.kind_of(thing)
     cls = spec.SENSORS[kind]
+    group = getattr(thing.forest_sensor, kind)
     given = {"name": file_name(thing.name)} | sensors.pose(thing)
-    return read(getattr(thing.forest_sensor, kind), cls, file_name(thing.name), given)
+    if kind == "terrestrial":
+        given["azimuth_deg"] = _turned(_plain(group.azimuth_deg), sensors.heading(thing))
+    return read(group, cls, file_name(thing.name), given)
 
 
-def from_spec(scene: Any, settings: spec.Scene) -> None:
+def _turned(window: tuple[float, float], heading: float) -> tuple[float, float]:
+    """A window of azimuth that turns with its tripod, within the limits that ``spec`` has; degrees."""
+    if not heading:
+        return window
+    first, last = (round(edge + heading, 6) for edge in window)
+    whole = -360.0 * (last > 720.0) + 360.0 * (first < -360.0)
+    return first + whole, last + whole
+
+
+def from_spec(scene: Any, settings: spec.Scene, keep_sensors: bool = False) -> None:
     """Put settings into a Blender scene, in place of those and of the sensors that it has.
+
+    keep_sensors : those stay; of the new ones those are added that are not there yet.
 
     Raises
     ------
@@ -100,14 +116,28 @@ def from_spec(scene: Any, settings: spec.Scene) -> None:
     write(props.accuracy, settings.accuracy)
     _fill(props, "plantings", settings.plantings)
     _fill(props, "stems", settings.stems)
-    for thing in sensors.sensors_of(scene):
+    there = sensors.sensors_of(scene)
+    known = _unnamed(there) if keep_sensors else []
+    for thing in () if keep_sensors else there:
         sensors.remove_sensor(thing)
     for sensor in settings.sensors:
-        add_sensor(scene, sensor)
+        if replace(sensor, name=sensor.kind) not in known:
+            add_sensor(scene, sensor)
     hills.renew(scene)
     scene.update_tag()  # Blender reports no change of a list by itself
     for layer in scene.view_layers:  # until then objects do not say where they are
         layer.update()
+
+
+def _unnamed(things: Iterable[Any]) -> list[Settings]:
+    """The settings of sensors, if they can be used, all with the same names."""
+    found = []
+    for thing in things:
+        try:
+            found.append(replace(sensor_of(thing), name=sensors.kind_of(thing)))
+        except SpecError:
+            continue
+    return found
 
 
 def add_sensor(scene: Any, settings: Settings) -> Any:
@@ -167,6 +197,8 @@ def read(group: Any, settings: type[T], place: str = "", given: dict[str, Any] |
             values[name] = _list_of(key, getattr(group, name), listed(kind))
         elif is_text(name, kind):
             values[name] = _parsed(f"{place}.{name}".lstrip("."), getattr(group, name))
+        elif name in references.REFERENCES and kind is str:
+            values[name] = _named(f"{place}.{name}".strip("."), group, name)
         else:
             values[name] = _plain(getattr(group, name))
     try:
@@ -202,6 +234,13 @@ def _fill(group: Any, name: str, items: Iterable[Settings]) -> None:
     for item in items:
         write(collection.add(), item)
     setattr(group, f"active_{name}", 0)
+
+
+def _named(place: str, group: Any, name: str) -> str:
+    try:
+        return references.name_of(group, name)
+    except SpecError as problem:
+        raise SpecError(place, problem.problem) from None
 
 
 def _parsed(place: str, text: str) -> Any:

@@ -125,7 +125,7 @@ def make_group(
                 options={"HIDDEN"}, update=when_set.get(f"active_{name}")
             )
         elif is_group(part):
-            words = {"name": label_of(name, known), "description": _help(known)}
+            words = {"name": label_of(name, known), "description": help_of(known)}
             parts[name] = PointerProperty(type=groups[part], **words)
             if part != kind:
                 annotations[f"use_{name}"] = _switch(name, known, default)
@@ -164,7 +164,7 @@ def _properties(name: str, kind: Any, known: Param, default: Any, update: Update
 
 def _switch(name: str, known: Param, default: Any) -> Any:
     """Whether a value that may be left out is given."""
-    words: dict[str, Any] = {"name": f"Use {label_of(name, known)}", "description": _help(known)}
+    words: dict[str, Any] = {"name": f"Use {label_of(name, known)}", "description": help_of(known)}
     words["update"] = _noticed
     if name in ONE_OF:
         words["update"] = lambda props, _: _switch_others_off(name, props)
@@ -183,7 +183,7 @@ def property_of(name: str, kind: Any, known: Param, default: Any, update: Update
     """The Blender property of a field."""
     size = len(typing.get_args(kind)) if typing.get_origin(kind) is tuple else 0
     item = typing.get_args(kind)[0] if size else kind
-    words: dict[str, Any] = {"name": label_of(name, known), "description": _help(known)}
+    words: dict[str, Any] = {"name": label_of(name, known), "description": help_of(known)}
     if is_text(name, kind):
         given = () if default is dataclasses.MISSING else default
         return StringProperty(default=text_of(given), update=_noticed, **words)
@@ -250,7 +250,8 @@ def _how_shown(known: Param, values: Iterable[float]) -> dict[str, int]:
     return {"precision": min(6, max(least, digits)), "step": max(1, min(100, step))}
 
 
-def _help(known: Param) -> str:
+def help_of(known: Param) -> str:
+    """What a field is for, as a panel says it."""
     text = known.help
     return text[:1].upper() + text[1:]
 

@@ -32,11 +32,13 @@ class Listed:
     """A list of settings: the property ``items`` of its owner.
 
     owner : the group that holds the list, None where there is none; ``no_owner`` says so then.
+    changed : what follows when an item was added or removed.
     """
 
     items: str
     owner: Callable[[Context], Any]
     no_owner: str = ""
+    changed: Callable[[Any], None] = lambda owner: None
 
 
 def draw_list(layout: bpy.types.UILayout, shown: str, owner: Any, name: str, thing: str) -> None:
@@ -121,6 +123,7 @@ class _Button:
         number = self.change(getattr(owner, name), getattr(owner, f"active_{name}"), context)
         hills.renew(context.scene)
         setattr(owner, f"active_{name}", number)
+        self.listed.changed(owner)
         context.scene.update_tag()
         return {"FINISHED"}
 

@@ -1,31 +1,32 @@
 """Files that an older version saved: what they hold is brought to how it is kept today, step by step.
 
-A scene that is saved says which layout its settings have. One that says nothing is of today's first layout,
-2, or of the panel before it, 1, which kept one sensor of each kind in the scene. Settings are read as they
-were stored, because what registers today no longer knows them. What could not be carried over stands in
-the panel until the user takes note, and in the console. A file without settings of ours is left alone.
+A scene that is saved says which layout its settings have: 3, or 2, which knew what it named by names
+alone. One that says nothing has 2, or that of the panel before it, 1, which kept one sensor of each kind in
+the scene. Settings are read as they were stored, because what registers today no longer knows them. What
+could not be carried over stands in the panel until the user takes note, and in the console. A file without
+settings of ours is left alone.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, ClassVar
 
 import bpy
 
 from .. import spec
-from ..blender import layout
+from ..blender import layout, sensors
 from ..blender.ours import MADE_KEY
 from ..blender.single import shortest
 from ..spec import Settings, SpecError
-from . import exchange
+from . import exchange, references
 from .fields import fields_of
 from .running import InOwnScene
 from .words import say
 
-LAYOUT = 2  # how a scene keeps its settings now
+LAYOUT = 3  # how a scene keeps its settings now
 KEY = "forest_sensing"  # of the scene's settings, as Blender stores them
 
 # The first panel: its sensors, what then was other than today, and the marks where they stood.
@@ -57,7 +58,9 @@ def migrate(scene: bpy.types.Scene) -> None:
             ],
         )
     for step in range(found, LAYOUT):
-        _tell(scene, say("Saved by an older version"), STEPS[step](scene, stored))
+        said = STEPS[step](scene, stored)
+        if said:
+            _tell(scene, say("Saved by an older version"), said)
 
 
 class FOREST_OT_take_note(InOwnScene, bpy.types.Operator):
@@ -135,6 +138,7 @@ def _sign(*_: object) -> None:
         if stored is not None and scene.is_editable and _holds_values(stored):
             props = scene.forest_sensing
             props.layout = max(LAYOUT, props.layout)
+            references.renew_texts(_groups_that_name(scene))
 
 
 def _tell(scene: bpy.types.Scene, what: str, sentences: list[str]) -> None:
@@ -240,4 +244,36 @@ def _was_built(thing: bpy.types.Object, home: bpy.types.Collection) -> bool:
     return TREE_KEY in thing or layout.CLOUD_KEY in thing or ground
 
 
-STEPS: dict[int, Callable[[bpy.types.Scene, Any], list[str]]] = {1: _sensors_become_objects}
+# --------------------------------------------------------------------------------------- layout 2
+
+
+def _names_become_pointers(scene: bpy.types.Scene, _stored: Any) -> list[str]:
+    """What settings named gets pointers. A tripod that was turned, which had no effect, is turned back."""
+    references.resolve_all(_groups_that_name(scene))
+    said = []
+    for thing in sensors.sensors_of(scene):
+        sensors.lock(thing)
+        if sensors.kind_of(thing) != "terrestrial":
+            continue
+        if thing.parent is None and not thing.animation_data and not thing.constraints:
+            thing.rotation_euler = (0.0, 0.0, 0.0)
+        else:
+            said.append(
+                say("{sensor} scans the way that its object is turned now", sensor=thing.name)
+            )
+    return said
+
+
+def _groups_that_name(scene: bpy.types.Scene) -> Iterator[Any]:
+    """Every group of a scene's settings that names something of it."""
+    props = scene.forest_sensing
+    yield props.forest.terrain
+    yield from props.plantings
+    for thing in sensors.sensors_of(scene):
+        yield getattr(thing.forest_sensor, sensors.kind_of(thing))
+
+
+STEPS: dict[int, Callable[[bpy.types.Scene, Any], list[str]]] = {
+    1: _sensors_become_objects,
+    2: _names_become_pointers,
+}

@@ -15,9 +15,9 @@ import bpy
 from .. import spec
 from ..blender.handles import HANDLE_KEY
 from ..spec import Param
+from .references import HEARD_TYPES, REFERENCES, layers_of
 
 SPECIES = Path(__file__).resolve().parents[2] / "assets" / "species"
-HEARD_TYPES = {"source_objects": {"SPEAKER"}, "receiver_objects": {"EMPTY", "CAMERA"}}
 
 
 def offered(name: str, known: Param) -> dict[str, Any]:
@@ -61,7 +61,7 @@ def _scanners(group: Any, _context: Any, typed: str) -> list[str]:
 
 def _paths(_group: Any, context: Any, typed: str) -> list[str]:
     """Curves, and objects that are animated."""
-    able = [t for t in context.scene.objects if t.type == "CURVE" or t.animation_data or t.parent]
+    able = [t for t in context.scene.objects if REFERENCES["follow"].fits(None, t)]
     return _matching(sorted(thing.name for thing in able), typed)
 
 
@@ -73,17 +73,8 @@ def _layers(_group: Any, context: Any, typed: str) -> list[str]:
     """Vertex groups, and attributes of numbers with a fraction or of colours, of every mesh."""
     names = []
     for thing in _solid(context):
-        layers = [group.name for group in thing.vertex_groups]
-        if thing.type == "MESH":
-            layers += [a.name for a in thing.data.color_attributes]
-            layers += [a.name for a in thing.data.attributes if _is_weight(a)]
-        names += [f"{thing.name}:{layer}" for layer in dict.fromkeys(layers)]
+        names += [f"{thing.name}:{layer}" for layer in layers_of(thing)]
     return _matching(sorted(names), typed)
-
-
-def _is_weight(attribute: Any) -> bool:
-    plain = attribute.domain != "EDGE" and not attribute.is_internal
-    return plain and attribute.data_type == "FLOAT"
 
 
 def _collections(_group: Any, _context: Any, typed: str) -> list[str]:

@@ -19,21 +19,31 @@ from bpy.props import (
 )
 
 from .. import spec
-from ..blender.sensors import home_of
+from . import references
+from .chosen import choose_number, number_of_sensor
 from .fields import fields_of
 from .forest import hills, live
-from .groups import group_class, make_group, property_of
-from .selection import select_alone
+from .groups import group_class, help_of, label_of, make_group, property_of
 from .species import pictures
 
 # What follows when a setting changes, or an item of a list is chosen.
 WHEN_SET = {
+    **{name: references.resolver(name) for name in references.REFERENCES},
     "centre": lambda hill, _: hills.place(hill),
     "width": lambda hill, _: hills.place(hill),
     "active_gaussians": hills.choose,
 }
-# What a group holds besides its settings.
-BESIDES = {spec.Gaussian: {"handle": PointerProperty(type=bpy.types.Object)}}
+
+
+def _besides(settings: type[spec.Settings]) -> dict[str, Any]:
+    """What a group holds besides its settings."""
+    if settings is spec.Gaussian:
+        return {"handle": PointerProperty(type=bpy.types.Object)}
+    held: dict[str, Any] = {}
+    for name, kind, known, _ in fields_of(settings):
+        if name in references.REFERENCES and kind is str:
+            held |= references.pointers(name, label_of(name, known), help_of(known))
+    return held
 
 
 def _make_groups() -> dict[type, type]:
@@ -45,7 +55,7 @@ def _make_groups() -> dict[type, type]:
     of_scene = (spec.Forest, spec.Planting, spec.Stems, spec.Air, spec.Rays, spec.Accuracy)
     plain = (*held, *of_species, *of_trees, *of_sensors, *of_scene)
     for settings in (*plain, *spec.SENSORS.values()):
-        groups[settings] = make_group(settings, groups, WHEN_SET, BESIDES.get(settings, {}))
+        groups[settings] = make_group(settings, groups, WHEN_SET, _besides(settings))
     return groups
 
 
@@ -91,17 +101,6 @@ class FOREST_PG_result(bpy.types.PropertyGroup):
     caption: StringProperty()
 
 
-def _choose_sensor(props: Any, context: bpy.types.Context) -> None:
-    """A sensor that is chosen in the list becomes the active object."""
-    home = home_of(props.id_data)
-    if home is None or not 0 <= props.active_sensor < len(home.objects):
-        return
-    thing = home.objects[props.active_sensor]
-    layer = context.view_layer
-    if thing.name in layer.objects and layer.objects.active != thing:
-        select_alone(layer, thing)
-
-
 def _renew_hills(props: Any, _context: Any) -> None:
     hills.renew(props.id_data)
 
@@ -125,7 +124,10 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
             "air": PointerProperty(type=GROUPS[spec.Air]),
             "rays": PointerProperty(type=GROUPS[spec.Rays]),
             "accuracy": PointerProperty(type=GROUPS[spec.Accuracy]),
-            "active_sensor": IntProperty(options={"HIDDEN"}, update=_choose_sensor),
+            "active_sensor": IntProperty(
+                options={"HIDDEN", "SKIP_SAVE"}, get=number_of_sensor, set=choose_number
+            ),
+            "last_sensor": PointerProperty(type=bpy.types.Object),
             "show_sensors": BoolProperty(
                 name="Sensors",
                 description="Draw where sensors look: beams to -3 dB, fans, paths of sound",
@@ -182,6 +184,7 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
 
 FOREST_PG_scene = _scene_group()
 CLASSES = (
+    *references.CLASSES,
     *GROUPS.values(),
     FOREST_PG_sensor,
     FOREST_PG_edited,

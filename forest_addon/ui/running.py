@@ -1,8 +1,8 @@
 """Running long work from a button: progress in the status bar and the panel, Esc or Cancel stops it.
 
 An operator that computes is a ``_Working`` with a ``work`` generator (``blender/jobs``). From a window it
-runs modally: the window lives on, one job at a time, and nothing is left half done when it is stopped.
-From a script, or for Blender's redo panel, it runs to its end at once.
+runs modally: the window lives on, one job at a time, and nothing is left half done when it is stopped: what a
+work has finished by then it notes in ``kept`` of its job. From a script it runs to its end at once.
 """
 
 from __future__ import annotations
@@ -66,7 +66,8 @@ class WhenReady:
 class Working(WhenReady):
     """What every operator that computes shares: when it can run, how, and how it says what is wrong."""
 
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+    # No REGISTER: from the redo panel, or repeated, it would run to its end in a window that stands still.
+    bl_options: ClassVar[set[str]] = {"UNDO"}
 
     def work(self, context: bpy.types.Context) -> Work:
         """The work; returns a sentence with the key figures."""
@@ -91,8 +92,8 @@ class Working(WhenReady):
             job.cancel()
         if job.over:
             self._leave(context)
-            self.report({"INFO"}, say("{job} was cancelled; nothing was changed", job=job.title))
-            return {"CANCELLED"}
+            self.report({"INFO"}, _how_it_ended(job))
+            return _outcome(job)
         if event.type in UNDO_KEYS and (event.ctrl or event.oskey):
             self.report(
                 {"INFO"}, say("Undo waits for {job}; press Esc to cancel it", job=job.title)
@@ -109,7 +110,7 @@ class Working(WhenReady):
             if not isinstance(problem, PROBLEMS):
                 raise  # a fault of ours; it must not keep other jobs from running
             self.report({"ERROR"}, in_words(problem))
-            return {"CANCELLED"}
+            return _outcome(job)
         if done:
             self._leave(context)
             self.report({"INFO"}, job.result)
@@ -132,13 +133,13 @@ class Working(WhenReady):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         context.view_layer.update()
-        job = Job(title_of_operator(self), self.work(context))
+        job = self._job = Job(title_of_operator(self), self.work(context))
         try:
             with _pointer(context) as tell:
                 job.finish(tell)
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
-            return {"CANCELLED"}
+            return _outcome(job)
         self.report({"INFO"}, job.result)
         return {"FINISHED"}
 
@@ -227,6 +228,20 @@ def _handlers() -> tuple[list, ...]:
 @bpy.app.handlers.persistent
 def _stop_before(*_: object) -> None:
     stop()
+    if _current is not None:
+        _current.kept.clear()  # undone or gone with the file
+
+
+def _outcome(job: Job) -> set[str]:
+    """Of a job that did not come to its end: whether Blender is to make a step to undo of it."""
+    return {"FINISHED"} if job.kept else {"CANCELLED"}
+
+
+def _how_it_ended(job: Job) -> str:
+    if not job.kept:
+        return say("{job} was cancelled; nothing was changed", job=job.title)
+    kept = ", ".join(dict.fromkeys(job.kept))
+    return say("{job} was cancelled; what was done stays: {kept}", job=job.title, kept=kept)
 
 
 def _show(context: bpy.types.Context, text: str | None) -> None:

@@ -14,7 +14,7 @@ import bpy
 
 from .. import spec
 from ..blender.ours import is_ours
-from ..blender.standings import IGNORED_KEY, SOLID_TYPES
+from ..blender.standings import IGNORED_KEY, may_be_met
 from ..formats.toml_file import write_settings
 from .exchange import to_spec
 from .species.edit import Edited, edited_species, from_folder, relocated
@@ -52,7 +52,7 @@ def _blend_for(scene: bpy.types.Scene, settings: spec.Scene, home: Path) -> tupl
     others = sorted(
         thing.name
         for thing in scene.objects
-        if thing.type in SOLID_TYPES and not is_ours(thing) and not thing.get(IGNORED_KEY)
+        if may_be_met(thing) and not is_ours(thing) and not thing.get(IGNORED_KEY)
     )
     others += sorted(_named_objects(settings) - set(others))
     if not others:

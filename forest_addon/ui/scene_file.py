@@ -9,14 +9,17 @@ import bpy
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from .. import spec
-from ..blender.sensors import file_name
+from ..blender.sensors import file_name, sensors_of
+from .chosen import choose_sensor
 from .exchange import from_spec
 from .running import PROBLEMS, InOwnScene, in_words
 from .words import say
 
 
-def open_scene(scene: bpy.types.Scene, path: Path) -> str:
+def open_scene(scene: bpy.types.Scene, path: Path, keep_sensors: bool = False) -> str:
     """Put a scene file into a Blender scene; returns its name.
+
+    keep_sensors : those of the scene stay, else those of the file take their place.
 
     Raises
     ------
@@ -25,9 +28,11 @@ def open_scene(scene: bpy.types.Scene, path: Path) -> str:
     from ..formats.toml_file import read_settings
 
     settings = read_settings(path, spec.Scene)
-    from_spec(scene, settings)
+    from_spec(scene, settings, keep_sensors)
     scene.forest_sensing.folder = str(path.resolve().parent)
-    scene.forest_sensing.active_sensor = 0  # active in the scene, too
+    for layer in scene.view_layers:
+        if layer == bpy.context.view_layer and sensors_of(scene):
+            choose_sensor(bpy.context, sensors_of(scene)[0])  # active in the scene, too
     return settings.name
 
 
@@ -39,14 +44,25 @@ class FOREST_OT_load_scene(InOwnScene, bpy.types.Operator, ImportHelper):
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
     filename_ext = ".toml"
     filter_glob: bpy.props.StringProperty(default="*.toml", options={"HIDDEN"})
+    keep_sensors: bpy.props.BoolProperty(
+        name="Keep Sensors",
+        description="Sensors of this scene stay beside those of the file; off: those take their place",
+    )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
+        before = len(sensors_of(context.scene))
         try:
-            name = open_scene(context.scene, Path(self.filepath))
+            name = open_scene(context.scene, Path(self.filepath), self.keep_sensors)
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
-        self.report({"INFO"}, say("{name} is loaded. Build the forest to see it", name=name))
+        done = say("{name} is loaded. Build the forest to see it", name=name)
+        if before and not self.keep_sensors:
+            gone = say(
+                "Its sensors took the place of {count}; undo brings those back", count=before
+            )
+            done = f"{done}. {gone}"
+        self.report({"INFO"}, done)
         return {"FINISHED"}
 
 

@@ -9,6 +9,8 @@ from references.lidar_scenes import ground, scene_with, wall
 from references.rays_brute import BruteCaster
 
 from forest_addon.blender.cloud import GROUP, MEASURES, NUMBERS, show_cloud
+from forest_addon.blender.layout import COLOUR_BY
+from forest_addon.blender.nodes import drawn_input, set_input
 from forest_addon.sensing.lidar.scan import scan
 from forest_addon.spec import Beam, Terrestrial
 
@@ -65,7 +67,7 @@ def test_any_attribute_colours_the_points(empty_blender, cloud, choice):
     menu = next(item for item in group.interface.items_tree if item.name == "Colour By")
     assert menu.default_value == "Organ"
     menu.default_value = choice.replace("_", " ").title()
-    thing = show_cloud(bpy.context.scene.collection, "a", cloud)  # takes the menu's default
+    thing = show_cloud(bpy.context.scene.collection, "b", cloud)  # takes the menu's default
     colour = shown(thing)
     assert len(colour) == len(cloud)
     assert np.isfinite(colour).all()
@@ -85,7 +87,7 @@ def test_the_scale_runs_from_the_smallest_to_the_largest(empty_blender, cloud):
     group = show_cloud(bpy.context.scene.collection, "a", cloud).modifiers[0].node_group
     menu = next(item for item in group.interface.items_tree if item.name == "Colour By")
     menu.default_value = "Distance"
-    colour = shown(show_cloud(bpy.context.scene.collection, "a", cloud))
+    colour = shown(show_cloud(bpy.context.scene.collection, "b", cloud))
     assert colour[np.argmin(cloud.true_range), :3] == pytest.approx([0.09, 0.0, 0.16], abs=1e-3)
     assert colour[np.argmax(cloud.true_range), :3] == pytest.approx([0.98, 0.80, 0.02], abs=1e-3)
 
@@ -95,3 +97,49 @@ def test_the_material_shows_that_colour(empty_blender, cloud):
     nodes = bpy.data.materials[GROUP].node_tree.nodes
     assert [n.attribute_name for n in nodes if n.type == "ATTRIBUTE"] == ["colour"]
     assert thing.data.materials[0].name == GROUP
+
+
+def test_new_points_come_into_the_object_that_is_there(empty_blender, cloud):
+    """Whatever the user has done to it stays: menu, radius, modifiers, material, collection, references."""
+    home = bpy.context.scene.collection
+    thing = show_cloud(home, "a", cloud)
+    modifier, plain = thing.modifiers["Points"], shown(thing)
+    holder, key = drawn_input(modifier, COLOUR_BY)
+    by_tree = modifier[key[2:-2]] + 1 if holder is modifier else "Tree"
+    set_input(modifier, COLOUR_BY, by_tree)
+    set_input(modifier, "Radius", 0.07)
+    was = shown(thing)
+    assert (was != plain).any()
+    thing.modifiers.new("mine", "DISPLACE")
+    mine = bpy.data.materials.new("mine")
+    thing.data.materials[0] = mine
+    thing.location.x, thing.hide_render = 3.0, False
+    follower = bpy.data.objects.new("follower", thing.data)  # shares the points
+    follower.constraints.new("COPY_LOCATION").target = thing
+    home.objects.link(follower)
+    own = bpy.data.collections.new("mine")
+    home.children.link(own)
+    own.objects.link(thing)
+    home.objects.unlink(thing)
+
+    assert show_cloud(home, "a", cloud) == thing
+    assert len(thing.data.vertices) == len(cloud)
+    assert [m.name for m in thing.modifiers] == ["Points", "mine"]
+    assert (thing.location.x, thing.hide_render) == (3.0, False)
+    assert list(thing.data.materials) == [mine]
+    assert follower.data == thing.data
+    assert follower.constraints[0].target == thing
+    assert list(thing.users_collection) == [own]
+    thing.modifiers.remove(thing.modifiers["mine"])
+    assert (shown(thing) == was).all()
+    assert len(bpy.data.meshes) == 1
+
+
+def test_a_copy_and_one_that_was_renamed_are_the_users(empty_blender, cloud):
+    home = bpy.context.scene.collection
+    thing = show_cloud(home, "a", cloud)
+    copy = thing.copy()
+    home.objects.link(copy)
+    thing.name = "kept for the paper"
+    assert show_cloud(home, "a", cloud) not in (thing, copy)
+    assert {thing, copy} < set(home.objects)

@@ -1,5 +1,8 @@
 """When work may begin, where it goes on, and that nothing of it piles up."""
 
+import ast
+import inspect
+import textwrap
 from functools import partial
 from types import SimpleNamespace
 
@@ -14,8 +17,10 @@ from ui.pressing import (
     press,
 )
 
+from forest_addon import ui
+from forest_addon.blender import sensors
 from forest_addon.blender.jobs import Job
-from forest_addon.ui import requirements, running
+from forest_addon.ui import exchange, requirements, running
 from forest_addon.ui.forest import build
 from forest_addon.ui.sensors.run import FOREST_OT_run
 
@@ -44,8 +49,9 @@ def test_a_job_stays_in_the_scene_that_it_was_begun_in(built):
         button = SimpleNamespace(sensor="cloud", frames="THIS")
         button._look = partial(FOREST_OT_run._look, button)
         work = kind.work(button, begun)
+        button._job = Job(name, work)
         modal = SimpleNamespace(
-            _job=Job(name, work), _begun_in=(begun.scene, begun.view_layer.name), _shown="",
+            _job=button._job, _begun_in=(begun.scene, begun.view_layer.name), _shown="",
             _leave=lambda _: None, report=lambda *_: None,
         )  # fmt: skip
         tick, answer = SimpleNamespace(type="TIMER", value="NOTHING"), {"RUNNING_MODAL"}
@@ -81,3 +87,96 @@ def test_everything_twice_nothing_piles_up(small):
     everything()
     assert counts() == before
     assert sorted(result.name for result in small.results) == sorted(["forest", *SENSORS])
+
+
+# ------------------------------------------------------------------------------ cancelled and redone
+
+
+class Pressed:
+    """A button that was pressed in a window: what ``modal`` needs of its operator."""
+
+    def __init__(self, kind, **settings):
+        self.__dict__.update(settings)
+        self.said, self._shown = [], ""
+        self._begun_in = bpy.context.scene, bpy.context.view_layer.name
+        self._kind = kind
+        self._job = Job("Run Sensor", kind.work(self, bpy.context))
+
+    def __getattr__(self, name):
+        return partial(getattr(self._kind, name), self)
+
+    def _leave(self, _context):
+        pass
+
+    def report(self, _kind, words):
+        self.said.append(words)
+
+    def until(self, over):
+        """Tick until a condition holds; the answer to Blender then."""
+        answer = {"RUNNING_MODAL"}
+        while answer == {"RUNNING_MODAL"} and not over():
+            tick = SimpleNamespace(type="TIMER", value="NOTHING", ctrl=False, oskey=False)
+            answer = running.Working.modal(self, bpy.context, tick)
+        return answer
+
+    def escape(self):
+        key = SimpleNamespace(type="ESC", value="PRESS", ctrl=False, oskey=False)
+        return running.Working.modal(self, bpy.context, key)
+
+
+def test_escape_says_what_stays_and_leaves_a_step_to_undo(built):
+    """Sensors that had finished are kept: Blender is told of a change, the user of which."""
+    button = Pressed(FOREST_OT_run, sensor="", frames="THIS")
+    button.until(lambda: "echo" in built.results)
+    assert button.escape() == {"FINISHED"}
+    assert button.said == ["Run Sensor was cancelled; what was done stays: cloud, echo"]
+    assert set(built.results.keys()) == {"forest", "cloud", "echo"}
+
+
+def test_escape_before_anything_is_found_says_so(built):
+    button = Pressed(FOREST_OT_run, sensor="", frames="THIS")
+    button.until(lambda: button._job.label == "cloud")
+    assert button.escape() == {"CANCELLED"}
+    assert button.said == ["Run Sensor was cancelled; nothing was changed"]
+    assert set(built.results.keys()) == {"forest"}
+
+
+def test_what_was_found_before_an_error_can_be_undone_too(built):
+    button = Pressed(FOREST_OT_run, sensor="", frames="THIS")
+    button.until(lambda: "cloud" in built.results)
+    bpy.data.objects.remove(sensors.receiver_of(bpy.data.objects["reverb"]))
+    assert button.until(lambda: False) == {"FINISHED"}
+    assert "receiver is gone" in button.said[-1]
+
+
+def test_a_first_build_that_is_cancelled_leaves_an_empty_scene(props, monkeypatch):
+    before = counts()
+    button = Pressed(build.FOREST_OT_build, area=None)
+    button.until(lambda: button._job.label == "growing trees")
+    assert button.escape() == {"CANCELLED"}
+    assert counts() == before
+    assert exchange.untouched(props)
+
+
+def starts_a_job(cls):
+    """Whether an operator computes in the background, or calls one that does."""
+    if issubclass(cls, running.Working):
+        return True
+    tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
+    called = {ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    jobs = {f"bpy.ops.{c.bl_idname}" for c in of_ours() if issubclass(c, running.Working)}
+    return bool(called & {*jobs, "bpy.ops.wm.read_homefile"})
+
+
+def of_ours():
+    return [cls for cls in ui._classes() if issubclass(cls, bpy.types.Operator)]
+
+
+def test_operators_that_start_jobs_are_not_redone(registered):
+    """The redo panel and *Repeat Last* run an operator to its end at once: the window would stand still."""
+    plain = [cls for cls in of_ours() if cls.__module__ != "forest_addon.ui.lists"]
+    starting = {cls.__name__ for cls in plain if starts_a_job(cls)}
+    assert {"FOREST_OT_run", "FOREST_OT_build", "FOREST_OT_import_tree"} <= starting
+    for cls in plain:
+        options = getattr(cls, "bl_options", {"REGISTER"})  # Blender's own, where none are given
+        assert cls.__name__ not in starting or "REGISTER" not in options, cls.__name__

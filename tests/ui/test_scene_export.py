@@ -108,3 +108,18 @@ def test_with_its_blend_file_the_scene_gives_the_same_bytes(slope, tmp_path):
 def out_names():
     """The sensors of the small forest: each stands there once."""
     return {"cloud", "scan", "echo", "reverb"}
+
+
+def test_a_scene_of_instanced_collections_starts_from_its_blend(props, tmp_path):
+    home = bpy.data.collections.new("library")
+    data = bpy.data.meshes.new("stone")
+    data.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [], [(0, 1, 2)])
+    home.objects.link(bpy.data.objects.new("stone", data))
+    empty = bpy.data.objects.new("instance", None)
+    empty.instance_type, empty.instance_collection = "COLLECTION", home
+    bpy.context.scene.collection.objects.link(empty)
+    props.seed = 3
+    assert "instance" in write_scene(bpy.context.scene, tmp_path / "a.toml")
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "here.blend"))
+    write_scene(bpy.context.scene, tmp_path / "a.toml")
+    assert read_settings(tmp_path / "a.toml", Scene).blend == "here.blend"

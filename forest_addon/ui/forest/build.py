@@ -14,6 +14,8 @@ from typing import Any, ClassVar
 import bpy
 
 from ...blender.jobs import Task, Work
+from ...blender.sensors import sensors_of
+from ...spec import Scene
 from ..assets import ASSETS
 from ..exchange import to_spec, untouched
 from ..running import InOwnScene, Working, getting_ready
@@ -44,14 +46,15 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         from ...blender.forest import build
         from ...blender.inputs import inputs_from_scene
         from ...formats.stand_files import read_inputs
+        from ...formats.toml_file import read_settings
         from ...stand.forest import grow_forest
         from ..results.finding import keep_forest
 
-        if untouched(scene.forest_sensing):
-            open_scene(scene, DEMO)
-        settings, edited = to_spec(scene), edited_species(scene)
-        mark = live.fingerprint(scene, context.evaluated_depsgraph_get())
-        folder = Path(bpy.path.abspath(scene.forest_sensing.folder))
+        demo = untouched(scene.forest_sensing) and not sensors_of(scene)
+        settings = read_settings(DEMO, Scene) if demo else to_spec(scene)
+        edited = edited_species(scene)
+        folder = DEMO.parent if demo else Path(bpy.path.abspath(scene.forest_sensing.folder))
+        mark = "" if demo else live.fingerprint(scene, context.evaluated_depsgraph_get())
         files = yield Task(say("reading files"), lambda _: read_inputs(settings, folder))
         inputs = inputs_from_scene(settings, context.evaluated_depsgraph_get(), files)
 
@@ -60,6 +63,9 @@ class FOREST_OT_build(Working, bpy.types.Operator):
             return grow_forest(settings, species, tell, inputs)
 
         forest = yield Task(say("growing trees"), grow)
+        if demo:  # only now: whoever cancels has the scene of before
+            open_scene(scene, DEMO)
+            mark = live.fingerprint(scene, context.evaluated_depsgraph_get())
         first = "forest" not in scene.forest_sensing.results
         build(scene, settings, forest, inputs.terrain)
         scene.forest_sensing.built = mark

@@ -14,6 +14,7 @@ import bpy
 from ...blender.jobs import Work
 from ..running import Working, current
 from ..views import look_at, open_tab, region_of, views
+from ..words import say
 from .build import FOREST_OT_build
 from .start import draw_presets, take
 
@@ -29,6 +30,7 @@ class FOREST_OT_new(bpy.types.Operator):
 
     bl_idname = "forest.new"
     bl_label = "New Forest"
+    bl_options: ClassVar[set[str]] = set()  # it cannot be repeated: the file of before is gone
 
     preset: bpy.props.StringProperty(
         name="Preset", description="A scene of the add-on; empty: nothing planted, no sensor"
@@ -63,6 +65,7 @@ class FOREST_OT_furnish(Working, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> Work:
         scene = context.scene
         sentence = take(scene, self.preset)
+        self._job.kept.append(say("the settings"))
         for _, area in views():
             area.spaces.active.show_region_ui = True
         if scene.forest_sensing.plantings or scene.forest_sensing.stems:

@@ -121,9 +121,8 @@ def _terrain(context: bpy.types.Context, field: spec.Forest, folder: Path) -> An
 
 def _layer_name(planting: Any, thing: bpy.types.Object) -> str:
     """The layer that the planting has on the canvas, or the name for one of its own."""
-    holder, _, layer = planting.painted.rpartition(":")
-    if holder == thing.name and layer in thing.vertex_groups:
-        return str(layer)
+    if planting.painted_pointer == thing and planting.painted_layer in thing.vertex_groups:
+        return str(planting.painted_layer)
     stem = name = Path(planting.species).stem or "trees"
     number = 1
     while name in thing.vertex_groups:

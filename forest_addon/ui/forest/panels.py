@@ -8,7 +8,7 @@ import bpy
 
 from .. import requirements
 from ..chosen import chosen
-from ..drawing import BIG, OnceStarted, Tab, draw_field, draw_settings, split
+from ..drawing import BIG, OnceStarted, Tab, draw_field, draw_reference, draw_settings, split
 from ..exchange import untouched
 from ..lists import draw_list
 from ..migration import draw_notice
@@ -99,12 +99,11 @@ class FOREST_PT_intensity(_OfPlanting, bpy.types.Panel):
             draw_settings(split(layout), chosen(planting, "rasters"))
         column = split(layout)
         draw_field(column, planting, "base")
-        painted = column.row(align=True)
-        painted.prop(planting, "painted")
+        draw_reference(column, planting, "painted")
         on = context.mode == PAINTING
-        painted.operator(
+        column.operator(
             "forest.paint",
-            text=label("Done") if on else "",
+            text=label("Done") if on else label("Paint"),
             icon="CHECKMARK" if on else "BRUSH_DATA",
         )
         draw_field(column, planting, "painted_value")

@@ -34,12 +34,35 @@ class FOREST_OT_start(WhenReady, bpy.types.Operator):
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     preset: bpy.props.StringProperty(
-        name="Preset", description="A scene of the add-on; empty: nothing planted, no sensor"
+        name="Preset",
+        description="A scene of the add-on; empty: nothing planted, no sensor",
+        options={"HIDDEN"},
     )
+    sensors: bpy.props.EnumProperty(
+        name="Sensors",
+        items=[
+            ("KEEP", "Keep", "Sensors of this scene stay, those of the set-up are added"),
+            ("REPLACE", "Replace", "Those of the set-up take their place"),
+        ],
+        options={"SKIP_SAVE"},
+    )
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        props = context.scene.forest_sensing
+        if bpy.app.background or not (props.plantings or props.stems):
+            return self.execute(context)
+        return context.window_manager.invoke_props_dialog(
+            self, width=320, title=say("Replace this forest?"), confirm_text=say("Replace")
+        )
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        column = self.layout.column()
+        column.label(text="Field and plantings are replaced.")
+        column.row().prop(self, "sensors", expand=True)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
-            name = take(context.scene, self.preset)
+            name = take(context.scene, self.preset, self.sensors == "KEEP")
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
@@ -58,8 +81,10 @@ class FOREST_MT_start(bpy.types.Menu):
         draw_presets(self.layout, "forest.start")
 
 
-def take(scene: bpy.types.Scene, preset: str) -> str:
+def take(scene: bpy.types.Scene, preset: str, keep_sensors: bool = False) -> str:
     """Put a preset into a scene, an empty forest where none is named; returns its name.
+
+    keep_sensors : those of the scene stay beside those of the preset.
 
     Raises
     ------
@@ -70,8 +95,8 @@ def take(scene: bpy.types.Scene, preset: str) -> str:
     from ..scene_file import open_scene
 
     if preset:
-        return open_scene(scene, SCENES / f"{preset}.toml")
-    from_spec(scene, spec.Scene(name="My forest", seed=1))
+        return open_scene(scene, SCENES / f"{preset}.toml", keep_sensors)
+    from_spec(scene, spec.Scene(name="My forest", seed=1), keep_sensors)
     return say("An empty forest")
 
 

@@ -8,7 +8,7 @@ import bpy
 
 from ... import spec
 from ...blender import sensors
-from ..chosen import chosen_sensor
+from ..chosen import choose_sensor, chosen_sensor
 from ..exchange import add_sensor
 from ..running import InOwnScene
 from ..words import say
@@ -37,7 +37,8 @@ class FOREST_OT_add_sensor(InOwnScene, bpy.types.Operator):
             if receiver is not None:
                 receiver.location += shift
                 receiver.location.z = thing.location.z
-        _choose(context, thing)
+        context.view_layer.update()
+        choose_sensor(context, thing)
         return {"FINISHED"}
 
 
@@ -53,7 +54,7 @@ class FOREST_OT_remove_sensor(InOwnScene, bpy.types.Operator):
         if not super().poll(context):
             return False
         if chosen_sensor(context) is None:
-            cls.poll_message_set(say("Choose a sensor in the list first"))
+            cls.poll_message_set(say("There is no sensor to remove"))
             return False
         return True
 
@@ -66,12 +67,6 @@ def _height_of(settings: spec.Settings) -> float:
     """How high above z = 0 a new sensor stands."""
     place = getattr(settings, "position", None) or getattr(settings, "source", (0.0, 0.0, 2.0))
     return float(place[2])
-
-
-def _choose(context: bpy.types.Context, thing: bpy.types.Object) -> None:
-    home = sensors.home_of(context.scene)
-    context.view_layer.update()
-    context.scene.forest_sensing.active_sensor = list(home.objects).index(thing)
 
 
 CLASSES = (FOREST_OT_add_sensor, FOREST_OT_remove_sensor)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import bpy
 
 from ...blender.sensors import kind_of
+from .. import references
 from ..chosen import chosen_sensor
 from ..drawing import ICONS
 from ..lists import Listed, Row, buttons, rows
@@ -43,9 +45,19 @@ def _of_sensor(kind: str) -> Callable[[Context], Any]:
 
 NO_SCANNER = keep("Choose a moving scanner in the list of sensors first")
 NO_REVERB = keep("Choose a reverb in the list of sensors first")
+
+
+def _say_names(name: str, reverb: Any) -> None:
+    references.listed_anew(reverb, name)
+
+
 POSES = Listed("poses", _of_sensor("mobile"), NO_SCANNER)
 SOURCES = Listed("sources", _of_sensor("reverb"), NO_REVERB)
 RECEIVERS = Listed("receivers", _of_sensor("reverb"), NO_REVERB)
+SOURCE_OBJECTS, RECEIVER_OBJECTS = (
+    Listed(f"{name}_pointers", _of_sensor("reverb"), NO_REVERB, partial(_say_names, name))
+    for name in ("source_objects", "receiver_objects")
+)
 
 
 def _pose_row(item: Any) -> Row:
@@ -56,6 +68,11 @@ def _pose_row(item: Any) -> Row:
 def _place_row(item: Any) -> Row:
     x, y, z = item.position
     return Row(f"{x:g}, {y:g}, {z:g} m", "EMPTY_AXIS")
+
+
+def _object_row(item: Any) -> Row:
+    lost = item.thing is None
+    return Row(item.name or "?" if lost else item.thing.name, "ERROR" if lost else "OBJECT_DATA")
 
 
 def _start_pose(pose: Any, context: Context) -> None:
@@ -77,6 +94,8 @@ def _start_place(place: Any, context: Context) -> None:
 
 OF_POSE = "Add a place that the scanner passes, ten seconds and ten metres after the last"
 OF_SOURCE = "Add one more source, in the middle of the field"
+OF_SPEAKER = "Add a Speaker of the scene as one more source; pick it below"
+OF_EAR = "Add an Empty or a Camera of the scene as one more receiver; pick it below"
 OF_RECEIVER = "Add one more receiver, in the middle of the field"
 
 CLASSES = (
@@ -86,4 +105,7 @@ CLASSES = (
     *buttons("pose", "Pose", POSES, OF_POSE, _start_pose),
     *buttons("source", "Source", SOURCES, OF_SOURCE, _start_place),
     *buttons("receiver", "Receiver", RECEIVERS, OF_RECEIVER, _start_place),
+    rows("objects", "Objects that are further sources or receivers of a reverb", _object_row),
+    *buttons("source_object", "Source Object", SOURCE_OBJECTS, OF_SPEAKER),
+    *buttons("receiver_object", "Receiver Object", RECEIVER_OBJECTS, OF_EAR),
 )

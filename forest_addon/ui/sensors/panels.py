@@ -8,11 +8,14 @@ import bpy
 
 from ... import spec
 from ...blender import sensors
+from .. import references
 from ..chosen import chosen, chosen_sensor
 from ..drawing import BIG, OnceStarted, draw_settings, split
 from ..lists import draw_list
-from ..words import label
+from ..words import keep, label
 from .things import seen_thing
+
+AXES = (keep("Rotation X"), keep("Rotation Y"), keep("Rotation Z"))
 
 
 class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
@@ -44,8 +47,8 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         )
         this.sensor, this.frames = "" if thing is None else thing.name, "THIS"
         run.operator("forest.run", text="All").frames = "THIS"
-        frames = run.operator("forest.run", text="", icon="RENDER_ANIMATION")
-        frames.frames = "RANGE"
+        frames = run.operator("forest.run_frames", text="", icon="RENDER_ANIMATION")
+        frames.sensor = "" if thing is None else thing.name
         split(layout).prop(props, "output", placeholder="In this file alone")
 
 
@@ -65,13 +68,14 @@ class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
         kind = sensors.kind_of(thing)
         column = split(self.layout)
         column.prop(thing, "name")
-        column.prop(thing, "location")
+        if kind != "mobile":  # it goes where its poses say, or what it follows
+            column.prop(thing, "location")
         if kind == "reverb":
             column.prop(thing, f'["{sensors.RECEIVER_KEY}"]', text="Receiver")
-        if kind != "terrestrial":
-            column.prop(thing, "rotation_euler", text="Rotation")
+        for axis in sensors.TURNS[kind]:
+            column.prop(thing, "rotation_euler", index=axis, text=AXES[axis])
         group = getattr(thing.forest_sensor, kind)
-        hidden = {"name", *sensors.POSED.get(kind, ())}
+        hidden = {"name", *sensors.POSED.get(kind, ()), *references.HEARD_TYPES}
         draw_settings(split(self.layout), group, hidden)
         for part in group.nested:
             header, body = self.layout.panel(f"FOREST_{kind}_{part}", default_closed=True)
@@ -86,8 +90,10 @@ class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
         if kind == "reverb":
             self.layout.label(text="Further Sources")
             _draw_ends(self.layout, group, "sources", "source")
+            _draw_objects(self.layout, group, "source_objects", "source_object")
             self.layout.label(text="Further Receivers")
             _draw_ends(self.layout, group, "receivers", "receiver")
+            _draw_objects(self.layout, group, "receiver_objects", "receiver_object")
 
 
 def _draw_ends(layout: bpy.types.UILayout, reverb: Any, name: str, thing: str) -> None:
@@ -95,6 +101,15 @@ def _draw_ends(layout: bpy.types.UILayout, reverb: Any, name: str, thing: str) -
     draw_list(layout, "FOREST_UL_places", reverb, name, thing)
     if getattr(reverb, name):
         draw_settings(split(layout), chosen(reverb, name))
+
+
+def _draw_objects(layout: bpy.types.UILayout, reverb: Any, name: str, thing: str) -> None:
+    """Objects that are further ends: the list, and the picker of the chosen one."""
+    layout.label(text=reverb.bl_rna.properties[name].name)
+    items = f"{name}_pointers"
+    draw_list(layout, "FOREST_UL_objects", reverb, items, thing)
+    if getattr(reverb, items):
+        split(layout).prop(chosen(reverb, items), "thing")
 
 
 class FOREST_PT_thing(OnceStarted, bpy.types.Panel):

@@ -7,18 +7,18 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import bpy
 
 from ...blender import sensors
 from ...blender.jobs import Task, Work
-from ...blender.standings import SOLID_TYPES
+from ...blender.standings import may_be_met
 from ...spec import SpecError
 from ..exchange import to_spec
 from ..preferences import expansions, rays_of
-from ..running import Working, getting_ready, in_words
-from ..words import say
+from ..running import WhenReady, Working, getting_ready, in_words
+from ..words import label, say
 
 
 def _import_rooms(_tell: Any) -> None:
@@ -53,7 +53,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         if not sensors.sensors_of(context.scene):
             cls.poll_message_set(say("There is no sensor yet. Add one to the list"))
             return False
-        if not any(thing.type in SOLID_TYPES for thing in context.view_layer.objects):
+        if not any(may_be_met(thing) for thing in context.view_layer.objects):
             reason = say("There is nothing to sense in this scene. Build a forest first")
             cls.poll_message_set(reason)
             return False
@@ -71,8 +71,14 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         if self.frames == "THIS":
             return (yield from self._look(context, chosen, folder, ""))
         now, part_of_frame, sentence = scene.frame_current, scene.frame_subframe, ""
+        frames = frames_of(scene)
+        if folder is None and len(frames) > 1:
+            problem = say(
+                "choose a folder: of {count} frames the panel keeps one", count=len(frames)
+            )
+            raise SpecError(say("Save To"), problem)
         try:
-            for frame in range(scene.frame_start, scene.frame_end + 1, scene.frame_step):
+            for frame in frames:
                 scene.frame_set(frame)
                 sentence = yield from self._look(context, chosen, folder, f"-{frame:04d}")
         finally:
@@ -102,6 +108,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             way = observer.way(sensor, home)
             found = yield Task(f"{thing.name}{number}", partial(observe, way=way))
             sentence = keep_finding(context, thing, sensor, found, time.perf_counter() - started)
+            self._job.kept.append(thing.name)
             if folder is not None:
                 try:
                     numbered = replace(sensor, name=sensor.name + number)
@@ -113,6 +120,74 @@ class FOREST_OT_run(Working, bpy.types.Operator):
                     reason = in_words(problem)
                     self.report({"WARNING"}, say("Not saved: {reason}", reason=reason))
         return sentence
+
+
+class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
+    """Run sensors on every frame of the frame range; asks first how many, and where results go"""
+
+    bl_idname = "forest.run_frames"
+    bl_label = "Run Frame Range"
+    bl_options: ClassVar[set[str]] = set()
+
+    which: bpy.props.EnumProperty(
+        name="Run",
+        items=[
+            ("ONE", "This Sensor", "The one that is chosen in the list"),
+            ("ALL", "All Sensors", "One after the other, frame by frame"),
+        ],
+        options={"SKIP_SAVE"},
+    )
+    sensor: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return bool(FOREST_OT_run.poll(context))
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if bpy.app.background:
+            return self.execute(context)
+        return context.window_manager.invoke_props_dialog(
+            self, width=320, title=say("Run Frame Range"), confirm_text=say("Run")
+        )
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, scene = self.layout, context.scene
+        column = layout.column()
+        column.use_property_split = True
+        column.use_property_decorate = False
+        column.row().prop(self, "which", expand=True)
+        frames = column.column(align=True)
+        for name in ("frame_start", "frame_end", "frame_step"):
+            frames.prop(scene, name)
+        column.prop(scene.forest_sensing, "output")
+        layout.label(text=self._how_many(scene), icon="INFO")
+
+    def _how_many(self, scene: bpy.types.Scene) -> str:
+        one = self.which == "ONE" and self.sensor
+        number, frames = 1 if one else len(sensors.sensors_of(scene)), len(frames_of(scene))
+        if not scene.forest_sensing.output and frames > 1:
+            return label("Choose a folder in Save To first")
+        return label(
+            "{sensors} × {frames} frames: {runs:,} runs",
+            sensors=self.sensor if one else number,
+            frames=frames,
+            runs=number * frames,
+        )
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        how = "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT"
+        one = self.sensor if self.which == "ONE" else ""
+        try:
+            bpy.ops.forest.run(how, sensor=one, frames="RANGE")
+        except RuntimeError as refusal:
+            self.report({"ERROR"}, str(refusal).removeprefix("Error: ").strip())
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+def frames_of(scene: bpy.types.Scene) -> range:
+    """The frames of a scene's range."""
+    return range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
 
 
 def _folder(output: str) -> Path | None:
@@ -136,4 +211,4 @@ def _folder(output: str) -> Path | None:
     return folder
 
 
-CLASSES = (FOREST_OT_run,)
+CLASSES = (FOREST_OT_run, FOREST_OT_run_frames)

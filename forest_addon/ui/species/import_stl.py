@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import ClassVar
 
 import bpy
 from bpy_extras.io_utils import ImportHelper
@@ -25,6 +26,7 @@ class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, ImportHelper):
 
     bl_idname = "forest.import_tree"
     bl_label = "Import STL"
+    bl_options: ClassVar[set[str]] = set()  # it starts a job, which is not redone
     filename_ext = ".stl"
     filter_glob: bpy.props.StringProperty(default="*.stl", options={"HIDDEN"})
     files: bpy.props.CollectionProperty(

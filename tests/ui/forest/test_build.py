@@ -211,6 +211,12 @@ def test_a_new_forest_keeps_the_sensors_where_they_are(built):
 
 def test_a_new_forest_forgets_the_results_of_the_old_one(built):
     press("run")
+    shown = clouds()
+    shown[0].modifiers["Points"].show_viewport = False
     press("build")
     assert [result.name for result in built.results] == ["forest"]
-    assert clouds() == []
+    assert [len(cloud.data.vertices) for cloud in clouds()] == [0, 0, 0]
+    press("run")
+    assert clouds() == shown  # with all that was done to them
+    assert not shown[0].modifiers["Points"].show_viewport
+    assert len(shown[0].data.vertices) > 0

@@ -8,6 +8,7 @@ from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Vector
 
 from forest_addon.blender.depsgraph import TREE_KEY
+from forest_addon.blender.sensors import sensors_of
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Scene
 from forest_addon.ui.forest import new_file
@@ -103,3 +104,25 @@ def test_who_chooses_anew_is_not_given_what_was_given_up(furnished, monkeypatch)
     new_file.draw_in_menu(type("Menu", (), {"layout": layout}), None)
     bpy.ops.wm.read_homefile(app_template="")
     assert furnished == []
+
+
+def test_add_forest_keeps_the_sensors_that_are_there(small):
+    """Add > Forest adds; only who chooses to replaces."""
+    before = sensors_of(bpy.context.scene)
+    assert bpy.ops.forest.start(preset="demo") == {"FINISHED"}
+    bpy.context.view_layer.update()
+    after = sensors_of(bpy.context.scene)
+    assert set(before) < set(after)
+    bpy.ops.forest.start(preset="demo")  # those of the preset are there by now
+    assert set(sensors_of(bpy.context.scene)) == set(after)
+    bpy.ops.forest.start(preset="demo", sensors="REPLACE")
+    assert len(sensors_of(bpy.context.scene)) == len(after) - len(before)
+
+
+def test_an_opened_scene_file_says_that_sensors_went_or_keeps_them(small, capfd):
+    before, demo = set(sensors_of(bpy.context.scene)), str(SCENES / "demo.toml")
+    assert bpy.ops.forest.load_scene(filepath=demo, keep_sensors=True) == {"FINISHED"}
+    assert before < set(sensors_of(bpy.context.scene))
+    count = len(sensors_of(bpy.context.scene))
+    assert bpy.ops.forest.load_scene(filepath=demo) == {"FINISHED"}
+    assert f"took the place of {count}; undo brings those back" in capfd.readouterr().out

@@ -1,5 +1,8 @@
 """Sensors added and run for real in a forest of three small trees; results in the panel and in files."""
 
+from functools import partial
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -19,6 +22,7 @@ from ui.pressing import (
 )
 
 from forest_addon.ui import exchange
+from forest_addon.ui.sensors.run import FOREST_OT_run, FOREST_OT_run_frames
 
 
 @pytest.mark.parametrize("name", SENSORS)
@@ -227,3 +231,91 @@ def test_choosing_a_scanner_fills_in_its_figures(built):
     assert (found.name, found.position) == ("cloud", (3, 3, 1))
     settings.beam.subrays = 3
     assert exchange.sensor_of(bpy.data.objects["cloud"]).beam.subrays == 3
+
+
+# -------------------------------------------------------------------------- frame ranges, instances
+
+
+def test_a_frame_range_needs_a_folder(built):
+    """Without one, all but the last frame would be lost."""
+    bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 3
+    with pytest.raises(RuntimeError, match=r"Save To.*choose a folder: of 3 frames.*keeps one"):
+        run("echo", frames="RANGE")
+    assert "echo" not in built.results
+    bpy.context.scene.frame_end = 1
+    assert run("echo", frames="RANGE") == {"FINISHED"}
+
+
+def test_the_button_for_frames_asks_and_counts_first(built, tmp_path):
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end = 1, 2
+    asked = partial(FOREST_OT_run_frames._how_many, SimpleNamespace(which="ALL", sensor="echo"))
+    assert asked(scene) == "Choose a folder in Save To first"
+    with pytest.raises(RuntimeError, match="choose a folder"):
+        press("run_frames", sensor="echo")
+    built.output = str(tmp_path)
+    assert asked(scene) == "4 × 2 frames: 8 runs"
+    assert press("run_frames", sensor="echo") == {"FINISHED"}
+    assert sorted(f.name for f in tmp_path.glob("*.npz")) == ["echo-0001.npz", "echo-0002.npz"]
+    assert not hasattr(FOREST_OT_run, "draw")
+
+
+@pytest.mark.parametrize("depth", [1, 2])
+def test_a_scene_of_instanced_collections_alone_is_sensed(props, sensor, depth):
+    home = bpy.data.collections.new("library")  # in no scene, as one that is linked
+    add_cube(home)
+    for _ in range(depth):
+        empty = bpy.data.objects.new("instance", None)
+        empty.instance_type, empty.instance_collection = "COLLECTION", home
+        home = bpy.data.collections.new("outer")
+        home.objects.link(empty)
+    bpy.context.scene.collection.objects.link(empty)
+    sensor("terrestrial", name="cloud", position=(4, 0.5, 0.5), angle_step_deg=3)
+    assert run("cloud") == {"FINISHED"}
+    assert int(facts(props, "cloud")["Points"]) > 5
+
+
+def test_an_instance_of_nothing_is_nothing_to_sense(props, sensor):
+    empty = bpy.data.objects.new("instance", None)
+    empty.instance_type = "COLLECTION"
+    empty.instance_collection = bpy.data.collections.new("library")
+    bpy.context.scene.collection.objects.link(empty)
+    sensor("terrestrial")
+    with pytest.raises(RuntimeError, match="Build a forest first"):
+        press("run")
+
+
+# ------------------------------------------------------------------------------- how sensors stand
+
+
+@pytest.mark.parametrize("turn", [30.0, -170.0, 180.0])
+def test_turning_a_tripod_turns_its_window(props, sensor, turn):
+    """What the turned scanner sees of a cube is what one sees whose azimuth says the same."""
+    add_cube()
+    place = {"position": (4, 0.5, 0.5), "angle_step_deg": 2, "elevation_deg": (-30, 30)}
+    sensor("terrestrial", name="turned", azimuth_deg=(100, 260), **place)
+    sensor("terrestrial", name="told", azimuth_deg=(100 + turn, 260 + turn), **place)
+    bpy.data.objects["turned"].rotation_euler.z = np.deg2rad(turn)
+    bpy.context.view_layer.update()
+    for name in ("turned", "told"):
+        run(name)
+    points = [facts(props, name).get("Points") for name in ("turned", "told")]
+    assert points[0] == points[1]
+    found = exchange.sensor_of(bpy.data.objects["turned"]).azimuth_deg
+    assert np.allclose(np.mod(found, 360), np.mod((100 + turn, 260 + turn), 360))
+
+
+@pytest.mark.parametrize("kind", SENSORS.values())
+def test_what_a_sensor_does_not_heed_cannot_be_done_by_hand(props, sensor, kind):
+    """Each turn either changes what a sensor is set to, or is locked."""
+    thing = sensor(kind)
+    for axis in range(3):
+        bpy.context.view_layer.update()
+        before = exchange.sensor_of(thing)
+        was = thing.rotation_euler[axis]
+        thing.rotation_euler[axis] = was + 0.5
+        bpy.context.view_layer.update()
+        heeded = exchange.sensor_of(thing) != before
+        assert heeded or thing.lock_rotation[axis] or kind == "reverb"
+        thing.rotation_euler[axis] = was
+    assert all(thing.lock_scale)
