@@ -134,9 +134,11 @@ def _resumed(noted: Path, fresh: State) -> State:
     """What an unfinished scan says of itself; its chunks go on as they were."""
     try:
         known = State(**json.loads(noted.read_text(encoding="utf-8")))
-    except (ValueError, TypeError):
+    except Exception:  # whatever else lies there
         known = None
-    if known is None or (known.scan, known.pulses) != (fresh.scan, fresh.pulses):
+    counts = () if known is None else (known.at_once, known.done, known.points)
+    sound = all(type(count) is int and count >= 0 for count in counts)
+    if known is None or not sound or (known.scan, known.pulses) != (fresh.scan, fresh.pulses):
         raise SpecError(
             "resume",
             f"{noted.name} is of another scan: its settings, seed or scene differ; run again without it",

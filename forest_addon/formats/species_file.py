@@ -16,6 +16,7 @@ from ..growth.mesh.blades import SHAPES, Blade, BladeError, blade_from
 from ..growth.template.cut import TemplateError, TreeTemplate, split_tree
 from ..growth.template.dress import dress
 from ..spec import SpecError, Species
+from .foreign import guarded
 from .stl import StlError, read_stl
 from .toml_file import read_settings
 
@@ -40,6 +41,7 @@ def find_species(name: str, folder: Path) -> Path:
     return preset
 
 
+@guarded("a species file", meant=(OSError,))
 def load_species(path: Path) -> tuple[Species, TreeTemplate | Blade | None]:
     """Read a species and what it takes from STL files: templates, or the leaf of one without.
 
