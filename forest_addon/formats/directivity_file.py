@@ -18,6 +18,7 @@ import numpy as np
 
 from ..sensing.reverb.directivity import CARDIOID, OMNI, Directivity
 from ..spec import Reverb, SpecError
+from .foreign import guarded
 
 
 def directivity_of(reverb: Reverb, folder: Path) -> Directivity:
@@ -32,6 +33,7 @@ def directivity_of(reverb: Reverb, folder: Path) -> Directivity:
     return CARDIOID if reverb.directivity == "cardioid" else OMNI
 
 
+@guarded("a CSV of levels", key="directivity_file")
 def read_directivity(path: Path) -> Directivity:
     """Read a CSV of levels by angle and frequency.
 
@@ -39,12 +41,8 @@ def read_directivity(path: Path) -> Directivity:
     ------
     SpecError : it is missing, has a cell that is no number, or does not reach from 0 to 180°.
     """
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
-    except (OSError, UnicodeDecodeError) as problem:
-        reason = getattr(problem, "strerror", None) or "it is not a text file"
-        raise SpecError("directivity_file", f"{path} cannot be read: {reason}") from None
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
     if len(rows) < 3 or len(rows[0]) < 2:
         raise _wrong(path, "needs a header with frequencies and at least two rows of angles")
     frequency = np.array([_number(path, 1, cell) for cell in rows[0][1:]])

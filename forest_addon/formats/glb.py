@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from .foreign import guarded
+
 EXTENSION = "EXT_mesh_gpu_instancing"
 MAGIC, JSON, BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
 FLOAT = 5126  # unsigned integers are not allowed in attributes that begin with an underscore
@@ -65,16 +67,17 @@ def instance_nodes(path: str | os.PathLike[str], copies: Mapping[str, Copies]) -
     write_glb(path, document, binary)
 
 
-def read_glb(path: str | os.PathLike[str]) -> tuple[dict[str, Any], bytearray]:
+@guarded("a binary glTF file")
+def read_glb(path: Path) -> tuple[dict[str, Any], bytearray]:
     """The JSON and the binary chunk of a .glb file.
 
     Raises
     ------
-    ValueError : it is none, or not of version 2.
+    SpecError : it is none, or not of version 2.
     """
-    raw = Path(path).read_bytes()
+    raw = path.read_bytes()
     if len(raw) < 20 or struct.unpack_from("<II", raw) != (MAGIC, 2):
-        raise ValueError(f"{Path(path).name} is no binary glTF file of version 2")
+        raise ValueError(f"{path.name} is no binary glTF file of version 2")
     chunks: dict[int, bytes] = {}
     start = 12
     while start + 8 <= len(raw):
@@ -82,8 +85,11 @@ def read_glb(path: str | os.PathLike[str]) -> tuple[dict[str, Any], bytearray]:
         chunks.setdefault(kind, raw[start + 8 : start + 8 + length])
         start += 8 + length
     if JSON not in chunks:
-        raise ValueError(f"{Path(path).name} has no JSON chunk")
-    return json.loads(chunks[JSON]), bytearray(chunks.get(BINARY, b""))
+        raise ValueError(f"{path.name} has no JSON chunk")
+    document = json.loads(chunks[JSON])
+    if not isinstance(document, dict):
+        raise ValueError(f"{path.name} has no table in its JSON chunk")
+    return document, bytearray(chunks.get(BINARY, b""))
 
 
 def write_glb(path: str | os.PathLike[str], document: dict[str, Any], binary: bytearray) -> None:

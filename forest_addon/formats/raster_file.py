@@ -11,11 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from ..spec import SpecError
+from .foreign import guarded
 
 WHITE = {"1": 1.0, "L": 255.0, "LA": 255.0, "RGB": 255.0, "RGBA": 255.0}
 DEEP = 65535.0  # white of 16-bit images, which Pillow gives as I;16 or, from some files, as I
 
 
+@guarded("an image in shades of grey or an npy array")
 def read_raster(path: Path) -> np.ndarray:
     """Pixels (rows, columns) float64, the first row the upper edge.
 
@@ -23,8 +25,6 @@ def read_raster(path: Path) -> np.ndarray:
     ------
     SpecError : the file is missing, cannot be read, is in colour or has no pixels.
     """
-    if not path.is_file():
-        raise SpecError(str(path), "there is no such file; check the path")
     pixels = _read_array(path) if path.suffix.lower() == ".npy" else _read_image(path)
     if pixels.ndim != 2 or not pixels.size:
         raise SpecError(
@@ -36,7 +36,7 @@ def read_raster(path: Path) -> np.ndarray:
 def _read_array(path: Path) -> np.ndarray:
     try:
         array = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError, OSError) as problem:
+    except (ValueError, EOFError) as problem:
         raise SpecError(str(path), f"is not an npy file of numbers: {problem}") from None
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "buif":
         raise SpecError(str(path), "is not an npy file of real numbers; save a plain array")
@@ -49,6 +49,8 @@ def _read_image(path: Path) -> np.ndarray:
     try:
         with Image.open(path) as image:
             mode, pixels = image.mode, np.asarray(image)
+    except FileNotFoundError:
+        raise
     except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError) as problem:
         raise SpecError(
             str(path), f"cannot be read ({problem}); save it as PNG, TIFF or npy"

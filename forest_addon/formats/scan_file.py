@@ -143,9 +143,11 @@ def _resumed(noted: Path, fresh: State) -> State:
     try:
         said = json.loads(noted.read_text(encoding="utf-8"))
         known = State(**said | {"lost": tuple(Lost(**one) for one in said.get("lost", ()))})
-    except (ValueError, TypeError, AttributeError):
+    except Exception:  # whatever else lies there
         known = None
-    if known is None or (known.scan, known.pulses) != (fresh.scan, fresh.pulses):
+    counts = () if known is None else (known.at_once, known.done, known.points)
+    sound = all(type(count) is int and count >= 0 for count in counts)
+    if known is None or not sound or (known.scan, known.pulses) != (fresh.scan, fresh.pulses):
         raise SpecError(
             "resume",
             f"{noted.name} is of another scan: its settings, seed or scene differ; run again without it",

@@ -8,13 +8,13 @@ sensor's own settings go over them.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..spec import SENSORS, Scanner, SpecError
+from .toml_text import read_tables
 
 FOLDER = Path(__file__).resolve().parents[2] / "assets" / "scanners"
 PLATFORMS = tuple(kind for kind, settings in SENSORS.items() if issubclass(settings, Scanner))
@@ -47,9 +47,9 @@ def read_scanner(name: str, folder: Path = Path()) -> ScannerFile:
         known = ", ".join(scanner_names())
         raise SpecError("scanner", f'"{name}" is not known; use one of {known}, or a .toml file')
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        raise SpecError("scanner", f"{path} cannot be read: {problem}") from None
+        table = read_tables(path)
+    except SpecError as problem:
+        raise SpecError("scanner", f"{path} cannot be read: it {problem.problem}") from None
     known_keys = {"title", "source", "assumed", "common", *PLATFORMS}
     for key in table.keys() - known_keys:
         raise SpecError(

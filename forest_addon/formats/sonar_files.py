@@ -17,7 +17,9 @@ from ..sensing.sonar.calls import Call, resampled
 from ..sensing.sonar.poses import Pose, along
 from ..sensing.sonar.station import Equipment
 from ..spec import Sonar, SpecError
+from .foreign import guarded
 from .species_file import ASSETS
+from .wav import read_wav
 
 PLACES = ("x_m", "y_m", "z_m", "azimuth_deg", "elevation_deg")
 WIDTH = "beam_width_deg"
@@ -53,6 +55,7 @@ def find(name: str, folder: Path, key: str) -> Path:
     raise SpecError(key, f'"{name}" is not in {folder}; check the name')
 
 
+@guarded("a CSV of levels")
 def read_pattern(path: Path) -> Measured:
     """A measured beam pattern.
 
@@ -74,11 +77,13 @@ def read_pattern(path: Path) -> Measured:
     angle = np.deg2rad(rows[:, 0])
     if len(angle) < 2 or angle[0] != 0 or (np.diff(angle) <= 0).any():
         raise SpecError(str(path), "needs two or more angles that rise from 0")
-    if (np.diff(frequency) <= 0).any() or frequency[0] <= 0:
+    rising = np.isfinite(frequency).all() and (np.diff(frequency) > 0).all()
+    if not rising or frequency[0] <= 0:
         raise SpecError(str(path), "needs frequencies in Hz that rise from left to right")
     return Measured(angle, frequency, rows[:, 1:])
 
 
+@guarded("a CSV of poses")
 def read_route(path: Path, speed: float) -> list[Pose]:
     """Poses of a route, flown at a speed in m/s.
 
@@ -106,6 +111,7 @@ def read_route(path: Path, speed: float) -> list[Pose]:
     )
 
 
+@guarded("a WAV file")
 def read_call(path: Path, sonar: Sonar) -> Call:
     """The first channel of a WAV file as a call.
 
@@ -113,22 +119,19 @@ def read_call(path: Path, sonar: Sonar) -> Call:
     ------
     SpecError : it is no WAV file, or silent.
     """
-    from scipy.io import wavfile
-
+    samples, rate = read_wav(path)
     try:
-        rate, samples = wavfile.read(path)
-        return resampled(np.asarray(samples, dtype=np.float64), float(rate), sonar)
+        return resampled(samples, rate, sonar)
+    except SpecError:
+        raise
     except ValueError as problem:
         raise SpecError(str(path), f"cannot be used as a call: {problem}") from None
 
 
 def _numbers(path: Path) -> tuple[list[str], np.ndarray]:
     """Header and rows (R, C) of a CSV of numbers; lines that start with # are passed over."""
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            lines = [row for row in csv.reader(line for line in file if line[:1] != "#") if row]
-    except (OSError, UnicodeDecodeError) as problem:
-        raise SpecError(str(path), f"cannot be read: {problem}") from None
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        lines = [row for row in csv.reader(line for line in file if line[:1] != "#") if row]
     head = [name.strip() for name in lines[0]] if lines else []
     for number, row in enumerate(lines[1:], start=2):
         if len(row) != len(head):

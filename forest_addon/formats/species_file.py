@@ -22,6 +22,7 @@ from ..growth.template.dress import dress
 from ..growth.template.fitted import Habit, fit
 from ..growth.template.recognise import recognise
 from ..spec import SpecError, Species
+from .foreign import guarded
 from .stl import StlError, read_stl
 from .toml_file import read_settings
 
@@ -48,6 +49,7 @@ def find_species(name: str, folder: Path) -> Path:
     return preset
 
 
+@guarded("a species file", meant=(OSError,))
 def load_species(path: Path) -> tuple[Species, TreeTemplate | Habit | Blade | None]:
     """Read a species and what it takes from STL files: templates, or the leaf of one without.
 

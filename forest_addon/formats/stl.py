@@ -17,7 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..spec import SpecError
 from .atomic import replacing
+from .foreign import guarded
 
 HEADER_BYTES = 84  # 80 of text, then the facet count
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -43,8 +45,17 @@ def read_stl(path: str | os.PathLike[str]) -> np.ndarray:
     StlError : the file is empty, cut off, no STL, says another count than it holds, or has no facet.
     OSError : it cannot be opened.
     """
-    name = os.path.basename(os.fspath(path))
-    data = Path(path).read_bytes()
+    try:
+        return _read(path)
+    except SpecError as problem:
+        name = os.path.basename(os.fspath(path))
+        raise StlError(f"{name} {problem.problem}.") from None
+
+
+@guarded("an STL file", meant=(StlError, OSError))
+def _read(path: Path) -> np.ndarray:
+    name = path.name
+    data = path.read_bytes()
     if not data.strip(b"\0 \t\r\n"):
         raise StlError(f"{name} is empty; export it again.")
     counted = int.from_bytes(data[80:HEADER_BYTES], "little")
@@ -66,7 +77,7 @@ def read_stl(path: str | os.PathLike[str]) -> np.ndarray:
             f"{name}: {lost} of {len(facets)} facets have a corner that is not a finite number; "
             "they were left out.",
             StlWarning,
-            stacklevel=2,
+            stacklevel=4,
         )
         facets = facets[finite]
     return facets

@@ -9,18 +9,22 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import tomllib
 import typing
 from pathlib import Path
 from typing import Any, TypeVar
 
 from ..spec import SENSORS, Sensor, Settings, SpecError
 from .atomic import replacing
+from .foreign import guarded
 from .scanner_file import PLATFORMS, merged, settings_of
+from .toml_text import read_tables
 
 T = TypeVar("T", bound=Settings)
+MOST_BITS = 1000  # of a whole number; a float holds some more
+MOST_SHOWN = 200  # characters of a value that is wrong
 
 
+@guarded("a .toml file")
 def read_settings(path: Path, cls: type[T]) -> T:
     """Read a TOML file into a settings class.
 
@@ -28,21 +32,7 @@ def read_settings(path: Path, cls: type[T]) -> T:
     ------
     SpecError : the file is missing or not TOML; an unknown key, a wrong type, a value out of range.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise SpecError(str(path), "there is no such file; check the path") from None
-    except IsADirectoryError:
-        raise SpecError(str(path), "is a folder; name a .toml file in it") from None
-    except (OSError, UnicodeDecodeError) as problem:
-        reason = (
-            "is not a text file" if isinstance(problem, UnicodeDecodeError) else problem.strerror
-        )
-        raise SpecError(str(path), f"cannot be read: {reason}") from None
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as problem:
-        raise SpecError(str(path), f"is not TOML: {problem}") from None
+    table = read_tables(path)
     try:
         return structure(table, cls, path.parent)
     except SpecError as problem:
@@ -154,6 +144,8 @@ def _strict(make: type, accepted: tuple[type, ...], words: str) -> Any:
     def hook(value: Any, _: Any) -> Any:
         if (isinstance(value, bool) and bool not in accepted) or not isinstance(value, accepted):
             raise SpecError("", f"{_shown(value)} is not {words}")
+        if isinstance(value, int) and value.bit_length() > MOST_BITS:
+            raise SpecError("", "is a whole number of more than 300 digits; give a smaller one")
         return make(value)
 
     return hook
@@ -223,4 +215,10 @@ def _tuple(converter: Any, value: Any, kind: Any) -> Any:
 def _shown(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
-    return f'"{value}"' if isinstance(value, str) else str(value)
+    if isinstance(value, int) and value.bit_length() > MOST_BITS:
+        return "a whole number of more than 300 digits"
+    try:
+        text = f'"{value}"' if isinstance(value, str) else str(value)
+    except (RecursionError, ValueError):  # tables within tables; digits beyond Python's limit
+        text = "a table or list"
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}…"

@@ -14,9 +14,11 @@ import numpy as np
 
 from ..spec import SpecError
 from ..stand.inputs import TreeList
+from .foreign import guarded
 from .tree_map import number_of, read_rows
 
 
+@guarded("a CSV file with columns x and y")
 def read_tree_list(path: Path, offset: Sequence[float] = (0.0, 0.0)) -> TreeList:
     """Read trees to plant; ``offset`` (x, y, ...) is taken from their coordinates.
 

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from ..spec import SpecError
+from .foreign import guarded
 
 NAMES = {
     "x": ("x", "x_m", "easting", "east", "e"),
@@ -67,6 +68,7 @@ def read_rings(path: Path) -> list[np.ndarray]:
     return [np.array(ring) for ring in rings.values()]
 
 
+@guarded("a CSV file with columns x and y")
 def read_rows(path: Path, extra: Sequence[str]) -> list[tuple[int, float, float, tuple[str, ...]]]:
     """Line number, x, y and the texts of other columns, "" where there is none, of every row.
 
@@ -74,7 +76,7 @@ def read_rows(path: Path, extra: Sequence[str]) -> list[tuple[int, float, float,
     ------
     SpecError : as for a map of trees.
     """
-    lines = _text(path).splitlines()
+    lines = path.read_text(encoding="utf-8-sig").splitlines()
     told = [(k, text) for k, text in enumerate(lines, 1) if text.strip() and text[0] != "#"]
     if not told:
         raise SpecError(str(path), "is empty; it needs a header with x and y, and a row a tree")
@@ -103,17 +105,6 @@ def read_rows(path: Path, extra: Sequence[str]) -> list[tuple[int, float, float,
         found = (place[key] for key in extra)
         rows.append((line, x, y, tuple("" if k is None else values[k] for k in found)))
     return rows
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise SpecError(str(path), "there is no such file; check the path") from None
-    except IsADirectoryError:
-        raise SpecError(str(path), "is a folder; name a .csv file in it") from None
-    except UnicodeDecodeError:
-        raise SpecError(str(path), "is not a text file; save it as CSV in UTF-8") from None
 
 
 def _split(text: str, separator: str) -> list[str]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import warnings
+from pathlib import Path
 
 import numpy as np
 from scipy.io import wavfile
 
 from ..spec import SpecError
 from .atomic import replacing
+from .foreign import guarded
 
 
 def write_wav(path: str | os.PathLike[str], samples: np.ndarray, sample_rate: float) -> None:
@@ -26,7 +28,8 @@ def write_wav(path: str | os.PathLike[str], samples: np.ndarray, sample_rate: fl
         wavfile.write(partial, rate, np.ascontiguousarray(samples, dtype=np.float32))
 
 
-def read_wav(path: str | os.PathLike[str]) -> tuple[np.ndarray, float]:
+@guarded("a WAV file")
+def read_wav(path: Path) -> tuple[np.ndarray, float]:
     """Samples (N,) or (N, channels) float64, whole numbers from -1 to 1, and the rate in hertz.
 
     Raises
@@ -41,7 +44,9 @@ def read_wav(path: str | os.PathLike[str]) -> tuple[np.ndarray, float]:
         raise SpecError(str(path), f"cannot be read: {problem.strerror or problem}") from None
     except Exception as problem:  # a broken header fails in many ways
         raise SpecError(str(path), f"is not a WAV file that can be read: {problem}") from None
-    if not len(samples):
+    if rate <= 0:
+        raise SpecError(str(path), "says that it has 0 samples a second; save it again")
+    if not samples.size:
         raise SpecError(str(path), "holds no sound")
     if samples.dtype == np.uint8:
         return (samples.astype(np.float64) - 128.0) / 128.0, float(rate)

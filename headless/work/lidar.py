@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import sys
 import time
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 from forest_addon.formats.scan_file import write_scan
 from forest_addon.formats.scanner_file import PLATFORMS, merged, read_scanner, scanner_names
 from forest_addon.formats.toml_file import structure
+from forest_addon.formats.toml_text import parse_tables
 from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.spec import SENSORS, Airborne, Mobile, Rays, Scanner, SpecError, Terrestrial
 
@@ -113,8 +113,8 @@ def _setting(word: str) -> dict[str, Any]:
     lines = (f"{key} = {value}", f'{key} = "{value}"')  # a text needs no quotes here
     for line in lines if equals else ():
         try:
-            return tomllib.loads(line)
-        except tomllib.TOMLDecodeError:
+            return parse_tables(line, "--set")
+        except SpecError:
             continue
     raise SpecError("--set", f'"{word}" is not KEY=VALUE, as in beam.subrays=19')
 

@@ -1,0 +1,256 @@
+"""Broken files of every format: what was meant, or one sentence with the file's name; never anything else.
+
+Files are mutated at random, with a fixed seed: bytes flipped, cut, repeated, swapped for others that mean
+something to some reader. What is read nonetheless must be finite.
+"""
+
+import json
+import struct
+import warnings
+
+import numpy as np
+import pytest
+
+from forest_addon.formats.directivity_file import read_directivity
+from forest_addon.formats.expansion_store import ExpansionStore
+from forest_addon.formats.glb import read_glb
+from forest_addon.formats.raster_file import read_raster
+from forest_addon.formats.scanner_file import read_scanner
+from forest_addon.formats.sonar_files import read_call, read_pattern, read_route
+from forest_addon.formats.species_file import ASSETS, load_species
+from forest_addon.formats.stl import StlError, read_stl, write_stl
+from forest_addon.formats.toml_file import read_settings
+from forest_addon.formats.tree_list import read_tree_list
+from forest_addon.formats.tree_map import read_rings, read_tree_map
+from forest_addon.formats.wav import read_wav, write_wav
+from forest_addon.rng import stream
+from forest_addon.spec import Scene, Sonar, SpecError, Species
+
+TRIES = 150  # of each format
+TOKENS = (
+    *(b"\0", b"\xff", b"'", b'"', b"(", b"[" * 50, b"\n", b"\r", b",", b";", b"=", b"#", b"nan"),
+    *(b"-inf", b"1e999", b"-1", b"0", b"9" * 400, b"\x1c", b"\xef\xbb\xbf", b"True", b"\x7f\xff\xff\xff"),
+)  # fmt: skip
+
+
+def npy(path):
+    np.save(path, np.arange(12.0).reshape(3, 4))
+
+
+def image(kind):
+    def make(path):
+        from PIL import Image
+
+        shades = Image.fromarray(np.arange(240, dtype=np.uint8).reshape(12, 20))
+        shades.save(path, format=kind)
+
+    return make
+
+
+def text(*lines):
+    return lambda path: path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def preset(room, name):
+    return lambda path: path.write_bytes((ASSETS / room / f"{name}.toml").read_bytes())
+
+
+def ascii_stl(path):
+    corners = "".join(f"  vertex {x} {x % 2} {x * 0.5}\n" for x in range(3))
+    facet = f"facet normal 0 0 1\n outer loop\n{corners} endloop\nendfacet\n"
+    path.write_text(f"solid a\n{facet * 4}endsolid a\n")
+
+
+def glb(path):
+    chunk = json.dumps({"asset": {"version": "2.0"}}).encode().ljust(40)
+    head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(chunk), len(chunk), 0x4E4F534A)
+    path.write_bytes(head + chunk)
+
+
+READERS = {
+    "npy": ("a.npy", npy, read_raster),
+    "png": ("a.png", image("PNG"), read_raster),
+    "tiff": ("a.tif", image("TIFF"), read_raster),
+    "map": ("a.csv", text("x,y,species", "1.5,2,oak", "3,-4e0,elm"), read_tree_map),
+    "rings": ("a.csv", text("x;y;ring", "0;0;a", "9;0;a", "9;9;b"), read_rings),
+    "list": ("a.csv", text("x,y,scale,rotation", "1,2,1.1,0.5", "3,4,,"), read_tree_list),
+    "directivity": ("a.csv", text("angle_deg,250,1000", "0,0,0", "180,-3,-20"), read_directivity),
+    "pattern": ("a.csv", text("angle_deg,60000,70000", "0,0,0", "90,-9,-20"), read_pattern),
+    "route": (
+        "a.csv",
+        text("x_m,y_m,z_m,azimuth_deg,elevation_deg", "0,0,1,90,0", "1,0,1,80,5"),
+        lambda path: read_route(path, 3.0),
+    ),
+    "wav": ("a.wav", lambda path: write_wav(path, np.linspace(-1, 1, 50), 8000.0), read_wav),
+    "call": (
+        "a.wav",
+        lambda path: write_wav(path, np.linspace(-1, 1, 50), 250_000.0),
+        lambda path: read_call(path, Sonar()),
+    ),
+    "stl": ("a.stl", lambda path: write_stl(path, stream(0, "stl").random((5, 3, 3))), read_stl),
+    "ascii stl": ("a.stl", ascii_stl, read_stl),
+    "glb": ("a.glb", glb, read_glb),
+    "scene": ("a.toml", preset("scenes", "demo"), lambda path: read_settings(path, Scene)),
+    "species": ("a.toml", preset("species", "apple"), lambda path: read_settings(path, Species)),
+    "scanner": (
+        "a.toml",
+        preset("scanners", "riegl-vz-400i"),
+        lambda path: read_scanner(path.name, path.parent),
+    ),
+}
+
+
+def mutated(raw, rng):
+    """A copy with one to four places changed."""
+    data = bytearray(raw)
+    for _ in range(rng.integers(1, 5)):
+        at = int(rng.integers(0, len(data) + 1))
+        # The first bytes hold headers, which most readers trust.
+        at = at if rng.random() < 0.5 else min(at, int(rng.integers(0, 140)))
+        match rng.integers(0, 6):
+            case 0:
+                data[at : at + 1] = bytes(rng.integers(0, 256, 1, dtype=np.uint8))
+            case 1:
+                token = TOKENS[rng.integers(len(TOKENS))]
+                data[at : at + len(token) * int(rng.integers(0, 2))] = token
+            case 2:
+                del data[at:]
+            case 3:
+                del data[at : at + int(rng.integers(1, 20))]
+            case 4:
+                data[at:at] = data[max(at - 30, 0) : at]
+            case 5:
+                data[at : at + 4] = bytes(rng.integers(0, 256, 4, dtype=np.uint8))
+        if not data:
+            break
+    return bytes(data)
+
+
+def outcome(read, path):
+    """What a reader gave, or the sentence that it refused with."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # facets left out, images that look like bombs
+        try:
+            return read(path), None
+        except (SpecError, StlError) as problem:
+            return None, str(problem)
+
+
+def arrays_of(found):
+    if isinstance(found, np.ndarray):
+        return [found]
+    if isinstance(found, tuple | list):
+        return [array for each in found for array in arrays_of(each)]
+    return []
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_a_broken_file_is_one_sentence(kind, tmp_path):
+    name, make, read = READERS[kind]
+    path = tmp_path / name
+    make(path)
+    good = path.read_bytes()
+    found, refused = outcome(read, path)
+    assert refused is None
+    rng = stream(7, "broken", kind)
+    said = 0
+    for _ in range(TRIES):
+        path.write_bytes(mutated(good, rng))
+        found, refused = outcome(read, path)
+        if refused is None:
+            for array in arrays_of(found):
+                if array.dtype.kind == "f" and kind not in ("npy", "tiff"):  # may hold NaN: no data
+                    assert np.isfinite(array).all()
+            continue
+        said += 1
+        assert name in refused
+        assert "\n" not in refused
+        assert len(refused) < 1200
+    assert said > TRIES / 10
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_no_file_a_folder_nothing_in_it(kind, tmp_path):
+    name, _, read = READERS[kind]
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / name).mkdir()
+    (tmp_path / name).write_bytes(b"")
+    for path in (tmp_path / "none" / name, tmp_path / "folder" / name, tmp_path / name):
+        try:
+            _, refused = outcome(read, path)
+        except OSError as problem:  # STL: the caller says what the file was for
+            refused = str(problem)
+            assert name.endswith(".stl")
+        if kind in ("scene", "species") and path == tmp_path / name:
+            continue  # an empty TOML file says nothing wrong
+        assert name in refused
+
+
+NESTED = "a = " + "[" * 3000 + "]" * 3000
+LONG = "9" * 5000
+
+
+@pytest.mark.parametrize("read", ["scene", "species", "scanner"])
+def test_toml_nested_three_thousand_deep(read, tmp_path):
+    path = tmp_path / "deep.toml"
+    path.write_text(NESTED)
+    _, refused = outcome(READERS[read][2], path)
+    assert "deep.toml" in refused
+    assert "nested too deeply" in refused
+
+
+def test_nesting_that_python_still_reads_is_shown_short(tmp_path):
+    path = tmp_path / "deep.toml"
+    path.write_text("seed = " + "[" * 300 + "]" * 300)
+    _, refused = outcome(READERS["scene"][2], path)
+    assert "seed" in refused
+    assert len(refused) < 400
+
+
+@pytest.mark.parametrize("number", [LONG, f"-{LONG}", "0x" + "f" * 5000, "1" + "_000" * 1700])
+def test_a_number_of_five_thousand_digits_is_named_by_its_key(number, tmp_path):
+    path = tmp_path / "long.toml"
+    path.write_text(f"name = 'a'\nseed = {number}\n")
+    _, refused = outcome(READERS["scene"][2], path)
+    assert "long.toml" in refused
+    assert "seed" in refused
+    assert "digits" in refused
+    assert "set_int_max_str_digits" not in refused
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        b"{'descr': '<f8', 'fortran_order': False, 'shape': (3, 4\0), }",
+        b"{'descr': '<f8', 'fortran_order': False, 'shape': (3, 4), '",
+        b"{'descr': '<f8\x01', 'fortran_order': False, 'shape': (3, 4), }",
+        b"{'descr': ('<f8', 'fortran_order': False, 'shape': (3, 4), }",
+        b"{'descr': '<f8', 'fortran_order': False, 'shape': (3, -4), }",
+        b"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999, 99999999), }",
+        b"(" * 9000,
+    ],
+)
+def test_headers_of_arrays_that_numpy_trips_over(header, tmp_path):
+    path = tmp_path / "a.npy"
+    path.write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(96))
+    _, refused = outcome(read_raster, path)
+    assert "a.npy" in refused
+
+
+def test_a_broken_cache_is_no_cache(tmp_path):
+    store = ExpansionStore(tmp_path)
+    np.savez(store.path(("a", 1)), key=np.array(repr(("a", 1))), layers=np.zeros((1, 2), int))
+    good = store.path(("a", 1)).read_bytes()
+    rng = stream(7, "broken", "cache")
+    for _ in range(TRIES):
+        store.path(("a", 1)).write_bytes(mutated(good, rng))
+        assert store.load(("a", 1)) in (None, store.load(("a", 1)))
+
+
+def test_a_species_whose_solid_cannot_be_used(tmp_path):
+    """Not only the file itself: what it names is broken."""
+    (tmp_path / "wood.stl").write_bytes(b"solid \xff\xfe")
+    path = tmp_path / "a.toml"
+    path.write_text('name = "a"\n[template]\nwood = "wood.stl"\n[rules]\n')
+    _, refused = outcome(load_species, path)
+    assert "a.toml" in refused
