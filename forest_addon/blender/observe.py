@@ -17,6 +17,7 @@ from ..sensing.lidar import tractor
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.trajectory import Path as Track
 from ..sensing.rays.caster import RayCaster
+from ..sensing.rays.precision import rounding_warning
 from ..sensing.reverb import ends, slices
 from ..sensing.reverb import response as reverb
 from ..sensing.reverb.fast_scattering import Expansions
@@ -50,6 +51,7 @@ class Observer:
     ) -> None:
         with in_full(depsgraph):
             self.geometry = read_scene(depsgraph)
+        self.warning = rounding_warning(self.geometry)  # what a user should know, in a sentence
         self.places = {
             thing.name: tuple(thing.matrix_world.translation)
             for thing in depsgraph.objects
