@@ -130,6 +130,9 @@ def run_scene(
         expansions = Expansions(ExpansionStore(user_cache() / "trunks"))
         observer = Observer(bpy.context.evaluated_depsgraph_get(), settings.rays, expansions)
         engine = observer.caster.engine
+    if observer.warning:
+        stages.say(f"  Warning: {observer.warning}")
+        run.findings.append(report.Finding("Warning", f"{observer.warning}.", {}))
     for sensor in settings.sensors:
         with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
             found = observer.observe(sensor, settings, progress, folder)

@@ -19,6 +19,7 @@ from ..sensing.lidar.audit import audit_drive, audit_scan
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.trajectory import Path as Track
 from ..sensing.rays.caster import RayCaster
+from ..sensing.rays.precision import rounding_warning
 from ..sensing.reverb import ends, slices
 from ..sensing.reverb import response as reverb
 from ..sensing.reverb.fast_scattering import Expansions
@@ -52,6 +53,7 @@ class Observer:
     ) -> None:
         with in_full(depsgraph):
             self.geometry = read_scene(depsgraph)
+        self.warning = rounding_warning(self.geometry)  # what a user should know, in a sentence
         self.places = {
             thing.name: tuple(thing.matrix_world.translation)
             for thing in depsgraph.objects

@@ -104,6 +104,14 @@ class Surfaces(Settings):
         choices=("probability", "share"),
     )
 
+    def check(self) -> None:
+        if self.leaf + self.leaf_transmittance > 1:
+            raise SpecError(
+                "leaf_transmittance",
+                f"{self.leaf_transmittance:g} passes a leaf that sends {self.leaf:g} back: more light than "
+                "arrives; their sum may be 1 at most, so lower leaf or leaf_transmittance",
+            )
+
 
 class Noise(Settings):
     """What a scanner measures wrongly: spreads are standard deviations and add up as squares."""

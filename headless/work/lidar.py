@@ -160,6 +160,8 @@ def scan_blend(
                     str(blend), "has nothing to scan: no visible object of its scene has faces"
                 )
             caster = observer.caster
+        if observer.warning:
+            stages.say(f"  Warning: {observer.warning}")
         path = path_of_object(bpy.context.scene, sensor) if isinstance(sensor, Mobile) else None
         scan = Scan(sensor, caster, seed, path)  # type: ignore[arg-type]
         started = time.perf_counter()

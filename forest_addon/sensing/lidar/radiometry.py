@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...growth.mesh.trimesh import GROUND, LEAF, OTHER, WOOD
-from ...spec import Scanner, Surfaces
+from ...spec import Scanner, SpecError, Surfaces
 from ..rays.caster import Hits
 from ..rays.geometry import SceneGeometry
 
@@ -47,6 +47,32 @@ def detection_limit(scanner: Scanner) -> float:
             scanner.beam.extinction,
         )
     )
+
+
+def refuse_surplus(scene: SceneGeometry, surfaces: Surfaces) -> None:
+    """No surface may give more light than arrives, whatever its object or material says of itself.
+
+    Raises
+    ------
+    SpecError : one does; says which object and what to change.
+    """
+    for number, mesh in enumerate(scene.meshes):
+        rows = np.flatnonzero(scene.mesh_index == number)
+        leaf = mesh.part == LEAF
+        slots = scene.slot_reflectance[number] if scene.slot_reflectance else np.full(1, np.nan)
+        own = slots[np.clip(mesh.material, 0, len(slots) - 1)]
+        for passes, here in ((0.0, ~leaf), (surfaces.leaf_transmittance, leaf)):
+            said = np.concatenate([own[here], scene.reflectance[rows] if here.any() else []])
+            wrong = said[(said < 0) | (said + passes > 1)]
+            if not len(rows) or not len(wrong):
+                continue
+            name = scene.object_name[scene.object_index[rows[0]]]
+            also = f" beside leaf_transmittance = {passes:g}" if passes else ""
+            raise SpecError(
+                "forest_reflectance",
+                f'"{name}", or a material of it, says {wrong[0]:g}{also}: a share of the light must be '
+                f"from 0 to {1 - passes:g}; change it on the object or the material",
+            )
 
 
 def reflectance_of(

@@ -22,7 +22,7 @@ from . import noise, patches
 from .cloud import Cloud, Lost, join
 from .footprint import spread
 from .passage import Contacts, meet
-from .radiometry import detection_limit, intensity, reflectance_of
+from .radiometry import detection_limit, intensity, reflectance_of, refuse_surplus
 from .returns import cosines, label
 from .scanner import LiDAR, Pulses, pattern_of
 from .trajectory import Trajectory
@@ -34,11 +34,17 @@ MOST_LOST = 100  # pulses of a scan; beyond, it is not a pulse that is at fault
 
 
 class Scan:
-    """A scanner in a scene, ready to send its pulses."""
+    """A scanner in a scene, ready to send its pulses.
+
+    Raises
+    ------
+    SpecError : a mobile scanner that has nowhere to go; a surface that gives more light than arrives.
+    """
 
     def __init__(
         self, scanner: LiDAR, caster: RayCaster, seed: int = 0, path: Trajectory | None = None
     ) -> None:
+        refuse_surplus(caster.scene, scanner.surfaces)
         self.scanner, self.caster = scanner, caster
         self.pattern = pattern_of(scanner, path)
         self._key = first_key(seed, "lidar", scanner.name)

@@ -98,6 +98,8 @@ class FOREST_OT_run(Working, bpy.types.Operator):
 
         rays = rays_of(to_spec(context.scene, []).rays)
         observer = Observer.of(context.evaluated_depsgraph_get(), rays, expansions())
+        if observer.warning:
+            self.report({"WARNING"}, observer.warning)
         home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
         sentence = ""
         for thing in things:

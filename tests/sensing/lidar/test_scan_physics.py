@@ -13,7 +13,7 @@ from forest_addon.growth.mesh.tubes import tube
 from forest_addon.sensing.lidar import radiometry
 from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.sensing.lidar.waveform import LIGHT, pulse_length
-from forest_addon.spec import Beam, Noise, Surfaces, Terrestrial
+from forest_addon.spec import Beam, Noise, SpecError, Surfaces, Terrestrial
 
 CHANCE = 4.5  # standard deviations: a right program fails in 7 of a million tests
 
@@ -96,6 +96,38 @@ def test_each_part_has_its_reflectance_and_objects_may_say_their_own():
     scene = replace(scene_with(sheet(10.0)), reflectance=np.array([0.77]))
     cloud = scan(along_x(surfaces=surfaces), BruteCaster(scene))
     assert cloud.intensity[0] == pytest.approx(0.0077)
+
+
+@pytest.mark.parametrize(("leaf", "passes"), [(0.9, 0.9), (0.5, 0.51), (1.0, 0.01)])
+def test_a_leaf_gives_no_more_light_than_arrives(leaf, passes):
+    with pytest.raises(SpecError, match="more light than arrives"):
+        Surfaces(leaf=leaf, leaf_transmittance=passes)
+    Surfaces(leaf=0.45, leaf_transmittance=0.55)
+
+
+@pytest.mark.parametrize("where", ["object", "material"])
+@pytest.mark.parametrize(
+    ("part", "says", "passes", "right"),
+    [
+        (LEAF, 0.7, 0.4, False),
+        (LEAF, 0.6, 0.4, True),
+        (WOOD, 0.7, 0.4, True),
+        (WOOD, 1.2, 0.0, False),
+        (OTHER, -0.1, 0.0, False),
+    ],
+)
+def test_nor_does_what_says_its_own_reflectance(where, part, says, passes, right):
+    scene = scene_with(sheet(10.0, part))
+    if where == "object":
+        scene = replace(scene, reflectance=np.array([says]))
+    else:
+        scene = replace(scene, slot_reflectance=(np.array([says]),))
+    scanner = along_x(surfaces=Surfaces(leaf=0.3, leaf_transmittance=passes))
+    if right:
+        assert len(scan(scanner, BruteCaster(scene))) <= 1
+        return
+    with pytest.raises(SpecError, match=r'forest_reflectance: "x"'):
+        scan(scanner, BruteCaster(scene))
 
 
 @pytest.mark.parametrize(("reflectance", "seen"), [(0.2, True), (0.1999, False)])
@@ -203,7 +235,7 @@ def leaves(count, gap=2.0):
 
 @pytest.mark.parametrize("transmittance", [0.2, 0.7])
 def test_rays_pass_leaves_by_the_binomial_law(transmittance):
-    surfaces = Surfaces(leaf_transmittance=transmittance)
+    surfaces = Surfaces(leaf=0.3, leaf_transmittance=transmittance)
     cloud = look(along_x(pulses=4000, surfaces=surfaces), *leaves(4), sheet(50.0, GROUND))
     assert len(cloud) == cloud.pulses  # each ray ends once
     for passed in range(5):
@@ -225,7 +257,7 @@ def test_a_share_of_the_light_passes_each_leaf_there_and_back():
 
 
 def test_wood_lets_nothing_pass():
-    surfaces = Surfaces(leaf_transmittance=0.99)
+    surfaces = Surfaces(leaf=0.01, leaf_transmittance=0.99)
     cloud = look(along_x(pulses=200, surfaces=surfaces), sheet(10.0, WOOD), sheet(20.0, GROUND))
     assert (cloud.returns.organ == WOOD).all()
 
