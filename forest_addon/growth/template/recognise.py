@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from .centreline import Centrelines, find_centrelines
-from .hierarchy import Hierarchy, find_bearers, find_parents, find_trunk
+from .hierarchy import Hierarchy, Known, find_bearers, find_parents, find_trunk
 from .pieces import Pieces, part
+from .sever import may_fork, sever
 
 MOST_LEAN = np.deg2rad(60.0)
 FARTHEST_WOOD = 0.25  # heights of the tree between a piece and what it hangs on
@@ -84,15 +85,14 @@ def recognise(wood: np.ndarray, leaves: np.ndarray | None = None) -> Recognition
     ------
     TemplateError : there is no trunk with branches, or the leaves cannot be told apart.
     """
-    timber = _pieces_of(wood, "wood")
+    timber, lines, known = _cut_at_forks(_pieces_of(wood, "wood"))
     if timber.count == 1:
         raise TemplateError(
-            "the wood is one piece, so its trunk cannot be told from its branches; export trunk and "
-            "branches as separate parts that are not joined, remeshed or merged."
+            "the wood is one piece without a fork, so there are no branches to grow from; bring trunk "
+            "and branches, joined or as separate parts."
         )
-    lines = find_centrelines(timber)
-    trunk = find_trunk(timber, lines)
-    hierarchy = find_parents(lines, trunk)
+    trunk = find_trunk(timber, lines, known.mother < 0)
+    hierarchy = find_parents(lines, trunk, known)
     bare = leaves is None or not len(leaves)
     foliage = part(np.empty((0, 3, 3))) if bare else _pieces_of(leaves, "leaves")
     found = Recognition(timber, lines, hierarchy, foliage, np.empty(0, dtype=np.int64))
@@ -102,6 +102,20 @@ def recognise(wood: np.ndarray, leaves: np.ndarray | None = None) -> Recognition
     bearer, gap = find_bearers(lines, foliage)
     _check_leaves(foliage, gap, extent=float(np.ptp(timber.vertices, axis=0).max()))
     return Recognition(timber, lines, hierarchy, foliage, bearer)
+
+
+def _cut_at_forks(timber: Pieces) -> tuple[Pieces, Centrelines, Known]:
+    """Pieces none of which forks, their lines, and what is known of those that were joined."""
+    joined = np.ones(1, dtype=bool)
+    lines = None
+    if timber.count > 1:
+        lines = find_centrelines(timber)
+        joined = may_fork(timber, lines)
+    if joined.any():
+        cut = sever(timber, joined)
+        if cut.pieces.count > timber.count or lines is None:
+            return cut.pieces, find_centrelines(cut.pieces), cut.known
+    return timber, lines, Known.nothing(timber.count)
 
 
 def checked_facets(facets: np.ndarray | None, what: str) -> np.ndarray:
