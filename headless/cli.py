@@ -205,13 +205,24 @@ def _derive(chosen: argparse.Namespace) -> int:
 def _add_template(commands: argparse._SubParsersAction) -> None:
     template = commands.add_parser(
         "template",
-        help="make a species from your own tree (STL)",
-        description="Recognise trunk, branches and leaves in STL files of a tree, and write a species "
+        help="make a species from your own tree (STL, PLY, OBJ, glTF)",
+        description="Recognise trunk, branches and leaves in files of a tree, and write a species "
         "that grows from them, a picture of what was recognised, and a scene that plants it.",
     )
-    template.add_argument("wood", type=Path, metavar="WOOD.stl", help="trunk and branches, z up")
     template.add_argument(
-        "leaves", type=Path, nargs="?", metavar="LEAVES.stl", help="leaves; left out: leafless"
+        "wood",
+        type=Path,
+        metavar="WOOD",
+        help="trunk and branches, and perhaps leaves: .stl, .ply, .obj, .gltf or .glb",
+    )
+    template.add_argument(
+        "leaves", type=Path, nargs="?", metavar="LEAVES", help="leaves, if in a file of their own"
+    )
+    template.add_argument(
+        "--unit", default="", help="metres, centimetres, millimetres, feet ...; left out: inferred"
+    )
+    template.add_argument(
+        "--up", default="", metavar="AXIS", help="the files' upright axis, z or y; else inferred"
     )
     template.add_argument("--name", required=True, help="name of the species")
     template.add_argument(
@@ -324,7 +335,11 @@ def _estimate(chosen: argparse.Namespace) -> int:
 def _template(chosen: argparse.Namespace) -> int:
     from .commands.template import make_template
 
-    make_template(chosen.wood, chosen.leaves, chosen.name, chosen.height, chosen.out)
+    make_template(
+        *(chosen.wood, chosen.leaves, chosen.name, chosen.height, chosen.out),
+        unit=chosen.unit,
+        up=chosen.up,
+    )
     return 0
 
 

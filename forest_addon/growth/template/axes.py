@@ -152,7 +152,8 @@ def _likeness(
 def _number(slices: Slices, onward: np.ndarray, begins: np.ndarray, radius: np.ndarray) -> Axes:
     """Axes from the roots up; what is neither led on to nor begins an axis is its mother's."""
     of_slice = np.full(len(slices), -1)
-    mother, fork = [], []
+    mother: list[int] = []
+    fork: list[int] = []
     begins = begins | (slices.below < 0)
     for low, high in _runs(slices.band):
         below = slices.below[low:high]

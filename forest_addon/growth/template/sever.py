@@ -14,9 +14,9 @@ import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from .axes import Axes, find_axes
-from .levels import Slices, band_width, distance_from, slice_up
 from .centreline import Centrelines
 from .hierarchy import Known
+from .levels import Slices, band_width, distance_from, slice_up
 from .pieces import Pieces, assemble, join_along, join_pieces, select
 
 FAR = 3.0  # radii of a tube of that area and length, beyond which a piece may fork
