@@ -132,7 +132,7 @@ def run_scene(
         engine = observer.caster.engine
     if observer.warning:
         stages.say(f"  Warning: {observer.warning}")
-        run.findings.append(report.Finding("Warning", f"{observer.warning}.", {}))
+        run.findings.append(page.Finding("Warning", f"{observer.warning}.", {}))
     for sensor in settings.sensors:
         with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
             found = observer.observe(sensor, settings, progress, folder)

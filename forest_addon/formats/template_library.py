@@ -1,4 +1,4 @@
-"""A user's tree as STL files becomes a species that grows: the folder of its library.
+"""A user's tree in files becomes a species that grows: the folder of its library.
 
 Written: the tree in metres (wood.stl, leaves.stl), a species file with a grammar fitted to its habit, and
 a scene that plants it (scene.toml).
@@ -7,7 +7,7 @@ a scene that plants it (scene.toml).
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,8 +17,9 @@ from ..growth.mesh.leaves import measure_leaves
 from ..growth.mesh.trimesh import LEAF, TriMesh
 from ..growth.template.cut import TreeTemplate, split_tree
 from ..growth.template.habit import fit_grammar
-from ..growth.template.recognise import Recognition, TemplateError, recognise
-from ..growth.template.unit import Unit, infer_unit
+from ..growth.template.parts import UPRIGHT, Group, Sorted, likely_up, sort_out, upright
+from ..growth.template.recognise import LeanError, Recognition, TemplateError, recognise
+from ..growth.template.unit import UNITS, Unit, infer_unit
 from ..spec import Grammar, SpecError
 from .atomic import replacing
 from .stl import StlError, read_stl, write_stl
@@ -26,12 +27,23 @@ from .stl import StlError, read_stl, write_stl
 Progress = Callable[[int, int], None]
 
 
+class NotUnderstoodError(SpecError):
+    """Facets that are no tree, with the (T, 3, 3) facets themselves, z up, and (N, 3) places in them."""
+
+    def __init__(self, problem: TemplateError, facets: np.ndarray) -> None:
+        super().__init__("template", str(problem))
+        self.facets = facets
+        self.places = problem.places
+
+
 @dataclass(frozen=True)
 class Library:
     """What was read and recognised, in file units, and what it was made into.
 
-    wood, leaves : (T, 3, 3) facets as read. leaf : median length of a leaf, None without leaves.
+    wood, leaves : (T, 3, 3) facets as read, z up. leaf : median length of a leaf, None without leaves.
     unit : what one unit of the files is taken to be. tree : in metres. species : the file written.
+    told : in words, how wood and leaves were told apart within one file, if they were.
+    up : the files' axis that points up.
     """
 
     wood: np.ndarray
@@ -41,6 +53,8 @@ class Library:
     unit: Unit
     tree: TreeTemplate
     species: Path
+    told: str = ""
+    up: str = "z"
 
     @property
     def height(self) -> float:
@@ -55,10 +69,18 @@ def make_library(
     height: float,
     out: Path,
     progress: Progress | None = None,
+    *,
+    groups: Sequence[Group] = (),
+    unit: str = "",
+    up: str = "",
 ) -> Library:
-    """Make a template library from STL files.
+    """Make a template library from files of a tree.
 
-    height : metres of the tree; 0: the unit is inferred.
+    wood, leaves : STL files; wood alone may hold leaves too.
+    height : metres of the tree; 0: as the unit says.
+    groups : what the files hold, where they are no STL.
+    unit : in which they are drawn, of ``UNITS``. up : axis that points up, of ``UPRIGHT``. Both are
+        inferred where empty.
 
     Raises
     ------
@@ -70,26 +92,39 @@ def make_library(
         raise SpecError("height", f"{height:g} m is out of range; use 0 to 200")
     tell = progress or _say_nothing
     tell(0, 4)
-    timber, foliage, found = _read(wood, leaves)
+    if unit and unit not in UNITS:
+        raise SpecError("unit", f'"{unit}" is not known; use one of {", ".join(UNITS)}')
+    if up and up not in UPRIGHT:
+        raise SpecError("up", f'"{up}" is not known; use one of {", ".join(UPRIGHT)}')
+    parts = _read(wood, leaves, groups)
+    parts, found, up = _stand(parts, up)
+    timber, foliage = parts.wood, parts.leaves
     tell(1, 4)
     leaf = _leaf_length(found)
     tall = float(np.ptp(timber[:, :, 2]))
-    unit = Unit(height / tall, "units of the height given") if height else infer_unit(tall, leaf)
-    tree = split_tree(timber * unit.metres, None if foliage is None else foliage * unit.metres)
+    if height:
+        scale = Unit(height / tall, "units of the height given")
+    else:
+        scale = Unit(UNITS[unit], unit) if unit else infer_unit(tall, leaf)
+    metres = scale.metres
+    try:
+        tree = split_tree(timber * metres, None if foliage is None else foliage * metres)
+    except TemplateError as problem:
+        raise NotUnderstoodError(problem, timber) from None
     tell(2, 4)
     grammar = fit_grammar(tree)
     tell(3, 4)
 
     out.mkdir(parents=True, exist_ok=True)
-    write_stl(out / "wood.stl", timber * unit.metres, f"{name}: wood, metres")
+    write_stl(out / "wood.stl", timber * metres, f"{name}: wood, metres")
     if foliage is not None:
-        write_stl(out / "leaves.stl", foliage * unit.metres, f"{name}: leaves, metres")
+        write_stl(out / "leaves.stl", foliage * metres, f"{name}: leaves, metres")
     species = out / f"{name}.toml"
     origin = " and ".join(path.name for path in (wood, leaves) if path)
     _write(species, _species_text(name, origin, foliage is not None, grammar))
-    _write(out / "scene.toml", _scene_text(name, tall * unit.metres))
+    _write(out / "scene.toml", _scene_text(name, tall * metres))
     tell(4, 4)
-    return Library(timber, foliage, found, leaf, unit, tree, species)
+    return Library(timber, foliage, found, leaf, scale, tree, species, parts.said, up)
 
 
 def check_name(name: str) -> None:
@@ -103,17 +138,39 @@ def check_name(name: str) -> None:
         raise SpecError("name", f'"{name}" must be letters, digits, - and _ only')
 
 
-def _read(wood: Path, leaves: Path | None) -> tuple[np.ndarray, np.ndarray | None, Recognition]:
+def _read(wood: Path, leaves: Path | None, groups: Sequence[Group]) -> Sorted:
     try:
+        if groups:
+            return sort_out(groups)
         timber = read_stl(wood)
-        foliage = read_stl(leaves) if leaves else None
-        return timber, foliage, recognise(timber, foliage)
+        if leaves is None:
+            return sort_out([Group("", "", timber)])
+        return Sorted(timber, read_stl(leaves), "")
     except FileNotFoundError as problem:
         raise SpecError(
             "template", f"there is no file {problem.filename}; check the path"
         ) from None
-    except (StlError, TemplateError) as problem:
+    except StlError as problem:
         raise SpecError("template", str(problem)) from None
+
+
+def _stand(parts: Sorted, up: str) -> tuple[Sorted, Recognition, str]:
+    """Wood and leaves z up, what is recognised in them, and which axis was up."""
+    likely = up or (likely_up(parts.wood) if len(parts.wood) else "z")
+    first: LeanError | None = None
+    lying = parts.wood
+    for axis in (likely, *(() if up else (other for other in UPRIGHT if other != likely))):
+        leaves = None if parts.leaves is None else upright(parts.leaves, axis)
+        turned = Sorted(upright(parts.wood, axis), leaves, parts.said)
+        try:
+            return turned, recognise(turned.wood, turned.leaves), axis
+        except LeanError as problem:
+            first = first or problem
+            lying = turned.wood if first is problem else lying
+        except TemplateError as problem:
+            raise NotUnderstoodError(problem, turned.wood) from None
+    assert first is not None
+    raise NotUnderstoodError(first, lying) from None
 
 
 def _leaf_length(found: Recognition) -> float | None:

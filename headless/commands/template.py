@@ -1,4 +1,4 @@
-"""``python -m headless template``: a user's tree as STL files becomes a species that grows."""
+"""``python -m headless template``: a user's tree in files becomes a species that grows."""
 
 from __future__ import annotations
 
@@ -10,16 +10,36 @@ from ..command import Command
 
 class Template(Command):
     name = "template"
-    help = "make a species from your own tree (STL)"
+    help = "make a species from your own tree (STL, PLY, OBJ, glTF)"
     description = (
-        "Recognise trunk, branches and leaves in STL files of a tree, and write a species "
+        "Recognise trunk, branches and leaves in files of a tree, and write a species "
         "that grows from them, a picture of what was recognised, and a scene that plants it."
     )
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("wood", type=Path, metavar="WOOD.stl", help="trunk and branches, z up")
         parser.add_argument(
-            "leaves", type=Path, nargs="?", metavar="LEAVES.stl", help="leaves; left out: leafless"
+            "wood",
+            type=Path,
+            metavar="WOOD",
+            help="trunk and branches, and perhaps leaves: .stl, .ply, .obj, .gltf or .glb",
+        )
+        parser.add_argument(
+            "leaves",
+            type=Path,
+            nargs="?",
+            metavar="LEAVES",
+            help="leaves, if in a file of their own",
+        )
+        parser.add_argument(
+            "--unit",
+            default="",
+            help="metres, centimetres, millimetres, feet ...; left out: inferred",
+        )
+        parser.add_argument(
+            "--up",
+            default="",
+            metavar="AXIS",
+            help="the files' upright axis, z or y; else inferred",
         )
         parser.add_argument("--name", required=True, help="name of the species")
         parser.add_argument(
@@ -39,4 +59,8 @@ class Template(Command):
     def run(self, chosen: argparse.Namespace) -> None:
         from ..work.template import make_template
 
-        make_template(chosen.wood, chosen.leaves, chosen.name, chosen.height, chosen.out)
+        make_template(
+            *(chosen.wood, chosen.leaves, chosen.name, chosen.height, chosen.out),
+            unit=chosen.unit,
+            up=chosen.up,
+        )

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from forest_addon.growth.template.recognise import Recognition
@@ -16,6 +18,17 @@ from forest_addon.growth.template.recognise import Recognition
 from .pictures import INK, LEAF_GREEN, STYLE, save_figure
 
 TRUNK = "#4a3526"
+DOUBT = "#d22f27"
+RING: dict[str, Any] = {
+    "marker": "o",
+    "markersize": 14,
+    "markerfacecolor": "none",
+    "markeredgecolor": DOUBT,
+    "markeredgewidth": 1.6,
+    "linestyle": "none",
+}
+MOST_RINGS = 60
+MOST_DRAWN = 400_000  # facets
 
 
 def draw_recognised(found: Recognition, metres: float, name: str, path: Path) -> Path:
@@ -45,6 +58,9 @@ def draw_recognised(found: Recognition, metres: float, name: str, path: Path) ->
         axes.set_title(title)
         axes.set_xlabel(across)
     front.set_ylabel("z, m")
+    for doubt in found.doubts:
+        _ring(front, doubt.places * metres, 0)
+        _ring(side, doubt.places * metres, 1)
     figure.suptitle(
         f"{name}: {found.wood.count:,} pieces of wood, {len(firsts):,} first-level branches, "
         f"{found.leaves.count:,} leaves",
@@ -58,6 +74,8 @@ def draw_recognised(found: Recognition, metres: float, name: str, path: Path) ->
     keys += [
         Patch(facecolor=colours[shown[-1]], label="first-level branches and what hangs on them")
     ]
+    if found.doubts:
+        keys.append(Line2D([], [], **RING, label="in doubt"))
     if len(leaves):
         keys.append(Patch(facecolor=LEAF_GREEN, label="leaves, tinted by their branch"))
     figure.legend(
@@ -68,6 +86,31 @@ def draw_recognised(found: Recognition, metres: float, name: str, path: Path) ->
         columnspacing=0.6,
     )
     return save_figure(figure, path)
+
+
+def draw_problem(facets: np.ndarray, places: np.ndarray, name: str, path: Path) -> Path:
+    """Front and side of facets (T, 3, 3) that are no tree, in their own units; places (N, 3) ringed."""
+    matplotlib.rcParams.update(STYLE)
+    figure = Figure(figsize=(9, 7.5), layout="constrained", dpi=110)
+    facets = facets[:: max(1, len(facets) // MOST_DRAWN)]
+    colour = np.tile(np.array(matplotlib.colors.to_rgb("#8b8b86")), (len(facets), 1))
+    both = figure.subplots(1, 2, sharey=True)
+    for axes, across, title, label in (
+        (both[0], 0, "from the front (-y)", "x"),
+        (both[1], 1, "from the right (+x)", "y"),
+    ):
+        _draw(axes, facets, colour, across)
+        _ring(axes, places, across)
+        axes.set_title(title)
+        axes.set_xlabel(f"{label}, units of the file")
+    both[0].set_ylabel("z")
+    figure.suptitle(f"{name}: not understood; rings mark where", color=INK, x=0.01, ha="left")
+    return save_figure(figure, path)
+
+
+def _ring(axes: Axes, places: np.ndarray, across: int) -> None:
+    shown = places[:: max(1, len(places) // MOST_RINGS)]
+    axes.plot(*(shown[:, [across, 2]].T), **RING, zorder=5)
 
 
 def _branch_colours(found: Recognition) -> tuple[np.ndarray, np.ndarray]:

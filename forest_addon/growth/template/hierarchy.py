@@ -69,22 +69,41 @@ class Hierarchy:
     gap: np.ndarray
 
 
-def find_trunk(pieces: Pieces, lines: Centrelines) -> int:
-    """The piece that is the trunk, by the rule above."""
+@dataclass(frozen=True)
+class Known:
+    """What is known of C pieces before they are hung, because they were cut from one another.
+
+    mother : (C,) piece, -1 where it has to be found. foot : (C, 3) where it begins, on her axis.
+    radius : (C,) hers there.
+    """
+
+    mother: np.ndarray
+    foot: np.ndarray
+    radius: np.ndarray
+
+    @classmethod
+    def nothing(cls, count: int) -> Known:
+        """Of pieces that were drawn apart."""
+        return cls(np.full(count, -1), np.zeros((count, 3)), np.zeros(count))
+
+
+def find_trunk(pieces: Pieces, lines: Centrelines, free: np.ndarray) -> int:
+    """The piece that is the trunk, by the rule above, of those (C,) whose mother is not known."""
     z = pieces.vertices[:, 2]
     lowest = np.full(pieces.count, np.inf)
     np.minimum.at(lowest, pieces.piece_of_vertex, z)
     thickest = lines.end_radius.max(axis=1)
     area = np.bincount(pieces.piece, np.linalg.norm(pieces.area_vectors(), axis=1), pieces.count)
-    stout = thickest >= STOUT * thickest.max()
+    stout = free & (thickest >= STOUT * thickest[free].max())
     level = lowest <= lowest[stout].min() + LEVEL * np.ptp(z)
     return int(np.argmax(np.where(stout & level, area * thickest, -1.0)))
 
 
-def find_parents(lines: Centrelines, trunk: int) -> Hierarchy:
+def find_parents(lines: Centrelines, trunk: int, known: Known | None = None) -> Hierarchy:
     """Hang all pieces on the trunk, generation by generation."""
     ends, radius = lines.ends(), lines.end_radius
     count = len(ends)
+    known = Known.nothing(count) if known is None else known
     thin = radius * TAPER < radius[:, ::-1]
     handicap = np.where(thin, THIN_END * lines.length()[:, None], 0.0) - REACH * radius
 
@@ -92,9 +111,17 @@ def find_parents(lines: Centrelines, trunk: int) -> Hierarchy:
     foot_end = np.zeros(count, dtype=np.int64)
     foot_end[trunk] = int(np.argmin(ends[trunk, :, 2]))
     gap, nearest = np.full((count, 2), np.inf), np.full((count, 2), -1)
-    waiting = np.flatnonzero(np.arange(count) != trunk)
+    tied = known.mother >= 0
+    from_foot = np.linalg.norm(ends - known.foot[:, None], axis=2)
+    gap[tied] = (from_foot - known.radius[:, None])[tied]
+    waiting = np.flatnonzero(~tied & (np.arange(count) != trunk))
+    done = np.zeros(count, dtype=bool)
     hung = np.array([trunk])
-    while len(waiting):
+    while len(hung):
+        done[hung] = True
+        daughters = np.flatnonzero(tied & ~done & done[known.mother])
+        foot_end[daughters] = np.argmin(from_foot[daughters], axis=1)
+        parent[daughters] = known.mother[daughters]
         found = find_contacts(lines, hung, ends[waiting].reshape(-1, 3))
         reach = found.gap.reshape(-1, 2)
         nearer = reach < gap[waiting]
@@ -102,13 +129,15 @@ def find_parents(lines: Centrelines, trunk: int) -> Hierarchy:
         nearest[waiting] = np.where(nearer, found.piece.reshape(-1, 2), nearest[waiting])
         best = (gap + handicap)[waiting].min(axis=1)
         ready = best <= 0
-        if not ready.any():  # nothing touches: let the nearest, and those about as near, float
-            ready = best <= FLOAT * best.min()
-        hung = waiting[ready]
-        foot_end[hung] = np.argmin((gap + handicap)[hung], axis=1)
-        parent[hung] = nearest[hung, foot_end[hung]]
-        branch[hung] = np.where(parent[hung] == trunk, hung, branch[parent[hung]])
+        if not (ready.any() or len(daughters)):
+            # nothing touches: let the nearest, and those about as near, float
+            ready = best <= FLOAT * best.min(initial=np.inf)
+        touching = waiting[ready]
+        foot_end[touching] = np.argmin((gap + handicap)[touching], axis=1)
+        parent[touching] = nearest[touching, foot_end[touching]]
         waiting = waiting[~ready]
+        hung = np.concatenate([daughters, touching])
+        branch[hung] = np.where(parent[hung] == trunk, hung, branch[parent[hung]])
     gap[trunk] = 0.0
     return Hierarchy(trunk, parent, branch, foot_end, gap[np.arange(count), foot_end])
 

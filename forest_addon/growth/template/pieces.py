@@ -29,6 +29,8 @@ class Pieces:
     piece : (T,) int32, piece of each triangle.
     piece_of_vertex : (V,) int32.
     edges : (E, 2) int32, each once; those of needles too, so that every piece hangs together.
+    drawn : how many of the triangles, the first ones, are the file's; what follows closes pieces where
+        they were cut from one another.
     """
 
     vertices: np.ndarray
@@ -36,6 +38,7 @@ class Pieces:
     piece: np.ndarray
     piece_of_vertex: np.ndarray
     edges: np.ndarray
+    drawn: int
 
     @property
     def count(self) -> int:
@@ -59,19 +62,69 @@ def part(facets: np.ndarray) -> Pieces:
     triangles, has_area = triangles[kept], has_area[kept]
     piece = np.unique(piece[kept], return_inverse=True)[1].astype(np.int64)
 
-    # Every piece gets vertices of its own: a vertex is a pair (piece, welded vertex).
+    return assemble(vertices, triangles, piece, has_area)
+
+
+def assemble(
+    vertices: np.ndarray,
+    triangles: np.ndarray,
+    piece: np.ndarray,
+    has_area: np.ndarray | None = None,
+    drawn: int | None = None,
+) -> Pieces:
+    """Pieces of triangles (T, 3) whose piece (T,) is known: each gets vertices of its own.
+
+    has_area : (T,) where not, a triangle lends its edges only. drawn : see ``Pieces``.
+    """
+    has_area = np.ones(len(triangles), dtype=bool) if has_area is None else has_area
+    # a vertex is a pair (piece, welded vertex)
     pairs, inverse = np.unique(piece[:, None] * len(vertices) + triangles, return_inverse=True)
     triangles = inverse.reshape(-1, 3)
     owner, welded = np.divmod(pairs, max(len(vertices), 1))
     keys = np.sort(_edge_keys(triangles, len(pairs)))
     keys = keys[np.diff(keys, prepend=-1) > 0]
-    edges = np.divmod(keys, max(len(pairs), 1))
+    edges = np.stack(np.divmod(keys, max(len(pairs), 1)), axis=1)
     return Pieces(
         vertices=vertices[welded],
         triangles=triangles[has_area].astype(np.int32),
         piece=piece[has_area].astype(np.int32),
         piece_of_vertex=owner.astype(np.int32),
-        edges=np.stack(edges, axis=1).astype(np.int32),
+        edges=edges[edges[:, 0] != edges[:, 1]].astype(np.int32),
+        drawn=int(np.count_nonzero(has_area[:drawn])),
+    )
+
+
+def select(pieces: Pieces, chosen: np.ndarray) -> Pieces:
+    """Some pieces (C,) alone, in their order."""
+    number = np.cumsum(chosen) - 1
+    vertex = chosen[pieces.piece_of_vertex]
+    renumbered = (np.cumsum(vertex) - 1).astype(np.int32)
+    triangle = chosen[pieces.piece]
+    edge = vertex[pieces.edges[:, 0]]
+    return Pieces(
+        vertices=pieces.vertices[vertex],
+        triangles=renumbered[pieces.triangles[triangle]],
+        piece=number[pieces.piece[triangle]].astype(np.int32),
+        piece_of_vertex=number[pieces.piece_of_vertex[vertex]].astype(np.int32),
+        edges=renumbered[pieces.edges[edge]],
+        drawn=int(np.count_nonzero(triangle[: pieces.drawn])),
+    )
+
+
+def join_pieces(one: Pieces, other: Pieces) -> Pieces:
+    """Pieces of two meshes, those of ``one`` first; what was not drawn comes last."""
+    vertices, count = np.int32(len(one.vertices)), np.int32(one.count)
+    order = np.argsort(
+        np.concatenate([np.arange(len(mesh.triangles)) >= mesh.drawn for mesh in (one, other)]),
+        kind="stable",
+    )
+    return Pieces(
+        vertices=np.concatenate([one.vertices, other.vertices]),
+        triangles=np.concatenate([one.triangles, other.triangles + vertices])[order],
+        piece=np.concatenate([one.piece, other.piece + count])[order],
+        piece_of_vertex=np.concatenate([one.piece_of_vertex, other.piece_of_vertex + count]),
+        edges=np.concatenate([one.edges, other.edges + vertices]),
+        drawn=one.drawn + other.drawn,
     )
 
 
@@ -92,8 +145,8 @@ def weld(facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     vertices = corners[first]
 
     near = cKDTree(vertices).query_pairs(WELD * extent, output_type="ndarray")
-    count, label = connected_components(_graph(near, len(vertices)), directed=False)
-    chosen = np.zeros(count, dtype=np.int64)
+    label = join_along(near, len(vertices))
+    chosen = np.zeros(int(label.max()) + 1, dtype=np.int64)
     chosen[label[::-1]] = np.arange(len(vertices))[::-1]  # the first of each chain
     return vertices[chosen], label[index.ravel()].reshape(-1, 3).astype(np.int64)
 
@@ -116,7 +169,13 @@ def _join_along_edges(triangles: np.ndarray, vertices: int) -> np.ndarray:
     shared = keys[order[1:]] == keys[order[:-1]]
     triangle = order % max(len(triangles), 1)
     pairs = np.stack([triangle[:-1][shared], triangle[1:][shared]], axis=1)
-    return np.asarray(connected_components(_graph(pairs, len(triangles)), directed=False)[1])
+    return join_along(pairs, len(triangles))
+
+
+def join_along(pairs: np.ndarray, nodes: int) -> np.ndarray:
+    """(nodes,) which of them pairs (N, 2) join: one number for all that hang together."""
+    graph = coo_matrix((np.ones(len(pairs), dtype=bool), pairs.T), shape=(nodes, nodes))
+    return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def _edge_keys(triangles: np.ndarray, vertices: int) -> np.ndarray:
@@ -137,7 +196,3 @@ def _is_needle(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     extent = float(np.ptp(vertices, axis=0).max())
     needle: np.ndarray = twice_area <= WELD * extent * longest
     return needle
-
-
-def _graph(pairs: np.ndarray, nodes: int) -> coo_matrix:
-    return coo_matrix((np.ones(len(pairs), dtype=bool), pairs.T), shape=(nodes, nodes))

@@ -1,28 +1,53 @@
 """A tree recognised in facets: its trunk, what hangs on what, and which wood bears which leaf.
 
-Facets of wood and of leaves go in, in any unit, z up; they are parted into pieces (``pieces``), the wood
-gets centrelines (``centreline``) and parents (``hierarchy``), every leaf its bearer. ``template`` cuts
-the tree along these lines; a picture of it can be drawn from them.
+Facets of wood and of leaves go in, in any unit, z up. They are parted into pieces (``pieces``), joined
+wood is cut at its forks (``sever``) and a palm's fronds become branches (``fronds``); the wood gets
+centrelines (``centreline``) and parents (``hierarchy``), every leaf its bearer. ``template`` cuts the
+tree along these lines; a picture of it can be drawn from them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .centreline import Centrelines, find_centrelines
-from .hierarchy import Hierarchy, find_bearers, find_parents, find_trunk
+from .fronds import are_fronds, draw_midribs
+from .hierarchy import LEVEL, Hierarchy, Known, find_bearers, find_parents, find_trunk
 from .pieces import Pieces, part
+from .sever import may_fork, sever
 
 MOST_LEAN = np.deg2rad(60.0)
 FARTHEST_WOOD = 0.25  # heights of the tree between a piece and what it hangs on
 LARGEST_LEAF = 0.5  # extents of the wood; what is larger is foliage in one piece, and no leaf
+STEM = 0.3  # radii of the trunk that another stem has at least
+FLOATING = 0.01  # heights between a piece and what it hangs on, above which that is a guess
+FLOATING_LEAF = 0.05  # extents of the wood between it and a leaf, likewise
 FARTHEST_LEAVES = 0.5  # extents of the wood between it and half of the leaves
 
 
 class TemplateError(ValueError):
-    """Facets that are no tree to take templates from: one sentence with what and what to do."""
+    """Facets that are no tree to take templates from: one sentence with what and what to do.
+
+    places : (N, 3) where, in the units and axes of the facets; none if it is not about a place.
+    """
+
+    def __init__(self, sentence: str, places: np.ndarray | None = None) -> None:
+        super().__init__(sentence)
+        self.places = np.empty((0, 3)) if places is None else np.reshape(places, (-1, 3))
+
+
+class LeanError(TemplateError):
+    """What looks like the trunk lies down: perhaps another axis points up."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """What was recognised but may be wrong: a sentence, and the (N, 3) places where."""
+
+    sentence: str
+    places: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -34,6 +59,8 @@ class Recognition:
     hierarchy : trunk, parent and first-level branch of each piece.
     leaves : the leaves, as pieces; ``leaves.piece`` is the leaf of each triangle.
     bearer : (L,) int64, the piece of wood that bears each leaf.
+    doubts : what may be wrong, and where.
+    fronds : whether the leaves are a palm's fronds, on midribs that were drawn through them.
     """
 
     wood: Pieces
@@ -41,6 +68,8 @@ class Recognition:
     hierarchy: Hierarchy
     leaves: Pieces
     bearer: np.ndarray
+    doubts: tuple[Doubt, ...] = ()
+    fronds: bool = False
 
     @property
     def trunk(self) -> int:
@@ -72,6 +101,15 @@ class Recognition:
         """(C,) radius at the foot."""
         return self._of_end(self.lines.end_radius, self.hierarchy.foot_end)
 
+    @property
+    def stems(self) -> np.ndarray:
+        """Pieces that stand on the ground as the trunk does, itself first: several in a bush."""
+        level = LEVEL * np.ptp(self.wood.vertices[:, 2]) + self.radius[self.trunk]
+        beside = self.foot[:, 2] <= self.foot[self.trunk, 2] + level
+        beside &= (self.parent == self.trunk) & (self.tip[:, 2] > self.foot[:, 2])
+        beside &= self.radius >= STEM * self.radius[self.trunk]
+        return np.concatenate([[self.trunk], np.flatnonzero(beside)])
+
     @staticmethod
     def _of_end(values: np.ndarray, end: np.ndarray) -> np.ndarray:
         return np.asarray(values[np.arange(len(end)), end])
@@ -84,24 +122,47 @@ def recognise(wood: np.ndarray, leaves: np.ndarray | None = None) -> Recognition
     ------
     TemplateError : there is no trunk with branches, or the leaves cannot be told apart.
     """
-    timber = _pieces_of(wood, "wood")
-    if timber.count == 1:
-        raise TemplateError(
-            "the wood is one piece, so its trunk cannot be told from its branches; export trunk and "
-            "branches as separate parts that are not joined, remeshed or merged."
-        )
-    lines = find_centrelines(timber)
-    trunk = find_trunk(timber, lines)
-    hierarchy = find_parents(lines, trunk)
     bare = leaves is None or not len(leaves)
     foliage = part(np.empty((0, 3, 3))) if bare else _pieces_of(leaves, "leaves")
+    timber, lines, known, together = _cut_at_forks(_pieces_of(wood, "wood"))
+    fronds = timber.count == 1 and are_fronds(lines, foliage)
+    if fronds:
+        timber, lines, known = draw_midribs(timber, lines, foliage)
+    if timber.count == 1:
+        raise TemplateError(
+            "the wood is one piece without a fork, so there are no branches to grow from; bring trunk "
+            "and branches, joined or as separate parts.",
+            lines.ends()[0],
+        )
+    trunk = find_trunk(timber, lines, known.mother < 0)
+    hierarchy = find_parents(lines, trunk, known)
     found = Recognition(timber, lines, hierarchy, foliage, np.empty(0, dtype=np.int64))
     _check_one_tree(found)
+    doubts = _doubts_about_wood(found, together)
     if bare:
-        return found
+        return replace(found, doubts=doubts)
+    if fronds:
+        return replace(found, bearer=1 + np.arange(foliage.count), doubts=doubts, fronds=True)
     bearer, gap = find_bearers(lines, foliage)
     _check_leaves(foliage, gap, extent=float(np.ptp(timber.vertices, axis=0).max()))
-    return Recognition(timber, lines, hierarchy, foliage, bearer)
+    return replace(found, bearer=bearer, doubts=doubts + _doubts_about_leaves(found, gap))
+
+
+def _cut_at_forks(timber: Pieces) -> tuple[Pieces, Centrelines, Known, np.ndarray]:
+    """Pieces none of which forks, their lines, what is known of those that were joined, and (N, 3)
+    places where branches have grown into one another.
+    """
+    lines = None
+    joined = np.ones(1, dtype=bool)
+    if timber.count > 1:
+        lines = find_centrelines(timber)
+        joined = may_fork(timber, lines)
+    if joined.any():
+        cut = sever(timber, joined)
+        if cut.pieces.count > timber.count:
+            return cut.pieces, find_centrelines(cut.pieces), cut.known, cut.grown_together
+    lines = find_centrelines(timber) if lines is None else lines
+    return timber, lines, Known.nothing(timber.count), np.empty((0, 3))
 
 
 def checked_facets(facets: np.ndarray | None, what: str) -> np.ndarray:
@@ -119,18 +180,55 @@ def _pieces_of(facets: np.ndarray | None, what: str) -> Pieces:
     return pieces
 
 
+def _doubts_about_wood(found: Recognition, together: np.ndarray) -> tuple[Doubt, ...]:
+    doubts = []
+    gap, length = found.hierarchy.gap, found.lines.length()
+    floats = gap > np.maximum(FLOATING * float(np.ptp(found.wood.vertices[:, 2])), found.radius)
+    if floats.any():
+        doubts.append(
+            Doubt(
+                f"{np.count_nonzero(floats):,} pieces of wood ({length[floats].sum() / length.sum():.1%} of "
+                "its length) touch nothing and were hung on what is nearest.",
+                found.foot[floats],
+            )
+        )
+    if len(together):
+        doubts.append(
+            Doubt(
+                f"branches have grown into one another at about {len(together):,} places, where one "
+                "may be taken for the other.",
+                together,
+            )
+        )
+    return tuple(doubts)
+
+
+def _doubts_about_leaves(found: Recognition, gap: np.ndarray) -> tuple[Doubt, ...]:
+    far = gap > FLOATING_LEAF * float(np.ptp(found.wood.vertices, axis=0).max())
+    if not far.any():
+        return ()
+    leaves = found.leaves
+    size = np.bincount(leaves.piece_of_vertex, minlength=leaves.count)
+    total = [np.bincount(leaves.piece_of_vertex, x, leaves.count) for x in leaves.vertices.T]
+    middle = np.stack(total, axis=1) / size[:, None]
+    sentence = f"{np.count_nonzero(far):,} leaves are far from all wood."
+    return (Doubt(sentence, middle[far]),)
+
+
 def _check_one_tree(found: Recognition) -> None:
     axis = found.tip[found.trunk] - found.foot[found.trunk]
     lean = float(np.arctan2(np.hypot(axis[0], axis[1]), axis[2]))
     if lean > MOST_LEAN:
-        raise TemplateError(
+        raise LeanError(
             f"what looks like the trunk leans {np.rad2deg(lean):.0f}° from the z axis; export the tree "
-            "with z up, and without ground or other objects."
+            "with z up, and without ground or other objects.",
+            np.stack([found.foot[found.trunk], found.tip[found.trunk]]),
         )
     height = float(np.ptp(found.wood.vertices[:, 2]))
     if found.hierarchy.gap.max() > FARTHEST_WOOD * height:
         raise TemplateError(
-            "some of the wood lies far from the rest; export one tree alone, without other objects."
+            "some of the wood lies far from the rest; export one tree alone, without other objects.",
+            found.foot[found.hierarchy.gap > FARTHEST_WOOD * height],
         )
 
 
@@ -138,7 +236,8 @@ def _check_leaves(leaves: Pieces, gap: np.ndarray, extent: float) -> None:
     if np.median(gap) > FARTHEST_LEAVES * extent:
         raise TemplateError(
             "the leaves lie far from the wood; export both from the same scene, with the same units "
-            "and origin."
+            "and origin.",
+            leaves.vertices[:: max(1, len(leaves.vertices) // 20)],
         )
     low, high = np.full((leaves.count, 3), np.inf), np.full((leaves.count, 3), -np.inf)
     np.minimum.at(low, leaves.piece_of_vertex, leaves.vertices)
@@ -147,5 +246,6 @@ def _check_leaves(leaves: Pieces, gap: np.ndarray, extent: float) -> None:
     if largest > LARGEST_LEAF * extent:
         raise TemplateError(
             f"one leaf is {largest / extent:.0%} as large as the tree, so leaves seem to hang together "
-            "along edges; separate them before you export them."
+            "along edges; separate them before you export them.",
+            ((high + low) / 2)[np.argmax((high - low).max(axis=1))],
         )

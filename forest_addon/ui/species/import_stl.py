@@ -1,4 +1,4 @@
-"""A tree of one's own from STL files: recognised in the background, kept as a species, and planted."""
+"""A tree of one's own from files: recognised in the background, kept as a species, and planted."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from ...blender.jobs import Task, Work
 from ...blender.sensors import file_name
+from ...blender.tree_files import read_parts
 from ...spec import SpecError
 from ..preferences import species_folder
 from ..running import PROBLEMS, WhenReady, Working, in_words
@@ -22,13 +23,15 @@ OF_WOOD = ("wood", "stem", "trunk", "branches")
 
 
 class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, ImportHelper):
-    """Make a species from STL files of a tree: one of its wood and, if there is, one of its leaves"""
+    """Make a species from files of a tree, STL, PLY, OBJ or glTF: one of its wood and, if there is, one of its leaves"""
 
     bl_idname = "forest.import_tree"
     bl_label = "Import STL"
     bl_options: ClassVar[set[str]] = set()  # it starts a job, which is not redone
     filename_ext = ".stl"
-    filter_glob: bpy.props.StringProperty(default="*.stl", options={"HIDDEN"})
+    filter_glob: bpy.props.StringProperty(
+        default="*.stl;*.ply;*.obj;*.gltf;*.glb", options={"HIDDEN"}
+    )
     files: bpy.props.CollectionProperty(
         type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"}
     )
@@ -48,8 +51,8 @@ class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, ImportHelper):
     def draw(self, _context: bpy.types.Context) -> None:
         layout = self.layout
         column = layout.column(align=True)
-        column.label(text="Choose the STL file of the wood and,")
-        column.label(text="with Ctrl, that of the leaves.")
+        column.label(text="Choose the file of the wood and,")
+        column.label(text="with Ctrl, that of the leaves, or one of both.")
         column = layout.column()
         column.use_property_split = True
         column.use_property_decorate = False
@@ -73,7 +76,7 @@ class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, ImportHelper):
 
 
 class FOREST_OT_make_species(Working, bpy.types.Operator):
-    """Recognise a tree in STL files, keep it as a species and plant it"""
+    """Recognise a tree in files, keep it as a species and plant it"""
 
     bl_idname = "forest.make_species"
     bl_label = "Import STL"
@@ -91,10 +94,14 @@ class FOREST_OT_make_species(Working, bpy.types.Operator):
         height = self.height
         name = self.title or title_from(wood)
         check_name(name)
+        plain = all(path.suffix.lower() == ".stl" for path in (wood, leaves) if path)
+        groups = [] if plain else read_parts(wood, leaves)
         folder = free_folder(species_folder(), name)
         made = yield Task(
             say("recognising the tree"),
-            lambda tell: make_library(wood, leaves, folder.name, height, folder, tell),
+            lambda tell: make_library(
+                wood, leaves, folder.name, height, folder, tell, groups=groups
+            ),
         )
         planting = props.plantings.add()
         planting.species = made.species.as_posix()

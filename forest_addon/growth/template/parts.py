@@ -1,0 +1,171 @@
+"""What a file holds of a tree: meshes with names, told apart into wood and leaves, and set upright.
+
+Names of objects and materials tell first ("leaf", "bark"); a mesh whose name does not tell is what most
+of its area looks like, and a file without names is looked at piece by piece. A piece is a leaf where its
+facets face one way (|sum of area vectors| above half of the area: a tube's cancel), where it is a card
+or crossed cards (most of its edges are borders), or where it is one of very many small, plain, equal
+ones, as needles are. The upright axis is that along which the tree stands on a narrow, solid foot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .pieces import Pieces, part
+
+LEAFY = (
+    "leaf",
+    "leaves",
+    "foliage",
+    "needle",
+    "frond",
+    "blade",
+    "petal",
+    "flower",
+    "fruit",
+    "card",
+)
+WOODY = ("wood", "bark", "trunk", "branch", "stem", "twig", "log", "bole")
+OTHER = ("ground", "terrain", "floor", "soil", "grass")
+FACING = 0.5  # share of a piece's area that faces one way if it is a leaf
+BORDER = 0.6  # share of its edges that have one facet only, if it is cards
+SMALL = 0.025  # extents of the tree that a needle is long at most
+PLAIN = 24  # facets of a needle at most
+MANY = 50  # needles of one make at least, and
+OFTEN = 3  # times as many as there are other pieces of wood
+FOOT = 0.02  # share of the extent, from the ground up, where the foot is looked for
+CLEARLY = 3.0  # times as good a foot, that an axis other than z is taken for upright
+UPRIGHT = {
+    "z": np.eye(3),
+    "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+}
+
+
+@dataclass(frozen=True)
+class Group:
+    """Facets (T, 3, 3) of one object and material of a file."""
+
+    name: str
+    material: str
+    facets: np.ndarray
+
+
+@dataclass(frozen=True)
+class Sorted:
+    """Wood, leaves or None, as facets, and in words how they were told apart."""
+
+    wood: np.ndarray
+    leaves: np.ndarray | None
+    said: str
+
+
+def sort_out(groups: Sequence[Group]) -> Sorted:
+    """Tell wood from leaves."""
+    kinds = [_kind_by_name(group) for group in groups]
+    named = {kind for kind in kinds if kind in ("wood", "leaves")}
+    if named == {"wood", "leaves"} and all(kinds):
+        return _gather(groups, kinds, "by name")
+    left = [k for k in range(len(groups)) if kinds[k] != "other"]
+    facets = np.concatenate([groups[k].facets for k in left] or [np.empty((0, 3, 3))])
+    if not len(facets):
+        return Sorted(facets, None, "")
+    pieces, source = part(facets), None
+    leaf = looks_like_leaves(pieces)
+    owner = np.repeat(np.arange(len(left)), [len(groups[k].facets) for k in left])
+    if len(left) > 1:
+        source = _group_of_triangles(pieces, facets, owner)
+        area = np.linalg.norm(pieces.area_vectors(), axis=1)
+        total = np.bincount(source, area, len(left))
+        leafy = np.bincount(source, area * leaf[pieces.piece], len(left))
+        for number, k in enumerate(left):
+            if not kinds[k]:
+                kinds[k] = "leaves" if leafy[number] > total[number] / 2 else "wood"
+        return _gather(groups, kinds, "by name and shape" if named else "by shape")
+    if kinds[left[0]]:
+        return _gather(groups, kinds, "by name")
+    if not leaf.any() or leaf.all():
+        return Sorted(facets, None, "")
+    shown = pieces.vertices[pieces.triangles]
+    mine = leaf[pieces.piece]
+    return Sorted(shown[~mine], shown[mine], "by shape")
+
+
+def looks_like_leaves(pieces: Pieces) -> np.ndarray:
+    """(C,) whether a piece has the shape of a leaf, a card or a needle."""
+    count = pieces.count
+    vectors = pieces.area_vectors()
+    area = np.bincount(pieces.piece, np.linalg.norm(vectors, axis=1), count)
+    total = np.stack([np.bincount(pieces.piece, x, count) for x in vectors.T], axis=1)
+    facing = np.linalg.norm(total, axis=1) / np.maximum(area, 1e-300)
+    triangles = np.bincount(pieces.piece, minlength=count)
+    edges = np.bincount(pieces.piece_of_vertex[pieces.edges[:, 0]], minlength=count)
+    border = (2 * edges - 3 * triangles) / np.maximum(edges, 1)  # each edge has one or two facets
+    leaf = (facing > FACING) | (border > BORDER)
+
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, pieces.piece_of_vertex, pieces.vertices)
+    np.maximum.at(high, pieces.piece_of_vertex, pieces.vertices)
+    length = np.linalg.norm(high - low, axis=1)
+    small = ~leaf & (triangles <= PLAIN) & (length < SMALL * np.ptp(pieces.vertices, axis=0).max())
+    make = triangles * (int(edges.max(initial=0)) + 1) + edges
+    for kind in np.unique(make[small]):
+        needle = small & (make == kind)
+        others = np.count_nonzero(~leaf & ~needle)
+        if needle.sum() >= max(MANY, OFTEN * others) and others:
+            leaf |= needle
+    return np.asarray(leaf)
+
+
+def likely_up(wood: np.ndarray) -> str:
+    """The axis, "z" or "y", along which wood (T, 3, 3) stands on a narrow foot."""
+    middle = wood.mean(axis=1)
+    area = np.linalg.norm(np.cross(wood[:, 1] - wood[:, 0], wood[:, 2] - wood[:, 0]), axis=1)
+    extent = max(float(np.ptp(middle, axis=0).max()), 1e-300)
+
+    def foot(axis: str) -> float:
+        place = middle @ UPRIGHT[axis].T
+        low = place[:, 2] <= place[:, 2].min() + FOOT * extent
+        weight = area[low] / max(float(area[low].sum()), 1e-300)
+        mean = weight @ place[low, :2]
+        spread = float(np.sqrt(weight @ ((place[low, :2] - mean) ** 2).sum(axis=1))) / extent
+        return float(area[low].sum() / area.sum()) / (spread**2 + 1e-4)
+
+    return "y" if foot("y") > CLEARLY * foot("z") else "z"
+
+
+def upright(facets: np.ndarray, up: str) -> np.ndarray:
+    """Facets (T, 3, 3) turned so that this axis points up."""
+    return facets if up == "z" else np.asarray(facets @ UPRIGHT[up].T)
+
+
+def _kind_by_name(group: Group) -> str:
+    """What the material's name says, or else the object's; empty where neither says."""
+    for name in (group.material.lower(), group.name.lower()):
+        found = [
+            kind
+            for kind, words in (("leaves", LEAFY), ("wood", WOODY), ("other", OTHER))
+            if any(word in name for word in words)
+        ]
+        if found:
+            return found[0] if len(found) == 1 else ""
+    return ""
+
+
+def _gather(groups: Sequence[Group], kinds: Sequence[str], said: str) -> Sorted:
+    def of(kind: str) -> np.ndarray:
+        chosen = [g.facets for g, k in zip(groups, kinds, strict=True) if k == kind]
+        return np.concatenate(chosen or [np.empty((0, 3, 3))])
+
+    leaves = of("leaves")
+    return Sorted(of("wood"), leaves if len(leaves) else None, said)
+
+
+def _group_of_triangles(pieces: Pieces, facets: np.ndarray, owner: np.ndarray) -> np.ndarray:
+    """(T,) group of each triangle that was kept: that of the facet with the same middle."""
+    from scipy.spatial import cKDTree
+
+    middle = pieces.vertices[pieces.triangles].mean(axis=1)
+    return np.asarray(owner[cKDTree(facets.mean(axis=1)).query(middle)[1]])
