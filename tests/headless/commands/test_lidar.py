@@ -70,19 +70,34 @@ def test_a_scene_of_ones_own(lidar, park, tmp_path):
 
 
 def killed_while(park, out, *more):
-    """Start a scan, wait until some of it is on disk, and kill it as a power cut would."""
+    """Start a scan, wait until some of it is on disk, and kill it as a power cut would.
+
+    On a busy machine the scan may be over before we look again: then once more.
+    """
+    for _ in range(20):
+        if noted := killed(park, out, *more):
+            return noted
+        out.unlink()
+    pytest.fail("every scan was over before it could be killed")
+
+
+def killed(park, out, *more):
+    """What the killed scan had noted, or nothing where it was done before."""
     process = subprocess.Popen(
         words(park, *SCAN, "--out", out, "--chunk", 700, "--quiet", *more), cwd=ROOT
     )
     noted = out.with_suffix(".partial.json")
-    end = time.monotonic() + 120
-    while not (noted.exists() and json.loads(noted.read_text())["done"] > 2000):
-        assert process.poll() is None, "the scan was over before it could be killed"
-        assert time.monotonic() < end
+    while process.poll() is None:
+        try:
+            if json.loads(noted.read_text())["done"] > 2000:
+                process.send_signal(signal.SIGKILL)
+                process.wait()
+                return None if out.exists() else json.loads(noted.read_text())
+        except FileNotFoundError:
+            pass
         time.sleep(0.001)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    return json.loads(noted.read_text())
+    assert process.returncode == 0
+    return None
 
 
 def test_a_killed_scan_goes_on_to_the_same_bytes(lidar, park, tmp_path):
