@@ -1,7 +1,10 @@
 """Fixtures that several tests share, how tests draw their inputs, and how they end."""
 
 import os
+import shutil
 import sys
+import tempfile
+from pathlib import Path
 
 # Small matrices need no threads of their own: with several processes on the machine, OpenBLAS spends
 # most of its time waiting for its threads (7 times the CPU was measured). Before numpy is loaded; the
@@ -27,6 +30,7 @@ settings.register_profile(
 settings.load_profile("full")
 
 _outcome = pytest.StashKey()
+_cache = pytest.StashKey()
 
 # What takes long to make: a test that asks for it is as slow as one that is marked so.
 COSTLY = {"archive", "done"}
@@ -48,6 +52,18 @@ def empty_blender():
     return bpy
 
 
+def pytest_configure(config):
+    """Caches of this run alone: what another version of the code left in the user's is not ours to read.
+
+    The processes of xdist inherit it. Matplotlib's list of fonts stays where it is; it takes seconds.
+    """
+    if hasattr(config, "workerinput"):
+        return
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    os.environ.setdefault("MPLCONFIGDIR", str(home / "matplotlib"))
+    os.environ["XDG_CACHE_HOME"] = config.stash[_cache] = tempfile.mkdtemp(prefix="cache-")
+
+
 def pytest_sessionfinish(session, exitstatus):
     """Keep how the tests went, for the end."""
     session.config.stash[_outcome] = int(exitstatus)
@@ -56,6 +72,7 @@ def pytest_sessionfinish(session, exitstatus):
 @pytest.hookimpl(trylast=True)
 def pytest_unconfigure(config):
     """Leave without the clean-up of bpy 4.5: after a sound was loaded it may wait for ever for a thread."""
+    shutil.rmtree(config.stash.get(_cache, ""), ignore_errors=True)
     bpy = sys.modules.get("bpy")
     if bpy is not None and bpy.app.version < (5, 0) and _outcome in config.stash:
         sys.stdout.flush()

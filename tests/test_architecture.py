@@ -79,6 +79,7 @@ def name_of(path):
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
+@cache
 def project_imports():
     """{module: modules of the project that it imports}, imports inside functions counted."""
     known = {name_of(path) for path in ALL}
@@ -103,9 +104,6 @@ def project_imports():
     return arrows
 
 
-ARROWS = project_imports()
-
-
 def none_of(violations):
     """A rule names every place that breaks it, not the first."""
     found = sorted(violations)
@@ -128,12 +126,14 @@ def test_pure_rooms_import_no_blender():
 
 
 def test_rooms_import_only_to_their_left():
-    rooms = {name: name.split(".")[1] for name in ARROWS if name.startswith("forest_addon.")}
+    rooms = {
+        name: name.split(".")[1] for name in project_imports() if name.startswith("forest_addon.")
+    }
     none_of(f"{room} is no room" for room in set(rooms.values()) - set(ORDER))
     none_of(
         f"{name} imports {target}"
         for name, room in rooms.items()
-        for target in ARROWS[name] & rooms.keys()
+        for target in project_imports()[name] & rooms.keys()
         if ORDER.index(rooms[target]) > ORDER.index(room)
     )
 
@@ -150,7 +150,7 @@ def test_wings_of_a_room_import_only_what_they_may(room):
 
     none_of(
         f"{name} imports {target}"
-        for name, targets in ARROWS.items()
+        for name, targets in project_imports().items()
         for target in targets
         if wing(name) and wing(target) and wing(target) not in wings[wing(name)] | {wing(name)}
     )
@@ -178,7 +178,7 @@ def test_imports_inside_the_addon_are_relative_and_offline():
 
 def test_no_import_circles():
     """Files that only import files outside any circle are taken away until nothing changes."""
-    rest = {name: set(targets) for name, targets in ARROWS.items()}
+    rest = {name: set(targets) for name, targets in project_imports().items()}
     while True:
         free = {n for n, targets in rest.items() if not targets & rest.keys()}
         if not free:

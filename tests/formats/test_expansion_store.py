@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+from multiprocessing.synchronize import Event
 from pathlib import Path
 
 import numpy as np
@@ -96,9 +97,9 @@ def test_a_folder_that_cannot_be_written_to(tmp_path: Path) -> None:
     assert store.load(KEY) is None
 
 
-def _write(folder: str, rounds: int) -> None:
+def _write(folder: str, enough: Event) -> None:
     store, layers = ExpansionStore(folder), expand(KEY)
-    for _ in range(rounds):
+    while not enough.is_set():
         store.save(KEY, layers)
 
 
@@ -106,15 +107,21 @@ def _write(folder: str, rounds: int) -> None:
 def test_two_processes_write_the_same(tmp_path: Path) -> None:
     """A reader between them finds a whole file or none."""
     context = multiprocessing.get_context("spawn")
-    writers = [context.Process(target=_write, args=(str(tmp_path), 30)) for _ in range(2)]
+    enough = context.Event()
+    writers = [context.Process(target=_write, args=(str(tmp_path), enough)) for _ in range(2)]
     for writer in writers:
         writer.start()
     store, layers, seen = ExpansionStore(tmp_path), expand(KEY), 0
-    while any(writer.is_alive() for writer in writers):
-        found = store.load(KEY)
-        if store.path(KEY).exists() and found is not None:
-            seen += 1
-            assert same(found, layers)
+    try:
+        while seen < 30:
+            assert not any(writer.exitcode for writer in writers)
+            found = store.load(KEY)
+            if store.path(KEY).exists() and found is not None:
+                seen += 1
+                assert same(found, layers)
+    finally:
+        enough.set()
+        for writer in writers:
+            writer.join()
     assert [writer.exitcode for writer in writers] == [0, 0]
-    assert seen
     assert same(store.load(KEY), layers)

@@ -43,7 +43,7 @@ def process(*words, **options):
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=900,
         **options,
     )
 

@@ -19,7 +19,7 @@ def validate(path: Path) -> dict | None:
     if not PACKAGE.is_dir():
         HOME.mkdir(parents=True, exist_ok=True)
         words = ["npm", "install", "--silent", "--prefix", str(HOME), WANTED]
-        if subprocess.run(words, capture_output=True, timeout=120).returncode:
+        if subprocess.run(words, capture_output=True, timeout=900).returncode:
             return None
     script = (
         f"require({json.dumps(str(PACKAGE))})"

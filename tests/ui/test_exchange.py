@@ -10,8 +10,9 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, assume, given
 from hypothesis import strategies as st
+from references.examples import examples
 
 from forest_addon import spec
 from forest_addon.blender import sensors
@@ -19,10 +20,13 @@ from forest_addon.formats.toml_file import read_settings
 from forest_addon.ui import exchange, fields
 
 DEMO = Path(__file__).resolve().parents[2] / "assets/scenes/demo.toml"
-IN_BLENDER = settings(
-    max_examples=12,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.filter_too_much],
+IN_BLENDER = examples(
+    12,
+    suppress_health_check=[
+        HealthCheck.too_slow,  # a clock, on a machine that others use too
+        HealthCheck.function_scoped_fixture,
+        HealthCheck.filter_too_much,
+    ],
 )
 
 

@@ -95,7 +95,7 @@ def test_with_its_blend_file_the_scene_gives_the_same_bytes(slope, tmp_path):
     out = tmp_path / "headless"
     done = subprocess.run(
         [sys.executable, "-m", "headless", "run", str(path), "--out", str(out), "--quiet"],
-        cwd=ROOT, capture_output=True, text=True, timeout=300,
+        cwd=ROOT, capture_output=True, text=True, timeout=900,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     for name in ("cloud.laz", "reverb.wav", "echo.wav"):

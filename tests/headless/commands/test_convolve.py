@@ -1,7 +1,5 @@
 """The commands that let one hear a forest, and the findings of the paper's figures."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,16 +14,7 @@ ROOT = Path(__file__).resolve().parents[3]
 CLAP = ROOT / "assets" / "sounds" / "clap.wav"
 
 
-def headless(*words):
-    return subprocess.run(
-        [sys.executable, "-m", "headless", *map(str, words)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-    )
-
-
-def test_convolve_from_the_command_line(tmp_path):
+def test_convolve_from_the_command_line(headless, tmp_path):
     response = tmp_path / "ir.wav"
     wavfile.write(response, 48_000, np.array([[0, 1.0], [0.5, 0]], np.float32))
     ended = headless("convolve", response, CLAP)

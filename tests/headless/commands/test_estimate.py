@@ -1,9 +1,5 @@
 """A map of trees becomes a scene, and its forests are like the site."""
 
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -18,7 +14,6 @@ from forest_addon.stand.poisson import sample
 from forest_addon.stand.process import Process
 from headless.work.estimate import estimate_site
 
-ROOT = Path(__file__).resolve().parents[3]
 UTM = np.array([432_100.0, 5_612_300.0])
 SITE = {
     "pine": Mixture(np.array([0.16]), np.array([[40.0, 60.0]]), np.array([[25.0, 15.0]])),
@@ -150,22 +145,13 @@ def test_bad_windows(tmp_path, window, said):
     assert said in str(problem.value)
 
 
-def test_the_command(site, tmp_path):
+@pytest.mark.slow
+def test_the_command(headless, site, tmp_path):
     words = ["estimate", site, "--out", tmp_path / "s.toml", "--species", "pine=spruce"]
-    ended = subprocess.run(
-        [sys.executable, "-m", "headless", *map(str, words)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-    )
+    ended = headless(*words)
     assert ended.returncode == 0, ended.stderr
     assert "Next: python -m headless stand" in ended.stdout
     words[-1] = "pine=elm"
-    ended = subprocess.run(
-        [sys.executable, "-m", "headless", *map(str, words)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-    )
+    ended = headless(*words)
     assert ended.returncode == 2
     assert ended.stderr.startswith('error: --species: "elm" is no preset')

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import laspy
@@ -22,8 +23,9 @@ def words(*arguments):
     return [sys.executable, "-m", "headless", "lidar", *map(str, arguments)]
 
 
-def headless(*arguments):
-    return subprocess.run(words(*arguments), cwd=ROOT, capture_output=True, text=True, timeout=300)
+@pytest.fixture
+def lidar(headless):
+    return partial(headless, "lidar")
 
 
 @pytest.fixture(scope="module")
@@ -51,11 +53,9 @@ SCAN += ("--set", "beam.subrays=7")
 
 
 @pytest.mark.slow
-def test_a_scene_of_ones_own(park, tmp_path):
+def test_a_scene_of_ones_own(lidar, park, tmp_path):
     out = tmp_path / "scan.laz"
-    ended = headless(
-        park, *SCAN, "--azimuth", "-45,45", "--offset", "465000,5473000,0", "--out", out
-    )
+    ended = lidar(park, *SCAN, "--azimuth", "-45,45", "--offset", "465000,5473000,0", "--out", out)
     assert ended.returncode == 0, ended.stderr
     assert "points of" in ended.stderr.splitlines()[-1]
     assert [p.name for p in tmp_path.iterdir()] == ["scan.laz"]
@@ -70,30 +70,45 @@ def test_a_scene_of_ones_own(park, tmp_path):
 
 
 def killed_while(park, out, *more):
-    """Start a scan, wait until some of it is on disk, and kill it as a power cut would."""
+    """Start a scan, wait until some of it is on disk, and kill it as a power cut would.
+
+    On a busy machine the scan may be over before we look again: then once more.
+    """
+    for _ in range(20):
+        if noted := killed(park, out, *more):
+            return noted
+        out.unlink()
+    pytest.fail("every scan was over before it could be killed")
+
+
+def killed(park, out, *more):
+    """What the killed scan had noted, or nothing where it was done before."""
     process = subprocess.Popen(
         words(park, *SCAN, "--out", out, "--chunk", 700, "--quiet", *more), cwd=ROOT
     )
     noted = out.with_suffix(".partial.json")
-    end = time.monotonic() + 120
-    while not (noted.exists() and json.loads(noted.read_text())["done"] > 2000):
-        assert process.poll() is None, "the scan was over before it could be killed"
-        assert time.monotonic() < end
+    while process.poll() is None:
+        try:
+            if json.loads(noted.read_text())["done"] > 2000:
+                process.send_signal(signal.SIGKILL)
+                process.wait()
+                return None if out.exists() else json.loads(noted.read_text())
+        except FileNotFoundError:
+            pass
         time.sleep(0.001)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    return json.loads(noted.read_text())
+    assert process.returncode == 0
+    return None
 
 
-def test_a_killed_scan_goes_on_to_the_same_bytes(park, tmp_path):
+def test_a_killed_scan_goes_on_to_the_same_bytes(lidar, park, tmp_path):
     whole, cut = tmp_path / "whole.laz", tmp_path / "cut.laz"
-    assert headless(park, *SCAN, "--out", whole, "--quiet").returncode == 0
+    assert lidar(park, *SCAN, "--out", whole, "--quiet").returncode == 0
     noted = killed_while(park, cut)
     assert not cut.exists()
     head = (tmp_path / "cut.partial.ply").read_bytes()[:400].decode("ascii", "replace")
     (count,) = [int(line.split()[2]) for line in head.splitlines() if "element vertex" in line]
     assert count >= noted["points"] > 0  # readable up to the last chunk
-    ended = headless(park, *SCAN, "--out", cut, "--resume")
+    ended = lidar(park, *SCAN, "--out", cut, "--resume")
     assert ended.returncode == 0, ended.stderr
     assert cut.read_bytes() == whole.read_bytes()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cut.laz", "whole.laz"]
@@ -101,12 +116,10 @@ def test_a_killed_scan_goes_on_to_the_same_bytes(park, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("follow", ["Way", "Drone"])
-def test_a_scanner_follows_a_curve_or_an_object(park, tmp_path, follow):
+def test_a_scanner_follows_a_curve_or_an_object(lidar, park, tmp_path, follow):
     out = tmp_path / "scan.npz"
     more = ("--set", "pulse_rate=20000", "--set", "line_rate=20", "--set", "min_range=1")
-    ended = headless(
-        park, "--scanner", "riegl-minivux-1uav", "--along", follow, *more, "--out", out
-    )
+    ended = lidar(park, "--scanner", "riegl-minivux-1uav", "--along", follow, *more, "--out", out)
     assert ended.returncode == 0, ended.stderr
     with np.load(out) as data:
         assert len(data["x"]) > 500
@@ -114,18 +127,18 @@ def test_a_scanner_follows_a_curve_or_an_object(park, tmp_path, follow):
         assert data["z"].min() > -0.2  # nothing lies below the ground but noise
 
 
-def test_a_flight_over_it(park, tmp_path):
+def test_a_flight_over_it(lidar, park, tmp_path):
     more = ("--set", "track=20", "--set", "speed=20", "--set", "pulse_rate=10000")
     out = tmp_path / "scan.ply"
-    ended = headless(
+    ended = lidar(
         park, "--scanner", "riegl-vux-1uav", "--at", "-10,0,60", "--azimuth", 0, *more, "--out", out
     )
     assert ended.returncode == 0, ended.stderr
     assert out.stat().st_size > 97 * 100
 
 
-def test_the_list_of_scanners():
-    ended = headless("--list")
+def test_the_list_of_scanners(lidar):
+    ended = lidar("--list")
     assert ended.returncode == 0
     assert "riegl-vz-400i" in ended.stdout
     assert len(ended.stdout.splitlines()) == 9
@@ -193,10 +206,10 @@ def test_scanners_of_a_scene_file(tmp_path):
     assert "by riegl-vux-1uav gave" in page
 
 
-def test_an_empty_scene(tmp_path):
+def test_an_empty_scene(lidar, tmp_path):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     path = tmp_path / "empty.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    ended = headless(path, *SCAN, "--out", tmp_path / "o.laz")
+    ended = lidar(path, *SCAN, "--out", tmp_path / "o.laz")
     assert ended.returncode == 2
     assert "has nothing to scan" in ended.stderr
