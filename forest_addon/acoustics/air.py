@@ -59,14 +59,24 @@ def absorption(
     if np.any(wetness < 0) or np.any(wetness > 100):
         raise ValueError("the relative humidity must be from 0 to 100 %")
 
-    saturation = 10.0 ** (-6.8346 * (_TRIPLE_POINT_KELVIN / kelvin) ** 1.261 + 4.6151)  # (B.3)
-    vapour = wetness * saturation / pressure  # molar concentration in %, (B.1)
-    oxygen = pressure * (24.0 + 4.04e4 * vapour * (0.02 + vapour) / (0.391 + vapour))  # Hz, (3)
-    nitrogen = pressure * warmth**-0.5  # Hz, (4)
-    nitrogen = nitrogen * (9.0 + 280.0 * vapour * np.exp(-4.170 * (warmth ** (-1 / 3) - 1.0)))
-
+    oxygen, nitrogen = relaxation(temperature_c, humidity, pressure_kpa)
     classical = 1.84e-11 / pressure * np.sqrt(warmth)
-    relaxation = 0.01275 * np.exp(-2239.1 / kelvin) * oxygen / (oxygen**2 + squared)
-    relaxation = relaxation + 0.1068 * np.exp(-3352.0 / kelvin) * nitrogen / (nitrogen**2 + squared)
-    loss: np.ndarray = squared * (classical + warmth**-2.5 * relaxation)  # Np/m, (5)
+    relaxing = 0.01275 * np.exp(-2239.1 / kelvin) * oxygen / (oxygen**2 + squared)
+    relaxing = relaxing + 0.1068 * np.exp(-3352.0 / kelvin) * nitrogen / (nitrogen**2 + squared)
+    loss: np.ndarray = squared * (classical + warmth**-2.5 * relaxing)  # Np/m, (5)
     return loss
+
+
+def relaxation(
+    temperature_c: ArrayLike = 20.0, humidity: ArrayLike = 50.0, pressure_kpa: ArrayLike = 101.325
+) -> tuple[np.ndarray, np.ndarray]:
+    """Relaxation frequencies of oxygen and of nitrogen, Hz; the arguments broadcast."""
+    kelvin = np.asarray(temperature_c, dtype=np.float64) + 273.15
+    warmth = kelvin / _REFERENCE_KELVIN
+    pressure = np.asarray(pressure_kpa, dtype=np.float64) / _REFERENCE_KPA
+    saturation = 10.0 ** (-6.8346 * (_TRIPLE_POINT_KELVIN / kelvin) ** 1.261 + 4.6151)  # (B.3)
+    vapour = np.asarray(humidity, np.float64) * saturation / pressure  # molar share in %, (B.1)
+    oxygen = pressure * (24.0 + 4.04e4 * vapour * (0.02 + vapour) / (0.391 + vapour))  # (3)
+    nitrogen = pressure * warmth**-0.5  # (4)
+    nitrogen = nitrogen * (9.0 + 280.0 * vapour * np.exp(-4.170 * (warmth ** (-1 / 3) - 1.0)))
+    return oxygen, nitrogen

@@ -1,9 +1,13 @@
 """The air as a filter that changes in time: what arrives after t has lost e^{-b(f)ct}.
 
-Samples go in that have lost nothing yet, and those that have come out. e^{-b(f)x} ≈ Σ_q A_q(f)·B_q(x) by
-singular value decomposition, so that a few products and transforms do, for all paths at once:
-Σ_q A_q · FFT(B_q(ct)·samples). A scattered sound of several arrivals from one trunk loses by the axis'
-path and not by each arrival's own; ``undone`` changes the filters of such sounds accordingly.
+Samples go in that have lost nothing yet, and those that have come out. They are cut into blocks of the
+distance x = ct; within one, from x₀ - h to x₀ + h, the loss is a short series in closed form,
+
+    e^{-b(x₀ + h·u)} = e^{-bx₀}·Σ_q ε_q·(-1)^q·I_q(bh)·T_q(u),   ε₀ = 1, else 2 (DLMF 10.35.3),
+
+so that a block is a few products and transforms, its error relative to what is left there of each
+frequency. A scattered sound of several arrivals from one trunk loses by the axis' path and not by each
+arrival's own; ``undone`` changes the filters of such sounds accordingly.
 """
 
 from __future__ import annotations
@@ -11,17 +15,19 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.polynomial import chebyshev
-from scipy import fft, linalg
+from scipy import fft, special
 
-from ...acoustics.air import absorption
+from ...acoustics.air import absorption, relaxation
 from ...spec import Air
+from .field_table import polynomials
+from .scattering import roll_off
 
-NODES = 120  # in distance
-FREQUENCIES = 500
-PADDING = 512  # samples after the end; the filters' answers are shorter
-BEFORE = 2048  # samples before 0 for which the air's gain is defined
-SHARE = 0.2  # of the tolerance, for leaving out terms
+SHORTEST = 1536  # samples of a block at least
+LONGEST_TAIL = 0.1  # s for which a filter of the air answers, at most
+DECAYS = 16.0  # of the slowest relaxation, after which it has
+FADE = 256  # samples over which a block gives way to the next: a cut would sound at all frequencies
+BLOCKS_AT_ONCE = 16
+ROUNDS = 8
 
 
 class AirFilter:
@@ -30,72 +36,69 @@ class AirFilter:
     def __init__(self, rate: float, air: Air, tolerance: float) -> None:
         self.rate, self.air, self.tolerance = rate, air, tolerance
         self.step = air.speed() / rate  # metres a sample
-        self._bases: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
-        self._tables: dict[tuple[int, int, int, type], tuple[np.ndarray, np.ndarray]] = {}
-
-    def loss(self, frequency: np.ndarray) -> np.ndarray:
-        """b(f) in nepers per metre."""
-        air = self.air
-        return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
+        slowest = min(relaxation(air.temperature_c, air.humidity, air.pressure_kpa))
+        tail = min(LONGEST_TAIL, DECAYS / (2.0 * math.pi * slowest))
+        self._tail = 64 + math.ceil(tail * rate)
+        self._hop = max(SHORTEST, 3 * self._tail)
+        self._block = self._hop + FADE
+        self._size = fft.next_fast_len(self._block + 2 * self._tail, real=True)
+        self._block = self._size - 2 * self._tail
+        self._hop = self._block - FADE
+        frequency = np.arange(self._size // 2 + 1) * (rate / self._size)
+        self._loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
+        half = 0.5 * self._block * self.step
+        orders = np.arange(32)[:, None]
+        # e^{-bh} is left of the series: at the block's near end it was 1
+        gains = special.ive(orders, half * self._loss) * np.exp(half * self._loss)
+        gains *= np.where(orders % 2 == 0, 1.0, -1.0) * np.where(orders == 0, 1.0, 2.0)
+        size = np.abs(gains * np.exp(-half * self._loss)).max(axis=1)
+        terms = int(np.flatnonzero(size > 0.1 * tolerance)[-1]) + 1
+        self._gains = gains[:terms]  # (Q, F)
+        place = (2.0 * np.arange(self._block) + 1.0) / self._block - 1.0
+        fall = roll_off(0.45 + 0.05 * (np.arange(FADE) + 0.5) / FADE)
+        window = np.concatenate([1.0 - fall, np.ones(self._block - 2 * FADE), fall])
+        self._shapes = polynomials(place, terms) * window  # (Q, block)
 
     def apply(self, samples: np.ndarray, first: int) -> np.ndarray:
-        """(N,) samples with the air's loss; samples[0] is heard ``first`` samples after the source.
+        """(..., N) samples with the air's loss; samples[0] is heard ``first`` samples after the source.
 
         What is heard before the source sounds, the roll-off's ringing, is gained e^{-b(f)ct} > 1.
         """
-        size = fft.next_fast_len(len(samples) + PADDING, real=True)
-        gains, shapes = self._table(first, size, len(samples), samples.dtype.type)
-        spectra = fft.rfft(shapes * samples, size, axis=1)
-        spectra *= gains
-        filtered: np.ndarray = fft.irfft(spectra.sum(axis=0), size)[: len(samples)]
-        return filtered
+        rows = samples.reshape(-1, samples.shape[-1])
+        hop, tail, size = self._hop, self._tail, self._size
+        count = -(-(rows.shape[1] + FADE) // hop)
+        padded = np.zeros((len(rows), (count - 1) * hop + self._block))
+        padded[:, FADE : FADE + rows.shape[1]] = rows
+        total = np.zeros((len(rows), padded.shape[1] + 2 * tail))
+        several = max(1, BLOCKS_AT_ONCE // len(rows))
+        for start in range(0, count, several):
+            numbers = range(start, min(start + several, count))
+            cut = np.array([padded[:, hop * n : hop * n + self._block] for n in numbers])
+            middle = first - FADE + np.array(numbers) * hop + 0.5 * self._block - 0.5
+            spectrum = np.zeros((*cut.shape[:2], size // 2 + 1), np.complex128)
+            for shape, gain in zip(self._shapes, self._gains, strict=True):
+                part = fft.rfft(cut * shape, size)
+                part *= gain
+                spectrum += part
+            spectrum *= np.exp(-np.outer(middle * self.step, self._loss))[:, None]
+            whole = fft.irfft(spectrum, size)
+            for number, part in zip(numbers, whole, strict=True):
+                here = total[:, number * hop : number * hop + size]
+                here[:, :tail] += part[:, -tail:]
+                here[:, tail:] += part[:, :-tail]
+        kept = total[:, tail + FADE : tail + FADE + rows.shape[1]]
+        return kept.reshape(samples.shape)
 
-    def undone(self, filters: np.ndarray, lead: int, rounds: int = 4) -> np.ndarray:
+    def undone(self, filters: np.ndarray, lead: int) -> np.ndarray:
         """Filters (R, T) that become the given ones when the air is applied from -lead on.
 
         By fixed-point iteration; each round's error is that of the one before times the air's loss
-        within a filter, a few per cent.
+        within a filter.
         """
         changed = filters.copy()
-        for _ in range(rounds):
-            changed += filters - np.array([self.apply(row, -lead) for row in changed])
+        for _ in range(ROUNDS):
+            gap = filters - self.apply(changed, -lead)
+            changed += gap
+            if np.linalg.norm(gap) <= 1e-4 * self.tolerance * np.linalg.norm(filters):
+                break
         return changed
-
-    def _table(
-        self, first: int, size: int, count: int, dtype: type
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """(Q, size // 2 + 1) gains in frequency and (Q, count) gains in time."""
-        key = (first, size, count, dtype)
-        if key not in self._tables:
-            octave = max(10, math.ceil(math.log2(first + count + 1)))
-            series, nodes, right = self._basis(octave)
-            frequency = np.arange(size // 2 + 1) * (self.rate / size)
-            gains = np.exp(-np.outer(self.loss(frequency), nodes)) @ right
-            x = _to_unit((np.arange(count) + first) * self.step, *self._span(octave))
-            shapes = chebyshev.chebval(x, series)
-            self._tables[key] = gains.T.astype(dtype), shapes.astype(dtype)
-        return self._tables[key]
-
-    def _span(self, octave: int) -> tuple[float, float]:
-        return -BEFORE * self.step, (1 << octave) * self.step
-
-    def _basis(self, octave: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Chebyshev series (C, Q) of B_q, the nodes (C,) in metres, and what turns e^{-bx} into A_q."""
-        if octave not in self._bases:
-            low, high = self._span(octave)
-            x = np.cos(math.pi * (np.arange(NODES) + 0.5) / NODES)
-            nodes = low + (high - low) * ((x + 1.0) / 2.0) ** 2
-            loss = self.loss(np.linspace(0.0, self.rate / 2, FREQUENCIES))
-            _, size, right = linalg.svd(np.exp(-np.outer(loss, nodes)), full_matrices=False)
-            rest = np.sqrt(np.cumsum(size[::-1] ** 2)[::-1])
-            terms = int(np.count_nonzero(rest > SHARE * self.tolerance * rest[0]))
-            series = chebyshev.chebfit(x, right[:terms].T, NODES - 1)
-            self._bases[octave] = series, nodes, right[:terms].T
-        return self._bases[octave]
-
-
-def _to_unit(distance: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Distances from low to high as -1 to 1, by their square root: the near ones are wide apart."""
-    share = np.clip((distance - low) / (high - low), 0.0, 1.0)
-    unit: np.ndarray = 2.0 * np.sqrt(share) - 1.0
-    return unit

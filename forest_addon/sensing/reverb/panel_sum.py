@@ -233,7 +233,7 @@ class _Boxes:
         heights[held:] = self._each_alone(order[held:], k, shift)
         rows = order[:held]
         around, across = sectors.lagrange(rows), bins.lagrange(rows)
-        basis = (around[:, :, None] * across[:, None]).reshape(held, -1)
+        basis = (around[:, :, None] * across[:, None]).reshape(held, sectors.nodes * bins.nodes)
         starts = np.flatnonzero(np.diff(key[rows], prepend=-1)).tolist()
         ends = [*starts[1:], held]
         box = key[rows[starts]] if starts else np.empty(0, np.int64)

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+from scipy import fft, special
 
 from ...acoustics.cylinder import transfer
 from ...acoustics.spectrum import delay_factors, frequency_panels
@@ -24,8 +24,7 @@ Progress = Callable[[int, int], None]
 PANEL_KA = 3.0  # width of a panel in ka of the octave's thickest trunk
 TRUNKS_AT_ONCE = 512
 BINS_AT_ONCE = 512
-RINGING = 2500.0  # a/c; what comes later is 1e-7 of a trunk's answer (it falls as t^-2.5)
-LONGEST_RINGING = 3.0  # s, however thick the trunk
+RINGING = 1.5  # s after the last arrival; a trunk's answer falls as t^-2.5 and is below 10 Hz then
 SPREAD = 256  # samples; so far does the roll-off spread an arrival, to 1e-8 of its peak
 
 
@@ -90,6 +89,12 @@ def trunk_paths(
         radius=trunks.radius,
         clamped=clamped,
     )
+
+
+def transform_length(paths: TrunkPaths, rate: float, count: int, sound_speed: float) -> int:
+    """Samples of a transform that is longer than the last path and its ringing: nothing wraps around."""
+    last = float(paths.length.max(initial=0.0)) / sound_speed + RINGING
+    return int(fft.next_fast_len(max(math.ceil(last * rate), count) + 2 * SPREAD, real=True))
 
 
 def scattered_spectrum(

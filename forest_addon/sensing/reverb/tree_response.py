@@ -8,6 +8,7 @@ expansions (``fast_scattering``). A few trunks are summed exactly in any case, b
 from __future__ import annotations
 
 import math
+
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -18,12 +19,11 @@ from ...acoustics.air import absorption
 from ...spec import Air, Reverb
 from .fast_scattering import FEW_RADII, Expansions
 from .scattering import (
-    LONGEST_RINGING,
-    RINGING,
     SPREAD,
     TrunkPaths,
     roll_off,
     scattered_spectrum,
+    transform_length,
     trunk_paths,
 )
 from .slices import Trunks
@@ -81,9 +81,13 @@ def tree_response(
     exact = reverb.tolerance == 0 or len(within.length) <= _soon_summed(within.radius, count)
     if exact:
         samples = direct_sum(within, reverb.sample_rate, count, air, progress)
+        errors: dict[float, float] = {}
     else:
         prepared = Expansions() if expansions is None else expansions
-        samples = prepared.sum(within, reverb.sample_rate, count, air, reverb.tolerance)
+        found = prepared.sum(within, reverb.sample_rate, count, air, reverb.tolerance)
+        samples, errors = found.samples, found.errors
+    first = float(within.earliest.min(initial=math.inf)) / air.speed() * reverb.sample_rate
+    samples[: int(min(max(0.0, first - SPREAD), count))] = 0.0  # before, there are rounding errors
     return TreeResponse(samples, heard, int(paths.clamped.sum()), exact)
 
 
@@ -102,9 +106,7 @@ def direct_sum(
     """
     if len(paths.length) == 0:
         return np.zeros(count)
-    ringing = np.minimum(RINGING * paths.radius / air.speed(), LONGEST_RINGING)
-    size = math.ceil(float((paths.length / air.speed() + ringing).max()) * rate)
-    size = fft.next_fast_len(max(size, count) + 2 * SPREAD, real=True)
+    size = transform_length(paths, rate, count, air.speed())
     frequency = np.arange(size // 2 + 1) * (rate / size)
     loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
     spectrum = scattered_spectrum(paths, rate / size, loss, air.speed(), progress)
