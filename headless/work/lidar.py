@@ -182,7 +182,9 @@ def scan_blend(
         )
         for lost in done.lost:
             text = f"Not measured, by a fault of this program that is worth a report: {lost}"
-            print(text, file=sys.stderr, flush=True)  # whoever wants no words but errors wants this one
+            print(
+                text, file=sys.stderr, flush=True
+            )  # whoever wants no words but errors wants this one
     finally:
         with hushed():  # with an evaluated scene at hand, bpy 4.5 never ends
             empty_file()

@@ -1,8 +1,4 @@
-<<<<<<< /tmp/t_ours.py
-"""A user's tree as STL files becomes a species that grows.
-=======
-"""``python -m headless template``: a user's tree in files becomes a species that grows.
->>>>>>> /tmp/t_theirs.py
+"""A user's tree in files becomes a species that grows.
 
 Written into a folder: the library (``formats/template_library``) and a picture of what was recognised. A
 scene then plants the species file; scene.toml is one.
@@ -17,7 +13,7 @@ from forest_addon.formats.template_library import Library, NotUnderstoodError, m
 from forest_addon.growth.template.parts import Group
 from forest_addon.spec import SpecError
 
-from ..report.recognised import draw_recognised
+from ..report.recognised import draw_problem, draw_recognised
 
 Say = Callable[[str], None]
 
@@ -46,22 +42,14 @@ def make_template(
         groups = _groups(wood, leaves)
         made = make_library(wood, leaves, name, height, out, groups=groups, unit=unit, up=up)
     except NotUnderstoodError as problem:
-        from ..report.recognised import draw_problem
-
         out.mkdir(parents=True, exist_ok=True)
         picture = draw_problem(problem.facets, problem.places, name, out / "recognised.png")
         raise SpecError("template", f"{problem.problem} {picture} shows where.") from None
     except SpecError as problem:
         asked = problem.key in ("name", "height", "unit", "up")
         raise SpecError(f"--{problem.key}" if asked else problem.key, problem.problem) from None
-<<<<<<< /tmp/t_ours.py
-    _tell(made, height > 0, say)
-=======
     _tell(made, height > 0, bool(unit), say)
     _tell_how(made, bool(up), say)
-    from ..report.recognised import draw_recognised
-
->>>>>>> /tmp/t_theirs.py
     draw_recognised(made.found, made.unit.metres, name, out / "recognised.png")
     say(f"Wrote {made.species}, its STL files, recognised.png and scene.toml.")
     say(f"Next: python -m headless run {out / 'scene.toml'}")

@@ -307,7 +307,9 @@ def _wood(found: Recognition, lines: Lines, origin: np.ndarray, metres: float) -
     towards_next = (part >= 0.5) & (stretch < last)
     from_before = (part < 0.5) & (stretch > 0)
     return Wood(
-        mesh=TriMesh(mesh.vertices, mesh.triangles, mesh.part, mesh.leaf, mesh.material, edges=edges),
+        mesh=TriMesh(
+            mesh.vertices, mesh.triangles, mesh.part, mesh.leaf, mesh.material, edges=edges
+        ),
         vertices=Runs.of(owner, len(found.parent)),
         triangles=Runs.of(found.wood.piece[order], len(found.parent)),
         edges=Runs.of(owner[edges.ends[:, 0]], len(found.parent)),

@@ -201,7 +201,9 @@ def _classes(anatomy: Anatomy, share: np.ndarray) -> np.ndarray:
         cut = len(ordered) // 2
         if extent[along] > 1.0:  # where the widest gap near the middle is
             near = slice(max(1, len(ordered) // 4), max(2, len(ordered) - len(ordered) // 4))
-            cut = near.start + int(np.argmax(np.diff(feature[ordered, along])[near.start - 1 : near.stop - 1]))
+            cut = near.start + int(
+                np.argmax(np.diff(feature[ordered, along])[near.start - 1 : near.stop - 1])
+            )
         cells += [ordered[:cut], ordered[cut:]]
     return kind
 

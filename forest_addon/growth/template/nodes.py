@@ -90,7 +90,9 @@ def place_daughters(
         azimuth = _turned(habit, piece, key, row, owner, at, variety)
     else:
         azimuth = azimuth + variety * SIDE_SPREAD * keyed_normal(own_key, "side")
-    azimuth = azimuth + np.where(twin > 0, np.pi * (0.4 + 1.2 * keyed_uniform(own_key, "across")), 0)
+    azimuth = azimuth + np.where(
+        twin > 0, np.pi * (0.4 + 1.2 * keyed_uniform(own_key, "across")), 0
+    )
     return Placed(slot, piece[owner], owner, own_key, share, place, azimuth)
 
 

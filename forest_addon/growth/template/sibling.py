@@ -254,9 +254,7 @@ def _lay(habit: Habit, variety: float, wanted: _Wanted, order: int) -> Grown:
     size = np.diff(lines.first)[wanted.piece]
     first = bounds(size)
     rank = np.arange(len(source)) - first[owner]
-    bend = habit.anatomy.bend[source] * np.stack(
-        [wanted.sign[owner], np.ones(len(owner))], axis=1
-    )
+    bend = habit.anatomy.bend[source] * np.stack([wanted.sign[owner], np.ones(len(owner))], axis=1)
     if variety > 0:
         bend = _bent_otherwise(bend, wanted.key[owner], rank / size[owner], variety, order)
     if variety > 0 and order:
@@ -347,6 +345,4 @@ def _joined(levels: Sequence[Grown]) -> Grown:
         for level, at in zip(levels, below, strict=False)
     ]
     rest = ("piece", "order", "sign", "scale", "key", "share", "bend", "source", "girth")
-    return Grown(
-        mother=np.concatenate(mother), lines=lines, **{name: every(name) for name in rest}
-    )
+    return Grown(mother=np.concatenate(mother), lines=lines, **{name: every(name) for name in rest})

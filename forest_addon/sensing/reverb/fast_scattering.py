@@ -61,7 +61,11 @@ class Expansions:
         cosine = np.cos(paths.angle)
         errors: dict[float, float] = {}
         for radius in different.tolist():
-            rows = slice(None) if len(different) == 1 == len(np.unique(paths.radius)) else paths.radius == radius
+            rows = (
+                slice(None)
+                if len(different) == 1 == len(np.unique(paths.radius))
+                else paths.radius == radius
+            )
             some, turned = paths.select(rows), cosine[rows]
             for layer in self._set_up(radius, rate, air, tolerance):
                 total += layer.sum(some, turned, size)
@@ -87,9 +91,7 @@ class Expansions:
         return self._layers[key]
 
 
-def _by_panels(
-    paths: TrunkPaths, rate: float, count: int, air: Air, tolerance: float
-) -> FastSum:
+def _by_panels(paths: TrunkPaths, rate: float, count: int, air: Air, tolerance: float) -> FastSum:
     size = transform_length(paths, rate, count, air.speed())
     frequency = np.arange(size // 2 + 1) * (rate / size)
     loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)

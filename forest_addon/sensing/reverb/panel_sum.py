@@ -29,7 +29,11 @@ from .field_table import FieldTable, middle, near_face, polynomials, series
 from .scattering import TrunkPaths
 
 RATIO = 4.0  # thickest over thinnest radius of the trunks that share panels
-FIRST, GROWTH, WIDEST = 0.1, 4.0, 16.0  # ends of panels in ka of the thickest: the first; factor; step
+FIRST, GROWTH, WIDEST = (
+    0.1,
+    4.0,
+    16.0,
+)  # ends of panels in ka of the thickest: the first; factor; step
 MOST_NODES, TRIED_NODES = 40, 64  # of a panel; at which its series is looked at
 FEW_BINS = 6  # of a panel that needs no interpolation
 SHARE = 0.3  # of the tolerance, for each approximation
@@ -87,7 +91,11 @@ class _Group:
         self.thickest = float(paths.radius.max())
         rng = stream(len(paths.length), "panels", "checks")
         loudness = np.square(paths.weight * paths.radius)
-        drawn = rng.choice(len(loudness), PROBES, p=loudness / loudness.sum()) if loudness.any() else [0]
+        drawn = (
+            rng.choice(len(loudness), PROBES, p=loudness / loudness.sum())
+            if loudness.any()
+            else [0]
+        )
         self.probes, self.rng = np.unique(drawn), rng
 
     def add_to(self, spectrum: np.ndarray) -> list[Check]:
@@ -131,7 +139,9 @@ class _Panel:
         values = self.boxes.table.at(z)
         best, shift = MOST_NODES + 1, middle
         for way in (near_face, middle):
-            turned = values * np.exp(-1j * np.outer(z, way(self.boxes.angles) - middle(self.boxes.angles)))
+            turned = values * np.exp(
+                -1j * np.outer(z, way(self.boxes.angles) - middle(self.boxes.angles))
+            )
             size = np.abs(series(turned, 0))
             tail = np.cumsum(size[::-1], axis=0)[::-1]
             large = (tail > self.group.allowed * np.abs(values).max(axis=0)).any(axis=1)
@@ -155,7 +165,9 @@ class _Panel:
         paths = group.paths.select(rows)
         self._check(rows, paths, heights)
         grid_frequency = np.arange(len(group.loss)) * group.spacing
-        heights *= np.exp(-np.outer(paths.length, np.interp(self.nodes, grid_frequency, group.loss)))
+        heights *= np.exp(
+            -np.outer(paths.length, np.interp(self.nodes, grid_frequency, group.loss))
+        )
         weight = paths.weight * paths.radius**2
         delay = (paths.length - paths.radius * self.shift(paths.angle)) / group.speed
         level = self._wavenumber(self.frequency) ** 1.5
@@ -179,7 +191,9 @@ class _Panel:
         low, high = self.frequency[[0, -1]]
         frequency = self.group.rng.uniform(low, high)
         k = float(self._wavenumber(np.array(frequency)))
-        place = np.array([2.0 * (frequency - low) / (high - low) - 1.0]) if high > low else np.zeros(1)
+        place = (
+            np.array([2.0 * (frequency - low) / (high - low) - 1.0]) if high > low else np.zeros(1)
+        )
         if len(self.frequency) <= FEW_BINS:
             k, found = float(self._wavenumber(self.nodes[0])), heights[here, 0]
             frequency = float(self.nodes[0])
@@ -204,7 +218,9 @@ class _Boxes:
         self.paths = paths
         radius, angle, k = paths.radius, paths.angle, float(wavenumber[1])
         across = REACH * k * float(np.ptp(radius)) / 2
-        around = (k * float(radius.max()) + 2.0) * float(np.ptp(angle)) / 2  # 2: Rayleigh's 1 - 2cos φ
+        around = (
+            (k * float(radius.max()) + 2.0) * float(np.ptp(angle)) / 2
+        )  # 2: Rayleigh's 1 - 2cos φ
         turn = TURN
         while True:
             self.bins = _Side(radius, across, turn, allowed)
