@@ -11,7 +11,7 @@ RUN := $(VENV)/bin/python
 READY := $(VENV)/ready
 
 .DEFAULT_GOAL := help
-.PHONY: help demo check test test-gui lint bench docs extension words clean distclean
+.PHONY: help demo check test test-gui lint bench docs architecture extension words clean distclean
 
 help: ## list what can be made
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' Makefile
@@ -50,6 +50,9 @@ extension: $(READY) ## build the Blender extension in build/; PLATFORM=all for e
 
 words: $(READY) ## write the template for translators, build/forest_sensing.pot
 	@$(RUN) packaging/list_words.py
+
+architecture: $(READY) ## draw docs/pictures/architecture.png anew, from the imports of the code
+	@$(RUN) packaging/draw_architecture.py
 
 clean: ## remove caches, build/ and out/demo
 	@rm -rf build out/demo *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis

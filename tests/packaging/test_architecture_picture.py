@@ -1,0 +1,69 @@
+"""The picture in docs/architecture.md shows the code as it is."""
+
+import importlib.util
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def drawing():
+    file = ROOT / "packaging" / "draw_architecture.py"
+    spec = importlib.util.spec_from_file_location("draw_architecture", file)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_picture_is_current(drawing):
+    with Image.open(drawing.PICTURE) as image:
+        shown = json.loads(image.info[drawing.SHOWN])
+    assert shown == drawing.shown_of(drawing.project_arrows()), "run: make architecture"
+
+
+def reachable(arrows, start):
+    found, pending = {start}, [start]
+    while pending:
+        here = pending.pop()
+        for a, b in arrows:
+            if a == here and b not in found:
+                found.add(b)
+                pending.append(b)
+    return found
+
+
+@pytest.mark.parametrize(
+    "module", ["sensing.lidar.scan", "sensing.reverb.response", "stand.plan", "formats.las"]
+)
+def test_what_python_really_loads_is_below_in_the_picture(drawing, module):
+    """The arrows are read from the text; here Python says what an import brought in."""
+    code = f"import sys, forest_addon.{module}; print(*sys.modules)"
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    ours = [name for name in loaded.stdout.split() if name.startswith("forest_addon.")]
+    boxes = {drawing.box_of(name) for name in ours}
+    arrows = drawing.project_arrows()
+    arrows += [(wing, wing.split("/")[0]) for wing in drawing.WINGS]  # a package loads its own file
+    assert len(boxes) > 2
+    assert boxes <= reachable(arrows, drawing.box_of(f"forest_addon.{module}"))
+
+
+def test_arrows_that_follow_are_left_out(drawing):
+    arrows = [("ui", "blender"), ("blender", "spec"), ("ui", "spec"), ("ui", "sensing/lidar")]
+    arrows += [("sensing/lidar", "spec"), ("blender", "sensing/lidar")]
+    expected = [("blender", "sensing"), ("sensing/lidar", "spec"), ("ui", "blender")]
+    assert drawing.reduced(arrows) == expected
+
+
+def test_every_arrow_drawn_has_its_boxes(drawing):
+    rooms = {room for _, row in drawing.ROWS for room in row}
+    for arrow in drawing.reduced(drawing.project_arrows()):
+        for box in arrow:
+            assert box in rooms or box in drawing.WINGS, f"{box} has no place in the picture"
