@@ -29,7 +29,7 @@ class Surfaces:
         for mesh, shift in zip(scene.meshes, first_vertex, strict=False):
             first, last = last, last + len(mesh.triangles)
             np.add(mesh.triangles, shift, out=self._triangles[first:last])
-        self._transform = np.ascontiguousarray(scene.transform.reshape(-1, 12))
+        self._transform = np.ascontiguousarray(scene.transform.reshape(-1, 12).T)
 
     def distance(
         self,
@@ -61,7 +61,7 @@ class Surfaces:
         triangle: np.ndarray,
     ) -> np.ndarray:
         """Few calls on whole arrays: of few rays each costs more than what it computes."""
-        m = self._transform.take(instance, 0).T.copy().reshape(3, 4, 1, -1)  # to, from, 1, R
+        m = self._transform.take(instance, 1).reshape(3, 4, 1, -1)  # to, from, 1, R
         number = self._triangles.take(self._first.take(instance) + triangle, 0)
         corner = self._vertices.take(number, 0).transpose(2, 1, 0).copy()  # (of space, of triangle, R)
         space = m[:, 0] * corner[0]
@@ -69,27 +69,27 @@ class Surfaces:
         space += part
         np.multiply(m[:, 2], corner[2], out=part)
         space += part
-        edge = np.empty((5, 2, space.shape[2]))  # x, y, z, x, y: slices of it are its turns
-        np.subtract(space[:, 1:], space[:, :1], out=edge[:3])
-        edge[3:] = edge[:2]
-        u, v = edge[:, 0], edge[:, 1]
+        # Foot, and the other corners from it; rows x, y, z, x, y: slices of them are their turns.
+        way = np.empty((5, 3, space.shape[2]))
+        np.subtract(space[:, 1:], space[:, :1], out=way[:3, 1:])
+        way[3:, 1:] = way[:2, 1:]
+        u, v = way[:, 1], way[:, 2]
         normal = u[1:4] * v[2:5]
         normal -= u[2:5] * v[1:4]
-        foot = m[:, 3, 0] - origins
+        foot = np.subtract(m[:, 3, 0], origins, out=way[:3, 0])
         foot += space[:, 0]
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             t = _dot(foot, normal)
             t /= _dot(directions, normal)
-        at = _dot(foot, directions)
-        beyond = _dot(edge[:3], directions[:, None])  # (2, R) the other corners, along the ray
-        nearest = np.minimum(beyond[0], beyond[1])
+        at, second, third = _dot(way[:3], directions[:, None])  # along the ray
+        nearest = np.minimum(second, third)
         np.minimum(nearest, 0.0, out=nearest)
         nearest += at
-        farthest = np.maximum(beyond[0], beyond[1])
-        np.maximum(farthest, 0.0, out=farthest)
-        farthest += at
+        np.maximum(second, third, out=third)
+        np.maximum(third, 0.0, out=third)
+        third += at
         np.fmax(t, nearest, out=t)
-        return np.fmin(t, farthest, out=t)
+        return np.fmin(t, third, out=t)
 
 
 def whole_triangles(mesh: TriMesh) -> np.ndarray:
