@@ -8,6 +8,7 @@ the centre of them all, where float32 holds them best. Rays enter its box in flo
 from __future__ import annotations
 
 import ctypes
+import threading
 import weakref
 from collections import deque
 from itertools import repeat
@@ -29,6 +30,7 @@ TNEAR, DIRECTION, TIME, TFAR, MASK, ID, FLAGS = 3, 4, 7, 8, 9, 10, 11
 PRIMITIVE, GEOMETRY, INSTANCE, ROWS = 17, 18, 19, 21
 NONE = 0xFFFFFFFF
 FAR = 3e38  # the longest way that float32 holds
+KEPT = 1024  # rays, up to which their packets are kept from call to call
 
 
 class EmbreeCaster(Search):
@@ -59,6 +61,12 @@ class EmbreeCaster(Search):
         size = float((self._high - self._low).max()) if len(known) else 0.0
         self._slack = 1e-6 * size + 1e-6
 
+        self._box_low, self._box_high = self._low - self._slack, self._high + self._slack
+        self._middle = self._centre[:, None]
+        self._valid = _aligned((PACKET,), np.int32)
+        self._valid[:] = -1
+        self._kept = threading.local()
+
         self._library = embree.load()
         device = self._library.rtcNewDevice(f"threads={threads}".encode())
         build = _Build(self._library, device)
@@ -79,37 +87,52 @@ class EmbreeCaster(Search):
     def _nearest(
         self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
     ) -> Hits:
-        hits = Hits.misses(len(start))
-        enters, leaves = clip(
-            self._low - self._slack, self._high + self._slack, origins, directions, start, limit
-        )
-        rays = np.flatnonzero(enters <= leaves)
-        if not len(rays):
-            return hits
-        begin, origins, directions = enters[rays], origins[:, rays], directions[:, rays]
-        moved = origins - self._centre[:, None]
-        moved += begin * directions
-        packets = _pack(moved, directions, (limit[rays] - begin) * (1 + 1e-6) + self._slack)
-        self._trace(packets)
-        primitive, geometry, instance = (
-            packets.view(np.uint32)[:, row].reshape(-1) for row in (PRIMITIVE, GEOMETRY, INSTANCE)
-        )
-        met = np.flatnonzero(geometry[: len(rays)] != NONE)
-        instance, triangle = instance[met].astype(np.int64), primitive[met].astype(np.int64)
+        begin, leaves = clip(self._box_low, self._box_high, origins, directions, start, limit)
+        rays = (begin <= leaves).nonzero()[0]
+        count, every = len(rays), len(rays) == len(begin)
+        if not count:
+            return Hits.misses(len(begin))
+        if not every:
+            begin, limit = begin[rays], limit[rays]
+            origins, directions = origins.take(rays, 1), directions.take(rays, 1)
+        moved = begin * directions
+        moved += origins
+        moved -= self._middle
+        limit = limit - begin
+        limit *= 1 + 1e-6
+        limit += self._slack
+        packets = self._packets_of(count)
+        packets.fill(moved, directions, limit)
+        self._trace(packets.packets)
+        instance, triangle, met = packets.read(count)
         if not self._whole:
             triangle = self._numbered(instance, triangle)
-        distance = self._surfaces.distance(origins[:, met], directions[:, met], instance, triangle)
-        hits.put(rays[met], Hits(distance, instance, triangle))
+        if len(met) < count:
+            origins, directions = origins.take(met, 1), directions.take(met, 1)
+        distance = self._surfaces.distance(origins, directions, instance, triangle)
+        if every and len(met) == count:
+            return Hits(distance, instance, triangle)
+        hits = Hits.misses(len(start))
+        hits.put(met if every else rays[met], Hits(distance, instance, triangle))
         return hits
 
+    def _packets_of(self, count: int) -> _Packets:
+        """Room for so many rays: of few, what this thread has kept."""
+        if count > KEPT:
+            return _Packets(count)
+        size = -(-count // PACKET)
+        kept = self._kept.__dict__
+        if size not in kept:
+            kept[size] = _Packets(count)
+        ready: _Packets = kept[size]
+        return ready
+
     def _trace(self, packets: np.ndarray) -> None:
-        valid = _aligned((PACKET,), np.int32)
-        valid[:] = -1
         first, step = packets.ctypes.data, packets.strides[0]
         addresses = range(first, first + step * len(packets), step)
         run = self._library.rtcIntersect16
         deque(
-            map(run, repeat(valid.ctypes.data), repeat(self._top), addresses, repeat(None)),
+            map(run, repeat(self._valid.ctypes.data), repeat(self._top), addresses, repeat(None)),
             maxlen=0,
         )
 
@@ -190,27 +213,39 @@ class _Build:
         return scene
 
 
-def _pack(origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """(P, 21, 16) float32: rays (3, R) as Embree wants them; the last packet is filled up."""
-    count = len(reach)
-    packets = _aligned((-(-count // PACKET), ROWS, PACKET), np.float32)
-    whole = packets.view(np.uint32)
-    packets[:, [TNEAR, TIME]] = 0.0
-    whole[:, MASK] = NONE
-    whole[:, [ID, FLAGS]] = 0
-    whole[:, PRIMITIVE:] = NONE
-    filled = np.full(len(packets) * PACKET, -1.0, dtype=np.float32)  # ends before it starts: idle
+class _Packets:
+    """Rays as Embree wants them: packets (P, 21, 16) float32, the last one filled up with idle lanes."""
 
-    def put(row: int, values: np.ndarray) -> None:
-        filled[:count] = values
-        packets[:, row] = filled.reshape(-1, PACKET)
+    def __init__(self, count: int) -> None:
+        size = -(-count // PACKET)
+        self.packets = _aligned((size, ROWS, PACKET), np.float32)
+        self._whole = self.packets.view(np.uint32)
+        self.packets[:, [TNEAR, TIME]] = 0.0
+        self._whole[:, MASK] = NONE
+        self._whole[:, [ID, FLAGS]] = 0
+        self._lanes = np.zeros((7, size * PACKET), dtype=np.float32)  # origin, direction, reach
+        self._by_packet = self._lanes.reshape(7, size, PACKET).swapaxes(0, 1)
+        self._found = self._whole[:, PRIMITIVE:ROWS]
 
-    for axis in range(3):
-        put(axis, origins[axis])
-        put(DIRECTION + axis, directions[axis])
-    filled[:] = -1.0
-    put(TFAR, np.minimum(reach, FAR))
-    return packets
+    def fill(self, origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> None:
+        """Rays (3, R), (3, R), (R,)."""
+        count = len(reach)
+        self._lanes[:3, :count] = origins
+        self._lanes[3:6, :count] = directions
+        np.minimum(reach, FAR, out=reach)
+        self._lanes[6, :count] = reach
+        self._lanes[6, count:] = -1.0  # ends before it starts: idle
+        self.packets[:, :3] = self._by_packet[:, :3]
+        self.packets[:, DIRECTION : DIRECTION + 3] = self._by_packet[:, 3:6]
+        self.packets[:, TFAR] = self._by_packet[:, 6]
+        self._found[:] = NONE
+
+    def read(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Instance and triangle (M,) of the rays that met something, and which rays (M,) these are."""
+        found = self._found.swapaxes(0, 1).reshape(ROWS - PRIMITIVE, -1)
+        met = (found[GEOMETRY - PRIMITIVE, :count] != NONE).nonzero()[0]
+        instance = found[INSTANCE - PRIMITIVE].take(met).astype(np.int64)
+        return instance, found[0].take(met).astype(np.int64), met
 
 
 def _aligned(shape: tuple[int, ...], dtype: type) -> np.ndarray:

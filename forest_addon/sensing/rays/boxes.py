@@ -103,16 +103,27 @@ def clip(
     high: np.ndarray,
     origins: np.ndarray,
     directions: np.ndarray,
-    start: np.ndarray,
-    limit: np.ndarray,
+    start: np.ndarray | float,
+    limit: np.ndarray | float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where rays (3, R) enter and leave a box (3,), (3,), within their limits (R,); leave < enter: never."""
-    enters, leaves = _slabs(origins, _slope(directions), (low, high), -np.inf)
-    return np.maximum(enters, start), np.minimum(leaves, limit)
+    """Where rays (3, R) enter and leave a box (3,), (3,), within their limits; leave < enter: never."""
+    slope = _slope(directions)
+    a = low[:, None] - origins
+    a *= slope
+    b = high[:, None] - origins
+    b *= slope
+    near, far = np.minimum(a, b), np.maximum(a, b, out=b)
+    enters, leaves = np.maximum(near[0], near[1]), np.minimum(far[0], far[1])
+    np.maximum(enters, near[2], out=enters)
+    np.minimum(leaves, far[2], out=leaves)
+    return np.maximum(enters, start, out=enters), np.minimum(leaves, limit, out=leaves)
 
 
 def _slope(directions: np.ndarray) -> np.ndarray:
-    slope: np.ndarray = 1.0 / np.where(np.abs(directions) < TINY, TINY, directions)
+    small = np.abs(directions) < TINY
+    if small.any():
+        directions = np.where(small, TINY, directions)
+    slope: np.ndarray = 1.0 / directions
     return slope
 
 

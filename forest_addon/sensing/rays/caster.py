@@ -15,6 +15,7 @@ import numpy as np
 from .geometry import SceneGeometry
 
 ROWS = 8192  # hits at a time: what is in work stays in the cache
+SHORT, LONG = 1e-200, 1e200  # squared lengths that can be taken as they are
 
 
 @dataclass(frozen=True)
@@ -107,9 +108,17 @@ def unit_columns(directions: np.ndarray) -> np.ndarray:
     """
     d = np.array(directions, dtype=np.float64, order="C")
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        d /= np.maximum(np.maximum(np.abs(d[0]), np.abs(d[1])), np.abs(d[2]))  # 1e-300 to 1e300
-        d /= np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-        d[:, ~(np.abs(d[0] + d[1] + d[2]) < 2.0)] = np.nan
+        square = d * d
+        length = square[0] + square[1]
+        length += square[2]
+        if not (len(length) and length.min() > SHORT and length.max() < LONG):
+            odd = np.flatnonzero(~((length > SHORT) & (length < LONG)))  # 1e-300 to 1e300
+            d[:, odd] /= np.maximum(np.maximum(np.abs(d[0]), np.abs(d[1])), np.abs(d[2]))[odd]
+            length[odd] = d[0, odd] ** 2 + d[1, odd] ** 2 + d[2, odd] ** 2
+            d /= np.sqrt(length, out=length)
+            d[:, ~(np.abs(d[0] + d[1] + d[2]) < 2.0)] = np.nan
+            return d
+        d /= np.sqrt(length, out=length)
     return d
 
 

@@ -29,7 +29,7 @@ class Surfaces:
         for mesh, shift in zip(scene.meshes, first_vertex, strict=False):
             first, last = last, last + len(mesh.triangles)
             np.add(mesh.triangles, shift, out=self._triangles[first:last])
-        self._transform = scene.transform
+        self._transform = np.ascontiguousarray(scene.transform.reshape(-1, 12).T)
 
     def distance(
         self,
@@ -43,6 +43,8 @@ class Surfaces:
         A ray that float32 found to hit and that passes just beside the triangle may meet its plane
         far away, or never: the distance is kept within that of the triangle's corners.
         """
+        if len(instance) <= ROWS:
+            return self._distance(origins, directions, instance, triangle)
         found = np.empty(len(instance))
         for first in range(0, len(instance), ROWS):
             part = slice(first, first + ROWS)
@@ -58,25 +60,36 @@ class Surfaces:
         instance: np.ndarray,
         triangle: np.ndarray,
     ) -> np.ndarray:
-        m = self._transform[instance].reshape(-1, 12).T.copy()  # (12, R)
-        number = self._triangles[self._first[instance] + triangle]
-        foot = [m[3 + 4 * i] - origins[i] for i in range(3)]
-        d = directions
-        corner = []
-        for k in range(3):
-            x, y, z = self._vertices[number[:, k]].T.copy()
-            corner.append([m[4 * i] * x + m[4 * i + 1] * y + m[4 * i + 2] * z for i in range(3)])
-        a, b, c = corner
-        u = [b[i] - a[i] for i in range(3)]
-        v = [c[i] - a[i] for i in range(3)]
-        normal = (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
-        a = [a[i] + foot[i] for i in range(3)]
+        """Few calls on whole arrays: of few rays each costs more than what it computes."""
+        m = self._transform.take(instance, 1).reshape(3, 4, 1, -1)  # to, from, 1, R
+        number = self._triangles.take(self._first.take(instance) + triangle, 0)
+        corner = self._vertices.take(number, 0).transpose(2, 1, 0).copy()  # (of space, of triangle, R)
+        space = m[:, 0] * corner[0]
+        part = m[:, 1] * corner[1]
+        space += part
+        np.multiply(m[:, 2], corner[2], out=part)
+        space += part
+        # Foot, and the other corners from it; rows x, y, z, x, y: slices of them are their turns.
+        way = np.empty((5, 3, space.shape[2]))
+        np.subtract(space[:, 1:], space[:, :1], out=way[:3, 1:])
+        way[3:, 1:] = way[:2, 1:]
+        u, v = way[:, 1], way[:, 2]
+        normal = u[1:4] * v[2:5]
+        normal -= u[2:5] * v[1:4]
+        foot = np.subtract(m[:, 3, 0], origins, out=way[:3, 0])
+        foot += space[:, 0]
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            t = _dot(a, normal) / _dot(d, normal)
-        at_a, at_b, at_c = _dot(a, d), _dot(u, d), _dot(v, d)  # of b and c: beyond a
-        nearest = at_a + np.minimum(np.minimum(at_b, at_c), 0.0)
-        farthest = at_a + np.maximum(np.maximum(at_b, at_c), 0.0)
-        return np.fmin(np.fmax(t, nearest), farthest)
+            t = _dot(foot, normal)
+            t /= _dot(directions, normal)
+        at, second, third = _dot(way[:3], directions[:, None])  # along the ray
+        nearest = np.minimum(second, third)
+        np.minimum(nearest, 0.0, out=nearest)
+        nearest += at
+        np.maximum(second, third, out=third)
+        np.maximum(third, 0.0, out=third)
+        third += at
+        np.fmax(t, nearest, out=t)
+        return np.fmin(t, third, out=t)
 
 
 def whole_triangles(mesh: TriMesh) -> np.ndarray:
@@ -86,5 +99,9 @@ def whole_triangles(mesh: TriMesh) -> np.ndarray:
     return np.flatnonzero(np.isfinite(area) & (area > 0))
 
 
-def _dot(a, b) -> np.ndarray:  # type: ignore[no-untyped-def]
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Of vectors (3, …), in this order of sums at any number of them."""
+    product = a * b
+    total: np.ndarray = product[0] + product[1]
+    total += product[2]
+    return total

@@ -57,8 +57,11 @@ class Search(ABC):
         """The closest hit of each ray; see ``RayCaster``."""
         origins, directions = np.asarray(origins), np.asarray(directions)
         count = len(origins)
-        far = np.broadcast_to(np.asarray(max_distance, dtype=np.float64), count)
-        near = np.broadcast_to(np.asarray(min_distance, dtype=np.float64), count)
+        near, far = (
+            np.full(count, limit, dtype=np.float64) for limit in (min_distance, max_distance)
+        )
+        if count <= TASK:
+            return self._cast(origins, directions, near, far, leaving)
         hits = Hits.misses(count)
 
         def task(part: slice) -> None:
@@ -101,20 +104,39 @@ class Search(ABC):
         """One task."""
         origins = np.array(origins.T, dtype=np.float64, order="C")
         directions = unit_columns(directions.T)
-        left = Hits.misses(len(near)) if leaving is None else leaving
-        start = near - MARGIN if leaving is None else np.where(left.found, near, near - MARGIN)
-        hits = Hits.misses(len(near))
-        valid = np.isfinite(origins.sum(axis=0) + directions.sum(axis=0)) & (near <= far)
-        rays = np.flatnonzero(valid)
-        step = STEP
-        while len(rays):
+        start = near - MARGIN
+        if leaving is not None:
+            start[leaving.found] += MARGIN
+        usual = np.isfinite(origins.sum() + directions.sum()) and (near <= far).all()
+        if usual:
+            hits = self._nearest(origins, directions, start, far)
+            refused = hits.distance < near
+            if leaving is None and not refused.any():
+                return _within(hits, far)
+            rays = np.arange(len(near))
+        else:
+            hits = Hits.misses(len(near))
+            valid = np.isfinite(origins.sum(axis=0) + directions.sum(axis=0)) & (near <= far)
+            rays = np.flatnonzero(valid)
             hits.put(rays, self._nearest(*_taken(rays, origins, directions, start, far)))
-            refused = _refused(hits.take(rays), near[rays], left.take(rays))
-            rays = rays[refused]
+        left = Hits.misses(len(near)) if leaving is None else leaving
+        step = STEP
+        while True:
+            rays = rays[_refused(hits.take(rays), near[rays], left.take(rays))]
+            if not len(rays):
+                return _within(hits, far)
             start[rays] = np.maximum(start[rays], hits.distance[rays]) + step
             step *= 2.0
-        hits.put(hits.distance > far, Hits.misses(1))
-        return hits
+            hits.put(rays, self._nearest(*_taken(rays, origins, directions, start, far)))
+
+
+def _within(hits: Hits, far: np.ndarray) -> Hits:
+    """Hits, those beyond ``far`` taken away."""
+    beyond = hits.distance > far
+    beyond &= hits.instance >= 0
+    if beyond.any():
+        hits.put(beyond, Hits.misses(1))
+    return hits
 
 
 def _taken(rays: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
