@@ -2,7 +2,8 @@
 
 The parser is a loop over ``commands.COMMANDS``; nothing here knows one of them by name.
 Exit codes: 0 done; 1 something failed while running (a full disk); 2 bad input, one sentence says what,
-where and what to do; 130 interrupted, finished files are kept.
+where and what to do; 3 an audit found an error beyond what was allowed, results are kept; 130
+interrupted, finished files are kept.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from .command import Command
+from .command import Command, DoubtfulError
 from .commands import COMMANDS
 from .interrupt import interruptible
 
@@ -58,6 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _fail(_in_words(problem), 1)
         except ValueError as problem:  # SpecError is one
             return _fail(problem, 2)
+        except DoubtfulError as problem:
+            return _fail(problem, 3)
         except KeyboardInterrupt:
             sys.unraisablehook = _say_nothing
             print(f"\ninterrupted; {kept}", file=sys.stderr)

@@ -14,6 +14,10 @@ from typing import ClassVar
 from forest_addon.spec import Scene, SpecError
 
 
+class DoubtfulError(Exception):
+    """Results that were kept, but are not as exact as was asked for; exit code 3."""
+
+
 class Command:
     """One command; a file of ``commands/`` holds one, ``commands/__init__`` lists them."""
 
@@ -42,6 +46,7 @@ class Command:
         ------
         SpecError, ValueError : what was asked for cannot be; exit code 2.
         OSError : something failed while running; exit code 1.
+        DoubtfulError : results are kept, and not as exact as was asked for; exit code 3.
         """
         raise NotImplementedError
 

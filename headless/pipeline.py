@@ -10,6 +10,7 @@ import json
 import os
 import platform
 import sys
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,7 @@ from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.formats.stand_files import read_inputs
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.wav import read_wav, write_wav
+from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.tractor import TractorScan
 from forest_addon.sensing.rays.geometry import SceneGeometry
@@ -58,6 +60,7 @@ from forest_addon.stand.inputs import Inputs
 from forest_addon.stand.statistics.goodness import examine, law_of_scene, poisson_trees, window_of
 
 from .cache import user_cache
+from .command import DoubtfulError
 from .progress import Stages, hushed
 from .report import findings, page, pictures
 from .report.echo import draw_echo, draw_flight, sample_leaves
@@ -77,6 +80,7 @@ class Run:
     forest: Forest
     findings: list[page.Finding] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
+    audits: dict[str, Audit] = field(default_factory=dict)
 
     def path(self, name: str) -> Path:
         """Where a file of this name goes; it is listed in the report."""
@@ -101,6 +105,7 @@ def run_scene(
     ------
     SpecError : the folder cannot be written to; a species cannot be used.
     OSError : a file could not be written; what was finished before is kept.
+    DoubtfulError : an audit found an error beyond what was allowed; everything is written.
     """
     sound = None if dry is None else read_wav(dry)
     _make_writable(out)
@@ -135,13 +140,21 @@ def run_scene(
         run.findings.append(page.Finding("Warning", f"{observer.warning}.", {}))
     for sensor in settings.sensors:
         with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
-            found = observer.observe(sensor, settings, progress, folder)
+            way = observer.way(sensor, folder)
+            started = time.perf_counter()
+            found = observer.observe(sensor, settings, progress, folder, way)
+            took = time.perf_counter() - started
             run.write(sensor, found)
             if isinstance(found, ImpulseResponse):
                 _let_hear(run, sensor.name, things[sensor.name], found, dry, sound)
             if isinstance(found, Cloud):
                 show_cloud(part(scene, RESULTS), sensor.name, found)
-            run.findings.append(_describe(run, sensor, found, observer))
+            finding = _describe(run, sensor, found, observer)
+            audit = observer.audit(sensor, settings, found, took, folder, way)
+            run.findings.append(dataclasses.replace(finding, audit=audit))
+            if audit is not None:
+                run.audits[sensor.name] = audit
+                stages.say(f"  {audit}")
 
     set_stage(scene, settings.output.preview_size)
     if settings.output.blend:
@@ -157,6 +170,9 @@ def run_scene(
     with stages.stage("write report.html"):
         page.write(run.out / "report.html", settings, run.findings, stages.seconds, run.files)
     stages.say(f"Done: {len(run.files) + 1} files in {out}. Open {out / 'report.html'}")
+    doubtful = [f"{name}: {audit}" for name, audit in run.audits.items() if not audit.kept]
+    if doubtful:
+        raise DoubtfulError("; ".join(doubtful) + f"; the results are kept in {out}")
 
 
 def _open_blender(settings: Scene, folder: Path) -> None:
@@ -276,6 +292,7 @@ def _write_record(run: Run, geometry: SceneGeometry, engine: str) -> None:
         "stage_seconds": run.stages.seconds,
         "peak_memory_mb": _peak_memory_mb(),
         "results": {finding.title: finding.facts for finding in run.findings},
+        "sensors": {name: {"audit": audit.record()} for name, audit in run.audits.items()},
         "files": run.files,
     }
     with replacing(run.path("run.json")) as partial:

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import base64
 import html
+import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from forest_addon.formats.atomic import replacing
+from forest_addon.sensing.audit import Audit
 from forest_addon.spec import Scene
 
 
@@ -26,6 +28,7 @@ class Finding:
     facts: dict[str, str]
     notes: tuple[str, ...] = ()
     picture: Path | None = field(default=None, compare=False)
+    audit: Audit | None = None
 
 
 def write(
@@ -88,7 +91,21 @@ def _section(finding: Finding) -> str:
     )
     return (
         f"<section><h2>{html.escape(finding.title)}</h2><p>{html.escape(finding.sentence)}</p>"
-        f"<dl>{facts}</dl>{picture}{notes}</section>"
+        f"<dl>{facts}</dl>{picture}{_audit(finding.audit)}{notes}</section>"
+    )
+
+
+def _audit(audit: Audit | None) -> str:
+    """A line and a bar: how many of the decades that were allowed, down to rounding, the error uses."""
+    if audit is None:
+        return ""
+    floor = 1e-16
+    allowed = max(audit.allowed, 10 * floor)
+    used = math.log(max(min(audit.error, allowed), floor) / floor) / math.log(allowed / floor)
+    kind = "audit" if audit.kept else "audit bad"
+    return (
+        f"<div class='{kind}'><span class='bar'><i style='width:{100 * used:.0f}%'></i></span>"
+        f"Audit: {html.escape(str(audit))}.</div>"
     )
 
 
@@ -107,6 +124,9 @@ h1{font-size:34px;line-height:1.15;margin:0}header p{color:var(--faint);margin:6
 .hero{display:block;width:calc(100% - 48px);max-width:1012px;margin:0 auto;border-radius:6px}
 section{padding:30px 0;border-bottom:1px solid var(--line)}
 h2{font-size:21px;margin:0 0 6px}p{margin:0 0 12px;max-width:74ch}
+.audit{margin:10px 0;color:var(--leaf)}.audit.bad{color:#c8442c;font-weight:600}
+.bar{display:inline-block;width:120px;height:8px;margin-right:10px;background:var(--line)}
+.bar i{display:block;height:8px;background:currentColor}
 dl{display:flex;flex-wrap:wrap;gap:12px 34px;margin:14px 0 18px}
 dt{color:var(--faint);font-size:13px}dd{margin:0;font-size:18px;font-variant-numeric:tabular-nums}
 section img{width:100%;border:1px solid var(--line);border-radius:4px;background:#fff}
