@@ -1,4 +1,6 @@
-"""The Python door: what a script, a notebook or Blender's console calls::
+"""The Python door: what a script, a notebook or Blender's console calls.
+
+::
 
     from forest_addon import api as forest
 
