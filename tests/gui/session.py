@@ -136,6 +136,40 @@ def enlarge(times: float) -> None:
             hill.width = [wider * x for x in hill.width]
 
 
+def a_broken_overlay_stays_alone() -> Scenario:
+    """A scanner without a pose has nothing to draw; points and beams of others are drawn all the same."""
+    from bl_ext.user_default.forest_sensing.forest_addon.ui import overlay
+
+    curve = bpy.data.objects.new("way", bpy.data.curves.new("way", "CURVE"))
+    bpy.context.scene.collection.objects.link(curve)
+    press("forest.add_sensor", invoke=False, kind="mobile")
+    bpy.data.objects["track"].forest_sensor.mobile.follow_pointer = curve
+    yield 1
+    assert not overlay._broken
+    assert len(overlay.outlines._batches) == 4
+    assert any(batch is not None for batch in overlay.points._batches.values())
+    bpy.data.objects.remove(bpy.data.objects["track"])
+    bpy.data.objects.remove(curve)
+
+
+def a_copy_is_chosen(area: bpy.types.Area, main: bpy.types.Region) -> Scenario:
+    """Copy the echo as Shift-D does, see that list and buttons mean the copy, and remove it."""
+    from bl_ext.user_default.forest_sensing.forest_addon.ui.chosen import chosen_sensor
+
+    window, echo = view()[0], bpy.data.objects["echo"]
+    things = echo.users_collection[0].objects
+    props().active_sensor = list(things).index(echo)
+    with bpy.context.temp_override(window=window, area=area, region=main):
+        bpy.ops.object.duplicate()
+    yield 0.5
+    assert things[props().active_sensor].name == "echo.001"
+    assert chosen_sensor(bpy.context).name == "echo.001"
+    press("forest.remove_sensor", invoke=False)
+    yield 0.5
+    assert "echo" in bpy.data.objects
+    assert "echo.001" not in bpy.data.objects
+
+
 def one_tree() -> Scenario:
     """A new file with a scene that is soon drawn."""
     press("forest.new", invoke=False, preset="t20-one-tree")
@@ -192,6 +226,27 @@ def newcomer(steps: Steps) -> Scenario:
     assert props().results["echo"].picture is not None
     steps.step("clap")
     yield from run("reverb")
+
+    steps.step("a scanner that follows a curve, beside what else is drawn")
+    yield from a_broken_overlay_stays_alone()
+
+    steps.step("Shift-D: the copy is chosen in list and buttons")
+    yield from a_copy_is_chosen(area, main)
+
+    steps.step("a frame range asks first")
+    props().active_sensor = list(bpy.data.objects["cloud"].users_collection[0].objects).index(
+        bpy.data.objects["cloud"]
+    )
+    before = set(props().results.keys())
+    press("forest.run_frames", sensor="cloud")
+    yield 1.5
+    assert idle()
+    key("Escape", at=(main.x + main.width // 3, main.y + main.height // 2))
+    yield 1
+    assert idle()
+    assert set(props().results.keys()) == before
+    last = [op.bl_idname for op in bpy.context.window_manager.operators]
+    assert not {"FOREST_OT_run", "FOREST_OT_build"} & set(last)  # what could be redone or repeated
 
     steps.step("the echo in the Image Editor")
     press("forest.show_picture", result="echo")
