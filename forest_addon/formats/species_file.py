@@ -5,6 +5,7 @@ Wherever a species is named, a name without an ending means a file of ``assets/s
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from .foreign import guarded
 from .stl import StlError, read_stl
 from .toml_file import read_settings
 
+MOST_TEMPLATES = 16  # that a process keeps; as many as it keeps ready to graft
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
 
 
@@ -77,10 +79,30 @@ def complete_species(
         if leaves is None and template.grow_leaves and leaf.on:
             unit = template.height / float(np.ptp(wood[:, :, 2])) if template.height else 1.0
             leaves = dress(wood, leaf, blade or SHAPES[leaf.shape](), unit)
-        return species, split_tree(wood, leaves, height=template.height)
+        return species, _split(wood, leaves, template.height)
     except FileNotFoundError as problem:
         raise SpecError(
             place, f"{what}: there is no file {problem.filename}; check the path"
         ) from None
     except (StlError, TemplateError, BladeError) as problem:
         raise SpecError(place, f"{what}: {problem}") from None
+
+
+_templates: dict[bytes, TreeTemplate] = {}  # by what their facets are, the latest last
+
+
+def _split(wood: np.ndarray, leaves: np.ndarray | None, height: float) -> TreeTemplate:
+    """The template of these facets: the same object each time, cut once, whatever file they come from.
+
+    What is made of a template is kept by the object, so a series of scenes neither cuts nor keeps it again.
+    """
+    digest = hashlib.blake2b(repr((height, wood.shape, leaves is None)).encode(), digest_size=20)
+    for facets in (wood, leaves):
+        if facets is not None:
+            digest.update(np.ascontiguousarray(facets).data)
+    key = digest.digest()
+    found = _templates.pop(key, None) or split_tree(wood, leaves, height=height)
+    _templates[key] = found
+    while len(_templates) > MOST_TEMPLATES:
+        del _templates[next(iter(_templates))]
+    return found
