@@ -27,7 +27,7 @@ from .stl import StlError, read_stl
 from .toml_file import read_settings
 
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
-KEPT = 4  # trees that stay recognised
+KEPT = 16  # trees that stay recognised; as many as a process keeps ready to graft
 _recognised: dict[tuple[bytes, tuple[str, float]], TreeTemplate | Habit] = {}
 
 
@@ -108,7 +108,8 @@ def _once(
 ) -> Any:
     """What ``make`` makes of facets; of the trees that were last asked for it is kept.
 
-    Every update of a forest reads its species anew, and recognising one takes up to seconds.
+    Every update of a forest, and every scene of a series, reads its species anew, and recognising one takes
+    up to seconds. What is made of a template is kept by the object: the same one comes back.
     """
     content = blake2b(wood.tobytes())
     if leaves is not None:

@@ -114,7 +114,7 @@ def _grafted(species: Species, template: TreeTemplate, rng: np.random.Generator)
     return Tree(mesh, join_leaves(truths), _first_levels(skeleton))
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=16)
 def _scions(template: TreeTemplate) -> tuple[Scion, ...]:
     """The branches of a template made ready to graft, once for all trees that use it."""
     return tuple(prepare(branch) for branch in template.branches)

@@ -1,12 +1,16 @@
 """Species files: leaves of one's own, and what is wrong said in one sentence."""
 
+import gc
+import shutil
+
 import numpy as np
 import pytest
 
-from forest_addon.formats.species_file import ASSETS, KEPT, load_species
+from forest_addon.formats.species_file import ASSETS, KEPT, find_species, load_species
 from forest_addon.formats.stl import read_stl, write_stl
 from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.growth.mesh.trimesh import LEAF
+from forest_addon.growth.template.cut import BranchTemplate
 from forest_addon.growth.tree import grow
 from forest_addon.rng import stream
 from forest_addon.spec import SpecError
@@ -71,3 +75,33 @@ def test_a_tree_is_recognised_once_as_long_as_its_files_stay_the_same(tmp_path):
     again = load(5.0)  # no longer kept: recognised again, the same
     assert again is not first
     np.testing.assert_array_equal(again.trunk.vertices, first.trunk.vertices)
+
+
+def test_a_template_is_cut_once_in_a_process(tmp_path):
+    """A series of scenes keeps one template and its branches, not one a scene; another solid is another."""
+    first = load_species(find_species("hazelnut", tmp_path))[1]
+    again = load_species(find_species("hazelnut", tmp_path))[1]
+    assert again is first
+    shutil.copytree(ASSETS / "templates" / "hazelnut", tmp_path / "t")
+    preset = find_species("hazelnut", tmp_path).read_text()
+    file = tmp_path / "own.toml"
+    file.write_text(preset.replace("../templates/hazelnut", "t"))
+    assert load_species(file)[1] is first
+    write_stl(tmp_path / "t" / "wood.stl", 1.01 * read_stl(tmp_path / "t" / "wood.stl"))
+    other = load_species(file)[1]
+    assert other is not first
+    assert len(other.branches) == len(first.branches)
+
+
+def test_what_is_kept_of_templates_does_not_grow_with_scenes(tmp_path):
+    def kept():
+        gc.collect()
+        return sum(isinstance(thing, BranchTemplate) for thing in gc.get_objects())
+
+    counts = []
+    for _ in range(3):
+        species, template = load_species(find_species("hazelnut", tmp_path))
+        grow(species, template, stream(1, "series"))
+        del species, template
+        counts.append(kept())
+    assert counts[0] == counts[1] == counts[2]
