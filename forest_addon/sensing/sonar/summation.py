@@ -79,7 +79,9 @@ def sum_echoes(
                     grid.start,
                     grid.spacing,
                     grid.count,
-                    tolerance=tolerance if alone else tolerance * _together(some, station, ear, band),
+                    tolerance=tolerance
+                    if alone
+                    else tolerance * _together(some, station, ear, band),
                     weights=None if weights is None else weights[number][part.rows],
                     smooth=_smooth(some, part.strength, station, ear, band) if tolerance else None,
                 )
