@@ -123,7 +123,7 @@ class FacetPopulation:
         farthest = views.nearest + 2 * views.stretch[:, 0] * self.blocks.radius[views.block]
         return self.blocks.count[views.block] * farthest * 1.5
 
-    def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> Scatterers:
+    def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> list[Scatterers]:
         corners = self._corners[rows] @ transform[:, :3].T + (transform[:, 3] - sight.point)
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         area = np.linalg.norm(normal, axis=1)
@@ -138,19 +138,20 @@ class FacetPopulation:
         foot = -height[lit, None] * normal
         height = np.abs(height[lit])
 
-        share = _share(corners, foot, normal)
+        share = share_of_turn(corners, foot, normal)
         glint = (share > 0) & (height <= sight.reach)
-        pieces = [_glints(foot[glint], height[glint], share[glint], number[glint])]
+        pieces = [glints(foot[glint], height[glint], share[glint], number[glint])]
         for corner in range(3):
             some = rim[:, corner]
             ends = corners[some][:, [corner, (corner + 1) % 3]]
-            pieces.append(_rims(ends, foot[some], normal[some], height[some], number[some], sight))
-        return Rims(
+            pieces.append(rims(ends, foot[some], normal[some], height[some], number[some], sight))
+        found = Rims(
             np.concatenate([p.centre for p in pieces]) + sight.point,
             np.concatenate([p.weight for p in pieces]),
             np.concatenate([p.slope for p in pieces]),
             np.concatenate([p.number for p in pieces]),
         )
+        return [found]
 
 
 def _facets(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -199,20 +200,22 @@ def _swing(a: np.ndarray, b: np.ndarray, normal: np.ndarray) -> np.ndarray:
     return np.where(np.abs(sine) <= RADIAL * size, 0.0, np.arctan2(sine, cosine))
 
 
-def _share(corners: np.ndarray, foot: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """(M,) of the turn about its foot that each triangle fills: 1 within, ½ on an edge, 0 outside."""
+def share_of_turn(corners: np.ndarray, foot: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """(M,) of the turn about its foot that each polygon (M, C, 3) fills: 1 within, ½ on an edge, 0
+    outside."""
     ends = corners - foot[:, None]
-    turns = [_swing(ends[:, n], ends[:, (n + 1) % 3], normal) for n in range(3)]
-    share = np.sum(turns, axis=0) / (2.0 * math.pi)
+    following = np.roll(ends, -1, axis=1).reshape(-1, 3)
+    turns = _swing(ends.reshape(-1, 3), following, np.repeat(normal, corners.shape[1], axis=0))
+    share = turns.reshape(len(corners), -1).sum(axis=1) / (2.0 * math.pi)
     return np.where(share > 1e-6, share, 0.0)
 
 
-def _glints(foot: np.ndarray, height: np.ndarray, share: np.ndarray, number: np.ndarray) -> Rims:
+def glints(foot: np.ndarray, height: np.ndarray, share: np.ndarray, number: np.ndarray) -> Rims:
     """A = share/2h, so that f = A·h² = share·h/2."""
     return Rims(foot, share * height / 2.0, np.zeros(len(height)), number)
 
 
-def _rims(
+def rims(
     ends: np.ndarray,
     foot: np.ndarray,
     normal: np.ndarray,

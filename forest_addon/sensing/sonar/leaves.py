@@ -1,9 +1,9 @@
-"""Leaves as discs that sound back, and how loud a block of them can be.
+"""Leaves as discs that sound back.
 
 A leaf is a disc of its own area (``discs``) whose scattering is that of ``acoustics/disc``. Well off its
 normal a piston's echo comes from two places of its rim, the nearest and the farthest, whose interference
-is what wiggles in frequency: each alone is smooth. A block of leaves has a table of bounds by the direction
-it is seen from, because leaves that face away are hundreds of times weaker than leaves that face the sonar.
+is what wiggles in frequency: each alone is smooth. How leaves sound that are too near for a
+disc's far field is in ``near``; the leaves of a mesh are in ``foliage``.
 """
 
 from __future__ import annotations
@@ -18,42 +18,31 @@ from scipy import special
 from ...acoustics.disc import amplitude_bound, backscatter_amplitude
 from ...acoustics.disc_table import table_error
 from ...acoustics.smoothness import Profile
-from .clusters import cluster
-from .discs import SIMILAR, Foliage
-from .scatterers import CLEAR, LEAF, Part, Rows, Scatterers, Sight, Views, Whole
-
-
-def spiral(count: int) -> np.ndarray:
-    """(count, 3) unit directions evenly over the upper hemisphere (Fibonacci's spiral)."""
-    z = (np.arange(count) + 0.5) / count
-    turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
-    side = np.sqrt(1.0 - z**2)
-    return np.stack([side * np.cos(turn), side * np.sin(turn), z], axis=1)
-
+from .scatterers import CLEAR, LEAF, Part, Rows, Strength, Whole
 
 RIM = 6.0  # 2ka·sinβ above which a piston's echo is that of two places of its rim
 HANKEL_TERMS = 11
-SPREADS = np.array([0.08, 0.16, 0.32])  # radians between views of one block
-VIEWS = spiral(96)  # of a block, one of each pair of opposite directions
-BETWEEN = 0.23  # radians from any direction to the nearest of these, at most
 INCIDENCES = 16  # classes of them
-RADII, STEPS = 8, 90  # classes of radii, steps of incidence
 
 
 @dataclass(frozen=True)
 class DiscStrength(Rows):
-    """radius, incidence : (M,) metres and radians."""
+    """radius, incidence : (M,) metres and radians. nearness : (M,) a factor of the amplitude."""
 
     radius: np.ndarray
     incidence: np.ndarray
+    nearness: np.ndarray
     model: str
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         k = np.asarray(wavenumber)[:, None]
-        return backscatter_amplitude(k * self.radius, self.incidence, self.model) / k
+        amplitude = backscatter_amplitude(k * self.radius, self.incidence, self.model)
+        amplitude *= self.nearness / k
+        return amplitude
 
     def bound(self, lowest: float, highest: float) -> np.ndarray:
-        return amplitude_bound(lowest, highest, self.radius, self.incidence, self.model)
+        far = amplitude_bound(lowest, highest, self.radius, self.incidence, self.model)
+        return self.nearness * far
 
     def parts(self, lowest: float, highest: float) -> list[Part]:
         """Of a piston, far enough off its normal, the two places of its rim that sound."""
@@ -69,7 +58,9 @@ class DiscStrength(Rows):
         return parts
 
     def profile(self) -> Profile:
-        return Profile(DiscFamily(self.model), self.radius, self.radius, self.incidence)
+        return Profile(
+            DiscFamily(self.model), self.nearness * self.radius, self.radius, self.incidence
+        )
 
     def error(self, highest: float) -> np.ndarray | None:
         if self.model != "exact":
@@ -180,12 +171,16 @@ def _hankel_series() -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class Leaves(Rows):
-    """Leaves as discs: centre, unit normal (M, 3), radius (M,); see ``Scatterers``."""
+    """Leaves as discs: centre, unit normal (M, 3), radius (M,); see ``Scatterers``.
+
+    nearness : (M,) what the amplitudes are multiplied with.
+    """
 
     centre: np.ndarray
     normal: np.ndarray
     radius: np.ndarray
     number: np.ndarray
+    nearness: np.ndarray
     model: str
     kind: ClassVar[str] = LEAF
 
@@ -196,7 +191,11 @@ class Leaves(Rows):
     def clear(self) -> np.ndarray:
         return np.full(len(self), CLEAR)
 
-    def seen(self, point: np.ndarray) -> DiscStrength:
+    def seen(self, point: np.ndarray) -> Strength:
+        return DiscStrength(self.radius, self.incidence(point), self.nearness, self.model)
+
+    def incidence(self, point: np.ndarray) -> np.ndarray:
+        """(M,) radians between their normals and the way to a point."""
         away = self.centre - point
         facing = np.abs(np.einsum("mi,mi->m", away, self.normal))
         squared = np.einsum("mi,mi->m", away, away)
@@ -206,72 +205,5 @@ class Leaves(Rows):
             np.sqrt(np.einsum("mi,mi->m", across, across)),  # keeps its digits face-on
             np.sqrt(np.maximum(squared - facing**2, 0.0)),
         )
-        return DiscStrength(self.radius, np.arctan2(grazing, facing), self.model)
-
-
-class LeafPopulation:
-    """The leaves of one mesh."""
-
-    kind: ClassVar[str] = LEAF
-
-    def __init__(self, foliage: Foliage, model: str) -> None:
-        centre, _, radius = foliage.local
-        self.blocks = cluster(centre, np.where(np.isfinite(radius), 0.0, np.nan))
-        self._foliage, self._model = foliage, model
-        self._largest = self.blocks.largest(radius[self.blocks.order])
-        self._tables: dict[tuple[float, float], np.ndarray] = {}
-
-    def __len__(self) -> int:
-        return len(self.blocks.order)
-
-    def ceiling(self, views: Views, lowest: float, highest: float) -> np.ndarray:
-        widened = np.sqrt(views.stretch[:, 0] * views.stretch[:, 1]) * self._largest[views.block]
-        most = self.blocks.count[views.block] * amplitude_bound(
-            lowest, highest, widened, np.zeros(1), self._model
-        )
-        scale = views.stretch[:, 0]
-        alike = scale - views.stretch[:, 2] <= 2 * SIMILAR * scale
-        spread = np.searchsorted(SPREADS, views.spread)
-        known = np.flatnonzero(alike & (spread < len(SPREADS)))
-        if len(known):
-            # A bound grows with the radius at most as its square, and at least as its root.
-            larger = np.maximum(scale[known] ** 2, np.sqrt(scale[known]))
-            view = np.abs(views.direction[known] @ VIEWS.T).argmax(axis=1)
-            table = self._directed(lowest, highest)
-            some = larger * table[views.block[known], view, spread[known]]
-            most[known] = np.minimum(most[known], some)
-        return most
-
-    def _directed(self, lowest: float, highest: float) -> np.ndarray:
-        """(B, V, S) bounds on Σ|f| of blocks that are seen from ``VIEWS``, give or take ``SPREADS``.
-
-        Radii are rounded up to a few classes, incidences down to steps, and a bound is made to fall with
-        the incidence, so that two look-ups a leaf and view do.
-        """
-        key = (lowest, highest)
-        if key not in self._tables:
-            _, normal, radius = (values[self.blocks.order] for values in self._foliage.local)
-            radius = np.nan_to_num(radius, posinf=0.0)
-            classes = np.quantile(radius, np.linspace(0.0, 1.0, RADII + 1)[1:])
-            step = np.linspace(0.0, np.pi / 2, STEPS + 1)
-            bound = amplitude_bound(lowest, highest, classes[:, None], step, self._model)
-            bound = np.maximum.accumulate(bound[:, ::-1], axis=1)[:, ::-1].astype(np.float32)
-            row = np.searchsorted(classes, radius)[:, None] * np.int64(STEPS + 1)
-            cosine = np.abs(normal @ VIEWS.T)
-            incidence = np.arccos(np.minimum(np.nan_to_num(cosine), 1.0)).astype(np.float32)
-            tables = []
-            for spread in SPREADS:
-                place = np.maximum(incidence - np.float32(spread + BETWEEN), 0.0) * (
-                    2 * STEPS / np.pi
-                )
-                some = bound.ravel().take(row + place.astype(np.int64))
-                tables.append(np.add.reduceat(some, self.blocks.first[:-1], axis=0))
-            self._tables[key] = 1.00001 * np.stack(tables, axis=-1)  # sums in single precision
-        return self._tables[key]
-
-    def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> Scatterers:
-        leaf = self.blocks.order[rows]
-        centre, normal, radius = self._foliage.moved(transform, leaf)
-        return Leaves(
-            centre, normal, radius, self._foliage.leaf[leaf].astype(np.int64), self._model
-        )
+        angle: np.ndarray = np.arctan2(grazing, facing)
+        return angle

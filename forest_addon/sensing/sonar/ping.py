@@ -28,9 +28,10 @@ from ..rays.caster import RayCaster
 from .bands import Band, Grid, grid_of
 from .discs import LeafDiscs, leaf_discs
 from .doppler import shifted_sum, widened
+from .near import count_close
 from .poses import Pose, posed
 from .search import Group, mean_amplitude, search
-from .shading import Extinction, behind_wood
+from .shading import shade_of
 from .station import Equipment, Station
 from .summation import sum_echoes
 from .targets import Targets
@@ -75,7 +76,8 @@ class Echo:
     analytic signals. waveforms : (E, N) of the sonar's call; those of a pulse are the responses.
     leaves, others : how many leaves, and cylinders and facets before they are
     cut, the scene has of the kinds that sound. near, far, broken, hidden, late : scatterers outside the
-    limits of range, not finite, behind wood, after the end of the record.
+    limits of range, not finite, behind wood, after the end of the record. close : leaves in the sum that
+    are nearer than ka²/2 (a their radius, k the largest wavenumber), where a disc's far field is far off.
     cull_bound : all that is left out as too weak adds at most this share of Σ|A| of what is heard.
     error_bound, table_error : of Σ max|A|, by which the spectra may be off the direct sum, and by which
     this may be off because the exact disc and cylinders are looked up.
@@ -94,6 +96,7 @@ class Echo:
     broken: int
     hidden: int
     late: int
+    close: int
     cull_bound: float
     error_bound: float
     table_error: float
@@ -127,8 +130,10 @@ class Echo:
 
     @property
     def leaves_heard(self) -> int:
-        """How many leaves are in the sum."""
-        return int(np.count_nonzero(self.heard.kind == "leaf"))
+        """How many leaves are in the sum; a near one has several pieces."""
+        leaf = self.heard.kind == "leaf"
+        names = np.stack([self.heard.instance[leaf], self.heard.number[leaf]])
+        return len(np.unique(names, axis=1).T)
 
 
 def ping(
@@ -160,12 +165,14 @@ def ping(
     station = Station(sonar, air, pose or posed(sonar), equipment or Equipment.of(sonar))
     call = station.equipment.call
     band, rate = Band(*sonar.band), sonar.sample_rate
-    hidden = behind_wood(wood, station.point) if wood and "trunks" in sonar.shading else None
-    found = search(targets, station, band, hidden, sonar.record or np.inf)
-    if "extinction" in sonar.shading:
-        if everything is None:
-            raise ValueError("shading by extinction needs rays that meet leaves; give a caster")
-        found = Extinction(everything, station).shade(found)
+    if "extinction" in sonar.shading and everything is None:
+        raise ValueError("shading by extinction needs rays that meet leaves; give a caster")
+    shade = shade_of(
+        wood if "trunks" in sonar.shading else None,
+        everything if "extinction" in sonar.shading else None,
+        station,
+    )
+    found = search(targets, station, band, shade, sonar.record or np.inf)
     latest = max((float(g.paths.length.max()) for g in found.groups), default=0.0)
     lasts = call.duration if call else 0.0
     moving = float(np.linalg.norm(station.pose.velocity)) if call and sonar.doppler else 0.0
@@ -195,6 +202,7 @@ def ping(
         leaves=targets.total(sonar, "leaf"),
         others=targets.total(sonar) - targets.total(sonar, "leaf"),
         **vars(found.counts),
+        close=sum(count_close(group.scatterers, group.instance) for group in found.groups),
         cull_bound=found.bound,
         error_bound=summed.error_bound,
         table_error=summed.table_error,

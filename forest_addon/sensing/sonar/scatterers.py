@@ -144,12 +144,13 @@ class Scatterers(Protocol):
 class Sight:
     """What a population must know of a sonar before it makes scatterers.
 
-    point : (3,) where it is. wavenumber : the largest, 1/m. reach : metres, its range.
+    point : (3,) where it is. wavenumber : the largest, 1/m. nearest, reach : metres, its range.
     """
 
     point: np.ndarray
     wavenumber: float
     reach: float
+    nearest: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -180,6 +181,8 @@ class Population(Protocol):
         """(P,) no Σ|f| of a block, as it is viewed, between two wavenumbers is larger."""
         ...
 
-    def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> Scatterers:
-        """Some rows through one (3, 4) transform."""
+    def scatterers(
+        self, transform: np.ndarray, rows: np.ndarray, sight: Sight
+    ) -> Sequence[Scatterers]:
+        """Some rows through one (3, 4) transform, in one or more sets."""
         ...

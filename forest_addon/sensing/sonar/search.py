@@ -1,5 +1,8 @@
 """Who is heard: scatterers taken block by block until the rest can add next to nothing.
 
+What stands before a scatterer weakens it before it is counted in Σ|A|; what is left out counts as if
+nothing did.
+
 Blocks are opened in order of their bounds, loudest first, until the bounds of those that stay shut are at
 most half of ``cull``·Σ|A|; of the scatterers within, the weakest go until their bounds fill the other
 half. Σ|A| is known from below by the loudest few, each averaged over the band (Hann), so the promise
@@ -18,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .bands import Band
+from .near import NearFaces
 from .scatterers import Rows, Scatterers, Sight, Strength
 from .station import Paths, Station
 from .targets import Candidates, Targets
@@ -26,12 +30,11 @@ LOUDEST = 2048  # scatterers whose Σ|A| is the first lower bound
 CAUTION = 0.9  # a mean over few frequencies may be a little too large
 GUESS = 0.01  # of Σ|A| over the bounds of the blocks, where the search starts
 
-Shade = Callable[[Scatterers, Paths], np.ndarray]
-
 
 @dataclass(frozen=True)
 class Group(Rows):
-    """Scatterers of one kind and instance with their ways; ``shade`` (M,) is 0 where wood hides them."""
+    """Scatterers of one kind with their instances and ways; ``shade`` (M,) is what is left of each by
+    what stands before it, 0 where wood hides it."""
 
     scatterers: Scatterers
     instance: np.ndarray
@@ -91,11 +94,15 @@ class Found:
 
 
 def search(
-    targets: Targets, station: Station, band: Band, hidden: Shade | None, latest: float
+    targets: Targets,
+    station: Station,
+    band: Band,
+    shade: Callable[[Group], np.ndarray] | None,
+    latest: float,
 ) -> Found:
     """Find what is heard from a station.
 
-    hidden : (M,) bool of scatterers and their ways, whether wood hides them; None: nothing does.
+    shade : (M,) of a group, what is left of its pressure by what stands before it; None: all.
     latest : seconds; later echoes are cut.
     """
     lowest, highest = station.wavenumbers
@@ -108,7 +115,7 @@ def search(
     unbounded = int(
         np.count_nonzero(np.isinf(bound))
     )  # blocks with something not finite come first
-    finder = _Finder(targets, station, band, hidden, latest, Counts(far=far))
+    finder = _Finder(targets, station, band, shade, latest, Counts(far=far))
 
     opened, known, loudest = 0, GUESS * float(rest[unbounded]), LOUDEST
     while True:
@@ -131,16 +138,18 @@ class _Finder:
         targets: Targets,
         station: Station,
         band: Band,
-        hidden: Shade | None,
+        shade: Callable[[Group], np.ndarray] | None,
         latest: float,
         counts: Counts,
     ) -> None:
         self._targets, self._station, self._band = targets, station, band
-        self._hidden, self._latest, self._counts = hidden, latest, counts
+        self._shade, self._latest, self._counts = shade, latest, counts
         sonar = station.sonar
-        self._sight = Sight(station.point, station.wavenumbers[1], sonar.max_range)
+        self._sight = Sight(
+            station.point, station.wavenumbers[1], sonar.max_range, sonar.near_limit
+        )
         self._groups: list[Group] = []
-        self._checked: list[np.ndarray] = []  # (M,) of each group: whether wood was asked for
+        self._checked: list[np.ndarray] = []  # (M,) of each group: whether its shade is known
 
     def open(self, blocks: Candidates) -> None:
         """Move the scatterers of some blocks into the world and bound each."""
@@ -150,6 +159,10 @@ class _Finder:
             distance = np.linalg.norm(made.centre - station.point, axis=1)
             finite = np.isfinite(distance) & _finite(made)
             near, far = distance < sonar.near_limit, distance > sonar.max_range
+            if isinstance(made, NearFaces):  # of leaves whose middles are within the range
+                made, instance = made.select(~near), instance[~near]
+                distance, finite = distance[~near], finite[~near]
+                near = far = np.zeros(len(made), dtype=bool)
             counts.broken += int(np.count_nonzero(~finite))
             counts.near += int(np.count_nonzero(near & finite))
             counts.far += int(np.count_nonzero(far & finite))
@@ -208,14 +221,13 @@ class _Finder:
         return Found(merged(kept), rest / known if rest > 0 else 0.0, self._counts)
 
     def _look(self, number: int, rows: np.ndarray) -> None:
-        """Ask wood for rows of a group that have not been asked for."""
-        if self._hidden is None:
+        """Ask what stands before rows of a group that have not been asked for."""
+        if self._shade is None:
             return
         group, checked = self._groups[number], self._checked[number]
         rows = rows[~checked[rows]]
         if len(rows):
-            some = group.select(rows)
-            group.shade[rows] = ~self._hidden(some.scatterers, some.paths)
+            group.shade[rows] = self._shade(group.select(rows))
             checked[rows] = True
 
 

@@ -19,7 +19,7 @@ from ...spec import Sonar
 from ..rays.geometry import SceneGeometry
 from .discs import Foliage, LeafDiscs
 from .facets import FacetPopulation
-from .leaves import LeafPopulation
+from .foliage import LeafPopulation
 from .scatterers import Population, Rows, Scatterers, Sight, Views
 from .wood import WoodPopulation
 
@@ -150,8 +150,8 @@ class Targets:
     def scatterers(
         self, sonar: Sonar, some: Candidates, sight: Sight
     ) -> list[tuple[Scatterers, np.ndarray]]:
-        """The scatterers of opened candidates, one set a kind, each with its instance (M,)."""
-        opened: dict[str, tuple[list[Scatterers], list[np.ndarray]]] = {}
+        """The scatterers of opened candidates, one set a class, each with its instance (M,)."""
+        opened: dict[type, tuple[list[Scatterers], list[np.ndarray]]] = {}
         order = np.lexsort((some.block, some.member, some.stand))
         stand, member, block = some.stand[order], some.member[order], some.block[order]
         starts = np.flatnonzero(
@@ -162,10 +162,10 @@ class Targets:
             bounds = chosen.population.blocks.first
             rows = np.concatenate([np.arange(bounds[b], bounds[b + 1]) for b in block[first:last]])
             which = member[first]
-            made = chosen.population.scatterers(chosen.transform[which], rows, sight)
-            sets, instances = opened.setdefault(made.kind, ([], []))
-            sets.append(made)
-            instances.append(np.full(len(made), chosen.instance[which]))
+            for made in chosen.population.scatterers(chosen.transform[which], rows, sight):
+                sets, instances = opened.setdefault(type(made), ([], []))
+                sets.append(made)
+                instances.append(np.full(len(made), chosen.instance[which]))
         return [
             (type(sets[0]).joined(sets), np.concatenate(instances))
             for sets, instances in opened.values()

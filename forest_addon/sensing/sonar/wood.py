@@ -33,6 +33,7 @@ from .scatterers import WOOD, Rows, Scatterers, Sight, Views, Whole, sinc_argume
 
 STRAIGHT = 0.002  # m between a centreline and the chords that stand for it
 ALIKE = 0.1  # relative change of the radius along a chord
+CREEPING = 2.0 + math.pi
 LARGEST = 600.0  # ka; beyond, S grows as its root
 TABULATED, EXTENDED = 5e-7, 4e-6  # largest error of S relative to it, up to there and beyond
 
@@ -91,7 +92,8 @@ class CylinderFamily:
         return sinc_argument(place)
 
     def turns(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        return second + np.minimum(first, 4.0)  # of creeping waves around thin ones
+        # Sound creeps around the back, (2 + π)a later; it is 1e-7 of all at ka = 300.
+        return second + CREEPING * np.minimum(first, 300.0)
 
 
 @dataclass(frozen=True)
@@ -147,7 +149,7 @@ class WoodPopulation:
         size = _largest_backscatter(highest * widest * self._thickest[views.block])
         return widest * self._length[views.block] / math.pi * size
 
-    def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> Scatterers:
+    def scatterers(self, transform: np.ndarray, rows: np.ndarray, sight: Sight) -> list[Scatterers]:
         linear, shift = transform[:, :3], transform[:, 3]
         start, end = self._start[rows] @ linear.T + shift, self._end[rows] @ linear.T + shift
         span = end - start
@@ -156,7 +158,7 @@ class WoodPopulation:
         # The cross section changes by what the volume changes beyond the length.
         volume = abs(float(np.linalg.det(linear)))
         radius = self._radius[rows] * np.sqrt(volume * local / np.maximum(length, 1e-30))
-        return _cut(start, span, length, radius, self.blocks.order[rows], sight)
+        return [_cut(start, span, length, radius, self.blocks.order[rows], sight)]
 
 
 def wood_segments(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ from references.echo_scenes import scene_of, square_leaves
 from references.rays_brute import BruteCaster
 
 from forest_addon.growth.mesh.trimesh import WOOD, TriMesh, join
-from forest_addon.sensing.sonar.ping import ping
+from forest_addon.sensing.sonar.ping import Echo, ping
 from forest_addon.sensing.sonar.poses import posed
 from forest_addon.sensing.sonar.shading import CELL, Extinction
 from forest_addon.sensing.sonar.station import Equipment, Station
@@ -34,8 +34,8 @@ def depths(mesh: TriMesh, distance: float, spread: int = 9) -> np.ndarray:
     angles = (np.arange(spread) - spread // 2) * CELL / 2
     az, el = (grid.ravel() for grid in np.meshgrid(angles, angles))
     caster = BruteCaster(scene_of(mesh))
-    far = np.full(len(az), distance)
-    return Extinction(caster, station).depth(np.stack([az, el]), far, np.full(len(az), 1e-3))
+    far = np.full(len(az), distance - 1e-3)
+    return -np.log(Extinction(caster, station).transmission(np.stack([az, el]), far))
 
 
 @pytest.mark.slow
@@ -71,11 +71,11 @@ def test_two_ways_weaken_the_pressure_by_the_depth() -> None:
     dim = ping(targets, Sonar(shading="extinction", **settings), AIR, everything=caster)
 
     def size(echo, leaf):
-        return float(echo.heard.amplitude[echo.heard.number == leaf][0])
+        return float(echo.heard.amplitude[echo.heard.number == leaf].sum())
 
     assert size(dim, 801) == pytest.approx(size(clear, 801), rel=1e-9)
     depth = -math.log(size(dim, 800) / size(clear, 800))
-    assert depth == pytest.approx(depths(screen, 3.9, spread=1)[0], rel=1e-6)
+    assert depth == pytest.approx(depths(screen, 4.0, spread=1)[0], rel=1e-3)
     with pytest.raises(ValueError, match="needs rays"):
         ping(targets, Sonar(shading="extinction", **settings), AIR)
 
@@ -102,3 +102,56 @@ def test_trunks_and_leaves_together() -> None:
     clear = ping(targets, Sonar(shading="none", **settings), AIR)
     whole = {int(n): a for n, a in zip(clear.heard.number, clear.heard.amplitude, strict=True)}
     assert leaf[800] < 0.9 * whole[800]
+
+
+def pinged(targets: Targets, **settings: object) -> Echo:
+    base = {"position": (0, 0, 0), "wood": False, "shading": "extinction", "tolerance": 0.0}
+    return ping(targets, Sonar(**{**base, **settings}), AIR, everything=BruteCaster(targets.scene))
+
+
+def test_culling_keeps_its_promise_behind_a_thicket() -> None:
+    """Loud leaves behind a dense screen; what is left out is weak only until they are shaded."""
+    rng = np.random.default_rng(4)
+    screen_at = rng.uniform([2, -0.3, -0.3], [2.5, 0.3, 0.3], (120, 3))
+    loud_at = rng.uniform([4, -0.2, -0.2], [5, 0.2, 0.2], (20, 3))
+    faint_at = rng.uniform([2.5, 0.9, -0.3], [3, 1.2, 0.3], (150, 3))  # beside it, off the beam
+    ahead = np.array([[1.0, 0, 0]])
+    mesh = join(
+        [
+            square_leaves(screen_at, ahead + np.zeros((120, 1)), 0.1),
+            square_leaves(loud_at, ahead + np.zeros((20, 1)), 0.1),
+            square_leaves(faint_at, rng.normal(size=(150, 3)), 0.03),
+        ]
+    )
+    targets = Targets(scene_of(mesh))
+    beam = {"beam_width_deg": (25.0, 25.0)}
+    whole = pinged(targets, cull=0.0, **beam)
+    for cull in (1e-2, 0.1):
+        part = pinged(targets, cull=cull, **beam)
+        assert len(part.heard) < len(whole.heard)
+        heard = float(part.heard.amplitude.sum())
+        assert 0 < part.cull_bound <= cull
+        assert whole.heard.amplitude.sum() - heard <= part.cull_bound * heard
+
+
+@pytest.mark.parametrize(("side", "passes"), [(0.02, (0.5, 1.0)), (0.6, (0.0, 1e-3))])
+def test_a_leaf_larger_than_the_fresnel_zone_casts_a_shadow(side: float, passes) -> None:
+    """Half way to a leaf at 4 m the zone's radius is 7 cm: leaves of 1 cm do next to nothing."""
+    at = np.array([[2.0, 0.05, 0.05], [4.0, 0.1, 0.1]])
+    screen = square_leaves(at[:1], np.array([[1.0, 0, 0]]), side)
+    target = square_leaves(at[1:], np.array([[1.0, 0, 0]]), 0.05)
+    targets = Targets(scene_of(join([screen, target])))
+
+    def size(echo: Echo) -> float:
+        return float(echo.heard.amplitude[echo.heard.number == 1].sum())
+
+    share = size(pinged(targets, cull=0.0)) / size(pinged(targets, cull=0.0, shading="none"))
+    assert passes[0] <= share <= passes[1]
+
+
+def test_a_leaf_does_not_shade_itself() -> None:
+    """Tilted, its upper half stands before its middle."""
+    leaf = square_leaves(np.array([[3.0, 0.05, 0.05]]), np.array([[1.0, 0, 1.0]]), 0.3)
+    targets = Targets(scene_of(leaf))
+    dim, clear = (pinged(targets, cull=0.0, shading=way) for way in ("extinction", "none"))
+    np.testing.assert_allclose(dim.spectrum, clear.spectrum, rtol=1e-12)
