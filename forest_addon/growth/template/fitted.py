@@ -23,12 +23,13 @@ from .runs import Runs
 NODE = 0.25  # mean spacings within which daughters share a node
 LIMB = 0.5  # radii of the trunk there from which a first-level branch is a limb, and always there
 ALIKE_LENGTH = 0.45  # logarithm of length
-ALIKE_SHARE = 0.25  # of the mother
+ALIKE_SHARE = 0.15  # of the mother
 ALIKE_SLOPE = np.deg2rad(35.0)
-MOST_ALIKE = 8  # members of a class
+MOST_ALIKE = 4  # members of a class
 KERNEL = 0.12  # of the mother's length: how far a table looks
 PLACES = 33  # of a table
 MOST_CHANCE = 0.25
+FEW = 6.0
 MOST_UNEVEN = 0.1  # relative spread of the number of branches of an order, by chance
 
 
@@ -167,7 +168,8 @@ def _spread(anatomy: Anatomy, slots: Slots, order: int) -> tuple[float, float]:
         return 0.0, 0.0
     # Neighbouring gaps are compared, so that spacing that changes along the mother is no spread.
     contrast = np.log(np.maximum(gap[pairs + 1], 1e-6) / np.maximum(gap[pairs], 1e-6))
-    scatter = float(min(np.median(np.abs(contrast)) / (0.6745 * np.sqrt(2)), 0.6))
+    scatter = min(float(np.median(np.abs(contrast))) / (0.6745 * np.sqrt(2)), 0.6)
+    scatter *= float(np.sqrt(len(pairs) / (len(pairs) + FEW)))  # a few gaps tell little
     uneven = float(np.diff(size)[same[:-1]].var() / 2 / size.mean())
     whorled = size.mean() > 1.5
     chance = (uneven if whorled else scatter**2) / 2
