@@ -207,7 +207,8 @@ def _add_template(commands: argparse._SubParsersAction) -> None:
         "template",
         help="make a species from your own tree (STL)",
         description="Recognise trunk, branches and leaves in STL files of a tree, and write a species "
-        "that grows from them, a picture of what was recognised, and a scene that plants it.",
+        "by which siblings of it grow, pictures of what was recognised and of some siblings, and a "
+        "scene that plants them. A table says how close the siblings come to the tree.",
     )
     template.add_argument("wood", type=Path, metavar="WOOD.stl", help="trunk and branches, z up")
     template.add_argument(
@@ -220,6 +221,19 @@ def _add_template(commands: argparse._SubParsersAction) -> None:
         default=0.0,
         metavar="M",
         help="height of the tree in metres; left out: inferred, and said",
+    )
+    template.add_argument(
+        "--grammar",
+        choices=("fitted", "t20"),
+        default="fitted",
+        help="siblings of the tree, or its branches on T20's grammar (default fitted)",
+    )
+    template.add_argument(
+        "--siblings",
+        type=int,
+        default=50,
+        metavar="N",
+        help="how many to grow and compare with the tree (default 50; 0: none)",
     )
     template.add_argument(
         "--out", type=Path, metavar="DIR", help="folder for the library (default out/NAME)"
@@ -324,7 +338,15 @@ def _estimate(chosen: argparse.Namespace) -> int:
 def _template(chosen: argparse.Namespace) -> int:
     from .commands.template import make_template
 
-    make_template(chosen.wood, chosen.leaves, chosen.name, chosen.height, chosen.out)
+    make_template(
+        chosen.wood,
+        chosen.leaves,
+        chosen.name,
+        chosen.height,
+        chosen.out,
+        chosen.grammar,
+        chosen.siblings,
+    )
     return 0
 
 

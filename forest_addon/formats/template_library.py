@@ -1,7 +1,7 @@
 """A user's tree as STL files becomes a species that grows: the folder of its library.
 
-Written: the tree in metres (wood.stl, leaves.stl), a species file with a grammar fitted to its habit, and
-a scene that plants it (scene.toml).
+Written: the tree in metres (wood.stl, leaves.stl), a species file by which siblings of it grow (or trees
+of T20's grammar, fitted to its habit), and a scene that plants it (scene.toml).
 """
 
 from __future__ import annotations
@@ -15,7 +15,10 @@ import numpy as np
 
 from ..growth.mesh.leaves import measure_leaves
 from ..growth.mesh.trimesh import LEAF, TriMesh
-from ..growth.template.cut import TreeTemplate, split_tree
+from ..growth.template.allometry import allometry_of
+from ..growth.template.anatomy import dissect
+from ..growth.template.cut import split_tree
+from ..growth.template.fitted import Habit, fit
 from ..growth.template.habit import fit_grammar
 from ..growth.template.recognise import Recognition, TemplateError, recognise
 from ..growth.template.unit import Unit, infer_unit
@@ -31,7 +34,8 @@ class Library:
     """What was read and recognised, in file units, and what it was made into.
 
     wood, leaves : (T, 3, 3) facets as read. leaf : median length of a leaf, None without leaves.
-    unit : what one unit of the files is taken to be. tree : in metres. species : the file written.
+    unit : what one unit of the files is taken to be. habit : the tree taken apart, in metres.
+    species : the file written.
     """
 
     wood: np.ndarray
@@ -39,13 +43,23 @@ class Library:
     found: Recognition
     leaf: float | None
     unit: Unit
-    tree: TreeTemplate
+    habit: Habit
     species: Path
 
     @property
     def height(self) -> float:
         """Of the tree, metres."""
         return float(np.ptp(self.wood[:, :, 2])) * self.unit.metres
+
+    @property
+    def branches(self) -> int:
+        """How many first-level branches it has."""
+        return int(np.count_nonzero(self.habit.anatomy.order == 1))
+
+    @property
+    def leaf_count(self) -> int:
+        """How many leaves."""
+        return len(self.habit.anatomy.foliage.bearer)
 
 
 def make_library(
@@ -55,10 +69,12 @@ def make_library(
     height: float,
     out: Path,
     progress: Progress | None = None,
+    grammar: str = "fitted",
 ) -> Library:
     """Make a template library from STL files.
 
     height : metres of the tree; 0: the unit is inferred.
+    grammar : "fitted" for siblings of the tree, "t20" for T20's grammar with its branches.
 
     Raises
     ------
@@ -75,21 +91,24 @@ def make_library(
     leaf = _leaf_length(found)
     tall = float(np.ptp(timber[:, :, 2]))
     unit = Unit(height / tall, "units of the height given") if height else infer_unit(tall, leaf)
-    tree = split_tree(timber * unit.metres, None if foliage is None else foliage * unit.metres)
+    habit = fit(dissect(found, unit.metres))
     tell(2, 4)
-    grammar = fit_grammar(tree)
+    metric = (timber * unit.metres, None if foliage is None else foliage * unit.metres)
+    how = _siblings_text(name)
+    if grammar == "t20":
+        how = _t20_text(fit_grammar(split_tree(*metric)))
     tell(3, 4)
 
     out.mkdir(parents=True, exist_ok=True)
-    write_stl(out / "wood.stl", timber * unit.metres, f"{name}: wood, metres")
-    if foliage is not None:
-        write_stl(out / "leaves.stl", foliage * unit.metres, f"{name}: leaves, metres")
+    write_stl(out / "wood.stl", metric[0], f"{name}: wood, metres")
+    if metric[1] is not None:
+        write_stl(out / "leaves.stl", metric[1], f"{name}: leaves, metres")
     species = out / f"{name}.toml"
     origin = " and ".join(path.name for path in (wood, leaves) if path)
-    _write(species, _species_text(name, origin, foliage is not None, grammar))
+    _write(species, _species_text(name, origin, foliage is not None) + how)
     _write(out / "scene.toml", _scene_text(name, tall * unit.metres))
     tell(4, 4)
-    return Library(timber, foliage, found, leaf, unit, tree, species)
+    return Library(timber, foliage, found, leaf, unit, habit, species)
 
 
 def check_name(name: str) -> None:
@@ -126,15 +145,28 @@ def _leaf_length(found: Recognition) -> float | None:
     return float(np.median(measure_leaves(mesh).length))
 
 
-def _species_text(name: str, origin: str, leafy: bool, grammar: Grammar) -> str:
+def _species_text(name: str, origin: str, leafy: bool) -> str:
     return f"""\
 name = "{name}"
-source = "Template from {origin.replace('"', "'").replace(chr(92), "/")}; grammar of T20 fitted to its habit."
+source = "Template from {origin.replace('"', "'").replace(chr(92), "/")}."
 
 [template]
 wood = "wood.stl"
 leaves = "{"leaves.stl" if leafy else ""}"
+"""
 
+
+def _siblings_text(name: str) -> str:
+    return f"""
+# Siblings of this tree; 0 is the tree itself. Without this table, T20's grammar sets its branches.
+[siblings]
+variety = 1.0
+allometry = "{allometry_of(name)}"
+"""
+
+
+def _t20_text(grammar: Grammar) -> str:
+    return f"""
 [grammar]
 generations = {grammar.generations}
 copies = {grammar.copies}

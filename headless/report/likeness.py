@@ -7,7 +7,7 @@ ground) and the echo of its leaves, or bare wood, from all sides.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -133,12 +133,7 @@ def _echo_levels(tree: Tree, scene: SceneGeometry) -> np.ndarray:
 
 
 def compare_with_sensors(
-    template: Tree, siblings: Sequence[Tree], progress: Callable[[int, int], None] | None = None
+    template: Tree, siblings: Iterable[Tree]
 ) -> tuple[Portrait, list[Portrait]]:
-    """Portraits of the template and of its siblings."""
-    found = []
-    for done, tree in enumerate(siblings):
-        found.append(portray_with_sensors(tree))
-        if progress:
-            progress(done + 1, len(siblings))
-    return portray_with_sensors(template), found
+    """Portraits of the template and of its siblings; each sibling is let go before the next is grown."""
+    return portray_with_sensors(template), [portray_with_sensors(tree) for tree in siblings]

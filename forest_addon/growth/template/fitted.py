@@ -21,7 +21,7 @@ from .anatomy import Anatomy
 from .runs import Runs
 
 NODE = 0.25  # mean spacings within which daughters share a node
-LIMB = 0.5  # radii of the trunk there from which a first-level branch is a limb, and always there
+LIMB = 0.5, 0.25  # radii of the trunk there, and at its foot, from which a branch is a limb: always there
 ALIKE_LENGTH = 0.45  # logarithm of length
 ALIKE_SHARE = 0.15  # of the mother
 ALIKE_SLOPE = np.deg2rad(35.0)
@@ -109,6 +109,15 @@ def fit(anatomy: Anatomy) -> Habit:
     )
 
 
+def limbs(anatomy: Anatomy) -> np.ndarray:
+    """(C,) whether a piece is a first-level branch nearly as stout as the trunk: a fork of it."""
+    foot = anatomy.foot_radius()
+    trunk = foot[np.maximum(anatomy.parent, 0)]
+    there, at_foot = LIMB
+    stout = (foot >= there * radius_at_seat(anatomy)) & (foot >= at_foot * trunk)
+    return np.asarray(stout & (anatomy.order == 1))
+
+
 def radius_at_seat(anatomy: Anatomy) -> np.ndarray:
     """(C,) radius of the mother where each piece sits; infinite on the ground."""
     lines, mother = anatomy.lines, np.maximum(anatomy.parent, 0)
@@ -138,15 +147,13 @@ def _slots(anatomy: Anatomy, share: np.ndarray) -> Slots:
     after = np.concatenate([np.where(inside, gap, np.nan), [np.nan]]) if count else middle
     before = np.where(np.isnan(before), middle, before)  # to the foot, and to the tip
     after = np.where(np.isnan(after), 1.0 - middle, after)
-    on_trunk = anatomy.order[piece] == 1
-    stout = anatomy.foot_radius()[piece] >= LIMB * radius_at_seat(anatomy)[piece]
     return Slots(
         of_piece=of_piece,
         piece=piece,
         node=node - node[of_piece.first[mother]] if count else node,
         before=before[node],
         after=after[node],
-        limb=on_trunk & stout,
+        limb=limbs(anatomy)[piece],
     )
 
 
@@ -188,8 +195,7 @@ def _classes(anatomy: Anatomy, share: np.ndarray) -> np.ndarray:
         ],
         axis=1,
     )
-    limb = anatomy.foot_radius() >= LIMB * radius_at_seat(anatomy)
-    group = 2 * anatomy.order + limb
+    group = 2 * anatomy.order + limbs(anatomy)
     kind, count = np.empty(anatomy.count, np.int64), 0
     cells = [np.flatnonzero(group == g) for g in np.unique(group)]
     while cells:
@@ -203,7 +209,8 @@ def _classes(anatomy: Anatomy, share: np.ndarray) -> np.ndarray:
         cut = len(ordered) // 2
         if extent[along] > 1.0:  # where the widest gap near the middle is
             near = slice(max(1, len(ordered) // 4), max(2, len(ordered) - len(ordered) // 4))
-            cut = near.start + int(np.argmax(np.diff(feature[ordered, along])[near.start - 1 : near.stop - 1]))
+            widest = np.diff(feature[ordered, along])[near.start - 1 : near.stop - 1]
+            cut = near.start + int(np.argmax(widest))
         cells += [ordered[:cut], ordered[cut:]]
     return kind
 

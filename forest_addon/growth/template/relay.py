@@ -46,6 +46,18 @@ def mesh_of(anatomy: Anatomy, grown: Grown, variety: float) -> tuple[TriMesh, Le
     return join([wood, leaves]), truth
 
 
+def farthest_off(anatomy: Anatomy, grown: Grown) -> float:
+    """The largest distance between a vertex and where it was in the template, metres."""
+    wood, leaves = anatomy.wood.stock, anatomy.foliage.stock
+    moved = _wood(anatomy, grown).vertices - wood.place[wood.vertices.copy(grown.piece)[0]]
+    hung = hang_leaves(anatomy, grown, 0.0)
+    vertex, leaf, _ = leaves.vertices.copy(hung.source)
+    was = leaves.place[vertex] + anatomy.foliage.foot[hung.source][leaf]
+    fell = _leaves(anatomy, grown, hung, False)[0].vertices - was
+    every = np.concatenate([moved, fell])
+    return float(np.sqrt(np.einsum("vi,vi->v", every, every).max(initial=0.0)))
+
+
 def skeleton_of_grown(grown: Grown) -> Skeleton:
     """All wood of a tree as segments, the trunk's first."""
     lines = grown.lines
