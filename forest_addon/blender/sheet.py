@@ -45,10 +45,12 @@ def render_sheet(
     path: str | os.PathLike[str],
     samples: int = 16,
     progress: Progress | None = None,
+    one_scale: bool = False,
 ) -> list[Cell]:
     """Render trees (name, look, tree) in rows; returns where each stands.
 
-    width : of the picture, pixels.
+    width : of the picture, pixels. one_scale : all as large as the largest needs, not each as its cell
+        allows.
 
     Raises
     ------
@@ -61,11 +63,13 @@ def render_sheet(
     high = rows * FIELD[1]
     scene.render.resolution_x, scene.render.resolution_y = width, round(high * pixels)
     cells = []
+    least = min((_fit(tree) for _, _, tree in trees), default=1.0)
     for number, (name, look, tree) in enumerate(trees):
         row, column = divmod(number, columns)
         x = (column + 0.5) * FIELD[0]
         up = high - (row + 1) * FIELD[1] + FOOT  # on the picture; the camera's tilt shortens z
-        size = _hang(scene, name, look, tree, x, up / math.cos(TILT))
+        size = least if one_scale else _fit(tree)
+        _hang(scene, name, look, tree, x, up / math.cos(TILT), size)
         cells.append(Cell(x * pixels, (high - up) * pixels, 1 / (size * pixels)))
     _aim(scene, columns * FIELD[0], high)
     _light(scene)
@@ -76,16 +80,26 @@ def render_sheet(
     return cells
 
 
-def _hang(
-    scene: bpy.types.Scene, name: str, look: spec.Look, tree: Tree, x: float, z: float
-) -> float:
-    """Put a tree with its foot at (x, 0, z), scaled to its cell; returns the scale."""
+def _fit(tree: Tree) -> float:
+    """The scale at which a tree fills its cell."""
     corners = tree.mesh.vertices
-    low, top = corners.min(axis=0), corners.max(axis=0)
+    wide = max(float(np.ptp(corners[:, 0])), 1e-3)
+    tall = max(float(corners[:, 2].max()), 1e-3)
+    return float(min(ROOM[0] / wide, ROOM[1] / tall))
+
+
+def _hang(
+    scene: bpy.types.Scene,
+    name: str,
+    look: spec.Look,
+    tree: Tree,
+    x: float,
+    z: float,
+    size: float,
+) -> None:
+    """Put a tree with its foot at (x, 0, z), scaled to this size."""
+    low, top = tree.mesh.vertices.min(axis=0), tree.mesh.vertices.max(axis=0)
     middle = (low[0] + top[0]) / 2
-    wide = max(top[0] - low[0], 1e-3)
-    tall = max(top[2], 1e-3)
-    size = float(min(ROOM[0] / wide, ROOM[1] / tall))
     mesh = to_mesh(name, tree.mesh)
     mesh.materials.append(materials.bark(f"{name} bark", look.bark))
     mesh.materials.append(materials.leaf(f"{name} leaf", look.leaf))
@@ -93,7 +107,6 @@ def _hang(
     thing.scale = (size, size, size)
     thing.location = (x - middle * size, 0.0, z)
     scene.collection.objects.link(thing)
-    return size
 
 
 def _aim(scene: bpy.types.Scene, wide: float, high: float) -> None:

@@ -1,7 +1,7 @@
 """A user's tree in files becomes a species that grows: the folder of its library.
 
-Written: the tree in metres (wood.stl, leaves.stl), a species file with a grammar fitted to its habit, and
-a scene that plants it (scene.toml).
+Written: the tree in metres (wood.stl, leaves.stl), a species file by which siblings of it grow (or trees
+of T20's grammar, fitted to its habit), and a scene that plants it (scene.toml).
 """
 
 from __future__ import annotations
@@ -15,7 +15,10 @@ import numpy as np
 
 from ..growth.mesh.leaves import measure_leaves
 from ..growth.mesh.trimesh import LEAF, TriMesh
-from ..growth.template.cut import TreeTemplate, split_tree
+from ..growth.template.allometry import allometry_of
+from ..growth.template.anatomy import dissect
+from ..growth.template.cut import split_tree
+from ..growth.template.fitted import Habit, fit
 from ..growth.template.habit import fit_grammar
 from ..growth.template.parts import UPRIGHT, Group, Sorted, likely_up, sort_out, upright
 from ..growth.template.recognise import LeanError, Recognition, TemplateError, recognise
@@ -41,7 +44,8 @@ class Library:
     """What was read and recognised, in file units, and what it was made into.
 
     wood, leaves : (T, 3, 3) facets as read, z up. leaf : median length of a leaf, None without leaves.
-    unit : what one unit of the files is taken to be. tree : in metres. species : the file written.
+    unit : what one unit of the files is taken to be. habit : the tree taken apart, in metres.
+    species : the file written.
     told : in words, how wood and leaves were told apart within one file, if they were.
     up : the files' axis that points up.
     """
@@ -51,7 +55,7 @@ class Library:
     found: Recognition
     leaf: float | None
     unit: Unit
-    tree: TreeTemplate
+    habit: Habit
     species: Path
     told: str = ""
     up: str = "z"
@@ -61,6 +65,16 @@ class Library:
         """Of the tree, metres."""
         return float(np.ptp(self.wood[:, :, 2])) * self.unit.metres
 
+    @property
+    def branches(self) -> int:
+        """How many first-level branches it has."""
+        return int(np.count_nonzero(self.habit.anatomy.order == 1))
+
+    @property
+    def leaf_count(self) -> int:
+        """How many leaves."""
+        return len(self.habit.anatomy.foliage.bearer)
+
 
 def make_library(
     wood: Path,
@@ -69,6 +83,7 @@ def make_library(
     height: float,
     out: Path,
     progress: Progress | None = None,
+    grammar: str = "fitted",
     *,
     groups: Sequence[Group] = (),
     unit: str = "",
@@ -78,6 +93,7 @@ def make_library(
 
     wood, leaves : STL files; wood alone may hold leaves too.
     height : metres of the tree; 0: as the unit says.
+    grammar : "fitted" for siblings of the tree, "t20" for T20's grammar with its branches.
     groups : what the files hold, where they are no STL.
     unit : in which they are drawn, of ``UNITS``. up : axis that points up, of ``UPRIGHT``. Both are
         inferred where empty.
@@ -107,24 +123,28 @@ def make_library(
     else:
         scale = Unit(UNITS[unit], unit) if unit else infer_unit(tall, leaf)
     metres = scale.metres
+    metric = (timber * metres, None if foliage is None else foliage * metres)
     try:
-        tree = split_tree(timber * metres, None if foliage is None else foliage * metres)
+        habit = fit(dissect(found, metres))
+        tell(2, 4)
+        if grammar == "t20":
+            how = _t20_text(fit_grammar(split_tree(*metric)))
+        else:
+            how = _siblings_text(name)
     except TemplateError as problem:
         raise NotUnderstoodError(problem, timber) from None
-    tell(2, 4)
-    grammar = fit_grammar(tree)
     tell(3, 4)
 
     out.mkdir(parents=True, exist_ok=True)
-    write_stl(out / "wood.stl", timber * metres, f"{name}: wood, metres")
-    if foliage is not None:
-        write_stl(out / "leaves.stl", foliage * metres, f"{name}: leaves, metres")
+    write_stl(out / "wood.stl", metric[0], f"{name}: wood, metres")
+    if metric[1] is not None:
+        write_stl(out / "leaves.stl", metric[1], f"{name}: leaves, metres")
     species = out / f"{name}.toml"
     origin = " and ".join(path.name for path in (wood, leaves) if path)
-    _write(species, _species_text(name, origin, foliage is not None, grammar))
+    _write(species, _species_text(name, origin, foliage is not None) + how)
     _write(out / "scene.toml", _scene_text(name, tall * metres))
     tell(4, 4)
-    return Library(timber, foliage, found, leaf, scale, tree, species, parts.said, up)
+    return Library(timber, foliage, found, leaf, scale, habit, species, parts.said, up)
 
 
 def check_name(name: str) -> None:
@@ -183,15 +203,28 @@ def _leaf_length(found: Recognition) -> float | None:
     return float(np.median(measure_leaves(mesh).length))
 
 
-def _species_text(name: str, origin: str, leafy: bool, grammar: Grammar) -> str:
+def _species_text(name: str, origin: str, leafy: bool) -> str:
     return f"""\
 name = "{name}"
-source = "Template from {origin.replace('"', "'").replace(chr(92), "/")}; grammar of T20 fitted to its habit."
+source = "Template from {origin.replace('"', "'").replace(chr(92), "/")}."
 
 [template]
 wood = "wood.stl"
 leaves = "{"leaves.stl" if leafy else ""}"
+"""
 
+
+def _siblings_text(name: str) -> str:
+    return f"""
+# Siblings of this tree; 0 is the tree itself. Without this table, T20's grammar sets its branches.
+[siblings]
+variety = 1.0
+allometry = "{allometry_of(name)}"
+"""
+
+
+def _t20_text(grammar: Grammar) -> str:
+    return f"""
 [grammar]
 generations = {grammar.generations}
 copies = {grammar.copies}

@@ -13,7 +13,8 @@ class Template(Command):
     help = "make a species from your own tree (STL, PLY, OBJ, glTF)"
     description = (
         "Recognise trunk, branches and leaves in files of a tree, and write a species "
-        "that grows from them, a picture of what was recognised, and a scene that plants it."
+        "by which siblings of it grow, pictures of what was recognised and of some siblings, and a "
+        "scene that plants them. A table says how close the siblings come to the tree."
     )
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
@@ -50,6 +51,19 @@ class Template(Command):
             help="height of the tree in metres; left out: inferred, and said",
         )
         parser.add_argument(
+            "--grammar",
+            choices=("fitted", "t20"),
+            default="fitted",
+            help="siblings of the tree, or its branches on T20's grammar (default fitted)",
+        )
+        parser.add_argument(
+            "--siblings",
+            type=int,
+            default=50,
+            metavar="N",
+            help="how many to grow and compare with the tree (default 50; 0: none)",
+        )
+        parser.add_argument(
             "--out", type=Path, metavar="DIR", help="folder for the library (default out/NAME)"
         )
 
@@ -61,6 +75,7 @@ class Template(Command):
 
         make_template(
             *(chosen.wood, chosen.leaves, chosen.name, chosen.height, chosen.out),
+            *(chosen.grammar, chosen.siblings),
             unit=chosen.unit,
             up=chosen.up,
         )

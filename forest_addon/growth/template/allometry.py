@@ -46,3 +46,25 @@ ALLOMETRY = {
     "pseudotsuga": Allometry(0.790, 0.489, 0.269),
     "quercus": Allometry(0.531, 0.619, 0.241),
 }
+NAMES = {
+    "abies": ("abies", "fir"),
+    "acer": ("acer", "maple", "sycamore"),
+    "betula": ("betula", "birch"),
+    "eucalyptus": ("eucalyptus", "eucalypt", "gum"),
+    "fagus": ("fagus", "beech"),
+    "larix": ("larix", "larch"),
+    "picea": ("picea", "spruce"),
+    "pinus": ("pinus", "pine"),
+    "populus": ("populus", "poplar", "aspen"),
+    "pseudotsuga": ("pseudotsuga", "douglas"),
+    "quercus": ("quercus", "oak"),
+}
+
+
+def allometry_of(name: str) -> str:
+    """Whose measurements to take for a species of this name; "any" where the name does not tell."""
+    words = name.lower().replace("_", "-").split("-")
+    for genus, names in NAMES.items():
+        if any(word in words for word in names):
+            return genus
+    return "any"

@@ -13,14 +13,17 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..mesh.edges import repeated_edges
 from ..mesh.leaves import Leaves, measure_leaves
 from ..mesh.trimesh import LEAF, WOOD, TriMesh
+from .copies import Stock
 from .courses import STEEP, angles_in, foot_frames, rolled, unbend, upper_frames, walk
 from .cut import BARK_SLOT, LEAF_SLOT, turned_outwards
 from .recognise import Recognition
 from .runs import Runs, bounds
 
+STRAIGHT = np.deg2rad(12.0)  # of bend that one stretch stands for
+OFF_AXIS = 0.1  # radii that a chord may be off its line
+FEWEST = 4  # stretches of a branch
 GROUND = np.eye(3)  # the frame that a trunk stands in
 
 
@@ -70,16 +73,13 @@ class Seats:
 
 @dataclass(frozen=True, eq=False)
 class Wood:
-    """The mesh of all pieces, vertices and triangles sorted by piece.
+    """The mesh of all pieces.
 
     bone : (V,) the first of the two stretches that hold a vertex, within its piece.
     weight : (V,) how much the next one holds it.
     """
 
-    mesh: TriMesh
-    vertices: Runs
-    triangles: Runs
-    edges: Runs
+    stock: Stock
     bone: np.ndarray
     weight: np.ndarray
 
@@ -88,14 +88,11 @@ class Wood:
 class Foliage:
     """L leaves, sorted by the piece that bears them.
 
-    mesh : vertices and triangles sorted by leaf, each leaf seen from where it hangs.
+    stock : their mesh, each leaf seen from where it hangs.
     foot : (L, 3) where it hangs. of_piece : the leaves of each piece. truth : their measures.
     """
 
-    mesh: TriMesh
-    vertices: Runs
-    triangles: Runs
-    edges: Runs
+    stock: Stock
     foot: np.ndarray
     bearer: np.ndarray
     seat: Seats
@@ -278,7 +275,10 @@ def _lines(found: Recognition, origin: np.ndarray, metres: float) -> tuple[Lines
     backwards = found.hierarchy.foot_end[owner] == 1
     row = first[owner] + np.where(backwards, size[owner] - 1 - rank, rank)
     knot, radius = (found.lines.knot[row] - origin) * metres, found.lines.radius[row] * metres
-    inner = np.ones(len(row), dtype=bool)
+    kept, size = _enough(knot, radius, first, found.parent < 0)
+    knot, radius, first = knot[kept], radius[kept], bounds(size)
+    owner = np.repeat(np.arange(len(size)), size)
+    inner = np.ones(len(knot), dtype=bool)
     inner[first[1:] - 1] = False
     way = (knot[1:] - knot[:-1])[inner[:-1]]
     length = np.linalg.norm(way, axis=1)
@@ -292,27 +292,46 @@ def _lines(found: Recognition, origin: np.ndarray, metres: float) -> tuple[Lines
     return Lines(stretches, knot, radius, length, np.empty((0, 3, 3))), direction
 
 
+def _enough(
+    knot: np.ndarray, radius: np.ndarray, first: np.ndarray, trunk: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Knots to keep, evenly along each line, and (C,) how many: all of trunks, else as it is bent.
+
+    A line of length l that bends by b in all is off n chords by about l·b/(8n²).
+    """
+    size = np.diff(first)
+    owner = np.repeat(np.arange(len(size)), size)
+    way = np.diff(knot, axis=0)
+    length = np.linalg.norm(way, axis=1)
+    way /= np.maximum(length, np.finfo(float).tiny)[:, None]
+    bent = np.arccos(np.clip(np.einsum("ni,ni->n", way[1:], way[:-1]), -1.0, 1.0))
+    within = owner[2:] == owner[:-2]
+    total = np.bincount(owner[1:-1][within], bent[within], len(size))
+    same = owner[1:] == owner[:-1]
+    reach = np.bincount(owner[1:][same], length[same], len(size))
+    thin = np.add.reduceat(radius, first[:-1]) / size
+    off = np.sqrt(total * reach / (8 * OFF_AXIS * np.maximum(thin, 1e-9)))
+    wanted = np.ceil(np.maximum(np.maximum(total / STRAIGHT, off), FEWEST)).astype(np.int64) + 1
+    wanted = np.where(trunk, size, np.minimum(wanted, size))
+    at = bounds(wanted)
+    of = np.repeat(np.arange(len(size)), wanted)
+    part = (np.arange(at[-1]) - at[of]) / (wanted[of] - 1)
+    return first[of] + np.rint(part * (size[of] - 1)).astype(np.int64), wanted
+
+
 def _wood(found: Recognition, lines: Lines, origin: np.ndarray, metres: float) -> Wood:
     """The mesh of the pieces, each vertex held by two stretches."""
     order = np.argsort(found.wood.piece, kind="stable")
     triangles = turned_outwards(found)[order]
     place = (found.wood.vertices - origin) * metres
     owner = found.wood.piece_of_vertex.astype(np.int64)
-    mesh = TriMesh.of_part(place, triangles, WOOD)
-    mesh.material[:] = BARK_SLOT
-    edges = repeated_edges(mesh.triangles, 0, 1)
     stretch, part = nearest(lines, owner, place)
     part = np.clip(part, 0.0, 1.0)
     last = np.diff(lines.first)[owner] - 1
     towards_next = (part >= 0.5) & (stretch < last)
     from_before = (part < 0.5) & (stretch > 0)
     return Wood(
-        mesh=TriMesh(
-            mesh.vertices, mesh.triangles, mesh.part, mesh.leaf, mesh.material, edges=edges
-        ),
-        vertices=Runs.of(owner, len(found.parent)),
-        triangles=Runs.of(found.wood.piece[order], len(found.parent)),
-        edges=Runs.of(owner[edges.ends[:, 0]], len(found.parent)),
+        stock=Stock.of(place, owner, triangles, WOOD, BARK_SLOT),
         bone=stretch - from_before,
         weight=np.where(towards_next, part - 0.5, np.where(from_before, part + 0.5, 0.0)),
     )
@@ -336,26 +355,16 @@ def _foliage(found: Recognition, lines: Lines, origin: np.ndarray, metres: float
     triangles = renamed[found.leaves.triangles[triangle_order]]
     place, leaf_of_vertex = place[vertex_order], leaf_of_vertex[vertex_order]
     mesh = TriMesh.of_part(place, triangles, LEAF)
-    mesh.leaf[:], mesh.material[:] = leaf_of_triangle[triangle_order], LEAF_SLOT
+    mesh.leaf[:] = leaf_of_triangle[triangle_order]
     truth = measure_leaves(mesh, np.full(count, -1))
 
     ends = renamed[found.leaves.edges] if count else np.empty((0, 2), np.int64)
     points = np.concatenate([place, place[ends].mean(axis=1)])
     owner = np.concatenate([leaf_of_vertex, leaf_of_vertex[ends[:, 0]]])
     foot = points[_nearest_of_each(lines, bearer[owner], points, owner)]
-    edges = repeated_edges(mesh.triangles, 0, 1)
+    hanging = mesh.vertices - foot[leaf_of_vertex]
     return Foliage(
-        mesh=TriMesh(
-            mesh.vertices - foot[leaf_of_vertex],
-            mesh.triangles,
-            mesh.part,
-            mesh.leaf,
-            mesh.material,
-            edges=edges,
-        ),
-        vertices=Runs.of(leaf_of_vertex, count),
-        triangles=Runs.of(mesh.leaf, count),
-        edges=Runs.of(leaf_of_vertex[edges.ends[:, 0]], count),
+        stock=Stock.of(hanging, leaf_of_vertex, mesh.triangles, LEAF, LEAF_SLOT),
         foot=foot,
         bearer=bearer,
         seat=seats_on(lines, bearer, foot),

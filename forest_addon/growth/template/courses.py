@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .runs import starts
+from ..mesh.vectors import cross_rows
 
 LEVEL = 1e-6  # length of a unit heading's shadow from which it points some way
 STEEP = 0.97  # |T_z| from which a branch counts as upright, and no side of it is the upper one
@@ -65,18 +65,22 @@ def lay_sloping(
 
 
 def _sloped(frame: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Frames turned about a level axis until T has this slope; one that is upright falls towards N."""
-    heading = frame[:, :, 2]
-    flat = np.hypot(heading[:, 0], heading[:, 1])
-    way = np.where((flat > LEVEL)[:, None], heading, frame[:, :, 0])[:, :2]
-    way = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), np.finfo(float).tiny)
-    turn = slope - np.arctan2(flat, heading[:, 2])
-    axis = np.stack([-way[:, 1], way[:, 0], np.zeros(len(way))], axis=1)  # z × way
-    cos, sin = np.cos(turn)[:, None, None], np.sin(turn)[:, None, None]
-    columns = np.swapaxes(frame, 1, 2)
-    along = np.einsum("ni,nki->nk", axis, columns)[:, :, None] * axis[:, None]
-    turned = cos * columns + sin * np.cross(axis[:, None], columns) + (1 - cos) * along
-    return np.swapaxes(turned, 1, 2)
+    """Frames turned by the least turn to this slope; one that is upright falls towards its N."""
+    x, y, z = frame[:, :, 2].T
+    flat = np.hypot(x, y)
+    upright = flat <= LEVEL
+    if upright.any():
+        x, y = np.where(upright, frame[:, 0, 0], x), np.where(upright, frame[:, 1, 0], y)
+        flat = np.maximum(np.hypot(x, y), np.finfo(float).tiny)
+    shadow = np.sin(slope) / flat
+    to = np.stack([x * shadow, y * shadow, np.cos(slope)], axis=1)
+    between = frame[:, :, 2] + to
+    normal = frame[:, :, 0]
+    share = np.einsum("ni,ni->n", normal, to) / np.maximum(
+        np.einsum("ni,ni->n", between, to), 1e-12
+    )
+    normal = normal - share[:, None] * between
+    return np.stack([normal, cross_rows(to, normal), to], axis=2)
 
 
 def slopes(frame: np.ndarray) -> np.ndarray:
@@ -174,11 +178,3 @@ def _step_by_step(first: np.ndarray) -> list[np.ndarray]:
         first[longest[: int(np.searchsorted(ordered, -step, side="left"))]] + step
         for step in range(1, int(size.max(initial=0)))
     ]
-
-
-def halves(first: np.ndarray) -> np.ndarray:
-    """(S,) the middle of each stretch as a share of its line's number of stretches."""
-    size = np.diff(first)
-    return (np.arange(first[-1]) - starts(size)[np.repeat(np.arange(len(size)), size)] + 0.5) / (
-        np.repeat(size, size)
-    )

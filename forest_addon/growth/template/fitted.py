@@ -21,14 +21,15 @@ from .anatomy import Anatomy
 from .runs import Runs
 
 NODE = 0.25  # mean spacings within which daughters share a node
-LIMB = 0.5  # radii of the trunk there from which a first-level branch is a limb, and always there
+LIMB = 0.5, 0.25  # radii of the trunk there, and at its foot, from which a branch is a limb: always there
 ALIKE_LENGTH = 0.45  # logarithm of length
-ALIKE_SHARE = 0.25  # of the mother
+ALIKE_SHARE = 0.15  # of the mother
 ALIKE_SLOPE = np.deg2rad(35.0)
-MOST_ALIKE = 8  # members of a class
+MOST_ALIKE = 4  # members of a class
 KERNEL = 0.12  # of the mother's length: how far a table looks
 PLACES = 33  # of a table
 MOST_CHANCE = 0.25
+FEW = 6.0
 MOST_UNEVEN = 0.1  # relative spread of the number of branches of an order, by chance
 
 
@@ -108,6 +109,15 @@ def fit(anatomy: Anatomy) -> Habit:
     )
 
 
+def limbs(anatomy: Anatomy) -> np.ndarray:
+    """(C,) whether a piece is a first-level branch nearly as stout as the trunk: a fork of it."""
+    foot = anatomy.foot_radius()
+    trunk = foot[np.maximum(anatomy.parent, 0)]
+    there, at_foot = LIMB
+    stout = (foot >= there * radius_at_seat(anatomy)) & (foot >= at_foot * trunk)
+    return np.asarray(stout & (anatomy.order == 1))
+
+
 def radius_at_seat(anatomy: Anatomy) -> np.ndarray:
     """(C,) radius of the mother where each piece sits; infinite on the ground."""
     lines, mother = anatomy.lines, np.maximum(anatomy.parent, 0)
@@ -137,15 +147,13 @@ def _slots(anatomy: Anatomy, share: np.ndarray) -> Slots:
     after = np.concatenate([np.where(inside, gap, np.nan), [np.nan]]) if count else middle
     before = np.where(np.isnan(before), middle, before)  # to the foot, and to the tip
     after = np.where(np.isnan(after), 1.0 - middle, after)
-    on_trunk = anatomy.order[piece] == 1
-    stout = anatomy.foot_radius()[piece] >= LIMB * radius_at_seat(anatomy)[piece]
     return Slots(
         of_piece=of_piece,
         piece=piece,
         node=node - node[of_piece.first[mother]] if count else node,
         before=before[node],
         after=after[node],
-        limb=on_trunk & stout,
+        limb=limbs(anatomy)[piece],
     )
 
 
@@ -167,7 +175,8 @@ def _spread(anatomy: Anatomy, slots: Slots, order: int) -> tuple[float, float]:
         return 0.0, 0.0
     # Neighbouring gaps are compared, so that spacing that changes along the mother is no spread.
     contrast = np.log(np.maximum(gap[pairs + 1], 1e-6) / np.maximum(gap[pairs], 1e-6))
-    scatter = float(min(np.median(np.abs(contrast)) / (0.6745 * np.sqrt(2)), 0.6))
+    scatter = min(float(np.median(np.abs(contrast))) / (0.6745 * np.sqrt(2)), 0.6)
+    scatter *= float(np.sqrt(len(pairs) / (len(pairs) + FEW)))  # a few gaps tell little
     uneven = float(np.diff(size)[same[:-1]].var() / 2 / size.mean())
     whorled = size.mean() > 1.5
     chance = (uneven if whorled else scatter**2) / 2
@@ -186,8 +195,7 @@ def _classes(anatomy: Anatomy, share: np.ndarray) -> np.ndarray:
         ],
         axis=1,
     )
-    limb = anatomy.foot_radius() >= LIMB * radius_at_seat(anatomy)
-    group = 2 * anatomy.order + limb
+    group = 2 * anatomy.order + limbs(anatomy)
     kind, count = np.empty(anatomy.count, np.int64), 0
     cells = [np.flatnonzero(group == g) for g in np.unique(group)]
     while cells:
@@ -201,9 +209,8 @@ def _classes(anatomy: Anatomy, share: np.ndarray) -> np.ndarray:
         cut = len(ordered) // 2
         if extent[along] > 1.0:  # where the widest gap near the middle is
             near = slice(max(1, len(ordered) // 4), max(2, len(ordered) - len(ordered) // 4))
-            cut = near.start + int(
-                np.argmax(np.diff(feature[ordered, along])[near.start - 1 : near.stop - 1])
-            )
+            widest = np.diff(feature[ordered, along])[near.start - 1 : near.stop - 1]
+            cut = near.start + int(np.argmax(widest))
         cells += [ordered[:cut], ordered[cut:]]
     return kind
 

@@ -15,10 +15,11 @@ import numpy as np
 from ...rng import daughter_keys, keyed_normal, keyed_uniform
 from .fitted import Habit
 
-JITTER = 0.5  # share of the scatter of spacing by which a node moves
+JITTER = 0.25  # share of the scatter of spacing by which a node moves
 FARTHEST = 0.8  # share of the way to the next node
-BASE_SPREAD = 0.1  # of the height of the crown's base
-TURN_SPREAD = np.deg2rad(6.0)
+BASE_SPREAD = 0.06  # of the height of the crown's base
+EVEN = 0.8  # mean resultant length of turns from which they are even (Mardia 1972)
+TURN_SPREAD, MOST_TURN = 0.5, np.deg2rad(12.0)  # share of the spread of turns, and at most
 SIDE_SPREAD = np.deg2rad(12.0)
 GOLDEN = np.pi * (3 - np.sqrt(5))
 NEIGHBOURS = 2  # nodes to either side that a turn is taken from
@@ -147,17 +148,35 @@ def _turned(
         if len(nodes) < 2 or not len(mine):
             continue
         standing = anatomy.azimuth[slots.piece[run]][opens]  # of the first on each node
-        step = np.diff(standing)
-        seen, place = np.unique(at[mine], return_inverse=True)
-        node = seen.astype(np.int64)  # (M,) that each standing node is, from the foot up
-        keys = daughter_keys(np.repeat(key[number], len(node)), np.arange(len(node)))
-        near = keyed_uniform(keys, "turn") * (2 * NEIGHBOURS + 1) - NEIGHBOURS - 0.5
-        other = np.where(keyed_uniform(keys, "near") < variety, np.rint(near), 0).astype(np.int64)
-        source = np.clip(node + other, 1, len(nodes) - 1) - 1
-        turn = step[source] + variety * TURN_SPREAD * keyed_normal(keys, "turn spread")
-        turn[0] = standing[node[0]]
-        turned = np.cumsum(turn)[place.ravel()]
+        seen, place = np.unique(at[mine], return_inverse=True)  # (M,) nodes that stand
+        turned = _turned_nodes(standing, seen, int(key[number]), variety)[place.ravel()]
         relative = azimuth[mine] - standing[slots.node[row[mine]]]
         free = ~slots.limb[row[mine]]
         azimuth[mine[free]] = (turned + relative)[free]
     return azimuth
+
+
+def _turned_nodes(
+    standing: np.ndarray, seen: np.ndarray, key: int, variety: float
+) -> np.ndarray:
+    """(M,) azimuths of the nodes that stand at ``seen`` (M,), counted in nodes of the template.
+
+    standing : (N,) azimuths of the template's nodes. Where they turn evenly, as a spiral does, they go on
+    by the mean turn, each off by what a node near by is off; else turns of nodes near by are added up.
+    """
+    step = np.diff(standing)
+    mean = np.exp(1j * step).mean()
+    node = seen.astype(np.int64)
+    keys = daughter_keys(np.full(len(node), key, np.uint64), np.arange(len(node)))
+    near = keyed_uniform(keys, "turn") * (2 * NEIGHBOURS + 1) - NEIGHBOURS - 0.5
+    other = np.where(keyed_uniform(keys, "near") < variety, np.rint(near), 0).astype(np.int64)
+    spread = min(float(np.sqrt(-2 * np.log(max(abs(mean), 1e-9)))), MOST_TURN / TURN_SPREAD)
+    noise = variety * TURN_SPREAD * spread * keyed_normal(keys, "turn spread")
+    if abs(mean) > EVEN:
+        regular = standing[0] + np.angle(mean) * np.arange(len(standing))
+        off = np.angle(np.exp(1j * (standing - regular)))
+        source = np.clip(node + other, 0, len(standing) - 1)
+        return np.asarray(standing[0] + np.angle(mean) * seen + off[source] + noise)
+    turn = step[np.clip(node + other, 1, len(step)) - 1] + noise
+    turn[0] = standing[node[0]]
+    return np.cumsum(turn)

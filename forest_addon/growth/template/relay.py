@@ -9,16 +9,16 @@ is scaled by; a longer branch bears more of them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...rng import daughter_keys, keyed_normal, keyed_uniform
 from ..mesh.leaves import Leaves
-from ..mesh.trimesh import Edges, TriMesh, join
+from ..mesh.trimesh import TriMesh, join
+from ..mesh.vectors import cross_rows
 from ..skeleton import Skeleton
 from .anatomy import Anatomy, Seats, share_of
-from .runs import Runs
 from .sibling import Grown, seat_at, stand_on
 
 LEAF_SIZE = 0.10  # relative spread
@@ -42,8 +42,20 @@ class HungLeaves:
 def mesh_of(anatomy: Anatomy, grown: Grown, variety: float) -> tuple[TriMesh, Leaves]:
     """Wood and leaves of a tree in one mesh, and the truth of the leaves."""
     wood = _wood(anatomy, grown)
-    leaves, truth = _leaves(anatomy, grown, hang_leaves(anatomy, grown, variety))
+    leaves, truth = _leaves(anatomy, grown, hang_leaves(anatomy, grown, variety), variety > 0)
     return join([wood, leaves]), truth
+
+
+def farthest_off(anatomy: Anatomy, grown: Grown) -> float:
+    """The largest distance between a vertex and where it was in the template, metres."""
+    wood, leaves = anatomy.wood.stock, anatomy.foliage.stock
+    moved = _wood(anatomy, grown).vertices - wood.place[wood.vertices.copy(grown.piece)[0]]
+    hung = hang_leaves(anatomy, grown, 0.0)
+    vertex, leaf, _ = leaves.vertices.copy(hung.source)
+    was = leaves.place[vertex] + anatomy.foliage.foot[hung.source][leaf]
+    fell = _leaves(anatomy, grown, hung, False)[0].vertices - was
+    every = np.concatenate([moved, fell])
+    return float(np.sqrt(np.einsum("vi,vi->v", every, every).max(initial=0.0)))
 
 
 def skeleton_of_grown(grown: Grown) -> Skeleton:
@@ -86,26 +98,13 @@ def first_levels(grown: Grown) -> np.ndarray:
 
 
 def _wood(anatomy: Anatomy, grown: Grown) -> TriMesh:
-    wood = anatomy.wood
+    wood, first = anatomy.wood, grown.lines.first
+    mesh, vertex, owner, of_triangle = wood.stock.copy(grown.piece, grown.sign < 0)
+    bone = first[owner] + wood.bone[vertex]
+    after = np.minimum(np.arange(first[-1]) + 1, (first[1:] - 1)[grown.lines.line])
     matrix = _carried(anatomy, grown)
-    vertex, owner, moved = wood.vertices.copy(grown.piece)
-    first = grown.lines.first
-    one = first[owner] + wood.bone[vertex]
-    two = np.minimum(one + 1, first[owner + 1] - 1)
-    place = _blend(matrix, one, two, wood.weight[vertex], wood.mesh.vertices[vertex])
-    triangle, of_triangle, _ = wood.triangles.copy(grown.piece)
-    corners, of_corner, ends = _edges(
-        wood.mesh, wood.edges, triangle, of_triangle, moved, grown.piece, grown.sign < 0
-    )
-    return TriMesh(
-        vertices=place,
-        triangles=corners,
-        part=wood.mesh.part[triangle],
-        leaf=wood.mesh.leaf[triangle],
-        material=wood.mesh.material[triangle],
-        order=grown.order[of_triangle].astype(np.int8),
-        edges=Edges(ends, of_corner),
-    )
+    place = _blend(matrix, after, bone, wood.weight[vertex], wood.stock.place[vertex])
+    return replace(mesh, vertices=place, order=grown.order.astype(np.int8)[of_triangle])
 
 
 def _carried(anatomy: Anatomy, grown: Grown) -> np.ndarray:
@@ -123,43 +122,24 @@ def _carried(anatomy: Anatomy, grown: Grown) -> np.ndarray:
 
 
 def _blend(
-    matrix: np.ndarray, one: np.ndarray, two: np.ndarray, weight: np.ndarray, place: np.ndarray
+    matrix: np.ndarray, after: np.ndarray, bone: np.ndarray, weight: np.ndarray, place: np.ndarray
 ) -> np.ndarray:
-    """(V, 3) places carried by two stretches each."""
+    """(V, 3) places carried by a stretch and, by this weight, the one after it."""
+    column = np.ascontiguousarray(matrix.T)
+    onward = np.ascontiguousarray((matrix[after] - matrix).T)
     moved = np.empty_like(place)
     for start in range(0, len(place), BLOCK):
         rows = slice(start, start + BLOCK)
-        held = matrix[one[rows]]
-        held += weight[rows, None] * (matrix[two[rows]] - held)
-        x, y, z = place[rows].T
+        at, w, (x, y, z) = bone[rows], weight[rows], np.ascontiguousarray(place[rows].T)
         for axis in range(3):
-            a, b, c = held[:, 3 * axis], held[:, 3 * axis + 1], held[:, 3 * axis + 2]
-            moved[rows, axis] = a * x + b * y + c * z + held[:, 9 + axis]
+            sums = []
+            for held in (column, onward):
+                total = held[9 + axis][at]
+                for k, value in enumerate((x, y, z)):
+                    total += held[3 * axis + k][at] * value
+                sums.append(total)
+            moved[rows, axis] = sums[0] + w * sums[1]
     return moved
-
-
-def _edges(
-    mesh: TriMesh,
-    edges: Runs,
-    triangle: np.ndarray,
-    of_triangle: np.ndarray,
-    moved: np.ndarray,
-    source: np.ndarray,
-    mirrored: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Triangles (T, 3), edges of their corners (T, 3) and ends of edges (E, 2) of copied owners.
-
-    moved : how far the vertices of each copy have moved. mirrored : copies that are turned inside out.
-    """
-    known = mesh.edges
-    assert known is not None  # ``dissect`` finds them
-    edge, of_edge, edge_moved = edges.copy(source)
-    corners = (mesh.triangles[triangle] + moved[of_triangle, None]).astype(np.int32)
-    of_corner = (known.of_corner[triangle] + edge_moved[of_triangle, None]).astype(np.int32)
-    flipped = mirrored[of_triangle]
-    corners[flipped] = corners[flipped][:, ::-1]
-    of_corner[flipped] = of_corner[flipped][:, [1, 0, 2]]
-    return corners, of_corner, (known.ends[edge] + moved[of_edge, None]).astype(np.int32)
 
 
 def hang_leaves(anatomy: Anatomy, grown: Grown, variety: float) -> HungLeaves:
@@ -191,26 +171,19 @@ def hang_leaves(anatomy: Anatomy, grown: Grown, variety: float) -> HungLeaves:
     return HungLeaves(row, branch, seat, share, size, turn)
 
 
-def _leaves(anatomy: Anatomy, grown: Grown, hung: HungLeaves) -> tuple[TriMesh, Leaves]:
+def _leaves(
+    anatomy: Anatomy, grown: Grown, hung: HungLeaves, varied: bool
+) -> tuple[TriMesh, Leaves]:
     foliage = anatomy.foliage
     source, branch = hung.source, hung.branch
-    foot, matrix = feet_of_leaves(anatomy, grown, hung)
+    foot, matrix = feet_of_leaves(anatomy, grown, hung, varied)
     matrix = matrix * hung.size[:, None, None]
-    vertex, leaf, moved = foliage.vertices.copy(source)
-    carried = np.concatenate([matrix.reshape(-1, 9), foot], axis=1)
-    place = _blend(carried, leaf, leaf, np.zeros(len(leaf)), foliage.mesh.vertices[vertex])
-    triangle, of_triangle, _ = foliage.triangles.copy(source)
-    corners, of_corner, ends = _edges(
-        foliage.mesh, foliage.edges, triangle, of_triangle, moved, source, grown.sign[branch] < 0
-    )
-    mesh = TriMesh(
-        vertices=place,
-        triangles=corners,
-        part=foliage.mesh.part[triangle],
-        leaf=of_triangle.astype(np.int32),
-        material=foliage.mesh.material[triangle],
-        order=grown.order[branch[of_triangle]].astype(np.int8),
-        edges=Edges(ends, of_corner),
+    mesh, vertex, leaf, of_triangle = foliage.stock.copy(source, grown.sign[branch] < 0)
+    mesh.leaf[:] = of_triangle
+    mesh = replace(
+        mesh,
+        vertices=_hung(matrix, foot, leaf, foliage.stock.place[vertex]),
+        order=grown.order.astype(np.int8)[branch][of_triangle],
     )
     own = foliage.truth
     turn = matrix / hung.size[:, None, None]
@@ -226,10 +199,26 @@ def _leaves(anatomy: Anatomy, grown: Grown, hung: HungLeaves) -> tuple[TriMesh, 
     return mesh, truth
 
 
+def _hung(
+    matrix: np.ndarray, foot: np.ndarray, leaf: np.ndarray, place: np.ndarray
+) -> np.ndarray:
+    """(V, 3) corners of leaves, turned as their leaf is and moved to its foot."""
+    x, y, z = np.ascontiguousarray(place.T)
+    moved = np.empty_like(place)
+    for axis in range(3):
+        total = np.ascontiguousarray(foot[:, axis])[leaf]
+        for k, value in enumerate((x, y, z)):
+            total += np.ascontiguousarray(matrix[:, axis, k])[leaf] * value
+        moved[:, axis] = total
+    return moved
+
+
 def feet_of_leaves(
-    anatomy: Anatomy, grown: Grown, hung: HungLeaves
+    anatomy: Anatomy, grown: Grown, hung: HungLeaves, varied: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """(L, 3) where leaves hang, and (L, 3, 3) how each is turned from its template.
+
+    varied : whether branches are bent otherwise than in the template.
 
     A leaf keeps its distance to the bark, and inside the wood its share of the radius.
     """
@@ -253,4 +242,26 @@ def feet_of_leaves(
         -sin[:, None] * frame[:, :, 0] + cos[:, None] * frame[:, :, 1]
     )
     turned[:, :, 2] = frame[:, :, 2]
-    return foot, turned @ np.swapaxes(was, 1, 2)
+    matrix = turned @ np.swapaxes(was, 1, 2)
+    if varied:
+        matrix = _facing(matrix, foliage.truth.normal[hung.source])
+    return foot, matrix
+
+
+def _facing(matrix: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """(L, 3, 3) turned by the least turn that gives each leaf the inclination of its template.
+
+    A leaf keeps to the light whatever way its branch is bent.
+    """
+    now = np.einsum("nij,nj->ni", matrix, normal)
+    flat = np.hypot(now[:, 0], now[:, 1])
+    some = flat > 1e-9
+    level = np.hypot(normal[:, 0], normal[:, 1]) / np.where(some, flat, 1.0)
+    to = np.stack([now[:, 0] * level, now[:, 1] * level, normal[:, 2]], axis=1)
+    to[~some] = now[~some]
+    axis, cosine = cross_rows(now, to), np.einsum("ni,ni->n", now, to)
+    cross = np.zeros((len(now), 3, 3))
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -axis[:, 2], axis[:, 1], -axis[:, 0]
+    cross -= np.swapaxes(cross, 1, 2)
+    turn = np.eye(3) + cross + cross @ cross / np.maximum(1 + cosine, 1e-9)[:, None, None]
+    return np.asarray(turn @ matrix)

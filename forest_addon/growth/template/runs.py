@@ -33,11 +33,6 @@ class Runs:
         return np.arange(len(which)) - moved[which], which, moved
 
 
-def starts(size: np.ndarray) -> np.ndarray:
-    """(N,) the first row of owners that have so many rows each, one after the other."""
-    return np.asarray(np.cumsum(size) - size)
-
-
 def bounds(size: np.ndarray) -> np.ndarray:
-    """(N + 1,) the same, and the number of all rows."""
+    """(N + 1,) the first row of owners that have so many rows each, one after the other; and the number of all rows."""
     return np.concatenate([[0], np.cumsum(size)]).astype(np.int64)

@@ -111,8 +111,8 @@ class FOREST_OT_make_species(Working, bpy.types.Operator):
         return say(
             "{name}: {branches:,} branches, {leaves:,} leaves, {height:.2f} m high ({unit})",
             name=folder.name,
-            branches=len(made.tree.branches),
-            leaves=made.tree.leaf_count,
+            branches=made.branches,
+            leaves=made.leaf_count,
             height=made.height,
             unit=made.unit.name,
         )
