@@ -185,7 +185,9 @@ def _echo_figures(echo: Echo) -> tuple[Figures, str]:
 
 
 def _reverb_figures(response: ImpulseResponse) -> tuple[Figures, str]:
-    seconds = metrics.reverberation_time(response.samples, response.sample_rate)
+    seconds = metrics.reverberation_time(
+        response.samples, response.sample_rate, left_db=float(response.left_db[0])
+    )
     clarity = metrics.clarity_db(response.samples, response.sample_rate)
     figures = {
         keep("Trunks Heard"): f"{response.trunks:,}",
