@@ -29,7 +29,6 @@ from forest_addon.blender.preview import render, set_stage
 from forest_addon.blender.sensors import file_name, kind_of, new_sensor, place, sensors_of
 from forest_addon.blender.sound import give_sound
 from forest_addon.formats.atomic import replacing
-from forest_addon.formats.expansion_store import ExpansionStore
 from forest_addon.formats.findings import Finding as SensorFinding
 from forest_addon.formats.findings import write_finding
 from forest_addon.formats.npz import write_npz
@@ -42,7 +41,6 @@ from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.tractor import TractorScan
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.reverb.auralise import auralise
-from forest_addon.sensing.reverb.fast_scattering import Expansions
 from forest_addon.sensing.reverb.response import ImpulseResponse, channels_of
 from forest_addon.sensing.sonar.flight import Flight
 from forest_addon.sensing.sonar.ping import Echo
@@ -59,7 +57,6 @@ from forest_addon.stand.forest import (
 from forest_addon.stand.inputs import Inputs
 from forest_addon.stand.statistics.goodness import examine, law_of_scene, poisson_trees, window_of
 
-from .cache import user_cache
 from .command import DoubtfulError
 from .progress import Stages, hushed
 from .report import findings, page, pictures
@@ -132,8 +129,7 @@ def run_scene(
     with stages.stage("write truth"):
         _write_truth(run)
     with stages.stage("read evaluated scene"):
-        expansions = Expansions(ExpansionStore(user_cache() / "trunks"))
-        observer = Observer(bpy.context.evaluated_depsgraph_get(), settings.rays, expansions)
+        observer = Observer(bpy.context.evaluated_depsgraph_get(), settings.rays)
         engine = observer.caster.engine
     if observer.warning:
         stages.say(f"  Warning: {observer.warning}")

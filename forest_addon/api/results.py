@@ -244,7 +244,7 @@ class Response(Result):
     @property
     def metrics(self) -> RoomMetrics:
         """Room measures of the first channel, by band."""
-        return room_metrics(self.found.samples, self.found.sample_rate)
+        return room_metrics(self.found.samples, self.found.sample_rate, self.found.left_db)
 
     def summary(self) -> dict[str, str]:
         return {

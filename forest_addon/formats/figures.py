@@ -181,7 +181,7 @@ def _of_response(response: ImpulseResponse, trunks: int | None) -> list[Figure]:
     listed = ", ".join(channel.channel for channel in channels[:SHOWN_CHANNELS])
     if len(channels) > SHOWN_CHANNELS:
         listed += f" and {len(channels) - SHOWN_CHANNELS} more"
-    measured = room_metrics(response.samples, response.sample_rate)
+    measured = room_metrics(response.samples, response.sample_rate, response.left_db)
     seconds, clarity = measured.t30[0], measured.c50[0]
     found = [numbers("channels", "", listed)]
     if trunks is not None:

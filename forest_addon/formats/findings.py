@@ -70,7 +70,9 @@ def write_response(folder: Path, name: str, found: ImpulseResponse) -> Path:
     Arrays of measures are (C, B): by channel and by band, 0 Hz for the whole band.
     """
     channels = found.channels
-    measures = [room_metrics(channel.samples, found.sample_rate) for channel in channels]
+    measures = [
+        room_metrics(channel.samples, found.sample_rate, channel.left_db) for channel in channels
+    ]
     times, densities = zip(
         *(echo_density(channel.samples, found.sample_rate) for channel in channels), strict=True
     )
@@ -82,6 +84,7 @@ def write_response(folder: Path, name: str, found: ImpulseResponse) -> Path:
             for part in ("samples", "direct", "ground", "trees")
         },
         "direct_delay": np.array([channel.direct_delay for channel in channels]),
+        "left_out": np.array([channel.left_db for channel in channels]),
         "energy_decay": np.array([energy_decay_db(channel.samples) for channel in channels]),
         "band": measures[0].band,
         **{
@@ -94,7 +97,7 @@ def write_response(folder: Path, name: str, found: ImpulseResponse) -> Path:
     }
     units = dict.fromkeys(("time", "direct_delay", "centre_time", "echo_density_time"), "s")
     units |= dict.fromkeys(("edt", "t20", "t30", "t60"), "s") | {"band": "Hz", "d50": "1"}
-    units |= dict.fromkeys(("energy_decay", "c50", "c80"), "dB") | {"echo_density": "1"}
+    units |= dict.fromkeys(("energy_decay", "left_out", "c50", "c80"), "dB") | {"echo_density": "1"}
     units |= dict.fromkeys(("samples", "direct", "ground", "trees"), "re source's impulse at 1 m")
     path = folder / f"{name}.npz"
     write_npz(path, arrays, units)

@@ -60,7 +60,14 @@ class Reverb(Settings):
     facing_azimuth_deg: float = azimuth(0.0, "where sources point")
     facing_elevation_deg: float = elevation(0.0, "where sources point")
     sample_rate: float = param(24e3, unit="Hz", help="sampling rate", ge=1000, le=384e3)
-    duration: float = param(1.0, unit="s", help="length of the impulse response", gt=0, le=60)
+    duration: float = param(
+        0.0,
+        unit="s",
+        help="length of the impulse response; 0: until what is left is 75 dB below the whole in every "
+        "octave, or the last trunk was heard, 20 s at most",
+        ge=0,
+        le=60,
+    )
     ground: float = param(0.8, help="reflection coefficient of a constant ground (K)", ge=-1, le=1)
     surface: str = param(
         "constant",

@@ -1,7 +1,7 @@
 """Preferences of the add-on: how rays are cast where a scene leaves it open, and the cache.
 
-The cache holds what is slow to compute and the same for everybody (expansions of trunk scattering). It lies
-in the folder that Blender gives this extension, and can be cleared at any time.
+The cache holds what libraries compute once a machine (the fonts of pictures). It lies in the folder that
+Blender gives this extension, and can be cleared at any time.
 """
 
 from __future__ import annotations
@@ -110,11 +110,10 @@ def _home() -> Path:
 
 @functools.cache
 def expansions() -> Any:
-    """Expansions of trunk scattering, kept in the cache."""
-    from ..formats.expansion_store import ExpansionStore
+    """Expansions of trunk scattering, kept as long as Blender runs."""
     from ..sensing.reverb.fast_scattering import Expansions
 
-    return Expansions(ExpansionStore(cache_folder() / "trunks"))
+    return Expansions()
 
 
 def cache_size() -> int:

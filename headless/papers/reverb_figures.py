@@ -18,7 +18,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from forest_addon.formats.atomic import replacing
-from forest_addon.formats.expansion_store import ExpansionStore
 from forest_addon.sensing.reverb import metrics
 from forest_addon.sensing.reverb.fast_scattering import Expansions
 from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
@@ -26,7 +25,6 @@ from forest_addon.sensing.reverb.slices import Trunks
 from forest_addon.spec import Air, Forest, Normal, Reverb, Stems
 from forest_addon.stand.stems import plant_stems
 
-from ..cache import user_cache
 from ..report.pictures import FAINT, INK, blank_figure, save_figure
 
 Say = Callable[[str], None]
@@ -79,7 +77,7 @@ def draw_figures(out: Path, quick: bool, say: Say = print) -> list[str]:
 
 def responses(study: Study) -> Responses:
     """One response for every number of trees, distance and forest."""
-    expansions = Expansions(ExpansionStore(user_cache() / "trunks"))
+    expansions = Expansions()
     field = Forest(size=(SIDE, SIDE), origin=(-SIDE / 2, -SIDE / 2))
     found: Responses = {}
     for number in study.numbers:
@@ -169,8 +167,8 @@ def _steady_density(study: Study, found: Responses, number: int, distance: float
 def _mean_t30(study: Study, found: Responses, number: int, distance: float) -> np.ndarray:
     """(B,) reverberation times read from -5 to -35 dB, the whole band first."""
     rows = [
-        metrics.room_metrics(found[number, distance, seed].samples, RATE).t30
-        for seed in study.seeds
+        metrics.room_metrics(heard.samples, RATE, heard.left_db).t30
+        for heard in (found[number, distance, seed] for seed in study.seeds)
     ]
     return np.mean(rows, axis=0)
 

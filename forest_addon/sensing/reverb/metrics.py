@@ -3,7 +3,8 @@
 An impulse response goes in as samples, numbers come out, of the whole band or of octaves. The onset,
 where early and late sound are counted from, is the first sample within 20 dB of the largest (ISO
 3382-1, 5.3.2 note); octaves count from the onset of the whole band. The decay is integrated to the end
-of the record, without a correction for noise: simulated records have none.
+of the record, without a correction for noise: simulated records have none. A record that ends before the
+sound does is short of what comes later: a measure that this would change is NaN.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from scipy import fft, signal
 
 ONSET_DB = -20.0
+BELOW = 10.0  # dB that the energy after the record must lie below the end of a decay that is read
 RAMP = 1 / 3  # octave over which neighbouring octave filters share a frequency
 EARLIEST, LATEST = 31.25, 16000.0  # Hz, middle of the lowest and of the highest octave
 ECHO_WINDOW = 0.025  # s over which the energy is levelled
@@ -29,6 +31,7 @@ class RoomMetrics:
     band : (B,) Hz, the octaves' middle; 0 stands for the whole band.
     edt, t20, t30, t60 : (B,) seconds a fall of 60 dB takes, read from 0 to -10, -5 to -25, -5 to -35 and
     -5 to -65 dB of the energy decay; NaN where it does not reach so far.
+    All are NaN where the record is cut too early for them.
     c50, c80 : (B,) dB. d50 : (B,) share of the energy. centre_time : (B,) seconds after the onset.
     """
 
@@ -43,24 +46,35 @@ class RoomMetrics:
     centre_time: np.ndarray
 
 
-def room_metrics(samples: np.ndarray, sample_rate: float) -> RoomMetrics:
-    """All measures of an impulse response (N,)."""
+def room_metrics(
+    samples: np.ndarray, sample_rate: float, left_db: np.ndarray | None = None
+) -> RoomMetrics:
+    """All measures of an impulse response (N,).
+
+    left_db : (B,) energy after the record's end, dB re all, by band; None: nothing.
+    """
     octaves = octave_bands(sample_rate)
+    left = np.full(1 + len(octaves), -math.inf) if left_db is None else left_db
     start = onset(samples)
     rows = []
-    for band in (0.0, *octaves):
+    for band, cut in zip((0.0, *octaves), left.tolist(), strict=True):
         heard = octave(samples, sample_rate, band) if band else np.asarray(samples, np.float64)
         rows.append(
             [
                 band,
                 *(
-                    reverberation_time(heard, sample_rate, fall)
+                    reverberation_time(heard, sample_rate, fall, cut)
                     for fall in ((0.0, -10.0), (-5.0, -25.0), (-5.0, -35.0), (-5.0, -65.0))
                 ),
-                clarity_db(heard, sample_rate, 0.05, start),
-                clarity_db(heard, sample_rate, 0.08, start),
-                definition(heard, sample_rate, 0.05, start),
-                centre_time(heard, sample_rate, start),
+                *(
+                    value if cut <= -2.0 * BELOW else math.nan
+                    for value in (
+                        clarity_db(heard, sample_rate, 0.05, start),
+                        clarity_db(heard, sample_rate, 0.08, start),
+                        definition(heard, sample_rate, 0.05, start),
+                        centre_time(heard, sample_rate, start),
+                    )
+                ),
             ]
         )
     return RoomMetrics(*np.array(rows).T)
@@ -79,14 +93,21 @@ def energy_decay_db(samples: np.ndarray) -> np.ndarray:
 
 
 def reverberation_time(
-    samples: np.ndarray, sample_rate: float, fall: tuple[float, float] = (-5.0, -35.0)
+    samples: np.ndarray,
+    sample_rate: float,
+    fall: tuple[float, float] = (-5.0, -35.0),
+    left_db: float = -math.inf,
 ) -> float:
     """Seconds in which the energy decay falls by 60 dB, from a straight line through part of it.
 
     fall : dB from, to; (-5, -35) is the T30 of ISO 3382-1, (-5, -25) the T20.
+    left_db : energy after the record's end, dB re all. The decay lacks it, and falls too fast.
 
-    NaN where the decay does not reach so far, or does so within three samples.
+    NaN where the decay does not reach so far, or does so within three samples, or where what is left is
+    not BELOW its end.
     """
+    if left_db > fall[1] - BELOW:
+        return math.nan
     decay = energy_decay_db(samples)
     used = np.flatnonzero((decay <= fall[0]) & (decay >= fall[1]))
     used = used[used >= onset(samples)]

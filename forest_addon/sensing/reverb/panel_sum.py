@@ -29,14 +29,11 @@ from .field_table import FieldTable, middle, near_face, polynomials, series
 from .scattering import TrunkPaths
 
 RATIO = 4.0  # thickest over thinnest radius of the trunks that share panels
-FIRST, GROWTH, WIDEST = (
-    0.1,
-    4.0,
-    16.0,
-)  # ends of panels in ka of the thickest: the first; factor; step
+FIRST, GROWTH, WIDEST = 0.1, 4.0, 16.0  # ends of panels in ka of the thickest: the first; factor; step
 MOST_NODES, TRIED_NODES = 40, 64  # of a panel; at which its series is looked at
+FARTHER = (0.0, 0.02, 0.1, 0.3, 0.6, 1.0)  # shares of the trunks, at which the air is looked at
 FEW_BINS = 6  # of a panel that needs no interpolation
-SHARE = 0.3  # of the tolerance, for each approximation
+SHARE = 0.1  # of the tolerance, for each approximation
 REACH = 2.6  # radians by which H turns to both sides of its middle when ka grows by 1
 TURN, WIDEST_TURN = 1.5, 6.0  # radians by which H turns from the middle of a box to its side
 FULL = 40  # trunks a box; with fewer, boxes are larger
@@ -91,11 +88,7 @@ class _Group:
         self.thickest = float(paths.radius.max())
         rng = stream(len(paths.length), "panels", "checks")
         loudness = np.square(paths.weight * paths.radius)
-        drawn = (
-            rng.choice(len(loudness), PROBES, p=loudness / loudness.sum())
-            if loudness.any()
-            else [0]
-        )
+        drawn = rng.choice(len(loudness), PROBES, p=loudness / loudness.sum()) if loudness.any() else [0]
         self.probes, self.rng = np.unique(drawn), rng
 
     def add_to(self, spectrum: np.ndarray) -> list[Check]:
@@ -128,23 +121,28 @@ class _Panel:
             group.paths, 2.0 * math.pi / group.speed * self.frequency[[0, -1]], group.allowed
         )
         self.checks: list[Check] = []
+        near = group.paths.length - group.paths.length.min()
+        loud = np.square(group.paths.weight * group.paths.radius**2)
+        loud = loud * np.exp(-2.0 * self._loss(self.frequency.mean()) * near) + 1e-300
+        self.typical = float(np.average(group.paths.length, weights=loud))  # m; air is taken off so far
         self.nodes, self.shift = self._nodes()
 
     def _nodes(self) -> tuple[np.ndarray | None, np.ufunc]:
         """As few as the thickest trunks need, with the better of two shifts."""
         if len(self.frequency) <= FEW_BINS:
             return self.frequency, middle
-        wavenumber = self._wavenumber(self._spread(TRIED_NODES))
-        z = wavenumber * self.group.thickest
+        tried = self._spread(TRIED_NODES)
+        z = self._wavenumber(tried) * self.group.thickest
         values = self.boxes.table.at(z)
+        # what the air leaves of it, relative to the loudest trunks'
+        farther = np.quantile(self.group.paths.length, FARTHER) - self.typical
+        left = np.exp(-np.outer(self._loss(tried), farther))
         best, shift = MOST_NODES + 1, middle
         for way in (near_face, middle):
-            turned = values * np.exp(
-                -1j * np.outer(z, way(self.boxes.angles) - middle(self.boxes.angles))
-            )
-            size = np.abs(series(turned, 0))
+            turned = values * np.exp(-1j * np.outer(z, way(self.boxes.angles) - middle(self.boxes.angles)))
+            size = np.abs(series(turned[:, :, None] * left[:, None], 0)).max(axis=2)
             tail = np.cumsum(size[::-1], axis=0)[::-1]
-            large = (tail > self.group.allowed * np.abs(values).max(axis=0)).any(axis=1)
+            large = (tail > self.group.allowed * np.abs(values).min(axis=0)).any(axis=1)
             count = max(3, int(np.flatnonzero(large)[-1]) + 2)
             if count < best:
                 best, shift = count, way
@@ -157,6 +155,12 @@ class _Panel:
     def _wavenumber(self, frequency: np.ndarray) -> np.ndarray:
         return 2.0 * math.pi / self.group.speed * frequency
 
+    def _loss(self, frequency: np.ndarray) -> np.ndarray:
+        """Nepers per metre."""
+        group = self.group
+        found: np.ndarray = np.interp(frequency / group.spacing, np.arange(len(group.loss)), group.loss)
+        return found
+
     def spectrum(self) -> np.ndarray:
         """(K,) of the bins."""
         group, count = self.group, len(self.frequency)
@@ -164,13 +168,11 @@ class _Panel:
         rows, heights = self.boxes.heights(k, self.shift)
         paths = group.paths.select(rows)
         self._check(rows, paths, heights)
-        grid_frequency = np.arange(len(group.loss)) * group.spacing
-        heights *= np.exp(
-            -np.outer(paths.length, np.interp(self.nodes, grid_frequency, group.loss))
-        )
+        heights *= np.exp(-np.outer(paths.length - self.typical, self._loss(self.nodes)))
         weight = paths.weight * paths.radius**2
         delay = (paths.length - paths.radius * self.shift(paths.angle)) / group.speed
         level = self._wavenumber(self.frequency) ** 1.5
+        level *= np.exp(-self.typical * self._loss(self.frequency))
         if count <= FEW_BINS:
             carried = _turn(np.outer(delay, self.nodes))
             return (weight[:, None] * heights * carried).sum(axis=0) * level
@@ -191,9 +193,7 @@ class _Panel:
         low, high = self.frequency[[0, -1]]
         frequency = self.group.rng.uniform(low, high)
         k = float(self._wavenumber(np.array(frequency)))
-        place = (
-            np.array([2.0 * (frequency - low) / (high - low) - 1.0]) if high > low else np.zeros(1)
-        )
+        place = np.array([2.0 * (frequency - low) / (high - low) - 1.0]) if high > low else np.zeros(1)
         if len(self.frequency) <= FEW_BINS:
             k, found = float(self._wavenumber(self.nodes[0])), heights[here, 0]
             frequency = float(self.nodes[0])
@@ -218,9 +218,8 @@ class _Boxes:
         self.paths = paths
         radius, angle, k = paths.radius, paths.angle, float(wavenumber[1])
         across = REACH * k * float(np.ptp(radius)) / 2
-        around = (
-            (k * float(radius.max()) + 2.0) * float(np.ptp(angle)) / 2
-        )  # 2: Rayleigh's 1 - 2cos φ
+        # both creeping waves, and at the least Rayleigh's 1 - 2cos φ
+        around = (1.5 * k * float(radius.max()) + 2.0) * float(np.ptp(angle)) / 2
         turn = TURN
         while True:
             self.bins = _Side(radius, across, turn, allowed)

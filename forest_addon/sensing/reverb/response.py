@@ -43,17 +43,15 @@ from .directivity import OMNI, Directivity, Term
 from .ends import Ends, ends_of
 from .fast_scattering import Expansions
 from .model_error import ModelError, model_error
-from .scattering import SPREAD, roll_off
+from .record import record_length
+from .scattering import SPREAD, roll_off, trunk_paths
 from .slices import Trunks
-from .tree_response import TreeResponse, tree_response
+from .tree_response import NEAREST, TreeResponse, tree_response
 
 Progress = Callable[[int, int], None]
 Gain = Callable[[np.ndarray], np.ndarray]  # by frequency
 TrunksBetween = Callable[[np.ndarray, np.ndarray], Trunks]  # by source and receiver
 LOWEST = 1.0  # Hz; below it, the ground is as it is there
-NEAREST = (
-    0.1  # m; a source has an extent, so that the direct sound is not louder than at this distance
-)
 GROUND_CLEARANCE = (
     0.05  # m; lower than this, a line of sight is not tested against the ground itself
 )
@@ -69,8 +67,10 @@ class ImpulseResponse:
     direct_clear, ground_clear : whether wood leaves the direct and the ground sound their way.
     trunks : how many trunks were heard. continued : how many of them stand beyond the field.
     late : how many more are so far away that they would be heard after the end.
+    left_db : (1 + B,) their energy, dB re all, estimated: of the whole band and of octaves (``record``).
     clamped : how many trunks cover the source or the receiver.
     exact : whether every trunk was summed at every frequency, rather than to the tolerance.
+    errors : {lower end of an octave in Hz: relative error of the fast sum, found by its checks}.
     model_error : what single scattering leaves out, None if it was not asked for.
     channel : which source and which receiver. further : the responses of further pairs.
     """
@@ -87,6 +87,8 @@ class ImpulseResponse:
     late: int
     clamped: int
     exact: bool
+    left_db: np.ndarray
+    errors: dict[float, float]
     model_error: ModelError | None = None
     channel: str = "source to receiver"
     further: tuple[ImpulseResponse, ...] = ()
@@ -139,6 +141,9 @@ def impulse_response(
     prepared = Expansions() if expansions is None else expansions
     between = trunks if callable(trunks) else lambda source, receiver: trunks
     beyond = continuation(between(*ends.pairs[0]), reverb, ends.on_ground, rng, field)
+    if reverb.duration == 0:
+        lengths = [_needed(between(*pair).joined(beyond), *pair, reverb, air) for pair in ends.pairs]
+        reverb = replace(reverb, duration=max(lengths))
     found = []
     for number, (source, receiver) in enumerate(ends.pairs):
         hears = _Pair(
@@ -155,6 +160,15 @@ def impulse_response(
             )
         )
     return replace(found[0], further=tuple(found[1:]))
+
+
+def _needed(
+    trunks: Trunks, source: np.ndarray, receiver: np.ndarray, reverb: Reverb, air: Air
+) -> float:
+    """Seconds that the record of a pair must last."""
+    paths = trunk_paths(trunks, source[:2], receiver[:2], reverb.strength, reverb.spreading)
+    ways = (math.dist(source, end) for end in (receiver, receiver * (1.0, 1.0, -1.0)))
+    return record_length(paths, tuple(max(way, NEAREST) for way in ways), reverb.sample_rate, air)
 
 
 @dataclass(frozen=True)
@@ -203,6 +217,8 @@ class _Pair:
             late=int((~trees.heard).sum()),
             clamped=trees.clamped,
             exact=trees.exact,
+            left_db=trees.left_db,
+            errors=trees.errors,
             model_error=model_error(forest, self.source, self.receiver, rescattering, air)
             if rescattering
             else None,

@@ -24,7 +24,7 @@ Progress = Callable[[int, int], None]
 PANEL_KA = 3.0  # width of a panel in ka of the octave's thickest trunk
 TRUNKS_AT_ONCE = 512
 BINS_AT_ONCE = 512
-RINGING = 1.5  # s after the last arrival; a trunk's answer falls as t^-2.5 and is below 10 Hz then
+RINGING = 2.5  # s after the last arrival; a trunk's answer falls as t^-2.5 and is below 10 Hz then
 SPREAD = 256  # samples; so far does the roll-off spread an arrival, to 1e-8 of its peak
 
 

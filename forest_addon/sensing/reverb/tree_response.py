@@ -17,6 +17,7 @@ from scipy import fft
 from ...acoustics.air import absorption
 from ...spec import Air, Reverb
 from .fast_scattering import FEW_RADII, Expansions
+from .record import left_out_db, record_length
 from .scattering import (
     SPREAD,
     TrunkPaths,
@@ -28,8 +29,9 @@ from .scattering import (
 from .slices import Trunks
 
 Progress = Callable[[int, int], None]
+NEAREST = 0.1  # m; a source has an extent: its direct sound is not louder than at this distance
 FEW = 50  # trunks of few different radii that are summed exactly
-FEW_SUMMANDS = 1.2e8  # trunks of many radii by samples of the response that are summed exactly
+FEW_SUMMANDS = 5e6  # trunks of many radii by samples of the response that are summed exactly
 
 
 @dataclass(frozen=True)
@@ -40,12 +42,16 @@ class TreeResponse:
     heard : (M,) bool, which trunks are heard before the end.
     clamped : how many trunks cover the source or the receiver.
     exact : whether every trunk was summed at every frequency.
+    left_db : (1 + B,) energy of trunks after the end, dB re all sound, of the whole band and of octaves.
+    errors : {lower end of an octave in Hz: relative error of the fast sum, found by its checks}.
     """
 
     samples: np.ndarray
     heard: np.ndarray
     clamped: int
     exact: bool
+    left_db: np.ndarray
+    errors: dict[float, float]
 
 
 def tree_response(
@@ -61,37 +67,36 @@ def tree_response(
 ) -> TreeResponse:
     """The sound of all trunks from a source to a receiver, each (3,) or (2,) metres.
 
-    reverb : its sample_rate, duration, strength, spreading and tolerance are used.
+    reverb : its sample_rate, duration (0: as long as these paths need), strength, spreading and
+        tolerance are used.
     gain : (M,) amplitude of each trunk's path besides K's weight, as of a directed source; None: 1.
     expansions : what the fast sum set up for other pairs; None: it is set up for this one.
     progress : called as progress(trunks done, all trunks), by the exact sum alone.
     """
-    paths = trunk_paths(
-        trunks,
-        np.asarray(source)[:2],
-        np.asarray(receiver)[:2],
-        reverb.strength,
-        reverb.spreading,
-        gain,
-    )
-    count = max(1, round(reverb.duration * reverb.sample_rate))
-    heard = paths.earliest <= (reverb.duration + SPREAD / reverb.sample_rate) * air.speed()
+    ends = np.asarray(source)[:2], np.asarray(receiver)[:2]
+    paths = trunk_paths(trunks, *ends, reverb.strength, reverb.spreading, gain)
+    rate, speed = reverb.sample_rate, air.speed()
+    direct = (max(math.dist(source, receiver), NEAREST),)
+    duration = reverb.duration or record_length(paths, direct, rate, air)
+    count = max(1, round(duration * rate))
+    heard = paths.earliest <= (duration + SPREAD / rate) * speed
     within = paths.select(heard)
     exact = reverb.tolerance == 0 or len(within.length) <= _soon_summed(within.radius, count)
+    errors: dict[float, float] = {}
     if exact:
-        samples = direct_sum(within, reverb.sample_rate, count, air, progress)
-        errors: dict[float, float] = {}
+        samples = direct_sum(within, rate, count, air, progress)
     else:
         prepared = Expansions() if expansions is None else expansions
-        found = prepared.sum(within, reverb.sample_rate, count, air, reverb.tolerance)
+        found = prepared.sum(within, rate, count, air, reverb.tolerance)
         samples, errors = found.samples, found.errors
-    first = float(within.earliest.min(initial=math.inf)) / air.speed() * reverb.sample_rate
-    samples[: int(min(max(0.0, first - SPREAD), count))] = 0.0  # before, there are rounding errors
-    return TreeResponse(samples, heard, int(paths.clamped.sum()), exact)
+    silent = float(within.earliest.min(initial=math.inf)) / speed * rate - SPREAD
+    samples[: int(min(max(silent, 0.0), count))] = 0.0  # but for rounding
+    left = left_out_db(paths, heard, direct, rate, air)
+    return TreeResponse(samples, heard, int(paths.clamped.sum()), exact, left, errors)
 
 
 def _soon_summed(radius: np.ndarray, count: int) -> int:
-    """Up to so many trunks the exact sum takes no longer than setting up the fast one."""
+    """Up to so many trunks the exact sum takes no longer than the fast one."""
     few = len(np.unique(radius)) <= FEW_RADII
     return FEW if few else int(FEW_SUMMANDS / count)
 
