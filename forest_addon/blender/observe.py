@@ -26,6 +26,7 @@ from ..sensing.reverb.fast_scattering import Expansions
 from ..sensing.reverb.trunk_cuts import TrunkCuts
 from ..sensing.sonar import flight
 from ..sensing.sonar import ping as sonar
+from ..sensing.sonar.audit import audit_echoes
 from ..sensing.sonar.poses import Pose
 from ..spec import Mobile, Rays, Reverb, Scanner, Scene, Sensor, Sonar, Tractor
 from ..stand.stems import plant_stems
@@ -141,6 +142,13 @@ class Observer:
         if isinstance(sensor, Scanner):
             work = lidar.Scan(sensor, self.caster, settings.seed, way)
             return audit_scan(work, rng, seconds, share)
+        if isinstance(sensor, Sonar):
+            echoes = found.echoes if isinstance(found, flight.Flight) else (found,)
+            casters = self.wood, self.caster if "extinction" in sensor.shading else None
+            equipment = equip(sensor, folder)
+            return audit_echoes(
+                echoes, self.targets, sensor, settings.air, *casters, equipment, rng, seconds, share
+            )
         return None
 
     def _clap(

@@ -10,9 +10,9 @@ import warnings
 
 import numpy as np
 import pytest
+from forest_addon.formats.expansion_store import ExpansionStore
 
 from forest_addon.formats.directivity_file import read_directivity
-from forest_addon.formats.expansion_store import ExpansionStore
 from forest_addon.formats.glb import read_glb
 from forest_addon.formats.raster_file import read_raster
 from forest_addon.formats.scanner_file import read_scanner

@@ -30,7 +30,7 @@ from .discs import LeafDiscs, leaf_discs
 from .doppler import shifted_sum, widened
 from .near import count_close
 from .poses import Pose, posed
-from .search import Group, mean_amplitude, search
+from .search import Found, Group, mean_amplitude, search
 from .shading import shade_of
 from .station import Equipment, Station
 from .summation import sum_echoes
@@ -165,14 +165,7 @@ def ping(
     station = Station(sonar, air, pose or posed(sonar), equipment or Equipment.of(sonar))
     call = station.equipment.call
     band, rate = Band(*sonar.band), sonar.sample_rate
-    if "extinction" in sonar.shading and everything is None:
-        raise ValueError("shading by extinction needs rays that meet leaves; give a caster")
-    shade = shade_of(
-        wood if "trunks" in sonar.shading else None,
-        everything if "extinction" in sonar.shading else None,
-        station,
-    )
-    found = search(targets, station, band, shade, sonar.record or np.inf)
+    found = heard_from(station, targets, band, wood, everything)
     latest = max((float(g.paths.length.max()) for g in found.groups), default=0.0)
     lasts = call.duration if call else 0.0
     moving = float(np.linalg.norm(station.pose.velocity)) if call and sonar.doppler else 0.0
@@ -211,6 +204,30 @@ def ping(
         pose=station.pose,
         list_heard=partial(_contributions, found.groups, station, band, targets),
     )
+
+
+def heard_from(
+    station: Station,
+    targets: Targets,
+    band: Band,
+    wood: RayCaster | None,
+    everything: RayCaster | None,
+) -> Found:
+    """Who is heard from a station, weakened by what stands in the way; casters as of ``ping``.
+
+    Raises
+    ------
+    ValueError : shading by extinction without a caster.
+    """
+    sonar = station.sonar
+    if "extinction" in sonar.shading and everything is None:
+        raise ValueError("shading by extinction needs rays that meet leaves; give a caster")
+    shade = shade_of(
+        wood if "trunks" in sonar.shading else None,
+        everything if "extinction" in sonar.shading else None,
+        station,
+    )
+    return search(targets, station, band, shade, sonar.record or np.inf)
 
 
 def _in_time(spectra: np.ndarray, grid: Grid, scale: float) -> np.ndarray:

@@ -6,18 +6,14 @@ import math
 from typing import Any
 
 import numpy as np
-import pytest
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forest_addon.acoustics.air import absorption
-from forest_addon.acoustics.cylinder import transfer
-from forest_addon.sensing.reverb.expansion import expand
 from forest_addon.sensing.reverb.fast_scattering import Expansions
 from forest_addon.sensing.reverb.scattering import TrunkPaths, roll_off, trunk_paths
 from forest_addon.sensing.reverb.slices import Trunks
-from forest_addon.sensing.reverb.tree_response import direct_sum, tree_response
-from forest_addon.spec import Air, Reverb
+from forest_addon.sensing.reverb.tree_response import direct_sum
+from forest_addon.spec import Air
 
 AIR = Air(sound_speed=343.0)
 EXACT = 3e-12  # of the whole: what the exact sum is good for at any time
