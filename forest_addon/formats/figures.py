@@ -190,6 +190,7 @@ def _of_response(response: ImpulseResponse, trunks: int | None) -> list[Figure]:
         *found,
         numbers("trunks heard", "Trunks Heard", f"{response.trunks:,}"),
         numbers("trunks beyond the field", "Beyond Field", f"{response.continued:,}"),
+        numbers("trunks after the record's end", "Too Late", f"{response.late:,}"),
         numbers("reverberation time", "Reverb Time", f"{seconds:.2f} s")
         if np.isfinite(seconds)
         else words("reverberation time", "Reverb Time", "not reached"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -122,19 +122,18 @@ def echo_finding(sensor: Sonar, echo: Echo, picture: Path) -> Finding:
         f"Biosonar: {sensor.name}",
         f"One ping of {_call_in_words(sensor)}.",
         facts(figures_of(sensor, echo)),
-        _echo_notes(sensor, echo.cull_bound),
+        tuple(_echo_notes(sensor, [echo])),
         picture,
     )
 
 
 def flight_finding(sensor: Sonar, flight: Flight, picture: Path) -> Finding:
     """Echoes along a way; the facts are those of the loudest."""
-    bound = max(echo.cull_bound for echo in flight.echoes)
     return Finding(
         f"Biosonar: {sensor.name}",
         f"{len(flight)} pings of {_call_in_words(sensor)}; what follows is of the loudest.",
         facts(figures_of(sensor, flight)),
-        _echo_notes(sensor, bound),
+        tuple(_echo_notes(sensor, flight.echoes)),
         picture,
     )
 
@@ -150,9 +149,13 @@ def _call_in_words(sensor: Sonar) -> str:
     )
 
 
-def _echo_notes(sensor: Sonar, bound: float) -> tuple[str, ...]:
+def _echo_notes(sensor: Sonar, echoes: Sequence[Echo]) -> Iterator[str]:
+    bound = max(echo.cull_bound for echo in echoes)
+    error = max(echo.error_bound for echo in echoes)
+    table = max(echo.table_error for echo in echoes)
     summed = (
-        f"Fast sum, error at most {sensor.tolerance:.0e} of all amplitudes"
+        f"Fast sum, error at most {error:.1e} of all amplitudes"
+        + (f" ({sensor.tolerance:.0e} was asked for)" if error > sensor.tolerance else "")
         if sensor.tolerance
         else "Direct sum over every scatterer and frequency in float64"
     )
@@ -164,10 +167,15 @@ def _echo_notes(sensor: Sonar, bound: float) -> tuple[str, ...]:
     both = (
         "Leaves weaken what lies behind them by Beer-Lambert, wood hides it as straight rays would."
     )
-    return (
-        f"{summed}; what is left out as too weak adds at most {bound:.1e} of them.",
-        shade.get(sensor.shading, both),
-    )
+    yield f"{summed}; what is left out as too weak adds at most {bound:.1e} of them."
+    yield shade.get(sensor.shading, both)
+    if table > 0:
+        yield f"The exact disc's amplitudes are looked up, to {table:.0e} of all of them at most."
+    close = sum(echo.close for echo in echoes)
+    if close:
+        yield (
+            f"{close:,} leaves are nearer than their far field (ka²/2): they sound by their faces, in pieces."
+        )
 
 
 def reverb_finding(
@@ -181,13 +189,25 @@ def reverb_finding(
         (
             "Direct sum over every trunk and frequency in float64."
             if response.exact
-            else f"Sum over trunks to a relative error of {sensor.tolerance:.0e}."
+            else f"Sum over trunks to a relative error of {sensor.tolerance:.0e}, in every octave."
         )
         + " Single scattering itself is the larger error, and grows with the density of the stand"
         " (rescattering = 100 measures it).",
         "Reverberation time is read from -5 to -35 dB of the energy decay; C50 with the onset at "
         "-20 dB.",
     ]
+    beyond = {f: e for f, e in response.errors.items() if e > sensor.tolerance}
+    if beyond and not response.exact:
+        notes.append(
+            "Beyond that: "
+            + ", ".join(f"{e:.0e} from {f:g} Hz" for f, e in sorted(beyond.items()))
+            + ", found by direct checks."
+        )
+    if response.late:
+        notes.append(
+            f"{response.late:,} trunks are heard after the record's end; what it leaves out is "
+            f"{response.left_db[0]:.0f} dB below all of the sound. Measures that need it are not given."
+        )
     if len(channels) > 1:
         notes.append(
             f"Figures are of the first of {len(channels)} channels, {response.channel}; "
