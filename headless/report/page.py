@@ -170,7 +170,7 @@ def echo_finding(sensor: Sonar, echo: Echo, picture: Path) -> Finding:
         f"Biosonar: {sensor.name}",
         f"One ping of {_call_in_words(sensor)}.",
         _echo_facts(echo),
-        _echo_notes(sensor, echo.cull_bound),
+        _echo_notes(sensor, (echo,)),
         picture,
     )
 
@@ -178,12 +178,11 @@ def echo_finding(sensor: Sonar, echo: Echo, picture: Path) -> Finding:
 def flight_finding(sensor: Sonar, flight: Flight, picture: Path) -> Finding:
     """Echoes along a way; the facts are those of the loudest."""
     loudest = max(flight.echoes, key=lambda echo: float(echo.envelope.max(initial=0.0)))
-    bound = max(echo.cull_bound for echo in flight.echoes)
     return Finding(
         f"Biosonar: {sensor.name}",
         f"{len(flight)} pings of {_call_in_words(sensor)}; what follows is of the loudest.",
-        _echo_facts(loudest),
-        _echo_notes(sensor, bound),
+        _echo_facts(loudest) | _error_fact(flight.echoes),
+        _echo_notes(sensor, flight.echoes),
         picture,
     )
 
@@ -213,22 +212,38 @@ def _echo_facts(echo: Echo) -> dict[str, str]:
         "strongest echo from": metres,
         "level": level if peak is None else f"{level} re call at 1 m",
     }
-    return facts | ({"later than the record": f"{echo.late:,}"} if echo.late else {})
+    some = {
+        "later than the record": echo.late,
+        "leaves nearer than ka²/2": echo.close,
+        "discs of ka > 120 beyond 60°": echo.doubtful,
+    }
+    facts |= {name: f"{count:,}" for name, count in some.items() if count}
+    return facts | _error_fact([echo])
 
 
-def _echo_notes(sensor: Sonar, bound: float) -> tuple[str, ...]:
-    summed = (
-        f"Fast sum, error at most {sensor.tolerance:.0e} of all amplitudes"
-        if sensor.tolerance
-        else "Direct sum over every scatterer and frequency in float64"
+def _error_fact(echoes: Sequence[Echo]) -> dict[str, str]:
+    most = max(echo.error_bound + echo.table_error for echo in echoes)
+    return {"error of the sum at most": f"{most:.1e} of all amplitudes"}
+
+
+def _echo_notes(sensor: Sonar, echoes: Sequence[Echo]) -> tuple[str, ...]:
+    bound, error, table = (
+        max(getattr(echo, name) for echo in echoes)
+        for name in ("cull_bound", "error_bound", "table_error")
     )
+    kind = "Fast sum" if sensor.tolerance else "Direct sum over every scatterer and frequency"
+    summed = f"{kind}, error at most {error:.1e} of all amplitudes"
+    if error > sensor.tolerance > 0:
+        summed += f" ({sensor.tolerance:.0e} was asked for: what is looked up is not smooth enough)"
+    if table:
+        summed += f", and {table:.1e} from the tables of discs and cylinders"
     shade = {
         "none": "Nothing shades anything, as in the paper.",
         "trunks": "Leaves do not shade each other; wood hides them as straight rays would.",
-        "extinction": "Leaves weaken what lies behind them by Beer-Lambert; wood hides nothing.",
+        "extinction": "Leaves weaken what lies behind them, large ones hide it; wood hides nothing.",
     }
     both = (
-        "Leaves weaken what lies behind them by Beer-Lambert, wood hides it as straight rays would."
+        "Leaves weaken what lies behind them, large ones and wood hide it as straight rays would."
     )
     return (
         f"{summed}; what is left out as too weak adds at most {bound:.1e} of them.",

@@ -96,11 +96,18 @@ def near_faces(leaves: Leaves, sight: Sight) -> NearFaces:
     )
 
 
+def count_leaves(scatterers: Scatterers, instance: np.ndarray, some: np.ndarray) -> int:
+    """How many scatterers ``some`` (M,) bool are; the pieces of a near leaf are one."""
+    if isinstance(scatterers, NearFaces):
+        names = np.stack([instance[some], scatterers.number[some]])
+        return len(np.unique(names, axis=1).T)
+    return 0 if isinstance(scatterers, NearEdges) else int(np.count_nonzero(some))
+
+
 def count_close(scatterers: Scatterers, instance: np.ndarray) -> int:
     """How many leaves among some scatterers (M,) are nearer than ka²/2."""
     if isinstance(scatterers, NearFaces):
-        some = scatterers.close
-        return len(np.unique(np.stack([instance[some], scatterers.number[some]]), axis=1).T)
+        return count_leaves(scatterers, instance, scatterers.close)
     if isinstance(scatterers, Leaves):
         return int(np.count_nonzero(scatterers.nearness < (2.0 - (2.0 * FAR) ** -2) ** -0.5))
     return 0
