@@ -69,7 +69,8 @@ def figures_of(sensor: Sensor, found: Finding, trunks: int | None = None) -> lis
     if isinstance(found, Echo):
         return _of_echo(found)
     if isinstance(found, Flight):
-        return [numbers("", "Pings", f"{len(found):,}"), *_of_echo(loudest(found))]
+        pings = numbers("", "Pings", f"{len(found):,}")
+        return [pings, *_of_echo(loudest(found), found.echoes)]
     return _of_response(found, trunks)
 
 
@@ -154,7 +155,8 @@ def _share(mask: np.ndarray) -> str:
     return f"{100 * float(np.mean(mask)):.1f} %" if mask.size else "0 %"
 
 
-def _of_echo(echo: Echo) -> list[Figure]:
+def _of_echo(echo: Echo, echoes: Sequence[Echo] = ()) -> list[Figure]:
+    """Figures of an echo; its error is the largest of all ``echoes`` that it stands for."""
     heard = {kind: int(np.count_nonzero(echo.heard.kind == kind)) for kind in ("wood", "facet")}
     found = [
         numbers("leaves in the scene", "Leaves", f"{echo.leaves:,}"),
@@ -170,9 +172,15 @@ def _of_echo(echo: Echo) -> list[Figure]:
     else:
         found.append(numbers("strongest echo from", "Strongest", f"{peak[0]:.2f} m"))
         found.append(words("level", "Level", "{level:.1f} dB re call at 1 m", level=peak[1]))
-    if echo.late:
-        found.append(numbers("later than the record", "Too Late", f"{echo.late:,}"))
-    return found
+    some = (
+        ("later than the record", "Too Late", echo.late),
+        ("leaves nearer than ka²/2", "Near Leaves", echo.close),
+        ("discs of ka > 120 beyond 60°", "Doubtful Discs", echo.doubtful),
+    )
+    found += [numbers(name, short, f"{count:,}") for name, short, count in some if count]
+    most = max(each.error_bound + each.table_error for each in (echo, *echoes))
+    pattern = "{share:.1e} of all amplitudes"
+    return [*found, words("error of the sum at most", "Error At Most", pattern, share=most)]
 
 
 def _of_response(response: ImpulseResponse, trunks: int | None) -> list[Figure]:

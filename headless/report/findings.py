@@ -150,32 +150,26 @@ def _call_in_words(sensor: Sonar) -> str:
 
 
 def _echo_notes(sensor: Sonar, echoes: Sequence[Echo]) -> Iterator[str]:
-    bound = max(echo.cull_bound for echo in echoes)
-    error = max(echo.error_bound for echo in echoes)
-    table = max(echo.table_error for echo in echoes)
-    summed = (
-        f"Fast sum, error at most {error:.1e} of all amplitudes"
-        + (f" ({sensor.tolerance:.0e} was asked for)" if error > sensor.tolerance else "")
-        if sensor.tolerance
-        else "Direct sum over every scatterer and frequency in float64"
+    bound, error, table = (
+        max(getattr(echo, name) for echo in echoes)
+        for name in ("cull_bound", "error_bound", "table_error")
     )
+    kind = "Fast sum" if sensor.tolerance else "Direct sum over every scatterer and frequency"
+    summed = f"{kind}, error at most {error:.1e} of all amplitudes"
+    if error > sensor.tolerance > 0:
+        summed += f" ({sensor.tolerance:.0e} was asked for: what is looked up is not smooth enough)"
+    if table:
+        summed += f", and {table:.1e} from the tables of discs and cylinders"
     shade = {
         "none": "Nothing shades anything, as in the paper.",
         "trunks": "Leaves do not shade each other; wood hides them as straight rays would.",
-        "extinction": "Leaves weaken what lies behind them by Beer-Lambert; wood hides nothing.",
+        "extinction": "Leaves weaken what lies behind them, large ones hide it; wood hides nothing.",
     }
     both = (
-        "Leaves weaken what lies behind them by Beer-Lambert, wood hides it as straight rays would."
+        "Leaves weaken what lies behind them, large ones and wood hide it as straight rays would."
     )
     yield f"{summed}; what is left out as too weak adds at most {bound:.1e} of them."
     yield shade.get(sensor.shading, both)
-    if table > 0:
-        yield f"The exact disc's amplitudes are looked up, to {table:.0e} of all of them at most."
-    close = sum(echo.close for echo in echoes)
-    if close:
-        yield (
-            f"{close:,} leaves are nearer than their far field (ka²/2): they sound by their faces, in pieces."
-        )
 
 
 def reverb_finding(

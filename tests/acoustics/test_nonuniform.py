@@ -53,7 +53,8 @@ def test_tolerance_is_kept(model: str) -> None:
         )
         errors.append(np.abs(found.spectrum - exact).max() / size)
         assert errors[-1] <= tolerance
-        assert found.error_bound <= 1.001 * tolerance * size
+        assert np.abs(found.spectrum - exact).max() <= found.error_bound * size
+        assert found.error_bound <= 1.001 * tolerance + 1e-11  # rounding of the carrier
         assert found.size == pytest.approx(size, rel=0.05)
         assert sum(found.nodes.values()) == 600
     assert errors[0] > 1e-9  # it is not the direct sum that was tested

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy import special
 
 from ...acoustics import chebyshev
 from .bands import Band, Grid
@@ -22,6 +23,7 @@ from .station import Station
 from .summation import sum_echoes
 
 SPREAD = 1e-9  # of α; less is one speed
+SAFER = 0.01  # of the tolerance: what is bounded is relative to Σ|x|, which is above the spectrum
 
 
 def widened(band: Band, speed: float, sound_speed: float) -> Band:
@@ -56,11 +58,17 @@ def shifted_sum(
         return plain * call.spectrum_at(grid.frequency, float(low))
     # Within X(f/α) are phases 2πf·t/α up to the end of the call.
     turns = math.pi * band.high * call.duration * float(high - low) / float(low) ** 2
-    digits = -math.log10(tolerance or 1e-12)
-    count = math.ceil(turns + (2.0 + 0.6 * digits) * max(turns, 1.0) ** (1 / 3))
+    count = _points(turns, SAFER * (tolerance or 1e-10))
     shares = [chebyshev.lagrange(count, (2.0 * a - low - high) / (high - low)).T for a in alpha]
     plain = sum_echoes(groups, station, grid, tolerance, weights=shares).spectrum
     factor = (low + high) / 2 + (high - low) / 2 * chebyshev.points(count)
     played = np.array([call.spectrum_at(grid.frequency, float(f)) for f in factor])
     shifted: np.ndarray = np.einsum("ewk,wk->ek", plain, played)
     return shifted
+
+
+def _points(turns: float, error: float) -> int:
+    """Chebyshev points for e^{i·turns·x}: its coefficients are 2·i^n·J_n(turns), DLMF 10.12.3."""
+    order = np.arange(1, math.ceil(1.2 * turns) + 60)
+    tail = 4.0 * np.cumsum(np.abs(special.jv(order, turns))[::-1])[::-1]
+    return int(order[max(int(np.argmax(tail <= error)), 1)])

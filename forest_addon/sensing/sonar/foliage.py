@@ -6,6 +6,7 @@ are hundreds of times weaker than leaves that face the sonar. Leaves near the so
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -14,7 +15,7 @@ from ...acoustics.disc import amplitude_bound
 from .clusters import cluster
 from .discs import SIMILAR, Foliage
 from .leaves import Leaves
-from .near import EDGE, NearEdges, near_faces, near_field, subdued
+from .near import EDGE, NearEdges, near_faces, near_field, needs_face, subdued
 from .scatterers import LEAF, Scatterers, Sight, Views
 
 
@@ -99,14 +100,11 @@ class LeafPopulation:
         leaf = self.blocks.order[rows]
         centre, normal, radius = self._foliage.moved(transform, leaf)
         number = self._foliage.leaf[leaf].astype(np.int64)
-        distance = np.linalg.norm(centre - sight.point, axis=1)
-        nearness = np.ones(len(leaf))
-        near = near_field(distance, radius, sight.wavenumber) & (distance <= sight.reach)
-        near &= distance >= sight.nearest
+        far = Leaves(centre, normal, radius, number, np.ones(len(leaf)), self._model)
         if self._model == "paper":
-            nearness = subdued(distance, radius, sight.wavenumber)
-            near[:] = False
-        far = Leaves(centre, normal, radius, number, nearness, self._model)
+            distance = np.linalg.norm(centre - sight.point, axis=1)
+            return [replace(far, nearness=subdued(distance, radius, sight.wavenumber))]
+        near = needs_face(far, sight)
         if not near.any():
             return [far]
         some = far.select(near)

@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 from scipy import special
 
-from ...acoustics.disc import amplitude_bound, backscatter_amplitude
+from ...acoustics.disc import HANDOVER, amplitude_bound, backscatter_amplitude
 from ...acoustics.disc_table import table_error
 from ...acoustics.smoothness import Profile
 from .scatterers import CLEAR, LEAF, Part, Rows, Strength, Whole
@@ -23,6 +23,9 @@ from .scatterers import CLEAR, LEAF, Part, Rows, Strength, Whole
 RIM = 6.0  # 2ka·sinβ above which a piston's echo is that of two places of its rim
 HANKEL_TERMS = 11
 INCIDENCES = 16  # classes of them
+GRAZING = (
+    np.pi / 3
+)  # beyond it, the formula for large discs is up to 79 % off, where they are faint
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,15 @@ class DiscStrength(Rows):
         if self.model != "exact":
             return None
         return self.radius * table_error(highest * self.radius, self.incidence)
+
+
+def count_doubtful(leaves: Leaves, point: np.ndarray, wavenumber: float) -> int:
+    """How many exact discs are so large and so far off their normal that the formula for large ones is
+    tens of per cent off."""
+    if leaves.model != "exact":
+        return 0
+    size = wavenumber * leaves.radius
+    return int(np.count_nonzero((size > HANDOVER) & (leaves.incidence(point) > GRAZING)))
 
 
 @dataclass(frozen=True)

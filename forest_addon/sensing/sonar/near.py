@@ -1,7 +1,7 @@
 """Leaves within their near field, where a disc is no point: their faces, and what the models add.
 
 Far off a disc sends back f/r² (``leaves``). Nearer than about 2ka² the waves from its middle and its rim no
-longer arrive in step, and f/r² is too loud. There a leaf is a flat face and sounds as ``facets`` do, by
+longer arrive in step, and f/r² is too loud where it mirrors. There a leaf is a flat face and sounds as ``facets`` do, by
 Kirchhoff's integral at its true distance: the mirror's echo where the foot of the sonar lies on it, and its
 rim. On its axis that is |p| = |sin(ka²/2r)|/r: never more than twice an endless mirror's 1/2r, which a disc
 of just one Fresnel zone reaches.
@@ -27,14 +27,32 @@ from .leaves import DiscFamily, Leaves
 from .scatterers import LEAF, Rows, Scatterers, Sight, Strength, Whole
 
 FAR = 2.0  # ka² from where on f/r² holds within 0.1 dB, for the sound that is mirrored
+ASIDE = 6.0  # a/r: sine of the incidence from where two places of the rim sound
+CLOSEST = 20.0  # radii within which all leaves are faces
 CLOSE = 0.5  # ka² from where the near field is so that f/r² has no sense
 CORNERS = (48, 1024)  # of the polygon that stands for a disc: at least, at most
 EDGE = 1.05  # of a, no |f| of the exact disc less physical optics is larger
 
 
 def near_field(distance: np.ndarray, radius: np.ndarray, wavenumber: float) -> np.ndarray:
-    """(M,) bool: leaves that are too near for f/r²."""
+    """(M,) bool: leaves that may be too near for f/r²."""
     return distance < FAR * wavenumber * radius**2
+
+
+def needs_face(leaves: Leaves, sight: Sight) -> np.ndarray:
+    """(M,) bool: leaves that are too near for f/r² as they are turned.
+
+    Well off its normal a disc sounds from two places of its rim, whose waves do not care how far the
+    middle is: f/r² is right there but for 1/2·a/(r·sinβ) of each, until r is some radii.
+    """
+    distance = np.linalg.norm(leaves.centre - sight.point, axis=1)
+    near = near_field(distance, leaves.radius, sight.wavenumber)
+    near &= (distance <= sight.reach) & (distance >= sight.nearest)
+    rows = np.flatnonzero(near)
+    some, away = leaves.select(rows), distance[rows]
+    mirrors = np.sin(some.incidence(sight.point)) < ASIDE * some.radius / away
+    near[rows] = mirrors | (away < CLOSEST * some.radius)
+    return near
 
 
 def subdued(distance: np.ndarray, radius: np.ndarray, wavenumber: float) -> np.ndarray:
@@ -96,11 +114,18 @@ def near_faces(leaves: Leaves, sight: Sight) -> NearFaces:
     )
 
 
+def count_leaves(scatterers: Scatterers, instance: np.ndarray, some: np.ndarray) -> int:
+    """How many scatterers ``some`` (M,) bool are; the pieces of a near leaf are one."""
+    if isinstance(scatterers, NearFaces):
+        names = np.stack([instance[some], scatterers.number[some]])
+        return len(np.unique(names, axis=1).T)
+    return 0 if isinstance(scatterers, NearEdges) else int(np.count_nonzero(some))
+
+
 def count_close(scatterers: Scatterers, instance: np.ndarray) -> int:
     """How many leaves among some scatterers (M,) are nearer than ka²/2."""
     if isinstance(scatterers, NearFaces):
-        some = scatterers.close
-        return len(np.unique(np.stack([instance[some], scatterers.number[some]]), axis=1).T)
+        return count_leaves(scatterers, instance, scatterers.close)
     if isinstance(scatterers, Leaves):
         return int(np.count_nonzero(scatterers.nearness < (2.0 - (2.0 * FAR) ** -2) ** -0.5))
     return 0

@@ -28,6 +28,7 @@ from ..rays.caster import RayCaster
 from .bands import Band, Grid, grid_of
 from .discs import LeafDiscs, leaf_discs
 from .doppler import shifted_sum, widened
+from .leaves import Leaves, count_doubtful
 from .near import count_close
 from .poses import Pose, posed
 from .search import Found, Group, mean_amplitude, search
@@ -78,6 +79,7 @@ class Echo:
     cut, the scene has of the kinds that sound. near, far, broken, hidden, late : scatterers outside the
     limits of range, not finite, behind wood, after the end of the record. close : leaves in the sum that
     are nearer than ka²/2 (a their radius, k the largest wavenumber), where a disc's far field is far off.
+    doubtful : exact discs of ka above 120 seen more than 60° off their normal, tens of per cent off.
     cull_bound : all that is left out as too weak adds at most this share of Σ|A| of what is heard.
     error_bound, table_error : of Σ max|A|, by which the spectra may be off the direct sum, and by which
     this may be off because the exact disc and cylinders are looked up.
@@ -97,6 +99,7 @@ class Echo:
     hidden: int
     late: int
     close: int
+    doubtful: int
     cull_bound: float
     error_bound: float
     table_error: float
@@ -196,6 +199,11 @@ def ping(
         others=targets.total(sonar) - targets.total(sonar, "leaf"),
         **vars(found.counts),
         close=sum(count_close(group.scatterers, group.instance) for group in found.groups),
+        doubtful=sum(
+            count_doubtful(group.scatterers, station.point, station.wavenumbers[1])
+            for group in found.groups
+            if isinstance(group.scatterers, Leaves)
+        ),
         cull_bound=found.bound,
         error_bound=summed.error_bound,
         table_error=summed.table_error,

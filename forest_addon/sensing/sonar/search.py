@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .bands import Band
-from .near import NearFaces
+from .near import NearFaces, count_leaves
 from .scatterers import Rows, Scatterers, Sight, Strength
 from .station import Paths, Station
 from .targets import Candidates, Targets
@@ -174,7 +174,7 @@ class _Finder:
                 made, instance = made.select(kept), instance[kept]
             paths = station.paths(made.centre)
             late = paths.length.max(axis=0, initial=0.0) > self._latest * station.sound_speed
-            counts.late += int(np.count_nonzero(late))
+            counts.late += count_leaves(made, instance, late)
             bound = paths.bound(station) * made.seen(station.point).bound(*station.wavenumbers)
             loud = ~late & (bound > 0)
             group = Group(made, instance, paths, bound, np.ones(len(bound)))
@@ -215,7 +215,7 @@ class _Finder:
             left_out += float(group.bound.sum() - group.bound[rows].sum())
             group = group.select(rows)
             lit = group.shade > 0
-            self._counts.hidden += len(group) - int(np.count_nonzero(lit))
+            self._counts.hidden += count_leaves(group.scatterers, group.instance, ~lit)
             kept.append(group if lit.all() else group.select(np.flatnonzero(lit)))
         rest = shut + (max(left_out, 0.0) if dropped else 0.0)
         return Found(merged(kept), rest / known if rest > 0 else 0.0, self._counts)

@@ -85,7 +85,7 @@ def test_own_samples_are_brought_to_the_rate_and_to_one() -> None:
 @pytest.mark.parametrize("record", [0.005, 0.0118, 0.05])
 def test_a_given_record_cuts_and_never_wraps(record: float) -> None:
     """Leaves at 1 m and 3 m: 5.9 and 17.6 ms."""
-    discs = discs_of([[1, 0, 0], [3, 0.1, 0]], [1.0, 0, 0], 0.02)
+    discs = discs_of([[1, 0, 0], [3, 0.1, 0]], [1.0, 0, 0], 0.01)
     echo = ping(discs, sonar_of(record=record), AIR)
     assert len(echo.time) == math.ceil(record * 400e3)
     assert echo.late == sum(2 * r / 340 > record for r in (1.0, math.hypot(3, 0.1)))
@@ -111,11 +111,11 @@ def shifted(call: Call, factor: float, delay: float, count: int) -> np.ndarray:
 def test_doppler_is_a_stretch_of_time(speed: float) -> None:
     sonar = sonar_of(call="fm", call_duration=0.002, doppler=True)
     pose = Pose(np.zeros(3), np.eye(3), np.array([speed, 0, 0]))
-    echo = ping(discs_of([[0.5, 0, 0]], [1.0, 0, 0], 0.02), sonar, AIR, pose=pose)
+    echo = ping(discs_of([[0.5, 0, 0]], [1.0, 0, 0], 0.01), sonar, AIR, pose=pose)
     call = synthesise(sonar)
     alpha = (340 + speed) / (340 - speed)
     delayed = shifted(call, alpha, 2 * 0.5 / 340, len(echo.time))
-    expected = np.gradient(delayed) * 400e3 / 340.0 * 0.02**2 / (2 * 0.5**2)
+    expected = np.gradient(delayed) * 400e3 / 340.0 * 0.01**2 / (2 * 0.5**2)
     mine = echo.waveforms[0]
     inner = slice(*(np.array([0.0032, 0.0046]) * 400e3).astype(int))
     fit = (mine[inner] @ expected[inner]) / (expected[inner] @ expected[inner])

@@ -82,7 +82,7 @@ def test_on_the_axis_it_is_the_closed_form() -> None:
 def test_same_disc_as_facets() -> None:
     turn = 2 * np.pi * np.arange(160) / 160
     rim = 0.05 * np.stack([np.zeros(160), np.cos(turn), np.sin(turn)], axis=1)
-    corners = np.concatenate([[[0.0, 0, 0]], rim]) + [0.5, 0, 0]
+    corners = np.concatenate([[[0.0, 0, 0]], rim]) + np.array([0.5, 0, 0])
     fan = np.stack([np.zeros(160, int), 1 + np.arange(160), 1 + (np.arange(160) + 1) % 160], axis=1)
     board = ping(Targets(scene_of(TriMesh.of_part(corners, fan, OTHER))), Sonar(**QUIET), AIR)
     disc = leaf(0.5, 0.0, 0.05, leaf_model="piston")

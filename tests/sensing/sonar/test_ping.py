@@ -30,12 +30,12 @@ def Sonar(**settings: Any) -> AnySonar:
 
 
 def foliage_of(count: int, seed: int = 0, far: float = 5.0) -> LeafDiscs:
-    """Leaves of every direction in a shell about (0, 0, 2)."""
+    """Leaves of every direction in a shell about (0, 0, 2), small enough to be points."""
     rng = np.random.default_rng(seed)
     way = rng.normal(size=(count, 3))
-    way *= (rng.uniform(0.5, far, count) / np.linalg.norm(way, axis=1))[:, None]
+    way *= (rng.uniform(1.3, far, count) / np.linalg.norm(way, axis=1))[:, None]
     return discs_of(
-        way + np.array([0, 0, 2.0]), rng.normal(size=(count, 3)), rng.uniform(0.005, 0.04, count)
+        way + np.array([0, 0, 2.0]), rng.normal(size=(count, 3)), rng.uniform(0.005, 0.02, count)
     )
 
 
@@ -98,7 +98,7 @@ def test_spectrum_against_scalar_loops(model: str, absorption: bool, elevation: 
 
 def numbers(echo: Echo) -> list[int]:
     """The leaves that are heard, in order of their numbers."""
-    return sorted(echo.heard.number.tolist())
+    return sorted(set(echo.heard.number.tolist()))
 
 
 def amplitude_of(echo: Echo, leaf: int) -> float:
@@ -115,13 +115,13 @@ def analytic_at(echo: Echo, time: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("model", ["piston", "paper", "exact"])
-@pytest.mark.parametrize("distance", [0.3, 1.0, 3.3333, 14.9])
+@pytest.mark.parametrize("distance", [1.3, 3.3333, 14.9])
 def test_single_leaf_has_its_delay_and_level(distance: float, model: str) -> None:
     """Face-on and on the axis: |A| = L/kr², at 2r/c to a hundredth of a sample.
 
     The exact disc's own phase falls a little with the frequency, which is 0.04 samples of delay.
     """
-    radius = 0.02
+    radius = 0.02  # its far field starts at 2ka² = 1.2 m
     discs = discs_of([[distance, 0, 2]], [1.0, 0, 0], radius)
     echo = ping(discs, Sonar(absorption=False, leaf_model=model), AIR)
     delay = 2 * distance / 340.0
@@ -260,12 +260,12 @@ def test_any_band(band: tuple[float, float]) -> None:
     """A band of 100 Hz, one that ends at half the sampling rate, one near 0."""
     rate = 400e3 if band[0] > 60e3 - 1 else 1000.0
     settings = Sonar(band=band, sample_rate=rate, absorption=False)
-    echo = ping(discs_of([[0.8, 0, 2]], [1.0, 0, 0], 0.02), settings, AIR)
+    echo = ping(discs_of([[0.8, 0, 2]], [1.0, 0, 0], 0.008), settings, AIR)
     assert band[0] <= echo.frequency[0]
     assert echo.frequency[-1] <= band[1]
     assert np.isfinite(echo.impulse_response).all()
     k = 2 * np.pi * (band[0] + band[1]) / 2 / 340.0
-    assert echo.envelope.max() == pytest.approx(k * 0.02**2 / 2 / 0.64, rel=0.02)
+    assert echo.envelope.max() == pytest.approx(k * 0.008**2 / 2 / 0.64, rel=0.02)
 
 
 def test_record_that_no_memory_holds_is_refused() -> None:
@@ -323,10 +323,10 @@ def test_culling_keeps_its_promise(
 
 def test_a_null_in_the_band_does_not_fool_the_culling() -> None:
     """One leaf whose lobe has its zero in the band: the promise is about the mean over the band."""
-    zero = 3.8317059702075125 / (2 * 2 * np.pi * 70_123.4 / 340.0 * 0.03)
+    zero = 3.8317059702075125 / (2 * 2 * np.pi * 70_123.4 / 340.0 * 0.02)
     tilt = [-math.cos(math.asin(zero)), 0, zero]
     centre = [[2, 0, 2], *([3 + i / 100, 0.5, 2] for i in range(30))]
-    radius = [0.03] + [1e-4] * 30
+    radius = [0.02] + [1e-4] * 30
     normal = np.array([tilt] + [[1.0, 0.2, 0.1]] * 30)
     discs = discs_of(centre, normal, radius)
     echo = ping(discs, Sonar(cull=0.01), AIR)
@@ -347,7 +347,7 @@ def board(x: float) -> BruteCaster:
 
 def test_wood_hides_leaves() -> None:
     centre = [[2, 0.1, 2], [2, -0.1, 2], [1, -0.1, 2], [1.5, -0.1, 2], [1.5005, -0.1, 2]]
-    discs = discs_of(centre, [1.0, 0, 0], 0.02)
+    discs = discs_of(centre, [1.0, 0, 0], 0.01)
     shaded = ping(discs, Sonar(), AIR, board(1.5))
     assert numbers(shaded) == [0, 2, 3, 4]  # on the board, and 0.5 mm behind
     assert shaded.hidden == 1

@@ -20,10 +20,10 @@ BAND = (60e3, 80e3)
 
 
 def echo_of(places: Any, **settings: Any) -> Echo:
-    """Of leaves that face the origin."""
+    """Of small leaves that face the origin."""
     sonar = {"position": (0, 0, 0), "absorption": False, "leaf_model": "piston", "cull": 0.0}
     places = np.asarray(places, np.float64).reshape(-1, 3)
-    return ping(discs_of(places, places, 0.02), Sonar(**(sonar | settings)), AIR)
+    return ping(discs_of(places, places, 0.01), Sonar(**(sonar | settings)), AIR)
 
 
 def measured() -> Measured:
@@ -88,7 +88,7 @@ def test_a_measured_beam_is_heard() -> None:
     sonar = Sonar(
         position=(0, 0, 0), absorption=False, beam="file", beam_file="x", leaf_model="piston"
     )
-    discs = discs_of(place, place, 0.02)
+    discs = discs_of(place, place, 0.01)
     with pytest.raises(ValueError, match="has not been read"):
         ping(discs, sonar, AIR)
     equipment = Equipment(measured(), measured(), None)
@@ -136,7 +136,7 @@ def test_poses_look_and_fly() -> None:
 
 def test_a_pose_of_its_own_width() -> None:
     place = np.array([[2.0, 0.6, 0.0]])
-    discs = discs_of(place, place, 0.02)
+    discs = discs_of(place, place, 0.01)
     sonar = Sonar(position=(0, 0, 0), leaf_model="piston", beam_width_deg=(20, 20))
     wide = Sonar(position=(0, 0, 0), leaf_model="piston", beam_width_deg=(60, 60))
     pose = Pose(np.zeros(3), np.eye(3), np.zeros(3), math.radians(60))
@@ -149,7 +149,7 @@ def test_a_tone_has_one_bin() -> None:
     echo = echo_of([2, 0, 0], band=(70e3, 70e3), record=0.02)
     k = 2 * math.pi * 70e3 / 340
     assert echo.frequency.tolist() == [70e3]
-    assert abs(echo.spectrum[0]) == pytest.approx(k * 0.02**2 / 2 / 4, rel=1e-9)
+    assert abs(echo.spectrum[0]) == pytest.approx(k * 0.01**2 / 2 / 4, rel=1e-9)
     assert len(echo.time) == 8000
     np.testing.assert_allclose(echo.envelope, abs(echo.spectrum[0]), rtol=1e-9)
 
