@@ -1,8 +1,8 @@
 """The engine that is always there: one BVHTree per unique mesh, a tree of boxes above them.
 
 A ray is moved in float64 to just before the box of an instance and into its local space, where
-``BVHTree.ray_cast`` finds the triangle in float32. Rays visit the instances they may meet in rounds, each
-its nearest, then its second nearest, until it would enter one beyond the best hit so far.
+``BVHTree.ray_cast`` finds the triangle in float32. A ray visits the instances that it may meet from the
+nearest on, until it would enter one beyond the best hit so far.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import pairwise
 from operator import itemgetter
 
@@ -27,6 +28,12 @@ BEFORE = 1e-3  # metres, and BEFORE_SHARE of the way: where a ray starts before 
 BEFORE_SHARE = 1e-5
 TURN = 256  # rays; between them other threads have their turn, as the window that waits
 FAR = 3e38  # the longest way that float32 holds
+SLACK = 1e-3  # metres that a ray goes on behind what it has met: float32 may be wrong
+FEW = 1024  # rays that go from instance to instance one by one
+AT_ONCE = 4  # instances of a ray that are made ready first; then four times as many
+
+Met = tuple[np.ndarray, np.ndarray, np.ndarray]  # ray, instance, triangle, (M,) each
+NOTHING: Met = (np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.int64))
 
 
 class BvhCaster(Search):
@@ -36,91 +43,190 @@ class BvhCaster(Search):
 
     def __init__(self, scene: SceneGeometry) -> None:
         super().__init__(scene)  # ray_cast keeps Python's lock: more threads would only wait
-        self._to_local = invert_transforms(scene.transform).reshape(-1, 12)
+        self._to_local = np.ascontiguousarray(invert_transforms(scene.transform).reshape(-1, 12).T)
         low, high = scene.bounds()
-        low[~np.isfinite(self._to_local).all(axis=1)] = np.nan  # flat: met by nothing
+        low[~np.isfinite(self._to_local).all(axis=0)] = np.nan  # flat: met by nothing
+        with np.errstate(invalid="ignore"):
+            self._span = np.array([_span(mesh.vertices) for mesh in scene.meshes])
         self._boxes = BoxTree(low, high)
         self._trees: list[tuple[BVHTree, np.ndarray] | None] = [None] * len(scene.meshes)
 
     def _nearest(
         self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
     ) -> Hits:
-        hits = Hits.misses(len(start))
         with _no_collection():
-            self._visit(origins, directions, start, limit, hits)
-        return hits
+            return self._visit(origins, directions, start, limit)
 
     def _visit(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        start: np.ndarray,
-        limit: np.ndarray,
-        hits: Hits,
-    ) -> None:
-        """Let rays visit their instances, and write what they hit."""
+        self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
+    ) -> Hits:
+        """Let rays visit their instances; of what each met, the nearest by its exact distance."""
         ray, box, entry = self._boxes.pairs(origins, directions, start, limit)
-        turn = np.searchsorted(ray, np.arange(len(limit)))
-        last = np.searchsorted(ray, np.arange(len(limit)), side="right")
-        best = limit.copy()
-        rays = np.flatnonzero(turn < last)
-        while len(rays):
-            rays = rays[entry[turn[rays]] <= best[rays]]
-            rays = rays[np.argsort(self.scene.mesh_index[box[turn[rays]]], kind="stable")]
-            pair = turn[rays]
-            begin = np.maximum(entry[pair] * (1 - BEFORE_SHARE) - BEFORE, start[rays])
-            into = box[pair]
-            triangle = self._enter(origins[:, rays], directions[:, rays], begin, best[rays], into)
-            met = np.flatnonzero(triangle >= 0)
-            found, into, triangle = rays[met], into[met], triangle[met]
-            distance = self._surfaces.distance(
-                origins[:, found], directions[:, found], into, triangle
-            )
-            held, holder = best[found], hits.instance[found]
-            # Of two at the same distance the first instance stays, in whatever order they come.
-            first = (holder < 0) | (into < holder)
-            better = (distance < held) | ((distance == held) & first)
-            found = found[better]
-            best[found] = distance[better]
-            hits.put(found, Hits(distance[better], into[better], triangle[better]))
-            turn[rays] += 1
-            rays = rays[turn[rays] < last[rays]]
+        pairs = _Pairs(ray, box, np.maximum(entry * (1 - BEFORE_SHARE) - BEFORE, start[ray]), entry)
+        number = np.bincount(ray, minlength=len(limit))
+        alone = (number == 1)[ray]
+        single, several = alone.nonzero()[0], (~alone).nonzero()[0]
+        found = [NOTHING]
+        if len(single):
+            found.append(self._only(pairs.take(single), origins, directions, limit))
+        if len(several):
+            visit = self._in_turn if len(limit) <= FEW else self._in_rounds
+            found.append(visit(pairs.take(several), origins, directions, limit))
+        ray, box, triangle = (np.concatenate(part) for part in zip(*found, strict=True))
+        distance = self._surfaces.distance(
+            origins.take(ray, 1), directions.take(ray, 1), box, triangle
+        )
+        within = (distance <= limit[ray]).nonzero()[0]
+        # Of two at the same distance the first instance counts.
+        order = within[np.lexsort((box[within], distance[within], ray[within]))]
+        chosen = order[_firsts(ray[order])]
+        hits = Hits.misses(len(limit))
+        hits.put(ray[chosen], Hits(distance[chosen], box[chosen], triangle[chosen]))
+        return hits
 
-    def _enter(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        begin: np.ndarray,
-        limit: np.ndarray,
-        instance: np.ndarray,
-    ) -> np.ndarray:
-        """(R,) first triangle, -1 for none, of each ray (3, R) in one instance (R,); sorted by mesh."""
-        m = self._to_local[instance].T.copy()  # (12, R)
-        d = directions
-        o = origins + begin * d
-        origin = [m[i] * o[0] + m[i + 1] * o[1] + m[i + 2] * o[2] + m[i + 3] for i in (0, 4, 8)]
-        way = [m[i] * d[0] + m[i + 1] * d[1] + m[i + 2] * d[2] for i in (0, 4, 8)]
-        stretch = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
-        reach = np.minimum(((limit - begin) * (1 + 1e-6) + 1e-5) * stretch, FAR)
-
-        origin_rows = list(zip(*(x.tolist() for x in origin), strict=True))
-        way_rows = list(zip(*(x.tolist() for x in way), strict=True))
-        reach_rows = reach.tolist()
-        mesh_of = self.scene.mesh_index[instance]
+    def _only(
+        self, pairs: _Pairs, origins: np.ndarray, directions: np.ndarray, limit: np.ndarray
+    ) -> Met:
+        """What rays meet, each in the one instance of its pair: ray (M,), instance (M,), triangle (M,)."""
+        mesh_of = self.scene.mesh_index[pairs.box]
+        if (np.diff(mesh_of) < 0).any():
+            pairs = pairs.take(np.argsort(mesh_of, kind="stable"))
+            mesh_of = self.scene.mesh_index[pairs.box]
+        origin, way, stretch = self._enter(pairs, origins, directions)
+        long = ((limit[pairs.ray] - pairs.begin) * (1 + 1e-6) + SLACK) * stretch
+        reach = np.minimum(long, FAR).tolist()
         cuts = {0, *(np.flatnonzero(np.diff(mesh_of)) + 1).tolist(), len(mesh_of)}
         cuts |= set(range(0, len(mesh_of), TURN))
-        triangle = np.full(len(instance), -1, dtype=np.int64)
+        triangle = np.full(len(mesh_of), -1, dtype=np.int64)
         for first, last in pairwise(sorted(cuts)):
             tree, numbers = self._tree(int(mesh_of[first]))
             part = slice(first, last)
-            found = map(
-                itemgetter(2),
-                map(tree.ray_cast, origin_rows[part], way_rows[part], reach_rows[part]),
-            )
+            starts = zip(*(x[part] for x in origin), strict=True)
+            ways = zip(*(x[part] for x in way), strict=True)
+            found = map(itemgetter(2), map(tree.ray_cast, starts, ways, reach[part]))
             number = np.array(list(found), dtype=np.float64)  # None, a miss, becomes NaN
             met = np.flatnonzero(~np.isnan(number))
             triangle[first + met] = numbers[number[met].astype(np.int64)]
-        return triangle
+        met = (triangle >= 0).nonzero()[0]
+        return pairs.ray[met], pairs.box[met], triangle[met]
+
+    def _in_rounds(
+        self, pairs: _Pairs, origins: np.ndarray, directions: np.ndarray, limit: np.ndarray
+    ) -> Met:
+        """As ``_in_turn``, for many rays: all visit their nearest instance, then all their second."""
+        turn = _firsts(pairs.ray)
+        last = np.append(turn[1:], len(pairs.ray))
+        best = limit.copy()
+        found = []
+        while len(turn):
+            near = pairs.entry[turn] <= best[pairs.ray[turn]]
+            turn, last = turn[near], last[near]
+            ray, box, triangle = self._only(pairs.take(turn), origins, directions, best)
+            distance = self._surfaces.distance(
+                origins.take(ray, 1), directions.take(ray, 1), box, triangle
+            )
+            best[ray] = np.minimum(best[ray], distance)
+            found.append((ray, box, triangle))
+            turn = turn + 1
+            more = turn < last
+            turn, last = turn[more], last[more]
+        ray, box, triangle = (np.concatenate(part) for part in zip(*found, strict=True))
+        return ray, box, triangle
+
+    def _in_turn(
+        self, pairs: _Pairs, origins: np.ndarray, directions: np.ndarray, limit: np.ndarray
+    ) -> Met:
+        """What rays meet that go from instance to instance, the nearest first, until they would enter
+        one behind what they have met.
+
+        What they have met is known in float32 here: it counts as far as it can be wrong.
+        """
+        first = _firsts(pairs.ray)
+        last = np.append(first[1:], len(pairs.ray))
+        best = limit[pairs.ray[first]].tolist()
+        going = np.arange(len(first))
+        found: list[tuple[int, int]] = []  # pair, and triangle of those that the tree has
+        at_once = AT_ONCE
+        while len(going):
+            size = np.minimum(last[going] - first[going], at_once)
+            ends = np.cumsum(size)
+            rows = np.repeat(first[going] - (ends - size), size) + np.arange(ends[-1])
+            left = self._walk(
+                rows, going.tolist(), ends.tolist(), best, found, pairs, origins, directions
+            )
+            first[going] += size
+            going = going[left]
+            going = going[first[going] < last[going]]
+            at_once *= 4
+        if not found:
+            return NOTHING
+        row, number = np.array(found).T
+        box = pairs.box[row]
+        triangle = number.copy()
+        mesh_of = self.scene.mesh_index[box]
+        for mesh in np.flatnonzero(np.bincount(mesh_of)):
+            here = mesh_of == mesh
+            triangle[here] = self._tree(int(mesh))[1][number[here]]
+        return pairs.ray[row], box, triangle
+
+    def _walk(
+        self,
+        rows: np.ndarray,
+        rays: list[int],
+        ends: list[int],
+        best: list[float],
+        found: list[tuple[int, int]],
+        pairs: _Pairs,
+        origins: np.ndarray,
+        directions: np.ndarray,
+    ) -> list[int]:
+        """Let rays visit the pairs in these rows, each up to its end; which of them may have to go on."""
+        part = pairs.take(rows)
+        origin, way, stretch = self._enter(part, origins, directions)
+        origin, way = list(zip(*origin, strict=True)), list(zip(*way, strict=True))
+        mesh_of = self.scene.mesh_index[part.box]
+        casts = {
+            int(m): self._tree(int(m))[0].ray_cast for m in np.flatnonzero(np.bincount(mesh_of))
+        }
+        meshes, spans = mesh_of.tolist(), (1e-6 * self._span[mesh_of]).tolist()
+        entry, begin, stretch = part.entry.tolist(), part.begin.tolist(), stretch.tolist()
+        numbers = rows.tolist()
+        left, k = [], 0
+        for place, (ray, end) in enumerate(zip(rays, ends, strict=True)):
+            reach = best[ray]
+            while k < end and entry[k] <= reach:
+                long = ((reach - begin[k]) * (1 + 1e-6) + SLACK) * stretch[k]
+                hit = casts[meshes[k]](origin[k], way[k], long if long < FAR else FAR)
+                if hit[2] is not None:
+                    found.append((numbers[k], hit[2]))
+                    (x, y, z), (a, b, c) = hit[1], way[k]
+                    across = max(abs(x * a + y * b + z * c), 1e-6 * stretch[k])
+                    away = begin[k] + hit[3] / stretch[k]
+                    away += 1e-4 + (spans[k] + 1e-6 * hit[3]) / across
+                    if away < reach:
+                        reach = away
+                k += 1
+            best[ray] = reach
+            if k == end:
+                left.append(place)
+            k = end
+        return left
+
+    def _enter(
+        self, pairs: _Pairs, origins: np.ndarray, directions: np.ndarray
+    ) -> tuple[list[list[float]], list[list[float]], np.ndarray]:
+        """Rays in the space of their instances: origin and way, three lists each, and its length (P,)."""
+        m = self._to_local.take(pairs.box, 1).reshape(3, 4, -1)
+        d = directions.take(pairs.ray, 1)
+        o = pairs.begin * d
+        o += origins.take(pairs.ray, 1)
+        origin, way = m[:, 0] * o[0], m[:, 0] * d[0]
+        for axis in (1, 2):
+            origin += m[:, axis] * o[axis]
+            way += m[:, axis] * d[axis]
+        origin += m[:, 3]
+        stretch = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
+        return origin.tolist(), way.tolist(), stretch
 
     def _tree(self, mesh_number: int) -> tuple[BVHTree, np.ndarray]:
         """The BVHTree of a mesh, made when first needed, and the triangles it was made of."""
@@ -134,6 +240,37 @@ class BvhCaster(Search):
             )
             ready = self._trees[mesh_number] = (tree, numbers)
         return ready
+
+
+@dataclass(frozen=True)
+class _Pairs:
+    """P pairs of a ray and an instance that it may meet, by ray and then by entry.
+
+    ray, box : (P,). begin : (P,) metres along the ray where it starts into the instance, a little before
+    its ``entry`` (P,).
+    """
+
+    ray: np.ndarray
+    box: np.ndarray
+    begin: np.ndarray
+    entry: np.ndarray
+
+    def take(self, rows: np.ndarray) -> _Pairs:
+        return _Pairs(self.ray[rows], self.box[rows], self.begin[rows], self.entry[rows])
+
+
+def _span(vertices: np.ndarray) -> float:
+    """Metres from the origin of a mesh to its farthest finite coordinate: float32 is as fine as this says."""
+    far = np.abs(vertices[np.isfinite(vertices).all(axis=1)]).max(initial=0.0)
+    return float(far)
+
+
+def _firsts(ray: np.ndarray) -> np.ndarray:
+    """Where each ray of a sorted (P,) first stands."""
+    new = np.empty(len(ray), dtype=bool)
+    new[:1] = True
+    np.not_equal(ray[1:], ray[:-1], out=new[1:])
+    return new.nonzero()[0]
 
 
 @contextmanager

@@ -33,6 +33,8 @@ TREES = {"20k": "whorl-8", "200k": "honda-broadleaf"}  # leaf-on, of about as ma
 VARIANTS = 5
 INSTANCES = (1, 10, 100, 1000)
 RAYS = {BvhCaster: 20_000, EmbreeCaster: 200_000}
+SCAN = 100_000  # rays of a scan
+CALLS = 50  # small ones
 CHECKED = 64  # rays of each kind against brute force
 
 Rays = tuple[np.ndarray, np.ndarray]  # origins, directions
@@ -55,6 +57,7 @@ def run(say: Say) -> None:
     head += ["error, median m", "99 %", "other surface", "missed"]
     table(say, head, rows)
 
+    _say_calls(say)
     say(f"\nMemory of a caster, {INSTANCES[2]} instances:\n")
     rows = [
         [f"{size}", engine.engine, *_memory(size, engine)]
@@ -62,6 +65,67 @@ def run(say: Say) -> None:
         for engine in (BvhCaster, EmbreeCaster)
     ]
     table(say, ["trees of", "engine", "unique triangles", "MB", "bytes a unique triangle"], rows)
+
+
+def _say_calls(say: Say) -> None:
+    """What one call costs: the first of a process, a scan's first and later ones, a few rays."""
+    say("\nOne call of a tripod's rays, CPU time; a fresh process counts its imports apart:\n")
+    rows = []
+    for count, size in ((1, "200k"), (1000, "20k")):
+        scene = _stand(_grow(size), count)
+        for engine in (BvhCaster, EmbreeCaster):
+            rows.append([f"{count} x {size}", engine.engine, *_calls(engine, scene)])
+    head = ["trees", "engine", f"first {SCAN:,} rays and build, s", "again, s"]
+    head += ["64 rays, µs", "1 ray, µs"]
+    table(say, head, rows)
+
+    rows = [[engine.engine, *_fresh(engine.engine)] for engine in (BvhCaster, EmbreeCaster)]
+    say(f"\nA fresh process, {INSTANCES[2]} x 20k:\n")
+    table(say, ["engine", "imports, s", "build and first 64 rays, ms", "next 64 rays, ms"], rows)
+
+
+def _calls(engine: type[Search], scene: SceneGeometry) -> list[str]:
+    rays = _rays(scene, SCAN)["tripod"]
+    start = time.process_time()
+    caster = engine(scene)
+    caster.cast(*rays)
+    first = time.process_time() - start
+    again = median_seconds(lambda: caster.cast(*rays))
+    few = [f"{1e6 * _small(caster, rays, size):,.0f}" for size in (64, 1)]
+    return [f"{first:.2f}", f"{again:.2f}", *few]
+
+
+def _small(caster: Search, rays: Rays, size: int) -> float:
+    """Seconds of a call with so many neighbouring rays, over calls all around."""
+    starts = range(0, len(rays[0]) - size, (len(rays[0]) - size) // CALLS)
+    parts = [(rays[0][k : k + size], rays[1][k : k + size]) for k in starts]
+
+    def run() -> None:
+        for part in parts:
+            caster.cast(*part)
+
+    run()
+    return median_seconds(run) / len(parts)
+
+
+def _fresh(engine: str) -> list[str]:
+    call = f"from {__name__} import started; started({engine!r})"
+    done = subprocess.run([sys.executable, "-c", call], capture_output=True, text=True, check=True)
+    imports, first, second = (float(word) for word in done.stdout.split()[-3:])
+    return [f"{imports:.2f}", f"{1e3 * first:.1f}", f"{1e3 * second:.2f}"]
+
+
+def started(engine: str) -> None:
+    """Print the CPU seconds of this process before it casts, of its first call, and of its second."""
+    imports = time.process_time()
+    scene = _stand(_grow("20k"), INSTANCES[2])
+    rays = _rays(scene, 64)["tripod"]
+    start = time.process_time()
+    caster = {"bvhtree": BvhCaster, "embree": EmbreeCaster}[engine](scene)
+    caster.cast(*rays)
+    first = time.process_time()
+    caster.cast(*rays)
+    print(imports, first - start, time.process_time() - first)
 
 
 def _grow(size: str) -> list[TriMesh]:

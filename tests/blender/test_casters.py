@@ -1,6 +1,7 @@
 """Both engines against float64 brute force, against each other, and on the hardest rays."""
 
 import gc
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -262,6 +263,43 @@ def test_order_and_grouping_of_rays_do_not_matter(engine):
     parts = [caster.cast(origins[o], directions[o], np.inf) for o in np.array_split(order, 7)]
     assert (np.concatenate([p.distance for p in parts]) == whole.distance[order]).all()
     assert (np.concatenate([p.triangle for p in parts]) == whole.triangle[order]).all()
+
+
+@pytest.mark.parametrize("size", [1, 3, 16, 17, 500])
+def test_a_batch_of_any_size_finds_the_same_bytes(engine, size):
+    """Few rays go another way than many: ray by ray, into packets that are kept."""
+    caster = engine(forest(40))
+    origins, directions = random_rays(2500)
+    whole = caster.cast(origins, directions, 30.0, min_distance=0.2)
+    for first in range(0, min(len(origins), 60 * size), size):
+        part = slice(first, first + size)
+        found = caster.cast(origins[part], directions[part], 30.0, min_distance=0.2)
+        for name in ("distance", "instance", "triangle"):
+            assert getattr(found, name).tobytes() == getattr(whole, name)[part].tobytes()
+
+
+def test_what_a_small_batch_found_stays_when_the_next_is_cast(engine):
+    caster = engine(forest(9))
+    origins, directions = random_rays(40)
+    first = caster.cast(origins[:20], directions[:20])
+    kept = [first.distance.copy(), first.instance.copy(), first.triangle.copy()]
+    caster.cast(origins[20:], directions[20:])
+    again = (first.distance, first.instance, first.triangle)
+    assert all((a == b).all() for a, b in zip(kept, again, strict=True))
+
+
+def test_small_batches_of_many_threads_do_not_disturb_each_other():
+    caster = EmbreeCaster(forest(40))
+    origins, directions = random_rays(2560)
+    whole = caster.cast(origins, directions)
+
+    def look(first):
+        part = slice(first, first + 32)
+        return caster.cast(origins[part], directions[part]).distance
+
+    with ThreadPoolExecutor(8) as pool:
+        found = np.concatenate(list(pool.map(look, range(0, 2560, 32))))
+    assert found.tobytes() == whole.distance.tobytes()
 
 
 def test_engines_agree_on_a_forest_of_leaves():

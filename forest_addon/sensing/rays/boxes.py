@@ -81,19 +81,24 @@ class BoxTree:
             found.append((rays, np.full(len(rays), number), entry[rays]))
 
         low, high = self._levels[0]
-        entry, leave = _slabs(origin[:, :, None], slope[:, :, None], (low, high))
+        top = (low[:, None], high[:, None])
+        entry, leave = _slabs(origin[:, :, None], slope[:, :, None], top)
         ray, node = np.nonzero(_meets(entry, leave, limit[:, None]))
         entry = entry[ray, node]
         for low, high in self._levels[1:]:
             children = (
-                low.reshape(3, -1, WIDTH)[:, node],
-                high.reshape(3, -1, WIDTH)[:, node],
+                low.reshape(3, -1, WIDTH).take(node, 1),
+                high.reshape(3, -1, WIDTH).take(node, 1),
             )
-            entry, leave = _slabs(origin[:, ray, None], slope[:, ray, None], children)
-            pair, child = np.nonzero(_meets(entry, leave, limit[ray, None]))
-            entry = entry[pair, child]
-            ray, node = ray[pair], node[pair] * WIDTH + child
+            at, slopes = origin.take(ray, 1)[:, :, None], slope.take(ray, 1)[:, :, None]
+            entry, leave = _slabs(at, slopes, children)
+            meets = _meets(entry, leave, limit.take(ray)[:, None]).ravel().nonzero()[0]
+            pair, child = meets // WIDTH, meets % WIDTH
+            entry = entry.ravel().take(meets)
+            ray, node = ray.take(pair), node.take(pair) * WIDTH + child
         found.append((ray, self._number[node], entry))
+        if len(found) == 1:
+            return found[0]
         ray, instance, entry = (np.concatenate(part) for part in zip(*found, strict=True))
         return ray, instance, entry
 
@@ -133,15 +138,17 @@ def _slabs(
     """Where rays enter boxes, not before ``start``, and where they leave them; slope is 1/direction."""
     low, high = box
     entry: np.ndarray | float = start
-    leave: np.ndarray | float = np.inf
+    leave: np.ndarray | None = None
     for axis in range(3):
         a = low[axis] - origin[axis]
         a *= slope[axis]
         b = high[axis] - origin[axis]
         b *= slope[axis]
-        entry = np.maximum(entry, np.minimum(a, b))
-        leave = np.minimum(leave, np.maximum(a, b))
-    return np.asarray(entry), np.asarray(leave)
+        near, far = np.minimum(a, b), np.maximum(a, b, out=b)
+        entry = np.maximum(near, entry, out=near)
+        leave = far if leave is None else np.minimum(leave, far, out=leave)
+    assert leave is not None
+    return np.asarray(entry), leave
 
 
 def _meets(entry: np.ndarray, leave: np.ndarray, limit: np.ndarray) -> np.ndarray:

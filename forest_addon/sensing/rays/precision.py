@@ -26,7 +26,7 @@ def rounding_warning(scene: SceneGeometry) -> str:
         return ""
     name = scene.object_name[scene.object_index[worst]]
     return (
-        f'"{name}" is {far[worst] / 1000:,.0f} km from the origin, where Blender\'s coordinates have steps of '
-        f"{step:.2g} m: places there are off by up to {step / 2:.2g} m. Move the scene near the origin and "
+        f'"{name}" is {far[worst] / 1000:,.0f} km from the origin, where coordinates in Blender have steps '
+        f"of {step:.2g} m: places there are off by up to {step / 2:.2g} m. Move the scene near the origin and "
         "give the distance as the offset, which is added to what is written"
     )

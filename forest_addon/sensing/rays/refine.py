@@ -63,7 +63,9 @@ class Surfaces:
         """Few calls on whole arrays: of few rays each costs more than what it computes."""
         m = self._transform.take(instance, 1).reshape(3, 4, 1, -1)  # to, from, 1, R
         number = self._triangles.take(self._first.take(instance) + triangle, 0)
-        corner = self._vertices.take(number, 0).transpose(2, 1, 0).copy()  # (of space, of triangle, R)
+        corner = (
+            self._vertices.take(number, 0).transpose(2, 1, 0).copy()
+        )  # (of space, of triangle, R)
         space = m[:, 0] * corner[0]
         part = m[:, 1] * corner[1]
         space += part
