@@ -121,7 +121,8 @@ def make_library(
     if height:
         scale = Unit(height / tall, "units of the height given")
     else:
-        scale = Unit(UNITS[unit], unit) if unit else infer_unit(tall, leaf)
+        usual = None if found.fronds else leaf  # as long as a frond, a leaf tells no unit
+        scale = Unit(UNITS[unit], unit) if unit else infer_unit(tall, usual)
     metres = scale.metres
     metric = (timber * metres, None if foliage is None else foliage * metres)
     try:

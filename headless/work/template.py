@@ -65,7 +65,8 @@ def make_template(
     except NotUnderstoodError as problem:
         out.mkdir(parents=True, exist_ok=True)
         picture = draw_problem(problem.facets, problem.places, name, out / "recognised.png")
-        raise SpecError("template", f"{problem.problem} {picture} shows where.") from None
+        said = f"{problem.problem.removesuffix('.')} (see {picture})."
+        raise SpecError("template", said) from None
     except SpecError as problem:
         asked = problem.key in ("name", "height", "unit", "up")
         raise SpecError(f"--{problem.key}" if asked else problem.key, problem.problem) from None

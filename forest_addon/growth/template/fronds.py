@@ -48,7 +48,7 @@ def draw_midribs(
     for number in range(leaves.count):
         knots = fronds.knot[fronds.first[number] : fronds.first[number + 1]]
         knots = knots[::-1] if foot_end[number] else knots
-        knots = np.concatenate([foot[number : number + 1], knots])
+        knots = _smooth(np.concatenate([foot[number : number + 1], knots]))
         step = np.linalg.norm(np.diff(knots, axis=0), axis=1)
         knots = knots[np.concatenate([[True], step > 1e-9 * step.sum()])]
         radius = SLENDER * float(step.sum()) * np.linspace(1.0, 0.25, len(knots))
@@ -67,3 +67,10 @@ def draw_midribs(
         np.concatenate([[0.0], thick]),
     )
     return whole, find_centrelines(whole), known
+
+
+def _smooth(knots: np.ndarray) -> np.ndarray:
+    """A course through knots that lie now on one half of a flat frond, now on the other."""
+    for _ in range(min(len(knots) // 2, 12)):
+        knots[1:-1] = (knots[:-2] + 2 * knots[1:-1] + knots[2:]) / 4
+    return knots

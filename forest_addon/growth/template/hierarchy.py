@@ -24,7 +24,7 @@ from .pieces import Pieces
 
 STOUT = 0.7  # share of the thickest piece's radius that a trunk has at least
 LEVEL = 0.02  # share of the tree's height within which pieces begin at the same level
-TAPER = 1.1  # an end this many times as thick as the other is the foot
+TAPER = 1.3  # an end this many times as thick as the other is the foot
 THIN_END = 0.5  # piece lengths of gap that it takes for the thin end to be the foot after all
 REACH = 0.5  # radii that an end may stop short of the wood that it touches
 FLOAT = 1.25  # where nothing touches, gaps up to this many times the smallest are taken together

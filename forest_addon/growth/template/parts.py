@@ -3,7 +3,7 @@
 Names of objects and materials tell first ("leaf", "bark"); a mesh whose name does not tell is what most
 of its area looks like, and a file without names is looked at piece by piece. A piece is a leaf where its
 facets face one way (|sum of area vectors| above half of the area: a tube's cancel), where it is a card
-or crossed cards (most of its edges are borders), or where it is one of very many small, plain, equal
+or crossed cards (most of its edges are borders), or where it is one of very many small, plain
 ones, as needles are. The upright axis is that along which the tree stands on a narrow, solid foot.
 """
 
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .pieces import Pieces, part
+from .pieces import Pieces, edge_uses, part
 
 LEAFY = (
     "leaf",
@@ -32,11 +32,12 @@ WOODY = ("wood", "bark", "trunk", "branch", "stem", "twig", "log", "bole")
 OTHER = ("ground", "terrain", "floor", "soil", "grass")
 FACING = 0.5  # share of a piece's area that faces one way if it is a leaf
 BORDER = 0.6  # share of its edges that have one facet only, if it is cards
-SMALL = 0.025  # extents of the tree that a needle is long at most
+SMALL = 0.01  # extents of the tree that a needle is long at most
 PLAIN = 24  # facets of a needle at most
 MANY = 50  # needles of one make at least, and
 OFTEN = 3  # times as many as there are other pieces of wood
 FOOT = 0.02  # share of the extent, from the ground up, where the foot is looked for
+NARROW = 0.03  # extents that any foot may be wide
 CLEARLY = 3.0  # times as good a foot, that an axis other than z is taken for upright
 UPRIGHT = {
     "z": np.eye(3),
@@ -101,8 +102,10 @@ def looks_like_leaves(pieces: Pieces) -> np.ndarray:
     total = np.stack([np.bincount(pieces.piece, x, count) for x in vectors.T], axis=1)
     facing = np.linalg.norm(total, axis=1) / np.maximum(area, 1e-300)
     triangles = np.bincount(pieces.piece, minlength=count)
-    edges = np.bincount(pieces.piece_of_vertex[pieces.edges[:, 0]], minlength=count)
-    border = (2 * edges - 3 * triangles) / np.maximum(edges, 1)  # each edge has one or two facets
+    key, times = edge_uses(pieces)
+    of_edge = pieces.piece_of_vertex[key // len(pieces.vertices)] if len(key) else key
+    edges = np.bincount(of_edge, minlength=count)
+    border = np.bincount(of_edge[times == 1], minlength=count) / np.maximum(edges, 1)
     leaf = (facing > FACING) | (border > BORDER)
 
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
@@ -110,12 +113,9 @@ def looks_like_leaves(pieces: Pieces) -> np.ndarray:
     np.maximum.at(high, pieces.piece_of_vertex, pieces.vertices)
     length = np.linalg.norm(high - low, axis=1)
     small = ~leaf & (triangles <= PLAIN) & (length < SMALL * np.ptp(pieces.vertices, axis=0).max())
-    make = triangles * (int(edges.max(initial=0)) + 1) + edges
-    for kind in np.unique(make[small]):
-        needle = small & (make == kind)
-        others = np.count_nonzero(~leaf & ~needle)
-        if needle.sum() >= max(MANY, OFTEN * others) and others:
-            leaf |= needle
+    others = np.count_nonzero(~leaf & ~small)
+    if others and np.count_nonzero(small) >= max(MANY, OFTEN * others):
+        leaf |= small
     return np.asarray(leaf)
 
 
@@ -131,7 +131,7 @@ def likely_up(wood: np.ndarray) -> str:
         weight = area[low] / max(float(area[low].sum()), 1e-300)
         mean = weight @ place[low, :2]
         spread = float(np.sqrt(weight @ ((place[low, :2] - mean) ** 2).sum(axis=1))) / extent
-        return float(area[low].sum() / area.sum()) / (spread**2 + 1e-4)
+        return float(area[low].sum() / area.sum()) / (spread + NARROW) ** 2
 
     return "y" if foot("y") > CLEARLY * foot("z") else "z"
 

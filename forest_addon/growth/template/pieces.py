@@ -172,6 +172,13 @@ def _join_along_edges(triangles: np.ndarray, vertices: int) -> np.ndarray:
     return join_along(pairs, len(triangles))
 
 
+def edge_uses(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
+    """Key of every edge of a triangle, lower vertex first, and how many triangles have it."""
+    key = np.sort(_edge_keys(pieces.triangles.astype(np.int64), len(pieces.vertices)))
+    bounds = np.flatnonzero(np.diff(key, prepend=-1, append=-1))
+    return key[bounds[:-1]], np.diff(bounds)
+
+
 def join_along(pairs: np.ndarray, nodes: int) -> np.ndarray:
     """(nodes,) which of them pairs (N, 2) join: one number for all that hang together."""
     graph = coo_matrix((np.ones(len(pairs), dtype=bool), pairs.T), shape=(nodes, nodes))

@@ -23,7 +23,7 @@ OF_WOOD = ("wood", "stem", "trunk", "branches")
 
 
 class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, ImportHelper):
-    """Make a species from files of a tree, STL, PLY, OBJ or glTF: one of its wood and, if there is, one of its leaves"""
+    """Make a species from files of a tree: one of its wood and, if there is, one of its leaves"""
 
     bl_idname = "forest.import_tree"
     bl_label = "Import STL"

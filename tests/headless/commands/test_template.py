@@ -9,7 +9,7 @@ import pytest
 from references.model_tree import tree
 
 from forest_addon.formats.species_file import load_species
-from forest_addon.formats.stl import write_stl
+from forest_addon.formats.stl import read_stl, write_stl
 from forest_addon.growth.template.unit import infer_unit
 from headless.cli import main
 
@@ -91,6 +91,55 @@ def test_bad_input_is_one_sentence(files, monkeypatch, capsys, words, complaint)
     assert said.startswith("error: ")
     assert said.count("\n") == 1
     assert complaint in said
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale"),
+    [("metres", 1.0), ("centimetres", 100.0), ("millimetres", 1000.0), ("feet", 1 / 0.3048)],
+)
+def test_one_file_of_any_unit_with_y_up(tmp_path, capsys, unit, scale):
+    """Wood and leaves in one STL, lying: told apart, stood up, and in metres."""
+    model = tree()
+    facets = np.concatenate([model.wood(), model.leaves()])[:, :, [0, 2, 1]] * [1, 1, -1]
+    write_stl(tmp_path / "all.stl", facets * scale)
+    out = tmp_path / "elm"
+    assert main(["template", f"{tmp_path}/all.stl", "--name", "elm", "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert f"taken as {unit}" in said
+    assert "told apart by shape" in said
+    assert "Up: y, inferred" in said
+    assert "63 leaves" in said
+    _, template = load_species(out / "elm.toml")
+    assert len(template.branches) == 9
+    tall = np.ptp(read_stl(out / "wood.stl")[:, :, 2])
+    assert tall == pytest.approx(np.ptp(model.wood()[:, :, 2]), rel=1e-4)
+
+
+def test_unit_and_axis_may_be_given(files, capsys):
+    out = files / "elm"
+    words = ["template", f"{files}/w.stl", f"{files}/l.stl", "--name", "elm", "--out", str(out)]
+    assert main([*words, "--unit", "feet", "--up", "z"]) == 0
+    said = capsys.readouterr().out
+    assert "given by --unit feet" in said
+    assert "Up: z, given" in said
+    assert main([*words, "--unit", "miles"]) == 2
+    assert "use one of metres" in capsys.readouterr().err
+    assert main([*words, "--up", "y"]) == 2
+    assert "leans" in capsys.readouterr().err
+
+
+def test_what_is_not_understood_is_marked_in_a_picture(tmp_path, capsys):
+    model = tree()
+    write_stl(
+        tmp_path / "two.stl", np.concatenate([model.wood(), model.wood() + np.array([8, 0, 0])])
+    )
+    out = tmp_path / "out"
+    assert main(["template", f"{tmp_path}/two.stl", "--name", "two", "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "one tree alone" in said
+    assert "recognised.png" in said
+    assert (out / "recognised.png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,90 @@
+"""Trees in PLY, OBJ and glTF files are read, and the user's file stays as it was."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from references.model_tree import tree
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon.blender.tree_files import read_groups
+from forest_addon.growth.template.parts import likely_up, sort_out, upright
+from forest_addon.growth.template.recognise import recognise
+from forest_addon.spec import SpecError
+
+
+def state() -> dict[str, list[str]]:
+    kinds = [p.identifier for p in bpy.data.bl_rna.properties if p.type == "COLLECTION"]
+    return {kind: sorted(data.name for data in getattr(bpy.data, kind)) for kind in kinds}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A tree whose two objects have materials, written by Blender's exporters."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    model = tree()
+    for name, material, facets in (
+        ("Tree", "bark", model.wood()),
+        ("Crown", "leaf", model.leaves()),
+    ):
+        mesh = bpy.data.meshes.new(name)
+        corners = np.arange(3 * len(facets)).reshape(-1, 3)
+        mesh.from_pydata(facets.reshape(-1, 3).tolist(), [], corners.tolist())
+        mesh.materials.append(bpy.data.materials.new(material))
+        thing = bpy.data.objects.new(name, mesh)
+        thing.location.x = 2.0
+        bpy.context.scene.collection.objects.link(thing)
+    bpy.context.view_layer.update()
+    bpy.ops.wm.obj_export(filepath=str(tmp_path / "tree.obj"))
+    bpy.ops.wm.ply_export(filepath=str(tmp_path / "tree.ply"))
+    bpy.ops.export_scene.gltf(filepath=str(tmp_path / "tree.glb"))
+    bpy.ops.export_scene.gltf(filepath=str(tmp_path / "tree.gltf"), export_format="GLTF_SEPARATE")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("ending", "up", "told"),
+    [
+        ("obj", "y", "by name"),
+        ("ply", "z", "by shape"),
+        ("glb", "y", "by name"),
+        ("gltf", "y", "by name"),
+    ],
+)
+def test_a_tree_is_read_and_nothing_of_it_stays(
+    folder: Path, ending: str, up: str, told: str
+) -> None:
+    bpy.context.scene.collection.objects[0].select_set(True)
+    before, scene = state(), bpy.context.scene
+    selected = [thing.name for thing in bpy.context.selected_objects]
+    groups = read_groups(folder / f"tree.{ending}")
+    assert state() == before
+    assert bpy.context.scene == scene
+    assert [thing.name for thing in bpy.context.selected_objects] == selected
+
+    parts = sort_out(groups)
+    assert parts.said == told
+    assert likely_up(parts.wood) == up
+    model = tree()
+    found = recognise(upright(parts.wood, up), upright(parts.leaves, up))
+    assert (found.wood.count, found.leaves.count) == (28, 63)
+    daughters = np.bincount(found.parent + 1, minlength=29)
+    np.testing.assert_array_equal(
+        np.sort(daughters), np.sort(np.bincount(np.array(model.parents) + 1, minlength=29))
+    )
+    np.testing.assert_allclose(found.foot[found.trunk], model.foot[0] + [2, 0, 0], atol=5e-3)
+
+
+@pytest.mark.parametrize("ending", ["obj", "ply", "glb"])
+def test_a_bad_file_is_one_sentence_and_leaves_nothing(tmp_path: Path, ending: str) -> None:
+    (tmp_path / f"bad.{ending}").write_bytes(b"nothing here\n" * 5)
+    before = state()
+    with pytest.raises(SpecError, match=f"bad.{ending}") as caught:
+        read_groups(tmp_path / f"bad.{ending}")
+    assert "\n" not in str(caught.value)
+    assert state() == before
+    with pytest.raises(SpecError, match="there is no file"):
+        read_groups(tmp_path / f"gone.{ending}")
