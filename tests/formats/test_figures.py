@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from forest_addon.formats.figures import facts, figures_of, words
+from forest_addon.sensing.reverb.metrics import octave_bands
 from forest_addon.sensing.reverb.response import ImpulseResponse
 from forest_addon.spec import Reverb
 
@@ -27,6 +28,8 @@ def response(direct_clear=True, further=()):
         late=0,
         clamped=0,
         exact=True,
+        left_db=np.full(1 + len(octave_bands(24_000.0)), -np.inf),
+        errors={},
         further=further,
     )
 
