@@ -22,6 +22,7 @@ from ..sensing.rays.caster import RayCaster
 from ..sensing.rays.precision import rounding_warning
 from ..sensing.reverb import ends, slices
 from ..sensing.reverb import response as reverb
+from ..sensing.reverb.audit import audit_response
 from ..sensing.reverb.fast_scattering import Expansions
 from ..sensing.reverb.trunk_cuts import TrunkCuts
 from ..sensing.sonar import flight
@@ -149,20 +150,20 @@ class Observer:
             return audit_echoes(
                 echoes, self.targets, sensor, settings.air, *casters, equipment, rng, seconds, share
             )
-        return None
+        between = ends.ends_of(sensor, self.places)
+        pair = between.pairs[0]
+        trunks = self._trunks_between(sensor, settings, between)(*pair)
+        return audit_response(
+            found, trunks, *pair, sensor, settings.air, self.expansions, rng, seconds, share
+        )
 
     def _clap(
         self, sensor: Reverb, settings: Scene, progress: Progress | None, folder: Path
     ) -> reverb.ImpulseResponse:
-        """Impulse responses between all ends, by trunks of the scene and by those that are stems only."""
+        """Impulse responses between all ends."""
         between = ends.ends_of(sensor, self.places)
-        position, radius = plant_stems(settings.seed, settings.forest, settings.stems)
-        stems = slices.Trunks(position, radius, np.full(len(radius), -1)).clear_of(
-            between.on_ground
-        )
-        cuts = self._cuts(sensor.min_radius)
         return reverb.impulse_response(
-            lambda source, receiver: cuts.between(source, receiver).joined(stems),
+            self._trunks_between(sensor, settings, between),
             sensor,
             settings.air,
             ends=between,
@@ -173,6 +174,17 @@ class Observer:
             expansions=self.expansions,
             progress=progress,
         )
+
+    def _trunks_between(
+        self, sensor: Reverb, settings: Scene, between: ends.Ends
+    ) -> reverb.TrunksBetween:
+        """Trunks of the scene, by source and receiver, and those that are stems only."""
+        position, radius = plant_stems(settings.seed, settings.forest, settings.stems)
+        stems = slices.Trunks(position, radius, np.full(len(radius), -1)).clear_of(
+            between.on_ground
+        )
+        cuts = self._cuts(sensor.min_radius)
+        return lambda source, receiver: cuts.between(source, receiver).joined(stems)
 
     @staticmethod
     def way(sensor: Sensor, folder: Path = Path()) -> Way:

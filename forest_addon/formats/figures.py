@@ -179,8 +179,12 @@ def _of_echo(echo: Echo, echoes: Sequence[Echo] = ()) -> list[Figure]:
     )
     found += [numbers(name, short, f"{count:,}") for name, short, count in some if count]
     most = max(each.error_bound + each.table_error for each in (echo, *echoes))
-    pattern = "{share:.1e} of all amplitudes"
-    return [*found, words("error of the sum at most", "Error At Most", pattern, share=most)]
+    found.append(
+        words(
+            "error of the sum at most", "Error At Most", "{share:.1e} of all amplitudes", share=most
+        )
+    )
+    return found
 
 
 def _of_response(response: ImpulseResponse, trunks: int | None) -> list[Figure]:

@@ -38,6 +38,8 @@ def test_the_same_as_the_sensors_find(world):
     assert np.array_equal(sound.found.trees, observer.observe(CLAP, SCENE).trees)
     assert set(np.unique(cloud.labels["tree"])) <= {-1, 0, 1}
     assert cloud.audit.kept
+    assert echo.audit.kept
+    assert sound.audit.kept
     assert cloud.audit.checked > 0
     world.scene = SCENE.changed(accuracy=forest.Accuracy(audit=0))
     assert world.scan(TRIPOD).audit is None

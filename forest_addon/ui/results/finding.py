@@ -15,6 +15,7 @@ from ...blender.cloud import show_cloud, show_heard
 from ...blender.layout import RESULTS, part
 from ...blender.sound import give_sound
 from ...formats.figures import Figure, Finding, figures_of, loudest, of_forest, strongest
+from ...sensing.audit import Audit
 from ...sensing.lidar.cloud import Cloud
 from ...sensing.lidar.tractor import TractorScan, to_cloud
 from ...sensing.reverb.response import ImpulseResponse, channels_of
@@ -121,6 +122,16 @@ def sentence_of(found: Finding) -> str:
     if strongest(found) is None:
         return say("silence: nothing in the beam")
     return say("{count:,} leaves heard", count=found.leaves_heard)
+
+
+def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:
+    """Add to a result how far off it is, and of how many values that was checked."""
+    off = f"{audit.error:.0e} {audit.unit}".strip()
+    words = keep("{off} off, {count} checked", off=off, count=f"{audit.checked:,}")
+    if not audit.kept:
+        words = keep("{off} off: MORE than {allowed}", off=off, allowed=f"{audit.allowed:.0e}")
+    figure = context.scene.forest_sensing.results[name].figures.add()
+    figure.name, figure.value, figure.made_of = keep("Audit"), words, words.made_of
 
 
 def _plot(found: Any, sensor: Any) -> plots.Plot | None:

@@ -94,7 +94,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
     ) -> Work:
         """Run these sensors in the scene of one frame."""
         from ...blender.observe import Observer
-        from ..results.finding import keep_finding, save_finding
+        from ..results.finding import keep_finding, note_audit, save_finding
 
         rays = rays_of(to_spec(context.scene, []).rays)
         observer = Observer.of(context.evaluated_depsgraph_get(), rays, expansions())
@@ -109,7 +109,8 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             observe = partial(observer.observe, sensor, settings, folder=home)
             way = observer.way(sensor, home)
             found = yield Task(f"{thing.name}{number}", partial(observe, way=way))
-            sentence = keep_finding(context, thing, sensor, found, time.perf_counter() - started)
+            took = time.perf_counter() - started
+            sentence = keep_finding(context, thing, sensor, found, took)
             self._job.kept.append(thing.name)
             if folder is not None:
                 try:
@@ -121,6 +122,12 @@ class FOREST_OT_run(Working, bpy.types.Operator):
                 except (OSError, ImportError) as problem:
                     reason = in_words(problem)
                     self.report({"WARNING"}, say("Not saved: {reason}", reason=reason))
+            check = partial(observer.audit, sensor, settings, found, took, home, way)
+            audit = yield Task(f"{thing.name}{number}", lambda _tell, check=check: check())
+            if audit is not None:
+                note_audit(context, thing.name, audit)
+                if not audit.kept:
+                    self.report({"WARNING"}, f"{thing.name}: {audit}")
         return sentence
 
 

@@ -1,0 +1,69 @@
+"""A response's audit: silent on what is right, loud on what is wrong; stands of any radii."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from forest_addon.rng import stream
+from forest_addon.sensing.reverb.audit import audit_response, octave_errors
+from forest_addon.sensing.reverb.fast_scattering import Expansions
+from forest_addon.sensing.reverb.response import impulse_response
+from forest_addon.sensing.reverb.slices import Trunks
+from forest_addon.spec import Air, Reverb
+
+AIR = Air()
+HERE, THERE = np.array([0.0, 0, 1.5]), np.array([9.0, 0, 1.5])
+CLAP = Reverb(source=(0, 0, 1.5), receiver=(9, 0, 1.5), sample_rate=8000, duration=0.25)
+
+
+def stand(radius):
+    rng = stream(3, "audit stand")
+    place = rng.uniform(-50, 50, (len(radius), 2))
+    far = np.linalg.norm(place, axis=1) > 3
+    return Trunks(place[far], radius[far], np.arange(far.sum()))
+
+
+class Wrong(Expansions):
+    """A fast sum that is off by a factor."""
+
+    def sum(self, *words):
+        found = super().sum(*words)
+        return replace(found, samples=1.001 * found.samples)
+
+
+def audit(trunks, sensor, made=None):
+    made = made or Expansions()
+    found = impulse_response(trunks, sensor, AIR, expansions=Expansions())
+    return audit_response(found, trunks, HERE, THERE, sensor, AIR, made, stream(1, "a"), 1.0, 0.0)
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 0.0])
+@pytest.mark.parametrize("spread", [False, True])
+def test_what_is_right_is_kept(tolerance, spread):
+    rng = stream(4, "radii")
+    radius = np.exp(rng.uniform(np.log(1e-3), np.log(2.0), 1500)) if spread else np.full(1500, 0.15)
+    found = audit(stand(radius), CLAP.changed(tolerance=tolerance))
+    assert found.kept, str(found)
+    assert found.checked > 5
+
+
+def test_a_wrong_sum_is_found():
+    found = audit(stand(np.full(1500, 0.15)), CLAP, Wrong())
+    assert not found.kept
+    assert found.error == pytest.approx(1e-3, rel=0.1)
+
+
+def test_no_trunks():
+    found = audit(Trunks(np.empty((0, 2)), np.empty(0), np.empty(0, int)), CLAP)
+    assert found.kept
+    assert found.checked == 0
+
+
+def test_errors_by_octave():
+    """A tone of 1 kHz that is off by 1 % and one of 100 Hz that is off by 10 %."""
+    time = np.arange(8000) / 8000
+    low, high = np.sin(2 * np.pi * 100 * time), np.sin(2 * np.pi * 1000 * time)
+    errors = octave_errors(1.1 * low + 1.01 * high, low + high, 8000.0)
+    assert errors[0] == pytest.approx(np.sqrt((0.1**2 + 0.01**2) / 2))
+    assert sorted(errors[1:].round(4)) == pytest.approx([0.01, 0.1], abs=1e-3)
