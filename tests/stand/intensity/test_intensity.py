@@ -272,7 +272,9 @@ def test_a_density_counts_within_the_polygon():
 
 def ramp():
     """Ground that is level up to x = 24 m and rises by 45° behind."""
-    vertices = np.array([[x, y, max(x - 24.0, 0.0)] for x in (0.0, 24.0, 60.0) for y in (0.0, 40.0)])
+    vertices = np.array(
+        [[x, y, max(x - 24.0, 0.0)] for x in (0.0, 24.0, 60.0) for y in (0.0, 40.0)]
+    )
     triangles = np.array([[0, 2, 1], [1, 2, 3], [2, 4, 3], [3, 4, 5]])
     return Triangulated(vertices, triangles)
 
