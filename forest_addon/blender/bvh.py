@@ -261,7 +261,9 @@ class _Pairs:
 
 def _span(vertices: np.ndarray) -> float:
     """Metres from the origin of a mesh to its farthest finite coordinate: float32 is as fine as this says."""
-    far = np.abs(vertices[np.isfinite(vertices).all(axis=1)]).max(initial=0.0)
+    far = max(vertices.max(initial=0.0), -vertices.min(initial=0.0))
+    if not np.isfinite(far):
+        far = np.abs(vertices[np.isfinite(vertices).all(axis=1)]).max(initial=0.0)
     return float(far)
 
 

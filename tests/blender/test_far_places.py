@@ -38,7 +38,7 @@ def test_what_stands_at_map_coordinates_is_said_to_be_off(place, off):
 
 
 def test_a_mesh_with_map_coordinates_in_it_is_said_too():
-    corners = [*np.array([[0, -1, 0], [0, 1, 0], [0, 1, 2.0]]), 500000.0, 5400000.0, 0]
+    corners = np.add([[0, -1, 0], [0, 1, 0], [0, 1, 2.0]], [500_000.0, 5_400_000.0, 0])
     assert "off by up to 0.25 m" in look_at((0, 0, 0), corners).warning
 
 

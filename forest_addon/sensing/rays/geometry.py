@@ -82,7 +82,9 @@ class SceneGeometry:
         cuts = np.searchsorted(self.mesh_index[order], np.arange(len(self.meshes) + 1))
         for mesh, (first, last) in zip(self.meshes, pairwise(cuts.tolist()), strict=True):
             rows = order[first:last]
-            least, most = _pieces(mesh, int(np.clip(BOXES // max(len(rows), 1), 1, PIECES)))
+            if not len(rows):
+                continue
+            least, most = _pieces(mesh, int(np.clip(BOXES // len(rows), 1, PIECES)))
             if not len(least):
                 continue
             linear, shift = self.transform[rows, :, :3], self.transform[rows, None, :, 3]
@@ -94,8 +96,10 @@ class SceneGeometry:
 
 def _pieces(mesh: TriMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
     """(K, 3), (K, 3) boxes around at most ``count`` groups of vertices that lie near each other."""
-    used = mesh.vertices[np.unique(mesh.triangles)]
-    used = used[np.isfinite(used).all(axis=1)]
+    counts = np.zeros(len(mesh.vertices), dtype=bool)
+    counts[mesh.triangles.ravel()] = True
+    counts &= np.isfinite(mesh.vertices.sum(axis=1))
+    used = mesh.vertices if counts.all() else mesh.vertices[counts]
     first = np.unique(np.linspace(0, len(used), count, endpoint=False).astype(np.int64))
     if not len(used):
         return used, used

@@ -27,6 +27,6 @@ def rounding_warning(scene: SceneGeometry) -> str:
     name = scene.object_name[scene.object_index[worst]]
     return (
         f'"{name}" is {far[worst] / 1000:,.0f} km from the origin, where coordinates in Blender have steps '
-        f"of {step:.2g} m: places there are off by up to {step / 2:.2g} m. Move the scene near the origin and "
+        f"of {step:.2g} m: places are off by up to {step / 2:.2g} m. Move the scene near the origin and "
         "give the distance as the offset, which is added to what is written"
     )

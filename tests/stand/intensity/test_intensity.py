@@ -312,7 +312,7 @@ def test_a_density_of_uneven_ground_is_its_mean_there():
 
 def test_a_density_where_nothing_may_stand_is_refused():
     planting = Planting(species="m", density=0.5, slope_deg=(60.0, 90.0))
-    with pytest.raises(IntensityError, match="0.5 trees/m² cannot be expected"):
+    with pytest.raises(IntensityError, match=r"0\.5 trees/m² cannot be expected"):
         process_of(planting, Forest(size=(60.0, 40.0)), Inputs(terrain=ramp()))
 
 
