@@ -92,7 +92,10 @@ class Siblings(Settings):
         le=1,
     )
     age: float = param(
-        1.0, help="age over that of the tree of the files: its diameter grows in proportion", ge=0.2, le=3
+        1.0,
+        help="age over that of the tree of the files: its diameter grows in proportion",
+        ge=0.2,
+        le=3,
     )
     height: float = param(
         0.0, unit="m", help="height; 0: follows from age and diameter", ge=0, le=200

@@ -73,9 +73,7 @@ def _show_siblings(made: Library, count: int, path: Path, say: Say) -> None:
 
     species, template = load_species(made.species)
     itself = grow(_varied(species, 0.0), template, stream(0, "template"))
-    off = farthest_off(
-        made.habit.anatomy, grow_sibling(made.habit, Siblings(variety=0.0), 0)
-    )
+    off = farthest_off(made.habit.anatomy, grow_sibling(made.habit, Siblings(variety=0.0), 0))
     say(
         f"Rebuilt from its parts: {len(itself.leaves):,} of {made.leaf_count:,} leaves, every vertex "
         f"within {1000 * off:.2g} mm of where it was."

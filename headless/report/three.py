@@ -25,7 +25,12 @@ PAPER = "#f4f2ec"
 
 
 def render_three(
-    found: Recognition, metres: float, rebuilt: Tree, siblings: Sequence[Tree], look: Look, path: Path
+    found: Recognition,
+    metres: float,
+    rebuilt: Tree,
+    siblings: Sequence[Tree],
+    look: Look,
+    path: Path,
 ) -> Path:
     """Render the tree as its facets were, then rebuilt, then siblings, all at one scale.
 

@@ -101,7 +101,11 @@ def walk(frame: np.ndarray, length: np.ndarray, first: np.ndarray, foot: np.ndar
 
 
 def foot_frames(
-    mother: np.ndarray, azimuth: np.ndarray, angle: np.ndarray, roll: np.ndarray, carried: np.ndarray
+    mother: np.ndarray,
+    azimuth: np.ndarray,
+    angle: np.ndarray,
+    roll: np.ndarray,
+    carried: np.ndarray,
 ) -> np.ndarray:
     """(C, 3, 3) frames at the feet of branches that leave mothers with these frames (C, 3, 3).
 

@@ -91,9 +91,7 @@ def dbh_of(anatomy: Anatomy) -> float:
     return 2 * _radius_at(anatomy, trunk, _breast_share(anatomy, trunk, 1.0))
 
 
-def trunk_girth(
-    anatomy: Anatomy, trunks: np.ndarray, scale: np.ndarray, size: Size
-) -> np.ndarray:
+def trunk_girth(anatomy: Anatomy, trunks: np.ndarray, scale: np.ndarray, size: Size) -> np.ndarray:
     """(N, 2) factors of thickness at foot and tip, so that breast height comes out right.
 
     The tip stays as thin as it is, or becomes thinner: a stouter tree has no stouter shoots.
