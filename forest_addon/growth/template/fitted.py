@@ -21,7 +21,10 @@ from .anatomy import Anatomy
 from .runs import Runs
 
 NODE = 0.25  # mean spacings within which daughters share a node
-LIMB = 0.5, 0.25  # radii of the trunk there, and at its foot, from which a branch is a limb: always there
+LIMB = (
+    0.5,
+    0.25,
+)  # radii of the trunk there, and at its foot, from which a branch is a limb: always there
 ALIKE_LENGTH = 0.45  # logarithm of length
 ALIKE_SHARE = 0.15  # of the mother
 ALIKE_SLOPE = np.deg2rad(35.0)

@@ -83,7 +83,7 @@ def place_daughters(
     z = np.clip(keyed_normal(of_node, "move"), -2.0, 2.0) * variety * habit.scatter[order] * JITTER
     z = np.clip(z, -FARTHEST, FARTHEST)
     share = share + z * np.where(z > 0, slots.after[row], slots.before[row])
-    place = share
+    place = share = np.clip(share, 0.0, 1.0)
     if order == 1 and variety > 0:
         share = _moved_base(share, owner, key, variety)
     azimuth = habit.anatomy.azimuth[slot]
@@ -156,9 +156,7 @@ def _turned(
     return azimuth
 
 
-def _turned_nodes(
-    standing: np.ndarray, seen: np.ndarray, key: int, variety: float
-) -> np.ndarray:
+def _turned_nodes(standing: np.ndarray, seen: np.ndarray, key: int, variety: float) -> np.ndarray:
     """(M,) azimuths of the nodes that stand at ``seen`` (M,), counted in nodes of the template.
 
     standing : (N,) azimuths of the template's nodes. Where they turn evenly, as a spiral does, they go on

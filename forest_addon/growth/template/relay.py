@@ -1,9 +1,10 @@
 """The mesh of a tree whose branches have been laid: pieces bent along their courses, leaves hung on them.
 
-A vertex is held by two stretches of its piece. Stretch s carries what is around it by
-v -> m' + F' D Fᵀ (v - m), with its middle m and frame F in the template, m' and F' where it is laid, and
-D = diag(girth, ±girth, length) its scales (-1: mirrored); a vertex goes to the weighted mean of both
-(linear blend skinning, Magnenat-Thalmann et al. 1988). Leaves are moved as they are, whatever their branch
+A vertex v = p + q, with p on the line of its piece, goes to p' + A q: p' is as far along the line as it is
+laid, A the weighted mean of F' D Fᵀ over its own stretch and the nearer next, with the frames F in the
+template and F' where they are laid, and scales D = diag(girth, ±girth, length) (-1: mirrored). Where
+nothing is bent that is exact, and what hangs on the line hangs on the mesh, however it is bent.
+Leaves are moved as they are, whatever their branch
 is scaled by; a longer branch bears more of them.
 """
 
@@ -18,8 +19,9 @@ from ..mesh.leaves import Leaves
 from ..mesh.trimesh import TriMesh, join
 from ..mesh.vectors import cross_rows
 from ..skeleton import Skeleton
-from .anatomy import Anatomy, Seats, share_of
-from .sibling import Grown, seat_at, stand_on
+from .anatomy import Anatomy
+from .lines import Seats, seat_at, share_of, stand_on
+from .sibling import Grown
 
 LEAF_SIZE = 0.10  # relative spread
 LEAF_TURN = np.deg2rad(12.0)
@@ -49,7 +51,12 @@ def mesh_of(anatomy: Anatomy, grown: Grown, variety: float) -> tuple[TriMesh, Le
 def farthest_off(anatomy: Anatomy, grown: Grown) -> float:
     """The largest distance between a vertex and where it was in the template, metres."""
     wood, leaves = anatomy.wood.stock, anatomy.foliage.stock
-    moved = _wood(anatomy, grown).vertices - wood.place[wood.vertices.copy(grown.piece)[0]]
+    vertex, owner, _ = wood.vertices.copy(grown.piece)
+    knot = anatomy.lines.first[grown.piece[owner]] + anatomy.wood.stretch[vertex]
+    knot += grown.piece[owner]
+    start, end = anatomy.lines.knot[knot], anatomy.lines.knot[knot + 1]
+    was = start + anatomy.wood.part[vertex][:, None] * (end - start) + wood.place[vertex]
+    moved = _wood(anatomy, grown).vertices - was
     hung = hang_leaves(anatomy, grown, 0.0)
     vertex, leaf, _ = leaves.vertices.copy(hung.source)
     was = leaves.place[vertex] + anatomy.foliage.foot[hung.source][leaf]
@@ -98,47 +105,59 @@ def first_levels(grown: Grown) -> np.ndarray:
 
 
 def _wood(anatomy: Anatomy, grown: Grown) -> TriMesh:
-    wood, first = anatomy.wood, grown.lines.first
+    wood, lines = anatomy.wood, grown.lines
     mesh, vertex, owner, of_triangle = wood.stock.copy(grown.piece, grown.sign < 0)
-    bone = first[owner] + wood.bone[vertex]
-    after = np.minimum(np.arange(first[-1]) + 1, (first[1:] - 1)[grown.lines.line])
-    matrix = _carried(anatomy, grown)
-    place = _blend(matrix, after, bone, wood.weight[vertex], wood.stock.place[vertex])
+    knot = np.arange(len(lines.length)) + lines.line
+    start, way = lines.knot[knot], lines.knot[knot + 1] - lines.knot[knot]
+    matrix = _turns_of_stretches(anatomy, grown)
+    after = np.minimum(np.arange(len(matrix)) + 1, (lines.first[1:] - 1)[lines.line])
+    columns = [
+        np.ascontiguousarray(held.T) for held in (matrix, matrix[after] - matrix, start, way)
+    ]
+    place = np.empty((len(vertex), 3))
+    for begin in range(0, len(vertex), BLOCK):
+        rows = slice(begin, begin + BLOCK)
+        of, first = vertex[rows], lines.first[owner[rows]]
+        on, bone = first + wood.stretch[of], first + wood.bone[of]
+        place[rows] = _carried(
+            columns, wood.stock.place[of], on, wood.part[of], bone, wood.weight[of]
+        )
     return replace(mesh, vertices=place, order=grown.order.astype(np.int8)[of_triangle])
 
 
-def _carried(anatomy: Anatomy, grown: Grown) -> np.ndarray:
-    """(S, 12) by stretch the matrix, then the shift, that carries what is around it."""
-    old, new, source = anatomy.lines, grown.lines, grown.source
+def _turns_of_stretches(anatomy: Anatomy, grown: Grown) -> np.ndarray:
+    """(S, 9) by stretch, how what is around it is turned and scaled."""
+    old, new = anatomy.lines, grown.lines
     scales = np.stack(
         [grown.girth, grown.girth * grown.sign[new.line], grown.scale[new.line]], axis=1
     )
-    matrix = (new.frame * scales[:, None]) @ np.swapaxes(old.frame[source], 1, 2)
-    knot, was = np.arange(len(source)) + new.line, source + old.line[source]
-    middle = (new.knot[knot] + new.knot[knot + 1]) / 2
-    before = (old.knot[was] + old.knot[was + 1]) / 2
-    shift = middle - np.einsum("sij,sj->si", matrix, before)
-    return np.concatenate([matrix.reshape(-1, 9), shift], axis=1)
+    matrix = (new.frame * scales[:, None]) @ np.swapaxes(old.frame[grown.source], 1, 2)
+    return np.asarray(matrix.reshape(-1, 9))
 
 
-def _blend(
-    matrix: np.ndarray, after: np.ndarray, bone: np.ndarray, weight: np.ndarray, place: np.ndarray
+def _carried(
+    columns: list[np.ndarray],
+    place: np.ndarray,
+    on: np.ndarray,
+    part: np.ndarray,
+    bone: np.ndarray,
+    weight: np.ndarray,
 ) -> np.ndarray:
-    """(V, 3) places carried by a stretch and, by this weight, the one after it."""
-    column = np.ascontiguousarray(matrix.T)
-    onward = np.ascontiguousarray((matrix[after] - matrix).T)
+    """(V, 3) places of vertices seen from their lines (V, 3), by column for speed."""
+    matrix, onward, start, way = columns
     moved = np.empty_like(place)
-    for start in range(0, len(place), BLOCK):
-        rows = slice(start, start + BLOCK)
-        at, w, (x, y, z) = bone[rows], weight[rows], np.ascontiguousarray(place[rows].T)
-        for axis in range(3):
-            sums = []
-            for held in (column, onward):
-                total = held[9 + axis][at]
-                for k, value in enumerate((x, y, z)):
-                    total += held[3 * axis + k][at] * value
-                sums.append(total)
-            moved[rows, axis] = sums[0] + w * sums[1]
+    offset = np.ascontiguousarray(place.T)
+    for axis in range(3):
+        total = way[axis][on]
+        total *= part
+        total += start[axis][on]
+        for k, value in enumerate(offset):
+            held = onward[3 * axis + k][bone]
+            held *= weight
+            held += matrix[3 * axis + k][bone]
+            held *= value
+            total += held
+        moved[:, axis] = total
     return moved
 
 
@@ -199,9 +218,7 @@ def _leaves(
     return mesh, truth
 
 
-def _hung(
-    matrix: np.ndarray, foot: np.ndarray, leaf: np.ndarray, place: np.ndarray
-) -> np.ndarray:
+def _hung(matrix: np.ndarray, foot: np.ndarray, leaf: np.ndarray, place: np.ndarray) -> np.ndarray:
     """(V, 3) corners of leaves, turned as their leaf is and moved to its foot."""
     x, y, z = np.ascontiguousarray(place.T)
     moved = np.empty_like(place)

@@ -19,9 +19,10 @@ import numpy as np
 
 from ...rng import daughter_keys, keyed_normal, keyed_uniform
 from ...spec import Siblings
-from .anatomy import GROUND, Lines, Seats
+from .anatomy import GROUND
 from .courses import foot_frames, lay, lay_sloping, slopes, walk
 from .fitted import Habit, radius_at_seat
+from .lines import Lines, Seats, seat_at, stand_on
 from .nodes import Placed, place_daughters
 from .runs import Runs, bounds
 from .size import Size, size_of, trunk_girth
@@ -182,17 +183,6 @@ def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: in
     )
 
 
-def stand_on(
-    lines: Lines, line: np.ndarray, seat: Seats
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of seats on lines (N,): the place on the axis (N, 3), the frame (N, 3, 3), the radius (N,)."""
-    stretch = lines.first[line] + seat.stretch
-    knot = stretch + line
-    start, end = lines.knot[knot], lines.knot[knot + 1]
-    radius = lines.radius[knot] + seat.part * (lines.radius[knot + 1] - lines.radius[knot])
-    return start + seat.part[:, None] * (end - start), lines.frame[stretch], radius
-
-
 def _reseated(habit: Habit, placed: Placed) -> Seats:
     """Seats of daughters on their mothers' pieces; one that has not moved keeps its own to the bit."""
     seat = habit.anatomy.seat.take(placed.slot)
@@ -200,17 +190,6 @@ def _reseated(habit: Habit, placed: Placed) -> Seats:
     stretch, part = seat_at(habit.anatomy.lines, placed.mother[moved], placed.share[moved])
     seat.stretch[moved], seat.part[moved] = stretch, part
     return seat
-
-
-def seat_at(lines: Lines, line: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Stretch (N,) and part (N,) at a share (N,) of the length of lines (N,)."""
-    before = np.cumsum(lines.length) - lines.length  # over all lines: rises throughout
-    place = before[lines.first[line]] + share * lines.reach()[line]
-    stretch = np.searchsorted(before, place, side="right") - 1
-    stretch = np.clip(stretch, lines.first[line], lines.first[line + 1] - 1)
-    length = np.maximum(lines.length[stretch], np.finfo(float).tiny)
-    part = np.clip((place - before[stretch]) / length, 0.0, 1.0)
-    return stretch - lines.first[line], part
 
 
 def _signs(key: np.ndarray, variety: float) -> np.ndarray:
