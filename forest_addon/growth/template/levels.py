@@ -173,18 +173,15 @@ def _moments(
     lower, upper = np.clip(lower, 1e-6, 1.0), np.clip(upper, 1e-6, 1.0)
     through = ((band[one[edge]] + 1.5 + rank) * width - distance[one[edge]]) / rise[edge]
     through = np.clip(through, 0.0, 1.0)[:, None]
-    place = np.concatenate(
-        [
-            start + (end - start) * (lower / 2)[:, None],
-            end + (start - end) * (upper / 2)[:, None],
-            start[edge] * (1 - through) + end[edge] * through,
-        ]
-    )
-    passed = np.clip(width / rise[edge], 0.0, 1.0)
-    weight = np.concatenate([length * lower, length * upper, length[edge] * passed])
-    node = np.concatenate([one, other, len(band) + np.arange(len(edge))])
-    of = node_slice[node]
-    count = int(node_slice.max()) + 1
+    near, far = length * lower, length * upper  # what the two ends hold; gathered by vertex first
+    held = np.bincount(one, near, len(band)) + np.bincount(other, far, len(band))
+    drawn = (end - start).T * (np.stack([near * lower, far * upper])[:, None] / 2)
+    offset = [np.bincount(one, x, len(band)) for x in drawn[0]]
+    offset = [x - np.bincount(other, y, len(band)) for x, y in zip(offset, drawn[1], strict=True)]
+    mean = pieces.vertices + np.stack(offset, axis=1) / np.maximum(held, 1e-300)[:, None]
+    place = np.concatenate([mean, start[edge] * (1 - through) + end[edge] * through])
+    weight = np.concatenate([held, length[edge] * np.clip(width / rise[edge], 0.0, 1.0)])
+    of, count = node_slice, int(node_slice.max()) + 1
     total = np.maximum(np.bincount(of, weight, count), 1e-300)
     centre = np.stack([np.bincount(of, weight * axis, count) for axis in place.T], axis=1)
     centre /= total[:, None]

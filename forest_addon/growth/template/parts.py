@@ -113,8 +113,8 @@ def looks_like_leaves(pieces: Pieces) -> np.ndarray:
     np.maximum.at(high, pieces.piece_of_vertex, pieces.vertices)
     length = np.linalg.norm(high - low, axis=1)
     small = ~leaf & (triangles <= PLAIN) & (length < SMALL * np.ptp(pieces.vertices, axis=0).max())
-    others = np.count_nonzero(~leaf & ~small)
-    if others and np.count_nonzero(small) >= max(MANY, OFTEN * others):
+    others = int(np.count_nonzero(~leaf & ~small))
+    if others and int(np.count_nonzero(small)) >= max(MANY, OFTEN * others):
         leaf |= small
     return np.asarray(leaf)
 

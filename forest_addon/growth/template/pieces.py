@@ -47,8 +47,10 @@ class Pieces:
 
     def area_vectors(self) -> np.ndarray:
         """(T, 3) half cross products of the triangles' edges."""
-        a, b, c = (self.vertices[self.triangles[:, corner]] for corner in range(3))
-        return 0.5 * np.cross(b - a, c - a)
+        a = self.vertices[self.triangles[:, 0]]
+        bx, by, bz = (self.vertices[self.triangles[:, 1]] - a).T
+        cx, cy, cz = (self.vertices[self.triangles[:, 2]] - a).T
+        return 0.5 * np.stack([by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx], axis=1)
 
 
 def part(facets: np.ndarray) -> Pieces:

@@ -87,9 +87,11 @@ def _cut(pieces: Pieces) -> Severed:
     axes = find_axes(slices)
     course = _smooth(slices, axes)
     owner = _take_back(pieces, slices, axes, course)
-    label = _whole(pieces, _of_triangles(owner, pieces.triangles))
+    halves, keys = _neighbours(pieces.triangles, len(pieces.vertices))
+    label = _whole(pieces, _of_triangles(owner, pieces.triangles), halves)
     together = slices.centre[slices.loops].mean(axis=1)
-    return _close(pieces, label, slices, axes, course, together)
+    loose = _loose_edges(pieces, keys)
+    return _close(pieces, label, slices, axes, course, together, halves, loose)
 
 
 def _find_roots(pieces: Pieces) -> np.ndarray:
@@ -214,10 +216,10 @@ def _neighbours(triangles: np.ndarray, vertices: int) -> tuple[np.ndarray, np.nd
     return np.stack([order[:-1][same], order[1:][same]], axis=1), key
 
 
-def _whole(pieces: Pieces, label: np.ndarray) -> np.ndarray:
+def _whole(pieces: Pieces, label: np.ndarray, halves: np.ndarray) -> np.ndarray:
     """(T,) labels of triangles such that each hangs together: crumbs go to what is beside them."""
     area = np.linalg.norm(pieces.area_vectors(), axis=1)
-    beside = _neighbours(pieces.triangles, len(pieces.vertices))[0] // 3
+    beside = halves // 3
     count = len(label)
     for _ in range(4):
         same = label[beside[:, 0]] == label[beside[:, 1]]
@@ -247,10 +249,11 @@ def _close(
     axes: Axes,
     course: _Course,
     together: np.ndarray,
+    halves: np.ndarray,
+    loose_edges: np.ndarray,
 ) -> Severed:
     """Pieces by label, holes closed and feet drawn inwards."""
     triangles = pieces.triangles.astype(np.int64)
-    halves = _neighbours(triangles, len(pieces.vertices))[0]
     halves = halves[label[halves[:, 0] // 3] != label[halves[:, 1] // 3]]
     halves = np.concatenate([halves, halves[:, ::-1]])
     daughter, beyond = label[halves[:, 0] // 3], label[halves[:, 1] // 3]
@@ -286,7 +289,7 @@ def _close(
             np.stack([b, inner_a, inner_b], axis=1),
         ]
     )
-    everything = np.concatenate([triangles, made, _loose_edges(pieces)])
+    everything = np.concatenate([triangles, made, loose_edges])
     loose = len(everything) - len(triangles) - len(made)
     loose_label = axes.of_slice[slices.of_vertex[everything[len(everything) - loose :, 0]]]
     whole = np.concatenate([label, mother, daughter, daughter, loose_label])
@@ -321,7 +324,7 @@ def _hang_together(pieces: Pieces, known: Known, together: np.ndarray) -> Severe
     number = np.full(len(total), -1)
     number[main], number[others] = of_part[main], pieces.count + np.arange(len(others))
     kept = number[of_triangle] >= 0
-    loose = _loose_edges(pieces)
+    loose = _loose_edges(pieces, _neighbours(pieces.triangles, len(pieces.vertices))[1])
     loose = loose[number[part[loose[:, 0]]] >= 0]
     whole = assemble(
         pieces.vertices,
@@ -339,12 +342,12 @@ def _hang_together(pieces: Pieces, known: Known, together: np.ndarray) -> Severe
     return Severed(whole, joined, together)
 
 
-def _loose_edges(pieces: Pieces) -> np.ndarray:
+def _loose_edges(pieces: Pieces, keys: np.ndarray) -> np.ndarray:
     """(N, 3) the edges that no triangle has, as triangles without area."""
     count = len(pieces.vertices)
     one, other = pieces.edges.T.astype(np.int64)
     mine = np.minimum(one, other) * count + np.maximum(one, other)
-    key = np.sort(_neighbours(pieces.triangles, count)[1])
+    key = np.sort(keys)
     at = np.minimum(np.searchsorted(key, mine), len(key) - 1)
     loose = key[at] != mine
     return np.stack([one[loose], other[loose], other[loose]], axis=1)

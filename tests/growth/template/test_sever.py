@@ -152,7 +152,8 @@ def test_what_has_no_fork_is_one_sentence_with_a_place(facets: np.ndarray) -> No
 
 
 def test_a_remeshed_tree_has_the_branches_of_its_parts() -> None:
-    """Number of branches by order exact, lengths within 6 %, radii at the foot within 20 %."""
+    """Number of branches by order exact, lengths within 6 %, radii at the foot within 25 %, where a voxel
+    is 0.6 of the twigs' radius."""
     model = tree(capped=True)
     for number in range(1, 28):  # no thinner than the remesher sees
         if model.parents[number] > 0:
@@ -168,7 +169,7 @@ def test_a_remeshed_tree_has_the_branches_of_its_parts() -> None:
     np.testing.assert_array_equal(found.parent[number], np.where(parents < 0, -1, number[parents]))
     length = np.array([np.linalg.norm(b - a) for a, b in zip(model.foot, model.tip, strict=True)])
     np.testing.assert_allclose(found.lines.length()[number], length, rtol=0.06)
-    np.testing.assert_allclose(found.radius[number], model.radius, rtol=0.2)
+    np.testing.assert_allclose(found.radius[number], model.radius, rtol=0.25)
 
 
 def grown(name: str, thinnest: float) -> Skeleton:
