@@ -192,6 +192,7 @@ def _reverb_figures(response: ImpulseResponse) -> tuple[Figures, str]:
     figures = {
         keep("Trunks Heard"): f"{response.trunks:,}",
         keep("Beyond Field"): f"{response.continued:,}",
+        **({keep("After the End"): f"{response.late:,}"} if response.late else {}),
         keep("Reverb Time"): f"{seconds:.2f} s" if np.isfinite(seconds) else keep("not reached"),
         keep("Clarity C50"): f"{clarity:.1f} dB" if np.isfinite(clarity) else keep("no late sound"),
         keep("Direct Path"): keep("clear") if response.direct_clear else keep("blocked by wood"),

@@ -241,7 +241,7 @@ def reverb_finding(
 ) -> Finding:
     """The impulse response."""
     distance = float(np.linalg.norm(np.subtract(sensor.source, sensor.receiver)))
-    measures = metrics.room_metrics(response.samples, response.sample_rate)
+    measures = metrics.room_metrics(response.samples, response.sample_rate, response.left_db)
     channels = response.channels
     peak = float(np.abs([channel.samples for channel in channels]).max())
     notes = [
@@ -264,6 +264,17 @@ def reverb_finding(
         most = max(channel.clamped for channel in channels)
         notes.append(
             f"{most} trunk(s) cover a source or a receiver; their distance is taken as their radius."
+        )
+    notes += [
+        f"From {low:g} Hz to {2 * low:g} Hz the error of the sum is {error:.0e}."
+        for low, error in sorted(response.errors.items())
+        if error > sensor.tolerance
+    ]
+    if response.late:
+        notes.append(
+            f"The record ends before the sound: {response.late:,} trunks come later, with "
+            f"{response.left_db[0]:.0f} dB of the energy. Measures that this would change are left out; "
+            "duration = 0 records all."
         )
     if peak > 1:
         notes.append("The sound exceeds full scale; the WAV is 32-bit float and does not clip.")

@@ -93,12 +93,16 @@ class Layer:
         self.step, self.rate, self.radius, self.speed = step, rate / step, radius, speed
         self.tolerance = tolerance
         self.lead = SPREAD + math.ceil(span[0] * self.rate)
-        self.size = fft.next_fast_len(self.lead + SPREAD + math.ceil(span[1] * self.rate), real=True)
+        self.size = fft.next_fast_len(
+            self.lead + SPREAD + math.ceil(span[1] * self.rate), real=True
+        )
         self.grid = GRID * self.size
         self.frequency = np.arange(1, self.grid // 2 + 1) * (self.rate / self.grid)
         self.gain_at, self.gain = gain, gain(self.frequency)
         used = self.frequency[self.gain > 0]
-        self.lowest = float(used[0]) if used[0] > CROSSOVER[0] else 0.0  # Hz; there is nothing below
+        self.lowest = (
+            float(used[0]) if used[0] > CROSSOVER[0] else 0.0
+        )  # Hz; there is nothing below
         self.wavenumber = 2.0 * math.pi / speed * self.frequency
         thickness = 2.0 * math.pi / speed * float(used[-1]) * radius
         self.waves = self._waves(thickness)
@@ -185,7 +189,9 @@ class Layer:
         exact = transfer(frequency[:, None], np.arccos(cosine), self.radius, self.speed)
         exact *= self.gain_at(frequency)[:, None]
         gap = np.linalg.norm(spectrum.T @ sector.shares(cosine).T - exact, axis=1)
-        return dict(zip(octave.tolist(), (gap / np.linalg.norm(exact, axis=1)).tolist(), strict=True))
+        return dict(
+            zip(octave.tolist(), (gap / np.linalg.norm(exact, axis=1)).tolist(), strict=True)
+        )
 
 
 def expand(radius: float, rate: float, speed: float, tolerance: float) -> tuple[Layer, ...]:
@@ -195,7 +201,9 @@ def expand(radius: float, rate: float, speed: float, tolerance: float) -> tuple[
     after = LOW_RINGING + CROSSING
     if step < 2:
         return (
-            Layer(radius, rate, 1, speed, tolerance, (2 * scale, after), lambda f: roll_off(f / rate)),
+            Layer(
+                radius, rate, 1, speed, tolerance, (2 * scale, after), lambda f: roll_off(f / rate)
+            ),
         )
 
     def high(frequency: np.ndarray) -> np.ndarray:

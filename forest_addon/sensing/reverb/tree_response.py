@@ -8,7 +8,6 @@ expansions (``fast_scattering``). A few trunks are summed exactly in any case, b
 from __future__ import annotations
 
 import math
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
