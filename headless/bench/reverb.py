@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-import tempfile
+import ast
+import os
+import resource
+import subprocess
+import sys
+import time
 import tracemalloc
 
 import numpy as np
 
 from forest_addon.acoustics.air import absorption
 from forest_addon.acoustics.cylinder import transfer
-from forest_addon.formats.expansion_store import ExpansionStore
 from forest_addon.rng import stream
 from forest_addon.sensing.reverb.fast_scattering import Expansions
 from forest_addon.sensing.reverb.metrics import clarity_db, energy_decay_db, reverberation_time
@@ -33,7 +37,7 @@ def run(say: Say) -> None:
     _by_number(say)
     _by_rate_and_distance(say)
     _measures(say)
-    _set_up(say)
+    _cold_and_warm(say)
     _radii(say)
     _single_against_multiple(say)
 
@@ -92,7 +96,7 @@ class _Exact:
 
 def _row(paths: TrunkPaths, rate: float, exact: _Exact, tolerance: float) -> list[str]:
     prepared, size = Expansions(), _record(paths, rate)
-    above, low = exact.errors(prepared.sum(paths, rate, size, AIR, tolerance))
+    above, low = exact.errors(prepared.sum(paths, rate, size, AIR, tolerance).samples)
     seconds = median_seconds(lambda: prepared.sum(paths, rate, size, AIR, tolerance), runs=5)
     return [f"{tolerance:.0e}", f"{1e3 * seconds:.0f}", f"{above:.1e}", f"{low:.1e}"]
 
@@ -151,7 +155,7 @@ def _measures(say: Say) -> None:
         decay = energy_decay_db(exact)
         heard = decay > -60.0
         for tolerance in (1e-2, 1e-4, 1e-6):
-            found = Expansions().sum(paths, 24e3, size, AIR, tolerance)
+            found = Expansions().sum(paths, 24e3, size, AIR, tolerance).samples
             error = np.linalg.norm(found - exact) / np.linalg.norm(exact)
             t60 = reverberation_time(found, 24e3) - reverberation_time(exact, 24e3)
             c50 = clarity_db(found, 24e3) - clarity_db(exact, 24e3)
@@ -170,39 +174,94 @@ def _measures(say: Say) -> None:
     table(say, head, rows)
 
 
-def _set_up(say: Say) -> None:
-    say("\nSet-up for one radius, and for radii from 0.05 to 0.3 m: cold, and from the disk\n")
+# Trunks, side in m, radii in m, Hz; the record holds all paths, or so many seconds.
+CASES = (
+    (1_000, 1000.0, (0.25, 0.25), 24e3, None),
+    (1_000, 1000.0, (0.25, 0.25), 24e3, 1.0),
+    (100_000, 1000.0, (0.25, 0.25), 24e3, None),
+    (1_000, 300.0, (0.03, 0.3), 24e3, None),
+    (30_000, 600.0, (0.03, 0.3), 24e3, None),
+    (30_000, 600.0, (0.03, 0.3), 48e3, None),
+    (30_000, 600.0, (0.03, 0.3), 96e3, None),
+    (200, 100.0, (0.03, 0.3), 24e3, 0.5),
+)
+
+
+def _cold_and_warm(say: Say) -> None:
+    say(
+        "\nCold, the first call of a fresh process with nothing kept (imports not counted), and warm;"
+    )
+    say(
+        "10 m, full records; error against the exact sum at 2 frequencies of each octave from 20 Hz\n"
+    )
     rows = []
-    few = _forest(100, 10.0)
-    many = _forest(100, 10.0, (0.05, 0.3))
-    for rate, paths, radii in (
-        (8e3, few, "0.25 m"),
-        (24e3, few, "0.25 m"),
-        (48e3, few, "0.25 m"),
-        (192e3, few, "0.25 m"),
-        (24e3, many, "0.05-0.3 m"),
-        (48e3, many, "0.05-0.3 m"),
-    ):
-        for tolerance in (1e-4, 1e-6) if rate < 48e3 and paths is few else (1e-4,):
-            with tempfile.TemporaryDirectory() as folder:
-
-                def listen(p=paths, r=rate, t=tolerance, f=folder) -> None:
-                    Expansions(ExpansionStore(f)).sum(p, r, 1000, AIR, t)
-
-                cold = median_seconds(listen, runs=1)
-                cached = median_seconds(listen, runs=1)
-                size = sum(path.stat().st_size for path in ExpansionStore(folder).folder.iterdir())
+    for case in CASES:
+        for tolerance in (1e-4, 1e-6):
+            count, _, radii, rate, seconds = case
+            words = [sys.executable, "-m", __name__, repr((case, tolerance))]
+            environment = os.environ | {"OMP_NUM_THREADS": "1"}
+            said = subprocess.run(
+                words, capture_output=True, text=True, check=True, env=environment
+            )
             rows.append(
                 [
+                    f"{count:,}",
+                    f"{radii[0]:g}" + (f"-{radii[1]:g} m" if radii[1] > radii[0] else " m"),
                     f"{rate / 1e3:g} kHz",
-                    radii,
+                    "full" if seconds is None else f"{seconds:g} s",
                     f"{tolerance:.0e}",
-                    f"{cold:.2f}",
-                    f"{cached:.2f}",
-                    f"{size / 1e6:.1f}",
+                    *said.stdout.split(),
                 ]
             )
-    table(say, ["rate", "radii", "tolerance", "cold, s", "from disk, s", "on disk, MB"], rows)
+    head = ["trunks", "radii", "rate", "record", "tolerance", "cold, ms", "warm, ms", "MB"]
+    table(say, [*head, "error", "worst octave"], rows)
+
+
+def _one_case(case: tuple, tolerance: float) -> None:
+    """Print one row: in a process of its own."""
+    count, side, radii, rate, seconds = case
+    rng = stream(5, "bench", "case", count)
+    place = rng.uniform(-side / 2, side / 2, (count, 2))
+    paths = _paths(Trunks(place, rng.uniform(*radii, count), np.arange(count)), 10.0)
+    size = _record(paths, rate)
+    if seconds is not None:
+        size = int(seconds * rate)
+        paths = paths.select(paths.earliest < (seconds - 0.05) * AIR.speed())
+    prepared = Expansions()
+    start = time.process_time()
+    samples = prepared.sum(paths, rate, size, AIR, tolerance).samples
+    cold = time.process_time() - start
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    warm = median_seconds(lambda: prepared.sum(paths, rate, size, AIR, tolerance), runs=3)
+    whole, worst = _octave_errors(paths, rate, samples)
+    print(f"{1e3 * cold:.0f} {1e3 * warm:.0f} {peak:.0f} {whole:.1e} {worst:.1e}")
+
+
+def _octave_errors(paths: TrunkPaths, rate: float, samples: np.ndarray) -> tuple[float, float]:
+    """Relative errors over frequencies weighted by the width of their octaves, and in the worst octave."""
+    rng = stream(6, "bench", "octaves")
+    gaps, wholes, octave = [], [], 20.0
+    while 1.5 * octave < 0.45 * rate:
+        frequency = rng.uniform(octave, min(2 * octave, 0.45 * rate), 2)
+        loss = absorption(frequency, AIR.temperature_c, AIR.humidity, AIR.pressure_kpa)
+        exact = np.array(
+            [
+                np.sum(
+                    paths.weight
+                    * np.exp(-(b + 2j * np.pi * f / AIR.speed()) * paths.length)
+                    * transfer(f, paths.angle, paths.radius, AIR.speed())
+                )
+                for f, b in zip(frequency, loss, strict=True)
+            ]
+        )
+        found = [
+            np.exp(-2j * np.pi * f / rate * np.arange(len(samples))) @ samples for f in frequency
+        ]
+        gaps.append(np.sqrt(octave) * np.linalg.norm(np.array(found) - exact))
+        wholes.append(np.sqrt(octave) * np.linalg.norm(exact))
+        octave *= 2
+    ratio = np.array(gaps) / np.array(wholes)
+    return float(np.linalg.norm(gaps) / np.linalg.norm(wholes)), float(ratio.max())
 
 
 def _radii(say: Say) -> None:
@@ -234,3 +293,7 @@ def _single_against_multiple(say: Say) -> None:
         level = np.median([each.level_db for each in found])
         rows.append([f"{density:g}", f"{100 * error:.0f} %", f"{level:+.1f}"])
     table(say, ["trunks/m²", "relative L2 error", "level, dB"], rows)
+
+
+if __name__ == "__main__":
+    _one_case(*ast.literal_eval(sys.argv[1]))

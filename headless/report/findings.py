@@ -190,17 +190,16 @@ def reverb_finding(
         "Reverberation time is read from -5 to -35 dB of the energy decay; C50 with the onset at "
         "-20 dB.",
     ]
-    beyond = {f: e for f, e in response.errors.items() if e > sensor.tolerance}
-    if beyond and not response.exact:
-        notes.append(
-            "Beyond that: "
-            + ", ".join(f"{e:.0e} from {f:g} Hz" for f, e in sorted(beyond.items()))
-            + ", found by direct checks."
-        )
+    notes += [
+        f"From {low:g} Hz to {2 * low:g} Hz the error of the sum is {error:.0e}."
+        for low, error in sorted(response.errors.items())
+        if error > sensor.tolerance
+    ]
     if response.late:
         notes.append(
-            f"{response.late:,} trunks are heard after the record's end; what it leaves out is "
-            f"{response.left_db[0]:.0f} dB below all of the sound. Measures that need it are not given."
+            f"The record ends before the sound: {response.late:,} trunks come later, with "
+            f"{response.left_db[0]:.0f} dB of the energy. Measures that this would change are left out; "
+            "duration = 0 records all."
         )
     if len(channels) > 1:
         notes.append(

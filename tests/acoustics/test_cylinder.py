@@ -136,3 +136,10 @@ def test_rayleigh_branch_joins() -> None:
 def test_impossible_sizes_are_refused(wrong: float) -> None:
     with pytest.raises(ValueError, match="ka must be"):
         scattering_sum([1.0, wrong], 0.0)
+
+
+@pytest.mark.parametrize("ka", [1500.3, 2500.0, 4200.0])
+def test_the_stated_error_of_large_sizes(ka: float) -> None:
+    """At 2500 and 4200 it is twice what holds below 2000."""
+    gap = max(abs(scattering_sum(ka, a) - scattering_sum_mpmath(ka, a)) for a in (0.5, 2.5))
+    assert gap < (5e-14 if ka < 2000 else 1.5e-13) * (1 + ka)

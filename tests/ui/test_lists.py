@@ -29,6 +29,7 @@ def test_plantings_and_hills_are_added_and_removed(props):
     assert not bpy.ops.forest.add_gaussian.poll()
 
 
+@pytest.mark.slow
 def test_a_scanner_travels_along_poses(built):
     press("add_sensor", kind="mobile")
     track = bpy.data.objects["track"].forest_sensor.mobile
@@ -44,6 +45,7 @@ def test_a_scanner_travels_along_poses(built):
     assert len(track.poses) == 1
 
 
+@pytest.mark.slow
 def test_a_reverb_has_further_ends(built):
     bpy.context.view_layer.objects.active = bpy.data.objects["reverb"]
     for end in ("source", "receiver", "receiver"):

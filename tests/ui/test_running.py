@@ -25,6 +25,7 @@ from forest_addon.ui.forest import build
 from forest_addon.ui.sensors.run import FOREST_OT_run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["build", "run"])
 def test_other_modes_are_refused_with_a_reason(built, name):
     bpy.context.view_layer.objects.active = add_cube()
@@ -41,6 +42,7 @@ def test_a_missing_package_is_named(small, name, monkeypatch):
         press(name)
 
 
+@pytest.mark.slow
 def test_a_job_stays_in_the_scene_that_it_was_begun_in(built):
     """Whatever the window shows meanwhile: points, figures and forest belong where the button was pressed."""
     first, second = bpy.context.scene, bpy.data.scenes.new("Second")
@@ -76,6 +78,7 @@ def test_a_job_whose_scene_is_removed_says_so(built):
     assert said == ["The scene was removed or undone meanwhile; run it again"]
 
 
+@pytest.mark.slow
 def test_everything_twice_nothing_piles_up(small):
     def everything():
         assert press("build") == {"FINISHED"}

@@ -32,6 +32,7 @@ def test_an_exported_scene_file_says_the_same(built, tmp_path):
     assert exchange.to_spec(bpy.context.scene) == before
 
 
+@pytest.mark.slow
 def test_without_a_window_the_exported_scene_gives_the_same_bytes(built, tmp_path):
     """The panel's scene and the one of a file are the same thing: every result, bit for bit."""
     built.output = str(tmp_path / "panel")
@@ -82,6 +83,7 @@ def test_a_bad_scene_file_changes_nothing(small, tmp_path, text, words):
     assert exchange.to_spec(bpy.context.scene) == before
 
 
+@pytest.mark.slow
 def test_species_files_are_found_beside_the_scene_file(props, tmp_path):
     for name in ("species", "templates"):
         shutil.copytree(ROOT / "assets" / name, tmp_path / name)
@@ -92,6 +94,7 @@ def test_species_files_are_found_beside_the_scene_file(props, tmp_path):
     assert press("build") == {"FINISHED"}
 
 
+@pytest.mark.slow
 def test_a_saved_file_brings_everything_back(built, tmp_path):
     run("cloud")
     run("echo")

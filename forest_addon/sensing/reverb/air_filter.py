@@ -36,7 +36,7 @@ class AirFilter:
     def __init__(self, rate: float, air: Air, tolerance: float) -> None:
         self.rate, self.air, self.tolerance = rate, air, tolerance
         self.step = air.speed() / rate  # metres a sample
-        slowest = min(relaxation(air.temperature_c, air.humidity, air.pressure_kpa))
+        slowest = float(np.min(relaxation(air.temperature_c, air.humidity, air.pressure_kpa)))
         tail = min(LONGEST_TAIL, DECAYS / (2.0 * math.pi * slowest))
         self._tail = 64 + math.ceil(tail * rate)
         self._hop = max(SHORTEST, 3 * self._tail)

@@ -25,12 +25,13 @@ from ...spec import Air
 from .air_filter import AirFilter
 from .expansion import Layer, expand
 from .panel_sum import panel_spectrum
-from .scattering import SPREAD, TrunkPaths, roll_off, transform_length
+from .scattering import RINGING, SPREAD, TrunkPaths, roll_off, transform_length
 
 TRUNKS_AT_ONCE = 65536
 GRID_AT_ONCE = 1 << 23  # values of the even grid, of as many terms as that allows
 MOST_KEPT = 1 << 27  # bytes of filters that a layer keeps as spectra
 FEW_RADII = 4
+LONGEST_RINGING = 10.0  # s of a transform after the last arrival
 BESIDE = 160  # samples of a low layer before and after the record; they fade out
 
 
@@ -92,7 +93,10 @@ class Expansions:
 
 
 def _by_panels(paths: TrunkPaths, rate: float, count: int, air: Air, tolerance: float) -> FastSum:
-    size = transform_length(paths, rate, count, air.speed())
+    # a thick trunk rings on as t^-2.5, and must not be heard again at the record's faint end
+    slow = float(paths.radius.max()) / air.speed() * (1e4 / tolerance) ** 0.4
+    ringing = min(LONGEST_RINGING, max(RINGING, slow))
+    size = transform_length(paths, rate, count, air.speed(), ringing)
     frequency = np.arange(size // 2 + 1) * (rate / size)
     loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
     spectrum, checks = panel_spectrum(paths, rate / size, loss, air.speed(), tolerance)

@@ -1,4 +1,4 @@
-"""The sum over trunks of many radii, panel by panel of frequency: few evaluations of H, then Fourier transforms.
+"""The sum over trunks of many radii, panel by panel of frequency: H at a few nodes, then transforms.
 
 Paths by trunks go in, Σ_m w_m·e^{-(b+ik)x_m}·H(f, φ_m, a_m) comes out on an even grid of frequencies, as
 from ``scattering.scattered_spectrum``, which is the exact sum. In a panel of frequencies
@@ -15,7 +15,7 @@ heights of some trunks are compared with partial wave sums at frequencies betwee
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,12 +28,18 @@ from ...rng import stream
 from .field_table import FieldTable, middle, near_face, polynomials, series
 from .scattering import TrunkPaths
 
+Shift = Callable[[np.ndarray], np.ndarray]  # of angles
+
 RATIO = 4.0  # thickest over thinnest radius of the trunks that share panels
-FIRST, GROWTH, WIDEST = 0.1, 4.0, 16.0  # ends of panels in ka of the thickest: the first; factor; step
+FIRST, GROWTH, WIDEST = (
+    0.1,
+    4.0,
+    16.0,
+)  # ends of panels in ka of the thickest: the first; factor; step
 MOST_NODES, TRIED_NODES = 40, 64  # of a panel; at which its series is looked at
 FARTHER = (0.0, 0.02, 0.1, 0.3, 0.6, 1.0)  # shares of the trunks, at which the air is looked at
 FEW_BINS = 6  # of a panel that needs no interpolation
-SHARE = 0.1  # of the tolerance, for each approximation
+SHARE = 0.2  # of the tolerance, for each approximation
 REACH = 2.6  # radians by which H turns to both sides of its middle when ka grows by 1
 TURN, WIDEST_TURN = 1.5, 6.0  # radians by which H turns from the middle of a box to its side
 FULL = 40  # trunks a box; with fewer, boxes are larger
@@ -88,7 +94,11 @@ class _Group:
         self.thickest = float(paths.radius.max())
         rng = stream(len(paths.length), "panels", "checks")
         loudness = np.square(paths.weight * paths.radius)
-        drawn = rng.choice(len(loudness), PROBES, p=loudness / loudness.sum()) if loudness.any() else [0]
+        drawn = (
+            rng.choice(len(loudness), PROBES, p=loudness / loudness.sum())
+            if loudness.any()
+            else [0]
+        )
         self.probes, self.rng = np.unique(drawn), rng
 
     def add_to(self, spectrum: np.ndarray) -> list[Check]:
@@ -98,7 +108,7 @@ class _Group:
         while first <= last:
             stop = min(last, max(first, int(end / of_bin)))
             panel = _Panel(self, first, stop)
-            while panel.nodes is None:  # it turns too much for one
+            while not panel.fits:  # it turns too much for one
                 stop = (first + stop) // 2
                 panel = _Panel(self, first, stop)
             spectrum[first : stop + 1] += panel.spectrum()
@@ -110,7 +120,7 @@ class _Group:
 class _Panel:
     """The bins ``first`` to ``last``.
 
-    nodes : (Q,) Hz, None where more than MOST_NODES would be needed.
+    nodes : (Q,) Hz. fits : whether MOST_NODES are enough.
     shift : what is taken off the paths, over the radius, as a function of the angle.
     """
 
@@ -123,11 +133,18 @@ class _Panel:
         self.checks: list[Check] = []
         near = group.paths.length - group.paths.length.min()
         loud = np.square(group.paths.weight * group.paths.radius**2)
-        loud = loud * np.exp(-2.0 * self._loss(self.frequency.mean()) * near) + 1e-300
-        self.typical = float(np.average(group.paths.length, weights=loud))  # m; air is taken off so far
-        self.nodes, self.shift = self._nodes()
+        loud = (
+            loud * np.exp(-2.0 * self._loss(self.frequency[[len(self.frequency) // 2]]) * near)
+            + 1e-300
+        )
+        self.typical = float(
+            np.average(group.paths.length, weights=loud)
+        )  # m; air is taken off so far
+        nodes, self.shift = self._nodes()
+        self.fits = nodes is not None
+        self.nodes = self.frequency[:0] if nodes is None else nodes
 
-    def _nodes(self) -> tuple[np.ndarray | None, np.ufunc]:
+    def _nodes(self) -> tuple[np.ndarray | None, Shift]:
         """As few as the thickest trunks need, with the better of two shifts."""
         if len(self.frequency) <= FEW_BINS:
             return self.frequency, middle
@@ -139,7 +156,9 @@ class _Panel:
         left = np.exp(-np.outer(self._loss(tried), farther))
         best, shift = MOST_NODES + 1, middle
         for way in (near_face, middle):
-            turned = values * np.exp(-1j * np.outer(z, way(self.boxes.angles) - middle(self.boxes.angles)))
+            turned = values * np.exp(
+                -1j * np.outer(z, way(self.boxes.angles) - middle(self.boxes.angles))
+            )
             size = np.abs(series(turned[:, :, None] * left[:, None], 0)).max(axis=2)
             tail = np.cumsum(size[::-1], axis=0)[::-1]
             large = (tail > self.group.allowed * np.abs(values).min(axis=0)).any(axis=1)
@@ -158,7 +177,9 @@ class _Panel:
     def _loss(self, frequency: np.ndarray) -> np.ndarray:
         """Nepers per metre."""
         group = self.group
-        found: np.ndarray = np.interp(frequency / group.spacing, np.arange(len(group.loss)), group.loss)
+        found: np.ndarray = np.interp(
+            frequency / group.spacing, np.arange(len(group.loss)), group.loss
+        )
         return found
 
     def spectrum(self) -> np.ndarray:
@@ -193,7 +214,9 @@ class _Panel:
         low, high = self.frequency[[0, -1]]
         frequency = self.group.rng.uniform(low, high)
         k = float(self._wavenumber(np.array(frequency)))
-        place = np.array([2.0 * (frequency - low) / (high - low) - 1.0]) if high > low else np.zeros(1)
+        place = (
+            np.array([2.0 * (frequency - low) / (high - low) - 1.0]) if high > low else np.zeros(1)
+        )
         if len(self.frequency) <= FEW_BINS:
             k, found = float(self._wavenumber(self.nodes[0])), heights[here, 0]
             frequency = float(self.nodes[0])
@@ -219,10 +242,10 @@ class _Boxes:
         radius, angle, k = paths.radius, paths.angle, float(wavenumber[1])
         across = REACH * k * float(np.ptp(radius)) / 2
         # both creeping waves, and at the least Rayleigh's 1 - 2cos φ
-        around = (1.5 * k * float(radius.max()) + 2.0) * float(np.ptp(angle)) / 2
+        around = (1.5 * k * float(radius.max()) + 4.0) * float(np.ptp(angle)) / 2
         turn = TURN
         while True:
-            self.bins = _Side(radius, across, turn, allowed)
+            self.bins = _Side(radius, across, turn, allowed, poles=REACH)
             self.sectors = _Side(angle, around, turn, allowed)
             population = np.bincount(self.sectors.of, minlength=self.sectors.count)
             sparse = population <= SPARSE * self.sectors.nodes
@@ -237,7 +260,7 @@ class _Boxes:
         low, high = wavenumber[0] * radius.min(), wavenumber[1] * radius.max()
         self.table = FieldTable(float(low), float(high), self.angles)
 
-    def heights(self, k: np.ndarray, shift: np.ufunc) -> tuple[np.ndarray, np.ndarray]:
+    def heights(self, k: np.ndarray, shift: Shift) -> tuple[np.ndarray, np.ndarray]:
         """Rows (M,) of all trunks in the order of boxes, and H·k^{-3/2}/a² (M, Q) at wavenumbers (Q,)."""
         sectors, bins = self.sectors, self.bins
         key = bins.of * sectors.count + sectors.of
@@ -266,7 +289,7 @@ class _Boxes:
                 np.matmul(basis[here], of_box, out=heights[here].view(np.float64))
         return order, heights
 
-    def _values(self, k: np.ndarray, shift: np.ufunc, columns: slice) -> np.ndarray:
+    def _values(self, k: np.ndarray, shift: Shift, columns: slice) -> np.ndarray:
         """(B, S, T, Q) at the Chebyshev points of the boxes of all bins and some sectors."""
         radii, angles = self.bins.points(), self.angles[columns]
         z = np.multiply.outer(radii, k)  # (B, A, Q)
@@ -277,7 +300,7 @@ class _Boxes:
         packed: np.ndarray = np.ascontiguousarray(values.transpose(0, 3, 4, 1, 2))
         return packed.reshape(len(radii), -1, self.bins.nodes * self.sectors.nodes, len(k))
 
-    def _each_alone(self, rows: np.ndarray, k: np.ndarray, shift: np.ufunc) -> np.ndarray:
+    def _each_alone(self, rows: np.ndarray, k: np.ndarray, shift: Shift) -> np.ndarray:
         """(m, Q) of the trunks of sparse sectors."""
         first = len(self.filled) * self.sectors.nodes
         column = first + np.searchsorted(self.alone, rows)
@@ -292,13 +315,16 @@ class _Boxes:
 class _Side:
     """One side of the boxes: equal parts of the span of values (M,) over which H turns so much."""
 
-    def __init__(self, values: np.ndarray, turn: float, most: float, allowed: float) -> None:
+    def __init__(
+        self, values: np.ndarray, turn: float, most: float, allowed: float, poles: float = 0.0
+    ) -> None:
+        """poles : how far in turns H has poles beside the side, which lie about 1 off in ka; 0: none."""
         self.values = values
         self.low, self.span = float(values.min()), float(np.ptp(values))
         self.count = max(1, math.ceil(turn / most))
-        self.nodes = _nodes_for(turn / self.count, allowed) if self.span > 0 else 1
-        self.step = self.span / self.count if self.span > 0 else 1.0
-        share = (values - self.low) / self.step
+        self.nodes = _nodes_for(turn / self.count, allowed, poles) if self.span > 0 else 1
+        self.step = self.span / self.count
+        share = (values - self.low) / (self.step or 1.0)
         self.of = np.minimum(share.astype(np.int64), self.count - 1)
 
     def points(self) -> np.ndarray:
@@ -309,15 +335,22 @@ class _Side:
 
     def lagrange(self, rows: np.ndarray) -> np.ndarray:
         """(m, nodes) polynomials of each value's part, which are 1 at one of its points and 0 at others."""
-        place = 2.0 * ((self.values[rows] - self.low) / self.step - self.of[rows]) - 1.0
+        place = 2.0 * ((self.values[rows] - self.low) / (self.step or 1.0) - self.of[rows]) - 1.0
         found: np.ndarray = polynomials(place, self.nodes).T @ series(np.eye(self.nodes), 0)
         return found
 
 
-def _nodes_for(turn: float, allowed: float) -> int:
-    """Terms of the Chebyshev series of e^{i·turn·x}, |x| <= 1: coefficients 2·i^n·J_n (DLMF 10.12.3)."""
+def _nodes_for(turn: float, allowed: float, poles: float = 0.0) -> int:
+    """Terms of the Chebyshev series of e^{i·turn·x}, |x| <= 1: coefficients 2·i^n·J_n (DLMF 10.12.3).
+
+    With poles at ±i·poles/turn, coefficients fall as ρ^-n, ρ from the ellipse through them, at the least.
+    """
     order = np.arange(64)
-    return int(order[2.0 * np.abs(special.jv(order, turn)) > 0.1 * allowed].max()) + 2
+    count = int(order[2.0 * np.abs(special.jv(order, turn)) > 0.1 * allowed].max()) + 2
+    if poles > 0 and turn > 0:
+        ellipse = poles / turn + math.hypot(1.0, poles / turn)
+        count = max(count, math.ceil(math.log(1.0 / allowed) / math.log(ellipse)) + 1)
+    return count
 
 
 def _turn(cycles: np.ndarray) -> np.ndarray:

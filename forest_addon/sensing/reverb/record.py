@@ -46,10 +46,15 @@ def arrival_energies(
     for row, (k, b) in enumerate(zip(wavenumber, loss, strict=True)):
         z = np.maximum(k * paths.radius, size[0])
         answer = np.exp(np.interp(np.log(z), np.log(size), scattered)) * (2.0 / (math.pi * k))
-        energies[row] = band[row] * np.square(paths.weight) * answer * np.exp(-2.0 * b * paths.length)
+        energies[row] = (
+            band[row] * np.square(paths.weight) * answer * np.exp(-2.0 * b * paths.length)
+        )
     energies[:, paths.radius == 0] = 0.0
     unscattered = np.array(
-        [f * sum(math.exp(-2.0 * b * d) / d**2 for d in direct) for f, b in zip(band, loss, strict=True)]
+        [
+            f * sum(math.exp(-2.0 * b * d) / d**2 for d in direct)
+            for f, b in zip(band, loss, strict=True)
+        ]
     )
     return energies, unscattered
 

@@ -142,7 +142,9 @@ def impulse_response(
     between = trunks if callable(trunks) else lambda source, receiver: trunks
     beyond = continuation(between(*ends.pairs[0]), reverb, ends.on_ground, rng, field)
     if reverb.duration == 0:
-        lengths = [_needed(between(*pair).joined(beyond), *pair, reverb, air) for pair in ends.pairs]
+        lengths = [
+            _needed(between(*pair).joined(beyond), *pair, reverb, air) for pair in ends.pairs
+        ]
         reverb = replace(reverb, duration=max(lengths))
     found = []
     for number, (source, receiver) in enumerate(ends.pairs):

@@ -91,9 +91,11 @@ def trunk_paths(
     )
 
 
-def transform_length(paths: TrunkPaths, rate: float, count: int, sound_speed: float) -> int:
+def transform_length(
+    paths: TrunkPaths, rate: float, count: int, sound_speed: float, ringing: float = RINGING
+) -> int:
     """Samples of a transform that is longer than the last path and its ringing: nothing wraps around."""
-    last = float(paths.length.max(initial=0.0)) / sound_speed + RINGING
+    last = float(paths.length.max(initial=0.0)) / sound_speed + ringing
     return int(fft.next_fast_len(max(math.ceil(last * rate), count) + 2 * SPREAD, real=True))
 
 

@@ -35,6 +35,7 @@ def test_build_plants_a_forest(built):
     }
 
 
+@pytest.mark.slow
 def test_building_again_is_the_same_forest_and_nothing_piles_up(built):
     places = sorted(tuple(tree.matrix_world.translation) for tree in trees())
     before = counts()
@@ -44,6 +45,7 @@ def test_building_again_is_the_same_forest_and_nothing_piles_up(built):
     assert [c.name for c in bpy.context.scene.collection.children] == ["Forest"]
 
 
+@pytest.mark.slow
 def test_another_seed_is_another_forest(built):
     places = sorted(tuple(tree.matrix_world.translation) for tree in trees())
     built.seed += 1
@@ -51,6 +53,7 @@ def test_another_seed_is_another_forest(built):
     assert sorted(tuple(tree.matrix_world.translation) for tree in trees()) != places
 
 
+@pytest.mark.slow
 def test_an_update_keeps_objects_and_edits_and_can_be_undone(built):
     tree, ground = trees()[0], bpy.data.objects["Ground"]
     tree.modifiers.new("mine", "DECIMATE").ratio = 0.5
@@ -75,6 +78,7 @@ def test_an_update_keeps_objects_and_edits_and_can_be_undone(built):
         assert (ground.hide_render, ground.data.materials[0].name) == (True, "mine")
 
 
+@pytest.mark.slow
 def test_an_update_that_is_cancelled_changes_nothing(built):
     before, places = counts(), {tree.name: tree.matrix_world.copy() for tree in trees()}
     meshes = {mesh.name: mesh.session_uid for mesh in bpy.data.meshes}
@@ -100,6 +104,7 @@ def test_a_forest_without_trees_is_a_ground(small):
     assert facts(small, "cloud")["Ground"] == "100.0 %"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
@@ -121,6 +126,7 @@ def test_a_bad_setting_is_reported_and_the_old_forest_kept(built, spoil, words):
     assert facts(built, "forest")["Trees"] == str(len(places))
 
 
+@pytest.mark.slow
 def test_a_build_that_breaks_midway_takes_back_what_it_made(built, monkeypatch):
     before, names = counts(), {tree.name for tree in trees()}
 
@@ -134,6 +140,7 @@ def test_a_build_that_breaks_midway_takes_back_what_it_made(built, monkeypatch):
     assert {tree.name for tree in trees()} == names
 
 
+@pytest.mark.slow
 def test_what_the_user_has_is_left_alone(props, request):
     own = bpy.data.collections.new("Forest")
     bpy.context.scene.collection.children.link(own)
@@ -156,6 +163,7 @@ def test_the_first_press_starts_with_the_demo_scene(props, monkeypatch, tmp_path
     assert exchange.to_spec(bpy.context.scene).forest == read_settings(demo, Scene).forest
 
 
+@pytest.mark.slow
 def test_each_scene_has_a_forest_of_its_own(built):
     first = bpy.context.scene
     number = len(trees())
@@ -192,6 +200,7 @@ def test_a_terrain_that_is_deleted_while_trees_grow_on_it(small):
     assert {round(tree.matrix_world.translation.z, 6) for tree in trees()} == {5.0}
 
 
+@pytest.mark.slow
 def test_a_forest_is_built_when_our_collections_were_deleted(built, sensor):
     run("cloud")
     bpy.data.collections.remove(layout.root(bpy.context.scene))
@@ -200,6 +209,7 @@ def test_a_forest_is_built_when_our_collections_were_deleted(built, sensor):
     assert run("another") == {"FINISHED"}
 
 
+@pytest.mark.slow
 def test_a_new_forest_keeps_the_sensors_where_they_are(built):
     echo = bpy.data.objects["echo"]
     echo.location = (2, 2, 2)
@@ -209,6 +219,7 @@ def test_a_new_forest_keeps_the_sensors_where_they_are(built):
     assert echo.users_collection[0].name == "Sensors"
 
 
+@pytest.mark.slow
 def test_a_new_forest_forgets_the_results_of_the_old_one(built):
     press("run")
     shown = clouds()

@@ -14,6 +14,7 @@ from ui.pressing import (
 )
 
 
+@pytest.mark.slow
 def test_the_dice_and_the_sound(built):
     seed = built.seed
     assert press("new_seed") == {"FINISHED"}
@@ -25,6 +26,7 @@ def test_the_dice_and_the_sound(built):
     assert sound.packed_file is not None
 
 
+@pytest.mark.slow
 def test_points_are_selected_from_the_results(built):
     run("cloud")
     (cloud,) = clouds()
@@ -36,6 +38,7 @@ def test_points_are_selected_from_the_results(built):
         press("select_result", shown="cloud points")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LIDARS)
 def test_points_are_shown_and_selected_on_request(built, name):
     cube = add_cube()

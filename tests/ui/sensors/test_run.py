@@ -25,6 +25,7 @@ from forest_addon.ui import exchange
 from forest_addon.ui.sensors.run import FOREST_OT_run, FOREST_OT_run_frames
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SENSORS)
 def test_each_sensor_finds_something(built, name):
     assert run(name) == {"FINISHED"}
@@ -33,6 +34,7 @@ def test_each_sensor_finds_something(built, name):
     assert int(figures[found[name]].split()[0].replace(",", "")) > 0
 
 
+@pytest.mark.slow
 def test_points_of_both_lidars_lie_on_the_same_things(built):
     run("scan")
     run("cloud")
@@ -45,6 +47,7 @@ def test_points_of_both_lidars_lie_on_the_same_things(built):
         assert place[ground != 3, 2].min() > -0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SENSORS)
 def test_twice_in_a_row_nothing_piles_up(built, name):
     run(name)
@@ -81,6 +84,7 @@ def test_sensors_run_in_a_scene_of_the_users_own(props, sensor):
     assert len(props.results) == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SENSORS)
 def test_sensors_run_when_trees_or_results_were_deleted(built, name):
     run(name)
@@ -90,6 +94,7 @@ def test_sensors_run_when_trees_or_results_were_deleted(built, name):
     assert len(clouds()) == (name in (*LIDARS, "echo"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "key", "value", "words"),
     [
@@ -114,6 +119,7 @@ def test_a_source_below_the_ground_is_refused(built):
         run("reverb")
 
 
+@pytest.mark.slow
 def test_a_sensor_that_is_moved_sees_from_there(built):
     run("cloud")
     before = facts(built, "cloud")
@@ -122,6 +128,7 @@ def test_a_sensor_that_is_moved_sees_from_there(built):
     assert facts(built, "cloud") != before
 
 
+@pytest.mark.slow
 def test_a_sensor_follows_the_frames(built, tmp_path):
     scene, echo = bpy.context.scene, bpy.data.objects["echo"]
     for frame, x in ((1, -1), (3, -2)):
@@ -147,6 +154,7 @@ def test_sensors_are_added_chosen_and_removed(built):
     assert "reverb.001" not in bpy.data.objects
 
 
+@pytest.mark.slow
 def test_an_edit_of_the_scene_is_seen(built):
     run("cloud")
     before = facts(built, "cloud")
@@ -156,6 +164,7 @@ def test_an_edit_of_the_scene_is_seen(built):
     assert facts(built, "cloud") != before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "file"),
     [("scan", "scan.npz"), ("cloud", "cloud.laz"), ("echo", "echo.npz"), ("reverb", "reverb.wav")],
@@ -168,6 +177,7 @@ def test_results_are_saved_where_the_user_says(built, name, file, tmp_path):
     assert built.results[name].file == str(written)
 
 
+@pytest.mark.slow
 def test_nothing_is_saved_unless_asked(built, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     press("run")
@@ -211,6 +221,7 @@ def test_a_scanner_without_a_way_is_told_so(built, sensor):
         run("track")
 
 
+@pytest.mark.slow
 def test_a_scanner_flies_over_the_forest(built, sensor):
     settings = {"position": (3, -2, 30), "track": 10, "speed": 10}
     sensor("airborne", pulse_rate=2000, line_rate=20, **settings)
