@@ -97,6 +97,7 @@ WHEN_USED = {
     "high": 1.0,
     "trunk_daughters": spec.Discrete(values=(3,)),
     "template": spec.Template(wood=""),
+    "siblings": spec.Siblings(),
     "rules": spec.Rules(axiom="A", productions=("A -> F[+A][-A]/(90)A",)),
     "honda": spec.Honda(),
 }
@@ -363,7 +364,7 @@ def _make_groups() -> dict[type, type]:
     groups: dict[type, type] = {}
     held = (spec.Distance, spec.Terrain, spec.Gaussian, spec.Raster, spec.Rows)
     of_species = (spec.Normal, spec.Discrete, spec.Grammar, spec.Jitter, spec.Template, spec.Look)
-    of_trees = (spec.Rules, spec.Honda, spec.Leaf, spec.Detail, spec.Species)
+    of_trees = (spec.Siblings, spec.Rules, spec.Honda, spec.Leaf, spec.Detail, spec.Species)
     of_sensors = (spec.Beam, spec.Surfaces, spec.Noise, spec.Pose, spec.Place)
     of_scene = (spec.Forest, spec.Planting, spec.Stems, spec.Air, spec.Rays)
     plain = (*held, *of_species, *of_trees, *of_sensors, *of_scene)
