@@ -128,10 +128,8 @@ def make_library(
     try:
         habit = fit(dissect(found, metres))
         tell(2, 4)
-        if grammar == "t20":
-            how = _t20_text(fit_grammar(split_tree(*metric)))
-        else:
-            how = _siblings_text(name)
+        fitted = grammar != "t20"
+        how = _siblings_text(name) if fitted else _t20_text(fit_grammar(split_tree(*metric)))
     except TemplateError as problem:
         raise NotUnderstoodError(problem, timber) from None
     tell(3, 4)

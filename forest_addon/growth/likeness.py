@@ -23,13 +23,14 @@ MOST_DIFFERENCE, LEAST_OVERLAP, MOST_SPREADS = 0.10, 0.85, 2.0  # the goals
 class Number:
     """One number of the template and of its siblings.
 
-    difference : of the mean over the template, less 1. spreads : the same in standard deviations.
+    spread : standard deviation over the siblings. room : a difference that is none, whatever the per cent.
     """
 
     name: str
     template: float
     mean: float
     spread: float
+    room: float = 0.0
 
     @property
     def difference(self) -> float:
@@ -44,9 +45,10 @@ class Number:
     @property
     def good(self) -> bool:
         """Whether the goals are met; decibels are compared by what they differ."""
-        near = abs(self.difference) <= MOST_DIFFERENCE
+        apart = abs(self.mean - self.template)
+        near = apart <= max(MOST_DIFFERENCE * abs(self.template), self.room)
         if self.name.endswith("dB"):
-            near = abs(self.mean - self.template) <= 1.0
+            near = apart <= 1.0
         return near and (self.spreads <= MOST_SPREADS or abs(self.difference) < 0.01)
 
 
@@ -86,7 +88,8 @@ class Likeness:
     @property
     def missed(self) -> list[str]:
         """Names of what is outside the goals."""
-        return [row.name for row in (*self.numbers, *self.profiles) if not row.good]
+        numbers = [row.name for row in self.numbers if not row.good]
+        return numbers + [row.name for row in self.profiles if not row.good]
 
 
 def compare(template: Portrait, siblings: Sequence[Portrait]) -> Likeness:
@@ -94,7 +97,8 @@ def compare(template: Portrait, siblings: Sequence[Portrait]) -> Likeness:
     numbers = []
     for name, value in template.numbers.items():
         found = np.array([one.numbers.get(name, 0.0) for one in siblings])
-        numbers.append(Number(name, value, float(found.mean()), float(found.std(ddof=1))))
+        room = 0.02 * template.numbers["height, m"] if name == "crown base, m" else 0.0
+        numbers.append(Number(name, value, float(found.mean()), float(found.std(ddof=1)), room))
     samples = []
     for name, values in template.samples.items():
         pooled = np.concatenate([one.samples.get(name, np.empty(0)) for one in siblings])

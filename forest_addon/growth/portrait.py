@@ -72,9 +72,10 @@ def portray(tree: Tree) -> Portrait:
 def axes_of(wood: Skeleton) -> tuple[np.ndarray, np.ndarray]:
     """(B,) first segment of each axis, and (S,) axis of each segment."""
     begins = (wood.parent < 0) | (wood.order[np.maximum(wood.parent, 0)] != wood.order)
-    axis = np.where(begins, np.cumsum(begins) - 1, -1)
-    for segment in np.flatnonzero(~begins):  # mothers come first
-        axis[segment] = axis[wood.parent[segment]]
+    begin = np.where(begins, np.arange(len(begins)), wood.parent)
+    while not begins[begin].all():  # twice as far with each round
+        begin = begin[begin]
+    axis = np.cumsum(begins)[begin] - 1
     return np.flatnonzero(begins), axis
 
 
@@ -104,7 +105,7 @@ def gaps_at_feet(wood: Skeleton) -> np.ndarray:
 
 
 def crown_width(tree: Tree) -> float:
-    """Mean width of the crown's shadow between parallel lines, over all sides; without leaves, of the wood."""
+    """Mean width of the crown's shadow between parallel lines, from all sides; else of the wood."""
     points = tree.leaves.centre if len(tree.leaves) else tree.skeleton.end
     side = np.pi * np.arange(SIDES) / SIDES
     across = points[:, :2] @ np.stack([np.cos(side), np.sin(side)])
@@ -112,7 +113,7 @@ def crown_width(tree: Tree) -> float:
 
 
 def crown_base(tree: Tree) -> float:
-    """Height below which the lowest fiftieth of the leaf area is; without leaves, the lowest branch's foot."""
+    """Height with a fiftieth of the leaf area below it; without leaves, the lowest branch's foot."""
     if len(tree.leaves):
         up = np.argsort(tree.leaves.centre[:, 2])
         area = np.cumsum(tree.leaves.radius[up] ** 2)

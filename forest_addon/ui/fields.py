@@ -28,6 +28,7 @@ WHEN_USED = {
     "high": 1.0,
     "trunk_daughters": spec.Discrete(values=(3,)),
     "template": spec.Template(wood=""),
+    "siblings": spec.Siblings(),
     "rules": spec.Rules(axiom="A", productions=("A -> F[+A][-A]/(90)A",)),
     "honda": spec.Honda(),
 }

@@ -66,7 +66,7 @@ def lay_sloping(
 
 def _sloped(frame: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """Frames turned by the least turn to this slope; one that is upright falls towards its N."""
-    x, y, z = frame[:, :, 2].T
+    x, y = frame[:, :2, 2].T
     flat = np.hypot(x, y)
     upright = flat <= LEVEL
     if upright.any():

@@ -34,5 +34,5 @@ class Runs:
 
 
 def bounds(size: np.ndarray) -> np.ndarray:
-    """(N + 1,) the first row of owners that have so many rows each, one after the other; and the number of all rows."""
+    """(N + 1,) the first row of owners with so many rows each, one after the other, and the end."""
     return np.concatenate([[0], np.cumsum(size)]).astype(np.int64)

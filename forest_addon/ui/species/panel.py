@@ -12,7 +12,7 @@ from ..lists import draw_list
 from ..words import label
 from .edit import edited_item
 
-GROWN = ("rules", "honda")  # in place of the grammar
+GROWN = ("siblings", "rules", "honda")  # in place of the grammar
 SPREADS = {"FOREST_PG_normal": ("mean", "sd"), "FOREST_PG_discrete": ("values", "weights")}
 
 
@@ -70,6 +70,8 @@ def _is_idle(group: Any, part: str) -> bool:
     """Whether a part of a species has no effect beside others that are in use."""
     if part in ("grammar", "jitter"):
         return any(getattr(group, f"use_{other}") for other in GROWN)
+    if part == "siblings":
+        return not group.use_template
     return part == "detail" and group.use_template
 
 

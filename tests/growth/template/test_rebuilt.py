@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from references.model_tree import Model, line, tree
@@ -81,7 +83,8 @@ def test_a_tree_in_centimetres_anywhere_is_rebuilt_in_metres():
 def test_bends_walk_a_line_again_and_a_circle_is_a_circle():
     rng = np.random.default_rng(4)
     first = np.array([0, 7, 8, 20])
-    way = rng.normal(size=(20, 3)) + [0, 0, 1.5]
+    way = rng.normal(size=(20, 3))
+    way[:, 2] += 1.5
     length = np.linalg.norm(way, axis=1)
     start = np.tile(np.eye(3), (3, 1, 1))
     start[:, :, 2] = (way / length[:, None])[first[:-1]]
@@ -139,9 +142,7 @@ def test_a_bent_tube_keeps_its_thickness():
     stock = anatomy.wood.stock
     bent = mesh.vertices[len(mesh.vertices) - int(stock.vertices.size[1]) :]
     knots = grown.lines.knot[-count - 1 :]
-    fine = np.concatenate(
-        [np.linspace(a, b, 50) for a, b in zip(knots[:-1], knots[1:], strict=True)]
-    )
+    fine = np.concatenate([np.linspace(a, b, 50) for a, b in pairwise(knots)])
     radius = cKDTree(fine).query(bent)[0]
     assert np.percentile(radius, 5) > 0.046
     assert np.percentile(radius, 95) < 0.0505
