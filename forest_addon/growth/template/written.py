@@ -20,17 +20,18 @@ from .lines import seats_on
 from .relay import feet_of_leaves, hang_leaves
 from .sibling import Grown
 
+Hung = tuple[int, float, str]  # stretch of the axis, how far along it, text
 LEAST = 1e-7  # metres and degrees that are left out
 FULL_TURN = 360.0
 
 
 def write_string(habit: Habit, grown: Grown, variety: float, generations: int) -> str:
     """The string after so many generations; one more than the deepest order has the leaves too."""
-    parts: dict[int, list[tuple[float, str]]] = {}
+    parts: dict[int, list[Hung]] = {}
     orders = int(grown.order.max(initial=0)) + 1
     if generations > orders:
-        for branch, place, text in _leaves(habit.anatomy, grown, variety):
-            parts.setdefault(branch, []).append((place, text))
+        for branch, hung in _leaves(habit.anatomy, grown, variety):
+            parts.setdefault(branch, []).append(hung)
     seat = _seats(grown)
     for branch in range(len(grown.piece) - 1, -1, -1):  # daughters come after their mothers
         order = int(grown.order[branch])
@@ -39,10 +40,11 @@ def write_string(habit: Habit, grown: Grown, variety: float, generations: int) -
         own = parts.pop(branch, [])
         text = _axis(grown, branch, own) if order < generations else _letter(habit, grown, branch)
         mother = int(grown.mother[branch])
-        place, way = _way_to(grown, branch, seat)
+        way = _way_to(grown, branch, seat)
         opened = f"[{way}{text}]" if mother >= 0 or (grown.mother < 0).sum() > 1 else way + text
-        parts.setdefault(mother, []).append((place, opened))
-    return "".join(text for _, text in sorted(parts.get(-1, []), key=lambda part: part[0]))
+        where = int(seat[0][branch]), float(seat[1][branch])
+        parts.setdefault(mother, []).append((*where, opened))
+    return "".join(text for _, _, text in parts.get(-1, []))
 
 
 def generations_of(habit: Habit) -> int:
@@ -50,20 +52,20 @@ def generations_of(habit: Habit) -> int:
     return int(habit.anatomy.order.max(initial=0)) + 2
 
 
-def _axis(grown: Grown, branch: int, hanging: list[tuple[float, str]]) -> str:
-    """The steps of an axis with what hangs on it; places are counted in stretches."""
+def _axis(grown: Grown, branch: int, hanging: list[Hung]) -> str:
+    """The steps of an axis with what hangs on it."""
     lines = grown.lines
     rows = range(int(lines.first[branch]), int(lines.first[branch + 1]))
-    hanging = sorted(hanging, key=lambda part: part[0])
+    hanging = sorted(hanging, key=lambda hung: hung[:2])
     out, next_one = [], 0
     for number, row in enumerate(rows):
         out.append(_turned(lines.frame[row - 1].T @ lines.frame[row]) if number else "")
         knot = row + branch
         out.append(f"!({lines.radius[knot] + lines.radius[knot + 1]:.6g})")
-        at, last = 0.0, number == len(rows) - 1
-        while next_one < len(hanging) and (last or hanging[next_one][0] < number + 1):
-            part = min(max(hanging[next_one][0] - number, at), 1.0)
-            out += [_step("F", (part - at) * lines.length[row]), hanging[next_one][1]]
+        at = 0.0
+        while next_one < len(hanging) and hanging[next_one][0] == number:
+            part = hanging[next_one][1]
+            out += [_step("F", (part - at) * lines.length[row]), hanging[next_one][2]]
             at, next_one = part, next_one + 1
         out.append(_step("F", (1.0 - at) * lines.length[row]))
     return "".join(out)
@@ -92,19 +94,17 @@ def _seats(grown: Grown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return stretch, part, off
 
 
-def _way_to(
-    grown: Grown, branch: int, seat: tuple[np.ndarray, np.ndarray, np.ndarray]
-) -> tuple[float, str]:
-    """Where on its mother a branch sits, in stretches, and how the turtle gets into its frame."""
+def _way_to(grown: Grown, branch: int, seat: tuple[np.ndarray, np.ndarray, np.ndarray]) -> str:
+    """How the turtle gets from her mother's axis into a branch's frame."""
     mother = int(grown.mother[branch])
-    stretch, part, off = (column[branch] for column in seat)
+    stretch, off = seat[0][branch], seat[2][branch]
     frame = GROUND if mother < 0 else grown.lines.frame[grown.lines.first[mother] + stretch]
     start = grown.lines.frame[grown.lines.first[branch]]
-    return float(stretch + part), _moved(off) + _turned(frame.T @ start)
+    return _moved(off) + _turned(frame.T @ start)
 
 
-def _leaves(anatomy: Anatomy, grown: Grown, variety: float) -> Iterator[tuple[int, float, str]]:
-    """Branch, place in stretches, and text of every leaf."""
+def _leaves(anatomy: Anatomy, grown: Grown, variety: float) -> Iterator[tuple[int, Hung]]:
+    """The branch of every leaf, and how it hangs there."""
     hung = hang_leaves(anatomy, grown, variety)
     foot, matrix = feet_of_leaves(anatomy, grown, hung, variety > 0)
     own = anatomy.foliage.truth
@@ -114,7 +114,6 @@ def _leaves(anatomy: Anatomy, grown: Grown, variety: float) -> Iterator[tuple[in
     up = np.einsum("nij,nj->ni", matrix, own.normal[hung.source])
     frame = np.stack([np.cross(up, heading), up, heading], axis=2)
     line = hung.branch
-    place = hung.seat.stretch + hung.seat.part
     bearer = grown.lines.frame[grown.lines.first[line] + hung.seat.stretch]
     knot = grown.lines.first[line] + hung.seat.stretch + line
     start, end = grown.lines.knot[knot], grown.lines.knot[knot + 1]
@@ -124,7 +123,7 @@ def _leaves(anatomy: Anatomy, grown: Grown, variety: float) -> Iterator[tuple[in
         size = f"~({own.length[hung.source[row]] * hung.size[row]:.6g},"
         size += f"{own.width[hung.source[row]] * hung.size[row]:.6g})"
         text = f"[{_moved(off[row])}{_turned(bearer[row].T @ frame[row])}{size}]"
-        yield int(line[row]), float(place[row]), text
+        yield int(line[row]), (int(hung.seat.stretch[row]), float(hung.seat.part[row]), text)
 
 
 def _moved(off: np.ndarray) -> str:

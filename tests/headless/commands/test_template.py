@@ -30,7 +30,12 @@ def test_a_users_tree_becomes_a_forest_in_two_commands(files, capsys):
     pytest.importorskip("bpy")
     out = files / "elm"
     assert (
-        main(["template", f"{files}/w.stl", f"{files}/l.stl", "--name", "elm", "--out", f"{out}"])
+        main(
+            [
+                *("template", f"{files}/w.stl", f"{files}/l.stl", "--name", "elm"),
+                *("--out", f"{out}", "--siblings", "3"),
+            ]
+        )
         == 0
     )
     said = capsys.readouterr().out
@@ -41,10 +46,14 @@ def test_a_users_tree_becomes_a_forest_in_two_commands(files, capsys):
     assert "centimetres" in said
     assert (out / "recognised.png").stat().st_size > 20_000
 
-    species, template = load_species(out / "elm.toml")
-    assert len(template.branches) == 9
-    assert template.unit == 1.0  # the library is in metres
-    assert species.grammar.radius == pytest.approx(template.trunk_radius, rel=1e-3)
+    assert "Rebuilt from its parts: 63 of 63 leaves" in said
+    assert "3 siblings against the tree" in said
+    assert (out / "siblings.png").stat().st_size > 20_000
+
+    species, habit = load_species(out / "elm.toml")
+    assert (habit.anatomy.order == 1).sum() == 9
+    assert habit.anatomy.lines.knot[:, 2].max() < 20  # the library is in metres
+    assert species.siblings.variety == 1.0
 
     scene = out / "scene.toml"
     scene.write_text(
@@ -66,13 +75,42 @@ def test_a_users_tree_becomes_a_forest_in_two_commands(files, capsys):
 def test_a_height_that_is_given_sets_the_scale(files, capsys):
     out = files / "elm"
     words = ["template", str(files / "w.stl"), "--name", "elm", "--height", "8", "--out", str(out)]
-    assert main(words) == 0
+    assert main([*words, "--siblings", "0"]) == 0
     said = capsys.readouterr().out
     assert "given by --height" in said
     assert "8.00 m high" in said
     assert not (out / "leaves.stl").exists()
-    _, template = load_species(out / "elm.toml")
-    assert template.leaf_count == 0
+    _, habit = load_species(out / "elm.toml")
+    assert len(habit.anatomy.foliage.bearer) == 0
+
+
+def test_t20s_grammar_is_there_by_name(files, capsys):
+    out = files / "elm"
+    words = ["template", str(files / "w.stl"), str(files / "l.stl"), "--name", "elm"]
+    assert main([*words, "--grammar", "t20", "--out", str(out)]) == 0
+    assert "siblings" not in capsys.readouterr().out
+    species, template = load_species(out / "elm.toml")
+    assert species.siblings is None
+    assert len(template.branches) == 9
+    assert template.unit == 1.0  # the library is in metres
+    assert species.grammar.radius == pytest.approx(template.trunk_radius, rel=1e-3)
+
+
+def test_the_string_of_a_fitted_grammar(files, capsys):
+    out = files / "pine"
+    words = ["template", str(files / "w.stl"), str(files / "l.stl"), "--name", "pine"]
+    assert main([*words, "--siblings", "0", "--out", str(out)]) == 0
+    species, _ = load_species(out / "pine.toml")
+    assert species.siblings.allometry == "pinus"
+    capsys.readouterr()
+    assert main(["derive", str(out / "pine.toml"), "--generations", "0"]) == 0
+    axiom = capsys.readouterr().out
+    assert "A(" in axiom
+    assert "F" not in axiom
+    assert main(["derive", str(out / "pine.toml")]) == 0
+    whole = capsys.readouterr().out
+    assert whole.count("[") == whole.count("]") > 60
+    assert "~(" in whole
 
 
 @pytest.mark.parametrize(
@@ -81,6 +119,7 @@ def test_a_height_that_is_given_sets_the_scale(files, capsys):
         (["nowhere.stl", "--name", "x"], "there is no file nowhere.stl"),
         (["w.stl", "--name", "a b"], "letters, digits"),
         (["w.stl", "--name", "x", "--height", "-1"], "out of range"),
+        (["w.stl", "--name", "x", "--siblings", "1"], "--siblings: 1 is out of range"),
         (["l.stl", "--name", "x"], ""),
     ],
 )
@@ -161,7 +200,13 @@ def test_the_maple_of_t20(tmp_path, capsys):
         pytest.skip(f"the maple of T20 is not at {MAPLE}; it has no licence to be shipped")
     wood, leaves = MAPLE / "maple_stem.stl", MAPLE / "maple_leaves.stl"
     assert (
-        main(["template", str(wood), str(leaves), "--name", "maple", "--out", str(tmp_path)]) == 0
+        main(
+            [
+                *("template", str(wood), str(leaves), "--name", "maple", "--out", str(tmp_path)),
+                *("--siblings", "0"),
+            ]
+        )
+        == 0
     )
     said = capsys.readouterr().out
     assert "in 244 pieces" in said
