@@ -19,6 +19,7 @@ from .pieces import Pieces, part
 from .sever import may_fork, sever
 
 MOST_LEAN = np.deg2rad(60.0)
+LOWER = 0.15  # share of the trunk's length, from its foot, that may stand upright for all
 FARTHEST_WOOD = 0.25  # heights of the tree between a piece and what it hangs on
 LARGEST_LEAF = 0.5  # extents of the wood; what is larger is foliage in one piece, and no leaf
 STEM = 0.3  # radii of the trunk that another stem has at least
@@ -216,8 +217,15 @@ def _doubts_about_leaves(found: Recognition, gap: np.ndarray) -> tuple[Doubt, ..
 
 
 def _check_one_tree(found: Recognition) -> None:
-    axis = found.tip[found.trunk] - found.foot[found.trunk]
-    lean = float(np.arctan2(np.hypot(axis[0], axis[1]), axis[2]))
+    knots = slice(found.lines.first[found.trunk], found.lines.first[found.trunk + 1])
+    knot, along = found.lines.knot[knots], found.lines.along[knots]
+    low = LOWER * along[-1]
+    low = along[-1] - low if found.hierarchy.foot_end[found.trunk] == 1 else low
+    lower = np.array([np.interp(low, along, x) for x in knot.T])
+    leans = []  # of all of it, and of its lower part: it may end as a limb
+    for axis in (found.tip[found.trunk] - found.foot[found.trunk], lower - found.foot[found.trunk]):
+        leans.append(float(np.arctan2(np.hypot(axis[0], axis[1]), axis[2])))
+    lean = min(leans)
     if lean > MOST_LEAN:
         raise LeanError(
             f"what looks like the trunk leans {np.rad2deg(lean):.0f}° from the z axis; export the tree "

@@ -102,6 +102,15 @@ def test_the_cut_does_not_need_to_know_what_is_up() -> None:
         recognise(box_tree().facets() @ lying)
 
 
+def test_a_trunk_that_ends_as_a_level_limb_is_still_upright() -> None:
+    bend = np.concatenate([line([0, 0, 0], [0, 0, 2], 9), line([0.3, 0, 2.2], [6, 0, 2.6], 20)])
+    model = Model()
+    trunk = model.add(bend, np.linspace(0.3, 0.1, len(bend)), -1)
+    model.add(line([3, 0, 2.4], [3, 1, 4]), np.linspace(0.05, 0.02, 6), trunk)
+    found = recognise(model.wood())
+    assert (found.trunk, found.wood.count) == (0, 2)
+
+
 def test_some_parts_joined_and_some_apart() -> None:
     """A box-modelled tree to which separate twigs were added."""
     model = box_tree()
