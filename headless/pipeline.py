@@ -38,12 +38,9 @@ from forest_addon.formats.table import write_csv
 from forest_addon.formats.wav import read_wav, write_wav
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.lidar.cloud import Cloud
-from forest_addon.sensing.lidar.tractor import TractorScan
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.reverb.auralise import auralise
 from forest_addon.sensing.reverb.response import ImpulseResponse, channels_of
-from forest_addon.sensing.sonar.flight import Flight
-from forest_addon.sensing.sonar.ping import Echo
 from forest_addon.spec import Scene, Sensor, SpecError
 from forest_addon.stand.forest import (
     Forest,
@@ -55,14 +52,10 @@ from forest_addon.stand.forest import (
     variant_leaf_table,
 )
 from forest_addon.stand.inputs import Inputs
-from forest_addon.stand.statistics.goodness import examine, law_of_scene, poisson_trees, window_of
 
 from .command import DoubtfulError
 from .progress import Stages, hushed
-from .report import findings, page, pictures
-from .report.echo import draw_echo, draw_flight, sample_leaves
-from .report.site import draw_goodness
-from .report.stand import draw_stand
+from .report import findings, page
 
 MOST_LEAVES = 5_000_000  # rows of leaves.npz; beyond, leaves are written once a variant
 
@@ -116,11 +109,14 @@ def run_scene(
     with stages.stage("grow trees") as progress:
         forest = grow_forest(settings, species, progress, inputs)
     run = Run(settings, out, stages, forest)
-    with stages.stage("draw the stand"):
-        drawn = draw_stand(forest.stand, forest.labels, settings, inputs, run.path("stand.png"))
+    drawn = None
+    if settings.output.pictures:
+        with stages.stage("draw the stand"):
+            drawn = _draw_stand(run, inputs)
     run.findings.append(findings.forest_finding(settings, forest, drawn))
-    with stages.stage("test where trees stand"):
-        _test_stand(run, inputs)
+    if settings.output.goodness:
+        with stages.stage("test where trees stand"):
+            _test_stand(run, inputs)
 
     scene = bpy.context.scene
     with stages.stage("build Blender scene"):
@@ -163,9 +159,12 @@ def run_scene(
         with stages.stage("render preview.png") as progress, hushed():
             render(scene, settings.output, run.path("preview.png"), progress)
     _write_record(run, observer.geometry, engine)
-    with stages.stage("write report.html"):
-        page.write(run.out / "report.html", settings, run.findings, stages.seconds, run.files)
-    stages.say(f"Done: {len(run.files) + 1} files in {out}. Open {out / 'report.html'}")
+    if settings.output.report:
+        with stages.stage("write report.html"):
+            page.write(run.out / "report.html", settings, run.findings, stages.seconds, run.files)
+        stages.say(f"Done: {len(run.files) + 1} files in {out}. Open {out / 'report.html'}")
+    else:
+        stages.say(f"Done: {len(run.files)} files in {out}")
     doubtful = [f"{name}: {audit}" for name, audit in run.audits.items() if not audit.kept]
     if doubtful:
         raise DoubtfulError("; ".join(doubtful) + f"; the results are kept in {out}")
@@ -209,19 +208,36 @@ def _make_writable(out: Path) -> None:
         ) from None
 
 
+def _draw_stand(run: Run, inputs: Inputs) -> Path:
+    """Draw the map of the stand; as all that draws, imported where it is asked for (matplotlib: a second)."""
+    from .report.stand import draw_stand
+
+    stand, labels = run.forest.stand, run.forest.labels
+    return draw_stand(stand, labels, run.settings, inputs, run.path("stand.png"))
+
+
 def _test_stand(run: Run, inputs: Inputs) -> None:
     """Compare the stand with others of the same settings, where it has enough trees."""
-    window = window_of(run.settings.forest)
-    trees = poisson_trees(run.settings, run.forest.stand)
-    found = examine(trees, window, law_of_scene(run.settings, inputs))
-    if found is not None:
+    from forest_addon.stand.statistics import goodness
+
+    window = goodness.window_of(run.settings.forest)
+    trees = goodness.poisson_trees(run.settings, run.forest.stand)
+    found = goodness.examine(trees, window, goodness.law_of_scene(run.settings, inputs))
+    if found is None:
+        return
+    picture = None
+    if run.settings.output.pictures:
+        from .report.site import draw_goodness
+
         picture = draw_goodness(found, window, run.path("goodness.png"))
-        run.findings.append(findings.goodness_finding(found, picture))
+    run.findings.append(findings.goodness_finding(found, picture))
 
 
 def _write_truth(run: Run) -> None:
     write_csv(run.path("trees.csv"), tree_table(run.forest))
     write_csv(run.path("leaf_angles.csv"), angle_table(run.forest))
+    if not run.settings.output.leaves:
+        return
     metres = dict.fromkeys(("centre", "length", "width", "radius"), "m")
     many = leaf_count(run.forest) > MOST_LEAVES
     name, table = ("variant_leaves", variant_leaf_table) if many else ("leaves", leaf_table)
@@ -246,22 +262,16 @@ def _let_hear(
 
 
 def _describe(run: Run, sensor: Any, found: SensorFinding, observer: Observer) -> page.Finding:
-    """Draw a result and say what it is."""
-    path = run.path(f"{sensor.name}.png")
-    if isinstance(found, TractorScan):
-        return findings.scan_finding(sensor, found, pictures.draw_scan(found, path))
-    if isinstance(found, Cloud):
-        return findings.cloud_finding(sensor, found, pictures.draw_cloud(found, sensor, path))
-    if isinstance(found, Echo):
-        leaves = sample_leaves(observer.targets)
-        picture = draw_echo(found, sensor, leaves, run.forest, path)
-        return findings.echo_finding(sensor, found, picture)
-    if isinstance(found, Flight):
-        leaves = sample_leaves(observer.targets)
-        picture = draw_flight(found, sensor, leaves, run.forest, path)
-        return findings.flight_finding(sensor, found, picture)
-    picture = pictures.draw_reverb(found, path)
-    return findings.reverb_finding(sensor, found, observer.trunks(sensor), picture)
+    """Draw a result, where pictures are asked for, and say what it is."""
+    picture = None
+    if run.settings.output.pictures:
+        from .report.result import draw_result
+
+        path = run.path(f"{sensor.name}.png")
+        picture = draw_result(sensor, found, observer, run.forest, path)
+    if isinstance(found, ImpulseResponse):
+        return findings.reverb_finding(sensor, found, observer.trunks(sensor), picture)
+    return findings.finding_of(sensor, found, picture)
 
 
 def _write_record(run: Run, geometry: SceneGeometry, engine: str) -> None:

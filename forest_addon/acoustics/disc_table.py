@@ -16,7 +16,6 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from scipy import ndimage
 
 FILE = Path(__file__).with_name("hard_disc.npz")
 LAST = 128.0  # ka
@@ -105,6 +104,8 @@ def table_error(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
 @lru_cache(maxsize=1)
 def _splines() -> np.ndarray:
     """(U, V) complex64, coefficients of cardinal cubic splines over both axes."""
+    from scipy.ndimage import spline_filter1d  # here: few runs need what it takes to import
+
     with np.load(FILE) as data:
         terms, series = data["terms"], data["series"]
     padded = np.zeros((len(terms), terms.max()), dtype=np.complex128)
@@ -114,7 +115,7 @@ def _splines() -> np.ndarray:
     angle = v * v - ANGLE_SHIFT
     values = padded @ np.cos(2.0 * np.arange(terms.max())[:, None] * angle)
     for axis in (0, 1):
-        values = ndimage.spline_filter1d(values, 3, axis, output=np.complex128)
+        values = spline_filter1d(values, 3, axis, output=np.complex128)
     coefficients: np.ndarray = values.astype(np.complex64)
     return coefficients
 

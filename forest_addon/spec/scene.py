@@ -43,8 +43,18 @@ class Accuracy(Settings):
 
 
 class Output(Settings):
-    """What is written besides the sensors' results."""
+    """What is written besides the sensors' results, ``trees.csv`` and ``run.json``.
 
+    One scene takes what is wanted to look at it; of thousands in a row each picture and test costs more
+    than the scan.
+    """
+
+    pictures: bool = param(True, help="draw the stand and what each sensor found, as PNG")
+    goodness: bool = param(
+        True, help="test where trees stand against other stands of the same settings"
+    )
+    leaves: bool = param(True, help="write leaves.npz, the truth of every leaf")
+    report: bool = param(True, help="write report.html")
     blend: bool = param(True, help="write forest.blend")
     glb: bool = param(True, help="write forest.glb")
     preview: bool = param(True, help="render preview.png with Cycles")

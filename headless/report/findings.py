@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,12 +17,14 @@ from forest_addon.sensing.sonar.flight import Flight
 from forest_addon.sensing.sonar.ping import Echo
 from forest_addon.spec import Reverb, Scanner, Scene, Sonar, Terrestrial, Tractor
 from forest_addon.stand.forest import Forest
-from forest_addon.stand.statistics.goodness import Goodness
 
 from .page import Finding
 
+if TYPE_CHECKING:  # its estimates bring scipy.optimize
+    from forest_addon.stand.statistics.goodness import Goodness
 
-def forest_finding(settings: Scene, forest: Forest, picture: Path) -> Finding:
+
+def forest_finding(settings: Scene, forest: Forest, picture: Path | None) -> Finding:
     """Trees, leaves and triangles of the forest, and where its trees stand."""
     kinds = {planting.layout for planting in settings.plantings}
     what = {frozenset({"rows"}): "An orchard", frozenset({"list"}): "A forest from a list of trees"}
@@ -59,7 +62,7 @@ def _stand_notes(settings: Scene, forest: Forest) -> Iterator[str]:
         yield f"{stand.off_field.sum():,} places of rows or lists lie beyond the field."
 
 
-def goodness_finding(found: Goodness, picture: Path) -> Finding:
+def goodness_finding(found: Goodness, picture: Path | None) -> Finding:
     """Whether trees stand as their intensity says."""
     bands, quadrats = found.excess, found.quadrats
     return Finding(
@@ -81,7 +84,22 @@ def goodness_finding(found: Goodness, picture: Path) -> Finding:
     )
 
 
-def scan_finding(sensor: Tractor, scan: TractorScan, picture: Path) -> Finding:
+def finding_of(
+    sensor: Tractor | Scanner | Sonar,
+    found: TractorScan | Cloud | Echo | Flight,
+    picture: Path | None,
+) -> Finding:
+    """What a sensor that needs no more than its result has to say."""
+    if isinstance(found, TractorScan):
+        return scan_finding(sensor, found, picture)
+    if isinstance(found, Cloud):
+        return cloud_finding(sensor, found, picture)
+    if isinstance(found, Echo):
+        return echo_finding(sensor, found, picture)
+    return flight_finding(sensor, found, picture)
+
+
+def scan_finding(sensor: Tractor, scan: TractorScan, picture: Path | None) -> Finding:
     """The tractor scan."""
     scans, beams = scan.organ.shape
     return Finding(
@@ -96,7 +114,7 @@ def scan_finding(sensor: Tractor, scan: TractorScan, picture: Path) -> Finding:
     )
 
 
-def cloud_finding(sensor: Scanner, cloud: Cloud, picture: Path) -> Finding:
+def cloud_finding(sensor: Scanner, cloud: Cloud, picture: Path | None) -> Finding:
     """A scan that gives points: from a tripod, a vehicle, an aircraft."""
     beam = sensor.beam
     spacing = f" every {sensor.angle_step_deg:g}°" if isinstance(sensor, Terrestrial) else ""
@@ -116,7 +134,7 @@ def cloud_finding(sensor: Scanner, cloud: Cloud, picture: Path) -> Finding:
     )
 
 
-def echo_finding(sensor: Sonar, echo: Echo, picture: Path) -> Finding:
+def echo_finding(sensor: Sonar, echo: Echo, picture: Path | None) -> Finding:
     """The foliage echo."""
     return Finding(
         f"Biosonar: {sensor.name}",
@@ -127,7 +145,7 @@ def echo_finding(sensor: Sonar, echo: Echo, picture: Path) -> Finding:
     )
 
 
-def flight_finding(sensor: Sonar, flight: Flight, picture: Path) -> Finding:
+def flight_finding(sensor: Sonar, flight: Flight, picture: Path | None) -> Finding:
     """Echoes along a way; the facts are those of the loudest."""
     return Finding(
         f"Biosonar: {sensor.name}",
@@ -173,7 +191,7 @@ def _echo_notes(sensor: Sonar, echoes: Sequence[Echo]) -> Iterator[str]:
 
 
 def reverb_finding(
-    sensor: Reverb, response: ImpulseResponse, trunks: Trunks, picture: Path
+    sensor: Reverb, response: ImpulseResponse, trunks: Trunks, picture: Path | None
 ) -> Finding:
     """The impulse response."""
     distance = float(np.linalg.norm(np.subtract(sensor.source, sensor.receiver)))

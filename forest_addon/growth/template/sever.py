@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import median_filter, uniform_filter1d
 
 from .axes import Axes, find_axes
 from .centreline import Centrelines
@@ -125,6 +124,8 @@ def _find_roots(pieces: Pieces) -> np.ndarray:
 
 def _smooth(slices: Slices, axes: Axes) -> _Course:
     """The course of every axis: medians of the radius, and centres where that is not exceeded."""
+    from scipy.ndimage import median_filter, uniform_filter1d  # here: few runs need it
+
     centre, radius = slices.centre.copy(), axes.radius.copy()
     heading = np.zeros_like(centre)
     chain = np.flatnonzero(axes.chain)

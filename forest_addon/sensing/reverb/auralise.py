@@ -10,7 +10,6 @@ from __future__ import annotations
 from fractions import Fraction
 
 import numpy as np
-from scipy import signal
 
 
 def auralise(
@@ -20,11 +19,13 @@ def auralise(
 
     response : (N,) or (N, C). dry : (M,) or (M, D), mixed to one channel.
     """
+    from scipy.signal import fftconvolve  # here: it takes half a second to import
+
     mono = np.asarray(dry, np.float64)
     mono = mono.mean(axis=1) if mono.ndim == 2 else mono
     mono = resample(mono, dry_rate, response_rate)
     channels = np.asarray(response, np.float64).reshape(len(response), -1)
-    wet: np.ndarray = signal.fftconvolve(channels, mono[:, None], axes=0)
+    wet: np.ndarray = fftconvolve(channels, mono[:, None], axes=0)
     return wet
 
 
@@ -32,9 +33,11 @@ def resample(samples: np.ndarray, rate: float, new_rate: float) -> np.ndarray:
     """(M,) samples at another rate; the band above half the lower rate is taken away."""
     if rate == new_rate:
         return samples
+    from scipy.signal import resample_poly
+
     ratio = Fraction(new_rate).limit_denominator(10**6) / Fraction(rate).limit_denominator(10**6)
     ratio = ratio.limit_denominator(10_000)
-    changed: np.ndarray = signal.resample_poly(
+    changed: np.ndarray = resample_poly(
         samples, ratio.numerator, ratio.denominator, window=("kaiser", 8.0)
     )
     return changed

@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, signal
+from scipy import fft
 
 ONSET_DB = -20.0
 BELOW = 10.0  # dB that the energy after the record must lie below the end of a decay that is read
@@ -199,6 +199,8 @@ def echo_density(
 
     step : seconds between frames.
     """
+    from scipy import signal  # here: it takes half a second to import
+
     energy = np.square(np.asarray(samples, np.float64))
     window = signal.windows.tukey(max(3, round(ECHO_WINDOW * sample_rate)))
     mean = signal.fftconvolve(energy, window / window.sum(), mode="same")

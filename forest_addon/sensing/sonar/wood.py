@@ -17,10 +17,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from ...acoustics.cylinder import scattering_sum
 from ...acoustics.smoothness import Profile
@@ -30,6 +29,9 @@ from ...growth.template.centreline import find_centrelines
 from ...growth.template.pieces import part
 from .clusters import cluster
 from .scatterers import WOOD, Rows, Scatterers, Sight, Views, Whole, sinc_argument, sinc_place
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 STRAIGHT = 0.002  # m between a centreline and the chords that stand for it
 ALIKE = 0.1  # relative change of the radius along a chord
@@ -266,6 +268,8 @@ def _bend() -> complex:
 @lru_cache(maxsize=1)
 def _table() -> CubicSpline:
     """S·e^{2ika}·(1 + ka^1.5)/ka², which is flat at both ends, over ``_coordinate``."""
+    from scipy.interpolate import CubicSpline  # here: it takes a tenth of a second to import
+
     place = np.linspace(_coordinate(np.array(1e-6)), _coordinate(np.array(LARGEST)), 6000)
     size = _size(place)
     value = scattering_sum(size, math.pi) * np.exp(2j * size) * (1.0 + size**1.5) / size**2

@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.stats import chi2
+from scipy.special import chdtr, chdtrc
 
 from .window import Window
 
@@ -134,7 +134,7 @@ def quadrat_test(points: np.ndarray, expected: np.ndarray, window: Window) -> Qu
     count = np.bincount(number, minlength=rows * columns)
     have, want = _pool(count, expected.ravel())
     statistic = float(((have - want) ** 2 / want).sum())
-    above, below = chi2.sf(statistic, len(want) - 1), chi2.cdf(statistic, len(want) - 1)
+    above, below = chdtrc(len(want) - 1, statistic), chdtr(len(want) - 1, statistic)
     p_value = 2 * min(above, below) if len(want) > 1 else float("nan")
     return QuadratTest(count.reshape(rows, columns), expected, statistic, len(want), float(p_value))
 

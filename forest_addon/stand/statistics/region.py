@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import map_coordinates
-from scipy.signal import fftconvolve
 
 from .k_function import At
 from .window import Window
@@ -58,6 +57,8 @@ class Region:
 
     @cached_property
     def _overlaps(self) -> np.ndarray:
+        from scipy.signal import fftconvolve  # here: it takes half a second to import
+
         image = self.filled.astype(float)
         overlaps = np.rint(fftconvolve(image, image[::-1, ::-1])) * self.cell.prod()
         return np.pad(overlaps, 1)

@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import map_coordinates
-from scipy.signal import fftconvolve
 from scipy.special import ndtr, owens_t
 
 from ..intensity.polygon import Polygon
@@ -199,6 +198,8 @@ class Window:
 
     @cached_property
     def _overlap_table(self) -> tuple[np.ndarray, np.ndarray]:
+        from scipy.signal import fftconvolve  # here: it takes half a second to import
+
         columns, rows = np.maximum(np.ceil(TABLE * self.extent / self.extent.max()), 16).astype(int)
         cell = self.extent / [columns, rows]
         cover = self.coverage((rows, columns))
