@@ -1,7 +1,8 @@
 """Interpolation between Chebyshev points of the first kind, x_r = -cos(π(r + 1/2)/R) for r = 0 … R - 1.
 
-The Lagrange polynomial of a point is ℓ_r(x) = (2/R)·Σ'_n T_n(x_r)·T_n(x), n = 0 … R - 1, the first term
-halved, because the T_n are orthogonal in sums over the points.
+The coefficients of the polynomial through values v_r are c_n = (2/R)·Σ_r v_r·T_n(x_r), c_0 half of that,
+because the T_n are orthogonal in sums over the points. The Lagrange polynomial of a point is
+ℓ_r(x) = w_r/(x - x_r) / Σ_s w_s/(x - x_s), w_r = (-1)^r·sin(π(r + 1/2)/R) (Berrut & Trefethen 2004).
 """
 
 from __future__ import annotations
@@ -27,7 +28,13 @@ def series(count: int) -> np.ndarray:
 
 
 def lagrange(count: int, place: np.ndarray) -> np.ndarray:
-    """(R, M) polynomials of R points at places (M,) in -1 … 1."""
-    order = np.arange(count)[:, None]
-    polynomials: np.ndarray = series(count).T @ np.cos(order * np.arccos(np.clip(place, -1.0, 1.0)))
+    """(R, M) polynomials of R points at places (M,) in -1 … 1, by the barycentric formula."""
+    turn = math.pi * (np.arange(count) + 0.5) / count
+    weight = np.sin(turn) * (-1.0) ** np.arange(count)
+    away = np.clip(place, -1.0, 1.0) - points(count)[:, None]
+    at = away == 0.0
+    share = weight[:, None] / np.where(at, 1.0, away)
+    polynomials: np.ndarray = share / share.sum(axis=0)
+    met = at.any(axis=0)
+    polynomials[:, met] = at[:, met]
     return polynomials

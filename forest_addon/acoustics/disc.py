@@ -6,8 +6,10 @@ far field the echo's pressure is p = p₀·f·exp(-ikr)/r (e^{+iωt}), p₀ the 
 
 ``exact``   the sound-hard disc (``disc_exact``). Straight back it comes from a table (``disc_table``),
             within 1e-5 of its value at normal incidence up to ka = 120; until 128 the table passes over
-            to ``piston`` with the edge's diffraction, -ka/2·cosβ·J₀(x) more (Keller; Ufimtsev), which
-            is within 1e-3 there and gets better as (ka)^-1.5.
+            to the disc's rims as edges of hard half planes (Keller; Ufimtsev), whose sum is
+            k·f = i·(ka)²/2·2J₁(x)/x - ka/2·J₀(x), x = 2ka·sinβ. That is within 1e-3 of normal incidence;
+            relative to itself (rms) 10 to 20 % off the normal, 24 % up to 69°, 40 % up to 80° and of no
+            use at grazing, since nothing of what crosses the face is in it; it gets better as (ka)^-½.
 ``piston``  physical optics (Kirchhoff): the lit face reflects as an endless hard mirror would,
             k·f = i·(ka)²/2 · cosβ · 2J₁(x)/x with x = 2ka·sinβ, for sound sent and heard at one place.
             It is right for ka >> 1 away from grazing; against the exact disc it is 1.5 dB low at ka = 5
@@ -117,11 +119,11 @@ def amplitude_bound(
         raise _unknown(model, MODELS)
     optics = _piston_bound(lowest, highest, size, angle)
     if model == "piston":
-        return optics
+        return np.cos(angle) * optics
     inside = tabulated_bound(lowest * size, np.minimum(highest * size, LAST), angle)
     with np.errstate(divide="ignore"):
         rim = np.minimum(1.0, (math.pi * lowest * size * np.sin(angle)) ** -0.5)  # |J₀|
-    beyond = np.where(highest * size > HANDOVER, optics + 0.5 * size * np.cos(angle) * rim, 0.0)
+    beyond = np.where(highest * size > HANDOVER, optics + 0.5 * size * rim, 0.0)
     bound: np.ndarray = np.maximum(np.where(lowest * size < LAST, size * inside, 0.0), beyond)
     return bound
 
@@ -152,9 +154,10 @@ def _exact(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def _large(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """k·f for ka >> 1: physical optics, and what the edge adds."""
-    edge = 0.5 * ka * np.cos(angle) * special.j0(2.0 * ka * np.sin(angle))
-    value: np.ndarray = 1j * _piston(ka, angle) - edge
+    """k·f for ka >> 1: both rims as edges of hard half planes (Keller), joined at the caustic."""
+    across = 2.0 * ka * np.sin(angle)
+    value: np.ndarray = 0.5j * ka**2 * jinc(across) - 0.5 * ka * special.j0(across)
+    value *= -np.expm1(-0.5 * ka * np.cos(angle) ** 2)  # at grazing what crosses the face cancels it
     return value
 
 
@@ -166,7 +169,7 @@ def _piston(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
 def _piston_bound(
     lowest: float, highest: float, radius: np.ndarray, angle: np.ndarray
 ) -> np.ndarray:
-    """Largest |f| of physical optics: k·|J₁(x)/x|, x = 2ka·sinβ, at the ends of the band, or at the first
+    """Largest |f|/cosβ of physical optics: k·|J₁(x)/x|, x = 2ka·sinβ, at the ends of the band, or at the first
     peak of |J₁| between them; the later ones are lower."""
     across = 2.0 * radius * np.sin(angle)
     largest = np.maximum(*(k * np.abs(jinc(k * across)) for k in (lowest, highest)))
@@ -174,7 +177,7 @@ def _piston_bound(
     following = np.searchsorted(peaks[:-1], lowest * across)  # the next peak
     within = peaks[following] < highest * across
     inner = 2.0 * heights[following] / np.where(within, across, np.inf)
-    bound: np.ndarray = 0.5 * radius**2 * np.cos(angle) * np.maximum(largest, inner)
+    bound: np.ndarray = 0.5 * radius**2 * np.maximum(largest, inner)
     return bound
 
 

@@ -117,10 +117,14 @@ def smoothness(
     second = profile.second * middle if profile.family.scaled else profile.second
     classes += np.clip(profile.family.place(second), 0, ACROSS - 1).astype(np.int64)
     some, of_echo = _numbered(classes)
-    series, beyond, size = _known(profile.family, round(ratio, 12)).of(some)
+    series, length, beyond, size = _known(profile.family, round(ratio, 12)).of(some)
     decay, of_decay = _decays(losses, band, len(classes))
     unseen = np.multiply.outer(beyond, decay.sum(axis=1)).ravel()
-    errors = _errors(series, decay) + unseen[:, None]
+    errors = np.empty((len(series), len(decay), len(LEVELS)))
+    for long in np.unique(length).tolist():
+        rows = length == long
+        errors[rows] = _errors(series[rows, :long], decay)
+    errors = errors.reshape(-1, len(LEVELS)) + unseen[:, None]
     return Smoothness(
         of_echo * len(decay) + of_decay,
         profile.scale * gain,
@@ -160,18 +164,19 @@ class _Classes:
         self._family, self._ratio = family, ratio
         self._found: dict[int, tuple[np.ndarray, float, float]] = {}
 
-    def of(self, classes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(C, N) bounds on |c_n|, (C,) on all beyond, infinite where F turns too often; (C,) about |F|."""
+    def of(self, classes: np.ndarray) -> tuple[np.ndarray, ...]:
+        """(C, N) bounds on |c_n| and how many they are, (C,) on all beyond, infinite where F turns too
+        often, and (C,) about the largest |F|."""
         missing = np.array([c for c in classes.tolist() if c not in self._found], dtype=np.int64)
         if len(missing):
             self._find(missing)
         found = [self._found[c] for c in classes.tolist()]
-        longest = max((len(row) for row, *_ in found), default=1)
-        series = np.zeros((len(found), longest))
+        length = np.array([len(row) for row, *_ in found], dtype=np.int64)
+        series = np.zeros((len(found), length.max(initial=1)))
         for line, (row, *_) in zip(series, found, strict=True):
             line[: len(row)] = row
         beyond, size = np.array([rest for _, *rest in found]).reshape(-1, 2).T
-        return series, beyond, size
+        return series, length, beyond, size
 
     def _find(self, classes: np.ndarray) -> None:
         inner, across = np.divmod(classes, ACROSS)
@@ -233,7 +238,7 @@ def _decays(
 
 
 def _errors(series: np.ndarray, decay: np.ndarray) -> np.ndarray:
-    """(C·G, levels) of the products of series (C, N) and (G, N')."""
+    """(C, G, levels) of the products of series (C, N) and (G, N')."""
     level = np.array(LEVELS)
     order = np.arange(series.shape[1])[:, None]
     errors = np.empty((len(series), len(decay), len(level)))
@@ -249,4 +254,4 @@ def _errors(series: np.ndarray, decay: np.ndarray) -> np.ndarray:
             total += 0.5 * (beyond(start - order) + beyond(order + start))
             total += 0.5 * np.where(order >= start, whole - beyond(order - start + 1), 0.0)
         errors[:, number] = series @ total
-    return errors.reshape(-1, len(level))
+    return errors

@@ -102,7 +102,7 @@ class Sonar(Settings):
     shading: str = param(
         "trunks",
         help="what weakens an echo: nothing (paper), wood in the way (trunks), leaves in the way "
-        "(extinction), or both",
+        "(extinction; large ones hide), or both",
         choices=("none", "trunks", "extinction", "trunks+extinction"),
     )
     absorption: bool = param(True, help="let the air absorb sound")
@@ -120,7 +120,8 @@ class Sonar(Settings):
     )
     tolerance: float = param(
         1e-6,
-        help="error of the fast sum, as a share of all amplitudes; 0: the direct sum, to rounding",
+        help="largest error of the fast sum, as a share of all amplitudes; 0: the direct sum; the report "
+        "says what was reached",
         ge=0,
         le=0.01,
     )

@@ -1,10 +1,10 @@
 """Leaves within their near field, where a disc is no point: their faces, and what the models add.
 
-Far off a disc sends back f/r² (``leaves``). Nearer than about 2ka² the waves from its middle and its rim no
-longer arrive in step, and f/r² is too loud where it mirrors. There a leaf is a flat face and sounds as
+Far off a disc sends back f/r² (``leaves``). Nearer than about 2ka² the waves from its middle and its rim
+no longer arrive in step, and f/r² is too loud where it mirrors. There a leaf is a flat face and sounds as
 ``facets`` do, by Kirchhoff's integral at its true distance: the mirror's echo where the foot of the sonar
-lies on it, and its rim. On its axis that is |p| = |sin(ka²/2r)|/r: never more than twice an endless
-mirror's 1/2r, which a disc of just one Fresnel zone reaches.
+lies on it, and its rim. On its axis that is |p| = |sin(ka²/2r)|/r: never more than twice an endless mirror's
+1/2r, which a disc of just one Fresnel zone reaches.
 
 The exact disc differs from physical optics by what its edge adds; the difference stays at the leaf's centre,
 times r²/(r² + a²), as edges are no nearer than √(r² + a²). The paper's fit has no near field: it is held
