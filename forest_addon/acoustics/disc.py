@@ -157,7 +157,9 @@ def _large(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """k·f for ka >> 1: both rims as edges of hard half planes (Keller), joined at the caustic."""
     across = 2.0 * ka * np.sin(angle)
     value: np.ndarray = 0.5j * ka**2 * jinc(across) - 0.5 * ka * special.j0(across)
-    value *= -np.expm1(-0.5 * ka * np.cos(angle) ** 2)  # at grazing what crosses the face cancels it
+    value *= -np.expm1(
+        -0.5 * ka * np.cos(angle) ** 2
+    )  # at grazing what crosses the face cancels it
     return value
 
 
@@ -169,8 +171,8 @@ def _piston(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
 def _piston_bound(
     lowest: float, highest: float, radius: np.ndarray, angle: np.ndarray
 ) -> np.ndarray:
-    """Largest |f|/cosβ of physical optics: k·|J₁(x)/x|, x = 2ka·sinβ, at the ends of the band, or at the first
-    peak of |J₁| between them; the later ones are lower."""
+    """Largest |f|/cosβ of physical optics: k·|J₁(x)/x|, x = 2ka·sinβ, at the ends of the band, or at
+    the first peak of |J₁| between them; the later ones are lower."""
     across = 2.0 * radius * np.sin(angle)
     largest = np.maximum(*(k * np.abs(jinc(k * across)) for k in (lowest, highest)))
     peaks, heights = _lobes()
