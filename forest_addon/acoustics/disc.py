@@ -171,8 +171,8 @@ def _piston(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
 def _piston_bound(
     lowest: float, highest: float, radius: np.ndarray, angle: np.ndarray
 ) -> np.ndarray:
-    """Largest |f|/cosβ of physical optics: k·|J₁(x)/x|, x = 2ka·sinβ, at the ends of the band, or at the first
-    peak of |J₁| between them; the later ones are lower."""
+    """Largest |f|/cosβ of physical optics: k·|J₁(x)/x|, x = 2ka·sinβ, at the ends of the band, or at
+    the first peak of |J₁| between them; the later ones are lower."""
     across = 2.0 * radius * np.sin(angle)
     largest = np.maximum(*(k * np.abs(jinc(k * across)) for k in (lowest, highest)))
     peaks, heights = _lobes()

@@ -157,6 +157,11 @@ def _known(family: Family, ratio: float) -> _Classes:
     return _Classes(family, ratio)
 
 
+def forget() -> None:
+    """Start with no class known, as the first call does."""
+    _known.cache_clear()
+
+
 class _Classes:
     """Series of classes of one family, in bands of one ratio of half width to middle; kept."""
 

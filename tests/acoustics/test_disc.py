@@ -221,3 +221,19 @@ def test_models_differ_as_published() -> None:
     for ka, expected in ((5, -1.5), (8, -0.5), (32, -0.15)):
         assert rms_db(ka, "piston") - rms_db(ka, "exact") == pytest.approx(expected, abs=0.06)
     assert 11 < rms_db(28, "paper") - rms_db(28, "exact") < 28
+
+
+@pytest.mark.parametrize("ka", [128.0, 180.0])
+def test_large_discs_off_their_normal(ka: float) -> None:
+    """Beyond the table: rms errors as stated, relative to the echo itself."""
+    angle = np.linspace(0, 1.4, 1200)
+    exact = HardDisc(ka).backscatter(angle)
+    off = np.abs(backscatter_amplitude(ka, angle, "exact") - exact) ** 2
+    for low, high, share in (
+        (0, 0.1, 0.04),
+        (0.1, 1.047, 0.2),
+        (1.047, 1.2, 0.25),
+        (1.2, 1.4, 0.4),
+    ):
+        some = (angle >= low) & (angle <= high)
+        assert off[some].mean() <= share**2 * np.mean(np.abs(exact[some]) ** 2)
