@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 
 from . import chebyshev
 from .gridding import ALIASING, NARROWEST, DelayGrid, width_for
-from .smoothness import LEVELS, Smoothness
+from .smoothness import LEVELS, Smoothness, numbered
 from .spectrum import delay_factors
 
 Amplitude = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -146,12 +146,12 @@ def _planned(smooth: Smoothness, allowed: float) -> _Plan:
     mean = float(smooth.size.mean())
     size = np.where(smooth.size > 0, smooth.size, np.inf)
     fainter = np.clip(np.frexp(mean / size)[1] // 2, 0, FAINTER)  # powers of 4 below the mean
-    wanted = allowed * np.multiply.outer(smooth.typical, 4.0 ** np.arange(FAINTER + 1))
-    enough = smooth.errors[:, None] <= np.maximum(wanted, smooth.floor[:, None])[:, :, None]
-    level = np.where(enough.any(axis=2), enough.argmax(axis=2), len(LEVELS))
-    own = level[smooth.kind, fainter]
+    pairs, of_echo = numbered(smooth.kind * (FAINTER + 1) + fainter)
+    kind, faint = np.divmod(pairs, FAINTER + 1)
+    wanted = np.maximum(allowed * smooth.typical[kind] * 4.0**faint, smooth.floor[kind])
+    level = np.count_nonzero(smooth.errors[kind] > wanted[:, None], axis=1)  # they fall
     padded = np.append(smooth.errors, np.zeros((len(smooth.errors), 1)), axis=1)
-    error = padded[smooth.kind, own]
+    own, error = level[of_echo], padded[kind, level][of_echo]
     reducible = smooth.scale @ np.where(error > smooth.floor[smooth.kind], error, 0.0)
     return _Plan(_together(own), smooth.scale * error, float(reducible))
 

@@ -116,25 +116,27 @@ def smoothness(
     classes = _place(middle * profile.length) * ACROSS
     second = profile.second * middle if profile.family.scaled else profile.second
     classes += np.clip(profile.family.place(second), 0, ACROSS - 1).astype(np.int64)
-    some, of_echo = _numbered(classes)
+    some, of_echo = numbered(classes)
     series, length, beyond, size = _known(profile.family, round(ratio, 12)).of(some)
     decay, of_decay = _decays(losses, band, len(classes))
-    unseen = np.multiply.outer(beyond, decay.sum(axis=1)).ravel()
-    errors = np.empty((len(series), len(decay), len(LEVELS)))
-    for long in np.unique(length).tolist():
-        rows = length == long
-        errors[rows] = _errors(series[rows, :long], decay)
-    errors = errors.reshape(-1, len(LEVELS)) + unseen[:, None]
+    pairs, of_echo = numbered(of_echo * len(decay) + of_decay)
+    line, other = np.divmod(pairs, len(decay))
+    errors = np.empty((len(pairs), len(LEVELS)))
+    for number in np.unique(other).tolist():
+        for long in np.unique(length[line[other == number]]).tolist():
+            rows = np.flatnonzero((other == number) & (length[line] == long))
+            errors[rows] = series[line[rows], :long] @ _beyond(decay[number], long)
+    unseen = beyond[line] * decay.sum(axis=1)[other]
     return Smoothness(
-        of_echo * len(decay) + of_decay,
+        of_echo,
         profile.scale * gain,
-        errors,
+        errors + unseen[:, None],
         FLOOR * np.where(np.isfinite(unseen), unseen, 0.0),
-        np.repeat(size, len(decay)),
+        size[line],
     )
 
 
-def _numbered(classes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def numbered(classes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The classes there are, and of each echo which of these; np.unique without a sort."""
     if not len(classes):
         return classes, classes
@@ -230,7 +232,7 @@ def _decays(
         place = np.ceil(np.log(np.maximum(loss.weight * (span / WEAKEST), 1.0)) / math.log(RATIO))
         classes = classes * 64 + np.minimum(place, 63).astype(np.int64)
         radix.append((exponent / span, span))
-    some, of_echo = _numbered(classes)
+    some, of_echo = numbered(classes)
     most = least = np.zeros((len(some), order))
     for exponent, _ in reversed(radix):
         some, digit = np.divmod(some, 64)
@@ -242,21 +244,14 @@ def _decays(
     return np.atleast_2d(bounds), of_echo
 
 
-def _errors(series: np.ndarray, decay: np.ndarray) -> np.ndarray:
-    """(C, G, levels) of the products of series (C, N) and (G, N')."""
-    level = np.array(LEVELS)
-    order = np.arange(series.shape[1])[:, None]
-    errors = np.empty((len(series), len(decay), len(level)))
-    for number, row in enumerate(decay):
-        after = np.append(np.cumsum(row[::-1])[::-1], 0.0)  # Σ from n on
-        whole = after[0]
-
-        def beyond(place: np.ndarray, after: np.ndarray = after) -> np.ndarray:
-            return after[np.clip(place, 0, len(after) - 1)]
-
-        total = np.zeros((len(order), len(level)))
-        for start in (level, level + 1):
-            total += 0.5 * (beyond(start - order) + beyond(order + start))
-            total += 0.5 * np.where(order >= start, whole - beyond(order - start + 1), 0.0)
-        errors[:, number] = series @ total
-    return errors
+def _beyond(decay: np.ndarray, orders: int) -> np.ndarray:
+    """(N, levels): errors of the product with a series (G,), for each coefficient of another."""
+    level, order = np.array(LEVELS), np.arange(orders)[:, None]
+    after = np.append(np.cumsum(decay[::-1])[::-1], 0.0)  # Σ from n on
+    total = np.zeros((orders, len(level)))
+    for start in (level, level + 1):
+        for place in (start - order, order + start):
+            total += 0.5 * after[np.clip(place, 0, len(decay))]
+        lower = after[0] - after[np.clip(order - start + 1, 0, len(decay))]
+        total += 0.5 * np.where(order >= start, lower, 0.0)
+    return total
