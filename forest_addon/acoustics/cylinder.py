@@ -52,8 +52,8 @@ def scattering_sum(ka: ArrayLike, angle: ArrayLike) -> np.ndarray:
     angle : radians, 0 forward, π back; S is even in it.
 
     The absolute error is below 5e-14·(1 + ka) up to ka = 2000 and below 1.5e-13·(1 + ka) from there to
-    5000: the anchors of the recurrences, scipy's orders 0 and 1, lose digits. A size that occurs often is computed once, so
-    that a column of sizes against a row of angles costs one recurrence a size.
+    5000: the anchors of the recurrences, scipy's orders 0 and 1, lose digits. A size that occurs often is
+    computed once, so that a column of sizes against a row of angles costs one recurrence a size.
 
     Raises
     ------
