@@ -29,7 +29,7 @@ from ..report.pictures import FAINT, INK, blank_figure, save_figure
 
 Say = Callable[[str], None]
 SIDE = 1000.0  # m
-RATE, DURATION = 24e3, 4.0
+RATE, DURATION = 24e3, 4.5  # s; all trunks of 1 km² are heard
 FAINT_TREES = math.sqrt(2.0 * math.pi / 343.0)  # 1/√f over 1/√k
 AIR = Air(sound_speed=343.0)
 COLOURS = ("#c8442c", "#d99a2b", "#4c8c3a", "#2f7f8f", "#3b4ea0", "#7a3b86")

@@ -28,8 +28,8 @@ from ...rng import stream
 from .field_table import polynomials, series
 from .scattering import SPREAD, roll_off
 
-FIRST_SECTOR, GROWTH = 5.0, 2.0  # ka times the angle of the first sector; of each next one
-WIDEST_FIRST = 0.5  # radians
+FIRST_SECTOR, GROWTH = 9.0, 2.0  # ka times the angle of the first sector; of each next one
+WIDEST_FIRST = 1.0  # radians
 CROSSOVER = (150.0, 600.0)  # Hz, from the low to the high layer
 CROSSING = 12.8 / (CROSSOVER[1] - CROSSOVER[0])  # s; so far the crossover spreads an arrival
 HIGH_RINGING = 25.0  # a/c; sound that creeps around the trunk has left it

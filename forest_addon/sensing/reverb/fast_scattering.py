@@ -25,13 +25,15 @@ from ...spec import Air
 from .air_filter import AirFilter
 from .expansion import Layer, expand
 from .panel_sum import panel_spectrum
-from .scattering import RINGING, SPREAD, TrunkPaths, roll_off, transform_length
+from .scattering import SPREAD, TrunkPaths, roll_off, transform_length
 
 TRUNKS_AT_ONCE = 65536
 GRID_AT_ONCE = 1 << 23  # values of the even grid, of as many terms as that allows
 MOST_KEPT = 1 << 27  # bytes of filters that a layer keeps as spectra
 FEW_RADII = 4
 LONGEST_RINGING = 10.0  # s of a transform after the last arrival
+RINGING_SHARE = 4.0
+SINGLE = 1e-4  # from this tolerance on, single precision does; not where seconds of filters are
 BESIDE = 160  # samples of a low layer before and after the record; they fade out
 
 
@@ -93,9 +95,9 @@ class Expansions:
 
 
 def _by_panels(paths: TrunkPaths, rate: float, count: int, air: Air, tolerance: float) -> FastSum:
-    # a thick trunk rings on as t^-2.5, and must not be heard again at the record's faint end
-    slow = float(paths.radius.max()) / air.speed() * (1e4 / tolerance) ** 0.4
-    ringing = min(LONGEST_RINGING, max(RINGING, slow))
+    # trunks ring on as t^-2.5, and must not be heard again in low octaves or at the record's faint end
+    thickest = float(paths.radius.max()) / air.speed()
+    ringing = min(LONGEST_RINGING, max(0.01, thickest * 10.0) * tolerance**-0.4 * RINGING_SHARE)
     size = transform_length(paths, rate, count, air.speed(), ringing)
     frequency = np.arange(size // 2 + 1) * (rate / size)
     loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
@@ -118,6 +120,7 @@ class _LayerSum:
     def __init__(self, layer: Layer, air: AirFilter) -> None:
         self.layer, self.air = layer, air
         self.step, self.rate, self.speed = layer.step, layer.rate, layer.speed
+        self.dtype = np.float32 if layer.tolerance >= SINGLE and layer.lowest > 0 else np.float64
         self.kernel = Kernel.for_tolerance(0.3 * layer.tolerance)
         self.errors: dict[float, float] = {}
         self._filters: dict[int, np.ndarray] = {}
@@ -152,14 +155,15 @@ class _LayerSum:
         place -= base
         place *= OVERSAMPLING
         filters = self._filter_spectra(number, size)
-        total = np.zeros(size // 2 + 1, np.complex128)
+        total = np.zeros(size // 2 + 1, filters.dtype)
         several = max(4, GRID_AT_ONCE // (size * OVERSAMPLING))
         for first in range(0, sector.terms, several):
             terms = slice(first, first + several)
-            grid = np.zeros((size * OVERSAMPLING, len(filters[terms])))
+            grid = np.zeros((size * OVERSAMPLING, len(filters[terms])), self.dtype)
             for start in range(0, len(cosine), TRUNKS_AT_ONCE):
                 some = slice(start, start + TRUNKS_AT_ONCE)
                 heights = sector.shares(cosine[some])[:, terms] * paths.weight[some, None]
+                heights = heights.astype(self.dtype)
                 grid += self._deposit(place[some], heights, len(grid))
             spectra = fft.rfft(grid.T.copy(), axis=1)[:, : size // 2 + 1]
             spectra *= filters[terms]
@@ -168,7 +172,7 @@ class _LayerSum:
 
     def _deposit(self, place: np.ndarray, heights: np.ndarray, size: int) -> np.ndarray:
         """(size, R) pulses of the heights (N, R) at grid places (N,)."""
-        first, taps = self.kernel.spread(place, np.float64)
+        first, taps = self.kernel.spread(place, self.dtype)
         width = self.kernel.width
         rows = first[:, None] + np.arange(width, dtype=np.int32)
         ends = np.arange(0, rows.size + 1, width, dtype=np.int32)
@@ -185,6 +189,7 @@ class _LayerSum:
         spectra = fft.rfft(self._filters[number], size, axis=1)
         spectra[:, : math.floor(self.layer.lowest * size / self.rate)] = 0.0
         spectra /= self.kernel.transform(np.arange(size // 2 + 1) / (size * OVERSAMPLING))
+        spectra = spectra.astype(np.result_type(self.dtype, np.complex64), copy=False)
         if sum(each.nbytes for each in self._spectra.values()) + spectra.nbytes < MOST_KEPT:
             self._spectra[number, size] = spectra
         return spectra

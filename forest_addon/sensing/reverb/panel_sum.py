@@ -39,7 +39,7 @@ FIRST, GROWTH, WIDEST = (
 MOST_NODES, TRIED_NODES = 40, 64  # of a panel; at which its series is looked at
 FARTHER = (0.0, 0.02, 0.1, 0.3, 0.6, 1.0)  # shares of the trunks, at which the air is looked at
 FEW_BINS = 6  # of a panel that needs no interpolation
-SHARE = 0.2  # of the tolerance, for each approximation
+SHARE = 0.5  # of the tolerance, for each approximation
 REACH = 2.6  # radians by which H turns to both sides of its middle when ka grows by 1
 TURN, WIDEST_TURN = 1.5, 6.0  # radians by which H turns from the middle of a box to its side
 FULL = 40  # trunks a box; with fewer, boxes are larger
@@ -89,7 +89,8 @@ class _Group:
         self, paths: TrunkPaths, spacing: float, loss: np.ndarray, speed: float, tolerance: float
     ) -> None:
         self.paths, self.spacing, self.loss, self.speed = paths, spacing, loss, speed
-        self.allowed = SHARE * tolerance
+        # errors of loud trunks are spread over the record: its faint end feels them first
+        self.allowed = SHARE * tolerance * min(1.0, tolerance / 1e-4) ** 0.25
         self.kernel = width_for(SHARE * tolerance)
         self.thickest = float(paths.radius.max())
         rng = stream(len(paths.length), "panels", "checks")
