@@ -27,7 +27,7 @@ LONGEST_TAIL = 0.1  # s for which a filter of the air answers, at most
 DECAYS = 16.0  # of the slowest relaxation, after which it has
 FADE = 256  # samples over which a block gives way to the next: a cut would sound at all frequencies
 BLOCKS_AT_ONCE = 16
-ROUNDS = 2
+ROUNDS = 1
 
 
 class AirFilter:

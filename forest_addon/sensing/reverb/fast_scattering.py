@@ -56,7 +56,8 @@ class Expansions:
         self, paths: TrunkPaths, rate: float, count: int, air: Air, tolerance: float
     ) -> FastSum:
         """(count,) samples at ``rate`` Hz, sample 0 when the source sounds."""
-        different = np.unique(paths.radius[paths.radius > 0])
+        alike = len(paths.radius) > 0 and paths.radius.min() == paths.radius.max() > 0
+        different = paths.radius[:1] if alike else np.unique(paths.radius[paths.radius > 0])
         if len(different) > FEW_RADII:
             return _by_panels(paths, rate, count, air, tolerance)
         size = SPREAD + count + SPREAD
@@ -64,11 +65,7 @@ class Expansions:
         cosine = np.cos(paths.angle)
         errors: dict[float, float] = {}
         for radius in different.tolist():
-            rows = (
-                slice(None)
-                if len(different) == 1 == len(np.unique(paths.radius))
-                else paths.radius == radius
-            )
+            rows = slice(None) if alike else paths.radius == radius
             some, turned = paths.select(rows), cosine[rows]
             for layer in self._set_up(radius, rate, air, tolerance):
                 total += layer.sum(some, turned, size)
@@ -132,7 +129,7 @@ class _LayerSum:
         last = -(-(count - SPREAD) // self.step) + BESIDE * (self.step > 1)
         total: np.ndarray = np.zeros(last - first)
         sector_of = np.searchsorted(self.layer.highs, cosine)
-        for number in np.unique(sector_of).tolist():
+        for number in np.flatnonzero(np.bincount(sector_of)).tolist():
             rows = np.flatnonzero(sector_of == number)
             start, part = self._sector_sum(number, paths.select(rows), cosine[rows])
             _add(total, part, start - first)
