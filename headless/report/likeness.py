@@ -24,7 +24,7 @@ from forest_addon.spec import Air, Rays, Sonar
 Say = Callable[[str], None]
 PULSES = 128  # along a side of the grid
 SIDES = 12  # from which a sonar pings
-AWAY = 3.0  # metres between the sonar and the crown's edge
+AWAY = 6.0  # metres between the sonar and the crown's edge
 
 
 def portray_with_sensors(tree: Tree) -> Portrait:

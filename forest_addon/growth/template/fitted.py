@@ -32,6 +32,8 @@ MOST_ALIKE = 4  # members of a class
 KERNEL = 0.12  # of the mother's length: how far a table looks
 PLACES = 33  # of a table
 MOST_CHANCE = 0.25
+BY_CHANCE = 0.25  # of what pieces are off the means; the rest comes with the pieces themselves
+MOST_LENGTH_SPREAD, MOST_ANGLE_SPREAD = 0.1, np.deg2rad(4.0)
 FEW = 6.0
 MOST_UNEVEN = 0.1  # relative spread of the number of branches of an order, by chance
 
@@ -43,6 +45,8 @@ class Table:
     share : (P,) position, 0 foot to 1 tip. length : (P,) of a daughter over her mother's.
     angle : (P,) radians. thickness : (P,) radius at the foot over the mother's there.
     density : (P,) daughters per mother and unit of share.
+    length_spread, angle_spread : what is added by chance, relative and radians: a share of what pieces
+        are off these means.
     """
 
     share: np.ndarray
@@ -50,6 +54,8 @@ class Table:
     angle: np.ndarray
     thickness: np.ndarray
     density: np.ndarray
+    length_spread: float
+    angle_spread: float
 
 
 @dataclass(frozen=True)
@@ -226,14 +232,22 @@ def _table(anatomy: Anatomy, share: np.ndarray, order: int) -> Table:
     smooth = _smoother(share[mine], place)
     inside = ((place[:, None] - share[mine]) / KERNEL) ** 2
     mass = np.exp(-inside / 2).sum(axis=1) / (KERNEL * np.sqrt(2 * np.pi))
+    length = np.log(np.maximum(reach[mine] / reach[mother], 1e-9))
+    means = smooth @ length, smooth @ anatomy.angle[mine]
+    off = [
+        float((values - np.interp(share[mine], place, mean)).std())
+        for values, mean in zip((length, anatomy.angle[mine]), means, strict=True)
+    ]
     return Table(
         share=place,
-        length=np.exp(smooth @ np.log(np.maximum(reach[mine] / reach[mother], 1e-9))),
-        angle=np.clip(smooth @ anatomy.angle[mine], 0.0, np.pi),
+        length=np.exp(means[0]),
+        angle=np.clip(means[1], 0.0, np.pi),
         thickness=np.exp(
             smooth @ np.log(anatomy.foot_radius()[mine] / radius_at_seat(anatomy)[mine])
         ),
         density=mass / max(int((anatomy.order == order - 1).sum()), 1),
+        length_spread=min(BY_CHANCE * off[0], MOST_LENGTH_SPREAD),
+        angle_spread=min(BY_CHANCE * off[1], MOST_ANGLE_SPREAD),
     )
 
 

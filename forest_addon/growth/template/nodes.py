@@ -19,7 +19,7 @@ JITTER = 0.25  # share of the scatter of spacing by which a node moves
 FARTHEST = 0.8  # share of the way to the next node
 BASE_SPREAD = 0.06  # of the height of the crown's base
 EVEN = 0.8  # mean resultant length of turns from which they are even (Mardia 1972)
-TURN_SPREAD, MOST_TURN = 0.5, np.deg2rad(12.0)  # share of the spread of turns, and at most
+TURN_SPREAD = np.deg2rad(12.0)  # of turns that are not even
 SIDE_SPREAD = np.deg2rad(12.0)
 GOLDEN = np.pi * (3 - np.sqrt(5))
 NEIGHBOURS = 2  # nodes to either side that a turn is taken from
@@ -168,13 +168,12 @@ def _turned_nodes(standing: np.ndarray, seen: np.ndarray, key: int, variety: flo
     keys = daughter_keys(np.full(len(node), key, np.uint64), np.arange(len(node)))
     near = keyed_uniform(keys, "turn") * (2 * NEIGHBOURS + 1) - NEIGHBOURS - 0.5
     other = np.where(keyed_uniform(keys, "near") < variety, np.rint(near), 0).astype(np.int64)
-    spread = min(float(np.sqrt(-2 * np.log(max(abs(mean), 1e-9)))), MOST_TURN / TURN_SPREAD)
-    noise = variety * TURN_SPREAD * spread * keyed_normal(keys, "turn spread")
     if abs(mean) > EVEN:
         regular = standing[0] + np.angle(mean) * np.arange(len(standing))
         off = np.angle(np.exp(1j * (standing - regular)))
         source = np.clip(node + other, 0, len(standing) - 1)
-        return np.asarray(standing[0] + np.angle(mean) * seen + off[source] + noise)
-    turn = step[np.clip(node + other, 1, len(step)) - 1] + noise
+        return np.asarray(standing[0] + np.angle(mean) * seen + off[source])
+    turn = step[np.clip(node + other, 1, len(step)) - 1]
+    turn = turn + variety * TURN_SPREAD * keyed_normal(keys, "turn spread")
     turn[0] = standing[node[0]]
     return np.cumsum(turn)

@@ -28,12 +28,11 @@ from .runs import Runs, bounds
 from .size import Size, size_of, trunk_girth
 
 MOST_SCALE = 1.5  # of a piece's length
-SWEEP = np.deg2rad(25.0)  # turn of a branch's bends about its line
+SWEEP = np.deg2rad(15.0)  # turn of a branch's bends about its line
 TRUNK_SWEEP = np.deg2rad(60.0)
-BEND_SPREAD, LENGTH_SPREAD, LEAN_SPREAD = 0.15, 0.06, 0.3
-SWAY = np.deg2rad(5.0)  # of a level branch's slope at its tip
+BEND_SPREAD, LEAN_SPREAD = 0.15, 0.3
+SWAY = np.deg2rad(4.0)  # of a level branch's slope at its tip
 FADE = 4.0  # how fast a foot's other slope is made up for: e^-4 of it is left at the tip
-ANGLE_SPREAD = np.deg2rad(2.0)
 DAUGHTER_LENGTH = 0.5  # exponent: how daughters lengthen with their mother
 THICKEST = 0.95  # of the mother there
 
@@ -142,7 +141,7 @@ def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: in
     there, own = placed.place, habit.share[piece]
     trend = np.interp(there, table.share, table.length) / np.interp(own, table.share, table.length)
     scale = np.clip(trend, 1 / MOST_SCALE, MOST_SCALE)
-    scale = scale * np.exp(variety * LENGTH_SPREAD * keyed_normal(key, "length"))
+    scale = scale * np.exp(variety * table.length_spread * keyed_normal(key, "length"))
     scale = scale * (size.crown if order == 1 else below.scale[owner] ** DAUGHTER_LENGTH)
     piece, scale = _fitting(habit, piece, scale, order)
 
@@ -151,7 +150,7 @@ def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: in
     bearing = below.sign[owner] * placed.azimuth
     angle = anatomy.angle[piece] + np.interp(there, table.share, table.angle)
     angle = angle - np.interp(own, table.share, table.angle)
-    angle = angle + variety * ANGLE_SPREAD * keyed_normal(key, "angle")
+    angle = angle + variety * table.angle_spread * keyed_normal(key, "angle")
     roll = below.sign[owner] * anatomy.roll[piece]
     start = foot_frames(frame, bearing, np.clip(angle, 0.0, np.pi), roll, anatomy.carried[piece])
 
