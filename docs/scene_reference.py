@@ -39,6 +39,7 @@ TABLES: list[tuple[str, type[spec.Settings]]] = [
 SPECIES: list[tuple[str, type[spec.Settings]]] = [
     ("A species file", spec.Species),
     ("[template]", spec.Template),
+    ("[siblings]", spec.Siblings),
     ("[grammar]", spec.Grammar),
     ("[rules]", spec.Rules),
     ("[honda]", spec.Honda),

@@ -81,7 +81,7 @@ def idle() -> bool:
 def run(name: str, seconds: float = 120) -> Scenario:
     props().results.remove(props().results.find(name)) if done(name) else None
     assert press("forest.run", sensor=name) == {"RUNNING_MODAL"}
-    yield from wait_for(lambda: done(name), seconds, name)
+    yield from wait_for(lambda: done(name) and idle(), seconds, name)
     yield 1
 
 
