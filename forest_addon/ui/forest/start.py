@@ -52,11 +52,13 @@ class FOREST_OT_start(WhenReady, bpy.types.Operator):
         if bpy.app.background or not (props.plantings or props.stems):
             return self.execute(context)
         return context.window_manager.invoke_props_dialog(
-            self, width=320, title=say("Replace this forest?"), confirm_text=say("Replace")
+            self, width=320, title=say("Replace this forest?"), confirm_text=say("Set Up")
         )
 
     def draw(self, _context: bpy.types.Context) -> None:
         column = self.layout.column()
+        column.use_property_split = True
+        column.use_property_decorate = False
         column.label(text="Field and plantings are replaced.")
         column.row().prop(self, "sensors", expand=True)
 
