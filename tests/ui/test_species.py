@@ -225,9 +225,9 @@ def test_a_tree_from_stl_is_planted(planting, model, own):
     assert props.active_plantings == 1
     path = Path(props.plantings[1].species)
     assert path == own / "elm" / "elm.toml"
-    _, template = load_species(path)
-    assert len(template.branches) == 9
-    assert template.leaf_count == 63
+    _, habit = load_species(path)
+    assert (habit.anatomy.order == 1).sum() == 9
+    assert len(habit.anatomy.foliage.bearer) == 63
     assert path.as_posix() in [choice[0] for choice in species_pictures.choices(props)]
     bpy.ops.forest.import_tree(filepath=str(model / "wood.stl"), directory=str(model), height=8)
     assert Path(props.plantings[2].species) == own / "elm-2" / "elm-2.toml"
@@ -239,8 +239,8 @@ def test_a_template_of_ours_is_imported(planting, own):
     bpy.ops.forest.make_species(wood=str(wood), leaves=str(leaves), title="hazel")
     _, ours = load_species(ASSETS / "species" / "hazelnut.toml")
     _, made = load_species(own / "hazel" / "hazel.toml")
-    assert len(made.branches) == len(ours.branches)
-    assert made.leaf_count == ours.leaf_count
+    assert (made.anatomy.order == 1).sum() == len(ours.branches)
+    assert len(made.anatomy.foliage.bearer) == ours.leaf_count
 
 
 @pytest.mark.parametrize(
