@@ -11,7 +11,6 @@ from bpy_extras.io_utils import ImportHelper
 
 from ...blender.jobs import Task, Work
 from ...blender.sensors import file_name
-from ...blender.tree_files import read_parts
 from ...spec import SpecError
 from ..preferences import species_folder
 from ..running import PROBLEMS, WhenReady, Working, in_words
@@ -87,6 +86,7 @@ class FOREST_OT_make_species(Working, bpy.types.Operator):
     height: bpy.props.FloatProperty(name="Height", unit="LENGTH", options={"SKIP_SAVE"})
 
     def work(self, context: bpy.types.Context) -> Work:
+        from ...blender.tree_files import read_parts
         from ...formats.template_library import check_name, make_library
 
         props = context.scene.forest_sensing
