@@ -10,7 +10,6 @@ import warnings
 
 import numpy as np
 import pytest
-from forest_addon.formats.expansion_store import ExpansionStore
 
 from forest_addon.formats.directivity_file import read_directivity
 from forest_addon.formats.glb import read_glb
@@ -234,16 +233,6 @@ def test_headers_of_arrays_that_numpy_trips_over(header, tmp_path):
     path.write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(96))
     _, refused = outcome(read_raster, path)
     assert "a.npy" in refused
-
-
-def test_a_broken_cache_is_no_cache(tmp_path):
-    store = ExpansionStore(tmp_path)
-    np.savez(store.path(("a", 1)), key=np.array(repr(("a", 1))), layers=np.zeros((1, 2), int))
-    good = store.path(("a", 1)).read_bytes()
-    rng = stream(7, "broken", "cache")
-    for _ in range(TRIES):
-        store.path(("a", 1)).write_bytes(mutated(good, rng))
-        assert store.load(("a", 1)) in (None, store.load(("a", 1)))
 
 
 def test_a_species_whose_solid_cannot_be_used(tmp_path):

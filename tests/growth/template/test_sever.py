@@ -181,6 +181,23 @@ def test_a_remeshed_tree_has_the_branches_of_its_parts() -> None:
     np.testing.assert_allclose(found.radius[number], model.radius, rtol=0.25)
 
 
+def test_branches_that_have_grown_together_spoil_no_other_piece() -> None:
+    """Two branches that cross: the ring that they make with the trunk is said, all lines are sound."""
+    model = Model()
+    thick = np.linspace(0.09, 0.06, 6)
+    trunk = model.add(line([0, 0, 0], [0, 0, 6]), np.linspace(0.25, 0.12, 6), -1, capped=True)
+    model.add(line([0, 0, 1.5], [3, 0.0, 4.0]), thick, trunk, capped=True)
+    model.add(line([0, 0, 4.0], [3, 0.02, 1.5]), thick, trunk, capped=True)
+    model.add(line([0, 0, 4.8], [-2, 0.3, 5.6]), thick, trunk, capped=True)
+    found = recognise(remeshed(model.wood(), 0.025))
+    assert found.lines.length()[found.trunk] == pytest.approx(6.0, rel=0.02)
+    chord = np.linalg.norm(found.tip - found.foot, axis=1)
+    assert np.all(found.lines.length() < 1.6 * chord + 0.1)  # no line turns back
+    assert 4 <= found.wood.count <= 6  # what lies beyond the crossing may be a branch of its own
+    (doubt,) = found.doubts
+    assert "grown into one another" in doubt.sentence
+
+
 def grown(name: str, thinnest: float) -> Skeleton:
     """A tree of our growers without what is thinner than this."""
     species, template = load_species(find_species(name, Path()))
