@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import median_filter, uniform_filter1d
 
 from .axes import Axes
 from .levels import Slices
@@ -24,6 +23,8 @@ class Course:
 
 def smooth(slices: Slices, axes: Axes) -> Course:
     """The course of every axis: medians of the radius, and centres where that is not exceeded."""
+    from scipy.ndimage import median_filter, uniform_filter1d  # here: few runs need it
+
     centre, radius = slices.centre.copy(), axes.radius.copy()
     heading = np.zeros_like(centre)
     chain = np.flatnonzero(axes.chain)
