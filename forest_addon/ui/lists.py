@@ -102,7 +102,9 @@ class _Button:
     """A button beside a list."""
 
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
-    listed: ClassVar[Listed]
+    # Not ClassVar[Listed]: Blender 4.5 evaluates it, typing keeps what it evaluated, by that this module and
+    # by that bpy, which then cannot end: a process with bpy as a module would wait for ever.
+    listed: ClassVar[Any]
 
     @classmethod
     def obstacle(cls, context: Context) -> str:
