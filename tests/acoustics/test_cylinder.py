@@ -138,6 +138,7 @@ def test_impossible_sizes_are_refused(wrong: float) -> None:
         scattering_sum([1.0, wrong], 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ka", [1500.3, 2500.0, 4200.0])
 def test_the_stated_error_of_large_sizes(ka: float) -> None:
     """At 2500 and 4200 it is twice what holds below 2000."""

@@ -30,6 +30,7 @@ def world():
     return forest.build(SCENE)
 
 
+@pytest.mark.slow
 def test_the_same_as_the_sensors_find(world):
     observer = Observer(bpy.context.evaluated_depsgraph_get())
     cloud, echo, sound = world.scan(TRIPOD), world.ping(BAT), world.impulse_response(CLAP)
@@ -97,6 +98,7 @@ def test_sounds_as_files(world, tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_notebooks_show_pictures(world):
     row = forest.Tractor(position=(-3, 0, 1), track=2, step=0.5, angle_step_deg=5, reach=8, top=4)
     for result in (

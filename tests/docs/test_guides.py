@@ -19,6 +19,7 @@ def blocks(page):
     return re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p)], ids=lambda p: p.stem)
 def test_its_code_runs(page, tmp_path, monkeypatch, empty_blender):
     monkeypatch.chdir(tmp_path)

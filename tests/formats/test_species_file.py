@@ -52,6 +52,7 @@ def test_a_leaf_that_cannot_be_used(tmp_path, facets, complaint):
     assert "leaf.mesh" in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_tree_is_recognised_once_as_long_as_its_files_stay_the_same(tmp_path):
     """By what is in them: a file that was written anew is read anew, at another height it is another."""
 
@@ -93,6 +94,7 @@ def test_a_template_is_cut_once_in_a_process(tmp_path):
     assert len(other.branches) == len(first.branches)
 
 
+@pytest.mark.slow
 def test_what_is_kept_of_templates_does_not_grow_with_scenes(tmp_path):
     def kept():
         gc.collect()

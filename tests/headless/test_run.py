@@ -207,6 +207,7 @@ def test_the_script_for_blender_itself(tmp_path):
     assert subprocess.run([*map(str, words)], capture_output=True).returncode == 2
 
 
+@pytest.mark.slow
 def test_a_run_starts_from_a_blend_file_and_stands_on_what_is_in_it(headless, tmp_path):
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.mesh.primitive_plane_add(size=30, location=(5, 5, 40))

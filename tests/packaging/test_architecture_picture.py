@@ -38,6 +38,7 @@ def reachable(arrows, start):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "module", ["sensing.lidar.scan", "sensing.reverb.response", "stand.plan", "formats.las"]
 )
@@ -62,6 +63,7 @@ def test_arrows_that_follow_are_left_out(drawing):
     assert drawing.reduced(arrows) == expected
 
 
+@pytest.mark.slow
 def test_every_arrow_drawn_has_its_boxes(drawing):
     rooms = {room for _, row in drawing.ROWS for room in row}
     for arrow in drawing.reduced(drawing.project_arrows()):

@@ -123,6 +123,7 @@ def group_for(props, cls):
     return getattr(props, cls.__name__.lower())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cls", SINGLE, ids=lambda c: c.__name__)
 @given(data=st.data())
 @IN_BLENDER

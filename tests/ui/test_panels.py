@@ -137,6 +137,7 @@ def test_labels_fit_beside_their_values(small):
             assert len(label) <= 15, f"{group.__name__}.{name}: {label}"
 
 
+@pytest.mark.slow
 def test_results_are_shown(small):
     bpy.ops.forest.build()
     bpy.ops.forest.run()

@@ -127,6 +127,7 @@ class Pressed:
         return running.Working.modal(self, bpy.context, key)
 
 
+@pytest.mark.slow
 def test_escape_says_what_stays_and_leaves_a_step_to_undo(built):
     """Sensors that had finished are kept: Blender is told of a change, the user of which."""
     button = Pressed(FOREST_OT_run, sensor="", frames="THIS")
@@ -144,6 +145,7 @@ def test_escape_before_anything_is_found_says_so(built):
     assert set(built.results.keys()) == {"forest"}
 
 
+@pytest.mark.slow
 def test_what_was_found_before_an_error_can_be_undone_too(built):
     button = Pressed(FOREST_OT_run, sensor="", frames="THIS")
     button.until(lambda: "cloud" in built.results)

@@ -78,6 +78,7 @@ def test_what_sensors_do_not_see_needs_none(slope, tmp_path):
     assert "save that and export again" in write_scene(bpy.context.scene, tmp_path / "mine.toml")
 
 
+@pytest.mark.slow
 def test_with_its_blend_file_the_scene_gives_the_same_bytes(slope, tmp_path):
     """A built forest on a terrain of one's own, exported to another folder."""
     props = bpy.context.scene.forest_sensing

@@ -215,7 +215,7 @@ def template(tmp_path_factory):
         [sys.executable, ROOT / "packaging/list_words.py", file],
         capture_output=True,
         text=True,
-        timeout=900,
+        timeout=300,
     )
     assert made.returncode == 0, made.stderr
     return file.read_text(encoding="utf-8")

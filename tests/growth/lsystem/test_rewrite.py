@@ -100,6 +100,7 @@ def test_one_draw_an_occurrence_whatever_the_block(monkeypatch):
         rewrite(system, 1)
 
 
+@pytest.mark.slow
 def test_expected_size_of_a_stochastic_grammar():
     system = read_system("F", ["F -> FF : 0.5", "F -> F : 0.5"])
     expected = predict(system, 8)

@@ -306,6 +306,7 @@ def maple() -> tuple[np.ndarray, np.ndarray]:
     return read_stl(MAPLE / "maple_stem.stl"), read_stl(MAPLE / "maple_leaves.stl")
 
 
+@pytest.mark.slow
 def test_maple_pieces(maple: tuple[np.ndarray, np.ndarray]) -> None:
     """244 tubes: a trunk of 384 facets, 24 branches of 240, 219 twigs of 144. The 3,710 leaf quads are
     1,855 leaves, each drawn from both sides.

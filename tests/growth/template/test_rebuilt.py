@@ -31,6 +31,7 @@ def corners_of(facets: np.ndarray) -> np.ndarray:
     return rows[np.lexsort(rows.T[::-1])]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPECIES)
 def test_the_hierarchy_of_our_own_trees_is_recovered_exactly(name):
     own = own_tree(name)

@@ -160,6 +160,7 @@ def test_what_has_no_fork_is_one_sentence_with_a_place(facets: np.ndarray) -> No
 # ---------------------------------------------------------------------------------- remeshed
 
 
+@pytest.mark.slow
 def test_a_remeshed_tree_has_the_branches_of_its_parts() -> None:
     """Number of branches by order exact, lengths within 6 %, radii at the foot within 25 %, where a voxel
     is 0.6 of the twigs' radius."""
@@ -228,6 +229,7 @@ def axes_by_order(skeleton: Skeleton) -> np.ndarray:
     return np.bincount(skeleton.order[first])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "thinnest"), [("abop-monopodial-a", 0.014), ("honda-birch", 0.03)]
 )
@@ -265,6 +267,7 @@ def right_parents(skeleton: Skeleton, found: Recognition) -> float:
     return float(np.mean(right))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "right"),
     [

@@ -26,6 +26,7 @@ def portraits(name):
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPECIES)
 def test_siblings_are_within_the_goals(name):
     """Means within 10 % and 4.5 standard errors: a false alarm in 10,000 runs; profiles overlap."""

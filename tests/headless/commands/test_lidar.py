@@ -100,6 +100,7 @@ def killed(park, out, *more):
     return None
 
 
+@pytest.mark.slow
 def test_a_killed_scan_goes_on_to_the_same_bytes(lidar, park, tmp_path):
     whole, cut = tmp_path / "whole.laz", tmp_path / "cut.laz"
     assert lidar(park, *SCAN, "--out", whole, "--quiet").returncode == 0

@@ -96,6 +96,7 @@ def test_t20s_grammar_is_there_by_name(files, capsys):
     assert species.grammar.radius == pytest.approx(template.trunk_radius, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_string_of_a_fitted_grammar(files, capsys):
     out = files / "pine"
     words = ["template", str(files / "w.stl"), str(files / "l.stl"), "--name", "pine"]
@@ -132,6 +133,7 @@ def test_bad_input_is_one_sentence(files, monkeypatch, capsys, words, complaint)
     assert complaint in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("unit", "scale"),
     [("metres", 1.0), ("centimetres", 100.0), ("millimetres", 1000.0), ("feet", 1 / 0.3048)],
@@ -155,6 +157,7 @@ def test_one_file_of_any_unit_with_y_up(tmp_path, capsys, unit, scale):
     assert tall == pytest.approx(np.ptp(model.wood()[:, :, 2]), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_unit_and_axis_may_be_given(files, capsys):
     out = files / "elm"
     words = ["template", f"{files}/w.stl", f"{files}/l.stl", "--name", "elm", "--out", str(out)]
@@ -196,6 +199,7 @@ def test_units_are_inferred_from_usual_sizes(height, leaf, name):
     assert infer_unit(height, leaf).name == name
 
 
+@pytest.mark.slow
 def test_the_maple_of_t20(tmp_path, capsys):
     if not MAPLE.is_dir():
         pytest.skip(f"the maple of T20 is not at {MAPLE}; it has no licence to be shipped")

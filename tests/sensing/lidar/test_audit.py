@@ -50,6 +50,7 @@ def test_a_right_scan_passes_and_says_what_it_took(shift):
     assert found.exact_seconds > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [{"factor": 1 + 1e-8}, {"blind": True}])
 def test_a_wrong_engine_is_found(wrong):
     caster = Off(scene(), **wrong)

@@ -198,6 +198,7 @@ HARD_PULSE = [
 ]
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(
     sigma=st.sampled_from(instruments()),

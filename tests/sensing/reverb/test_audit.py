@@ -38,6 +38,7 @@ def audit(trunks, sensor, made=None):
     return audit_response(found, trunks, HERE, THERE, sensor, AIR, made, stream(1, "a"), 1.0, 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-6, 0.0])
 @pytest.mark.parametrize("spread", [False, True])
 def test_what_is_right_is_kept(tolerance, spread):

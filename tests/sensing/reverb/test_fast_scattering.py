@@ -111,6 +111,7 @@ def stands(draw: st.DrawFn) -> tuple[TrunkPaths, float]:
     return between(rng.uniform(-side / 2, side / 2, (count, 2)), radius, distance), rate
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None, derandomize=True, phases=[Phase.explicit, Phase.generate])
 @given(stand=stands(), tolerance=st.sampled_from([1e-3, 1e-4, 1e-5]))
 def test_tolerance_is_kept_in_every_band_and_at_every_time(
@@ -121,6 +122,7 @@ def test_tolerance_is_kept_in_every_band_and_at_every_time(
     assert max(reported.values()) < 3.0 * tolerance
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate", "count", "radius"),
     [
@@ -137,6 +139,7 @@ def test_the_smallest_tolerance(
     assert worst < 1.0
 
 
+@pytest.mark.slow
 def test_many_trunks_at_single_frequencies() -> None:
     """20,000 trunks, lognormal from 1 cm to 2 m: the spectrum in each octave against the plain sum."""
     rng = np.random.default_rng(3)
@@ -179,6 +182,7 @@ def test_extreme_air(radius: float | tuple[float, float], air: dict[str, float])
     assert worst < 1.0
 
 
+@pytest.mark.slow
 def test_192_khz() -> None:
     """ka to 176; the air takes 3 dB a metre at the band's end."""
     worst, _ = compare(paths(15, 5.0, 10.0, 0.1), 192e3, 1e-4)

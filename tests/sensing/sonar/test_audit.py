@@ -47,11 +47,13 @@ def test_what_is_right_is_kept(tolerance, cull, model):
     assert found.checked >= 4
 
 
+@pytest.mark.slow
 def test_a_wrong_echo_is_found():
     echo = ping(targets(), BAT, AIR)
     assert not audit(replace(echo, spectra=1.001 * echo.spectra), BAT).kept
 
 
+@pytest.mark.slow
 def test_what_was_left_out_without_leave_is_found():
     """An echo that culled a tenth, and says that it culled nothing."""
     sonar = BAT.changed(cull=0.1, beam_width_deg=(20, 20))

@@ -49,6 +49,7 @@ def test_optical_depth_is_projected_leaf_area_on_the_way(facing: bool, g: float)
     assert found.mean() == pytest.approx(g * density, abs=error)
 
 
+@pytest.mark.slow
 def test_depth_grows_along_the_way_and_starts_at_nothing() -> None:
     mesh = haze(1500, 0.06)
     assert not depths(mesh, 1.9).any()

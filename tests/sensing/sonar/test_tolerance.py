@@ -64,6 +64,7 @@ def check(discs: LeafDiscs, one: LeafDiscs, count: int, sonar: Sonar) -> None:
     assert fast.table_error == pytest.approx(exact.table_error, rel=0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 @settings(max_examples=25, deadline=None)
 @given(

@@ -96,6 +96,7 @@ def test_bounds_hold_in_cells_of_every_size(name):
         assert (value >= lower - room).all()
 
 
+@pytest.mark.slow
 def test_raster_bounds_are_exact_in_cells_of_up_to_two_patches():
     grid, rng = raster(), stream(6, "exact")
     low = LOW + rng.uniform(0, 1, (200, 2)) * (SIZE - 6)
@@ -281,6 +282,7 @@ def ramp():
     return Triangulated(vertices, triangles)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("limits", "share"),
     [
@@ -300,6 +302,7 @@ def test_a_density_is_that_of_the_ground_where_it_may_stand(limits, share):
     assert there[there > 0] == pytest.approx(0.5, rel=1e-9)  # exactly so, as it is even
 
 
+@pytest.mark.slow
 def test_a_density_of_uneven_ground_is_its_mean_there():
     hill = Gaussian(centre=(30.0, 20.0), width=(20.0, 20.0))
     planting = Planting(species="m", density=0.5, gaussians=(hill,), slope_deg=(0.0, 30.0))

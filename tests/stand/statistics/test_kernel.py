@@ -76,6 +76,7 @@ def test_the_bandwidth_is_near_the_best_and_shrinks_with_more_trees():
     assert found[1] < 0.75 * found[0]  # n^(-1/6) would be 0.56
 
 
+@pytest.mark.slow
 def test_the_error_falls_at_the_rate_of_kernel_estimates():
     # MISE falls with n^(-2/3) in the plane where hills lie within the field. The slope from 200 to 1,600
     # trees, averaged over 4 samples, spreads by 0.08 about -0.65: bounds at 3 sigma.

@@ -48,6 +48,7 @@ def test_it_finds_the_hills_also_that_beyond_the_edge(window):
     assert fit.expected == pytest.approx(len(points), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_it_is_a_maximum_of_the_likelihood():
     points, _ = drawn(HILLS, 800, "maximum")
     fit = fit_mixture(points, FIELD)
@@ -89,6 +90,7 @@ def test_trees_that_stand_evenly_or_in_an_orchard_get_no_hill():
     assert fit.base == pytest.approx(400 / 1e4)
 
 
+@pytest.mark.slow
 def test_hills_on_a_base():
     on_base = Sum(
         (Constant(0.2), Mixture(np.array([2.0]), np.array([[60.0, 40.0]]), np.full((1, 2), 8)))

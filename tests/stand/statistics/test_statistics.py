@@ -241,6 +241,7 @@ def test_a_region_is_where_the_intensity_is_not_small():
     assert region.contains(places).tolist() == [True, True, False]
 
 
+@pytest.mark.slow
 def test_a_forest_of_the_law_passes_and_another_does_not():
     known = Law(lambda k: forest("known", k), lambda trees: (slope(trees), slope))
     passed = [examine(forest("passed", s), FIELD, known) for s in range(3)]

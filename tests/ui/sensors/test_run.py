@@ -257,6 +257,7 @@ def test_a_frame_range_needs_a_folder(built):
     assert run("echo", frames="RANGE") == {"FINISHED"}
 
 
+@pytest.mark.slow
 def test_the_button_for_frames_asks_and_counts_first(built, tmp_path):
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = 1, 2
