@@ -93,7 +93,7 @@ def find_trunk(pieces: Pieces, lines: Centrelines, free: np.ndarray) -> int:
     lowest = np.full(pieces.count, np.inf)
     np.minimum.at(lowest, pieces.piece_of_vertex, z)
     thickest = lines.end_radius.max(axis=1)
-    area = np.bincount(pieces.piece, np.linalg.norm(pieces.area_vectors(), axis=1), pieces.count)
+    area = np.bincount(pieces.piece, pieces.area, pieces.count)
     stout = free & (thickest >= STOUT * thickest[free].max())
     level = lowest <= lowest[stout].min() + LEVEL * np.ptp(z)
     return int(np.argmax(np.where(stout & level, area * thickest, -1.0)))

@@ -78,7 +78,7 @@ def sort_out(groups: Sequence[Group]) -> Sorted:
     owner = np.repeat(np.arange(len(left)), [len(groups[k].facets) for k in left])
     if len(left) > 1:
         source = _group_of_triangles(pieces, facets, owner)
-        area = np.linalg.norm(pieces.area_vectors(), axis=1)
+        area = pieces.area
         total = np.bincount(source, area, len(left))
         leafy = np.bincount(source, area * leaf[pieces.piece], len(left))
         for number, k in enumerate(left):
@@ -98,7 +98,7 @@ def looks_like_leaves(pieces: Pieces) -> np.ndarray:
     """(C,) whether a piece has the shape of a leaf, a card or a needle."""
     count = pieces.count
     vectors = pieces.area_vectors()
-    area = np.bincount(pieces.piece, np.linalg.norm(vectors, axis=1), count)
+    area = np.bincount(pieces.piece, pieces.area, count)
     total = np.stack([np.bincount(pieces.piece, x, count) for x in vectors.T], axis=1)
     facing = np.linalg.norm(total, axis=1) / np.maximum(area, 1e-300)
     triangles = np.bincount(pieces.piece, minlength=count)
