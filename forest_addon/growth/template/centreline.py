@@ -59,16 +59,13 @@ class Centrelines:
 class _Samples:
     """Places on the surface: all vertices, then places along edges that are long for their piece."""
 
-    one: np.ndarray  # (M - V,) vertices of those edges
-    other: np.ndarray  # (M - V,)
-    part: np.ndarray  # (M - V,) how far from the one to the other
+    of_vertices: csr_matrix  # (M, V) how much of each vertex a place is
     piece: np.ndarray  # (M,)
     weight: np.ndarray  # (M,) length of edge that each place stands for
 
     def spread(self, values: np.ndarray) -> np.ndarray:
         """(M,) what vertices have (V,), at every place."""
-        part = self.part.reshape(-1, *[1] * (values.ndim - 1))
-        return np.concatenate([values, values[self.one] * (1 - part) + values[self.other] * part])
+        return np.asarray(self.of_vertices @ values)
 
 
 @dataclass(frozen=True)
@@ -134,10 +131,17 @@ def _sample(pieces: Pieces, radius: np.ndarray) -> _Samples:
     inner = steps - 1
     edge = np.repeat(np.arange(len(steps)), inner)
     number = np.arange(len(edge)) - np.repeat(np.cumsum(inner) - inner, inner) + 1
+    part, many = number / steps[edge], len(owner)
+    places = csr_matrix(
+        (
+            np.concatenate([np.ones(many), np.stack([1 - part, part], axis=1).ravel()]),
+            np.concatenate([np.arange(many, dtype=np.int32), pieces.edges[edge].ravel()]),
+            np.concatenate([np.arange(many), many + 2 * np.arange(len(edge) + 1)]),
+        ),
+        shape=(many + len(edge), many),
+    )
     return _Samples(
-        one=one[edge],
-        other=other[edge],
-        part=number / steps[edge],
+        of_vertices=places,
         piece=np.concatenate([owner, owner[one[edge]]]),
         weight=np.concatenate([weight, each[edge]]),
     )
