@@ -18,13 +18,13 @@ from .bones import find_bones
 from .copies import Stock
 from .courses import STEEP, angles_in, foot_frames, rolled, unbend, upper_frames, walk
 from .cut import BARK_SLOT, LEAF_SLOT, turned_outwards
+from .hierarchy import CLOSER
 from .lines import Lines, Seats, nearest, seats_on, share_of
 from .pieces import lengths
 from .recognise import Recognition
 from .runs import Runs, bounds
 
 GROUND = np.eye(3)  # the frame that a trunk stands in
-CLOSER = 1.25  # lengths by which one comes nearer to a tapering surface, at most, for each gone
 
 
 @dataclass(frozen=True, eq=False)

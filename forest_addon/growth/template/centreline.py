@@ -180,10 +180,7 @@ def _average(
         2 * piece + (np.arange(first[-1]) - first[piece]) / stretches[piece]
     )  # rises throughout
     return np.stack(
-        [
-            np.interp(number, number[filled], column[filled] / weight[filled])
-            for column in total.T
-        ],
+        [np.interp(number, number[filled], column[filled] / weight[filled]) for column in total.T],
         axis=1,
     )
 

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from .centreline import Centrelines
-from .pieces import Pieces
+from .pieces import Pieces, lengths
 
 STOUT = 0.7  # share of the thickest piece's radius that a trunk has at least
 LEVEL = 0.02  # share of the tree's height within which pieces begin at the same level
@@ -28,6 +28,7 @@ TAPER = 1.3  # an end this many times as thick as the other is the foot
 THIN_END = 0.5  # piece lengths of gap that it takes for the thin end to be the foot after all
 REACH = 0.5  # radii that an end may stop short of the wood that it touches
 FLOAT = 1.25  # where nothing touches, gaps up to this many times the smallest are taken together
+CLOSER = 1.25  # lengths by which one comes nearer to a tapering surface, at most, for each gone
 CANDIDATES = 8  # stretches of wood looked at closely for each point
 BATCH = 1 << 15  # points looked at closely at a time
 LIKE, GROUPS = 4.0, 6  # balls whose radii differ by less than this factor are searched together
@@ -146,32 +147,39 @@ def find_bearers(lines: Centrelines, leaves: Pieces) -> tuple[np.ndarray, np.nda
     """(L,) the piece of wood that bears each leaf, and (L,) the gap between them.
 
     A leaf hangs by the corner or middle of an edge that is nearest to any wood; where it reaches into
-    several pieces, on the thinnest. A first look at one ball for each place leaves those that can be
-    the nearest of their leaf.
+    several pieces, on the thinnest. A first look at one ball for each corner leaves those that can be
+    the nearest of their leaf; the middle of an edge is at most half its length nearer than its ends.
     """
     tubes = _Tubes.of(lines, np.arange(len(lines.first) - 1))
     near = _groups_near(tubes, leaves)
-    owner = leaves.piece_of_vertex
-    seen = tubes.look(leaves.vertices, near[:, owner])
-    least = np.full(leaves.count, np.inf)
-    np.minimum.at(least, owner, np.maximum(seen.gap.min(axis=0), 0.0))
-    nearest = (seen.gap - seen.doubt).min(axis=0)
+    corner = leaves.piece_of_vertex
+    seen = tubes.look(leaves.vertices, near[:, corner])
+    begins = np.flatnonzero(np.diff(corner, prepend=-1))
+    least = np.minimum.reduceat(np.maximum(seen.gap.min(axis=0), 0.0), begins)
+    away = (seen.gap - seen.doubt).min(axis=0)  # at least
+    close = np.flatnonzero(away <= least[corner])
+    at_corners = tubes.contacts(leaves.vertices[close], seen.of(close), thinnest=True)
+    away[close] = at_corners.gap
+    np.minimum.at(least, corner[close], np.maximum(at_corners.gap, 0.0))
 
     one, other = leaves.edges.T
-    half = np.linalg.norm(leaves.vertices[one] - leaves.vertices[other], axis=1) / 2
-    may = np.flatnonzero(np.maximum(nearest[one], nearest[other]) - half <= least[owner[one]])
-    middles = (leaves.vertices[one[may]] + leaves.vertices[other[may]]) / 2
-    owner = np.concatenate([owner, owner[one[may]]])
-    places = np.concatenate([leaves.vertices, middles])
-    seen = seen.and_(tubes.look(middles, near[:, owner[len(leaves.vertices) :]]))
-    np.minimum.at(least, owner, np.maximum(seen.gap.min(axis=0), 0.0))
-    close = np.flatnonzero((seen.gap - seen.doubt).min(axis=0) <= least[owner])
-    owner = owner[close]
-    found = tubes.contacts(places[close], seen.of(close), thinnest=True)
-    gap = np.maximum(found.gap, 0.0)
+    half = lengths(leaves.vertices[one] - leaves.vertices[other]) / 2
+    may = np.maximum(away[one], away[other]) - CLOSER * half <= least[corner[one]]
+    owner, one, other = corner[one[may]], one[may], other[may]
+    middles = (leaves.vertices[one] + leaves.vertices[other]) / 2
+    seen = tubes.look(middles, near[:, owner])
+    may = np.flatnonzero((seen.gap - seen.doubt).min(axis=0) <= least[owner])
+    at_middles = tubes.contacts(middles[may], seen.of(may), thinnest=True)
+
+    owner = np.concatenate([corner[close], owner[may]])
+    piece, gap, radius = (
+        np.concatenate([getattr(at_corners, name), getattr(at_middles, name)])
+        for name in ("piece", "gap", "radius")
+    )
+    gap = np.maximum(gap, 0.0)
     size = np.bincount(owner, minlength=leaves.count)
-    chosen = np.lexsort((found.radius, gap, owner))[np.cumsum(size) - size]
-    return found.piece[chosen], gap[chosen]
+    chosen = np.lexsort((radius, gap, owner))[np.cumsum(size) - size]
+    return piece[chosen], gap[chosen]
 
 
 def _groups_near(tubes: _Tubes, leaves: Pieces) -> np.ndarray:
@@ -180,7 +188,7 @@ def _groups_near(tubes: _Tubes, leaves: Pieces) -> np.ndarray:
     size = np.bincount(owner, minlength=leaves.count)
     total = [np.bincount(owner, column, leaves.count) for column in leaves.vertices.T]
     middle = np.stack(total, axis=1) / size[:, None]
-    away = np.linalg.norm(leaves.vertices - middle[owner], axis=1)
+    away = lengths(leaves.vertices - middle[owner])
     reach = np.maximum.reduceat(away, np.cumsum(size) - size)
     seen = tubes.look(middle)
     least = np.maximum(seen.gap.min(axis=0) + reach, 0.0)
@@ -212,6 +220,7 @@ class _Balls:
     stretch: np.ndarray  # (B,) the cone that each is in
     radius: np.ndarray  # (B,)
     spacing: np.ndarray  # (B,) to the next in its cone
+    centre: np.ndarray  # (B, 3)
     search: cKDTree
 
     @classmethod
@@ -219,7 +228,7 @@ class _Balls:
         cls, centre: np.ndarray, radius: np.ndarray, spacing: np.ndarray, stretch: np.ndarray
     ) -> _Balls:
         lifted = np.sqrt(np.maximum(radius.max() ** 2 - radius**2, 0.0))
-        return cls(stretch, radius, spacing, cKDTree(np.column_stack([centre, lifted])))
+        return cls(stretch, radius, spacing, centre, cKDTree(np.column_stack([centre, lifted])))
 
     def query(self, points: np.ndarray, count: int) -> np.ndarray:
         """(N, k) the nearest to each point."""
@@ -241,13 +250,6 @@ class _Look:
     def of(self, rows: np.ndarray) -> _Look:
         """What was seen of some of the points."""
         return _Look(self.gap[:, rows], self.doubt[:, rows])
-
-    def and_(self, more: _Look) -> _Look:
-        """What was seen of these points and of more."""
-        return _Look(
-            np.concatenate([self.gap, more.gap], axis=1),
-            np.concatenate([self.doubt, more.doubt], axis=1),
-        )
 
 
 @dataclass(frozen=True)
@@ -300,7 +302,7 @@ class _Tubes:
         for number, balls in enumerate(self.groups):
             row = np.arange(len(points)) if wanted is None else np.flatnonzero(wanted[number])
             near = balls.query(points[row], 1)[:, 0]
-            away = np.linalg.norm(points[row] - balls.search.data[near, :3], axis=1)
+            away = lengths(points[row] - balls.centre[near])
             free = np.maximum(away - balls.radius[near], 0.0)
             thickest = balls.radius.max()  # of power free·(free + 2r), at least as near as the next
             least = np.sqrt(thickest**2 + free * (free + 2 * balls.radius[near])) - thickest

@@ -224,7 +224,9 @@ def _distinct(triangles: np.ndarray) -> np.ndarray:
     if not len(twice):
         return np.asarray(triangles[whole])
     may = np.flatnonzero(np.isin(mixed, twice))
-    order = may[np.lexsort(corners[may].T)]  # stable: of equal ones the first in the file comes first
+    order = may[
+        np.lexsort(corners[may].T)
+    ]  # stable: of equal ones the first in the file comes first
     repeats = (np.diff(corners[order], axis=0) == 0).all(axis=1)
     kept = np.ones(len(whole), dtype=bool)
     kept[order[1:][repeats]] = False
