@@ -10,11 +10,11 @@ ones, as needles are. The upright axis is that along which the tree stands on a 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .pieces import Pieces, edge_uses, part
+from .pieces import Pieces, edge_uses, part, select
 
 LEAFY = (
     "leaf",
@@ -56,11 +56,15 @@ class Group:
 
 @dataclass(frozen=True)
 class Sorted:
-    """Wood, leaves or None, as facets, and in words how they were told apart."""
+    """Wood, leaves or None, as facets, and in words how they were told apart.
+
+    parted : the same as pieces, where they had to be looked at.
+    """
 
     wood: np.ndarray
     leaves: np.ndarray | None
     said: str
+    parted: tuple[Pieces, Pieces | None] | None = None
 
 
 def sort_out(groups: Sequence[Group]) -> Sorted:
@@ -88,10 +92,13 @@ def sort_out(groups: Sequence[Group]) -> Sorted:
     if kinds[left[0]]:
         return _gather(groups, kinds, "by name")
     if not leaf.any() or leaf.all():
-        return Sorted(facets, None, "")
+        return Sorted(facets, None, "", (pieces, None))
     shown = pieces.vertices[pieces.triangles]
     mine = leaf[pieces.piece]
-    return Sorted(shown[~mine], shown[mine], "by shape")
+    parted = None
+    if len(edge_uses(pieces)[0]) == len(pieces.edges):  # no facet without area joins any of them
+        parted = (select(pieces, ~leaf), select(pieces, leaf))
+    return Sorted(shown[~mine], shown[mine], "by shape", parted)
 
 
 def looks_like_leaves(pieces: Pieces) -> np.ndarray:
@@ -136,8 +143,24 @@ def likely_up(wood: np.ndarray) -> str:
     return "y" if foot("y") > CLEARLY * foot("z") else "z"
 
 
+def stood(parts: Sorted, up: str) -> Sorted:
+    """Wood and leaves turned so that this axis points up."""
+    if up == "z":
+        return parts
+
+    def turned(pieces: Pieces) -> Pieces:
+        return replace(pieces, vertices=upright(pieces.vertices, up))
+
+    parted = None
+    if parts.parted is not None:
+        timber, foliage = parts.parted
+        parted = (turned(timber), None if foliage is None else turned(foliage))
+    leaves = None if parts.leaves is None else upright(parts.leaves, up)
+    return Sorted(upright(parts.wood, up), leaves, parts.said, parted)
+
+
 def upright(facets: np.ndarray, up: str) -> np.ndarray:
-    """Facets (T, 3, 3) turned so that this axis points up."""
+    """Facets (T, 3, 3), or places (V, 3), turned so that this axis points up."""
     return facets if up == "z" else np.asarray(facets @ UPRIGHT[up].T)
 
 

@@ -124,8 +124,15 @@ def recognise(wood: np.ndarray, leaves: np.ndarray | None = None) -> Recognition
     TemplateError : there is no trunk with branches, or the leaves cannot be told apart.
     """
     bare = leaves is None or not len(leaves)
-    foliage = part(np.empty((0, 3, 3))) if bare else _pieces_of(leaves, "leaves")
-    timber, lines, known, together = _cut_at_forks(_pieces_of(wood, "wood"))
+    foliage = None if bare else _pieces_of(leaves, "leaves")
+    return recognise_pieces(_pieces_of(wood, "wood"), foliage)
+
+
+def recognise_pieces(timber: Pieces, foliage: Pieces | None = None) -> Recognition:
+    """As ``recognise``, of wood and leaves that are in pieces already."""
+    bare = foliage is None
+    foliage = part(np.empty((0, 3, 3))) if foliage is None else foliage
+    timber, lines, known, together = _cut_at_forks(timber)
     fronds = timber.count == 1 and are_fronds(lines, foliage)
     if fronds:
         timber, lines, known = draw_midribs(timber, lines, foliage)
