@@ -16,6 +16,7 @@ from .centreline import Centrelines, find_centrelines
 from .fronds import are_fronds, draw_midribs
 from .hierarchy import LEVEL, Hierarchy, Known, find_bearers, find_parents, find_trunk
 from .pieces import Pieces, part
+from .rooting import root
 from .sever import may_fork, sever
 
 MOST_LEAN = np.deg2rad(60.0)
@@ -143,7 +144,7 @@ def recognise_pieces(timber: Pieces, foliage: Pieces | None = None) -> Recogniti
             lines.ends()[0],
         )
     trunk = find_trunk(timber, lines, known.mother < 0)
-    hierarchy = find_parents(lines, trunk, known)
+    hierarchy = find_parents(lines, trunk, root(lines, trunk, known))
     found = Recognition(timber, lines, hierarchy, foliage, np.empty(0, dtype=np.int64))
     _check_one_tree(found)
     doubts = _doubts_about_wood(found, together)
