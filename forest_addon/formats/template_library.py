@@ -20,8 +20,14 @@ from ..growth.template.anatomy import dissect
 from ..growth.template.cut import split_tree
 from ..growth.template.fitted import Habit, fit
 from ..growth.template.habit import fit_grammar
-from ..growth.template.parts import UPRIGHT, Group, Sorted, likely_up, sort_out, upright
-from ..growth.template.recognise import LeanError, Recognition, TemplateError, recognise
+from ..growth.template.parts import UPRIGHT, Group, Sorted, likely_up, sort_out, stood
+from ..growth.template.recognise import (
+    LeanError,
+    Recognition,
+    TemplateError,
+    recognise,
+    recognise_pieces,
+)
 from ..growth.template.unit import UNITS, Unit, infer_unit
 from ..spec import Grammar, SpecError
 from .atomic import replacing
@@ -179,9 +185,10 @@ def _stand(parts: Sorted, up: str) -> tuple[Sorted, Recognition, str]:
     first: LeanError | None = None
     lying = parts.wood
     for axis in (likely, *(() if up else (other for other in UPRIGHT if other != likely))):
-        leaves = None if parts.leaves is None else upright(parts.leaves, axis)
-        turned = Sorted(upright(parts.wood, axis), leaves, parts.said)
+        turned = stood(parts, axis)
         try:
+            if turned.parted is not None and turned.parted[0].count:
+                return turned, recognise_pieces(*turned.parted), axis
             return turned, recognise(turned.wood, turned.leaves), axis
         except LeanError as problem:
             first = first or problem

@@ -18,7 +18,9 @@ from .bones import find_bones
 from .copies import Stock
 from .courses import STEEP, angles_in, foot_frames, rolled, unbend, upper_frames, walk
 from .cut import BARK_SLOT, LEAF_SLOT, turned_outwards
+from .hierarchy import CLOSER
 from .lines import Lines, Seats, nearest, seats_on, share_of
+from .pieces import lengths
 from .recognise import Recognition
 from .runs import Runs, bounds
 
@@ -210,9 +212,7 @@ def _foliage(found: Recognition, lines: Lines, origin: np.ndarray, metres: float
     truth = measure_leaves(mesh, np.full(count, -1))
 
     ends = renamed[found.leaves.edges] if count else np.empty((0, 2), np.int64)
-    points = np.concatenate([place, place[ends].mean(axis=1)])
-    owner = np.concatenate([leaf_of_vertex, leaf_of_vertex[ends[:, 0]]])
-    foot = points[_nearest_of_each(lines, bearer[owner], points, owner)]
+    foot = _feet(lines, bearer, place, leaf_of_vertex, ends)
     hanging = mesh.vertices - foot[leaf_of_vertex]
     return Foliage(
         stock=Stock.of(hanging, leaf_of_vertex, mesh.triangles, LEAF, LEAF_SLOT),
@@ -224,18 +224,36 @@ def _foliage(found: Recognition, lines: Lines, origin: np.ndarray, metres: float
     )
 
 
-def _nearest_of_each(
-    lines: Lines, line: np.ndarray, point: np.ndarray, owner: np.ndarray
+def _feet(
+    lines: Lines, bearer: np.ndarray, place: np.ndarray, leaf: np.ndarray, ends: np.ndarray
 ) -> np.ndarray:
-    """(L,) of the points (N, 3) of each owner the one nearest to the surface of their line (N,)."""
-    if not len(point):
-        return np.empty(0, np.int64)
+    """(L, 3) of the corners (V, 3) of each leaf and the middles of its edges (E, 2) the place nearest to
+    the surface of its bearer's line.
+
+    The middle of an edge is nearer than its far end by half its length at most, so most are out of the
+    question.
+    """
+    if not len(place):
+        return np.empty((0, 3))
+    gap = _gaps(lines, bearer[leaf], place)
+    least = np.minimum.reduceat(gap, np.flatnonzero(np.diff(leaf, prepend=-1)))
+    one, other = ends.T
+    half = lengths(place[one] - place[other]) / 2
+    may = np.maximum(gap[one], gap[other]) - CLOSER * half <= least[leaf[one]]
+    one, other = one[may], other[may]
+    middle = (place[one] + place[other]) / 2
+    points, owner = np.concatenate([place, middle]), np.concatenate([leaf, leaf[one]])
+    gap = np.concatenate([gap, _gaps(lines, bearer[leaf[one]], middle)])
+    ranked = np.lexsort((gap, owner))
+    size = np.bincount(owner)
+    return np.asarray(points[ranked[np.cumsum(size) - size]])
+
+
+def _gaps(lines: Lines, line: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """(N,) how far points (N, 3) are off the surface of their line, 0 within."""
     stretch, part = nearest(lines, line, point)
     part = np.clip(part, 0.0, 1.0)
     knot = lines.first[line] + stretch + line
     start, way = lines.knot[knot], lines.knot[knot + 1] - lines.knot[knot]
-    gap = np.linalg.norm(point - start - part[:, None] * way, axis=1)
-    gap -= lines.radius[knot] + part * (lines.radius[knot + 1] - lines.radius[knot])
-    ranked = np.lexsort((np.maximum(gap, 0.0), owner))
-    size = np.bincount(owner)
-    return np.asarray(ranked[np.cumsum(size) - size])
+    radius = lines.radius[knot] + part * (lines.radius[knot + 1] - lines.radius[knot])
+    return np.maximum(lengths(point - start - part[:, None] * way) - radius, 0.0)

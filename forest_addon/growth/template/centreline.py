@@ -13,10 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from .pieces import Pieces
+from .pieces import Pieces, lengths
 
 STRETCH = 4.0  # mean radii from knot to knot
 MOST_STRETCHES = 48
@@ -59,17 +59,13 @@ class Centrelines:
 class _Samples:
     """Places on the surface: all vertices, then places along edges that are long for their piece."""
 
-    one: np.ndarray  # (M - V,) vertices of those edges
-    other: np.ndarray  # (M - V,)
-    part: np.ndarray  # (M - V,) how far from the one to the other
+    of_vertices: csr_matrix  # (M, V) how much of each vertex a place is
     piece: np.ndarray  # (M,)
     weight: np.ndarray  # (M,) length of edge that each place stands for
 
     def spread(self, values: np.ndarray) -> np.ndarray:
         """(M,) what vertices have (V,), at every place."""
-        return np.concatenate(
-            [values, values[self.one] * (1 - self.part) + values[self.other] * self.part]
-        )
+        return np.asarray(self.of_vertices @ values)
 
 
 @dataclass(frozen=True)
@@ -92,7 +88,7 @@ def find_centrelines(pieces: Pieces) -> Centrelines:
     """The centreline of every piece."""
     count, owner = pieces.count, pieces.piece_of_vertex
     along, length = _along_edges(pieces)
-    area = np.bincount(pieces.piece, np.linalg.norm(pieces.area_vectors(), axis=1), count)
+    area = np.bincount(pieces.piece, pieces.area, count)
     radius = area / (2 * np.pi * length)  # mean radius of a tube of that area and length
     samples = _sample(pieces, radius)
     stretches = np.clip(np.ceil(length / (STRETCH * radius)), 1, MOST_STRETCHES).astype(np.int64)
@@ -104,7 +100,7 @@ def find_centrelines(pieces: Pieces) -> Centrelines:
         along, outward = _project(lines, pieces.vertices, owner, share)
         share = _share(along, owner, count)
 
-    knot_radius = _average(samples, np.linalg.norm(outward, axis=1)[:, None], share, first)[:, 0]
+    knot_radius = _average(samples, lengths(outward)[:, None], share, first)[:, 0]
     lines, end_radius = _close_ends(lines, knot_radius, pieces, along, outward)
     outward = _project(lines, pieces.vertices, owner, share)[1]
     return Centrelines(lines.knot, knot_radius, lines.along, first, end_radius, outward)
@@ -113,9 +109,9 @@ def find_centrelines(pieces: Pieces) -> Centrelines:
 def _along_edges(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
     """(V,) distance along edges from one end of each vertex's piece; (C,) length of the pieces."""
     vertices, owner, count = pieces.vertices, pieces.piece_of_vertex, pieces.count
-    distance = np.linalg.norm(vertices - _mean(vertices, owner, count)[owner], axis=1)
+    distance = lengths(vertices - _mean(vertices, owner, count)[owner])
     one, other = pieces.edges.T
-    edge_length = np.linalg.norm(vertices[one] - vertices[other], axis=1)
+    edge_length = lengths(vertices[one] - vertices[other])
     graph = csr_matrix((edge_length, (one, other)), shape=(len(vertices), len(vertices)))
     for _ in range(2):  # from the vertex farthest from the middle to one end, then to the other
         farthest = _largest(distance, owner, count)
@@ -125,7 +121,7 @@ def _along_edges(pieces: Pieces) -> tuple[np.ndarray, np.ndarray]:
 
 def _sample(pieces: Pieces, radius: np.ndarray) -> _Samples:
     one, other = pieces.edges.T
-    length = np.linalg.norm(pieces.vertices[other] - pieces.vertices[one], axis=1)
+    length = lengths(pieces.vertices[other] - pieces.vertices[one])
     owner = pieces.piece_of_vertex
     wanted = np.ceil(length / (SAMPLE * radius[owner[one]]))
     steps = np.clip(wanted, 1, MOST_SAMPLES).astype(np.int64)
@@ -135,20 +131,26 @@ def _sample(pieces: Pieces, radius: np.ndarray) -> _Samples:
     inner = steps - 1
     edge = np.repeat(np.arange(len(steps)), inner)
     number = np.arange(len(edge)) - np.repeat(np.cumsum(inner) - inner, inner) + 1
+    part, many = number / steps[edge], len(owner)
+    places = csr_matrix(
+        (
+            np.concatenate([np.ones(many), np.stack([1 - part, part], axis=1).ravel()]),
+            np.concatenate([np.arange(many, dtype=np.int32), pieces.edges[edge].ravel()]),
+            np.concatenate([np.arange(many), many + 2 * np.arange(len(edge) + 1)]),
+        ),
+        shape=(many + len(edge), many),
+    )
     return _Samples(
-        one=one[edge],
-        other=other[edge],
-        part=number / steps[edge],
+        of_vertices=places,
         piece=np.concatenate([owner, owner[one[edge]]]),
         weight=np.concatenate([weight, each[edge]]),
     )
 
 
 def _share(along: np.ndarray, piece: np.ndarray, count: int) -> np.ndarray:
-    """(M,) a coordinate along the pieces as a share, 0 at the first end and 1 at the last."""
-    low, high = np.full(count, np.inf), np.full(count, -np.inf)
-    np.minimum.at(low, piece, along)
-    np.maximum.at(high, piece, along)
+    """(V,) a coordinate along the pieces as a share, 0 at the first end and 1 at the last."""
+    begins = _begins(piece, count)
+    low, high = np.minimum.reduceat(along, begins), np.maximum.reduceat(along, begins)
     span = np.maximum(high - low, np.finfo(float).tiny)
     return np.asarray(np.clip((along - low[piece]) / span[piece], 0.0, 1.0))
 
@@ -162,23 +164,23 @@ def _average(
     before = np.minimum(place.astype(np.int64), stretches[samples.piece] - 1)
     knot = first[samples.piece] + before
     after = (place - before) * samples.weight
-
-    def total(amount: np.ndarray | float) -> np.ndarray:
-        found = np.bincount(knot, amount * (samples.weight - after), first[-1])
-        found += np.bincount(knot + 1, amount * after, first[-1])
-        return found
-
-    weight = total(1.0)
+    hats = csc_matrix(
+        (
+            np.stack([samples.weight - after, after], axis=1).ravel(),
+            np.stack([knot, knot + 1], axis=1).ravel(),
+            2 * np.arange(len(knot) + 1),
+        ),
+        shape=(first[-1], len(knot)),
+    )
+    weight = hats @ np.ones(len(knot))
+    total = hats @ samples.spread(values)
     piece = np.repeat(np.arange(len(stretches)), stretches + 1)
     filled = weight > 1e-9 * np.bincount(samples.piece, samples.weight)[piece]
     number = (
         2 * piece + (np.arange(first[-1]) - first[piece]) / stretches[piece]
     )  # rises throughout
     return np.stack(
-        [
-            np.interp(number, number[filled], total(samples.spread(value))[filled] / weight[filled])
-            for value in values.T
-        ],
+        [np.interp(number, number[filled], column[filled] / weight[filled]) for column in total.T],
         axis=1,
     )
 
@@ -196,23 +198,26 @@ def _project(
     direction = np.diff(lines.knot, axis=0)
     squared = np.einsum("ki,ki->k", direction, direction)
     length = np.sqrt(squared)
-    best = np.full(len(point), np.inf)
-    along, outward = np.zeros(len(point)), np.zeros((len(point), 3))
-    for offset in (-1, 0, 1):
-        stretch = np.clip(now + offset, 0, stretches - 1)
-        start = lines.first[piece] + stretch
-        from_start = point - lines.knot[start]
-        part = np.einsum("mi,mi->m", from_start, direction[start])
-        part /= np.maximum(squared[start], np.finfo(float).tiny)
-        low = np.where(stretch == 0, -np.inf, 0.0)
-        high = np.where(stretch == stretches - 1, np.inf, 1.0)
-        part = np.clip(part, low, high)
-        aside = from_start - part[:, None] * direction[start]
-        distance = np.einsum("mi,mi->m", aside, aside)
-        nearer = distance < best
-        best[nearer] = distance[nearer]
-        along[nearer] = (lines.along[start] + part * length[start])[nearer]
-        outward[nearer] = aside[nearer]
+    low, high = np.zeros(len(squared)), np.ones(len(squared))
+    low[lines.first[:-1]], high[lines.first[1:] - 2] = -np.inf, np.inf
+    inverse = 1 / np.maximum(squared, np.finfo(float).tiny)
+    from_first = lines.first[piece]
+
+    def seen(row: np.ndarray | slice, offset: int) -> tuple[np.ndarray, ...]:
+        start = from_first[row] + np.clip(now[row] + offset, 0, stretches[row] - 1)
+        from_start, way = point[row] - lines.knot[start], direction[start]
+        part = np.einsum("mi,mi->m", from_start, way) * inverse[start]
+        part = np.minimum(np.maximum(part, low[start]), high[start])
+        aside = from_start - part[:, None] * way
+        place = lines.along[start] + part * length[start]
+        return np.einsum("mi,mi->m", aside, aside), place, aside
+
+    best, along, outward = seen(slice(None), 0)
+    for offset, row in ((-1, np.flatnonzero(now > 0)), (1, np.flatnonzero(now < stretches - 1))):
+        distance, place, aside = seen(row, offset)
+        nearer = np.flatnonzero(distance < best[row])
+        row = row[nearer]
+        best[row], along[row], outward[row] = distance[nearer], place[nearer], aside[nearer]
     return along, outward
 
 
@@ -221,7 +226,7 @@ def _close_ends(
 ) -> tuple[_Lines, np.ndarray]:
     """Lines that reach to where the surface ends, in its middle there; (C, 2) radius at the ends."""
     owner, count = pieces.piece_of_vertex, pieces.count
-    thickness = np.linalg.norm(outward, axis=1)
+    thickness = lengths(outward)
     knot, end_radius = lines.knot.copy(), np.empty((count, 2))
     for end, (at, inner) in enumerate(
         [(lines.first[:-1], lines.first[:-1] + 1), (lines.first[1:] - 1, lines.first[1:] - 2)]
@@ -240,6 +245,12 @@ def _close_ends(
     return _Lines.through(knot, lines.first), end_radius
 
 
+def _begins(owner: np.ndarray, count: int) -> np.ndarray:
+    """(C,) first row of each owner; ``owner`` is sorted and every one has some."""
+    size = np.bincount(owner, minlength=count)
+    return np.asarray(np.cumsum(size) - size)
+
+
 def _mean(values: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
     """(C, n) mean of the values (N, n) of each owner."""
     total = np.stack([np.bincount(owner, column, count) for column in values.T], axis=1)
@@ -248,8 +259,11 @@ def _mean(values: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
 
 def _largest(value: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
     """(C,) index of the largest value of each owner; ``owner`` is sorted and every one has some."""
-    order = np.lexsort((value, owner))
-    return np.asarray(order[np.cumsum(np.bincount(owner, minlength=count)) - 1])
+    largest = np.maximum.reduceat(value, _begins(owner, count))
+    found = np.flatnonzero(value == largest[owner])
+    index = np.zeros(count, dtype=np.int64)
+    index[owner[found]] = found  # of equal ones the last stays
+    return index
 
 
 def _upper_quartile(value: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:

@@ -106,7 +106,7 @@ def close(
 def _hang_together(pieces: Pieces, known: Known, together: np.ndarray) -> Severed:
     """Parts of a piece that do not hang together become pieces; what only closed them is dropped."""
     part = join_along(pieces.edges, len(pieces.vertices))
-    area = np.linalg.norm(pieces.area_vectors(), axis=1)
+    area = pieces.area
     drawn = np.arange(len(pieces.triangles)) < pieces.drawn
     of_triangle = part[pieces.triangles[:, 0]]
     total = np.bincount(of_triangle, np.where(drawn, area, 0.0), int(part.max()) + 1)

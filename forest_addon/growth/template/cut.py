@@ -18,8 +18,8 @@ import numpy as np
 
 from ..mesh.leaves import Leaves, measure_leaves
 from ..mesh.trimesh import LEAF, WOOD, TriMesh
-from .hierarchy import find_contacts
 from .recognise import Recognition, TemplateError, checked_facets, recognise
+from .tubes import find_contacts
 
 __all__ = ["BranchTemplate", "TemplateError", "TreeTemplate", "split_tree"]
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from ..mesh.tubes import tube
 from .centreline import Centrelines, find_centrelines
-from .hierarchy import Known, find_contacts
+from .hierarchy import Known
 from .pieces import Pieces, assemble, join_pieces
+from .tubes import find_contacts
 
 LONG = 0.08  # heights of the trunk that a frond is long at least
 FEWEST = 3

@@ -10,11 +10,11 @@ ones, as needles are. The upright axis is that along which the tree stands on a 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .pieces import Pieces, edge_uses, part
+from .pieces import Pieces, edge_uses, part, select
 
 LEAFY = (
     "leaf",
@@ -56,11 +56,15 @@ class Group:
 
 @dataclass(frozen=True)
 class Sorted:
-    """Wood, leaves or None, as facets, and in words how they were told apart."""
+    """Wood, leaves or None, as facets, and in words how they were told apart.
+
+    parted : the same as pieces, where they had to be looked at.
+    """
 
     wood: np.ndarray
     leaves: np.ndarray | None
     said: str
+    parted: tuple[Pieces, Pieces | None] | None = None
 
 
 def sort_out(groups: Sequence[Group]) -> Sorted:
@@ -78,7 +82,7 @@ def sort_out(groups: Sequence[Group]) -> Sorted:
     owner = np.repeat(np.arange(len(left)), [len(groups[k].facets) for k in left])
     if len(left) > 1:
         source = _group_of_triangles(pieces, facets, owner)
-        area = np.linalg.norm(pieces.area_vectors(), axis=1)
+        area = pieces.area
         total = np.bincount(source, area, len(left))
         leafy = np.bincount(source, area * leaf[pieces.piece], len(left))
         for number, k in enumerate(left):
@@ -88,17 +92,20 @@ def sort_out(groups: Sequence[Group]) -> Sorted:
     if kinds[left[0]]:
         return _gather(groups, kinds, "by name")
     if not leaf.any() or leaf.all():
-        return Sorted(facets, None, "")
+        return Sorted(facets, None, "", (pieces, None))
     shown = pieces.vertices[pieces.triangles]
     mine = leaf[pieces.piece]
-    return Sorted(shown[~mine], shown[mine], "by shape")
+    parted = None
+    if len(edge_uses(pieces)[0]) == len(pieces.edges):  # no facet without area joins any of them
+        parted = (select(pieces, ~leaf), select(pieces, leaf))
+    return Sorted(shown[~mine], shown[mine], "by shape", parted)
 
 
 def looks_like_leaves(pieces: Pieces) -> np.ndarray:
     """(C,) whether a piece has the shape of a leaf, a card or a needle."""
     count = pieces.count
     vectors = pieces.area_vectors()
-    area = np.bincount(pieces.piece, np.linalg.norm(vectors, axis=1), count)
+    area = np.bincount(pieces.piece, pieces.area, count)
     total = np.stack([np.bincount(pieces.piece, x, count) for x in vectors.T], axis=1)
     facing = np.linalg.norm(total, axis=1) / np.maximum(area, 1e-300)
     triangles = np.bincount(pieces.piece, minlength=count)
@@ -136,8 +143,24 @@ def likely_up(wood: np.ndarray) -> str:
     return "y" if foot("y") > CLEARLY * foot("z") else "z"
 
 
+def stood(parts: Sorted, up: str) -> Sorted:
+    """Wood and leaves turned so that this axis points up."""
+    if up == "z":
+        return parts
+
+    def turned(pieces: Pieces) -> Pieces:
+        return replace(pieces, vertices=upright(pieces.vertices, up))
+
+    parted = None
+    if parts.parted is not None:
+        timber, foliage = parts.parted
+        parted = (turned(timber), None if foliage is None else turned(foliage))
+    leaves = None if parts.leaves is None else upright(parts.leaves, up)
+    return Sorted(upright(parts.wood, up), leaves, parts.said, parted)
+
+
 def upright(facets: np.ndarray, up: str) -> np.ndarray:
-    """Facets (T, 3, 3) turned so that this axis points up."""
+    """Facets (T, 3, 3), or places (V, 3), turned so that this axis points up."""
     return facets if up == "z" else np.asarray(facets @ UPRIGHT[up].T)
 
 

@@ -10,6 +10,7 @@ between unequal rings, join pieces but are dropped afterwards.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -18,6 +19,9 @@ from scipy.spatial import cKDTree
 
 WELD = 1e-6  # share of the extent: nearer vertices are one, lower facets have no area
 CELLS = 2**21 - 1  # along the extent, in which vertices are first gathered: 21 bits an axis
+SLANT = np.array([0.5257, 0.6943, 0.4916])  # a direction that no mesh is likely to be aligned with
+LOOKS = 16  # pairs along it looked at for each vertex, beyond which another search is quicker
+MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,11 @@ class Pieces:
         """C, the number of pieces."""
         return int(self.piece_of_vertex[-1]) + 1 if len(self.piece_of_vertex) else 0
 
+    @cached_property
+    def area(self) -> np.ndarray:
+        """(T,) of the triangles."""
+        return lengths(self.area_vectors())
+
     def area_vectors(self) -> np.ndarray:
         """(T, 3) half cross products of the triangles' edges."""
         a = self.vertices[self.triangles[:, 0]]
@@ -60,9 +69,12 @@ def part(facets: np.ndarray) -> Pieces:
     piece = _join_along_edges(triangles, len(vertices))
     has_area = ~_is_needle(vertices, triangles)
 
-    kept = np.isin(piece, piece[has_area])  # needles alone are no piece
-    triangles, has_area = triangles[kept], has_area[kept]
-    piece = np.unique(piece[kept], return_inverse=True)[1].astype(np.int64)
+    solid = np.zeros(int(piece.max(initial=-1)) + 1, dtype=bool)
+    solid[piece[has_area]] = True
+    if not solid.all():  # needles alone are no piece
+        kept = solid[piece]
+        triangles, has_area, piece = triangles[kept], has_area[kept], piece[kept]
+    piece = (np.cumsum(solid) - 1)[piece]
 
     return assemble(vertices, triangles, piece, has_area)
 
@@ -79,10 +91,21 @@ def assemble(
     has_area : (T,) where not, a triangle lends its edges only. drawn : see ``Pieces``.
     """
     has_area = np.ones(len(triangles), dtype=bool) if has_area is None else has_area
-    # a vertex is a pair (piece, welded vertex)
-    pairs, inverse = np.unique(piece[:, None] * len(vertices) + triangles, return_inverse=True)
-    triangles = inverse.reshape(-1, 3)
+    # a vertex is a pair (piece, welded vertex); nearly all are in one piece only
+    some = np.full(len(vertices), -1, dtype=np.int64)
+    some[triangles] = piece[:, None]
+    used = np.flatnonzero(some >= 0)
+    pairs = some[used] * len(vertices) + used
+    elsewhere = some[triangles] != piece[:, None]
+    corner = np.broadcast_to(piece[:, None], triangles.shape)[elsewhere] * len(vertices)
+    corner = corner + triangles[elsewhere]
+    pairs = np.sort(np.concatenate([pairs, np.unique(corner)]))
     owner, welded = np.divmod(pairs, max(len(vertices), 1))
+    number = np.zeros(len(vertices), dtype=np.int64)
+    here = some[welded] == owner
+    number[welded[here]] = np.flatnonzero(here)
+    triangles = number[triangles]
+    triangles[elsewhere] = np.searchsorted(pairs, corner)
     keys = np.sort(_edge_keys(triangles, len(pairs)))
     keys = keys[np.diff(keys, prepend=-1) > 0]
     edges = np.stack(np.divmod(keys, max(len(pairs), 1)), axis=1)
@@ -143,31 +166,77 @@ def weld(facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     extent = float((corners.max(axis=0) - low).max()) or 1.0
     cell = ((corners - low) / extent * CELLS).astype(np.int64)
     key = (cell[:, 0] << 42) | (cell[:, 1] << 21) | cell[:, 2]
-    _, first, index = np.unique(key, return_index=True, return_inverse=True)
-    vertices = corners[first]
+    order = np.argsort(key)
+    begins = np.diff(key[order], prepend=-1) > 0
+    vertices = corners[np.minimum.reduceat(order, np.flatnonzero(begins))]
+    index = np.empty(len(key), dtype=np.int64)
+    index[order] = np.cumsum(begins) - 1
 
-    near = cKDTree(vertices).query_pairs(WELD * extent, output_type="ndarray")
+    near = _near_pairs(vertices, WELD * extent)
+    if not len(near):
+        return vertices, index.reshape(-1, 3)
     label = join_along(near, len(vertices))
     chosen = np.zeros(int(label.max()) + 1, dtype=np.int64)
     chosen[label[::-1]] = np.arange(len(vertices))[::-1]  # the first of each chain
-    return vertices[chosen], label[index.ravel()].reshape(-1, 3).astype(np.int64)
+    return vertices[chosen], label[index].reshape(-1, 3).astype(np.int64)
+
+
+def lengths(vectors: np.ndarray) -> np.ndarray:
+    """(N,) of vectors (N, 3); quicker than a norm along an axis."""
+    return np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
+
+
+def _near_pairs(places: np.ndarray, radius: float) -> np.ndarray:
+    """(N, 2) places (V, 3) within a radius of each other.
+
+    In order along a slanting line, near ones are few steps apart; where many places crowd, a search
+    tree is quicker.
+    """
+    along = places @ SLANT / np.linalg.norm(SLANT)
+    order = np.argsort(along)
+    along = along[order]
+    row, found, looks = np.arange(len(places)), [np.empty((0, 2), dtype=np.int64)], 0
+    for step in range(1, len(places)):
+        row = row[: np.searchsorted(row, len(places) - step)]
+        row = row[along[row + step] - along[row] <= radius]
+        looks += len(row)
+        if not len(row):
+            break
+        if looks > LOOKS * len(places):
+            return np.asarray(cKDTree(places).query_pairs(radius, output_type="ndarray"))
+        one, other = order[row], order[row + step]
+        near = lengths(places[one] - places[other]) <= radius
+        found.append(np.stack([one[near], other[near]], axis=1))
+    return np.concatenate(found)
 
 
 def _distinct(triangles: np.ndarray) -> np.ndarray:
     """Triangles of three different vertices, the first of each set of three, in order."""
-    corners = np.sort(triangles, axis=1)
+    a, b, c = triangles.T
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    corners = np.stack([low, a + b + c - low - high, high], axis=1)
     whole = np.flatnonzero((corners[:, 0] < corners[:, 1]) & (corners[:, 1] < corners[:, 2]))
     corners = corners[whole]
-    order = np.lexsort(corners.T)  # stable: of equal ones the first in the file comes first
+    # Only those that share a number with others, as equal ones do, are looked at closely.
+    mixed = (corners.astype(np.uint64) * MIX).sum(axis=1)
+    ranked = np.sort(mixed)
+    twice = ranked[1:][ranked[1:] == ranked[:-1]]
+    if not len(twice):
+        return np.asarray(triangles[whole])
+    may = np.flatnonzero(np.isin(mixed, twice))
+    order = may[
+        np.lexsort(corners[may].T)
+    ]  # stable: of equal ones the first in the file comes first
     repeats = (np.diff(corners[order], axis=0) == 0).all(axis=1)
-    first = np.concatenate([order[:1], order[1:][~repeats]])
-    return np.asarray(triangles[whole[np.sort(first)]])
+    kept = np.ones(len(whole), dtype=bool)
+    kept[order[1:][repeats]] = False
+    return np.asarray(triangles[whole[kept]])
 
 
 def _join_along_edges(triangles: np.ndarray, vertices: int) -> np.ndarray:
     """(T,) number of the piece of each triangle, in order of first appearance."""
     keys = _edge_keys(triangles, vertices)
-    order = np.argsort(keys, kind="stable")
+    order = np.argsort(keys)
     shared = keys[order[1:]] == keys[order[:-1]]
     triangle = order % max(len(triangles), 1)
     pairs = np.stack([triangle[:-1][shared], triangle[1:][shared]], axis=1)
@@ -200,8 +269,12 @@ def _is_needle(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     if not len(triangles):
         return np.zeros(0, dtype=bool)
     a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
-    twice_area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    longest = np.maximum.reduce([np.linalg.norm(side, axis=1) for side in (b - a, c - b, a - c)])
+    ux, uy, uz = (b - a).T
+    vx, vy, vz = (c - a).T
+    twice_area = np.sqrt(
+        (uy * vz - uz * vy) ** 2 + (uz * vx - ux * vz) ** 2 + (ux * vy - uy * vx) ** 2
+    )
+    longest = np.maximum(np.maximum(lengths(b - a), lengths(c - b)), lengths(a - c))
     extent = float(np.ptp(vertices, axis=0).max())
     needle: np.ndarray = twice_area <= WELD * extent * longest
     return needle

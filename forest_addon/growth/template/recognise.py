@@ -16,6 +16,7 @@ from .centreline import Centrelines, find_centrelines
 from .fronds import are_fronds, draw_midribs
 from .hierarchy import LEVEL, Hierarchy, Known, find_bearers, find_parents, find_trunk
 from .pieces import Pieces, part
+from .rooting import root
 from .sever import may_fork, sever
 
 MOST_LEAN = np.deg2rad(60.0)
@@ -124,8 +125,15 @@ def recognise(wood: np.ndarray, leaves: np.ndarray | None = None) -> Recognition
     TemplateError : there is no trunk with branches, or the leaves cannot be told apart.
     """
     bare = leaves is None or not len(leaves)
-    foliage = part(np.empty((0, 3, 3))) if bare else _pieces_of(leaves, "leaves")
-    timber, lines, known, together = _cut_at_forks(_pieces_of(wood, "wood"))
+    foliage = None if bare else _pieces_of(leaves, "leaves")
+    return recognise_pieces(_pieces_of(wood, "wood"), foliage)
+
+
+def recognise_pieces(timber: Pieces, foliage: Pieces | None = None) -> Recognition:
+    """As ``recognise``, of wood and leaves that are in pieces already."""
+    bare = foliage is None
+    foliage = part(np.empty((0, 3, 3))) if foliage is None else foliage
+    timber, lines, known, together = _cut_at_forks(timber)
     fronds = timber.count == 1 and are_fronds(lines, foliage)
     if fronds:
         timber, lines, known = draw_midribs(timber, lines, foliage)
@@ -136,7 +144,7 @@ def recognise(wood: np.ndarray, leaves: np.ndarray | None = None) -> Recognition
             lines.ends()[0],
         )
     trunk = find_trunk(timber, lines, known.mother < 0)
-    hierarchy = find_parents(lines, trunk, known)
+    hierarchy = find_parents(lines, trunk, root(lines, trunk, known))
     found = Recognition(timber, lines, hierarchy, foliage, np.empty(0, dtype=np.int64))
     _check_one_tree(found)
     doubts = _doubts_about_wood(found, together)

@@ -47,7 +47,7 @@ def sever(pieces: Pieces, forked: np.ndarray) -> Severed:
 
 def may_fork(pieces: Pieces, lines: Centrelines) -> np.ndarray:
     """(C,) whether some of a piece is farther from its line than a tube's surface is."""
-    area = np.bincount(pieces.piece, np.linalg.norm(pieces.area_vectors(), axis=1), pieces.count)
+    area = np.bincount(pieces.piece, pieces.area, pieces.count)
     radius = area / (2 * np.pi * np.maximum(lines.length(), 1e-300))
     away = np.zeros(pieces.count)
     np.maximum.at(away, pieces.piece_of_vertex, np.linalg.norm(lines.outward, axis=1))
@@ -136,7 +136,7 @@ def _of_triangles(owner: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 def _whole(pieces: Pieces, label: np.ndarray, halves: np.ndarray) -> np.ndarray:
     """(T,) labels of triangles such that each hangs together: crumbs go to what is beside them."""
-    area = np.linalg.norm(pieces.area_vectors(), axis=1)
+    area = pieces.area
     beside = halves // 3
     count = len(label)
     for _ in range(4):

@@ -12,10 +12,11 @@ from forest_addon.growth.template.parts import (
     likely_up,
     looks_like_leaves,
     sort_out,
+    stood,
     upright,
 )
 from forest_addon.growth.template.pieces import part
-from forest_addon.growth.template.recognise import recognise
+from forest_addon.growth.template.recognise import recognise, recognise_pieces
 
 
 def card(base: np.ndarray, out: np.ndarray, across: np.ndarray) -> np.ndarray:
@@ -95,6 +96,22 @@ def test_leaves_of_every_kind_are_told_from_wood_by_their_shape(kind: str) -> No
     np.testing.assert_array_equal(seen.wood.count, 28)
     bears = np.bincount(seen.bearer, minlength=28)
     assert np.count_nonzero(bears) >= 26
+
+
+@pytest.mark.parametrize("up", UPRIGHT)
+@pytest.mark.parametrize("leafy", [False, True])
+def test_pieces_that_were_sorted_are_recognised_as_the_facets_are(up: str, leafy: bool) -> None:
+    model = tree()
+    facets = np.concatenate([model.wood(), model.leaves()] if leafy else [model.wood()])
+    parts = stood(sort_out([Group("", "", facets @ UPRIGHT[up])]), up)
+    assert parts.parted is not None
+    plain, quick = recognise(parts.wood, parts.leaves), recognise_pieces(*parts.parted)
+    np.testing.assert_array_equal(quick.parent, plain.parent)
+    np.testing.assert_array_equal(quick.bearer, plain.bearer)
+    np.testing.assert_allclose(quick.lines.knot, plain.lines.knot, atol=1e-9)
+    np.testing.assert_allclose(
+        quick.wood.vertices[quick.wood.triangles], parts.wood, rtol=0, atol=1e-5
+    )
 
 
 @pytest.mark.parametrize("shape", [{}, {"sides": 3}, {"capped": True}, {"sides": 24}])

@@ -7,8 +7,8 @@ import pytest
 from references.model_tree import Model, at, line, tree
 
 from forest_addon.growth.template.cut import split_tree
-from forest_addon.growth.template.hierarchy import find_contacts
 from forest_addon.growth.template.recognise import recognise
+from forest_addon.growth.template.tubes import find_contacts
 
 
 @pytest.mark.parametrize(
@@ -139,6 +139,36 @@ def test_a_thin_tip_that_touches_a_neighbour_does_not_hang_on_it() -> None:
         line([2.5, 0, 6], [0.1, 0, 8]), np.linspace(0.03, 0.01, 6), upper
     )  # back into the trunk
     model.check(recognise(model.wood()))
+
+
+def test_a_foot_within_its_mother_is_not_hung_on_wood_that_crosses_there() -> None:
+    """Twigs begin on the axis of a thin branch that lies against the trunk; their tips pierce another."""
+    model = Model()
+    trunk = model.add(line([0, 0, 0], [0, 0, 10], 20), 0.2, -1)
+    branch = model.add(line([0, 0, 3], [2, 0, 3]), np.linspace(0.08, 0.04, 6), trunk)
+    hanging = model.add(line([1, 0, 3], [0.16, 0.1, 7]), np.linspace(0.03, 0.02, 6), branch)
+    at_tip = at(1, 0, 3) + 0.975 * at(-0.84, 0.1, 4)
+    for way in (
+        at(1, 0.3, 0),
+        at(0.3, 1, 0.2),
+        at(1, 1, 0.5),
+    ):  # within each other, and in the trunk
+        model.add(line(at_tip, at_tip + 0.5 * way), np.linspace(0.016, 0.012, 6), hanging)
+    model.add(line([0.58, 0.05, 5], [0, 0.0, 6]), np.linspace(0.012, 0.011, 6), hanging)
+    model.check(recognise(model.wood()))
+
+
+def test_pieces_that_begin_within_each_other_are_hung_all_the_same() -> None:
+    """Three that float, each with its thick end in the next: a ring has no root."""
+    model = Model()
+    model.add(line([0, 0, 0], [0, 0, 10], 20), 0.2, -1)
+    corners = [at(1, 0, 5), at(2, 0, 5), at(1.5, 0.8, 5)]
+    for number in range(3):
+        end = corners[(number + 1) % 3]
+        model.add(line(end, corners[number] + 0.2 * (corners[number] - end)), 0.03, 0)
+    found = recognise(model.wood())
+    assert (found.parent[1:] >= 0).all()
+    assert np.count_nonzero(found.parent == 0) == 1
 
 
 def test_of_several_stems_the_largest_is_the_trunk() -> None:
