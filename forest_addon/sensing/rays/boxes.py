@@ -175,12 +175,23 @@ def morton(centre: np.ndarray) -> np.ndarray:
     """(n,) place of points (n, 3) along a Morton curve: the bits of x, y and z in turn."""
     if not len(centre):
         return np.empty(0, dtype=np.int64)
-    spread = max(float(np.ptp(centre, axis=0).max()), 1e-30)
-    cell = ((centre - centre.min(axis=0)) / spread * 1023).astype(np.int64)
+    axes = np.ascontiguousarray(centre.T)
+    low = [float(x.min()) for x in axes]
+    spread = max(*(float(x.max()) - least for x, least in zip(axes, low, strict=True)), 1e-30)
     code = np.zeros(len(centre), dtype=np.int64)
-    for axis in range(3):
-        bits = cell[:, axis]  # 10 of them, drawn apart by two zeros each
-        for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
-            bits = (bits | bits << shift) & mask
-        code |= bits << axis
+    for axis, (x, least) in enumerate(zip(axes, low, strict=True)):
+        x = x - least
+        x /= spread
+        x *= 1023
+        code |= APART.take(x.astype(np.int64), mode="clip") << axis
     return code
+
+
+def _drawn_apart(bits: np.ndarray) -> np.ndarray:
+    """Ten bits of each number, two zeros between them."""
+    for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
+        bits = (bits | bits << shift) & mask
+    return bits
+
+
+APART = _drawn_apart(np.arange(1024))
