@@ -120,7 +120,7 @@ def run_scene(
 
     scene = bpy.context.scene
     with stages.stage("build Blender scene"):
-        build(scene, settings, forest, inputs.terrain)
+        build(scene, settings, forest, inputs.terrain, as_assets=settings.output.blend)
         things = {sensor.name: _stand(scene, sensor) for sensor in settings.sensors}
     with stages.stage("write truth"):
         _write_truth(run)

@@ -8,8 +8,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from tqdm import tqdm
-
 Progress = Callable[[int, int], None]
 WIDTH = 34
 
@@ -25,24 +23,11 @@ class Stages:
     def stage(self, name: str) -> Iterator[Progress]:
         """Time a stage; the block gets a function ``progress(done, total)``."""
         start = time.perf_counter()
-        bar = tqdm(
-            desc=f"  {name}",
-            total=1,
-            delay=1.0,
-            leave=False,
-            disable=self.quiet,
-            file=sys.stderr,
-            bar_format="{desc:<36}{bar:20} {percentage:3.0f}%  {elapsed}",
-        )
-
-        def progress(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        try:
-            yield progress
-        finally:
-            bar.close()
+        if self.quiet:
+            yield lambda done, total: None
+        else:
+            with _bar(name) as progress:
+                yield progress
         self.seconds[name] = time.perf_counter() - start
         self.say(f"  {name:<{WIDTH}}{self.seconds[name]:7.2f} s")
 
@@ -50,6 +35,29 @@ class Stages:
         """Print a line, unless quiet."""
         if not self.quiet:
             print(text, file=sys.stderr, flush=True)
+
+
+@contextmanager
+def _bar(name: str) -> Iterator[Progress]:
+    from tqdm import tqdm  # here: many a series of scenes is quiet
+
+    bar = tqdm(
+        desc=f"  {name}",
+        total=1,
+        delay=1.0,
+        leave=False,
+        file=sys.stderr,
+        bar_format="{desc:<36}{bar:20} {percentage:3.0f}%  {elapsed}",
+    )
+
+    def progress(done: int, total: int) -> None:
+        bar.total = total
+        bar.update(done - bar.n)
+
+    try:
+        yield progress
+    finally:
+        bar.close()
 
 
 @contextmanager

@@ -21,6 +21,7 @@ from mathutils.bvhtree import BVHTree
 from ..sensing.rays.boxes import BoxTree
 from ..sensing.rays.caster import Hits
 from ..sensing.rays.geometry import SceneGeometry, invert_transforms
+from ..sensing.rays.hulls import Hulls
 from ..sensing.rays.refine import whole_triangles
 from ..sensing.rays.search import Search
 
@@ -30,6 +31,7 @@ TURN = 256  # rays; between them other threads have their turn, as the window th
 FAR = 3e38  # the longest way that float32 holds
 SLACK = 1e-3  # metres that a ray goes on behind what it has met: float32 may be wrong
 FEW = 1024  # rays that go from instance to instance one by one
+CULLED = 64  # visits, from which a look at the hulls first costs less than they
 AT_ONCE = 4  # instances of a ray that are made ready first; then four times as many
 
 Met = tuple[np.ndarray, np.ndarray, np.ndarray]  # ray, instance, triangle, (M,) each
@@ -49,6 +51,7 @@ class BvhCaster(Search):
         with np.errstate(invalid="ignore"):
             self._span = np.array([_span(mesh.vertices) for mesh in scene.meshes])
         self._boxes = BoxTree(low, high)
+        self._hulls = Hulls(scene.meshes)
         self._trees: list[tuple[BVHTree, np.ndarray] | None] = [None] * len(scene.meshes)
 
     def _nearest(
@@ -85,28 +88,40 @@ class BvhCaster(Search):
         return hits
 
     def _only(
-        self, pairs: _Pairs, origins: np.ndarray, directions: np.ndarray, limit: np.ndarray
+        self,
+        pairs: _Pairs,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        limit: np.ndarray,
+        cull: bool = False,
     ) -> Met:
-        """What rays meet, each in the one instance of its pair: ray (M,), instance (M,), triangle (M,)."""
+        """What rays meet, each in the one instance of its pair: ray (M,), instance (M,), triangle (M,).
+
+        cull : whether most may pass by, so that a look at the mesh's hulls first is worth it.
+        """
         mesh_of = self.scene.mesh_index[pairs.box]
         if (np.diff(mesh_of) < 0).any():
             pairs = pairs.take(np.argsort(mesh_of, kind="stable"))
             mesh_of = self.scene.mesh_index[pairs.box]
         origin, way, stretch = self._enter(pairs, origins, directions)
         long = ((limit[pairs.ray] - pairs.begin) * (1 + 1e-6) + SLACK) * stretch
-        reach = np.minimum(long, FAR).tolist()
+        reach = np.minimum(long, FAR)
         cuts = {0, *(np.flatnonzero(np.diff(mesh_of)) + 1).tolist(), len(mesh_of)}
         cuts |= set(range(0, len(mesh_of), TURN))
         triangle = np.full(len(mesh_of), -1, dtype=np.int64)
         for first, last in pairwise(sorted(cuts)):
-            tree, numbers = self._tree(int(mesh_of[first]))
-            part = slice(first, last)
-            starts = zip(*(x[part] for x in origin), strict=True)
-            ways = zip(*(x[part] for x in way), strict=True)
-            found = map(itemgetter(2), map(tree.ray_cast, starts, ways, reach[part]))
+            mesh = int(mesh_of[first])
+            tree, numbers = self._tree(mesh)
+            rows = np.arange(first, last)
+            if cull:
+                hull = self._hulls.take(mesh_of[first : first + 1])
+                rows = rows[self._hulls.met(origin[:, rows], way[:, rows], hull)]
+            starts = zip(*origin[:, rows].tolist(), strict=True)
+            ways = zip(*way[:, rows].tolist(), strict=True)
+            found = map(itemgetter(2), map(tree.ray_cast, starts, ways, reach[rows].tolist()))
             number = np.array(list(found), dtype=np.float64)  # None, a miss, becomes NaN
             met = np.flatnonzero(~np.isnan(number))
-            triangle[first + met] = numbers[number[met].astype(np.int64)]
+            triangle[rows[met]] = numbers[number[met].astype(np.int64)]
         met = (triangle >= 0).nonzero()[0]
         return pairs.ray[met], pairs.box[met], triangle[met]
 
@@ -121,7 +136,7 @@ class BvhCaster(Search):
         while len(turn):
             near = pairs.entry[turn] <= best[pairs.ray[turn]]
             turn, last = turn[near], last[near]
-            ray, box, triangle = self._only(pairs.take(turn), origins, directions, best)
+            ray, box, triangle = self._only(pairs.take(turn), origins, directions, best, cull=True)
             distance = self._surfaces.distance(
                 origins.take(ray, 1), directions.take(ray, 1), box, triangle
             )
@@ -151,12 +166,12 @@ class BvhCaster(Search):
             size = np.minimum(last[going] - first[going], at_once)
             ends = np.cumsum(size)
             rows = np.repeat(first[going] - (ends - size), size) + np.arange(ends[-1])
-            left = self._walk(
-                rows, going.tolist(), ends.tolist(), best, found, pairs, origins, directions
-            )
+            left = self._walk(rows, size, going.tolist(), best, found, pairs, origins, directions)
             first[going] += size
             going = going[left]
             going = going[first[going] < last[going]]
+            if len(going):
+                going = going[pairs.entry[first[going]] <= np.array(best)[going]]
             at_once *= 4
         if not found:
             return NOTHING
@@ -172,50 +187,66 @@ class BvhCaster(Search):
     def _walk(
         self,
         rows: np.ndarray,
+        size: np.ndarray,
         rays: list[int],
-        ends: list[int],
         best: list[float],
         found: list[tuple[int, int]],
         pairs: _Pairs,
         origins: np.ndarray,
         directions: np.ndarray,
     ) -> list[int]:
-        """Let rays visit the pairs in these rows, each up to its end; which of them may have to go on."""
+        """Let rays visit the pairs in these rows, so many each; which of them may have to go on."""
         part = pairs.take(rows)
         origin, way, stretch = self._enter(part, origins, directions)
-        origin, way = list(zip(*origin, strict=True)), list(zip(*way, strict=True))
         mesh_of = self.scene.mesh_index[part.box]
+        if len(rows) < CULLED:
+            meets = np.arange(len(rows))
+        else:
+            meets = self._hulls.met(origin, way, self._hulls.take(mesh_of)).nonzero()[0]
+        ends = np.searchsorted(meets, np.cumsum(size)).tolist()
+        mesh_of = mesh_of[meets]
         casts = {
             int(m): self._tree(int(m))[0].ray_cast for m in np.flatnonzero(np.bincount(mesh_of))
         }
-        meshes, spans = mesh_of.tolist(), (1e-6 * self._span[mesh_of]).tolist()
-        entry, begin, stretch = part.entry.tolist(), part.begin.tolist(), stretch.tolist()
-        numbers = rows.tolist()
-        left, k = [], 0
+        visits = list(
+            zip(
+                part.entry[meets].tolist(),
+                part.begin[meets].tolist(),
+                map(casts.__getitem__, mesh_of.tolist()),
+                origin.T[meets].tolist(),
+                way.T[meets].tolist(),
+                stretch[meets].tolist(),
+                (1e-6 * self._span[mesh_of]).tolist(),
+                rows[meets].tolist(),
+                strict=True,
+            )
+        )
+        left, first = [], 0
         for place, (ray, end) in enumerate(zip(rays, ends, strict=True)):
             reach = best[ray]
-            while k < end and entry[k] <= reach:
-                long = ((reach - begin[k]) * (1 + 1e-6) + SLACK) * stretch[k]
-                hit = casts[meshes[k]](origin[k], way[k], long if long < FAR else FAR)
+            for entry, begin, cast, at, along, stretched, span, number in visits[first:end]:
+                if entry > reach:
+                    break
+                long = ((reach - begin) * (1 + 1e-6) + SLACK) * stretched
+                hit = cast(at, along, long if long < FAR else FAR)
                 if hit[2] is not None:
-                    found.append((numbers[k], hit[2]))
-                    (x, y, z), (a, b, c) = hit[1], way[k]
-                    across = max(abs(x * a + y * b + z * c), 1e-6 * stretch[k])
-                    away = begin[k] + hit[3] / stretch[k]
-                    away += 1e-4 + (spans[k] + 1e-6 * hit[3]) / across
+                    found.append((number, hit[2]))
+                    (x, y, z), (a, b, c) = hit[1], along
+                    across = max(abs(x * a + y * b + z * c), 1e-6 * stretched)
+                    away = begin + hit[3] / stretched
+                    away += 1e-4 + (span + 1e-6 * hit[3]) / across
                     if away < reach:
                         reach = away
-                k += 1
-            best[ray] = reach
-            if k == end:
+            else:
                 left.append(place)
-            k = end
+            best[ray] = reach
+            first = end
         return left
 
     def _enter(
         self, pairs: _Pairs, origins: np.ndarray, directions: np.ndarray
-    ) -> tuple[list[list[float]], list[list[float]], np.ndarray]:
-        """Rays in the space of their instances: origin and way, three lists each, and its length (P,)."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rays in the space of their instances: origin (3, P) and way (3, P), and its length (P,)."""
         m = self._to_local.take(pairs.box, 1).reshape(3, 4, -1)
         d = directions.take(pairs.ray, 1)
         o = pairs.begin * d
@@ -226,7 +257,7 @@ class BvhCaster(Search):
             way += m[:, axis] * d[axis]
         origin += m[:, 3]
         stretch = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
-        return origin.tolist(), way.tolist(), stretch
+        return origin, way, stretch
 
     def _tree(self, mesh_number: int) -> tuple[BVHTree, np.ndarray]:
         """The BVHTree of a mesh, made when first needed, and the triangles it was made of."""

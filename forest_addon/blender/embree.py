@@ -20,7 +20,7 @@ from ..sensing.rays.boxes import clip
 from ..sensing.rays.caster import Hits
 from ..sensing.rays.geometry import SceneGeometry, invert_transforms
 from ..sensing.rays.refine import whole_triangles
-from ..sensing.rays.search import Search
+from ..sensing.rays.search import MARGIN, Search
 from . import embree_library as embree
 from .embree_library import EmbreeError
 
@@ -62,20 +62,25 @@ class EmbreeCaster(Search):
         self._slack = 1e-6 * size + 1e-6
 
         self._box_low, self._box_high = self._low - self._slack, self._high + self._slack
+        self._inner_low = self._low[:, None] + 3 * MARGIN
+        self._inner_high = self._high[:, None] - 3 * MARGIN
         self._middle = self._centre[:, None]
         self._valid = _aligned((PACKET,), np.int32)
         self._valid[:] = -1
+        self._valid_address = self._valid.ctypes.data
         self._kept = threading.local()
 
         self._library = embree.load()
         device = self._library.rtcNewDevice(f"threads={threads}".encode())
         build = _Build(self._library, device)
         weakref.finalize(self, build.release)
-        self._usable = {
-            m: whole_triangles(scene.meshes[m]) for m in np.unique(scene.mesh_index[known])
-        }
-        of_mesh = {m: build.mesh(scene.meshes[m], rows) for m, rows in self._usable.items()}
-        self._whole = all(len(r) == len(scene.meshes[m].triangles) for m, r in self._usable.items())
+        usable = {m: whole_triangles(scene.meshes[m]) for m in np.unique(scene.mesh_index[known])}
+        of_mesh = {m: build.mesh(scene.meshes[m], rows) for m, rows in usable.items()}
+        self._whole = all(len(r) == len(scene.meshes[m].triangles) for m, r in usable.items())
+        if not self._whole:
+            size = np.array([len(usable.get(m, ())) for m in range(len(scene.meshes))])
+            self._first_number = np.cumsum(size) - size
+            self._numbers = np.concatenate(list(usable.values()))  # of all that Embree was given
         place = scene.transform.copy()
         place[:, :, 3] -= self._centre
         self._top = build.instances(
@@ -87,14 +92,18 @@ class EmbreeCaster(Search):
     def _nearest(
         self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
     ) -> Hits:
-        begin, leaves = clip(self._box_low, self._box_high, origins, directions, start, limit)
-        rays = (begin <= leaves).nonzero()[0]
-        count, every = len(rays), len(rays) == len(begin)
+        begin, rays, count = start, None, len(start)
+        if not self._all_begin_within(origins, start):
+            begin, leaves = clip(self._box_low, self._box_high, origins, directions, start, limit)
+            rays = (begin <= leaves).nonzero()[0]
+            if len(rays) == count:
+                rays = None
+            else:
+                count = len(rays)
+                begin, limit = begin[rays], limit[rays]
+                origins, directions = origins.take(rays, 1), directions.take(rays, 1)
         if not count:
-            return Hits.misses(len(begin))
-        if not every:
-            begin, limit = begin[rays], limit[rays]
-            origins, directions = origins.take(rays, 1), directions.take(rays, 1)
+            return Hits.misses(len(start))
         moved = begin * directions
         moved += origins
         moved -= self._middle
@@ -103,18 +112,30 @@ class EmbreeCaster(Search):
         limit += self._slack
         packets = self._packets_of(count)
         packets.fill(moved, directions, limit)
-        self._trace(packets.packets)
+        self._trace(packets)
         instance, triangle, met = packets.read(count)
         if not self._whole:
             triangle = self._numbered(instance, triangle)
         if len(met) < count:
             origins, directions = origins.take(met, 1), directions.take(met, 1)
         distance = self._surfaces.distance(origins, directions, instance, triangle)
-        if every and len(met) == count:
+        if rays is None and len(met) == count:
             return Hits(distance, instance, triangle)
         hits = Hits.misses(len(start))
-        hits.put(met if every else rays[met], Hits(distance, instance, triangle))
+        hits.put(met if rays is None else rays[met], Hits(distance, instance, triangle))
         return hits
+
+    def _all_begin_within(self, origins: np.ndarray, start: np.ndarray) -> bool:
+        """Whether few rays are seen at a glance to be in the box where they start."""
+        if not 0 < len(start) <= KEPT:
+            return False
+        inside = origins > self._inner_low
+        inside &= origins < self._inner_high
+        return bool(
+            np.logical_and.reduce(inside, None)
+            and np.minimum.reduce(start) >= -MARGIN
+            and np.maximum.reduce(start) <= MARGIN
+        )
 
     def _packets_of(self, count: int) -> _Packets:
         """Room for so many rays: of few, what this thread has kept."""
@@ -127,23 +148,15 @@ class EmbreeCaster(Search):
         ready: _Packets = kept[size]
         return ready
 
-    def _trace(self, packets: np.ndarray) -> None:
-        first, step = packets.ctypes.data, packets.strides[0]
-        addresses = range(first, first + step * len(packets), step)
-        run = self._library.rtcIntersect16
-        deque(
-            map(run, repeat(self._valid.ctypes.data), repeat(self._top), addresses, repeat(None)),
-            maxlen=0,
-        )
+    def _trace(self, packets: _Packets) -> None:
+        run, valid = self._library.rtcIntersect16, self._valid_address
+        deque(map(run, repeat(valid), repeat(self._top), packets.addresses, repeat(None)), maxlen=0)
 
     def _numbered(self, instance: np.ndarray, primitive: np.ndarray) -> np.ndarray:
         """Triangles of the meshes, from those that Embree was given."""
-        triangle = primitive.copy()
         mesh_of = self.scene.mesh_index[instance]
-        for number, rows in self._usable.items():
-            here = mesh_of == number
-            triangle[here] = rows[primitive[here]]
-        return triangle
+        found: np.ndarray = self._numbers.take(self._first_number.take(mesh_of) + primitive)
+        return found
 
 
 class _Build:
@@ -226,6 +239,8 @@ class _Packets:
         self._lanes = np.zeros((7, size * PACKET), dtype=np.float32)  # origin, direction, reach
         self._by_packet = self._lanes.reshape(7, size, PACKET).swapaxes(0, 1)
         self._found = self._whole[:, PRIMITIVE:ROWS]
+        first, step = self.packets.ctypes.data, self.packets.strides[0]
+        self.addresses = range(first, first + step * size, step)
 
     def fill(self, origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> None:
         """Rays (3, R), (3, R), (R,)."""

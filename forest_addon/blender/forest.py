@@ -42,11 +42,18 @@ POINTS_ROLE, GROUND_ROLE = f"{TREES}/points", f"{GROUND_NAME}/ground"
 
 
 def build(
-    scene: bpy.types.Scene, settings: spec.Scene, forest: Forest, terrain: Terrain | None = None
+    scene: bpy.types.Scene,
+    settings: spec.Scene,
+    forest: Forest,
+    terrain: Terrain | None = None,
+    *,
+    as_assets: bool = True,
 ) -> bpy.types.Collection:
     """Put a forest into a Blender scene, or bring the one that is there up to date; its sensors stay.
 
     terrain : the ground that the forest was planned on; None: flat.
+    as_assets : whether variants become assets, each with a picture; nobody sees those of a scene that is
+        not kept.
 
     Raises
     ------
@@ -59,7 +66,7 @@ def build(
     if edited:
         raise ValueError(f'"{edited}" is being edited; leave Edit Mode, then build again')
     with all_or_nothing():
-        plan = _plan(scene, standing, settings.forest, forest, terrain)
+        plan = _plan(scene, standing, settings.forest, forest, terrain, as_assets)
 
     chosen = bpy.data.objects.get(settings.forest.terrain.object)
     if chosen is not None and is_ours(chosen):  # else it stays anyway, or went while trees grew
@@ -83,6 +90,7 @@ class _Plan:
 
     wanted: list[Wanted] = field(default_factory=list)
     labels: tuple[str, ...] = ()
+    as_assets: bool = True
     portraits: dict[str, assets.Portrait] = field(default_factory=dict)
     light: bool = False
 
@@ -93,9 +101,10 @@ def _plan(
     settings: spec.Forest,
     forest: Forest,
     terrain: Terrain,
+    as_assets: bool,
 ) -> _Plan:
     """Make all data of a forest; the scene stays as it is."""
-    plan, stand = _Plan(), forest.stand
+    plan, stand = _Plan(as_assets=as_assets), forest.stand
     points = len(stand) > MANY if settings.instancing == "auto" else settings.instancing == "points"
     library = _fill_library(plan, standing, forest, points)
     number_of = {key: number for number, key in enumerate(forest.variants)}
@@ -143,7 +152,7 @@ def _fill_library(
         sister = standing.first(f"{VARIANTS}/{label}")
         mesh = standing.renew(role, name, shape, make, coats[planting], sister)
         known = was is not None and (has_own_mesh(was) or was.get(PICTURE_KEY) == says[PICTURE_KEY])
-        if not known:
+        if plan.as_assets and not known:
             plan.portraits[role] = assets.portray(forest.species[planting], label, tree.mesh)
         library.append(Wanted(VARIANTS, role, numbered + name, mesh, says=says))
         if with_outlines:

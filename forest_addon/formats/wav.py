@@ -7,7 +7,6 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from scipy.io import wavfile
 
 from ..spec import SpecError
 from .atomic import replacing
@@ -21,6 +20,8 @@ def write_wav(path: str | os.PathLike[str], samples: np.ndarray, sample_rate: fl
     ------
     ValueError : a sample rate that is no whole number of hertz, which WAV cannot hold.
     """
+    from scipy.io import wavfile  # here: many runs have no sound
+
     rate = round(sample_rate)
     if abs(rate - sample_rate) > 1e-9:
         raise ValueError(f"a WAV file needs a whole number of hertz, not {sample_rate:g}")
@@ -36,6 +37,8 @@ def read_wav(path: Path) -> tuple[np.ndarray, float]:
     ------
     SpecError : the file is missing, is no WAV that can be read, is empty, or holds NaN or infinity.
     """
+    from scipy.io import wavfile
+
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", wavfile.WavFileWarning)  # chunks that hold no sound

@@ -243,6 +243,14 @@ def test_variants_are_hidden_assets_with_a_picture(empty_blender, grown):
         assert green[1] > green[2]
 
 
+def test_nobody_draws_variants_of_a_scene_that_is_not_kept(empty_blender, grown, monkeypatch):
+    monkeypatch.setattr("forest_addon.blender.assets.draw", None)
+    build(bpy.context.scene, scene_of("points"), grown, as_assets=False)
+    variants = part(bpy.context.scene, VARIANTS).objects
+    assert len(variants) == len(grown.variants)
+    assert not any(thing.asset_data for thing in variants)
+
+
 def test_a_variant_dragged_in_is_seen_with_its_species_and_stays(empty_blender, grown):
     build(bpy.context.scene, scene_of("points"), grown)
     source = part(bpy.context.scene, VARIANTS).objects[2]

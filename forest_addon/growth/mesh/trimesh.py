@@ -64,8 +64,17 @@ class TriMesh:
 
     def area_vectors(self) -> np.ndarray:
         """(T, 3) half cross products: the direction is the normal, the length the area in m²."""
-        a, b, c = (self.vertices[self.triangles[:, corner]] for corner in range(3))
-        return 0.5 * np.cross(b - a, c - a)
+        first, second, third = np.ascontiguousarray(self.triangles.T)
+        u, v = [], []
+        for x in np.ascontiguousarray(self.vertices.T):  # axis by axis: a third of np.cross' time
+            a = x[first]
+            u.append(x[second] - a)
+            v.append(x[third] - a)
+        area = np.empty((len(first), 3))
+        for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+            area[:, axis] = u[i] * v[j] - u[j] * v[i]
+        area *= 0.5
+        return area
 
     def select(self, keep: np.ndarray) -> TriMesh:
         """The triangles where ``keep`` (T,) is true; vertices that no triangle uses are dropped."""

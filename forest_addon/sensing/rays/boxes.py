@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-WIDTH = 4  # children of a node
-TOP = 32  # nodes that every ray is tested against
+WIDTH = 8  # children of a node
+TOP = 64  # nodes that every ray is tested against
 BLOCK = 2048  # rays at a time: their pairs stay in the cache
 WIDER = np.float32(1 + 4e-6)  # more than a distance is wrong after its few operations
 TINY = 1e-30  # stands for a direction's zero, so that there is no 0/0
@@ -51,7 +51,7 @@ class BoxTree:
         Returns ray (P,), box (P,) and entry (P,) metres, by ray and then by entry. The entry is
         ``start`` inside of a box, and never later than in truth.
         """
-        slope = _slope(directions)
+        slope = inverse(directions)
         low, high = self._low - self._slack, self._high + self._slack
         enters, leaves = clip(low, high, origins, directions, start, limit)
         rays = np.flatnonzero(enters <= leaves)
@@ -76,13 +76,13 @@ class BoxTree:
         """Pairs of a block of rays (3, R), float32 about the centre, in no order."""
         found = []
         for number, box in self._wide:
-            entry, leave = _slabs(origin, slope, box)
+            entry, leave = slabs(origin, slope, box)
             rays = np.flatnonzero(_meets(entry, leave, limit))
             found.append((rays, np.full(len(rays), number), entry[rays]))
 
         low, high = self._levels[0]
         top = (low[:, None], high[:, None])
-        entry, leave = _slabs(origin[:, :, None], slope[:, :, None], top)
+        entry, leave = slabs(origin[:, :, None], slope[:, :, None], top)
         ray, node = np.nonzero(_meets(entry, leave, limit[:, None]))
         entry = entry[ray, node]
         for low, high in self._levels[1:]:
@@ -91,7 +91,7 @@ class BoxTree:
                 high.reshape(3, -1, WIDTH).take(node, 1),
             )
             at, slopes = origin.take(ray, 1)[:, :, None], slope.take(ray, 1)[:, :, None]
-            entry, leave = _slabs(at, slopes, children)
+            entry, leave = slabs(at, slopes, children)
             meets = _meets(entry, leave, limit.take(ray)[:, None]).ravel().nonzero()[0]
             pair, child = meets // WIDTH, meets % WIDTH
             entry = entry.ravel().take(meets)
@@ -112,7 +112,7 @@ def clip(
     limit: np.ndarray | float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where rays (3, R) enter and leave a box (3,), (3,), within their limits; leave < enter: never."""
-    slope = _slope(directions)
+    slope = inverse(directions)
     a = low[:, None] - origins
     a *= slope
     b = high[:, None] - origins
@@ -124,7 +124,8 @@ def clip(
     return np.maximum(enters, start, out=enters), np.minimum(leaves, limit, out=leaves)
 
 
-def _slope(directions: np.ndarray) -> np.ndarray:
+def inverse(directions: np.ndarray) -> np.ndarray:
+    """1 over each coordinate; a zero counts as TINY."""
     small = np.abs(directions) < TINY
     if small.any():
         directions = np.where(small, TINY, directions)
@@ -132,7 +133,7 @@ def _slope(directions: np.ndarray) -> np.ndarray:
     return slope
 
 
-def _slabs(
+def slabs(
     origin: np.ndarray, slope: np.ndarray, box: Box, start: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where rays enter boxes, not before ``start``, and where they leave them; slope is 1/direction."""
@@ -174,12 +175,23 @@ def morton(centre: np.ndarray) -> np.ndarray:
     """(n,) place of points (n, 3) along a Morton curve: the bits of x, y and z in turn."""
     if not len(centre):
         return np.empty(0, dtype=np.int64)
-    spread = max(float(np.ptp(centre, axis=0).max()), 1e-30)
-    cell = ((centre - centre.min(axis=0)) / spread * 1023).astype(np.int64)
+    axes = np.ascontiguousarray(centre.T)
+    low = [float(x.min()) for x in axes]
+    spread = max(*(float(x.max()) - least for x, least in zip(axes, low, strict=True)), 1e-30)
     code = np.zeros(len(centre), dtype=np.int64)
-    for axis in range(3):
-        bits = cell[:, axis]  # 10 of them, drawn apart by two zeros each
-        for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
-            bits = (bits | bits << shift) & mask
-        code |= bits << axis
+    for axis, (x, least) in enumerate(zip(axes, low, strict=True)):
+        x = x - least
+        x /= spread
+        x *= 1023
+        code |= APART.take(x.astype(np.int64), mode="clip") << axis
     return code
+
+
+def _drawn_apart(bits: np.ndarray) -> np.ndarray:
+    """Ten bits of each number, two zeros between them."""
+    for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
+        bits = (bits | bits << shift) & mask
+    return bits
+
+
+APART = _drawn_apart(np.arange(1024))

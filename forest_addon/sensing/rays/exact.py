@@ -50,11 +50,12 @@ class _Groups:
     """The triangles (T, 3, 3) of a mesh in groups of neighbours."""
 
     def __init__(self, corners: np.ndarray) -> None:
-        self._number = np.argsort(morton(corners.mean(axis=1)))
+        self._number = np.argsort(morton(corners[:, 0] + corners[:, 1] + corners[:, 2]))
         self._corners = corners[self._number]
-        first = np.arange(0, len(corners), GROUP)
-        self._low = np.minimum.reduceat(self._corners.min(axis=1), first) - 1e-9
-        self._high = np.maximum.reduceat(self._corners.max(axis=1), first) + 1e-9
+        first = 3 * np.arange(0, len(corners), GROUP)
+        each = self._corners.reshape(-1, 3)
+        self._low = np.minimum.reduceat(each, first) - 1e-9
+        self._high = np.maximum.reduceat(each, first) + 1e-9
 
     def nearest(self, origin: np.ndarray, way: np.ndarray) -> tuple[float, int]:
         """Distance and triangle, inf and -1 for a miss."""

@@ -97,7 +97,7 @@ class Surfaces:
 def whole_triangles(mesh: TriMesh) -> np.ndarray:
     """Numbers of the triangles that a ray can hit: corners finite, area not zero."""
     with np.errstate(invalid="ignore", over="ignore"):
-        area = np.abs(mesh.area_vectors()).max(axis=1, initial=0.0)
+        area = sum(np.abs(mesh.area_vectors().T))
     return np.flatnonzero(np.isfinite(area) & (area > 0))
 
 

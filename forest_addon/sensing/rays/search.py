@@ -9,6 +9,7 @@ step that doubles from try to try.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -57,6 +58,10 @@ class Search(ABC):
         """The closest hit of each ray; see ``RayCaster``."""
         origins, directions = np.asarray(origins), np.asarray(directions)
         count = len(origins)
+        if count <= TASK and leaving is None:
+            found = self._plainly(origins, directions, min_distance, max_distance)
+            if found is not None:
+                return found
         near, far = (
             np.full(count, limit, dtype=np.float64) for limit in (min_distance, max_distance)
         )
@@ -92,6 +97,32 @@ class Search(ABC):
             return
         with ThreadPoolExecutor(self.threads) as pool:
             list(pool.map(task, parts))
+
+    def _plainly(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        near: float | np.ndarray,
+        far: float | np.ndarray,
+    ) -> Hits | None:
+        """One task as most are: finite rays, the same limits for all, and nothing met before them.
+
+        As ``_cast`` without its looks at each ray, which cost more than the search of few; None where
+        one of them is needed.
+        """
+        if isinstance(near, np.ndarray) or isinstance(far, np.ndarray) or not near <= far:
+            return None
+        origins = np.array(origins.T, dtype=np.float64, order="C")
+        directions = unit_columns(directions.T)
+        if not math.isfinite(np.add.reduce(origins, None) + np.add.reduce(directions, None)):
+            return None
+        count = origins.shape[1]
+        hits = self._nearest(
+            origins, directions, np.full(count, near - MARGIN), np.full(count, far, np.float64)
+        )
+        if count and np.minimum.reduce(hits.distance) < near:
+            return None
+        return hits if far == np.inf else _within(hits, far)
 
     def _cast(
         self,
@@ -130,7 +161,7 @@ class Search(ABC):
             hits.put(rays, self._nearest(*_taken(rays, origins, directions, start, far)))
 
 
-def _within(hits: Hits, far: np.ndarray) -> Hits:
+def _within(hits: Hits, far: np.ndarray | float) -> Hits:
     """Hits, those beyond ``far`` taken away."""
     beyond = hits.distance > far
     beyond &= hits.instance >= 0

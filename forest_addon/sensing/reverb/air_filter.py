@@ -58,6 +58,7 @@ class AirFilter:
         fall = roll_off(0.45 + 0.05 * (np.arange(FADE) + 0.5) / FADE)
         window = np.concatenate([1.0 - fall, np.ones(self._block - 2 * FADE), fall])
         self._shapes = polynomials(place, terms) * window  # (Q, block)
+        self._lifts: dict[int, tuple[int, np.ndarray, np.ndarray, np.ndarray]] = {}
 
     def apply(self, samples: np.ndarray, first: int) -> np.ndarray:
         """(..., N) samples with the air's loss; samples[0] is heard ``first`` samples after the source.
@@ -102,25 +103,33 @@ class AirFilter:
     def _lifted(self, filters: np.ndarray, lead: int) -> np.ndarray:
         """(R, T) e^{+b(f)ct} times the filters, by the time of what comes out."""
         count = filters.shape[1]
-        size = fft.next_fast_len(count + 2 * self._tail, real=True)
+        size, loss, gains, place = self._lift_of(count)
         spectra = fft.rfft(filters, size)
-        frequency = np.arange(size // 2 + 1) * (self.rate / size)
-        loss = self._loss_at(frequency)
-        orders = np.arange(len(self._shapes))[:, None]
-        half = 0.5 * self._hop * self.step
-        gains = special.ive(orders, half * loss) * np.exp(half * loss)
-        gains *= np.where(orders == 0, 1.0, 2.0)
-        place = polynomials((2.0 * np.arange(self._hop) + 1.0) / self._hop - 1.0, len(gains))
+        hop = place.shape[1]
         lifted = np.empty_like(filters)
-        for start in range(0, count, self._hop):
-            here = slice(start, min(start + self._hop, count))
-            middle = (start + 0.5 * self._hop - 0.5 - lead) * self.step
+        for start in range(0, count, hop):
+            here = slice(start, min(start + hop, count))
+            middle = (start + 0.5 * hop - 0.5 - lead) * self.step
             turned = spectra * np.exp(middle * loss)
             lifted[:, here] = sum(
                 fft.irfft(turned * gain, size)[:, here] * shape[: here.stop - start]
                 for gain, shape in zip(gains, place, strict=True)
             )
         return lifted
+
+    def _lift_of(self, count: int) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+        """For T samples: transform, loss (F,), and the series' gains (Q, F) and shapes (Q, hop)."""
+        if count not in self._lifts:
+            size = fft.next_fast_len(count + 2 * self._tail, real=True)
+            loss = self._loss_at(np.arange(size // 2 + 1) * (self.rate / size))
+            hop = min(self._hop, count)
+            half = 0.5 * hop * self.step
+            orders = np.arange(len(self._shapes))[:, None]
+            scaled = special.ive(orders, half * loss) * np.where(orders == 0, 1.0, 2.0)
+            terms = int(np.flatnonzero(scaled.max(axis=1) > 0.1 * self.tolerance)[-1]) + 1
+            place = polynomials((2.0 * np.arange(hop) + 1.0) / hop - 1.0, terms)
+            self._lifts[count] = size, loss, scaled[:terms] * np.exp(half * loss), place
+        return self._lifts[count]
 
     def _loss_at(self, frequency: np.ndarray) -> np.ndarray:
         """Nepers per metre."""
