@@ -36,12 +36,18 @@ def sweep_sonar(
     given = poses or [posed(sensor)]
     some = [given[k] for k in np.unique(np.linspace(0, len(given) - 1, POSES).astype(int))]
 
+    fixed: dict[str, object] = {}  # a record without what is culled would be shorter, its bins others
+
     def listen(changes: dict[str, object]) -> tuple[list[Echo], float]:
         begin = time.process_time()
-        found = observer.observe(replace(sensor, **changes), settings, None, folder, some)
+        found = observer.observe(replace(sensor, **changes, **fixed), settings, None, folder, some)
         return list(found.echoes), (time.process_time() - begin) * len(given) / len(some)
 
     everything, _ = listen({"cull": 0.0, "tolerance": 1e-9})  # also makes what is made once
+    if not sensor.record:
+        longest = max(len(echo.time) for echo in everything)
+        fixed["record"] = min(longest / sensor.sample_rate, 60.0)
+        everything, _ = listen({"cull": 0.0, "tolerance": 1e-9})
     heard = sum(len(echo.heard) for echo in everything) / len(some)
     note = "exact: everything in range, tolerance 1e-9"
     if heard <= MOST_EXACTLY:
