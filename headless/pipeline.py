@@ -36,11 +36,13 @@ from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.formats.stand_files import read_inputs
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.wav import read_wav, write_wav
+from forest_addon.rng import stream
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.reverb.auralise import auralise
 from forest_addon.sensing.reverb.response import ImpulseResponse, channels_of
+from forest_addon.sensing.trees_audit import audit_trees
 from forest_addon.spec import Scene, Sensor, SpecError
 from forest_addon.stand.forest import (
     Forest,
@@ -70,7 +72,8 @@ class Run:
     forest: Forest
     findings: list[page.Finding] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
-    audits: dict[str, Audit] = field(default_factory=dict)
+    audits: dict[str, Audit] = field(default_factory=dict)  # by sensor
+    trees: dict[str, Audit] = field(default_factory=dict)  # of branches and leaves
 
     def path(self, name: str) -> Path:
         """Where a file of this name goes; it is listed in the report."""
@@ -130,6 +133,7 @@ def run_scene(
     if observer.warning:
         stages.say(f"  Warning: {observer.warning}")
         run.findings.append(page.Finding("Warning", f"{observer.warning}.", {}))
+    _audit_trees(run, observer.geometry)
     for sensor in settings.sensors:
         with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
             way = observer.way(sensor, folder)
@@ -143,7 +147,8 @@ def run_scene(
                 show_cloud(part(scene, RESULTS), sensor.name, found)
             finding = _describe(run, sensor, found, observer)
             audit = observer.audit(sensor, settings, found, took, folder, way)
-            run.findings.append(dataclasses.replace(finding, audit=audit))
+            audits = () if audit is None else (audit,)
+            run.findings.append(dataclasses.replace(finding, audits=audits))
             if audit is not None:
                 run.audits[sensor.name] = audit
                 stages.say(f"  {audit}")
@@ -165,7 +170,8 @@ def run_scene(
         stages.say(f"Done: {len(run.files) + 1} files in {out}. Open {out / 'report.html'}")
     else:
         stages.say(f"Done: {len(run.files)} files in {out}")
-    doubtful = [f"{name}: {audit}" for name, audit in run.audits.items() if not audit.kept]
+    audited = (*run.trees.items(), *run.audits.items())
+    doubtful = [f"{name}: {audit}" for name, audit in audited if not audit.kept]
     if doubtful:
         raise DoubtfulError("; ".join(doubtful) + f"; the results are kept in {out}")
 
@@ -233,6 +239,20 @@ def _test_stand(run: Run, inputs: Inputs) -> None:
     run.findings.append(findings.goodness_finding(found, picture))
 
 
+def _audit_trees(run: Run, geometry: SceneGeometry) -> None:
+    """Hold branches and leaves against their truth; the forest's finding says what came out."""
+    share, seed = run.settings.accuracy.audit, run.settings.seed
+    if share == 0:
+        return
+    took = sum(run.stages.seconds[name] for name in ("grow trees", "build Blender scene"))
+    rng = stream(seed, "audit", "trees")
+    run.trees.update(audit_trees(run.forest, geometry, rng, took, share))
+    for audit in run.trees.values():
+        run.stages.say(f"  {audit}")
+    of_forest = dataclasses.replace(run.findings[0], audits=tuple(run.trees.values()))
+    run.findings[0] = of_forest
+
+
 def _write_truth(run: Run) -> None:
     write_csv(run.path("trees.csv"), tree_table(run.forest))
     write_csv(run.path("leaf_angles.csv"), angle_table(run.forest))
@@ -298,6 +318,7 @@ def _write_record(run: Run, geometry: SceneGeometry, engine: str) -> None:
         "stage_seconds": run.stages.seconds,
         "peak_memory_mb": _peak_memory_mb(),
         "results": {finding.title: finding.facts for finding in run.findings},
+        "trees": {name: {"audit": audit.record()} for name, audit in run.trees.items()},
         "sensors": {name: {"audit": audit.record()} for name, audit in run.audits.items()},
         "files": run.files,
     }

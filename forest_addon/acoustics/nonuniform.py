@@ -41,6 +41,9 @@ KERNEL = 0.5  # share of the tolerance that the kernel's error may take
 TAIL = 0.4  # of what is left, for an echo: relative to itself, or to the mean of all
 FAINTER = 12  # powers of 4 by which an echo is weaker than the mean, and may be so much worse
 ATTEMPTS = 4
+NOISE = (
+    0.12  # of its bound, that what a table is off by adds to a sum of many, as they do in squares
+)
 HANDFUL = 64  # echoes that are better off with those that need more nodes than on their own
 
 
@@ -112,7 +115,9 @@ def _fast(
     budget = max(tolerance - kernel, 0.1 * tolerance)
     allowed = TAIL * budget
     for _ in range(ATTEMPTS):
-        plan = task.unknown(spread, allowed) if smooth is None else _planned(smooth, allowed)
+        plan = (
+            task.unknown(spread, allowed) if smooth is None else _planned(smooth, allowed, budget)
+        )
         task.clear()
         for index in np.unique(plan.level).tolist():
             rows = np.flatnonzero(plan.level == index)
@@ -141,8 +146,11 @@ class _Plan:
     reducible: float
 
 
-def _planned(smooth: Smoothness, allowed: float) -> _Plan:
-    """By classes: the fewest nodes that are good enough for an echo of its class and level."""
+def _planned(smooth: Smoothness, allowed: float, budget: float) -> _Plan:
+    """By classes: the fewest nodes that are good enough for an echo of its class and level.
+
+    Echoes whose table is too rough for what was asked are summed directly, the roughest first.
+    """
     mean = float(smooth.size.mean())
     size = np.where(smooth.size > 0, smooth.size, np.inf)
     fainter = np.clip(np.frexp(mean / size)[1] // 2, 0, FAINTER)  # powers of 4 below the mean
@@ -153,7 +161,21 @@ def _planned(smooth: Smoothness, allowed: float) -> _Plan:
     padded = np.append(smooth.errors, np.zeros((len(smooth.errors), 1)), axis=1)
     own, error = level[of_echo], padded[kind, level][of_echo]
     reducible = smooth.scale @ np.where(error > smooth.floor[smooth.kind], error, 0.0)
-    return _Plan(_together(own), smooth.scale * error, float(reducible))
+    own = np.where(_too_rough(smooth, budget), len(LEVELS), _together(own))
+    return _Plan(own, smooth.scale * error, float(reducible))
+
+
+def _too_rough(smooth: Smoothness, budget: float) -> np.ndarray:
+    """(M,) whether an echo is one of the roughest, without which the others keep to the budget.
+
+    What tables are off by has no common phase: over many echoes it adds up as squares do.
+    """
+    rough = NOISE * smooth.scale * smooth.floor[smooth.kind]
+    order = np.argsort(rough)
+    fine = np.cumsum(rough[order] ** 2) <= (budget * float(smooth.size.sum())) ** 2
+    found = np.ones(len(rough), dtype=bool)
+    found[order[fine]] = False
+    return found
 
 
 def _together(level: np.ndarray) -> np.ndarray:

@@ -32,6 +32,7 @@ from .results import Echoes, PointCloud, Response, Result, RowScan, result_of
 
 if TYPE_CHECKING:
     from ..blender.observe import Observer
+    from ..sensing.audit import Audit
     from ..stand.forest import Forest
 
 Progress = Callable[[int, int], None]
@@ -205,6 +206,23 @@ class World:
         if bpy.context.scene != self._place:
             raise SpecError("world", f'Blender shows another scene; go back to "{name}"')
         return Observer.of(bpy.context.evaluated_depsgraph_get(), self.scene.rays)
+
+    @property
+    def audit(self) -> dict[str, Audit]:
+        """What grew, held against its truth: "branches" against the cones of their skeletons, "leaves"
+        against the triangles in Blender; each as far as the trees have them.
+
+        Raises
+        ------
+        SpecError : the world was not grown here.
+        """
+        from ..rng import stream
+        from ..sensing.trees_audit import audit_trees
+
+        rng = stream(self.scene.seed, "audit", "trees")
+        return audit_trees(
+            self._grown(), self.observer.geometry, rng, 1.0, self.scene.accuracy.audit
+        )
 
     @property
     def trees(self) -> dict[str, np.ndarray]:

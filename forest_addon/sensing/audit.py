@@ -46,9 +46,10 @@ class Audit:
     def __str__(self) -> str:
         unit = f" {self.unit}" if self.unit else ""
         verdict = "" if self.kept else f", MORE than the {self.allowed:.0e}{unit} allowed"
+        faster = f"; about {self.times:,.3g} times as fast" if self.times > 1 else ""
         return (
             f"{self.what}: {self.checked:,} checked, {self.error:.0e}{unit} off at most"
-            f"{verdict}; about {self.times:,.3g} times as fast"
+            f"{verdict}{faster}"
         )
 
     def record(self) -> dict[str, float | int | str]:

@@ -26,6 +26,8 @@ SPLITS = (0, 1, 2, 4)
 FINE = 12
 BLOCKS, BLOCK = 24, 32  # pulses
 LINES = 6  # scans of a tractor
+RAYS = 1e-12  # m, of rays, as their audits say
+JUMP = 0.1  # m, and more: another surface
 
 
 def sweep_scanner(sensor: Scanner, observer: Observer, settings: Scene, way: object) -> Sweep:
@@ -58,8 +60,10 @@ def sweep_scanner(sensor: Scanner, observer: Observer, settings: Scene, way: obj
         label = f"{subrays} sub-ray{'s' * (subrays > 1)}"
         return Point(changes, label, error, spread, seconds[subrays])
 
-    notes = []
+    notes, terms = [], {"numerics": RAYS}
     if wide:
+        terms["sampling"] = point(today).error
+        notes.append(_jumps(first[today] - first[MANY]))
         lost = np.isfinite(first[MANY]) & ~np.isfinite(first[today])
         notes.append(
             f"{lost.mean():.1%} of pulses return only with more sub-rays than today's {today}"
@@ -73,6 +77,20 @@ def sweep_scanner(sensor: Scanner, observer: Observer, settings: Scene, way: obj
         point(today),
         tuple(point(subrays) for subrays in tried if subrays != today),
         notes=tuple(notes),
+        terms=terms,
+    )
+
+
+def _jumps(apart: np.ndarray) -> str:
+    """That a few which meet another surface make nearly all of the error, in words."""
+    apart = np.abs(apart[np.isfinite(apart)])
+    if not len(apart):
+        return "nothing is met"
+    other = apart > JUMP
+    rest = float(np.median(apart[~other])) if (~other).any() else 0.0
+    return (
+        f"today {other.mean():.1%} meet another surface than the whole beam does; "
+        f"half of the others are within {rest:.0e} m"
     )
 
 
@@ -116,12 +134,16 @@ def sweep_tractor(sensor: Tractor, observer: Observer, settings: Scene) -> Sweep
         label = f"{rays} ray{'s' * (rays > 1)} a beam"
         return Point({"splits": splits}, label, error, spread, seconds)
 
+    today = point(sensor.splits)
+    with np.errstate(invalid="ignore"):
+        jumps = _jumps(lines(sensor.splits)[0] - many)
     note = f"{len(along) * angles:,} beams; S's beam is a solid sector whose nearest hit counts"
     return Sweep(
         sensor,
         "distance of a beam, sampling of its sector",
         "m",
-        point(sensor.splits),
+        today,
         tuple(point(splits) for splits in tried if splits != sensor.splits),
-        notes=(note,),
+        notes=(note, jumps),
+        terms={"sampling": today.error, "numerics": RAYS},
     )

@@ -6,68 +6,71 @@ import math
 from pathlib import Path
 
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter
 
 from ..report.pictures import FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
 from .sweep import Point, Sweep
 
 FLOOR = 1e-13  # an error of 0 is drawn here
+COLUMNS = 2
 
 
 def draw_sweeps(sweeps: list[Sweep], chosen: list[Point], path: Path) -> Path:
-    """Draw all sensors side by side; returns the path."""
-    columns = min(len(sweeps), 3)
+    """Draw all sensors, two in a row, each with its key; returns the path."""
+    columns = min(len(sweeps), COLUMNS)
     rows = math.ceil(len(sweeps) / columns)
-    figure = blank_figure((4.6 * columns, 3.9 * rows))
+    figure = blank_figure((6.6 * columns, 3.7 * rows))
     for number, (sweep, best) in enumerate(zip(sweeps, chosen, strict=True)):
         _draw(figure.add_subplot(rows, columns, number + 1), sweep, best)
     return save_figure(figure, path)
 
 
 def _draw(axes: Axes, sweep: Sweep, best: Point) -> None:
-    for point in sweep.all:
-        now = point is sweep.today
-        axes.errorbar(
-            point.seconds,
-            max(point.error, FLOOR),
-            yerr=min(point.spread, 0.9 * max(point.error, FLOOR)) or None,
-            fmt="o",
-            ms=9 if now else 5,
-            color=RED if now else INK,
-            label="today" if now else None,
-            zorder=3,
-        )
-        axes.annotate(
-            point.label,
-            (point.seconds, max(point.error, FLOOR)),
-            xytext=(6, 4),
-            textcoords="offset points",
-            fontsize=7,
-        )
+    """Numbered by seconds; the key beside it says what each is."""
     front = sweep.frontier()
-    axes.plot(
-        [p.seconds for p in front], [max(p.error, FLOOR) for p in front], color=FAINT, zorder=1
-    )
-    axes.plot(
-        best.seconds,
-        max(best.error, FLOOR),
-        "o",
-        ms=14,
-        mfc="none",
-        mec=LEAF_GREEN,
-        mew=2,
-        label="recommended",
-    )
+    axes.plot([p.seconds for p in front], [_height(p) for p in front], color=FAINT, zorder=1)
+    key = []
+    for number, point in enumerate(sorted(sweep.all, key=lambda p: p.seconds), 1):
+        colour = RED if point is sweep.today else INK
+        low = min(point.spread, 0.9 * _height(point)) or None
+        axes.errorbar(point.seconds, _height(point), yerr=low, fmt="none", ecolor=colour, zorder=2)
+        ring = {"mec": LEAF_GREEN, "mew": 2.5} if point is best else {"mec": "white", "mew": 0.8}
+        axes.plot(point.seconds, _height(point), "o", ms=12, color=colour, zorder=3, **ring)
+        axes.annotate(
+            str(number),
+            (point.seconds, _height(point)),
+            color="white",
+            fontsize=8,
+            ha="center",
+            va="center_baseline",
+            zorder=4,
+        )
+        said = "today" if point is sweep.today else ""
+        said += " and " if said and point is best else ""
+        said += "recommended" if point is best else ""
+        words = f"{number}  {point.label}" + (f"\n    ({said})" if said else "")
+        key.append(Line2D([], [], marker="o", ls="", ms=8, color=colour, label=words, **ring))
+    heights, seconds = [_height(p) for p in sweep.all], [p.seconds for p in sweep.all]
     if sweep.model is not None and sweep.model[0] > 0:
         axes.axhline(sweep.model[0], color=RED, ls=":", lw=1)
-        axes.annotate(
-            "the model itself",
-            (0.02, sweep.model[0]),
-            xycoords=("axes fraction", "data"),
-            va="bottom",
-            fontsize=7,
-            color=RED,
-        )
-    axes.set(xscale="log", yscale="log", xlabel="CPU seconds", title=sweep.sensor.name)
+        heights.append(sweep.model[0])
+        key.append(Line2D([], [], color=RED, ls=":", label="the model itself"))
+    axes.set(xscale="log", yscale="log", xlabel="CPU seconds")
+    axes.set_xlim(*_decades(seconds))
+    axes.set_ylim(*_decades(heights))
+    axes.set_title(f"{sweep.sensor.name}: {sweep.what}")
     axes.set_ylabel("error" + (f", {sweep.unit}" if sweep.unit else ", share"))
-    axes.margins(x=0.25, y=0.15)
-    axes.legend(loc="best", fontsize=7)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_minor_formatter(NullFormatter())
+    axes.legend(handles=key, loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
+
+
+def _height(point: Point) -> float:
+    return max(point.error, FLOOR) if math.isfinite(point.error) else FLOOR
+
+
+def _decades(values: list[float]) -> tuple[float, float]:
+    """Whole powers of ten around values, with room for a mark."""
+    low, high = math.log10(min(values)), math.log10(max(values))
+    return 10.0 ** math.floor(low - 0.1), 10.0 ** math.ceil(high + 0.1)

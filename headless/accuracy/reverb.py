@@ -7,7 +7,6 @@ single scattering itself leaves out among the trunks nearest to the pair.
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from forest_addon.blender.observe import Observer
 from forest_addon.sensing.reverb.ends import ends_of
 from forest_addon.spec import Reverb, Scene
 
-from .sweep import Point, Sweep
+from .sweep import Point, Sweep, timed
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 MOST = 5e7  # trunks by samples that are summed directly
@@ -42,9 +41,8 @@ def sweep_reverb(sensor: Reverb, observer: Observer, settings: Scene, folder: Pa
     pairs = len(ends_of(sensor, observer.places).pairs)
 
     def hear(**changes: object) -> tuple[object, float]:
-        begin = time.process_time()
-        found = observer.observe(replace(one, **changes), settings, None, folder)
-        return found, time.process_time() - begin
+        changed = replace(one, **changes)
+        return timed(lambda: observer.observe(changed, settings, None, folder))
 
     today, _ = hear()
     length = len(today.samples) / sensor.sample_rate
@@ -56,7 +54,10 @@ def sweep_reverb(sensor: Reverb, observer: Observer, settings: Scene, folder: Pa
 
     def point(tolerance: float) -> Point:
         whole_record, seconds = hear(tolerance=tolerance)
-        found = whole_record if part == length else hear(tolerance=tolerance, duration=part)[0]
+        found = whole_record
+        if part < length:
+            some = replace(one, tolerance=tolerance, duration=part)
+            found = observer.observe(some, settings, None, folder)
         count = min(len(found.trees), len(exact.trees))
         apart = float(np.linalg.norm(found.trees[:count] - exact.trees[:count]))
         error = apart / whole if whole > 0 else 0.0
@@ -70,7 +71,9 @@ def sweep_reverb(sensor: Reverb, observer: Observer, settings: Scene, folder: Pa
         model = (near.model_error.relative, words)
     notes = (f"exact: the direct sum over the first {part:.2f} s of {length:.2f} s",)
     others = tuple(point(tolerance) for tolerance in TOLERANCES if tolerance != sensor.tolerance)
-    return Sweep(sensor, "sound of the trunks", "", point(sensor.tolerance), others, model, notes)
+    now = point(sensor.tolerance)
+    terms = {"numerics": now.error}
+    return Sweep(sensor, "sound of the trunks", "", now, others, model, notes, terms)
 
 
 def _work(trunks: int, share: float, samples: float) -> float:

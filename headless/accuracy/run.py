@@ -81,6 +81,8 @@ def _tell(sweep: Sweep, error: float, seconds: float, say: Say) -> None:
         say(f"   the model itself: {sweep.model[0]:.1e} ({sweep.model[1]})")
     for note in sweep.notes:
         say(f"   {note}")
+    if largest := sweep.dominant():
+        say(f"   today, {largest}")
     say(f"   -> {sweep.verdict(error, seconds)}")
 
 

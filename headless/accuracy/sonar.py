@@ -6,7 +6,7 @@ as a share of the exact one. The leaf's model is compared too: it is often the l
 
 from __future__ import annotations
 
-import time
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from forest_addon.sensing.sonar.ping import Echo
 from forest_addon.sensing.sonar.poses import Pose, posed
 from forest_addon.spec import Scene, Sonar
 
-from .sweep import Point, Sweep, mean_and_spread
+from .sweep import Point, Sweep, mean_and_spread, timed
 
 TRIED = (
     *({"tolerance": t, "cull": t} for t in (1e-2, 1e-3, 1e-4, 1e-6)),
@@ -36,12 +36,20 @@ def sweep_sonar(
     given = poses or [posed(sensor)]
     some = [given[k] for k in np.unique(np.linspace(0, len(given) - 1, POSES).astype(int))]
 
+    fixed: dict[
+        str, object
+    ] = {}  # a record without what is culled would be shorter, its bins others
+
     def listen(changes: dict[str, object]) -> tuple[list[Echo], float]:
-        begin = time.process_time()
-        found = observer.observe(replace(sensor, **changes), settings, None, folder, some)
-        return list(found.echoes), (time.process_time() - begin) * len(given) / len(some)
+        one = replace(sensor, **changes, **fixed)
+        found, seconds = timed(lambda: observer.observe(one, settings, None, folder, some))
+        return list(found.echoes), seconds * len(given) / len(some)
 
     everything, _ = listen({"cull": 0.0, "tolerance": 1e-9})  # also makes what is made once
+    if not sensor.record:
+        longest = max(len(echo.time) for echo in everything)
+        fixed["record"] = min(longest / sensor.sample_rate, 60.0)
+        everything, _ = listen({"cull": 0.0, "tolerance": 1e-9})
     heard = sum(len(echo.heard) for echo in everything) / len(some)
     note = "exact: everything in range, tolerance 1e-9"
     if heard <= MOST_EXACTLY:
@@ -57,6 +65,8 @@ def sweep_sonar(
 
     today = point({}, f"tolerance {sensor.tolerance:g}, cull {sensor.cull:g}")
     points = [point(c, f"tolerance {c['tolerance']:g}, cull {c['cull']:g}") for c in TRIED]
+    numerics = point({"cull": 0.0}, "").error
+    culling = math.sqrt(max(today.error**2 - numerics**2, 0.0))
     model = None
     if sensor.leaf_model != "exact" and sensor.leaves:
         hard, _ = listen({"leaf_model": "exact"})
@@ -72,6 +82,7 @@ def sweep_sonar(
         tuple(points),
         model,
         (note, f"{heard:,.0f} scatterers in range of a ping"),
+        {"numerics": numerics, "culling": culling},
     )
 
 

@@ -8,15 +8,18 @@ part. What is here knows no sensor: the frontier, the choice, and the words.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from forest_addon.spec import Settings
 
 Say = Callable[[str], None]
+T = TypeVar("T")
+SOME, ENOUGH = 0.3, 3.0  # s of several runs, and of one, that tell how long it takes
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,7 @@ class Sweep:
 
     unit : of the errors. today : the settings of the scene. points : others.
     model : the error of the model itself, which no setting mends, with its words; None where unknown.
+    terms : what today's error is made of, by name.
     notes : what else should be said.
     """
 
@@ -50,6 +54,7 @@ class Sweep:
     points: tuple[Point, ...]
     model: tuple[float, str] | None = None
     notes: tuple[str, ...] = field(default=())
+    terms: dict[str, float] = field(default_factory=dict)
 
     @property
     def all(self) -> tuple[Point, ...]:
@@ -69,14 +74,25 @@ class Sweep:
         front = self.frontier()
         if not front:
             return self.today
-        exact = [point for point in front if point.error <= error]
+        exact = [point for point in front if point.error + 2 * point.spread <= error]
         soon = [point for point in front if point.seconds <= seconds]
         if exact and exact[0].seconds <= seconds:
             return exact[0]
         return soon[-1] if soon else front[0]
 
+    def dominant(self) -> str:
+        """The largest term of today's error and the others, in words; nothing where none is known."""
+        terms = self.terms | ({} if self.model is None else {"model": self.model[0]})
+        known = sorted(((e, n) for n, e in terms.items() if math.isfinite(e)), reverse=True)
+        if not known or known[0][0] == 0:
+            return ""
+        unit = f" {self.unit}" if self.unit else ""
+        others = ", ".join(f"{name} {size:.0e}{unit}" for size, name in known[1:])
+        first = f"{known[0][1]} dominates, {known[0][0]:.0e}{unit}"
+        return f"{first} (beside {others})" if others else first
+
     def verdict(self, error: float, seconds: float) -> str:
-        """Which error is the largest, and what to do about it, in a sentence."""
+        """What to do about the error, in a sentence."""
         chosen = self.choice(error, seconds)
         unit = f" {self.unit}" if self.unit else ""
         if self.model is not None and self.model[0] > max(error, self.today.error):
@@ -95,8 +111,21 @@ def _advice(chosen: Point, today: Point) -> str:
     if chosen is today:
         return "keep today's settings"
     times = today.seconds / chosen.seconds if chosen.seconds else math.inf
-    speed = f"{times:.1f} times as fast" if times >= 1 else f"{1 / times:.1f} times as slow"
-    return f"take {chosen.label}, {speed} as today's"
+    if 1 / 1.2 < times < 1.2:
+        return f"take {chosen.label}, about as fast as today's"
+    speed = f"{times:.1f} times as fast as" if times >= 1 else f"{1 / times:.1f} times as slow as"
+    return f"take {chosen.label}, {speed} today's"
+
+
+def timed(work: Callable[[], T]) -> tuple[T, float]:
+    """What work returns and its CPU seconds, the least of some runs where it is short."""
+    spent: list[float] = []
+    while True:
+        begin = time.process_time()
+        found = work()
+        spent.append(time.process_time() - begin)
+        if sum(spent) > ENOUGH or (len(spent) > 1 and sum(spent) > SOME):
+            return found, min(spent)
 
 
 def mean_and_spread(values: Sequence[float]) -> tuple[float, float]:

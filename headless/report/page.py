@@ -28,7 +28,7 @@ class Finding:
     facts: dict[str, str]
     notes: tuple[str, ...] = ()
     picture: Path | None = field(default=None, compare=False)
-    audit: Audit | None = None
+    audits: tuple[Audit, ...] = ()
 
 
 def write(
@@ -89,16 +89,15 @@ def _section(finding: Finding) -> str:
         if finding.picture
         else ""
     )
+    audits = "".join(_audit(audit) for audit in finding.audits)
     return (
         f"<section><h2>{html.escape(finding.title)}</h2><p>{html.escape(finding.sentence)}</p>"
-        f"<dl>{facts}</dl>{picture}{_audit(finding.audit)}{notes}</section>"
+        f"<dl>{facts}</dl>{picture}{audits}{notes}</section>"
     )
 
 
-def _audit(audit: Audit | None) -> str:
+def _audit(audit: Audit) -> str:
     """A line and a bar: how many of the decades that were allowed, down to rounding, the error uses."""
-    if audit is None:
-        return ""
     floor = 1e-16
     allowed = max(audit.allowed, 10 * floor)
     used = math.log(max(min(audit.error, allowed), floor) / floor) / math.log(allowed / floor)

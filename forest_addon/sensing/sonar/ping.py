@@ -82,7 +82,8 @@ class Echo:
     doubtful : exact discs of ka above 120 seen more than 60° off their normal, tens of per cent off.
     cull_bound : all that is left out as too weak adds at most this share of Σ|A| of what is heard.
     error_bound, table_error : of Σ max|A|, by which the spectra may be off the direct sum, and by which
-    this may be off because the exact disc and cylinders are looked up.
+    this may be off because the exact disc and cylinders are looked up. size : (E,) Σ max|A| of these.
+    groups : what is in the sum, by kind.
     """
 
     frequency: np.ndarray
@@ -103,6 +104,8 @@ class Echo:
     cull_bound: float
     error_bound: float
     table_error: float
+    size: np.ndarray
+    groups: list[Group]
     sound_speed: float
     sample_rate: float
     pose: Pose
@@ -207,6 +210,8 @@ def ping(
         cull_bound=found.bound,
         error_bound=summed.error_bound,
         table_error=summed.table_error,
+        size=summed.size,
+        groups=found.groups,
         sound_speed=station.sound_speed,
         sample_rate=rate,
         pose=station.pose,

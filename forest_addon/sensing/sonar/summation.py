@@ -33,12 +33,13 @@ class EchoSum:
 
     spectrum : (E, K), or (E, W, K) with weights. error_bound : no value is farther from the sum over the
     model's amplitudes than this share of Σ max|A|, at any ear. table_error : share by which these may be
-    off as well, because they are looked up.
+    off as well, because they are looked up. size : (E,) Σ max|A|, no more than that.
     """
 
     spectrum: np.ndarray
     error_bound: float
     table_error: float
+    size: np.ndarray
 
 
 def sum_echoes(
@@ -96,7 +97,7 @@ def sum_echoes(
         float(np.divide(part, size, out=np.zeros_like(size), where=known).max(initial=0.0))
         for part in (error, table)
     )
-    return EchoSum(spectrum, bound, looked_up)
+    return EchoSum(spectrum, bound, looked_up, size)
 
 
 def _together(group: Group, station: Station, ear: int, band: tuple[float, float]) -> float:

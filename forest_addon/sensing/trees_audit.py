@@ -1,0 +1,172 @@
+"""Grown trees held against their truth: tubes against their cones, leaves against what a sensor measures.
+
+A skeleton's segments are frusta of cones. Random points on them (evenly by area, above the ground and
+within no other cone) are held against the nearest triangle of the tree's wood: what a beam would be off by
+because tubes are polygons, nodes were left out, or a branch is missing. A leaf's truth is held against the
+disc that the sensors measure on the evaluated scene's triangles. Both are compared in the tree's own
+space; a tree that is scaled is off by as much more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ..growth.mesh.trimesh import WOOD
+from ..growth.skeleton import Skeleton
+from ..growth.tree import Tree
+from ..stand.forest import Forest
+from .audit import Audit, sample
+from .rays.geometry import SceneGeometry
+from .sonar.discs import Foliage
+
+BATCH = 4  # points on cones
+ROUNDING = 2.0**-20  # of a coordinate in Blender's single precision, after a few operations
+
+
+def audit_trees(
+    forest: Forest, scene: SceneGeometry, rng: np.random.Generator, seconds: float, share: float
+) -> dict[str, Audit]:
+    """ "branches" and "leaves" of a forest that took ``seconds`` to grow and build, as far as it has them."""
+    grown = [
+        (tree, forest.species[key[0]].detail.tolerance) for key, tree in forest.variants.items()
+    ]
+    found = {
+        "branches": audit_tubes(grown, rng, seconds, share / 2),
+        "leaves": audit_leaves(forest, scene, rng, seconds, share / 2),
+    }
+    return {name: audit for name, audit in found.items() if audit is not None}
+
+
+def audit_tubes(
+    trees: Sequence[tuple[Tree, float]], rng: np.random.Generator, seconds: float, share: float
+) -> Audit | None:
+    """Of trees, each with the tolerance that it was meshed with; None where none grows from cones.
+
+    seconds : that growing took; the audit takes about ``share`` of that, a batch at least.
+    """
+    known = [(tree, allowed) for tree, allowed in trees if not tree.grafted]
+    known = [(tree, allowed) for tree, allowed in known if len(_solid(tree.skeleton)[0])]
+    if not known:
+        return None
+    meshed = [tree.mesh.vertices[tree.mesh.triangles[tree.mesh.part == WOOD]] for tree, _ in known]
+
+    def batches() -> Iterator[np.ndarray]:
+        while True:
+            one = int(rng.integers(len(known)))
+            points = points_on_cones(known[one][0].skeleton, BATCH, rng)
+            yield np.array([float(_to_triangles(p, meshed[one]).min()) for p in points])
+
+    found = sample(batches(), share * seconds)
+    cones = sum(len(tree.skeleton) for tree, _ in known)
+    return Audit(
+        what="points of branches by the nearest of all triangles",
+        checked=len(found.errors),
+        error=found.largest,
+        rms=found.rms,
+        allowed=max(allowed for _, allowed in known),
+        seconds=seconds,
+        exact_seconds=found.seconds_each * cones,
+        unit="m",
+    )
+
+
+def audit_leaves(
+    forest: Forest, scene: SceneGeometry, rng: np.random.Generator, seconds: float, share: float
+) -> Audit | None:
+    """Of the leaves of a forest's trees, as they stand in an evaluated scene; None where there are none.
+
+    Whole trees are measured, in a random order; a leaf that is missing is infinitely far off.
+    """
+    rows = {int(tree): row for row, tree in enumerate(forest.stand.id)}
+    pairs = {
+        int(scene.mesh_index[instance]): forest.variant_of(rows[int(scene.tree[instance])])
+        for instance in np.flatnonzero(scene.tree >= 0)
+        if int(scene.tree[instance]) in rows
+    }
+    known = [(mesh, tree) for mesh, tree in pairs.items() if len(tree.leaves)]
+    if not known:
+        return None
+
+    def batches() -> Iterator[np.ndarray]:
+        for one in rng.permutation(len(known)).tolist():
+            yield _leaf_errors(known[one][1], Foliage(scene.meshes[known[one][0]]))
+
+    found = sample(batches(), share * seconds)
+    leaves = sum(len(tree.leaves) for _, tree in known)
+    far = max(float(np.abs(tree.leaves.centre).max()) for _, tree in known)
+    return Audit(
+        what="leaves' centres and sizes by the triangles in Blender",
+        checked=len(found.errors),
+        error=found.largest,
+        rms=found.rms,
+        allowed=ROUNDING * max(far, 1.0),
+        seconds=seconds,
+        exact_seconds=found.seconds_each * leaves,
+        unit="m",
+    )
+
+
+def _leaf_errors(tree: Tree, measured: Foliage) -> np.ndarray:
+    """(L,) metres between centres or radii, the larger of the two."""
+    errors = np.full(len(tree.leaves), np.inf)
+    there = measured.leaf < len(errors)
+    number = measured.leaf[there]
+    centre, _, radius = (value[there] for value in measured.local)
+    apart = np.linalg.norm(centre - tree.leaves.centre[number], axis=1)
+    errors[number] = np.maximum(apart, np.abs(radius - tree.leaves.radius[number]))
+    return errors
+
+
+def points_on_cones(wood: Skeleton, count: int, rng: np.random.Generator) -> np.ndarray:
+    """At most ``count`` points (N, 3) on the cones of a skeleton: above the ground and in no other cone."""
+    start, axis, length, radius = _solid(wood)
+    area = radius.sum(axis=1) * np.hypot(length, radius[:, 1] - radius[:, 0])
+    chosen = rng.choice(len(area), count, p=area / area.sum())
+    along, turn = rng.random(count), rng.uniform(0, 2 * np.pi, count)
+    thick = radius[chosen, 0] + along * (radius[chosen, 1] - radius[chosen, 0])
+    across = np.cross(axis[chosen], np.eye(3)[np.abs(axis[chosen]).argmin(axis=1)])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    beside = np.cross(axis[chosen], across)
+    points = start[chosen] + (along * length[chosen])[:, None] * axis[chosen]
+    points += thick[:, None] * (np.cos(turn)[:, None] * across + np.sin(turn)[:, None] * beside)
+    free = points[:, 2] > 0
+    for row, point in enumerate(points):
+        away = point - start
+        place = np.einsum("si,si->s", away, axis)
+        off = np.linalg.norm(away - place[:, None] * axis, axis=1)
+        share = np.clip(place / length, 0.0, 1.0)
+        inside = (place > 0) & (place < length)
+        inside &= off < radius[:, 0] + share * (radius[:, 1] - radius[:, 0])
+        inside[chosen[row]] = False
+        free[row] &= not inside.any()
+    return points[free]
+
+
+def _solid(wood: Skeleton) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Start (S, 3), axis (S, 3), length (S,) and radius (S, 2) of segments that have any surface."""
+    span = wood.end - wood.start
+    length = np.linalg.norm(span, axis=1)
+    kept = (length > 1e-9) & (wood.radius.max(axis=1) > 0)
+    axis = span[kept] / length[kept, None]
+    return wood.start[kept], axis, length[kept], np.maximum(wood.radius[kept], 0.0)
+
+
+def _to_triangles(point: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """(T,) metres from a point to triangles (T, 3, 3): to what it stands over, else to the edges."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    normal = np.cross(b - a, c - a)
+    size = np.linalg.norm(normal, axis=1)
+    normal = np.divide(normal, size[:, None], out=np.zeros_like(normal), where=size[:, None] > 0)
+    over = size > 0
+    nearest = np.full(len(corners), np.inf)
+    for begin, end in ((a, b), (b, c), (c, a)):
+        edge, away = end - begin, point - begin
+        over &= np.einsum("ti,ti->t", np.cross(edge, away), normal) >= 0
+        square = np.einsum("ti,ti->t", edge, edge)
+        share = np.einsum("ti,ti->t", away, edge) / np.where(square > 0, square, 1.0)
+        left = away - np.clip(share, 0.0, 1.0)[:, None] * edge
+        nearest = np.minimum(nearest, np.linalg.norm(left, axis=1))
+    height = np.abs(np.einsum("ti,ti->t", point - a, normal))
+    return np.where(over, height, nearest)

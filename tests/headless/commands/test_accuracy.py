@@ -1,0 +1,130 @@
+"""Error against seconds: choice and words by hand-made points; the command on a small scene, whose
+recommended settings run and keep the error."""
+
+import math
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon.formats.toml_file import read_settings
+from forest_addon.spec import Scene, Sonar
+from headless.accuracy.sweep import Point, Sweep, mean_and_spread, timed
+
+TODAY = Point({}, "today's", 1e-4, 0.0, 2.0)
+FAST = Point({"cull": 0.01}, "fast", 8e-4, 0.0, 1.0)
+UNSURE = Point({"cull": 0.02}, "unsure", 9e-4, 1e-4, 0.5)
+EXACT = Point({"cull": 0.0}, "exact", 1e-8, 0.0, 50.0)
+WORSE = Point({"cull": 0.05}, "worse", 9e-4, 0.0, 3.0)
+
+
+def sweep(model=None, **terms):
+    return Sweep(Sonar(), "spectrum", "", TODAY, (FAST, UNSURE, EXACT, WORSE), model, terms=terms)
+
+
+def test_the_frontier_leaves_out_what_is_beaten():
+    assert sweep().frontier() == [UNSURE, FAST, TODAY, EXACT]
+
+
+@pytest.mark.parametrize(
+    ("error", "seconds", "chosen"),
+    [
+        (1e-3, 60, FAST),  # the sampled error of a faster one may be larger than that
+        (2e-3, 60, UNSURE),
+        (1e-4, 60, TODAY),
+        (1e-6, 60, EXACT),
+        (1e-6, 10, TODAY),  # the most exact that fits the time
+        (1e-6, 0.1, UNSURE),
+    ],
+)
+def test_the_cheapest_that_keeps_the_error(error, seconds, chosen):
+    assert sweep().choice(error, seconds) is chosen
+
+
+def test_the_largest_term_is_named():
+    found = sweep(model=(0.3, "single scattering"), numerics=1e-4, culling=3e-5)
+    assert found.dominant() == "model dominates, 3e-01 (beside numerics 1e-04, culling 3e-05)"
+    assert "no setting helps" in found.verdict(1e-3, 60)
+    assert "2.0 times as fast as today's" in sweep().verdict(1e-3, 60)
+    assert "is not reached within 10 s" in sweep().verdict(1e-6, 10)
+    assert sweep().dominant() == ""
+
+
+def test_what_has_no_values_is_never_chosen():
+    assert math.isnan(mean_and_spread([])[0])
+    lost = Sweep(Sonar(), "x", "", Point({}, "nothing", math.nan, math.nan, 1.0), ())
+    assert lost.choice(1e-3, 60) is lost.today
+
+
+def test_short_work_is_timed_more_than_once():
+    runs = []
+    assert timed(lambda: runs.append(1) or sum(range(300_000)))[1] > 0
+    assert len(runs) > 1
+
+
+SCENE = """
+name = "small"
+seed = 3
+
+[forest]
+size = [6.0, 6.0]
+margin = 5.0
+
+[[plantings]]
+species = "hazelnut"
+variants = 1
+expected = 2
+exact = true
+
+[[sensors]]
+kind = "terrestrial"
+position = [-2.0, 3.0, 1.5]
+angle_step_deg = 4.0
+beam = { divergence_mrad = [3.0, 3.0] }
+
+[[sensors]]
+kind = "tractor"
+position = [-2.0, 0.0, 1.0]
+track = 2.0
+step = 0.5
+angle_step_deg = 4.0
+
+[[sensors]]
+kind = "sonar"
+position = [-2.0, 3.0, 1.5]
+leaf_model = "paper"
+max_range = 5.0
+
+[[sensors]]
+kind = "reverb"
+source = [-3.0, 3.0, 0.2]
+receiver = [9.0, 3.0, 0.2]
+sample_rate = 8000.0
+duration = 0.1
+
+[output]
+blend = false
+glb = false
+preview = false
+"""
+
+
+@pytest.mark.slow
+def test_a_scene_gets_a_picture_and_settings_that_run(tmp_path):
+    from headless.accuracy.run import sweep_scene
+    from headless.pipeline import run_scene
+
+    path = tmp_path / "small.toml"
+    path.write_text(SCENE, encoding="utf-8")
+    said = []
+    sweep_scene(path, tmp_path / "out", error=1e-2, seconds=60, say=said.append)
+    words = "\n".join(said)
+    for name in ("cloud", "scan", "echo", "reverb"):
+        assert f"\n{name} (" in f"\n{words}"
+    assert "dominates" in words
+    assert (tmp_path / "out" / "accuracy.png").stat().st_size > 10_000
+    rows = (tmp_path / "out" / "accuracy.csv").read_text().splitlines()
+    assert len(rows) > 15
+    better = read_settings(tmp_path / "out" / "recommended.toml", Scene)
+    run_scene(better, tmp_path, tmp_path / "run", quiet=True)
+    assert (tmp_path / "run" / "run.json").is_file()

@@ -1,0 +1,97 @@
+"""Audits of what grew: silent on the shipped species, loud on thin tubes, lost branches, moved leaves."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.growth.mesh.trimesh import WOOD
+from forest_addon.growth.tree import grow
+from forest_addon.rng import stream
+from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.sensing.trees_audit import (
+    _to_triangles,
+    audit_leaves,
+    audit_trees,
+    audit_tubes,
+    points_on_cones,
+)
+from forest_addon.spec import Planting, Scene
+from forest_addon.stand.forest import grow_forest
+
+RNG = stream(1, "audit test")
+
+
+def grown(name):
+    species, template = load_species(find_species(name, Path()))
+    return grow(species, template, stream(2, "audit tree")), species.detail.tolerance
+
+
+@pytest.fixture(scope="module")
+def birch():
+    return grown("honda-birch")
+
+
+@pytest.mark.parametrize("name", ["honda-willow", "abop-ternary-a", "ginkgo"])
+def test_the_tubes_of_species_are_within_their_tolerance(name):
+    found = audit_tubes([grown(name)], RNG, 1.0, 0.3)
+    assert found.kept, str(found)
+    assert found.error > 0
+    assert found.checked > 4
+
+
+@pytest.mark.slow
+def test_a_branch_that_is_thin_or_lost_is_found(birch):
+    tree, allowed = birch
+    thick = replace(tree, skeleton=replace(tree.skeleton, radius=tree.skeleton.radius * 1.2))
+    assert not audit_tubes([(thick, allowed)], RNG, 1.0, 0.3).kept
+    wood = np.flatnonzero(tree.mesh.part == WOOD)
+    lost = tree.mesh.select(~np.isin(np.arange(len(tree.mesh.part)), wood[len(wood) // 2 :]))
+    assert not audit_tubes([(replace(tree, mesh=lost), allowed)], RNG, 1.0, 0.5).kept
+
+
+def test_points_are_on_cones_above_the_ground(birch):
+    wood = birch[0].skeleton
+    points = points_on_cones(wood, 50, RNG)
+    assert (points[:, 2] > 0).all()
+    span = wood.end - wood.start
+    for point in points:  # of some segment: as far off its axis as it is thick there
+        along = np.einsum("si,si->s", point - wood.start, span) / np.einsum("si,si->s", span, span)
+        foot = wood.start + along[:, None] * span
+        thick = wood.radius[:, 0] + along * np.diff(wood.radius, axis=1)[:, 0]
+        off = np.abs(np.linalg.norm(point - foot, axis=1) - thick)
+        assert off[(along >= 0) & (along <= 1)].min() < 1e-12
+
+
+def test_metres_to_a_triangle():
+    """Against many points of the triangle; one has no area."""
+    corners = RNG.normal(size=(20, 3, 3))
+    corners[0, 2] = corners[0, 1]
+    share = RNG.dirichlet([0.6, 0.6, 0.6], 40_000)
+    share[:3] = np.eye(3)
+    for point in RNG.normal(size=(5, 3)) * 2:
+        found = _to_triangles(point, corners)
+        brute = [np.linalg.norm(share @ one - point, axis=1).min() for one in corners]
+        assert (found <= np.array(brute) + 1e-12).all()
+        assert np.allclose(found, brute, atol=0.03)
+
+
+def test_leaves_are_where_their_truth_says():
+    bush = Planting(species="hazelnut", variants=1, expected=2, exact=True)
+    settings = Scene(plantings=(bush,))
+    forest = grow_forest(settings, [load_species(find_species("hazelnut", Path()))])
+    tree = forest.variant_of(0)
+    single = tree.mesh.vertices.astype(np.float32).astype(np.float64)
+    mesh = replace(tree.mesh, vertices=single)
+    none = np.zeros(2, np.int64)
+    scene = SceneGeometry((mesh,), forest.transforms(), none, ("a", "b"), forest.stand.id, none)
+    found = audit_trees(forest, scene, RNG, 1.0, 0.1)
+    assert list(found) == ["leaves"]  # branches come from a template
+    assert found["leaves"].kept
+    assert found["leaves"].checked == len(tree.leaves)
+    moved = replace(scene, meshes=(replace(mesh, vertices=single + np.array([0, 0, 1e-3])),))
+    assert not audit_leaves(forest, moved, RNG, 1.0, 0.1).kept
+    fewer = replace(scene, meshes=(mesh.select(mesh.leaf != 0),))
+    assert audit_leaves(forest, fewer, RNG, 1.0, 0.1).error == np.inf
