@@ -12,7 +12,7 @@ from ..drawing import BIG, Tab, WithForest, draw_field, draw_reference, draw_set
 from ..exchange import forestless
 from ..lists import draw_list
 from ..migration import draw_notice
-from ..running import current
+from ..running import current, how_far
 from ..words import label
 from . import live
 from .painting import PAINTING
@@ -241,7 +241,7 @@ def _draw_job(layout: bpy.types.UILayout) -> None:
     job = current()
     row = layout.row(align=True)
     row.scale_y = BIG
-    row.progress(factor=job.share, text=f"{job.label} {job.share:.0%}")
+    row.progress(factor=job.share, text=how_far(job))
     row.operator("forest.cancel", text="", icon="CANCEL")
 
 
