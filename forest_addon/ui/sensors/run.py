@@ -181,7 +181,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             found = yield Task(step, partial(observe, way=way), span=span)
             took = time.perf_counter() - started
             note_pace(sensor, cost, took)
-            sentence = keep_finding(context, thing, sensor, found, took)
+            sentence = keep_finding(context, thing, sensor, found, took, settings.offset)
             self._job.kept.append(thing.name)
             if folder is not None:
                 try:
