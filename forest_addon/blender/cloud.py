@@ -14,7 +14,7 @@ import numpy as np
 from ..growth.mesh.trimesh import GROUND, LEAF, WOOD
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.sonar.ping import Contributions
-from .layout import CLOUD_KEY, COLOUR_BY
+from .layout import CLOUD_KEY, COLOUR_BY, RADIUS
 from .materials import coloured_points
 from .ours import is_ours, make_object, own
 
@@ -125,7 +125,7 @@ def _points_group() -> bpy.types.NodeTree:
     group = bpy.data.node_groups.new(GROUP, "GeometryNodeTree")
     group.is_modifier = True
     group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
-    radius = group.interface.new_socket("Radius", in_out="INPUT", socket_type="NodeSocketFloat")
+    radius = group.interface.new_socket(RADIUS, in_out="INPUT", socket_type="NodeSocketFloat")
     radius.subtype = "DISTANCE"
     radius.default_value = 0.015
     radius.min_value = 0.0

@@ -18,12 +18,14 @@ from __future__ import annotations
 import ctypes
 import sys
 import threading
+import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 Tell = Callable[[int, int], None]
+SOON, LITTLE = 2.0, 0.02  # s, and share, before which nothing is said of the time that is left
 TURN = 5e-4  # s that a task keeps Python's lock while the window waits for it
 
 
@@ -32,11 +34,13 @@ class Task:
     """Work on arrays: ``run(tell)`` calls ``tell(done, total)`` now and then.
 
     whole : it is short and never left half done, as imports must not be.
+    span : from which share of the job to which it leads, where the job knows all that is to come.
     """
 
     label: str
     run: Callable[[Tell], Any]
     whole: bool = False
+    span: tuple[float, float] | None = None
 
 
 Work = Generator[Task, Any, str]
@@ -49,7 +53,8 @@ class CancelledError(BaseException):
 class Job:
     """One piece of work on its way.
 
-    label : what it is doing now. share : how much of that is done, 0 to 1.
+    label : what it is doing now.
+    share : how much of that is done, 0 to 1; of the whole job, where it knows what is to come.
     result : what the work returned, once ``step`` or ``finish`` said it is done.
     over : whether it is done, has failed or was cancelled.
     """
@@ -61,6 +66,8 @@ class Job:
         self.result = ""
         self.over = False
         self.kept: list[str] = []  # what the work has brought to its end, in words
+        self._begun = time.monotonic()
+        self._span: tuple[float, float] | None = None
         self._work = work
         self._thread: threading.Thread | None = None
         self._outcome: Any = None
@@ -68,6 +75,14 @@ class Job:
         self._stopped = threading.Event()
         self._at_work: int | None = None  # the thread that may be interrupted
         self._lock = threading.Lock()
+
+    @property
+    def left(self) -> float | None:
+        """Seconds until the end, as it went until now; None where that cannot be said."""
+        took = time.monotonic() - self._begun
+        if self._span is None or took < SOON or self.share < LITTLE:
+            return None
+        return took * (1.0 - self.share) / self.share
 
     @property
     def busy(self) -> bool:
@@ -120,7 +135,8 @@ class Job:
         return self._work.send(outcome)
 
     def _begin(self, task: Task) -> None:
-        self.label, self.share = task.label, 0.0
+        self._span = task.span
+        self.label, self.share = task.label, task.span[0] if task.span else 0.0
 
     def _run_beside(self, task: Task) -> None:
         """Run a task in this thread, which can be interrupted and leaves the window its turns."""
@@ -142,7 +158,8 @@ class Job:
         def tell(done: int, total: int) -> None:
             if self._stopped.is_set():
                 raise CancelledError
-            self.share = done / max(total, 1)
+            low, high = task.span or (0.0, 1.0)
+            self.share = low + (high - low) * done / max(total, 1)
             if listener:
                 listener(done, total)
 

@@ -18,7 +18,7 @@ from .ours import ROLE_KEY, is_local, is_ours, make_collection
 ROOT_KEY = "forest_sensing"
 PART_KEY = "forest_part"
 CLOUD_KEY = "forest_cloud"  # on points that were found: which sensor found them
-COLOUR_BY = "Colour By"  # their menu
+COLOUR_BY, RADIUS = "Colour By", "Radius"  # their menu, their size
 ROOT, TREES, VARIANTS, OUTLINES = "Forest", "Trees", "Variants", "Outlines"
 GROUND_NAME, SENSORS, RESULTS, INTENSITY = "Ground", "Sensors", "Results", "Intensity"
 PARTS = (TREES, VARIANTS, OUTLINES, GROUND_NAME, SENSORS, RESULTS)  # of every forest

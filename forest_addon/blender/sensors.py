@@ -22,6 +22,7 @@ from .single import shortest
 
 KIND_KEY = "forest_sensor_kind"  # custom property of a sensor's object: its kind
 RECEIVER_KEY = "forest_receiver"  # custom property of a reverb's source: its receiver
+PATH_KEY = "forest_path"  # custom property of a moving scanner: the curve that was made for it
 
 # Settings that an object's transform says.
 POSED: dict[str, tuple[str, ...]] = {
@@ -70,6 +71,26 @@ def put_sensor(scene: bpy.types.Scene, settings: Settings) -> bpy.types.Object:
     return new_sensor(scene, settings)
 
 
+def new_path(
+    scene: bpy.types.Scene, sensor: bpy.types.Object, points: list[tuple[float, float, float]]
+) -> bpy.types.Object:
+    """A sensor's own curve of straight pieces through ``points`` (m), its origin at the first."""
+    name = f"{sensor.name} Path"
+    data = bpy.data.curves.new(name, "CURVE")
+    data.dimensions = "3D"
+    line = data.splines.new("POLY")
+    line.points.add(len(points) - 1)
+    places = np.ones((len(points), 4))
+    places[:, :3] = np.subtract(points, points[0])
+    line.points.foreach_set("co", places.astype(np.float32).ravel())
+    thing = bpy.data.objects.new(name, data)
+    thing.location = points[0]
+    part(scene, SENSORS).objects.link(thing)
+    sensor[PATH_KEY] = thing
+    sensor.location = thing.location
+    return thing
+
+
 def lock(thing: bpy.types.Object) -> None:
     """Keep a sensor from moves by hand that would have no effect."""
     kind = kind_of(thing)
@@ -95,14 +116,17 @@ def _speaker(name: str) -> bpy.types.Object:
 
 
 def remove_sensor(thing: bpy.types.Object) -> None:
-    """Remove a sensor's object with its data, and with its receiver unless a copy of it has that too."""
-    receiver, data = receiver_of(thing), thing.data
-    shared = any(other != thing and receiver_of(other) == receiver for other in bpy.data.objects)
-    bpy.data.objects.remove(thing)
-    if receiver is not None and not shared:
-        bpy.data.objects.remove(receiver)
-    if data is not None and not data.users:
-        bpy.data.batch_remove([data])
+    """Remove a sensor's object with its data; its receiver or path too, unless a copy of it has that."""
+    data, gone = [thing.data], []
+    for key in (RECEIVER_KEY, PATH_KEY):
+        own = _held(thing, key)
+        others = (other for other in bpy.data.objects if other != thing)
+        if own is not None and not any(_held(other, key) == own for other in others):
+            gone.append(own)
+            data.append(own.data)
+    for one in (thing, *gone):
+        bpy.data.objects.remove(one)
+    bpy.data.batch_remove([one for one in data if one is not None and not one.users])
 
 
 def kind_of(thing: bpy.types.Object) -> str:
@@ -192,8 +216,13 @@ def heading(thing: bpy.types.Object) -> float:
 
 def receiver_of(thing: bpy.types.Object) -> bpy.types.Object | None:
     """The object that hears what a reverb's source sends, None where it is gone."""
-    receiver = thing.get(RECEIVER_KEY)
-    return receiver if isinstance(receiver, bpy.types.Object) else None
+    return _held(thing, RECEIVER_KEY)
+
+
+def _held(thing: bpy.types.Object, key: str) -> bpy.types.Object | None:
+    """The object that a custom property points to, None where there is none."""
+    held = thing.get(key)
+    return held if isinstance(held, bpy.types.Object) else None
 
 
 def _empty(name: str, shape: str) -> bpy.types.Object:

@@ -59,10 +59,15 @@ def write_echo_arrays(path: Path, found: Echo | Flight) -> None:
 
 def write_echo_sound(path: Path, found: Echo | Flight, time_expansion: float) -> None:
     """Write the echoes as WAV, ``time_expansion`` times slower."""
+    write_wav(path, *sound_of(found, time_expansion))
+
+
+def sound_of(found: Echo | Flight, time_expansion: float) -> tuple[np.ndarray, int]:
+    """The echoes ``time_expansion`` times slower: (N, E) samples as loud as a file can hold, rate in Hz."""
     flight = _flight(found)
     waveform = flight.stacked("waveforms")
     sound = np.moveaxis(waveform, 1, 2).reshape(-1, waveform.shape[1]) * _gain(waveform)
-    write_wav(path, sound, max(1, round(flight.echoes[0].sample_rate / time_expansion)))
+    return sound, max(1, round(flight.echoes[0].sample_rate / time_expansion))
 
 
 def _flight(found: Echo | Flight) -> Flight:

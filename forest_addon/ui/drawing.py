@@ -10,7 +10,7 @@ from typing import Any
 
 import bpy
 
-from .exchange import untouched
+from .exchange import forestless, untouched
 from .groups import PARTS
 from .references import is_lost
 from .words import label
@@ -43,6 +43,14 @@ class OnceStarted(Tab):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return not untouched(context.scene.forest_sensing)
+
+
+class WithForest(OnceStarted):
+    """A panel that appears when a forest is to stand here; who senses a scene of his own needs none."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return not forestless(context.scene.forest_sensing)
 
 
 def split(layout: bpy.types.UILayout) -> bpy.types.UILayout:

@@ -34,6 +34,11 @@ from .forest import hills
 from .words import say
 
 T = TypeVar("T", bound=Settings)
+# What is set where one senses, whether a forest is to stand there or not.
+OF_SENSORS = frozenset(
+    {"air", "rays", "accuracy", "active_sensor", "last_sensor", "output", "results", "layout"}
+    | {"show_sensors", "show_points", "folder"}
+)
 
 
 def to_spec(scene: Any, things: Iterable[Any] | None = None) -> spec.Scene:
@@ -151,17 +156,27 @@ def _all_of(scene: Any, things: Iterable[Any] | None) -> Iterable[Any]:
     return sensors.sensors_of(scene) if things is None else things
 
 
-def untouched(props: Any) -> bool:
-    """Whether nobody has set anything yet: no scene file, no panel, no script."""
+def forestless(props: Any) -> bool:
+    """Whether no forest was asked for yet: all that is set is about sensors."""
+    return untouched(props, OF_SENSORS)
+
+
+def untouched(props: Any, but: frozenset[str] = frozenset()) -> bool:
+    """Whether nobody has set anything yet, except what ``but`` names: no scene file, no panel, no script."""
     for known in props.bl_rna.properties:
         name = known.identifier
+        if name in but:
+            continue
         if known.type == "POINTER" and known.fixed_type.identifier.startswith("FOREST_PG_"):
             if not untouched(getattr(props, name)):
                 return False
         elif known.type == "COLLECTION":
             if len(getattr(props, name)):
                 return False
-        elif name != "rna_type" and not known.is_skip_save and props.is_property_set(name):
+        elif known.type == "POINTER":  # to a thing; none is what it starts with
+            if name != "rna_type" and getattr(props, name) is not None:
+                return False
+        elif not known.is_skip_save and props.is_property_set(name):
             return False
     return True
 

@@ -35,6 +35,25 @@ def current() -> Job | None:
     return _current
 
 
+def how_far(job: Job) -> str:
+    """What a job is doing, how much of it is done, and when it will be."""
+    if job.left is None:
+        return f"{job.label} {job.share:.0%}"
+    left = duration(job.left)
+    return say("{step} {share:.0%}, {time} left", step=job.label, share=job.share, time=left)
+
+
+def duration(seconds: float) -> str:
+    """A time as one says it."""
+    if seconds < 1.5:
+        return say("a second")
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    if seconds < 5400:
+        return say("{minutes:.0f} min", minutes=seconds / 60)
+    return say("{hours:.1f} h", hours=seconds / 3600)
+
+
 def stop() -> None:
     """Cancel the job that runs, if one does: when the user asks, and when Blender undoes or loads."""
     job = current()
@@ -115,12 +134,7 @@ class Working(WhenReady):
             self._leave(context)
             self.report({"INFO"}, job.result)
             return {"FINISHED"}
-        text = say(
-            "{job}: {step} {share:.0%}  |  Esc: cancel",
-            job=job.title,
-            step=job.label,
-            share=job.share,
-        )
+        text = say("{job}: {step}  |  Esc: cancel", job=job.title, step=how_far(job))
         if text != self._shown:  # drawing costs the task time
             self._shown = text
             _show(context, text)

@@ -28,12 +28,24 @@ def open_scene(scene: bpy.types.Scene, path: Path, keep_sensors: bool = False) -
     from ..formats.toml_file import read_settings
 
     settings = read_settings(path, spec.Scene)
+    take_scene(scene, settings, path.resolve().parent, keep_sensors)
+    return settings.name
+
+
+def take_scene(
+    scene: bpy.types.Scene, settings: spec.Scene, folder: Path, keep_sensors: bool
+) -> None:
+    """Put settings into a Blender scene; names of files in them start from ``folder``.
+
+    Raises
+    ------
+    SpecError : a number that Blender cannot hold; nothing is changed.
+    """
     from_spec(scene, settings, keep_sensors)
-    scene.forest_sensing.folder = str(path.resolve().parent)
+    scene.forest_sensing.folder = str(folder)
     for layer in scene.view_layers:
         if layer == bpy.context.view_layer and sensors_of(scene):
             choose_sensor(bpy.context, sensors_of(scene)[0])  # active in the scene, too
-    return settings.name
 
 
 class FOREST_OT_load_scene(InOwnScene, bpy.types.Operator, ImportHelper):

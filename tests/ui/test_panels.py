@@ -51,6 +51,11 @@ class Layout:
         self.seen.append(label if text is None else text)
         return SimpleNamespace()
 
+    def menu(self, name, text="", icon="NONE"):
+        self._known_icon(icon)
+        seen = SimpleNamespace(layout=self)
+        getattr(bpy.types, name).draw(seen, bpy.context)
+
     def operator_menu_enum(self, name, choice, text="", icon="NONE"):
         self.operator(name, text, icon)
 
@@ -94,11 +99,17 @@ def drawn(context=None):
     return seen
 
 
-def test_a_newcomer_sees_one_button_and_a_way_to_open_a_file(props):
+def test_a_newcomer_sees_two_doors_and_a_way_to_open_a_file(props):
     seen = drawn()
-    assert "Build Demo Forest" in seen
-    assert "Open Scene File" in seen
-    assert "Seed" not in seen
+    assert {"Grow a Forest", "Scan This Scene", "Open"} <= set(seen)
+    assert {"Seed", "Air"}.isdisjoint(seen)
+
+
+def test_who_scans_a_scene_of_his_own_is_asked_for_no_forest(props):
+    assert bpy.ops.forest.scan_here() == {"FINISHED"}
+    seen = drawn()
+    assert {"Grow a Forest", "Run Tripod LiDAR"} <= set(seen)
+    assert {"Seed", "Plantings"}.isdisjoint(seen)
 
 
 def test_every_setting_has_its_place(small, sensor):

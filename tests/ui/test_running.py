@@ -139,7 +139,7 @@ def test_escape_says_what_stays_and_leaves_a_step_to_undo(built):
 
 def test_escape_before_anything_is_found_says_so(built):
     button = Pressed(FOREST_OT_run, sensor="", frames="THIS")
-    button.until(lambda: button._job.label == "cloud")
+    button.until(lambda: button._job.label == "cloud, 1 of 4")
     assert button.escape() == {"CANCELLED"}
     assert button.said == ["Run Sensor was cancelled; nothing was changed"]
     assert set(built.results.keys()) == {"forest"}

@@ -244,7 +244,7 @@ def test_the_template_has_every_kind_of_text(template):
         ("*", "Where They Stand"),  # a panel
         ("*", "Frame Range"),  # of an enumeration of an operator
         ("*", "Drag in View"),  # a property
-        ("*", "LiDAR, tractor"),  # a kind of sensor
+        ("*", "Tractor LiDAR"),  # a kind of sensor
         ("*", "Seen by Sensors"),  # a property of every object
     } <= known
     patterns = {

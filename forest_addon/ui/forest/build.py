@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import secrets
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -17,9 +18,9 @@ from ...blender.jobs import Task, Work
 from ...blender.sensors import sensors_of
 from ...spec import Scene
 from ..assets import ASSETS
-from ..exchange import to_spec, untouched
+from ..exchange import forestless, to_spec
 from ..running import InOwnScene, Working, getting_ready
-from ..scene_file import open_scene
+from ..scene_file import take_scene
 from ..species.edit import edited_species, load
 from ..views import look_at
 from ..words import say
@@ -50,8 +51,10 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         from ...stand.forest import grow_forest
         from ..results.finding import keep_forest
 
-        demo = untouched(scene.forest_sensing) and not sensors_of(scene)
+        demo = forestless(scene.forest_sensing)
         settings = read_settings(DEMO, Scene) if demo else to_spec(scene)
+        if demo and sensors_of(scene):
+            settings = replace(settings, sensors=())  # those that are there are the user's own
         edited = edited_species(scene)
         folder = DEMO.parent if demo else Path(bpy.path.abspath(scene.forest_sensing.folder))
         mark = "" if demo else live.fingerprint(scene, context.evaluated_depsgraph_get())
@@ -64,7 +67,7 @@ class FOREST_OT_build(Working, bpy.types.Operator):
 
         forest = yield Task(say("growing trees"), grow)
         if demo:  # only now: whoever cancels has the scene of before
-            open_scene(scene, DEMO)
+            take_scene(scene, settings, folder, keep_sensors=True)
             mark = live.fingerprint(scene, context.evaluated_depsgraph_get())
         first = "forest" not in scene.forest_sensing.results
         build(scene, settings, forest, inputs.terrain)

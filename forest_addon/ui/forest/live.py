@@ -232,7 +232,7 @@ def _attend(window: bpy.types.Window) -> bool:
     """See to the scene of a window; whether there is something to wait for."""
     global _building
     scene = window.scene
-    if exchange.untouched(scene.forest_sensing):
+    if exchange.forestless(scene.forest_sensing):
         return False
     area = next((area for area in window.screen.areas if area.type == "VIEW_3D"), None)
     region = None if area is None else region_of(area, "WINDOW")

@@ -8,11 +8,11 @@ import bpy
 
 from .. import requirements
 from ..chosen import chosen
-from ..drawing import BIG, OnceStarted, Tab, draw_field, draw_reference, draw_settings, split
-from ..exchange import untouched
+from ..drawing import BIG, Tab, WithForest, draw_field, draw_reference, draw_settings, split
+from ..exchange import forestless
 from ..lists import draw_list
 from ..migration import draw_notice
-from ..running import current
+from ..running import current, how_far
 from ..words import label
 from . import live
 from .painting import PAINTING
@@ -39,7 +39,7 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
             draw_notice(layout, props)
         if context.scene.unit_settings.scale_length != 1:
             _say_what_a_unit_is(layout)
-        if untouched(props):
+        if forestless(props):
             _draw_start(layout)
             return
         _draw_update(layout, context.scene)
@@ -51,7 +51,7 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
         draw_field(column, props.forest, "instancing")
 
 
-class FOREST_PT_plantings(OnceStarted, bpy.types.Panel):
+class FOREST_PT_plantings(WithForest, bpy.types.Panel):
     bl_label = "Plantings"
     bl_parent_id = "FOREST_PT_forest"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
@@ -137,7 +137,7 @@ class FOREST_PT_list(_OfPlanting, bpy.types.Panel):
             draw_field(column, planting, name)
 
 
-class FOREST_PT_spacing(OnceStarted, bpy.types.Panel):
+class FOREST_PT_spacing(WithForest, bpy.types.Panel):
     bl_label = "Spacing"
     bl_parent_id = "FOREST_PT_forest"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
@@ -153,7 +153,7 @@ class FOREST_PT_spacing(OnceStarted, bpy.types.Panel):
             draw_settings(split(layout), chosen(forest, "distances"))
 
 
-class FOREST_PT_stems(OnceStarted, bpy.types.Panel):
+class FOREST_PT_stems(WithForest, bpy.types.Panel):
     bl_label = "Stems for Reverb"
     bl_parent_id = "FOREST_PT_forest"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
@@ -167,7 +167,7 @@ class FOREST_PT_stems(OnceStarted, bpy.types.Panel):
             draw_settings(split(layout), stems.radius)
 
 
-class FOREST_PT_ground(OnceStarted, bpy.types.Panel):
+class FOREST_PT_ground(WithForest, bpy.types.Panel):
     bl_label = "Ground"
     bl_parent_id = "FOREST_PT_forest"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
@@ -186,12 +186,14 @@ class FOREST_PT_ground(OnceStarted, bpy.types.Panel):
 
 
 def _draw_start(layout: bpy.types.UILayout) -> None:
-    """What a newcomer sees: one button that shows what this is."""
-    column = layout.column(align=True)
-    column.label(text="Grow a forest, scan it")
-    column.label(text="and listen in it.")
-    _build_or_progress(layout, "PLAY", label("Build Demo Forest"))
-    layout.operator("forest.load_scene", icon="FILE_FOLDER")
+    """What a newcomer sees: two doors, and the way to a file."""
+    _build_or_progress(layout, "OUTLINER_OB_CURVES", label("Grow a Forest"))
+    scan = layout.row()
+    scan.scale_y = BIG
+    scan.operator("forest.scan_here", icon="OUTLINER_OB_POINTCLOUD")
+    row = layout.row(align=True)
+    row.menu("FOREST_MT_start", text="More Forests")
+    row.operator("forest.load_scene", text="Open")
 
 
 def _draw_update(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
@@ -239,7 +241,7 @@ def _draw_job(layout: bpy.types.UILayout) -> None:
     job = current()
     row = layout.row(align=True)
     row.scale_y = BIG
-    row.progress(factor=job.share, text=f"{job.label} {job.share:.0%}")
+    row.progress(factor=job.share, text=how_far(job))
     row.operator("forest.cancel", text="", icon="CANCEL")
 
 

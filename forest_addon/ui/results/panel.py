@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from ...blender.layout import COLOUR_BY
+from ...blender.layout import COLOUR_BY, RADIUS
 from ...blender.nodes import drawn_input, has_input
 from ..drawing import ICONS, OnceStarted, split
 from ..words import label_of_kept
@@ -30,7 +30,7 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
     if result.shown:
         chosen = header.operator("forest.select_result", text="", icon="RESTRICT_SELECT_OFF")
         chosen.shown = result.shown
-    if result.kind == "reverb":
+    if result.kind in ("reverb", "sonar"):
         header.operator("forest.play", text="", icon="PLAY_SOUND").sensor = result.name
     if result.picture is not None:
         shown = header.operator("forest.show_picture", text="", icon="IMAGE_DATA")
@@ -46,7 +46,7 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         caption.alignment = "CENTER"
         caption.active = False
         caption.label(text=result.caption)
-    _draw_colour_by(body, result)
+    _draw_points(body, result)
     table = body.column(align=True)
     for figure in result.figures:
         row = table.split(factor=0.45)
@@ -54,14 +54,30 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         name.active = False
         name.label(text=figure.name)
         row.label(text=label_of_kept(figure.made_of) if figure.made_of else figure.value)
+    if result.kind != "forest":
+        _draw_end(body, result)
 
 
-def _draw_colour_by(layout: bpy.types.UILayout, result: Any) -> None:
-    """The menu that colours a cloud, which its modifier has."""
+def _draw_end(layout: bpy.types.UILayout, result: Any) -> None:
+    """What can be done with a result: called otherwise, exported, removed."""
+    row = layout.row(align=True)
+    row.prop(result, "title", text="")
+    row.operator("forest.export_result", text="", icon="EXPORT").result = result.name
+    row.operator("forest.remove_result", text="", icon="TRASH").result = result.name
+
+
+def _draw_points(layout: bpy.types.UILayout, result: Any) -> None:
+    """How the points of a cloud look: its modifier's menu and radius, and whether renders show them."""
     cloud = bpy.data.objects.get(result.shown)
     for modifier in cloud.modifiers if cloud is not None else ():
-        if has_input(modifier, COLOUR_BY):
-            split(layout).prop(*drawn_input(modifier, COLOUR_BY), text=COLOUR_BY)
+        if not has_input(modifier, COLOUR_BY):
+            continue
+        column = split(layout)
+        column.prop(*drawn_input(modifier, COLOUR_BY), text=COLOUR_BY)
+        if has_input(modifier, RADIUS):
+            row = column.row(align=True)
+            row.prop(*drawn_input(modifier, RADIUS), text="Radius")
+            row.prop(cloud, "hide_render", text="")
 
 
 CLASSES = (FOREST_PT_results,)

@@ -40,7 +40,7 @@ class FOREST_OT_select_result(bpy.types.Operator):
 
 
 class FOREST_OT_play(bpy.types.Operator):
-    """Play what this Speaker sounds like: a click in the forest"""
+    """Play it: a reverb as a click sounds in the forest, an echo slowed down for human ears"""
 
     bl_idname = "forest.play"
     bl_label = "Play"
@@ -49,21 +49,37 @@ class FOREST_OT_play(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         thing = context.scene.objects.get(self.sensor)
         sound = thing.data.sound if thing is not None and thing.type == "SPEAKER" else None
-        if sound is None:
+        echo = _echo(context.scene, self.sensor) if sound is None else None
+        if sound is None and echo is None:
             self.report({"ERROR"}, say("{name} has no sound. Run it again", name=self.sensor))
             return {"CANCELLED"}
-        if sound.factory is None:
+        if sound is not None and sound.factory is None:
             self.report({"ERROR"}, "No sound can be played here: this Blender has not loaded it")
             return {"CANCELLED"}
         import aud
 
         global _playing
         try:
-            _playing = aud.Device().play(sound.factory)
+            played = aud.Sound.buffer(*echo) if sound is None else sound.factory
+            _playing = aud.Device().play(played)
         except aud.error as problem:
             self.report({"ERROR"}, say("No sound can be played here: {reason}", reason=problem))
             return {"CANCELLED"}
         return {"FINISHED"}
+
+
+def _echo(scene: bpy.types.Scene, name: str) -> tuple[Any, float] | None:
+    """The samples of an echo and their rate, as its WAV has them; None where none is held."""
+    from ...formats.echo_files import sound_of
+    from ...sensing.sonar.flight import Flight
+    from ...sensing.sonar.ping import Echo
+    from .finding import held
+
+    sensor, found, _ = held(scene, name) or (None, None, None)
+    if not isinstance(found, Echo | Flight):
+        return None
+    samples, rate = sound_of(found, sensor.time_expansion)
+    return samples.astype("float32"), rate
 
 
 class FOREST_OT_show_picture(bpy.types.Operator):

@@ -33,7 +33,7 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         else:
             row.label(text="No sensor yet: add one", icon="INFO")
         buttons = row.column(align=True)
-        buttons.operator_menu_enum("forest.add_sensor", "kind", text="", icon="ADD")
+        buttons.menu("FOREST_MT_sensors", text="", icon="ADD")
         buttons.operator("forest.remove_sensor", text="", icon="REMOVE")
         thing = chosen_sensor(context)
         run = layout.row(align=True)
@@ -65,35 +65,76 @@ class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         thing = chosen_sensor(context)
-        kind = sensors.kind_of(thing)
-        column = split(self.layout)
-        column.prop(thing, "name")
-        if kind != "mobile":  # it goes where its poses say, or what it follows
-            column.prop(thing, "location")
-        if kind == "reverb":
-            column.prop(thing, f'["{sensors.RECEIVER_KEY}"]', text="Receiver")
-        for axis in sensors.TURNS[kind]:
-            column.prop(thing, "rotation_euler", index=axis, text=AXES[axis])
-        group = getattr(thing.forest_sensor, kind)
-        hidden = {"name", *sensors.POSED.get(kind, ()), *references.HEARD_TYPES}
-        draw_settings(split(self.layout), group, hidden)
-        for part in group.nested:
-            header, body = self.layout.panel(f"FOREST_{kind}_{part}", default_closed=True)
-            header.label(text=group.bl_rna.properties[part].name)
-            if body is not None:
-                draw_settings(split(body), getattr(group, part))
-        if kind == "mobile" and not group.follow:
-            self.layout.label(text="Where It Goes")
-            draw_list(self.layout, "FOREST_UL_poses", group, "poses", "pose")
-            if group.poses:
-                draw_settings(split(self.layout), chosen(group, "poses"))
-        if kind == "reverb":
-            self.layout.label(text="Further Sources")
-            _draw_ends(self.layout, group, "sources", "source")
-            _draw_objects(self.layout, group, "source_objects", "source_object")
-            self.layout.label(text="Further Receivers")
-            _draw_ends(self.layout, group, "receivers", "receiver")
-            _draw_objects(self.layout, group, "receiver_objects", "receiver_object")
+        split(self.layout).prop(thing, "name")
+        _draw_sensor(self.layout, thing)
+
+
+class FOREST_PT_sensor_data(bpy.types.Panel):
+    """The same in the Properties editor, where Blender's own cameras and lamps have theirs."""
+
+    bl_label = "Forest Sensor"
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "data"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        thing = context.object
+        return thing is not None and thing in sensors.sensors_of(context.scene)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        thing = context.object
+        run = self.layout.operator("forest.run", icon="PLAY")
+        run.sensor, run.frames = thing.name, "THIS"
+        _draw_sensor(self.layout, thing)
+
+
+def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
+    """Where a sensor is and looks, and all its settings."""
+    kind = sensors.kind_of(thing)
+    group = getattr(thing.forest_sensor, kind)
+    column = split(layout)
+    if kind != "mobile":  # it goes where its poses say, or what it follows
+        column.prop(thing, "location")
+    if kind == "reverb":
+        column.prop(thing, f'["{sensors.RECEIVER_KEY}"]', text="Receiver")
+    for axis in sensors.TURNS[kind]:
+        column.prop(thing, "rotation_euler", index=axis, text=AXES[axis])
+    fixed = _why_fixed(kind, group)
+    if fixed:
+        column.label(text=fixed, icon="INFO")
+    hidden = {"name", *sensors.POSED.get(kind, ()), *references.HEARD_TYPES}
+    draw_settings(split(layout), group, hidden)
+    for part in group.nested:
+        header, body = layout.panel(f"FOREST_{kind}_{part}", default_closed=True)
+        header.label(text=group.bl_rna.properties[part].name)
+        if body is not None:
+            draw_settings(split(body), getattr(group, part))
+    if kind == "mobile" and not group.follow:
+        layout.label(text="Where It Goes")
+        draw_list(layout, "FOREST_UL_poses", group, "poses", "pose")
+        if group.poses:
+            draw_settings(split(layout), chosen(group, "poses"))
+    if kind == "reverb":
+        layout.label(text="Further Sources")
+        _draw_ends(layout, group, "sources", "source")
+        _draw_objects(layout, group, "source_objects", "source_object")
+        layout.label(text="Further Receivers")
+        _draw_ends(layout, group, "receivers", "receiver")
+        _draw_objects(layout, group, "receiver_objects", "receiver_object")
+
+
+def _why_fixed(kind: str, group: Any) -> str:
+    """Why a sensor cannot be moved, or turned about some axes, by hand; empty where it can."""
+    if kind == "mobile":
+        return label("Move what it follows") if group.follow else label("It moves by its poses")
+    if kind in ("terrestrial", "tractor"):
+        return label("It stays upright")
+    if kind == "airborne":
+        return label("It flies level")
+    if kind == "sonar":
+        return label("Its ears stay level")
+    return ""
 
 
 def _draw_ends(layout: bpy.types.UILayout, reverb: Any, name: str, thing: str) -> None:
@@ -155,6 +196,7 @@ class FOREST_PT_rays(OnceStarted, bpy.types.Panel):
 CLASSES = (
     FOREST_PT_sensors,
     FOREST_PT_sensor,
+    FOREST_PT_sensor_data,
     FOREST_PT_thing,
     FOREST_PT_air,
     FOREST_PT_rays,

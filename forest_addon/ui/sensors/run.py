@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import bpy
 
@@ -17,13 +17,52 @@ from ...blender.standings import may_be_met
 from ...spec import SpecError
 from ..exchange import to_spec
 from ..preferences import expansions, rays_of
-from ..running import WhenReady, Working, getting_ready, in_words
+from ..running import PROBLEMS, WhenReady, Working, getting_ready, in_words
 from ..words import label, say
+from .cost import chosen_things, costs, is_large
+from .cost import in_words as in_short
+
+if TYPE_CHECKING:
+    from ...blender.cost import Cost
 
 
 def _import_rooms(_tell: Any) -> None:
-    from ...blender import observe  # noqa: F401
+    from ...blender import cost, observe  # noqa: F401
     from ..results import finding  # noqa: F401
+
+
+class Ahead:
+    """All runs of a job, one after the other: which one comes, and which share of the whole it is."""
+
+    def __init__(self, of_sensors: list[Cost], frames: int) -> None:
+        self._of_sensors, self._frames, self._done = of_sensors, frames, 0
+        self._frame = sum(max(cost.seconds, 1e-3) for cost in of_sensors)
+
+    def next(self, name: str) -> tuple[str, tuple[float, float], Cost]:
+        """What the next run is called, from which share of the job to which it leads, what it costs."""
+        frame, number = divmod(self._done, len(self._of_sensors))
+        self._done += 1
+        before = sum(max(cost.seconds, 1e-3) for cost in self._of_sensors[:number])
+        cost = self._of_sensors[number]
+        whole = self._frames * self._frame
+        low = (frame * self._frame + before) / whole
+        span = low, low + max(cost.seconds, 1e-3) / whole
+        words = name
+        if len(self._of_sensors) > 1:
+            words = say(
+                "{sensor}, {number} of {count}",
+                sensor=words,
+                number=number + 1,
+                count=len(self._of_sensors),
+            )
+        if self._frames > 1:
+            words = say(
+                "{sensor}, frame {number} of {count}",
+                sensor=words,
+                number=frame + 1,
+                count=self._frames,
+            )
+        return words, span, cost
 
 
 class FOREST_OT_run(Working, bpy.types.Operator):
@@ -46,6 +85,33 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         options={"SKIP_SAVE"},
     )
 
+    sure: bpy.props.BoolProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, given: bpy.types.OperatorProperties) -> str:
+        """What it would do, with what that costs where the settings say."""
+        words = say(cls.__doc__ or "")
+        try:
+            found = costs(context, chosen_things(context.scene, given.sensor))
+        except PROBLEMS:
+            return words
+        return f"{words}.\n{in_short(found)}" if found else words
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if not (self.sure or bpy.app.background):
+            frames = len(frames_of(context.scene)) if self.frames == "RANGE" else 1
+            try:
+                large = is_large(costs(context, chosen_things(context.scene, self.sensor)), frames)
+            except PROBLEMS:
+                large = False  # running it says what is wrong
+            if large:
+                return set(
+                    bpy.ops.forest.run_large(
+                        "INVOKE_DEFAULT", sensor=self.sensor, frames=self.frames
+                    )
+                )
+        return super().invoke(context, event)
+
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         if not super().poll(context):
@@ -62,14 +128,15 @@ class FOREST_OT_run(Working, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> Work:
         scene = context.scene
         yield getting_ready(_import_rooms)
-        chosen = [t for t in sensors.sensors_of(scene) if self.sensor in ("", t.name)]
+        chosen = chosen_things(scene, self.sensor)
         if not chosen:
             problem = say("{name} is no sensor of this scene; add it again", name=self.sensor)
             raise SpecError("sensor", problem)
         to_spec(scene, chosen)  # all of them, before the first one runs
+        ahead = Ahead(costs(context, chosen), 1 if self.frames == "THIS" else len(frames_of(scene)))
         folder = _folder(scene.forest_sensing.output)
         if self.frames == "THIS":
-            return (yield from self._look(context, chosen, folder, ""))
+            return (yield from self._look(context, chosen, folder, "", ahead))
         now, part_of_frame, sentence = scene.frame_current, scene.frame_subframe, ""
         frames = frames_of(scene)
         if folder is None and len(frames) > 1:
@@ -80,7 +147,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         try:
             for frame in frames:
                 scene.frame_set(frame)
-                sentence = yield from self._look(context, chosen, folder, f"-{frame:04d}")
+                sentence = yield from self._look(context, chosen, folder, f"-{frame:04d}", ahead)
         finally:
             scene.frame_set(now, subframe=part_of_frame)
         return sentence
@@ -91,8 +158,10 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         things: Iterable[bpy.types.Object],
         folder: Path | None,
         number: str,
+        ahead: Ahead,
     ) -> Work:
         """Run these sensors in the scene of one frame."""
+        from ...blender.cost import note_pace
         from ...blender.observe import Observer
         from ..results.finding import keep_finding, note_audit, save_finding
 
@@ -108,9 +177,11 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             (sensor,) = settings.sensors
             observe = partial(observer.observe, sensor, settings, folder=home)
             way = observer.way(sensor, home)
-            found = yield Task(f"{thing.name}{number}", partial(observe, way=way))
+            step, span, cost = ahead.next(thing.name)
+            found = yield Task(step, partial(observe, way=way), span=span)
             took = time.perf_counter() - started
-            sentence = keep_finding(context, thing, sensor, found, took)
+            note_pace(sensor, cost, took)
+            sentence = keep_finding(context, thing, sensor, found, took, settings.offset)
             self._job.kept.append(thing.name)
             if folder is not None:
                 try:
@@ -123,12 +194,39 @@ class FOREST_OT_run(Working, bpy.types.Operator):
                     reason = in_words(problem)
                     self.report({"WARNING"}, say("Not saved: {reason}", reason=reason))
             check = partial(observer.audit, sensor, settings, found, took, home, way)
-            audit = yield Task(f"{thing.name}{number}", lambda _tell, check=check: check())
+            at_end = (span[1], span[1])
+            audit = yield Task(step, lambda _tell, check=check: check(), span=at_end)
             if audit is not None:
                 note_audit(context, thing.name, audit)
                 if not audit.kept:
                     self.report({"WARNING"}, f"{thing.name}: {audit}")
         return sentence
+
+
+class FOREST_OT_run_large(bpy.types.Operator):
+    """Ask before what takes long or much memory"""
+
+    bl_idname = "forest.run_large"
+    bl_label = "Run All the Same"
+    bl_options: ClassVar[set[str]] = {"INTERNAL"}
+
+    sensor: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+    frames: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        return context.window_manager.invoke_props_dialog(
+            self, width=340, title=say("This is a large run"), confirm_text=say("Run")
+        )
+
+    def draw(self, context: bpy.types.Context) -> None:
+        frames = len(frames_of(context.scene)) if self.frames == "RANGE" else 1
+        found = costs(context, chosen_things(context.scene, self.sensor))
+        self.layout.label(text=in_short(found, frames), icon="INFO")
+        self.layout.label(text="Esc stops it; what was found until then stays.")
+
+    def execute(self, _context: bpy.types.Context) -> set[str]:
+        given = {"sensor": self.sensor, "frames": self.frames, "sure": True}
+        return set(bpy.ops.forest.run("INVOKE_DEFAULT", **given))
 
 
 class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
@@ -176,18 +274,23 @@ class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
         number, frames = 1 if one else len(sensors.sensors_of(scene)), len(frames_of(scene))
         if not scene.forest_sensing.output and frames > 1:
             return label("Choose a folder in Save To first")
-        return label(
+        runs = label(
             "{sensors} × {frames} frames: {runs:,} runs",
             sensors=self.sensor if one else number,
             frames=frames,
             runs=number * frames,
         )
+        try:
+            found = costs(bpy.context, chosen_things(scene, self.sensor if one else ""))
+        except PROBLEMS:
+            return runs  # running it says what is wrong
+        return f"{runs}, {in_short(found, frames)}"
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
         how = "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT"
         one = self.sensor if self.which == "ONE" else ""
         try:
-            bpy.ops.forest.run(how, sensor=one, frames="RANGE")
+            bpy.ops.forest.run(how, sensor=one, frames="RANGE", sure=True)
         except RuntimeError as refusal:
             self.report({"ERROR"}, str(refusal).removeprefix("Error: ").strip())
             return {"CANCELLED"}
@@ -220,4 +323,4 @@ def _folder(output: str) -> Path | None:
     return folder
 
 
-CLASSES = (FOREST_OT_run, FOREST_OT_run_frames)
+CLASSES = (FOREST_OT_run, FOREST_OT_run_large, FOREST_OT_run_frames)

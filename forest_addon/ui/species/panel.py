@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ..chosen import chosen_planting
-from ..drawing import OnceStarted, draw_settings, split
+from ..drawing import WithForest, draw_settings, split
 from ..lists import draw_list
 from ..words import label
 from .edit import edited_item
@@ -16,7 +16,7 @@ GROWN = ("siblings", "rules", "honda")  # in place of the grammar
 SPREADS = {"FOREST_PG_normal": ("mean", "sd"), "FOREST_PG_discrete": ("values", "weights")}
 
 
-class FOREST_PT_species(OnceStarted, bpy.types.Panel):
+class FOREST_PT_species(WithForest, bpy.types.Panel):
     bl_label = "Species"
     bl_parent_id = "FOREST_PT_forest"
     bl_order = 0
@@ -42,7 +42,7 @@ class FOREST_PT_species(OnceStarted, bpy.types.Panel):
         buttons.operator("forest.import_tree", icon="IMPORT")
 
 
-class FOREST_PT_edited(OnceStarted, bpy.types.Panel):
+class FOREST_PT_edited(WithForest, bpy.types.Panel):
     """The settings of an edited species, part by part."""
 
     bl_label = "Settings"

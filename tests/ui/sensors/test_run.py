@@ -147,11 +147,11 @@ def test_a_sensor_follows_the_frames(built, tmp_path):
 def test_sensors_are_added_chosen_and_removed(built):
     for kind in SENSORS.values():
         assert press("add_sensor", kind=kind) == {"FINISHED"}
-    assert bpy.context.view_layer.objects.active.name == "reverb.001"
+    assert bpy.context.view_layer.objects.active.name == "Reverb"
     before = counts()["objects"]
     assert press("remove_sensor") == {"FINISHED"}
     assert counts()["objects"] == before - 2  # the receiver goes too
-    assert "reverb.001" not in bpy.data.objects
+    assert "Reverb" not in bpy.data.objects
 
 
 @pytest.mark.slow

@@ -1,0 +1,123 @@
+"""A result in the format that another program reads: point clouds, sounds, tables.
+
+``FORMATS`` says which there are for which kind of result, the usual one first. Points carry every field of
+``points.POINT`` in every format; sounds as tables have the time and a column a channel.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ..sensing.lidar.cloud import Cloud
+from ..sensing.lidar.tractor import TractorScan, to_cloud
+from ..sensing.reverb.response import ImpulseResponse, channels_of
+from ..sensing.sonar.flight import Flight
+from ..sensing.sonar.ping import Echo
+from ..spec import Sensor, SpecError, Tractor
+from .atomic import replacing
+from .figures import Finding
+from .findings import write_finding
+from .las import write_las
+from .npz import write_npz
+from .ply import header_of
+from .points import UNITS, records
+from .table import write_csv
+
+POINTS = (".laz", ".las", ".ply", ".npz", ".csv")
+SOUNDS = (".wav", ".npz", ".csv")
+
+
+def formats_of(found: Finding) -> tuple[str, ...]:
+    """The endings of files that a result can be written to, the usual one first."""
+    return POINTS if isinstance(found, Cloud | TractorScan) else SOUNDS
+
+
+def write_as(
+    path: Path,
+    sensor: Sensor,
+    found: Finding,
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> None:
+    """Write a result; the ending of the path says how.
+
+    offset : metres added to the positions of points, the scene's ``offset``.
+
+    Raises
+    ------
+    SpecError : an ending that is none of ``formats_of``.
+    OSError : it cannot be written; what had its name before stays as it was.
+    """
+    ending = path.suffix.lower()
+    if ending not in formats_of(found):
+        allowed = ", ".join(formats_of(found))
+        raise SpecError(path.name, f'cannot be written as "{ending}"; use {allowed}')
+    if isinstance(found, Cloud | TractorScan):
+        cloud = to_cloud(found, _tractor(sensor)) if isinstance(found, TractorScan) else found
+        _WRITERS[ending](path, records(cloud, offset))
+    elif ending == ".csv":
+        write_csv(path, _columns(found))
+    else:
+        _take_file(path, sensor, found, offset)
+
+
+def _tractor(sensor: Sensor) -> Tractor:
+    assert isinstance(sensor, Tractor)
+    return sensor
+
+
+def _write_ply(path: Path, rows: np.ndarray) -> None:
+    with replacing(path) as partial, open(partial, "wb") as file:
+        file.write(header_of(rows.dtype, len(rows)))
+        file.write(rows.tobytes())
+
+
+def _write_columns(path: Path, rows: np.ndarray) -> None:
+    write_npz(path, {name: rows[name] for name in rows.dtype.names or ()}, UNITS)
+
+
+def _write_table(path: Path, rows: np.ndarray) -> None:
+    units = {name: f"{name}_{unit}".replace("/", "_") for name, unit in UNITS.items()}
+    write_csv(path, {units.get(n, n): rows[n].tolist() for n in rows.dtype.names or ()})
+
+
+_WRITERS: dict[str, Callable[[Path, np.ndarray], None]] = {
+    ".laz": write_las,
+    ".las": write_las,
+    ".ply": _write_ply,
+    ".npz": _write_columns,
+    ".csv": _write_table,
+}
+
+
+def _columns(found: Finding) -> dict[str, list[float]]:
+    """Time and channels of a sound; of a flight one ping after the other."""
+    if isinstance(found, ImpulseResponse):
+        samples, rate = np.atleast_2d(channels_of(found).T), found.sample_rate
+    elif isinstance(found, Flight):
+        stacked = found.stacked("waveforms")
+        samples, rate = np.moveaxis(stacked, 1, 0).reshape(stacked.shape[1], -1), _rate(found)
+    else:
+        assert isinstance(found, Echo)
+        samples, rate = found.waveforms, found.sample_rate
+    time = {"time_s": (np.arange(samples.shape[1]) / rate).tolist()}
+    return time | {f"channel_{n}": row.tolist() for n, row in enumerate(samples, 1)}
+
+
+def _rate(flight: Flight) -> float:
+    return float(flight.echoes[0].sample_rate)
+
+
+def _take_file(
+    path: Path, sensor: Sensor, found: Finding, offset: tuple[float, float, float]
+) -> None:
+    """The file of this ending among those that a run writes."""
+    with tempfile.TemporaryDirectory(prefix=".export-", dir=path.parent) as folder:
+        written = write_finding(Path(folder), replace(sensor, name="result"), found, offset)
+        (one,) = (file for file in written if file.name == f"result{path.suffix.lower()}")
+        with replacing(path) as partial:
+            partial.write_bytes(one.read_bytes())

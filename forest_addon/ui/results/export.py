@@ -1,0 +1,151 @@
+"""What becomes of a result: written in a format of one's choice, or removed with its points."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any, ClassVar
+
+import bpy
+from bpy_extras.io_utils import ExportHelper
+
+from ...blender.layout import RESULTS, find_part
+from ...blender.ours import is_ours
+from ...blender.sensors import file_name
+from ..running import PROBLEMS, in_words
+from ..words import say
+
+WORDS = {
+    ".laz": ("LAZ", "A compressed point cloud with all labels"),
+    ".las": ("LAS", "A point cloud with all labels"),
+    ".ply": ("PLY", "A point cloud with all labels, binary"),
+    ".wav": ("WAV", "A sound; echoes slowed down for human ears"),
+    ".npz": ("NPZ", "Arrays for Python"),
+    ".csv": ("CSV", "A table, for spreadsheets"),
+}
+
+
+def _endings(found: Any) -> tuple[str, ...]:
+    from ...formats.export import formats_of
+
+    return formats_of(found)
+
+
+def _held(scene: bpy.types.Scene, name: str) -> Any:
+    from .finding import held
+
+    return held(scene, name)
+
+
+class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
+    """Write this result to a file; its ending says in which format"""
+
+    bl_idname = "forest.export_result"
+    bl_label = "Export Result"
+    filename_ext = ""
+    check_extension = False
+
+    result: bpy.props.StringProperty(options={"HIDDEN"})
+    filter_glob: bpy.props.StringProperty(
+        default=";".join(f"*{ending}" for ending in WORDS), options={"HIDDEN"}
+    )
+    ending: bpy.props.EnumProperty(
+        name="Format",
+        items=[(ending[1:].upper(), name, words) for ending, (name, words) in WORDS.items()],
+        options={"SKIP_SAVE"},
+    )
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        found = _held(context.scene, self.result)
+        if found is None:
+            return self._refuse()
+        usual = _endings(found[1])[0]
+        self.ending = usual[1:].upper()
+        self.filepath = f"{file_name(self.result)}{usual}"
+        return ExportHelper.invoke(self, context, event)
+
+    def check(self, _context: bpy.types.Context) -> bool:
+        """The name follows the format that is chosen beside it."""
+        path = Path(self.filepath)
+        renamed = str(path.with_suffix(f".{self.ending.lower()}")) if path.name else ""
+        if renamed == self.filepath or path.suffix.lower() not in WORDS:
+            return False
+        self.filepath = renamed
+        return True
+
+    def draw(self, context: bpy.types.Context) -> None:
+        found = _held(context.scene, self.result)
+        column = self.layout.column(align=True)
+        for ending in _endings(found[1]) if found is not None else ():
+            column.prop_enum(self, "ending", ending[1:].upper())
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ...formats.export import write_as
+
+        found = _held(context.scene, self.result)
+        if found is None:
+            return self._refuse()
+        path = Path(bpy.path.abspath(self.filepath))
+        try:
+            write_as(path, *found)
+        except PROBLEMS as problem:
+            self.report({"ERROR"}, in_words(problem))
+            return {"CANCELLED"}
+        context.scene.forest_sensing.results[self.result].file = str(path)
+        self.report({"INFO"}, say("Written: {file}", file=path))
+        return {"FINISHED"}
+
+    def _refuse(self) -> set[str]:
+        problem = say("{name} is held no longer. Run its sensor again", name=self.result)
+        self.report({"ERROR"}, problem)
+        return {"CANCELLED"}
+
+
+class FOREST_OT_remove_result(bpy.types.Operator):
+    """Remove this result, with its points and its picture; files that were written stay"""
+
+    bl_idname = "forest.remove_result"
+    bl_label = "Remove Result"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    result: bpy.props.StringProperty(options={"HIDDEN"})
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        results = context.scene.forest_sensing.results
+        number = results.find(self.result)
+        if number < 0:
+            self.report({"ERROR"}, say("{name} is no longer there", name=self.result))
+            return {"CANCELLED"}
+        picture, shown = results[number].picture, context.scene.objects.get(results[number].shown)
+        results.remove(number)
+        home = find_part(context.scene, RESULTS)
+        if shown is not None and home is not None and shown.name in home.objects and is_ours(shown):
+            data = shown.data
+            bpy.data.objects.remove(shown)
+            if not data.users:
+                bpy.data.batch_remove([data])
+        if picture is not None and not picture.users:
+            bpy.data.images.remove(picture)
+        return {"FINISHED"}
+
+
+CLASSES = (FOREST_OT_export_result, FOREST_OT_remove_result)
+
+
+def register() -> None:
+    """Hear of other files: what is held belongs to this one."""
+    bpy.app.handlers.load_pre.append(_let_go)
+
+
+def unregister() -> None:
+    """Take the handler back."""
+    if _let_go in bpy.app.handlers.load_pre:
+        bpy.app.handlers.load_pre.remove(_let_go)
+    _let_go()
+
+
+@bpy.app.handlers.persistent
+def _let_go(*_: object) -> None:
+    finding = sys.modules.get(f"{__package__}.finding")
+    if finding is not None:
+        finding.let_go()

@@ -1,0 +1,80 @@
+"""What a run will cost, in words: before it begins, and when it is so large that one is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import bpy
+
+from ...blender import sensors
+from ..exchange import to_spec
+from ..running import duration
+from ..words import label
+
+if TYPE_CHECKING:
+    from ...blender.cost import Cost
+
+LONG = 60.0  # s; what takes longer is asked about
+LARGE = 2e9  # bytes; the same
+
+
+def costs(context: bpy.types.Context, things: Iterable[bpy.types.Object]) -> list[Cost]:
+    """The cost of running each of these sensors once.
+
+    Raises
+    ------
+    SpecError, ValueError : settings that cannot be used.
+    """
+    from ...blender.cost import cost_of
+    from ...blender.observe import Observer
+
+    home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
+    found = []
+    for thing in things:
+        settings = to_spec(context.scene, [thing])
+        (sensor,) = settings.sensors
+        engine = "bvhtree" if settings.rays.engine == "bvhtree" else "embree"
+        found.append(cost_of(sensor, Observer.way(sensor, home), engine))
+    return found
+
+
+def chosen_things(scene: bpy.types.Scene, name: str) -> list[bpy.types.Object]:
+    """The sensor of this name, all where it is empty."""
+    return [thing for thing in sensors.sensors_of(scene) if name in ("", thing.name)]
+
+
+def is_large(found: list[Cost], frames: int = 1) -> bool:
+    """Whether one should be asked before this runs."""
+    seconds = frames * sum(cost.seconds for cost in found)
+    return seconds > LONG or sum(cost.memory for cost in found) > LARGE
+
+
+def in_words(found: list[Cost], frames: int = 1) -> str:
+    """22.5 M pulses, about 5 min, 1.8 GB."""
+
+    def count(what: str) -> str:
+        return short(frames * sum(cost.count for cost in found if cost.what == what))
+
+    there = {cost.what for cost in found}
+    parts = []
+    if "pulses" in there:
+        parts.append(label("{count} pulses", count=count("pulses")))
+    if "pings" in there:
+        parts.append(label("{count} pings", count=count("pings")))
+    if "channels" in there:
+        parts.append(label("{count} channels", count=count("channels")))
+    parts.append(label("about {time}", time=duration(frames * sum(c.seconds for c in found))))
+    memory = sum(cost.memory for cost in found)
+    if memory >= 5e7:
+        parts.append(label("{size:.1f} GB", size=memory / 1e9))
+    return ", ".join(parts)
+
+
+def short(count: int) -> str:
+    """A number with three digits that count: 22.5 M."""
+    for unit, word in ((1e9, " G"), (1e6, " M"), (1e4, "k")):
+        if count >= unit:
+            return f"{count / (1e3 if word == 'k' else unit):.3g}{word}"
+    return f"{count:,}"

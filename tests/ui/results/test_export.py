@@ -1,0 +1,69 @@
+"""Results are written in a format of one's choice, called otherwise, removed with their points."""
+
+import laspy
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon.blender.cloud import GROUP
+from forest_addon.blender.layout import RADIUS
+from forest_addon.blender.nodes import has_input
+from forest_addon.ui.results import finding, show
+
+from ..pressing import press, run
+
+
+def test_a_cloud_is_exported_as_one_chooses(built, tmp_path):
+    run("cloud")
+    built.offset = "[1000, 2000, 0]"
+    run("cloud")
+    for ending in ("laz", "las", "ply", "npz", "csv"):
+        path = tmp_path / f"mine.{ending}"
+        assert press("export_result", result="cloud", filepath=str(path)) == {"FINISHED"}
+        assert path.stat().st_size > 100
+    points = bpy.data.objects[built.results["cloud"].shown]
+    las = laspy.read(tmp_path / "mine.laz")
+    assert len(las) == len(points.data.vertices)
+    assert float(las.x.min()) > 900
+    with pytest.raises(RuntimeError, match=r"use \.laz"):
+        press("export_result", result="cloud", filepath=str(tmp_path / "mine.doc"))
+
+
+def test_sounds_are_exported_too(built, tmp_path):
+    for name in ("echo", "reverb"):
+        run(name)
+        for ending in ("wav", "csv"):
+            path = tmp_path / f"{name}.{ending}"
+            assert press("export_result", result=name, filepath=str(path)) == {"FINISHED"}
+
+
+def test_what_is_held_no_longer_says_so(built, tmp_path):
+    run("cloud")
+    finding.let_go()
+    with pytest.raises(RuntimeError, match="Run its sensor again"):
+        press("export_result", result="cloud", filepath=str(tmp_path / "mine.laz"))
+
+
+def test_a_result_is_removed_with_its_points(built):
+    before = len(bpy.data.objects), len(bpy.data.meshes)
+    run("cloud")
+    shown = built.results["cloud"].shown
+    press("remove_result", result="cloud")
+    assert "cloud" not in built.results
+    assert shown not in bpy.data.objects
+    assert (len(bpy.data.objects), len(bpy.data.meshes)) == before
+
+
+def test_points_have_a_radius(built):
+    run("cloud")
+    points = bpy.data.objects[built.results["cloud"].shown]
+    assert has_input(points.modifiers[0], RADIUS)
+    assert points.modifiers[0].node_group.name.startswith(GROUP)
+
+
+def test_an_echo_can_be_heard(built):
+    run("echo")
+    samples, rate = show._echo(bpy.context.scene, "echo")
+    assert rate == 20_000  # 400 kHz, twenty times slower
+    assert samples.shape[1] == 1
+    assert 0.85 < abs(samples).max() <= 1.0

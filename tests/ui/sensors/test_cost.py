@@ -1,0 +1,87 @@
+"""What a run costs is said before, and what is large is asked about; then one bar leads through all of it."""
+
+from itertools import pairwise
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon.blender import cost as costs_of
+from forest_addon.blender import sensors
+from forest_addon.blender.observe import Observer
+from forest_addon.sensing.lidar.tractor import TractorScan
+from forest_addon.ui.exchange import to_spec
+from forest_addon.ui.sensors import cost
+from forest_addon.ui.sensors.run import Ahead
+
+from ..pressing import press
+
+
+def things():
+    return sensors.sensors_of(bpy.context.scene)
+
+
+def test_pulses_are_counted_as_they_are_sent(built):
+    press("add_sensor", kind="drone")
+    bpy.context.view_layer.objects.active.forest_sensor.mobile.pulse_rate = 500
+    bpy.context.view_layer.update()
+    observer = Observer(bpy.context.evaluated_depsgraph_get())
+    for thing in things():
+        settings = to_spec(bpy.context.scene, [thing])
+        found = observer.observe(settings.sensors[0], settings)
+        said = cost.costs(bpy.context, [thing])[0].count
+        if isinstance(found, TractorScan):
+            assert said == found.distance.size
+        else:
+            assert said == getattr(found, "pulses", 1)
+
+
+def test_its_own_pace_counts_once_a_sensor_has_run(built, monkeypatch):
+    monkeypatch.setattr(costs_of, "_pace", {})
+    (thing,) = (thing for thing in things() if thing.name == "cloud")
+    guess = cost.costs(bpy.context, [thing])[0]
+    assert guess.seconds == pytest.approx(guess.work * costs_of.RAY)
+    sensor = to_spec(bpy.context.scene, [thing]).sensors[0]
+    costs_of.note_pace(sensor, guess, 12.0)
+    assert cost.costs(bpy.context, [thing])[0].seconds == pytest.approx(12.0)
+
+
+@pytest.mark.parametrize(
+    ("count", "seconds", "memory", "words"),
+    [
+        (22_500_000, 300.0, 1.8e9, "22.5 M pulses, about 5 min, 1.8 GB"),
+        (691_200, 1.0, 1e6, "691k pulses, about a second"),
+        (900, 7000.0, 0, "900 pulses, about 1.9 h"),
+    ],
+)
+def test_in_words(props, count, seconds, memory, words):
+    one = costs_of.Cost("pulses", count, count, seconds, int(memory))
+    assert cost.in_words([one]) == words
+    assert cost.is_large([one]) == (seconds > 60)
+
+
+def test_what_is_large_is_asked_about_before(built):
+    for thing in things():
+        if thing.name == "cloud":
+            thing.forest_sensor.terrestrial.angle_step_deg = 0.01
+    assert cost.is_large(cost.costs(bpy.context, things()))
+    told = bpy.types.Operator.bl_rna_get_subclass_py("FOREST_OT_run").description
+
+    class Given:
+        sensor = "cloud"
+
+    assert "pulses" in told(bpy.context, Given)
+
+
+def test_one_bar_leads_through_all_sensors_and_frames():
+    found = [costs_of.Cost("pulses", 1, 1, seconds, 0) for seconds in (1.0, 3.0)]
+    ahead = Ahead(found, frames=3)
+    spans, words = [], []
+    for _ in range(6):
+        step, span, _ = ahead.next("cloud")
+        spans.append(span)
+        words.append(step)
+    assert [low for low, _ in spans] == pytest.approx([0, 1 / 12, 4 / 12, 5 / 12, 8 / 12, 9 / 12])
+    assert all(before[1] == pytest.approx(after[0]) for before, after in pairwise(spans))
+    assert spans[-1][1] == pytest.approx(1.0)
+    assert words[3] == "cloud, 2 of 2, frame 2 of 3"
