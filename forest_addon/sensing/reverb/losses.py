@@ -100,12 +100,20 @@ class Losses:
             turbulence=1e-6 * reverb.turbulence,
         )
 
-    def per_metre(self, frequency: np.ndarray) -> np.ndarray:
-        """(F,) b + κ, nepers of amplitude."""
+    def along(self, frequency: np.ndarray) -> np.ndarray:
+        """(F,) nepers of amplitude per metre that air and leaves take."""
         air = self.air
         loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
-        loss = loss + 0.5 * self.removed(frequency)
-        return loss + foliage_loss(frequency, self.stand.leaf_area_density, self.leaf_absorption)
+        return loss + self.of_leaves(frequency)
+
+    def of_leaves(self, frequency: np.ndarray) -> np.ndarray:
+        """(F,) nepers of amplitude per metre that leaves take."""
+        return foliage_loss(frequency, self.stand.leaf_area_density, self.leaf_absorption)
+
+    def per_metre(self, frequency: np.ndarray) -> np.ndarray:
+        """(F,) b + κ, nepers of amplitude."""
+        found: np.ndarray = self.along(frequency) + 0.5 * self.removed(frequency)
+        return found
 
     def removed(self, frequency: np.ndarray) -> np.ndarray:
         """(F,) share of a sound's energy that trunks take out of it per metre, by ``extinction``."""
@@ -166,6 +174,15 @@ class Losses:
             return np.asarray(np.abs(self.gain(frequency, length)) ** 2)
         turned = self.gain(frequency, length), replace(self, back=True).gain(frequency, length)
         return np.asarray(sum(np.abs(one) ** 2 for one in turned) / 2.0)
+
+    def bounce(self, frequency: np.ndarray, length: float) -> np.ndarray:
+        """(F,) what the ground sends back of the direct sound, over so many metres, in this air."""
+        rise = self.source_height + self.receiver_height
+        path = np.asarray(math.hypot(length, rise))
+        found: np.ndarray = self._reflection(frequency, path, rise) * self._turned(
+            frequency, np.asarray(length)
+        )
+        return found
 
     @property
     def rises(self) -> tuple[float, ...]:

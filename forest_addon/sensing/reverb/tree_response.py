@@ -63,6 +63,7 @@ def tree_response(
     *,
     gain: np.ndarray | None = None,
     losses: Losses | None = None,
+    last: float = math.inf,
     expansions: Expansions | None = None,
     progress: Progress | None = None,
 ) -> TreeResponse:
@@ -72,6 +73,7 @@ def tree_response(
         tolerance are used.
     gain : (M,) amplitude of each trunk's path besides K's weight, as of a directed source; None: 1.
     losses : of the paths, of a model ``forest``; None: K's weights, and the air's losses alone.
+    last : metres of path after which trunks are not summed; they are noise there.
     expansions : what the fast sum set up for other pairs; None: it is set up for this one.
     progress : called as progress(trunks done, all trunks), by the exact sum alone.
     """
@@ -79,10 +81,11 @@ def tree_response(
     paths = trunk_paths(trunks, *ends, reverb.strength, reverb.spreading, gain, losses is not None)
     rate, speed = reverb.sample_rate, air.speed()
     direct = (max(math.dist(source, receiver), NEAREST),)
-    duration = reverb.duration or record_length(paths, direct, rate, air)
+    duration = reverb.duration or record_length(paths, direct, rate, air, losses)
     count = max(1, round(duration * rate))
     heard = paths.earliest <= (duration + SPREAD / rate) * speed
-    within = paths.select(heard)
+    summed = heard & (paths.earliest <= last)
+    within = paths.select(summed)
     exact = reverb.tolerance == 0 or len(within.length) <= _soon_summed(within.radius, count)
     errors: dict[float, float] = {}
     if exact:
@@ -93,7 +96,7 @@ def tree_response(
         samples, errors = found.samples, found.errors
     silent = float(within.earliest.min(initial=math.inf)) / speed * rate - SPREAD
     samples[: int(min(max(silent, 0.0), count))] = 0.0  # but for rounding
-    left = left_out_db(paths, heard, direct, rate, air)
+    left = left_out_db(paths, heard, direct, rate, air, losses)
     return TreeResponse(samples, heard, int(paths.clamped.sum()), exact, left, errors)
 
 
