@@ -11,6 +11,10 @@ pressure at the distance r is p₀·H·e^{-ikr}/√r with H = conj(e^{iπ/4}·�
 sinγ·e^{iγ} = J'(Y' + iJ')/(J'² + Y'²) needs no arctangent and is finite where Y' is zero. J comes from
 the downward and Y from the upward recurrence, the stable direction of each (DLMF 10.74(iv)), both
 anchored in scipy's orders 0 and 1; there is no NaN where scipy's own high orders have one.
+
+Bark that absorbs is an impedance boundary, ∂p/∂r = -ikβp under e^{-iωt}: J' and Y' become J' + iβJ and
+Y' + iβY. β is real, from the share that a wave head on loses, 4β/(1 + β)², times (ka)²/(1 + (ka)²): a
+layer that is thin against the wave does not absorb.
 """
 
 from __future__ import annotations
@@ -29,23 +33,27 @@ VALUES_AT_ONCE = 32768
 
 
 def transfer(
-    frequency: ArrayLike, angle: ArrayLike, radius: ArrayLike, sound_speed: float
+    frequency: ArrayLike,
+    angle: ArrayLike,
+    radius: ArrayLike,
+    sound_speed: float,
+    bark: float = 0.0,
 ) -> np.ndarray:
     """H in √m, complex, for sound turned by ``angle``; the arguments broadcast.
 
     frequency : Hz, 0 or larger; H vanishes as f^1.5 towards 0.
     angle : radians between the sound's direction before and after the trunk.
     radius : metres, 0 or larger.
-    sound_speed : m/s.
+    sound_speed : m/s. bark : share of the energy that bark absorbs of a wave head on.
     """
     wavenumber = 2.0 * math.pi * np.asarray(frequency, dtype=np.float64) / sound_speed
     spreading = np.sqrt(2.0 / (math.pi * np.where(wavenumber > 0, wavenumber, np.inf)))
-    total = scattering_sum(wavenumber * np.asarray(radius, dtype=np.float64), angle)
+    total = scattering_sum(wavenumber * np.asarray(radius, dtype=np.float64), angle, bark)
     field: np.ndarray = np.conj(np.exp(0.25j * math.pi) * spreading * total)
     return field
 
 
-def scattering_sum(ka: ArrayLike, angle: ArrayLike) -> np.ndarray:
+def scattering_sum(ka: ArrayLike, angle: ArrayLike, bark: float = 0.0) -> np.ndarray:
     """S(ka, angle), complex, in the books' convention e^{-iωt}; the arguments broadcast.
 
     ka : wavenumber times radius, 0 to about 5000.
@@ -72,7 +80,7 @@ def scattering_sum(ka: ArrayLike, angle: ArrayLike) -> np.ndarray:
     total = np.empty(len(size_of), dtype=np.complex128)
     for first in range(0, len(distinct), SIZES_AT_ONCE):
         block = distinct[first : first + SIZES_AT_ONCE]
-        waves = partial_waves(block, order_count(block[-1]))
+        waves = partial_waves(block, order_count(block[-1]), bark)
         waves[1:] *= 2.0  # ε_n
         low, high = np.searchsorted(size_of, (first, first + len(block)), sorter=by_size)
         for start in range(low, high, VALUES_AT_ONCE):
@@ -88,19 +96,44 @@ def order_count(ka: float) -> int:
     return math.ceil(ka + 4.0 * ka ** (1 / 3) + 6.0)
 
 
-def partial_waves(ka: np.ndarray, orders: int) -> np.ndarray:
+def surface_admittance(ka: np.ndarray, bark: float) -> np.ndarray:
+    """β of bark that absorbs a share of a wave head on, at sizes ka; real, over that of air."""
+    found: np.ndarray = (2.0 - bark - 2.0 * math.sqrt(1.0 - bark)) / bark * ka**2 / (1.0 + ka**2)
+    return found
+
+
+def partial_waves(ka: np.ndarray, orders: int, bark: float = 0.0) -> np.ndarray:
     """(orders + 1, K) complex sinγ_n·e^{iγ_n} of K sizes; 0 where it is below the smallest float.
 
     ka : (K,) 0 or larger.
-    orders : the last order n, 1 or larger.
+    orders : the last order n, 1 or larger. bark : share that bark absorbs head on, below 1.
     """
     z = np.maximum(ka, RAYLEIGH)
+    if bark > 0:
+        return _absorbing_waves(ka, orders, bark)
     slope_j = _twice_slope(_bessel_j(z, orders + 1))
     waves = np.empty((orders + 1, len(z)), dtype=np.complex128)
     with np.errstate(over="ignore", invalid="ignore"):  # Y overflows where J' has vanished
         slope_y = _twice_slope(_bessel_y(z, orders + 1))
         share = slope_j / (slope_j**2 + slope_y**2)
         waves.real, waves.imag = share * slope_y, share * slope_j
+    return _finite(waves, ka)
+
+
+def _absorbing_waves(ka: np.ndarray, orders: int, bark: float) -> np.ndarray:
+    """The same with bark: N/(M - iN), N and M the boundary's operator on J and Y."""
+    z = np.maximum(ka, RAYLEIGH)
+    twice = 2j * surface_admittance(z, bark)
+    with np.errstate(over="ignore", invalid="ignore"):
+        j, y = _bessel_j(z, orders + 1), _bessel_y(z, orders + 1)
+        on_j = _twice_slope(j) + twice * j[: orders + 1]
+        on_y = _twice_slope(y) + twice * y[: orders + 1]
+        waves: np.ndarray = on_j / (on_y - 1j * on_j)
+    return _finite(waves, ka)
+
+
+def _finite(waves: np.ndarray, ka: np.ndarray) -> np.ndarray:
+    """0 where Y has overflown, and the leading terms where ka is tiny."""
     waves[~np.isfinite(waves)] = 0.0
     tiny = ka < RAYLEIGH
     waves[2:, tiny] = 0.0

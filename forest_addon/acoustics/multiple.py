@@ -89,6 +89,30 @@ def scattered_field(
     )
 
 
+def scattered_fields(
+    frequency: float,
+    centre: np.ndarray,
+    radius: np.ndarray,
+    sources: np.ndarray,
+    receivers: np.ndarray,
+    sound_speed: float,
+    orders: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(S, R) pressure with multiple, and with single scattering, at one frequency, of S sources at once.
+
+    orders : the last one of each cylinder, fewer than ``scattered_field`` takes: for averages over stands.
+    """
+    for source in sources:
+        _check(centre, radius, source, receivers)
+    wavenumber = 2.0 * math.pi * frequency / sound_speed
+    system = _System(wavenumber, centre, radius, _nearness(centre, radius), orders)
+    alone = np.array([system.heard_from(source) for source in sources]).T
+    heard = system.heard_at(receivers)
+    far = math.sqrt(0.5 * math.pi * wavenumber) * np.exp(-0.25j * math.pi)
+    coupled = solve(system._coupling(), alone, overwrite_a=True, check_finite=False)
+    return far * np.conj(heard @ coupled).T, far * np.conj(heard @ alone).T
+
+
 def unknowns(frequency: float, centre: np.ndarray, radius: np.ndarray, sound_speed: float) -> int:
     """Size of the system that ``scattered_field`` solves at a frequency."""
     ka = 2.0 * math.pi * frequency / sound_speed * radius
@@ -99,10 +123,17 @@ class _System:
     """One wavenumber: U outgoing waves of M cylinders, each of an order n, in the scaled unknowns y."""
 
     def __init__(
-        self, wavenumber: float, centre: np.ndarray, radius: np.ndarray, near: np.ndarray
+        self,
+        wavenumber: float,
+        centre: np.ndarray,
+        radius: np.ndarray,
+        near: np.ndarray,
+        orders: int | None = None,
     ) -> None:
         self.wavenumber, self.centre = wavenumber, centre
         last = _last_orders(wavenumber * radius, near)
+        if orders is not None:
+            last = np.minimum(last, orders)
         if (2 * last + 1).sum() > LARGEST:
             raise ValueError(
                 f"{len(radius)} trunks of up to {2 * last.max() + 1} orders are more than {LARGEST} "

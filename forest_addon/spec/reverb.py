@@ -84,6 +84,70 @@ class Reverb(Settings):
     spreading: float = param(
         0.7, help="α, spreading from tree to receiver: 0.5 cylindrical, 1 spherical (K)", ge=0, le=2
     )
+    model: str = param(
+        "paper",
+        help="paper: K's weights β and α, and no losses but the air's; forest: the cylinder's own "
+        "weights, and the losses below",
+        choices=("paper", "forest"),
+    )
+    extinction: str = param(
+        "energy",
+        help="forest: what trunks take from a sound on its way: nothing, what they scatter away from "
+        "straight on, or all that leaves the coherent wave",
+        choices=("none", "energy", "coherent"),
+    )
+    tail: str = param(
+        "transport",
+        help="forest: sound scattered more than once: none, or noise with the energy that transport "
+        "through the stand gives it",
+        choices=("none", "transport"),
+    )
+    multiple_share: float = param(
+        0.9,
+        help="forest: from when this share of the energy is scattered more than once, all is noise; 1: "
+        "never",
+        gt=0,
+        le=1,
+    )
+    path_ground: bool = param(
+        True, help="forest: sound by way of trunks is reflected at the ground too"
+    )
+    turbulence: float = param(
+        1.0,
+        unit="1e-6",
+        help="forest: mean square of the fluctuation of the refractive index, which parts the direct "
+        "from the reflected sound (Daigle 1979); 0: still air",
+        ge=0,
+        le=100,
+    )
+    bark: float = param(
+        0.05,
+        help="forest: share of the energy that bark absorbs of a wave head on (Li et al. 2020: below 0.1)",
+        ge=0,
+        le=0.9,
+    )
+    foliage: bool = param(True, help="forest: leaves at the height of the path absorb")
+    leaf_area_density: float = param(
+        0.0,
+        unit="m²/m³",
+        help="forest: area of leaves in the air at the height of the path; 0: as in the scene",
+        ge=0,
+        le=20,
+    )
+    leaf_absorption: float = param(
+        0.0015,
+        help="forest: G of the share G·√f that a leaf absorbs, f in Hz (Watanabe & Yamada 1996: 0.001 "
+        "to 0.002)",
+        ge=0,
+        le=0.01,
+    )
+    trunk_height: float = param(
+        0.0,
+        unit="m",
+        help="forest: where trunks end, on average; 0: as the scene's trees, stems are endless",
+        ge=0,
+        le=150,
+    )
     min_radius: float = param(
         0.01, unit="m", help="thinner stems are left out, and counted", gt=0, le=10
     )

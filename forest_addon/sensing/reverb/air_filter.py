@@ -20,6 +20,7 @@ from scipy import fft, special
 from ...acoustics.air import absorption, relaxation
 from ...spec import Air
 from .field_table import polynomials
+from .losses import Losses
 from .scattering import roll_off
 
 SHORTEST = 1536  # samples of a block at least
@@ -33,8 +34,11 @@ ROUNDS = 1
 class AirFilter:
     """The air at one sampling rate, to a relative tolerance."""
 
-    def __init__(self, rate: float, air: Air, tolerance: float) -> None:
-        self.rate, self.air, self.tolerance = rate, air, tolerance
+    def __init__(
+        self, rate: float, air: Air, tolerance: float, losses: Losses | None = None
+    ) -> None:
+        """losses : what is lost per metre besides; None: the air takes all."""
+        self.rate, self.air, self.tolerance, self.losses = rate, air, tolerance, losses
         self.step = air.speed() / rate  # metres a sample
         slowest = float(np.min(relaxation(air.temperature_c, air.humidity, air.pressure_kpa)))
         tail = min(LONGEST_TAIL, DECAYS / (2.0 * math.pi * slowest))
@@ -133,5 +137,7 @@ class AirFilter:
 
     def _loss_at(self, frequency: np.ndarray) -> np.ndarray:
         """Nepers per metre."""
+        if self.losses is not None:
+            return self.losses.per_metre(frequency)
         air = self.air
         return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)

@@ -85,13 +85,14 @@ class Layer:
         tolerance: float,
         span: tuple[float, float],
         gain: Callable[[np.ndarray], np.ndarray],
+        bark: float = 0.0,
     ) -> None:
         """span : seconds of the filters before and after the arrival by the axis, besides SPREAD.
 
         gain : function of the frequency in Hz.
         """
         self.step, self.rate, self.radius, self.speed = step, rate / step, radius, speed
-        self.tolerance = tolerance
+        self.tolerance, self.bark = tolerance, bark
         self.lead = SPREAD + math.ceil(span[0] * self.rate)
         self.size = fft.next_fast_len(
             self.lead + SPREAD + math.ceil(span[1] * self.rate), real=True
@@ -114,7 +115,7 @@ class Layer:
 
     def _waves(self, thickness: float) -> np.ndarray:
         """(N, F) factor of cos nφ in H, times the gain."""
-        waves = partial_waves(self.wavenumber * self.radius, order_count(thickness))
+        waves = partial_waves(self.wavenumber * self.radius, order_count(thickness), self.bark)
         waves[1:] *= 2.0
         waves *= self.gain * np.exp(0.25j * math.pi) * np.sqrt(2.0 / (math.pi * self.wavenumber))
         np.conj(waves, out=waves)
@@ -186,7 +187,7 @@ class Layer:
         octave, frequency = octave[frequency > used[0]], frequency[frequency > used[0]]
         time = (np.arange(self.size) - self.lead) / self.rate
         spectrum = sector.filters @ np.exp(-2j * math.pi * np.outer(time, frequency))
-        exact = transfer(frequency[:, None], np.arccos(cosine), self.radius, self.speed)
+        exact = transfer(frequency[:, None], np.arccos(cosine), self.radius, self.speed, self.bark)
         exact *= self.gain_at(frequency)[:, None]
         gap = np.linalg.norm(spectrum.T @ sector.shares(cosine).T - exact, axis=1)
         return dict(
@@ -194,15 +195,24 @@ class Layer:
         )
 
 
-def expand(radius: float, rate: float, speed: float, tolerance: float) -> tuple[Layer, ...]:
-    """The layers of trunks of one radius, m, at a sampling rate, Hz."""
+def expand(
+    radius: float, rate: float, speed: float, tolerance: float, bark: float = 0.0
+) -> tuple[Layer, ...]:
+    """The layers of trunks of one radius, m, at a sampling rate, Hz. bark : share that it absorbs."""
     scale = radius / speed
     step = int(rate / (2.5 * CROSSOVER[1]))
     after = LOW_RINGING + CROSSING
     if step < 2:
         return (
             Layer(
-                radius, rate, 1, speed, tolerance, (2 * scale, after), lambda f: roll_off(f / rate)
+                radius,
+                rate,
+                1,
+                speed,
+                tolerance,
+                (2 * scale, after),
+                lambda f: roll_off(f / rate),
+                bark,
             ),
         )
 
@@ -212,8 +222,8 @@ def expand(radius: float, rate: float, speed: float, tolerance: float) -> tuple[
     spread = CROSSING + 2.0 * scale
     ringing = CROSSING + HIGH_RINGING * scale
     return (
-        Layer(radius, rate, 1, speed, tolerance, (spread, ringing), high),
-        Layer(radius, rate, step, speed, tolerance, (spread, after), _crossover),
+        Layer(radius, rate, 1, speed, tolerance, (spread, ringing), high, bark),
+        Layer(radius, rate, step, speed, tolerance, (spread, after), _crossover, bark),
     )
 
 

@@ -19,12 +19,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, sparse
 
-from ...acoustics.air import absorption
 from ...acoustics.kaiser_bessel import OVERSAMPLING, Kernel
 from ...spec import Air
 from .air_filter import AirFilter
 from .expansion import Layer, expand
+from .losses import Losses, loss_per_metre
 from .panel_sum import panel_spectrum
+from .path_gain import PathGain, Zone
 from .scattering import SPREAD, TrunkPaths, roll_off, transform_length
 
 TRUNKS_AT_ONCE = 65536
@@ -34,6 +35,7 @@ FEW_RADII = 4
 LONGEST_RINGING = 10.0  # s of a transform after the last arrival
 RINGING_SHARE = 4.0
 SINGLE = 1e-4  # from this tolerance on, single precision does; not where seconds of filters are
+RINGING = 0.02  # s by which a gain of frequency spreads an arrival to both sides
 BESIDE = 160  # samples of a low layer before and after the record; they fade out
 
 
@@ -49,17 +51,28 @@ class Expansions:
     """What the fast sum has set up so far, for any number of sources and receivers."""
 
     def __init__(self) -> None:
-        self._layers: dict[tuple[float, float, Air, float], list[_LayerSum]] = {}
-        self._airs: dict[tuple[float, Air, float], AirFilter] = {}
+        self._layers: dict[tuple, list[_LayerSum]] = {}
+        self._airs: dict[tuple, AirFilter] = {}
+        self._gains: dict[tuple, PathGain] = {}
 
     def sum(
-        self, paths: TrunkPaths, rate: float, count: int, air: Air, tolerance: float
+        self,
+        paths: TrunkPaths,
+        rate: float,
+        count: int,
+        air: Air,
+        tolerance: float,
+        losses: Losses | None = None,
     ) -> FastSum:
-        """(count,) samples at ``rate`` Hz, sample 0 when the source sounds."""
+        """(count,) samples at ``rate`` Hz, sample 0 when the source sounds.
+
+        losses : of paths, besides what the air takes; None: nothing.
+        """
+        gain = self._gain(losses, rate, tolerance)
         alike = len(paths.radius) > 0 and paths.radius.min() == paths.radius.max() > 0
         different = paths.radius[:1] if alike else np.unique(paths.radius[paths.radius > 0])
         if len(different) > FEW_RADII:
-            return _by_panels(paths, rate, count, air, tolerance)
+            return _by_panels(paths, rate, count, air, tolerance, losses, gain)
         size = SPREAD + count + SPREAD
         total = np.zeros(size)
         cosine = np.cos(paths.angle)
@@ -67,38 +80,60 @@ class Expansions:
         for radius in different.tolist():
             rows = slice(None) if alike else paths.radius == radius
             some, turned = paths.select(rows), cosine[rows]
-            for layer in self._set_up(radius, rate, air, tolerance):
-                total += layer.sum(some, turned, size)
+            for layer in self._set_up(radius, rate, air, tolerance, losses):
+                total += layer.sum(some, turned, size, gain)
                 for octave, error in layer.errors.items():
                     errors[octave] = max(error, errors.get(octave, 0.0))
-        air_filter = self._air(rate, air, tolerance)
+        air_filter = self._air(rate, air, tolerance, losses)
         samples = air_filter.apply(total, -SPREAD)[SPREAD:-SPREAD]
         return FastSum(samples, errors)
 
-    def _air(self, rate: float, air: Air, tolerance: float) -> AirFilter:
-        key = rate, air, tolerance
+    def _gain(self, losses: Losses | None, rate: float, tolerance: float) -> PathGain | None:
+        if losses is None or losses.passes:
+            return None
+        key = losses, rate, tolerance
+        if key not in self._gains:
+            self._gains[key] = PathGain(losses, 0.5 * rate, tolerance)
+        return self._gains[key]
+
+    def _air(self, rate: float, air: Air, tolerance: float, losses: Losses | None) -> AirFilter:
+        key = rate, air, tolerance, losses and losses.everywhere
         if key not in self._airs:
-            self._airs[key] = AirFilter(rate, air, tolerance)
+            self._airs[key] = AirFilter(rate, air, tolerance, losses)
         return self._airs[key]
 
-    def _set_up(self, radius: float, rate: float, air: Air, tolerance: float) -> list[_LayerSum]:
-        key = radius, rate, air, tolerance
+    def _set_up(
+        self, radius: float, rate: float, air: Air, tolerance: float, losses: Losses | None
+    ) -> list[_LayerSum]:
+        key = radius, rate, air, tolerance, losses and losses.everywhere
         if key not in self._layers:
+            bark = losses.bark if losses else 0.0
             self._layers[key] = [
-                _LayerSum(layer, self._air(layer.rate, air, tolerance))
-                for layer in expand(radius, rate, air.speed(), tolerance)
+                _LayerSum(layer, self._air(layer.rate, air, tolerance, losses))
+                for layer in expand(radius, rate, air.speed(), tolerance, bark)
             ]
         return self._layers[key]
 
 
-def _by_panels(paths: TrunkPaths, rate: float, count: int, air: Air, tolerance: float) -> FastSum:
+def _by_panels(
+    paths: TrunkPaths,
+    rate: float,
+    count: int,
+    air: Air,
+    tolerance: float,
+    losses: Losses | None,
+    gain: PathGain | None,
+) -> FastSum:
     # trunks ring on as t^-2.5, and must not be heard again in low octaves or at the record's faint end
     thickest = float(paths.radius.max()) / air.speed()
     ringing = min(LONGEST_RINGING, max(0.01, thickest * 10.0) * tolerance**-0.4 * RINGING_SHARE)
     size = transform_length(paths, rate, count, air.speed(), ringing)
     frequency = np.arange(size // 2 + 1) * (rate / size)
-    loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
-    spectrum, checks = panel_spectrum(paths, rate / size, loss, air.speed(), tolerance)
+    loss = loss_per_metre(frequency, air, losses)
+    bark = losses.bark if losses else 0.0
+    spectrum, checks = panel_spectrum(
+        paths, rate / size, loss, air.speed(), tolerance, gain, bark
+    )
     errors: dict[float, float] = {}
     for check in checks:
         octave = 20.0 * 2.0 ** math.floor(math.log2(check.frequency / 20.0))
@@ -121,9 +156,11 @@ class _LayerSum:
         self.kernel = Kernel.for_tolerance(0.3 * layer.tolerance)
         self.errors: dict[float, float] = {}
         self._filters: dict[int, np.ndarray] = {}
-        self._spectra: dict[tuple[int, int], np.ndarray] = {}
+        self._spectra: dict[tuple, np.ndarray] = {}
 
-    def sum(self, paths: TrunkPaths, cosine: np.ndarray, count: int) -> np.ndarray:
+    def sum(
+        self, paths: TrunkPaths, cosine: np.ndarray, count: int, gain: PathGain | None = None
+    ) -> np.ndarray:
         """(count,) samples at the full rate, sample SPREAD when the source sounds."""
         first = -(SPREAD // self.step) - BESIDE * (self.step > 1)
         last = -(-(count - SPREAD) // self.step) + BESIDE * (self.step > 1)
@@ -131,35 +168,54 @@ class _LayerSum:
         sector_of = np.searchsorted(self.layer.highs, cosine)
         for number in np.flatnonzero(np.bincount(sector_of)).tolist():
             rows = np.flatnonzero(sector_of == number)
-            start, part = self._sector_sum(number, paths.select(rows), cosine[rows])
-            _add(total, part, start - first)
+            if gain is None:
+                start, part = self._sector_sum(number, paths.select(rows), cosine[rows])
+                _add(total, part, start - first)
+                continue
+            of_sector = paths.select(rows)
+            for zone, near in gain.zones(of_sector.length):
+                some = of_sector.select(near)
+                start, part = self._sector_sum(number, some, cosine[rows[near]], gain, zone)
+                _add(total, part, start - first)
         if self.step == 1:
             return total
         skipped = -SPREAD - first * self.step
         return _upsampled(total, self.step)[skipped : skipped + count]
 
     def _sector_sum(
-        self, number: int, paths: TrunkPaths, cosine: np.ndarray
+        self,
+        number: int,
+        paths: TrunkPaths,
+        cosine: np.ndarray,
+        gain: PathGain | None = None,
+        zone: Zone | None = None,
     ) -> tuple[int, np.ndarray]:
-        """First sample and samples of one sector's trunks."""
+        """First sample and samples of one sector's trunks, in one zone of their gain."""
         sector, width = self.layer.sector(number), self.kernel.width
         for octave, error in sector.errors.items():
             self.errors[octave] = max(error, self.errors.get(octave, 0.0))
         place = paths.length * (self.rate / self.speed)
-        base = int(place.min()) - width
-        span = int(place.max()) - base + width + 2 + sector.filters.shape[1]
+        if zone is not None and zone.rise > 0:
+            place += Losses.detour(paths.length, zone.rise) * (self.rate / self.speed)
+        beside = 0 if zone is None else math.ceil(RINGING * self.rate)
+        base = int(place.min()) - width - beside
+        span = int(place.max()) - base + width + 2 + sector.filters.shape[1] + beside
         size = transform_size(span)
         place -= base
         place *= OVERSAMPLING
-        filters = self._filter_spectra(number, size)
+        filters = self._filter_spectra(number, size, gain, zone)
         total = np.zeros(size // 2 + 1, filters.dtype)
         several = max(4, GRID_AT_ONCE // (size * OVERSAMPLING))
-        for first in range(0, sector.terms, several):
+        for first in range(0, len(filters), several):
             terms = slice(first, first + several)
             grid = np.zeros((size * OVERSAMPLING, len(filters[terms])), self.dtype)
             for start in range(0, len(cosine), TRUNKS_AT_ONCE):
                 some = slice(start, start + TRUNKS_AT_ONCE)
-                heights = sector.shares(cosine[some])[:, terms] * paths.weight[some, None]
+                heights = sector.shares(cosine[some]) * paths.weight[some, None]
+                if zone is not None:
+                    basis = zone.lagrange(paths.length[some])
+                    heights = (heights[:, :, None] * basis[:, None]).reshape(len(basis), -1)
+                heights = heights[:, terms]
                 heights = heights.astype(self.dtype)
                 grid += self._deposit(place[some], heights, len(grid))
             spectra = fft.rfft(grid.T.copy(), axis=1)[:, : size // 2 + 1]
@@ -176,19 +232,26 @@ class _LayerSum:
         spread = sparse.csc_array((taps.T.ravel(), rows.ravel(), ends), shape=(size, len(place)))
         return spread @ heights
 
-    def _filter_spectra(self, number: int, size: int) -> np.ndarray:
-        """(R, size // 2 + 1) filters of a sector over the kernel's transform."""
-        if (number, size) in self._spectra:
-            return self._spectra[number, size]
+    def _filter_spectra(
+        self, number: int, size: int, gain: PathGain | None, zone: Zone | None
+    ) -> np.ndarray:
+        """(R, size // 2 + 1) filters of a sector over the kernel's transform; R·Q in a zone of a gain."""
+        key = number, size, gain and gain.losses, zone and (zone.low, zone.rise)
+        if key in self._spectra:
+            return self._spectra[key]
         if number not in self._filters:
             sector = self.layer.sector(number)
             self._filters[number] = self.air.undone(sector.filters, sector.lead)
         spectra = fft.rfft(self._filters[number], size, axis=1)
         spectra[:, : math.floor(self.layer.lowest * size / self.rate)] = 0.0
         spectra /= self.kernel.transform(np.arange(size // 2 + 1) / (size * OVERSAMPLING))
+        if gain is not None and zone is not None:
+            frequency = np.arange(size // 2 + 1) * (self.rate / size)
+            gains = gain.filters(zone, frequency)
+            spectra = (spectra[:, None] * gains).reshape(-1, size // 2 + 1)
         spectra = spectra.astype(np.result_type(self.dtype, np.complex64), copy=False)
         if sum(each.nbytes for each in self._spectra.values()) + spectra.nbytes < MOST_KEPT:
-            self._spectra[number, size] = spectra
+            self._spectra[key] = spectra
         return spectra
 
 

@@ -37,13 +37,13 @@ def near_face(angle: np.ndarray) -> np.ndarray:
 class FieldTable:
     """H·k^{-3/2}/a²·e^{-iz·middle(φ)} for z from ``low`` to ``high`` at angles (C,)."""
 
-    def __init__(self, low: float, high: float, angles: np.ndarray) -> None:
+    def __init__(self, low: float, high: float, angles: np.ndarray, bark: float = 0.0) -> None:
         ends = np.array([0.0, *STRETCHES, *np.arange(STRETCHES[-1] + WIDTH, high + WIDTH, WIDTH)])
         first = max(0, int(np.searchsorted(ends, low)) - 1)
         self._ends = ends[first : int(np.searchsorted(ends, high)) + 1]
         span = np.diff(self._ends)
         z = self._ends[:-1, None] + span[:, None] * 0.5 * (chebyshev.points(NODES) + 1.0)
-        values = field(z.ravel(), angles)
+        values = field(z.ravel(), angles, bark)
         values *= np.exp(-1j * np.outer(z, middle(angles))) * ((1.0 + z**2) ** 0.75).reshape(-1, 1)
         self._series = series(values.reshape(len(z), NODES, len(angles)), 1)
 
@@ -78,10 +78,10 @@ class FieldTable:
         return stretch, 2.0 * (z - low) / (high - low) - 1.0
 
 
-def field(z: np.ndarray, angles: np.ndarray) -> np.ndarray:
+def field(z: np.ndarray, angles: np.ndarray, bark: float = 0.0) -> np.ndarray:
     """(Z, C) H·k^{-3/2}/a² at sizes (Z,) and angles (C,), by partial waves."""
     z = np.maximum(z, SMALLEST)
-    waves = partial_waves(z, order_count(float(z.max())))
+    waves = partial_waves(z, order_count(float(z.max())), bark)
     waves[1:] *= 2.0
     waves *= np.exp(0.25j * math.pi) * math.sqrt(2.0 / math.pi) / z**2
     turns = np.cos(np.outer(np.arange(len(waves)), angles))

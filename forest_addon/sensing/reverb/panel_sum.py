@@ -26,6 +26,8 @@ from ...acoustics.cylinder import scattering_sum
 from ...acoustics.gridding import DelayGrid, width_for
 from ...rng import stream
 from .field_table import FieldTable, middle, near_face, polynomials, series
+from .losses import NEAR
+from .path_gain import PathGain
 from .scattering import TrunkPaths
 
 Shift = Callable[[np.ndarray], np.ndarray]  # of angles
@@ -58,17 +60,26 @@ class Check:
 
 
 def panel_spectrum(
-    paths: TrunkPaths, spacing: float, loss: np.ndarray, speed: float, tolerance: float
+    paths: TrunkPaths,
+    spacing: float,
+    loss: np.ndarray,
+    speed: float,
+    tolerance: float,
+    gain: PathGain | None = None,
+    bark: float = 0.0,
 ) -> tuple[np.ndarray, list[Check]]:
     """(F,) spectrum at 0, 1, … F - 1 times ``spacing`` Hz, and what the checks found.
 
     loss : (F,) absorption of the air at these frequencies, nepers per metre.
+    gain : of each path, by frequency and length; None: 1. bark : share that it absorbs head on.
     """
     spectrum = np.zeros(len(loss), np.complex128)
     checks = []
     for rows in _of_like_radius(paths.radius):
-        group = _Group(paths.select(rows), spacing, loss, speed, tolerance)
-        checks += group.add_to(spectrum)
+        for near in _by_distance(paths.length[rows], gain):
+            some = paths.select(rows[near])
+            group = _Group(some, spacing, loss, speed, tolerance, gain, bark)
+            checks += group.add_to(spectrum)
     return spectrum, checks
 
 
@@ -82,13 +93,31 @@ def _of_like_radius(radius: np.ndarray) -> Iterator[np.ndarray]:
         left = left[:start]
 
 
+def _by_distance(length: np.ndarray, gain: PathGain | None) -> Iterator[np.ndarray]:
+    """Rows of near trunks, over which a gain changes fast with frequency, and of the rest."""
+    if gain is None:
+        yield np.arange(len(length))
+        return
+    for rows in (np.flatnonzero(length < NEAR), np.flatnonzero(length >= NEAR)):
+        if len(rows):
+            yield rows
+
+
 class _Group:
     """Trunks whose radii differ by RATIO at most."""
 
     def __init__(
-        self, paths: TrunkPaths, spacing: float, loss: np.ndarray, speed: float, tolerance: float
+        self,
+        paths: TrunkPaths,
+        spacing: float,
+        loss: np.ndarray,
+        speed: float,
+        tolerance: float,
+        gain: PathGain | None,
+        bark: float,
     ) -> None:
         self.paths, self.spacing, self.loss, self.speed = paths, spacing, loss, speed
+        self.gain, self.bark = gain, bark
         # errors of loud trunks are spread over the record: its faint end feels them first
         self.allowed = SHARE * tolerance * min(1.0, tolerance / 1e-4) ** 0.25
         self.kernel = width_for(SHARE * tolerance)
@@ -128,9 +157,8 @@ class _Panel:
     def __init__(self, group: _Group, first: int, last: int) -> None:
         self.group, self.first = group, first
         self.frequency = np.arange(first, last + 1) * group.spacing
-        self.boxes = _Boxes(
-            group.paths, 2.0 * math.pi / group.speed * self.frequency[[0, -1]], group.allowed
-        )
+        ends = 2.0 * math.pi / group.speed * self.frequency[[0, -1]]
+        self.boxes = _Boxes(group.paths, ends, group.allowed, group.bark)
         self.checks: list[Check] = []
         near = group.paths.length - group.paths.length.min()
         loud = np.square(group.paths.weight * group.paths.radius**2)
@@ -154,7 +182,10 @@ class _Panel:
         values = self.boxes.table.at(z)
         # what the air leaves of it, relative to the loudest trunks'
         farther = np.quantile(self.group.paths.length, FARTHER) - self.typical
-        left = np.exp(-np.outer(self._loss(tried), farther))
+        left = np.exp(-np.outer(self._loss(tried), farther)).astype(np.complex128)
+        if self.group.gain is not None:
+            left *= self.group.gain.at(tried, np.quantile(self.group.paths.length, FARTHER)).T
+            left /= np.sqrt(np.mean(np.abs(left) ** 2, axis=0))
         best, shift = MOST_NODES + 1, middle
         for way in (near_face, middle):
             turned = values * np.exp(
@@ -191,6 +222,8 @@ class _Panel:
         paths = group.paths.select(rows)
         self._check(rows, paths, heights)
         heights *= np.exp(-np.outer(paths.length - self.typical, self._loss(self.nodes)))
+        if group.gain is not None:
+            heights *= group.gain.at(self.nodes, paths.length)
         weight = paths.weight * paths.radius**2
         delay = (paths.length - paths.radius * self.shift(paths.angle)) / group.speed
         level = self._wavenumber(self.frequency) ** 1.5
@@ -224,7 +257,7 @@ class _Panel:
         else:
             found = heights[here] @ chebyshev.lagrange(len(self.nodes), place)[:, 0]
         z = k * some.radius
-        exact = np.conj(np.exp(0.25j * math.pi) * scattering_sum(z, some.angle))
+        exact = np.conj(np.exp(0.25j * math.pi) * scattering_sum(z, some.angle, self.group.bark))
         exact *= math.sqrt(2.0 / math.pi) / z**2 * np.exp(-1j * z * self.shift(some.angle))
         size = some.weight * some.radius**2
         error = np.linalg.norm(size * (found - exact)) / np.linalg.norm(size * exact)
@@ -238,7 +271,9 @@ class _Boxes:
     own angles for columns.
     """
 
-    def __init__(self, paths: TrunkPaths, wavenumber: np.ndarray, allowed: float) -> None:
+    def __init__(
+        self, paths: TrunkPaths, wavenumber: np.ndarray, allowed: float, bark: float
+    ) -> None:
         self.paths = paths
         radius, angle, k = paths.radius, paths.angle, float(wavenumber[1])
         across = REACH * k * float(np.ptp(radius)) / 2
@@ -259,7 +294,7 @@ class _Boxes:
         of_sectors = self.sectors.points()[self.filled].ravel()
         self.angles = np.concatenate([of_sectors, angle[self.alone]])
         low, high = wavenumber[0] * radius.min(), wavenumber[1] * radius.max()
-        self.table = FieldTable(float(low), float(high), self.angles)
+        self.table = FieldTable(float(low), float(high), self.angles, bark)
 
     def heights(self, k: np.ndarray, shift: Shift) -> tuple[np.ndarray, np.ndarray]:
         """Rows (M,) of all trunks in the order of boxes, and H·k^{-3/2}/a² (M, Q) at wavenumbers (Q,)."""

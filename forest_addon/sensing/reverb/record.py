@@ -19,21 +19,28 @@ import numpy as np
 from ...acoustics.air import absorption
 from ...acoustics.cylinder import order_count, partial_waves
 from ...spec import Air
+from .losses import Losses
 from .metrics import octave_bands
 from .scattering import TrunkPaths
 
 RANGE_DB = 75.0  # below the energy of all sound: what T60, read down to -65 dB, does not notice
 LONGEST = 20.0  # s
 AFTER = 0.1  # s for which the last trunk may ring
+LENGTHS = 256  # of paths, at which losses are computed
 SIZES = 160  # ka at which the scattered energy is computed
 
 
 def arrival_energies(
-    paths: TrunkPaths, direct: tuple[float, ...], sample_rate: float, air: Air
+    paths: TrunkPaths,
+    direct: tuple[float, ...],
+    sample_rate: float,
+    air: Air,
+    losses: Losses | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(B, M) expected energy of each trunk's sound in each octave, and (B,) of what does not pass a trunk.
 
     direct : lengths in metres of paths that are heard with 1/length.
+    losses : of the paths by way of trunks; None: the air takes all.
     """
     band = np.array(octave_bands(sample_rate))
     loss = absorption(band, air.temperature_c, air.humidity, air.pressure_kpa)
@@ -50,6 +57,12 @@ def arrival_energies(
             band[row] * np.square(paths.weight) * answer * np.exp(-2.0 * b * paths.length)
         )
     energies[:, paths.radius == 0] = 0.0
+    if losses is not None and len(paths.length):
+        length = np.geomspace(paths.length.min(), paths.length.max() * 1.001, LENGTHS)
+        besides = losses.mean_square(band[:, None], length)
+        besides *= np.exp(-2.0 * np.outer(losses.per_metre(band) - loss, length))
+        for row, gain in zip(energies, besides, strict=True):
+            row *= np.interp(paths.length, length, gain)
     unscattered = np.array(
         [
             f * sum(math.exp(-2.0 * b * d) / d**2 for d in direct)
@@ -60,12 +73,16 @@ def arrival_energies(
 
 
 def record_length(
-    paths: TrunkPaths, direct: tuple[float, ...], sample_rate: float, air: Air
+    paths: TrunkPaths,
+    direct: tuple[float, ...],
+    sample_rate: float,
+    air: Air,
+    losses: Losses | None = None,
 ) -> float:
     """Seconds until less than RANGE_DB is left in every octave."""
     last = max(direct, default=0.0)
     if len(paths.length):
-        energies, unscattered = arrival_energies(paths, direct, sample_rate, air)
+        energies, unscattered = arrival_energies(paths, direct, sample_rate, air, losses)
         order = np.argsort(paths.length, kind="stable")
         left = np.cumsum(energies[:, order[::-1]], axis=1)[:, ::-1]
         whole = left[:, :1] + unscattered[:, None]
@@ -81,12 +98,13 @@ def left_out_db(
     direct: tuple[float, ...],
     sample_rate: float,
     air: Air,
+    losses: Losses | None = None,
 ) -> np.ndarray:
     """(1 + B,) energy after the record's end, dB re all of it: of the whole band, then of octaves.
 
     heard : (M,) bool, which trunks are in the record. -inf where nothing is left out.
     """
-    energies, unscattered = arrival_energies(paths, direct, sample_rate, air)
+    energies, unscattered = arrival_energies(paths, direct, sample_rate, air, losses)
     whole = energies.sum(axis=1) + unscattered
     late = energies[:, ~heard].sum(axis=1)
     whole, late = np.append(whole.sum(), whole), np.append(late.sum(), late)

@@ -29,6 +29,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import fft
@@ -36,16 +37,20 @@ from scipy import fft
 from ...acoustics.air import absorption
 from ...acoustics.ground import SURFACES, spherical_reflection, surface_impedance
 from ...acoustics.spectrum import delay_factors
+from ...rng import stream
 from ...spec import Air, Reverb
 from ..rays.caster import RayCaster
 from .continuation import Field, continue_trunks
 from .directivity import OMNI, Directivity, Term
 from .ends import Ends, ends_of
 from .fast_scattering import Expansions
+from .losses import Losses
 from .model_error import ModelError, model_error
 from .record import record_length
 from .scattering import SPREAD, roll_off, trunk_paths
 from .slices import Trunks
+from .surroundings import BARE, Canopy, Surroundings, surroundings
+from .tail import FADE, tail_of
 from .tree_response import NEAREST, TreeResponse, tree_response
 
 Progress = Callable[[int, int], None]
@@ -72,6 +77,8 @@ class ImpulseResponse:
     exact : whether every trunk was summed at every frequency, rather than to the tolerance.
     errors : {lower end of an octave in Hz: relative error of the fast sum, found by its checks}.
     model_error : what single scattering leaves out, None if it was not asked for.
+    tail : (N,) noise of sound scattered more than once, part of ``trees``; None where there is none.
+    joint : seconds from when all of the trunks' sound is noise; inf: never.
     channel : which source and which receiver. further : the responses of further pairs.
     """
 
@@ -90,6 +97,8 @@ class ImpulseResponse:
     left_db: np.ndarray
     errors: dict[float, float]
     model_error: ModelError | None = None
+    tail: np.ndarray | None = None
+    joint: float = math.inf
     channel: str = "source to receiver"
     further: tuple[ImpulseResponse, ...] = ()
 
@@ -122,6 +131,8 @@ def impulse_response(
     field: Field | None = None,
     expansions: Expansions | None = None,
     progress: Progress | None = None,
+    canopy: Canopy = BARE,
+    key: tuple[int | str, ...] = (0, "reverb"),
 ) -> ImpulseResponse:
     """The impulse responses of a forest: that of the first channel, with the ``further`` ones in it.
 
@@ -132,6 +143,7 @@ def impulse_response(
     rng, field : for ``reverb.continue_to``: the random stream, and corner and extent of the field.
     expansions : what the fast sum set up for other responses; None: it is set up for this one.
     progress : called as progress(done, total).
+    canopy : leaves and tops of the scene, for a model ``forest``. key : of its noise's random streams.
 
     Raises
     ------
@@ -140,16 +152,28 @@ def impulse_response(
     ends = ends_of(reverb) if ends is None else ends
     prepared = Expansions() if expansions is None else expansions
     between = trunks if callable(trunks) else lambda source, receiver: trunks
-    beyond = continuation(between(*ends.pairs[0]), reverb, ends.on_ground, rng, field)
+    first = between(*ends.pairs[0])
+    beyond = continuation(first, reverb, ends.on_ground, rng, field)
+    around = (
+        surroundings(first, reverb, field, canopy) if reverb.model == "forest" else None
+    )
     if reverb.duration == 0:
         lengths = [
-            _needed(between(*pair).joined(beyond), *pair, reverb, air) for pair in ends.pairs
+            _needed(between(*pair).joined(beyond), *pair, reverb, air, around)
+            for pair in ends.pairs
         ]
         reverb = replace(reverb, duration=max(lengths))
     found = []
     for number, (source, receiver) in enumerate(ends.pairs):
         hears = _Pair(
-            source, receiver, reverb, air, directivity, lines_of_sight(source, receiver, wood)
+            source,
+            receiver,
+            reverb,
+            air,
+            directivity,
+            lines_of_sight(source, receiver, wood),
+            around,
+            (*key, number),
         )
         found.append(
             hears.response(
@@ -165,12 +189,28 @@ def impulse_response(
 
 
 def _needed(
-    trunks: Trunks, source: np.ndarray, receiver: np.ndarray, reverb: Reverb, air: Air
+    trunks: Trunks,
+    source: np.ndarray,
+    receiver: np.ndarray,
+    reverb: Reverb,
+    air: Air,
+    around: Surroundings | None,
 ) -> float:
     """Seconds that the record of a pair must last."""
-    paths = trunk_paths(trunks, source[:2], receiver[:2], reverb.strength, reverb.spreading)
+    paths = trunk_paths(
+        trunks,
+        source[:2],
+        receiver[:2],
+        reverb.strength,
+        reverb.spreading,
+        upright=around is not None,
+    )
+    losses = around and Losses.of(reverb, air, around.stand, source, receiver)
+    if losses and reverb.tail == "transport":  # what is scattered away comes back by other ways
+        losses = replace(losses, extinction="none")
     ways = (math.dist(source, end) for end in (receiver, receiver * (1.0, 1.0, -1.0)))
-    return record_length(paths, tuple(max(way, NEAREST) for way in ways), reverb.sample_rate, air)
+    lengths = tuple(max(way, NEAREST) for way in ways)
+    return record_length(paths, lengths, reverb.sample_rate, air, losses)
 
 
 @dataclass(frozen=True)
@@ -183,6 +223,15 @@ class _Pair:
     air: Air
     directivity: Directivity
     clear: tuple[bool, bool]
+    around: Surroundings | None
+    key: tuple[int | str, ...]
+
+    @cached_property
+    def losses(self) -> Losses | None:
+        """Of a model ``forest``."""
+        if self.around is None:
+            return None
+        return Losses.of(self.reverb, self.air, self.around.stand, self.source, self.receiver)
 
     def response(
         self,
@@ -195,8 +244,22 @@ class _Pair:
     ) -> ImpulseResponse:
         """The response with trunks of the field and those beyond it."""
         forest = trunks.joined(beyond)
-        trees = self._trees(forest, expansions, progress)
-        count, rate, air = len(trees.samples), self.reverb.sample_rate, self.air
+        rate, air = self.reverb.sample_rate, self.air
+        tail = None
+        if self.losses and self.around and self.reverb.tail == "transport":
+            ends, length = (self.source, self.receiver), self.reverb.duration
+            tail = tail_of(
+                self.reverb, self.losses, self.around.density, *ends, length, self.key
+            )
+        last = FADE * tail.joint if tail else math.inf
+        trees = self._trees(forest, expansions, progress, last)
+        count = len(trees.samples)
+        noise = None
+        if tail:
+            kept = tail.kept(np.arange(count) * (air.speed() / rate))
+            noise = tail.samples(rate, count, air, stream(*self.key, "tail"))
+            noise *= self._all_round()
+            trees = replace(trees, samples=trees.samples * kept + noise)
         mirrored = self.receiver * (1.0, 1.0, -1.0)
         straight, bounced = (
             max(math.dist(self.source, end), NEAREST) for end in (self.receiver, mirrored)
@@ -224,11 +287,24 @@ class _Pair:
             model_error=model_error(forest, self.source, self.receiver, rescattering, air)
             if rescattering
             else None,
+            tail=noise,
+            joint=tail.joint / air.speed() if tail else math.inf,
             channel=channel,
         )
 
+    def _all_round(self) -> float:
+        """Root mean square of what a directed source sends level, at 1 kHz."""
+        turn = np.linspace(0.0, math.pi, 37)
+        level = math.cos(math.radians(self.reverb.facing_elevation_deg))
+        gains = [self.directivity.at(level * math.cos(a), np.array([1000.0])) for a in turn]
+        return float(np.sqrt(np.mean(np.square(np.abs(gains)))))
+
     def _trees(
-        self, forest: Trunks, expansions: Expansions, progress: Progress | None
+        self,
+        forest: Trunks,
+        expansions: Expansions,
+        progress: Progress | None,
+        last: float = math.inf,
     ) -> TreeResponse:
         """The trunks' sound: a sum for each product that the directivity is made of."""
         away = np.zeros((len(forest), 3))
@@ -244,6 +320,8 @@ class _Pair:
                 self.reverb,
                 self.air,
                 gain=term.gains(cosine),
+                losses=self.losses,
+                last=last,
                 expansions=expansions,
                 progress=progress,
             )
@@ -254,11 +332,19 @@ class _Pair:
 
     def _sent_to(self, end: np.ndarray) -> Gain:
         cosine = float(self._from_axis((end - self.source)[None])[0])
-        return lambda frequency: self.directivity.at(cosine, frequency)
+        if self.losses is None or self.losses.stand.leaf_area_density == 0:
+            return lambda frequency: self.directivity.at(cosine, frequency)
+        losses, path = self.losses, math.dist(self.source, end)
+        return lambda frequency: self.directivity.at(cosine, frequency) * np.exp(
+            -path * losses.of_leaves(frequency)
+        )
 
     def _reflected(self, mirrored: np.ndarray, path: float) -> Gain:
         """What is sent towards the mirrored receiver, times what the ground sends back."""
-        sent, reverb = self._sent_to(mirrored), self.reverb
+        sent, reverb, losses = self._sent_to(mirrored), self.reverb, self.losses
+        if losses is not None:
+            level = max(float(np.hypot(*(mirrored - self.source)[:2])), NEAREST)
+            return lambda frequency: sent(frequency) * losses.bounce(frequency, level)
         if reverb.surface == "constant":
             return lambda frequency: reverb.ground * sent(frequency)
         resistivity = reverb.flow_resistivity or SURFACES[reverb.surface]

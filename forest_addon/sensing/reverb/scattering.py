@@ -21,6 +21,7 @@ from ...acoustics.spectrum import delay_factors, frequency_panels
 from .slices import Trunks
 
 Progress = Callable[[int, int], None]
+Gain = Callable[[np.ndarray, np.ndarray], np.ndarray]  # of frequency and path length
 PANEL_KA = 3.0  # width of a panel in ka of the octave's thickest trunk
 TRUNKS_AT_ONCE = 512
 BINS_AT_ONCE = 512
@@ -66,11 +67,13 @@ def trunk_paths(
     strength: float,
     spreading: float,
     gain: np.ndarray | None = None,
+    upright: bool = False,
 ) -> TrunkPaths:
     """Paths by M trunks between a source (2,) and a receiver (2,).
 
     strength, spreading : β and α.
     gain : (M,) further amplitude of each path; None: 1.
+    upright : weights √(x/(r_s·r_r))/x of an endless cylinder and a point source, in place of K's.
 
     A distance to a trunk's axis is at least its radius. The angle comes from both products of the legs,
     which keeps its digits straight ahead and straight back; it is 0 where a leg has no length.
@@ -82,9 +85,14 @@ def trunk_paths(
     first, second = np.sqrt(x_in**2 + y_in**2), np.sqrt(x_out**2 + y_out**2)
     clamped = np.minimum(first, second) < trunks.radius
     first, second = np.maximum(first, trunks.radius), np.maximum(second, trunks.radius)
+    weight = (
+        1.0 / np.sqrt((first + second) * first * second)
+        if upright
+        else strength / (first * second**spreading)
+    )
     return TrunkPaths(
         length=first + second,
-        weight=strength / (first * second**spreading) * (1.0 if gain is None else gain),
+        weight=weight * (1.0 if gain is None else gain),
         angle=np.arctan2(np.abs(across), along),
         radius=trunks.radius,
         clamped=clamped,
@@ -105,11 +113,14 @@ def scattered_spectrum(
     loss: np.ndarray,
     sound_speed: float,
     progress: Progress | None = None,
+    gain: Gain | None = None,
+    bark: float = 0.0,
 ) -> np.ndarray:
     """(F,) complex spectrum at 0, 1, … F - 1 times ``spacing`` Hz.
 
     loss : (F,) absorption of the air at these frequencies, nepers per metre.
     progress : called as progress(trunks done, all trunks).
+    gain : of each path, by frequency and length; None: 1. bark : share that it absorbs head on.
     """
     spectrum = np.zeros(len(loss), dtype=np.complex128)
     wide = paths.radius > 0  # a trunk of no width scatters nothing
@@ -124,13 +135,16 @@ def scattered_spectrum(
             delay = some.length / sound_speed
             for panel in panels:
                 scattered = some.weight * transfer(
-                    panel.nodes[:, None], some.angle, some.radius, sound_speed
+                    panel.nodes[:, None], some.angle, some.radius, sound_speed, bark
                 )  # (Q, M)
                 for first in range(0, panel.count, BINS_AT_ONCE):
                     count = min(BINS_AT_ONCE, panel.count - first)
                     bins = slice(panel.first + first, panel.first + first + count)
                     carried = delay_factors(bins.start * spacing, spacing, count, delay)  # (B, M)
                     carried *= np.exp(np.outer(-loss[bins], some.length))
+                    if gain is not None:
+                        frequency = np.arange(bins.start, bins.stop) * spacing
+                        carried *= gain(frequency[:, None], some.length)
                     nodes = carried @ scattered.T  # (B, Q)
                     spectrum[bins] += (panel.weights[first : first + count] * nodes).sum(axis=1)
             done += len(some.length)

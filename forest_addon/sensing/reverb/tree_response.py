@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from ...acoustics.air import absorption
 from ...spec import Air, Reverb
 from .fast_scattering import FEW_RADII, Expansions
+from .losses import Losses, loss_per_metre
 from .record import left_out_db, record_length
 from .scattering import (
     SPREAD,
@@ -62,6 +62,8 @@ def tree_response(
     air: Air,
     *,
     gain: np.ndarray | None = None,
+    losses: Losses | None = None,
+    last: float = math.inf,
     expansions: Expansions | None = None,
     progress: Progress | None = None,
 ) -> TreeResponse:
@@ -70,28 +72,31 @@ def tree_response(
     reverb : its sample_rate, duration (0: as long as these paths need), strength, spreading and
         tolerance are used.
     gain : (M,) amplitude of each trunk's path besides K's weight, as of a directed source; None: 1.
+    losses : of the paths, of a model ``forest``; None: K's weights, and the air's losses alone.
+    last : metres of path after which trunks are not summed; they are noise there.
     expansions : what the fast sum set up for other pairs; None: it is set up for this one.
     progress : called as progress(trunks done, all trunks), by the exact sum alone.
     """
     ends = np.asarray(source)[:2], np.asarray(receiver)[:2]
-    paths = trunk_paths(trunks, *ends, reverb.strength, reverb.spreading, gain)
+    paths = trunk_paths(trunks, *ends, reverb.strength, reverb.spreading, gain, losses is not None)
     rate, speed = reverb.sample_rate, air.speed()
     direct = (max(math.dist(source, receiver), NEAREST),)
-    duration = reverb.duration or record_length(paths, direct, rate, air)
+    duration = reverb.duration or record_length(paths, direct, rate, air, losses)
     count = max(1, round(duration * rate))
     heard = paths.earliest <= (duration + SPREAD / rate) * speed
-    within = paths.select(heard)
+    summed = heard & (paths.earliest <= last)
+    within = paths.select(summed)
     exact = reverb.tolerance == 0 or len(within.length) <= _soon_summed(within.radius, count)
     errors: dict[float, float] = {}
     if exact:
-        samples = direct_sum(within, rate, count, air, progress)
+        samples = direct_sum(within, rate, count, air, progress, losses)
     else:
         prepared = Expansions() if expansions is None else expansions
-        found = prepared.sum(within, rate, count, air, reverb.tolerance)
+        found = prepared.sum(within, rate, count, air, reverb.tolerance, losses)
         samples, errors = found.samples, found.errors
     silent = float(within.earliest.min(initial=math.inf)) / speed * rate - SPREAD
     samples[: int(min(max(silent, 0.0), count))] = 0.0  # but for rounding
-    left = left_out_db(paths, heard, direct, rate, air)
+    left = left_out_db(paths, heard, direct, rate, air, losses)
     return TreeResponse(samples, heard, int(paths.clamped.sum()), exact, left, errors)
 
 
@@ -102,7 +107,12 @@ def _soon_summed(radius: np.ndarray, count: int) -> int:
 
 
 def direct_sum(
-    paths: TrunkPaths, rate: float, count: int, air: Air, progress: Progress | None = None
+    paths: TrunkPaths,
+    rate: float,
+    count: int,
+    air: Air,
+    progress: Progress | None = None,
+    losses: Losses | None = None,
 ) -> np.ndarray:
     """(count,) samples at ``rate`` Hz from every trunk at every frequency, in float64.
 
@@ -112,7 +122,9 @@ def direct_sum(
         return np.zeros(count)
     size = transform_length(paths, rate, count, air.speed())
     frequency = np.arange(size // 2 + 1) * (rate / size)
-    loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
-    spectrum = scattered_spectrum(paths, rate / size, loss, air.speed(), progress)
+    loss = loss_per_metre(frequency, air, losses)
+    gain = None if losses is None or losses.passes else losses.gain
+    bark = losses.bark if losses else 0.0
+    spectrum = scattered_spectrum(paths, rate / size, loss, air.speed(), progress, gain, bark)
     whole: np.ndarray = fft.irfft(spectrum * roll_off(frequency / rate), size)
     return whole[:count]
