@@ -1,7 +1,7 @@
 """Tables of numbers as CSV at the speed of arrays: digits by arithmetic, a row a line.
 
-``table.write_csv`` writes every digit of a float and takes a microsecond a number; here a column says how many
-decimals it has, and a million numbers take a tenth of a second.
+``table.write_csv`` writes every digit of a float and takes a microsecond a number; here a column says how
+many decimals it has, and a million numbers take a tenth of a second.
 """
 
 from __future__ import annotations

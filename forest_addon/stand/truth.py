@@ -1,7 +1,7 @@
 """The truth of a forest that its sensors are held against: every tree, every branch, all area by cell.
 
-Tables are in world coordinates. A tree's breast height is 1.3 m above the ground at its foot; its crown's base
-has a fiftieth of the leaf area below it, and the crown's width is the mean of its extents from all sides
+Tables are in world coordinates. A tree's breast height is 1.3 m above the ground at its foot; its crown's
+base has a fiftieth of the leaf area below it, and the crown's width is the mean of its extents from all sides
 (``growth.portrait``).
 """
 
@@ -58,9 +58,7 @@ def cylinder_table(forest: Forest) -> dict[str, np.ndarray]:
     for number, (key, matrix) in enumerate(zip(keys, forest.transforms(), strict=True)):
         own: Cylinders = variants[key]
         size = float(stand.scale[number])
-        start, end = (
-            ends @ matrix[:, :3].T + matrix[:, 3] for ends in (own.start, own.end)
-        )
+        start, end = (ends @ matrix[:, :3].T + matrix[:, 3] for ends in (own.start, own.end))
         length, radius = own.length * size, own.equal_radius * size
         rows = {
             "tree": np.full(len(own), stand.id[number]),
@@ -98,8 +96,8 @@ def areas_of_trees(forest: Forest, edge: float) -> Iterator[CellAreas]:
 def voxel_arrays(forest: Forest, edge: float) -> dict[str, np.ndarray]:
     """Densities of leaf and wood area in cubic cells, m²/m³, and which trees are in each.
 
-    ``cell`` (K, 3) int32 times ``edge`` is a cell's lowest corner. ``tree_cell`` and ``tree`` (M,) are pairs: in
-    which of the K cells is which tree.
+    ``cell`` (K, 3) int32 times ``edge`` is a cell's lowest corner. ``tree_cell`` and ``tree`` (M,) are
+    pairs: in which of the K cells is which tree.
     """
     of_trees = list(areas_of_trees(forest, edge))
     whole = join_areas(of_trees, len(PARTS))

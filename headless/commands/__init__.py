@@ -3,6 +3,7 @@
 from .accuracy import Accuracy
 from .bench import Bench
 from .convolve import Convolve
+from .dataset import Dataset
 from .demo import Demo
 from .derive import Derive
 from .estimate import Estimate
@@ -15,7 +16,7 @@ from .stand import Stand
 from .template import Template
 
 COMMANDS = (
-    *(Run(), Demo(), Accuracy(), Bench()),
+    *(Run(), Demo(), Dataset(), Accuracy(), Bench()),
     *(Derive(), Template(), Species(), Stand(), Estimate()),
     *(Lidar(), Simlidar(), Convolve(), ReverbFigures()),
 )

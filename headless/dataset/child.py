@@ -27,7 +27,8 @@ TOLD = 300  # characters of its last words
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a scene: ``kind`` is done, or why it was not: settings, fault, disk, memory, timeout, crash.
+    """What came of a scene: ``kind`` is done, or why it was not: settings, fault, disk, memory, timeout,
+    crash.
 
     seconds : CPU time of each stage. wall : seconds. memory : bytes that the process held afterwards.
     """
@@ -78,9 +79,11 @@ class Child:
         environment = dict(os.environ) | {
             "OPENBLAS_NUM_THREADS": "1",  # small matrices; and the same sums everywhere
             "OMP_NUM_THREADS": "1",
-            "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep),
+            "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]).rstrip(
+                os.pathsep
+            ),
         }
-        self._words = tempfile.TemporaryFile()
+        self._words = tempfile.TemporaryFile()  # noqa: SIM115 - it lives as long as the process
         self._process = subprocess.Popen(
             [sys.executable, "-m", "headless.dataset.maker", str(self.threads)],
             stdin=subprocess.PIPE,
@@ -99,7 +102,8 @@ class Child:
         return ready.why if isinstance(ready, Outcome) else ""
 
     def _send(self, what: dict[str, Any]) -> None:
-        assert self._process is not None and self._process.stdin is not None
+        assert self._process is not None
+        assert self._process.stdin is not None
         self._process.stdin.write(json.dumps(what) + "\n")
         self._process.stdin.flush()
 
@@ -127,7 +131,11 @@ class Child:
             self._process.wait(5.0)
         code, said = self._process.returncode, self._last_words()
         self.end()
-        how = f"was ended by signal {-code}" if code is not None and code < 0 else f"ended with {code}"
+        how = (
+            f"was ended by signal {-code}"
+            if code is not None and code < 0
+            else f"ended with {code}"
+        )
         return Outcome("crash", f"Blender's process {how}" + (f": {said}" if said else ""))
 
     def _last_words(self) -> str:

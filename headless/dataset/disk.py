@@ -165,7 +165,9 @@ def write_status(root: Path, number: int, status: Mapping[str, Any]) -> None:
 def read_status(root: Path, number: int) -> dict[str, Any]:
     """How a scene went; empty where that is not known."""
     try:
-        found = json.loads((root / STATUS / f"{scene_name(number)}.json").read_text(encoding="utf-8"))
+        found = json.loads(
+            (root / STATUS / f"{scene_name(number)}.json").read_text(encoding="utf-8")
+        )
         return found if isinstance(found, dict) else {}
     except (OSError, ValueError):
         return {}

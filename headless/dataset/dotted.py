@@ -33,7 +33,9 @@ def _steps(path: str) -> list[str]:
     for word in path.split("."):
         found = STEP.fullmatch(word)
         if found is None:
-            raise SpecError(path, 'is no path; write one as air.humidity or "sensors[tls].angle_step_deg"')
+            raise SpecError(
+                path, 'is no path; write one as air.humidity or "sensors[tls].angle_step_deg"'
+            )
         steps += [found[1], *re.findall(r"\[[^\[\]]+\]", found[2])]
     return steps
 
@@ -42,7 +44,9 @@ def _go(place: Any, step: str, path: str, value: Any, last: bool) -> list[Any]:
     """What one step leads to; the last one sets."""
     if not step.startswith("["):
         if not isinstance(place, dict):
-            raise SpecError(path, f"{step} is asked of what is no table; an entry of a list is [0] or [name]")
+            raise SpecError(
+                path, f"{step} is asked of what is no table; an entry of a list is [0] or [name]"
+            )
         if last:
             place[step] = value
         return [] if last else [place.setdefault(step, {})]
@@ -73,5 +77,7 @@ def _entries(place: list[Any], word: str, path: str) -> list[int]:
             for number, entry in enumerate(place)
             if isinstance(entry, dict)
         ]
-        raise SpecError(path, f"[{word}] is not there; use one of {', '.join(there) or 'none'}, or *")
+        raise SpecError(
+            path, f"[{word}] is not there; use one of {', '.join(there) or 'none'}, or *"
+        )
     return found

@@ -28,7 +28,9 @@ CAN_START_IN = 60  # s
 
 @dataclass(frozen=True)
 class Cluster:
-    """Where scenes are made: ``workers`` here; a scheduler's address; or keys and values of a batch system."""
+    """Where scenes are made: ``workers`` here; a scheduler's address; or keys and values of a batch
+    system.
+    """
 
     workers: int = 0
     scheduler: str = ""
@@ -49,7 +51,11 @@ def make_all(jobs: Sequence[dict[str, Any]], cluster: Cluster, report: Report) -
     """
     if not jobs:
         return
-    if not cluster.scheduler and cluster.slurm is None and min(cluster.local_workers(), len(jobs)) == 1:
+    if (
+        not cluster.scheduler
+        and cluster.slurm is None
+        and min(cluster.local_workers(), len(jobs)) == 1
+    ):
         _make_here(jobs, report)
         return
     with _client(cluster, len(jobs)) as client:
@@ -80,14 +86,15 @@ def _client(cluster: Cluster, most: int) -> Iterator[Any]:
     calm = {
         "distributed.scheduler.allowed-failures": 1000,
         "distributed.comm.timeouts.connect": f"{CAN_START_IN}s",
-        "distributed.worker.daemon": False,
         "distributed.admin.system-monitor.gil.enabled": False,
     }
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with dask.config.set(calm), contextlib.ExitStack() as stack:
         if cluster.scheduler:
             try:
-                yield stack.enter_context(distributed.Client(cluster.scheduler, timeout=CAN_START_IN))
+                yield stack.enter_context(
+                    distributed.Client(cluster.scheduler, timeout=CAN_START_IN)
+                )
             except (OSError, TimeoutError) as problem:
                 raise _gone(cluster.scheduler, problem) from None
             return
@@ -141,7 +148,8 @@ def _import(name: str, extra: str) -> Any:
 
 def _gone(address: str, problem: object) -> OSError:
     return OSError(
-        f"the scheduler at {address} cannot be reached ({problem}); finished scenes are kept, the same command "
+        f"the scheduler at {address} cannot be reached ({problem}); finished scenes are kept, the same "
+        "command "
         "goes on"
     )
 
@@ -155,7 +163,9 @@ def _hand_out(jobs: Sequence[dict[str, Any]], client: Any, report: Report) -> No
         _round(left, client, report)
         fruitless = 0 if len(left) < before else fruitless + 1
         if fruitless == FRUITLESS:
-            raise OSError(f"the cluster finished none of {len(left)} scenes; finished scenes are kept")
+            raise OSError(
+                f"the cluster finished none of {len(left)} scenes; finished scenes are kept"
+            )
 
 
 def _round(left: dict[int, dict[str, Any]], client: Any, report: Report) -> None:

@@ -14,7 +14,9 @@ WAVES = 12  # of an octave
 FILE = "terrain.npy"
 
 
-def heights_of(ground: Ground, seed: int, forest: Forest) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def heights_of(
+    ground: Ground, seed: int, forest: Forest
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Heights (rows, columns) in metres, first row the north edge, with low corner (2,) and size (2,).
 
     They reach over the field and its margin, and lie between 0 and the relief on the field.

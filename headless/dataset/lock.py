@@ -1,4 +1,5 @@
-"""One command at a time in a folder: a lock of the system, which goes when its holder ends, however that comes."""
+"""One command at a time in a folder: a lock of the system, which goes when its holder ends, however that
+comes."""
 
 from __future__ import annotations
 
@@ -28,7 +29,9 @@ def only_one(root: Path) -> Iterator[None]:
     with open(root / NAME, "a+", encoding="utf-8") as file:
         if not _take(file):
             file.seek(0)
-            raise SpecError(f"--out {root}", f"is in use by {_holder(file.read())}; wait for it, or end it")
+            raise SpecError(
+                f"--out {root}", f"is in use by {_holder(file.read())}; wait for it, or end it"
+            )
         file.truncate(0)
         file.write(json.dumps({"pid": os.getpid(), "host": socket.gethostname()}))
         file.flush()

@@ -1,4 +1,5 @@
-"""The process that has Blender loaded and makes one scene after the other: ``python -m headless.dataset.maker``.
+"""The process that has Blender loaded and makes one scene after the other: ``python -m
+headless.dataset.maker``.
 
 A line of JSON comes in on standard input for each scene, a line of JSON goes out when it is done or has
 failed. When the input ends, because whoever started it has ended, however that came, so does this process.
@@ -20,7 +21,11 @@ from pathlib import Path
 from typing import Any, TextIO
 
 # What no further scene would survive either; without a number: a writer that left no file.
-DISK = (*(errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO), errno.EFBIG, None)
+DISK = (
+    *(errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO),
+    errno.EFBIG,
+    None,
+)
 
 
 def main() -> None:

@@ -13,7 +13,18 @@ from . import disk
 from .plan import SPLITS, Recipe
 
 COLUMNS = (
-    *("scene", "split", "seed", "base", "status", "seconds", "cpu_seconds", "trees", "points", "files"),
+    *(
+        "scene",
+        "split",
+        "seed",
+        "base",
+        "status",
+        "seconds",
+        "cpu_seconds",
+        "trees",
+        "points",
+        "files",
+    ),
     *("bytes", "settings", "digest", "error"),
 )
 
@@ -35,16 +46,26 @@ def _row(root: Path, recipe: Recipe | None, done: disk.Done | None) -> dict[str,
     row: dict[str, Any] = dict.fromkeys(COLUMNS, "")
     row |= {"scene": disk.scene_name(number), "status": "missing"}
     if recipe is not None:
-        row |= {"split": recipe.split, "seed": recipe.seed, "base": recipe.base, "settings": recipe.digest}
+        row |= {
+            "split": recipe.split,
+            "seed": recipe.seed,
+            "base": recipe.base,
+            "settings": recipe.digest,
+        }
     if done is not None:
         record = done.record
-        row |= {key: record[key] for key in ("split", "seed", "base", "trees", "settings", "digest")}
+        row |= {
+            key: record[key] for key in ("split", "seed", "base", "trees", "settings", "digest")
+        }
         row |= {"status": "done", "points": sum(record["points"].values())}
         row |= {"files": len(record["files"]), "bytes": done.size}
     elif status.get("status") == "failed":
         row |= {"status": "failed", "error": f"{status.get('kind')}: {status.get('why')}"}
     if cpu or status.get("status") == "failed":
-        row |= {"seconds": round(status.get("seconds", 0.0), 2), "cpu_seconds": round(sum(cpu.values()), 2)}
+        row |= {
+            "seconds": round(status.get("seconds", 0.0), 2),
+            "cpu_seconds": round(sum(cpu.values()), 2),
+        }
     return row
 
 

@@ -1,4 +1,5 @@
-"""Where a scene's sensors stand, by the rules of its plan: off trunks, above the ground, by chance that is keyed.
+"""Where a scene's sensors stand, by the rules of its plan: off trunks, above the ground, by chance that is
+keyed.
 
 Trunks are where the stand has its trees, before any is grown. A place that is too near to one is drawn again;
 where there is no room, the one of many that is farthest from trunks is taken.
@@ -12,7 +13,17 @@ from dataclasses import replace
 import numpy as np
 
 from forest_addon.rng import stream
-from forest_addon.spec import Airborne, Mobile, Pose, Reverb, Scene, Sensor, Sonar, SpecError, Terrestrial
+from forest_addon.spec import (
+    Airborne,
+    Mobile,
+    Pose,
+    Reverb,
+    Scene,
+    Sensor,
+    Sonar,
+    SpecError,
+    Terrestrial,
+)
 from forest_addon.stand.intensity.terrain import Terrain
 
 from .settings import Placing
@@ -103,7 +114,10 @@ def _placed(sensor: Sensor, rule: Placing, room: _Room, files: dict[str, str]) -
         points = [room.near((room.low + room.high) / 2)]
     elif rule.rule == "corners":
         ends = (room.low, room.high)
-        points = [room.near(np.array([ends[i][0], ends[j][1]])) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        points = [
+            room.near(np.array([ends[i][0], ends[j][1]]))
+            for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))
+        ]
     else:
         points = []
         for _ in range(rule.count):
@@ -150,7 +164,11 @@ def _way(room: _Room) -> np.ndarray:
 def _along(sensor: Sensor, rule: Placing, room: _Room, files: dict[str, str]) -> Sensor:
     line = room.above(_way(room))
     gone = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
-    heading = np.rad2deg(np.arctan2(*np.gradient(line[:, :2], axis=0).T[::-1])) if len(line) > 1 else [0.0]
+    heading = (
+        np.rad2deg(np.arctan2(*np.gradient(line[:, :2], axis=0).T[::-1]))
+        if len(line) > 1
+        else [0.0]
+    )
     if isinstance(sensor, Mobile):
         poses = tuple(
             Pose(time=float(s / rule.speed), position=_tuple(place), heading_deg=float(turn))
@@ -162,7 +180,9 @@ def _along(sensor: Sensor, rule: Placing, room: _Room, files: dict[str, str]) ->
         text = [ROUTE_HEAD]
         for row in rows:
             x, y, z = line[row].tolist()
-            text.append(f"{x:.4f},{y:.4f},{z:.4f},{float(heading[row]):.3f},{sensor.elevation_deg:g}")
+            text.append(
+                f"{x:.4f},{y:.4f},{z:.4f},{float(heading[row]):.3f},{sensor.elevation_deg:g}"
+            )
         files[f"{sensor.name}-route.csv"] = "\n".join(text) + "\n"
         return sensor.changed(route=f"{sensor.name}-route.csv", follow="", speed=rule.speed)
     raise SpecError("place", f'a {sensor.kind} sensor cannot follow the rule "path"')
@@ -177,7 +197,10 @@ def _over(sensor: Sensor, rule: Placing, room: _Room) -> Sensor:
     x = float((room.low + room.high)[0] / 2 - (strips - 1) * sensor.spacing / 2)
     base = room.above((room.low + room.high)[None] / 2)[0, 2]
     return sensor.changed(
-        position=(x, float(room.low[1]), float(base)), heading_deg=90.0, track=max(long, 1.0), strips=strips
+        position=(x, float(room.low[1]), float(base)),
+        heading_deg=90.0,
+        track=max(long, 1.0),
+        strips=strips,
     )
 
 

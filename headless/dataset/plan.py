@@ -159,7 +159,9 @@ def _plan(path: Path, tables: dict[str, Any]) -> Plan:
         tables=tables,
     )
     if plan.head.count == 0 and not any(one.kind == "grid" for one in varied):
-        raise SpecError("count", "is needed where nothing varies on a grid; give the number of scenes")
+        raise SpecError(
+            "count", "is needed where nothing varies on a grid; give the number of scenes"
+        )
     if not isinstance(plan.own.get("place", []), list):
         raise SpecError("place", "is not a list of tables; write [[place]]")
     for number in range(min(plan.count, len(bases))):  # every base at least once
@@ -317,7 +319,8 @@ def _dealt(things: list[str], plan: Plan, what: str) -> dict[str, list[str]]:
     wanted = [split for split in SPLITS if getattr(plan.splits, split) > 0]
     if len(things) < len(wanted):
         raise SpecError(
-            "splits.by", f'"{what}" needs at least {len(wanted)} of them, the plan has {len(things)}'
+            "splits.by",
+            f'"{what}" needs at least {len(wanted)} of them, the plan has {len(things)}',
         )
     order = [things[k] for k in stream(plan.head.seed, "deal", what).permutation(len(things))]
     dealt = {split: [order[number]] for number, split in enumerate(wanted)}
@@ -362,5 +365,7 @@ def _digest_of_file(name: str, folder: Path) -> str:
             species = read_settings(path, Species)
         except SpecError:  # said when it is used
             return total.hexdigest()
-        with_files(species, lambda own: total.update(_digest_of_file(own, path.parent).encode()) or own)
+        with_files(
+            species, lambda own: total.update(_digest_of_file(own, path.parent).encode()) or own
+        )
     return total.hexdigest()

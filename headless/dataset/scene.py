@@ -84,7 +84,9 @@ class Session:
 
 
 def _size(tree: Tree) -> int:
-    arrays = [value for part in (tree.mesh, tree.leaves, tree.skeleton) for value in vars(part).values()]
+    arrays = [
+        value for part in (tree.mesh, tree.leaves, tree.skeleton) for value in vars(part).values()
+    ]
     return sum(value.nbytes for value in arrays if isinstance(value, np.ndarray))
 
 
@@ -139,7 +141,9 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
             write_csv(folder / "leaf_angles.csv", angle_table(forest))
         if keep.leaves:
             metres = dict.fromkeys(("centre", "length", "width", "radius"), "m")
-            write_npz(folder / "leaves.npz", leaf_table(forest), metres | {"normal": "1", "axis": "1"})
+            write_npz(
+                folder / "leaves.npz", leaf_table(forest), metres | {"normal": "1", "axis": "1"}
+            )
     if keep.cylinders:
         with work.stage("cylinders"):
             write_numbers(folder / "cylinders.csv", cylinder_table(forest), DECIMALS)
@@ -147,7 +151,9 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
     if keep.voxels:
         with work.stage("voxels"):
             arrays = voxel_arrays(forest, keep.voxels)
-            units = dict.fromkeys(("leaf_area_density", "wood_area_density"), "m2/m3") | {"edge": "m"}
+            units = dict.fromkeys(("leaf_area_density", "wood_area_density"), "m2/m3") | {
+                "edge": "m"
+            }
             write_npz(folder / "voxels.npz", arrays, units)
             cells = Cells.around(arrays["cell"].astype(np.int64), keep.voxels)
     for sensor in settings.sensors:
@@ -175,9 +181,7 @@ def _open(settings: Scene, root: Path) -> None:
             open_file(root / settings.blend)
 
 
-def _place(
-    recipe: Recipe, settings: Scene, root: Path, folder: Path
-) -> tuple[Scene, Inputs]:
+def _place(recipe: Recipe, settings: Scene, root: Path, folder: Path) -> tuple[Scene, Inputs]:
     """The scene on its ground with its sensors placed; the files that this takes are written."""
     ground = Ground(**recipe.ground)
     inputs = inputs_from_scene(
@@ -187,7 +191,9 @@ def _place(
         heights, low, size = heights_of(ground, recipe.seed, settings.forest)
         with replacing(folder / FILE) as partial:
             np.save(partial, heights)
-        inputs = Inputs(inputs.rasters, inputs.painted, inputs.lists, terrain_of(heights, low, size))
+        inputs = Inputs(
+            inputs.rasters, inputs.painted, inputs.lists, terrain_of(heights, low, size)
+        )
         floor = Terrain(file=FILE, origin=tuple(map(float, low)), size=tuple(map(float, size)))
         settings = settings.changed(forest=settings.forest.changed(terrain=floor))
     stand = plan_stand(settings.seed, settings.forest, settings.plantings, inputs)
@@ -214,7 +220,9 @@ def _observe(
         if isinstance(found, Cloud):
             work.points[sensor.name] = len(found)
             if keep.clouds != "laz":
-                write_npz_rows(folder / f"{sensor.name}-points.npz", records(found, settings.offset))
+                write_npz_rows(
+                    folder / f"{sensor.name}-points.npz", records(found, settings.offset)
+                )
         elif isinstance(found, Flight):
             work.points[sensor.name] = 0
     if not isinstance(sensor, Scanner) or not isinstance(found, Cloud):

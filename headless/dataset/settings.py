@@ -1,4 +1,5 @@
-"""What a plan may say besides the scene and what varies in it: each key once, with range, default and help."""
+"""What a plan may say besides the scene and what varies in it: each key once, with range, default and
+help."""
 
 from __future__ import annotations
 
@@ -14,9 +15,7 @@ class Mix(Settings):
 
     TITLE: ClassVar[str] = "mix"
     species: tuple[str, ...] = param((), help="species that may be planted", file=True)
-    kinds: tuple[int, int] = param(
-        (1, 3), help="fewest and most species of a scene", ge=1, le=1000
-    )
+    kinds: tuple[int, int] = param((1, 3), help="fewest and most species of a scene", ge=1, le=1000)
     density: float = param(
         0.03, unit="trees/m²", help="of all species together, before spacing", gt=0, le=100
     )
@@ -37,17 +36,26 @@ class Ground(Settings):
 
     TITLE: ClassVar[str] = "terrain"
     relief: float = param(
-        0.0, unit="m", help="from the lowest to the highest place; 0: the scene's ground", ge=0, le=1e4
+        0.0,
+        unit="m",
+        help="from the lowest to the highest place; 0: the scene's ground",
+        ge=0,
+        le=1e4,
     )
     wavelength: float = param(40.0, unit="m", help="length of the longest wave", gt=0, le=1e5)
     roughness: float = param(
-        0.4, help="height of each shorter wave, of half the length, relative to the one before", ge=0, le=1
+        0.4,
+        help="height of each shorter wave, of half the length, relative to the one before",
+        ge=0,
+        le=1,
     )
     step: float = param(1.0, unit="m", help="distance between heights", gt=0, le=1e3)
 
 
 class Placing(Settings):
-    """Where a sensor of the scene stands, by a rule; several places make several sensors NAME-1, NAME-2, ..."""
+    """Where a sensor of the scene stands, by a rule; several places make several sensors NAME-1, NAME-2,
+    ...
+    """
 
     TITLE: ClassVar[str] = "place"
     sensor: str = param(help="the name of the sensor in the scene")
@@ -59,9 +67,15 @@ class Placing(Settings):
     count: int = param(1, help="positions (scattered), pairs, or poses of a path", ge=1, le=100000)
     height: float = param(1.6, unit="m", help="above the ground", ge=-1e3, le=1e5)
     clear: float = param(0.8, unit="m", help="kept from the axis of every trunk", ge=0, le=1e3)
-    apart: float = param(2.0, unit="m", help="kept between scattered positions, if there is room", ge=0, le=1e4)
+    apart: float = param(
+        2.0, unit="m", help="kept between scattered positions, if there is room", ge=0, le=1e4
+    )
     inset: float = param(
-        2.0, unit="m", help="kept from the edge of the field; negative: outside of it", ge=-1e4, le=1e4
+        2.0,
+        unit="m",
+        help="kept from the edge of the field; negative: outside of it",
+        ge=-1e4,
+        le=1e4,
     )
     speed: float = param(1.2, unit="m/s", help="along a path", gt=0, le=1e3)
     distance: float = param(10.0, unit="m", help="from source to receiver of a pair", gt=0, le=1e4)
@@ -80,9 +94,7 @@ class Splits(Settings):
         "scenes (sites)",
         choices=("scene", "species", "site"),
     )
-    share_trees: bool = param(
-        False, help="a library of trees may be the same one in all splits"
-    )
+    share_trees: bool = param(False, help="a library of trees may be the same one in all splits")
 
     def check(self) -> None:
         if abs(self.train + self.validation + self.test - 1) > 1e-9:
@@ -103,10 +115,15 @@ class Keep(Settings):
         0.5, unit="m", help="edge of the cells of voxels.npz; 0: none", ge=0, le=1000
     )
     occlusion: int = param(
-        16, help="of every how many pulses occlusion is counted, in the same cells; 0: none", ge=0, le=1000000
+        16,
+        help="of every how many pulses occlusion is counted, in the same cells; 0: none",
+        ge=0,
+        le=1000000,
     )
     hidden: int = param(
-        256, help="of every how many pulses all trees on their line are listed, seen or not; 0: none", ge=0,
+        256,
+        help="of every how many pulses all trees on their line are listed, seen or not; 0: none",
+        ge=0,
         le=1000000,
     )
     leaves: bool = param(False, help="leaves.npz, the truth of every leaf")
@@ -129,9 +146,15 @@ class Running(Settings):
         ge=0,
         le=1e6,
     )
-    renew_after: int = param(200, help="scenes after which a Blender is started anew", ge=1, le=10**9)
+    renew_after: int = param(
+        200, help="scenes after which a Blender is started anew", ge=1, le=10**9
+    )
     renew_grown_gb: float = param(
-        1.0, unit="GB", help="growth since its first scene after which it is started anew", gt=0, le=1e6
+        1.0,
+        unit="GB",
+        help="growth since its first scene after which it is started anew",
+        gt=0,
+        le=1e6,
     )
 
 
@@ -161,5 +184,8 @@ class Head(Settings):
     def check(self) -> None:
         number = self.trees.removeprefix("shared library of ")
         known = self.trees == "own" or (number != self.trees and number.isdigit() and int(number))
-        if not known or len(number) > 3 and self.trees != "own" and int(number) > 1000:
-            raise SpecError("trees", f'"{self.trees}" is neither "own" nor "shared library of N" with N from 1 to 1000')
+        if not known or (len(number) > 3 and self.trees != "own" and int(number) > 1000):
+            raise SpecError(
+                "trees",
+                f'"{self.trees}" is neither "own" nor "shared library of N" with N from 1 to 1000',
+            )

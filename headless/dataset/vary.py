@@ -94,13 +94,17 @@ def _read(path: str, said: Any) -> Varied:
         if key not in KINDS and key not in MORE:
             near = difflib.get_close_matches(key, [*KINDS, *MORE], 1)
             hint = f'did you mean "{near[0]}"? ' if near else ""
-            raise SpecError(f"{place}.{key}", f"is not known; {hint}Allowed: {', '.join([*KINDS, *MORE])}")
+            raise SpecError(
+                f"{place}.{key}", f"is not known; {hint}Allowed: {', '.join([*KINDS, *MORE])}"
+            )
     if len(kinds) != 1:
         raise SpecError(place, f"needs one of {', '.join(KINDS)}")
     kind, given = kinds[0], said[kinds[0]]
     design = said.get("design", "independent")
     if design not in DESIGNS:
-        raise SpecError(f"{place}.design", f'"{design}" is not known; use one of {", ".join(DESIGNS)}')
+        raise SpecError(
+            f"{place}.design", f'"{design}" is not known; use one of {", ".join(DESIGNS)}'
+        )
     weights, low, high = tuple(said.get("weights", ())), said.get("low"), said.get("high")
     times = said.get("times", 0)
     if kind in ("choice", "grid"):
@@ -135,7 +139,8 @@ def draw(varied: Sequence[Varied], seed: int, count: int) -> list[dict[str, Any]
     """For each of ``count`` scenes, the value of every path."""
     columns = _even_numbers(varied, seed, count)
     return [
-        {one.path: one.at(float(columns[one.path][scene])) for one in varied} for scene in range(count)
+        {one.path: one.at(float(columns[one.path][scene])) for one in varied}
+        for scene in range(count)
     ]
 
 
@@ -157,7 +162,9 @@ def _even_numbers(varied: Sequence[Varied], seed: int, count: int) -> dict[str, 
         elif one.design == "latin":
             rng = stream(seed, "vary", "latin", one.path)
             columns[one.path] = (rng.permutation(count) + rng.random(count)) / max(count, 1)
-    columns |= _sobol([one.path for one in varied if one.design == "sobol" and one.kind != "grid"], seed, count)
+    columns |= _sobol(
+        [one.path for one in varied if one.design == "sobol" and one.kind != "grid"], seed, count
+    )
     return columns
 
 
@@ -170,5 +177,7 @@ def _sobol(paths: Sequence[str], seed: int, count: int) -> dict[str, np.ndarray]
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that a count is no power of two
-        points = qmc.Sobol(len(paths), scramble=True, rng=stream(seed, "vary", "sobol")).random(count)
+        points = qmc.Sobol(len(paths), scramble=True, rng=stream(seed, "vary", "sobol")).random(
+            count
+        )
     return dict(zip(paths, points.T, strict=True))

@@ -45,7 +45,10 @@ class Worker:
         told = {"result": outcome.kind, "scene": number, "why": outcome.why}
         if outcome.kind == "disk":
             return told
-        status = {"status": "done" if outcome.kind == "done" else "failed", "settings": recipe["digest"]}
+        status = {
+            "status": "done" if outcome.kind == "done" else "failed",
+            "settings": recipe["digest"],
+        }
         status |= {"kind": outcome.kind, "why": outcome.why} if outcome.kind != "done" else {}
         status |= {"seconds": outcome.wall, "cpu": outcome.seconds, "memory": outcome.memory}
         try:
@@ -63,7 +66,9 @@ class Worker:
         self.renewed += 1
 
 
-def job_of(recipe: Recipe, root: Path, running: Running, memory: float, threads: int) -> dict[str, Any]:
+def job_of(
+    recipe: Recipe, root: Path, running: Running, memory: float, threads: int
+) -> dict[str, Any]:
     """The table that a worker is sent: a scene, where it goes, and how much it may take."""
     return {
         "root": str(root),

@@ -1,8 +1,9 @@
 """How much area of a mesh lies in each cell of a grid: triangles cut exactly at the cells' walls.
 
-A triangle that reaches over a wall is cut by that plane into at most three, again and again until each lies in
-one cell; of the walls that it crosses the middle one comes first, so that n cells take log₂ n rounds. What
-is cut off and what is left make up the whole, so sums over cells are the area of the mesh but for rounding.
+A triangle that reaches over a wall is cut by that plane into at most three, again and again until each
+lies in one cell; of the walls that it crosses the middle one comes first, so that n cells take log₂ n
+rounds. What is cut off and what is left make up the whole, so sums over cells are the area of the mesh but
+for rounding.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ def areas_by_cell(
 ) -> CellAreas:
     """Areas by cell of a mesh.
 
-    vertices : (V, 3) metres. triangles : (T, 3). part : (T,) number of the part that each is of, below ``parts``.
+    vertices : (V, 3) metres. triangles : (T, 3). part : (T,) number of the part that each is of, below
+    ``parts``.
     edge : of a cell, metres.
     """
     at = np.floor(vertices / edge).astype(np.int64)  # most triangles have all corners in one cell
@@ -69,9 +71,17 @@ def _areas(
     apart = np.flatnonzero((key[a] != key[b]) | (key[a] != key[c]))
     within = np.flatnonzero((key[a] == key[b]) & (key[a] == key[c]))
     pieces, source = cut(vertices[triangles[apart]], edge)
-    cell = np.concatenate([at[a[within]], np.floor((pieces[:, 0] + pieces[:, 1] + pieces[:, 2]) / (3 * edge)).astype(np.int64)])
+    cell = np.concatenate(
+        [
+            at[a[within]],
+            np.floor((pieces[:, 0] + pieces[:, 1] + pieces[:, 2]) / (3 * edge)).astype(np.int64),
+        ]
+    )
     size = np.concatenate(
-        [_sizes(*(vertices[corner[within]] for corner in (a, b, c))), _sizes(*np.moveaxis(pieces, 1, 0))]
+        [
+            _sizes(*(vertices[corner[within]] for corner in (a, b, c))),
+            _sizes(*np.moveaxis(pieces, 1, 0)),
+        ]
     )
     area = np.zeros((len(cell), parts))
     area[np.arange(len(cell)), np.concatenate([part[within], part[apart[source]]])] = size
@@ -104,7 +114,9 @@ def cut(corners: np.ndarray, edge: float) -> tuple[np.ndarray, np.ndarray]:
             along = pieces[:, :, axis]
             one, two, three = along[:, 0], along[:, 1], along[:, 2]
             first = np.floor(np.minimum(np.minimum(one, two), three) / edge)
-            last = np.ceil(np.maximum(np.maximum(one, two), three) / edge)  # at or beyond the far end
+            last = np.ceil(
+                np.maximum(np.maximum(one, two), three) / edge
+            )  # at or beyond the far end
             whole = last - first <= 1
             done.append((pieces[whole], source[whole]))
             pieces, source = pieces[~whole], source[~whole]

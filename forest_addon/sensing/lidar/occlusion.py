@@ -1,7 +1,7 @@
 """What a scan could not see: cells that pulses reached or did not, and trees that stood behind others.
 
-A pulse is its axis. It goes in at every cell that it passes before its last return (all, if nothing came back),
-hits the cells that its returns lie in, and is blocked from those behind its last return, up to the
+A pulse is its axis. It goes in at every cell that it passes before its last return (all, if nothing came
+back), hits the cells that its returns lie in, and is blocked from those behind its last return, up to the
 scanner's range. A cell with many pulses blocked and none in is one of which the cloud says nothing.
 """
 
@@ -44,7 +44,9 @@ def occlusion(scan: Scan, cloud: Cloud, cells: Cells, every: int) -> dict[str, n
     pulses = scan.pattern.pulses(cloud.pulse[mine])
     place = pulses.origin + cloud.true_range[mine, None] * pulses.direction
     where = cells.at(place)
-    pairs = np.unique(np.stack([slot, where], axis=1)[where >= 0], axis=0)  # two returns in a cell: one pulse
+    pairs = np.unique(
+        np.stack([slot, where], axis=1)[where >= 0], axis=0
+    )  # two returns in a cell: one pulse
     found["pulses_hit"] = counts(cells, [pairs[:, 1]])
     return found | {
         "edge": np.array(cells.edge),
@@ -57,8 +59,8 @@ def occlusion(scan: Scan, cloud: Cloud, cells: Cells, every: int) -> dict[str, n
 def on_the_line(scan: Scan, caster: RayCaster, cloud: Cloud, every: int) -> dict[str, np.ndarray]:
     """Every tree that a pulse's axis meets before the ground, whether or not anything hid it.
 
-    every : of every how many pulses. Columns of one row a pulse and tree: ``pulse``, ``tree``, ``distance`` of its
-    first surface in metres, ``seen``: whether a return of that pulse is of that tree.
+    every : of every how many pulses. Columns of one row a pulse and tree: ``pulse``, ``tree``,
+    ``distance`` of its first surface in metres, ``seen``: whether a return of that pulse is of that tree.
     """
     number = np.arange(0, scan.pulses, every)
     pulses = scan.pattern.pulses(number)

@@ -1,4 +1,5 @@
-"""The cells of a grid that straight lines pass, in order, all lines a step at a time (Amanatides & Woo 1987)."""
+"""The cells of a grid that straight lines pass, in order, all lines a step at a time (Amanatides & Woo
+1987)."""
 
 from __future__ import annotations
 
