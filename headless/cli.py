@@ -2,8 +2,8 @@
 
 The parser is a loop over ``commands.COMMANDS``; nothing here knows one of them by name.
 Exit codes: 0 done; 1 something failed while running (a full disk); 2 bad input, one sentence says what,
-where and what to do; 3 an audit found an error beyond what was allowed, results are kept; 130
-interrupted, finished files are kept.
+where and what to do; 3 an audit found an error beyond what was allowed, results are kept; 4 some of many
+scenes could not be made; 130 interrupted, finished files are kept.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from .command import Command, DoubtfulError
+from .command import Command, DoubtfulError, IncompleteError
 from .commands import COMMANDS
 from .interrupt import interruptible
 
@@ -34,6 +34,7 @@ examples:
   python -m headless derive apple --generations 2   the string of an L-system
   python -m headless lidar my.blend --scanner riegl-vz-400i --at 0,0,1.6
   python -m headless convolve out/demo/reverb.wav assets/sounds/call.wav
+  python -m headless dataset tiny --out out/tiny   labelled scenes by the thousand
   blender -b --python headless/in_blender.py -- my.toml --out out/my
 
 A scene file is TOML; assets/scenes/demo.toml is one with every table explained.
@@ -61,6 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _fail(problem, 2)
         except DoubtfulError as problem:
             return _fail(problem, 3)
+        except IncompleteError as problem:
+            return _fail(problem, 4)
         except KeyboardInterrupt:
             sys.unraisablehook = _say_nothing
             print(f"\ninterrupted; {kept}", file=sys.stderr)

@@ -18,6 +18,10 @@ class DoubtfulError(Exception):
     """Results that were kept, but are not as exact as was asked for; exit code 3."""
 
 
+class IncompleteError(Exception):
+    """Most was made, some of it could not be; exit code 4."""
+
+
 class Command:
     """One command; a file of ``commands/`` holds one, ``commands/__init__`` lists them."""
 
@@ -47,6 +51,7 @@ class Command:
         SpecError, ValueError : what was asked for cannot be; exit code 2.
         OSError : something failed while running; exit code 1.
         DoubtfulError : results are kept, and not as exact as was asked for; exit code 3.
+        IncompleteError : a part of what was asked for could not be made; exit code 4.
         """
         raise NotImplementedError
 

@@ -62,11 +62,13 @@ def grow_forest(
     species: Sequence[tuple[Species, TreeTemplate | Habit | Blade | None]],
     progress: Progress | None = None,
     inputs: Inputs | None = None,
+    grown: Callable[[int, int], Tree] | None = None,
 ) -> Forest:
     """Plan the stand, grow the variants that occur in it and sink their feet into the ground.
 
     species : what each of ``scene.plantings`` plants, with its templates.
     inputs : rasters, lists and terrain that the settings name.
+    grown : gives the tree of a planting and variant, by numbers, in place of growing it.
 
     A variant's stream is keyed by the name of its planting and its number, so it is the same tree
     whatever else grows.
@@ -77,8 +79,11 @@ def grow_forest(
     wanted = sorted({(int(s), int(v)) for s, v in zip(stand.species, stand.variant, strict=True)})
     variants: dict[tuple[int, int], Tree] = {}
     for done, (planting, variant) in enumerate(wanted):
-        rng = stream(scene.seed, "tree", names[planting], variant)
-        variants[planting, variant] = grow(*species[planting], rng)
+        if grown:
+            variants[planting, variant] = grown(planting, variant)
+        else:
+            rng = stream(scene.seed, "tree", names[planting], variant)
+            variants[planting, variant] = grow(*species[planting], rng)
         if progress:
             progress(done + 1, len(wanted))
     sunk = _sunk(stand, variants, inputs.ground(scene.forest.terrain.base))

@@ -3,6 +3,7 @@
 from .accuracy import Accuracy
 from .bench import Bench
 from .convolve import Convolve
+from .dataset import Dataset
 from .demo import Demo
 from .derive import Derive
 from .estimate import Estimate
@@ -16,7 +17,7 @@ from .template import Template
 from .validate import Validate
 
 COMMANDS = (
-    *(Run(), Demo(), Accuracy(), Validate(), Bench()),
+    *(Run(), Demo(), Dataset(), Accuracy(), Validate(), Bench()),
     *(Derive(), Template(), Species(), Stand(), Estimate()),
     *(Lidar(), Simlidar(), Convolve(), ReverbFigures()),
 )

@@ -1,0 +1,99 @@
+"""What a scan could not see: cells that pulses reached or did not, and trees that stood behind others.
+
+A pulse is its axis. It goes in at every cell that it passes before its last return (all, if nothing came
+back), hits the cells that its returns lie in, and is blocked from those behind its last return, up to the
+scanner's range. A cell with many pulses blocked and none in is one of which the cloud says nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..rays.caster import RayCaster
+from ..rays.cells import Cells, counts, walk
+from .cloud import Cloud
+from .returns import organs
+from .scan import Scan
+
+AT_ONCE = 50_000
+MOST_SURFACES = 10_000  # on one line
+GROUND = 3
+
+
+def occlusion(scan: Scan, cloud: Cloud, cells: Cells, every: int) -> dict[str, np.ndarray]:
+    """Pulses by cell: that went in, that hit, and that were blocked before it; (X, Y, Z) int32 each.
+
+    every : of every how many pulses.
+    """
+    number = np.arange(0, scan.pulses, every)
+    last = np.full(len(number), scan.scanner.max_range)
+    mine = np.flatnonzero(cloud.pulse % every == 0)
+    slot = cloud.pulse[mine] // every
+    farthest = np.zeros(len(number))
+    np.maximum.at(farthest, slot, cloud.true_range[mine])
+    last = np.where(farthest > 0, farthest, last)
+    found = {name: np.zeros(cells.size, np.int32) for name in ("pulses_in", "pulses_blocked")}
+    for first in range(0, len(number), AT_ONCE):
+        rows = slice(first, first + AT_ONCE)
+        pulses = scan.pattern.pulses(number[rows])
+        reach = np.full(len(pulses), scan.scanner.max_range)
+        stop = last[rows]
+        steps = list(walk(cells, np.asarray(pulses.origin), pulses.direction, reach))
+        found["pulses_in"] += counts(cells, [s.cell[s.enter < stop[s.line]] for s in steps])
+        found["pulses_blocked"] += counts(cells, [s.cell[s.enter >= stop[s.line]] for s in steps])
+    pulses = scan.pattern.pulses(cloud.pulse[mine])
+    place = pulses.origin + cloud.true_range[mine, None] * pulses.direction
+    where = cells.at(place)
+    pairs = np.unique(
+        np.stack([slot, where], axis=1)[where >= 0], axis=0
+    )  # two returns in a cell: one pulse
+    found["pulses_hit"] = counts(cells, [pairs[:, 1]])
+    return found | {
+        "edge": np.array(cells.edge),
+        "low": cells.low,
+        "every": np.array(every),
+        "pulses": np.array(len(number)),
+    }
+
+
+def on_the_line(scan: Scan, caster: RayCaster, cloud: Cloud, every: int) -> dict[str, np.ndarray]:
+    """Every tree that a pulse's axis meets before the ground, whether or not anything hid it.
+
+    every : of every how many pulses. Columns of one row a pulse and tree: ``pulse``, ``tree``,
+    ``distance`` of its first surface in metres, ``seen``: whether a return of that pulse is of that tree.
+    """
+    number = np.arange(0, scan.pulses, every)
+    pulses = scan.pattern.pulses(number)
+    origins, ways = np.asarray(pulses.origin), pulses.direction
+    limit = scan.scanner.max_range
+    line = np.arange(len(number))
+    hits = caster.cast(origins, ways, limit)
+    met: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for _ in range(MOST_SURFACES):
+        rows = np.flatnonzero(hits.found)
+        line, hits = line[rows], hits.take(rows)
+        rows = np.flatnonzero(organs(caster.scene, hits) != GROUND)
+        line, hits = line[rows], hits.take(rows)
+        if not len(line):
+            break
+        met.append((line, caster.scene.tree[hits.instance], hits.distance))
+        hits = caster.cast(
+            origins[line], ways[line], limit, min_distance=hits.distance, leaving=hits
+        )
+    none = (np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))
+    lines, trees, distances = (np.concatenate(parts) for parts in zip(*met, none, strict=True))
+    known = np.flatnonzero(trees >= 0)
+    order = known[np.lexsort((distances[known], trees[known], lines[known]))]
+    lines, trees, distances = lines[order], trees[order], distances[order]
+    first = np.flatnonzero((np.diff(lines, prepend=-1) != 0) | (np.diff(trees, prepend=-1) != 0))
+    lines, trees, distances = lines[first], trees[first], distances[first]
+    wide = int(caster.scene.tree.max(initial=0)) + 1
+    mine = np.flatnonzero((cloud.pulse % every == 0) & (cloud.returns.tree >= 0))
+    known_pairs = (cloud.pulse[mine] // every) * wide + cloud.returns.tree[mine]
+    return {
+        "pulse": number[lines],
+        "tree": trees.astype(np.int32),
+        "distance": distances,
+        "seen": np.isin(lines * wide + trees, known_pairs),
+        "every": np.array(every),
+    }

@@ -1,0 +1,105 @@
+"""``python -m headless dataset PLAN.toml``: thousands of labelled scenes from one plan."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from forest_addon.spec import SpecError
+
+from ..command import Command
+
+
+class Dataset(Command):
+    name = "dataset"
+    help = "make thousands of labelled scenes from one plan"
+    description = (
+        "Make the scenes of a plan, each with its truth, into a folder that describes itself."
+    )
+    epilog = """\
+examples:
+  python -m headless dataset tiny --out out/tiny            a plan of assets/plans
+  python -m headless dataset my.toml --dry-run              how long, how large
+  python -m headless dataset my.toml --out data             on all cores; again: goes on
+  python -m headless dataset my.toml --out data --scheduler tcp://host:8786
+  python -m headless dataset my.toml --out data --slurm partition=cpu,jobs=40,memory=8GB
+  python -m headless dataset --check data                   every hash, every label
+  python -m headless dataset my.toml --set count=20 --set scene.sensors[tls].angle_step_deg=0.5
+
+Stop it, kill it: the same command goes on, and the bytes come out the same.
+Exit code 4: some scenes could not be made; manifest.csv says why."""
+
+    def arguments(self, parser: argparse.ArgumentParser) -> None:
+        parser.add_argument(
+            "plan", nargs="?", metavar="PLAN", help="a .toml file, or one of assets/plans"
+        )
+        parser.add_argument("--out", type=Path, metavar="DIR", help="default out/PLAN")
+        parser.add_argument(
+            "--set",
+            action="append",
+            default=[],
+            metavar="KEY=VALUE",
+            help="any other key of the plan",
+        )
+        parser.add_argument("--workers", type=int, metavar="N", help="here; default: one a core")
+        parser.add_argument("--scheduler", default="", metavar="ADDRESS", help="of a Dask cluster")
+        parser.add_argument("--slurm", metavar="KEY=VALUE,...", help="start workers by Slurm")
+        parser.add_argument(
+            "--dry-run", action="store_true", help="time some scenes, say what all will cost"
+        )
+        parser.add_argument(
+            "--replace", action="store_true", help="make scenes anew whose settings changed"
+        )
+        parser.add_argument("--check", type=Path, metavar="DIR", help="verify a dataset")
+        parser.add_argument(
+            "--shards", type=int, metavar="MB", help="also pack WebDataset tars of this size"
+        )
+        parser.add_argument("--quiet", action="store_true", help="say nothing but errors")
+
+    def output(self, chosen: argparse.Namespace) -> Path:
+        if chosen.out is None and chosen.check is None:
+            if chosen.plan is None:
+                raise SpecError("dataset", "needs a plan, or --check and a folder")
+            return Path("out") / Path(chosen.plan).stem
+        return Path(chosen.out or chosen.check)
+
+    def kept(self, chosen: argparse.Namespace) -> str:
+        return f"finished scenes are kept in {chosen.out}; the same command goes on"
+
+    def run(self, chosen: argparse.Namespace) -> None:
+        if chosen.check is not None:
+            from ..dataset.check import check_dataset
+
+            check_dataset(chosen.check, _say(chosen.quiet))
+            return
+        if chosen.workers is not None and chosen.workers < 1:
+            raise SpecError("--workers", f"{chosen.workers} is out of range; use at least 1")
+        if chosen.shards is not None and chosen.shards < 1:
+            raise SpecError("--shards", f"{chosen.shards} is out of range; use at least 1 MB")
+        from ..dataset.plan import find_plan, read_plan
+
+        plan = read_plan(find_plan(chosen.plan), chosen.set)
+        if chosen.dry_run:
+            from ..dataset.estimate import estimate, tell
+
+            say = _say(False)
+            tell(estimate(plan, say), say)
+            return
+        from ..dataset.engine import Cluster
+        from ..dataset.factory import Asked, make_dataset
+
+        cluster = Cluster(chosen.workers or 0, chosen.scheduler, chosen.slurm)
+        make_dataset(plan, chosen.out, Asked(cluster, chosen.replace, chosen.quiet))
+        if chosen.shards is not None:
+            from ..dataset.shards import write_shards
+
+            write_shards(chosen.out, chosen.shards * 10**6)
+
+
+def _say(quiet: bool):
+    def say(text: str) -> None:
+        if not quiet:
+            print(text, file=sys.stderr, flush=True)
+
+    return say

@@ -1,0 +1,1 @@
+"""Thousands of labelled forests from one plan, on one machine or many."""

@@ -1,0 +1,185 @@
+"""A handle on the process that has Blender loaded: start it, have it make a scene, end it.
+
+Whoever holds the handle never loads Blender. The child is watched while it works: it is killed when a scene
+runs past its time or needs more memory than it may, and what came of a scene is told in one ``Outcome``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import queue
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+ROOT = Path(__file__).resolve().parents[2]
+LOOK = 0.1  # s between two looks at its memory
+STARTS_IN = 300.0  # s, at most
+TOLD = 300  # characters of its last words
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a scene: ``kind`` is done, or why it was not: settings, fault, disk, memory, timeout,
+    crash.
+
+    seconds : CPU time of each stage. wall : seconds. memory : bytes that the process held afterwards.
+    """
+
+    kind: str
+    why: str = ""
+    seconds: dict[str, float] = field(default_factory=dict)
+    wall: float = 0.0
+    memory: float = 0.0
+
+
+class Child:
+    """The process, started when it is first needed."""
+
+    def __init__(self, threads: int = 1) -> None:
+        self.threads = threads
+        self.scenes = 0  # that it has made
+        self.first_memory = 0.0  # after the first
+        self._process: subprocess.Popen[str] | None = None
+        self._answers: queue.Queue[str | None] = queue.Queue()
+        self._words: IO[bytes] | None = None
+
+    def make(self, root: Path, recipe: dict[str, Any], timeout: float, most: float) -> Outcome:
+        """Have a scene made; ``most`` bytes of memory, ``timeout`` seconds."""
+        if self._process is None or self._process.poll() is not None:
+            problem = self._start()
+            if problem:
+                return Outcome("crash", problem)
+        started = time.monotonic()
+        try:
+            self._send({"root": str(root), "recipe": recipe})
+        except OSError:
+            return self._crashed()
+        answer = self._wait(started + timeout, most)
+        wall = time.monotonic() - started
+        if isinstance(answer, Outcome):
+            return answer
+        memory = float(answer.get("memory", 0.0))
+        self.scenes += 1
+        self.first_memory = self.first_memory or memory
+        if "done" in answer:
+            return Outcome("done", "", answer["seconds"], wall, memory)
+        return Outcome(str(answer["failed"]), str(answer["why"]), {}, wall, memory)
+
+    def _start(self) -> str:
+        """Start it; returns what went wrong, empty if it is ready."""
+        self.end()
+        environment = dict(os.environ) | {
+            "OPENBLAS_NUM_THREADS": "1",  # small matrices; and the same sums everywhere
+            "OMP_NUM_THREADS": "1",
+            "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]).rstrip(
+                os.pathsep
+            ),
+        }
+        self._words = tempfile.TemporaryFile()  # noqa: SIM115 - it lives as long as the process
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "headless.dataset.maker", str(self.threads)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._words,
+            text=True,
+            encoding="utf-8",
+            env=environment,
+            start_new_session=os.name != "nt",  # Ctrl-C is for the command, which ends us
+        )
+        self._answers, self.scenes, self.first_memory = queue.Queue(), 0, 0.0
+        threading.Thread(
+            target=_read, args=(self._process.stdout, self._answers), daemon=True
+        ).start()
+        ready = self._wait(time.monotonic() + STARTS_IN, float("inf"))
+        return ready.why if isinstance(ready, Outcome) else ""
+
+    def _send(self, what: dict[str, Any]) -> None:
+        assert self._process is not None
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps(what) + "\n")
+        self._process.stdin.flush()
+
+    def _wait(self, deadline: float, most: float) -> dict[str, Any] | Outcome:
+        """Its next answer, or what became of it instead; then it is dead."""
+        while True:
+            try:
+                line = self._answers.get(timeout=LOOK)
+            except queue.Empty:
+                if time.monotonic() > deadline:
+                    self.end()
+                    return Outcome("timeout", "ran past its time")
+                held = self.memory()
+                if held > most:
+                    self.end()
+                    return Outcome(
+                        "memory", f"needs more memory than it may have ({most / 1e9:.1f} GB)"
+                    )
+                continue
+            return self._crashed() if line is None else json.loads(line)
+
+    def _crashed(self) -> Outcome:
+        assert self._process is not None
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(5.0)
+        code, said = self._process.returncode, self._last_words()
+        self.end()
+        how = (
+            f"was ended by signal {-code}"
+            if code is not None and code < 0
+            else f"ended with {code}"
+        )
+        return Outcome("crash", f"Blender's process {how}" + (f": {said}" if said else ""))
+
+    def _last_words(self) -> str:
+        if self._words is None:
+            return ""
+        self._words.seek(0, os.SEEK_END)
+        self._words.seek(max(0, self._words.tell() - 4 * TOLD))
+        lines = self._words.read().decode("utf-8", "replace").strip().splitlines()
+        return lines[-1][-TOLD:] if lines else ""
+
+    def memory(self) -> float:
+        """Bytes that it holds; 0 where the system does not tell."""
+        if self._process is None:
+            return 0.0
+        try:
+            pages = int(Path(f"/proc/{self._process.pid}/statm").read_text().split()[1])
+            return float(pages * os.sysconf("SC_PAGE_SIZE"))
+        except (OSError, ValueError, IndexError):
+            return 0.0
+
+    @property
+    def pid(self) -> int | None:
+        """Of the process, None where there is none."""
+        return None if self._process is None else self._process.pid
+
+    def end(self) -> None:
+        """Kill it; a scene that it was making is lost."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.wait()
+            for stream in (process.stdin, process.stdout):
+                with contextlib.suppress(OSError):
+                    if stream is not None:
+                        stream.close()
+        if self._words is not None:
+            self._words.close()
+            self._words = None
+
+
+def _read(stream: IO[str] | None, answers: queue.Queue[str | None]) -> None:
+    try:
+        for line in stream or ():
+            answers.put(line)
+    except (OSError, ValueError):  # closed under us
+        pass
+    answers.put(None)

@@ -1,0 +1,173 @@
+"""What is done, as it stands on the disk: a folder a scene, whole or not there.
+
+::
+
+    DIR/scenes/000017/          files of the scene, and scene.json with their SHA-256, written last
+    DIR/scenes/.000017.*        a scene in the making; it is renamed when all of it is on the disk
+    DIR/status/000017.json      how long it took, or the error for which it was set aside
+
+Whoever finishes a scene that another has finished meanwhile throws his away: they are the same bytes.
+Folders and names are synchronised before and after the rename, so that a power cut leaves one or the other.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import os
+import secrets
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from forest_addon.formats.atomic import replacing
+
+SCENES, STATUS, RECORD = "scenes", "status", "scene.json"
+READ_AT_ONCE = 1 << 20
+
+
+@dataclass(frozen=True)
+class Done:
+    """A scene that is done: its folder and what its record says."""
+
+    folder: Path
+    record: dict[str, Any]
+
+    @property
+    def number(self) -> int:
+        """Of the scene."""
+        return int(self.record["scene"])
+
+    @property
+    def size(self) -> int:
+        """Bytes of its files."""
+        return sum(int(one["bytes"]) for one in self.record["files"].values())
+
+
+def scene_name(number: int) -> str:
+    """The name of a scene's folder."""
+    return f"{number:06d}"
+
+
+def begin(root: Path, number: int) -> Path:
+    """An empty folder to make a scene in."""
+    folder = root / SCENES / f".{scene_name(number)}.{os.getpid()}-{secrets.token_hex(4)}.partial"
+    folder.mkdir(parents=True)
+    return folder
+
+
+def finish(partial: Path, root: Path, record: Mapping[str, Any]) -> Path:
+    """Record the files of a finished scene and give it its name; returns its folder.
+
+    record : what is noted of the scene besides its files; ``scene`` is its number.
+    """
+    files = {
+        path.name: {"sha256": digest_of(path), "bytes": path.stat().st_size}
+        for path in sorted(partial.iterdir())
+    }
+    whole = {**record, "files": files, "digest": digest_of_files(files)}
+    with replacing(partial / RECORD) as text:
+        text.write_text(json.dumps(whole, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    sync(partial)
+    final = root / SCENES / scene_name(int(record["scene"]))
+    try:
+        os.rename(partial, final)
+    except OSError as problem:
+        if problem.errno not in (errno.ENOTEMPTY, errno.EEXIST, errno.EACCES) or not final.is_dir():
+            raise
+        shutil.rmtree(partial, ignore_errors=True)
+    sync(final.parent)
+    return final
+
+
+def digest_of(path: Path) -> str:
+    """SHA-256 of a file."""
+    total = hashlib.sha256()
+    with open(path, "rb") as file:
+        while part := file.read(READ_AT_ONCE):
+            total.update(part)
+    return total.hexdigest()
+
+
+def digest_of_files(files: Mapping[str, Mapping[str, Any]]) -> str:
+    """One SHA-256 of the names and digests of all files of a scene."""
+    lines = (f"{one['sha256']}  {name}\n" for name, one in sorted(files.items()))
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
+def sync(folder: Path) -> None:
+    """Have the names of a folder written to the disk, where the system can."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:  # Windows opens no folders
+        return
+    try:
+        os.fsync(handle)
+    except OSError:
+        pass
+    finally:
+        os.close(handle)
+
+
+def scenes_done(root: Path) -> Iterator[Done]:
+    """Every scene that stands on the disk, in order.
+
+    A folder without a record that can be read, or whose files have not the sizes it says, is none.
+    """
+    folder = root / SCENES
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if path.name.isdigit() and (found := read_scene(path)) is not None:
+            yield found
+
+
+def read_scene(folder: Path) -> Done | None:
+    """A scene's folder, None where it is not whole."""
+    try:
+        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        whole = all(
+            (folder / name).stat().st_size == one["bytes"] for name, one in record["files"].items()
+        )
+        return Done(folder, record) if whole and int(record["scene"]) == int(folder.name) else None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def remove_scene(root: Path, number: int) -> None:
+    """Remove a scene: it has no name any more before its first file goes."""
+    folder = root / SCENES / scene_name(number)
+    if folder.exists():
+        partial = folder.with_name(f".{folder.name}.{os.getpid()}-{secrets.token_hex(4)}.partial")
+        os.rename(folder, partial)
+        shutil.rmtree(partial)
+    (root / STATUS / f"{scene_name(number)}.json").unlink(missing_ok=True)
+
+
+def clean(root: Path) -> None:
+    """Remove what scenes that nobody is making any more have left, and folders that are no whole scene."""
+    folder = root / SCENES
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        partial = path.name.startswith(".") and path.name.endswith(".partial")
+        if partial or (path.name.isdigit() and read_scene(path) is None):
+            shutil.rmtree(path, ignore_errors=True)
+
+
+def write_status(root: Path, number: int, status: Mapping[str, Any]) -> None:
+    """Note how a scene went; it is no part of the dataset's bytes."""
+    folder = root / STATUS
+    folder.mkdir(parents=True, exist_ok=True)
+    with replacing(folder / f"{scene_name(number)}.json") as text:
+        text.write_text(json.dumps(status, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def read_status(root: Path, number: int) -> dict[str, Any]:
+    """How a scene went; empty where that is not known."""
+    try:
+        found = json.loads(
+            (root / STATUS / f"{scene_name(number)}.json").read_text(encoding="utf-8")
+        )
+        return found if isinstance(found, dict) else {}
+    except (OSError, ValueError):
+        return {}

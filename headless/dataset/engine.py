@@ -1,0 +1,199 @@
+"""Who makes the scenes: one worker in this process, or the workers of a Dask cluster, here or elsewhere.
+
+A scheduler only hands out jobs. What is done stands on the disk; so whatever a scheduler loses (workers that
+end by walltime, tasks that it gives up after some such ends) is handed out again, as long as it goes on
+finishing some. Dask's processes hold a handle on a child that has Blender loaded, never Blender itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import logging
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from forest_addon.spec import SpecError
+
+from .worker import Worker, work
+
+Report = Callable[[dict[str, Any]], None]
+POLL = 1.0  # s
+FRUITLESS = 5  # rounds in which a cluster finishes nothing
+CAN_START_IN = 60  # s
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """Where scenes are made: ``workers`` here; a scheduler's address; or keys and values of a batch
+    system.
+    """
+
+    workers: int = 0
+    scheduler: str = ""
+    slurm: str | None = None
+
+    def local_workers(self) -> int:
+        """How many there are on this machine."""
+        return self.workers or os.cpu_count() or 1
+
+
+def make_all(jobs: Sequence[dict[str, Any]], cluster: Cluster, report: Report) -> None:
+    """Have every job done; ``report`` is told of each, in any order.
+
+    Raises
+    ------
+    SpecError : the cluster cannot be used.
+    OSError : the disk is full or cannot be written to, or the scheduler went away; what is done stays.
+    """
+    if not jobs:
+        return
+    if (
+        not cluster.scheduler
+        and cluster.slurm is None
+        and min(cluster.local_workers(), len(jobs)) == 1
+    ):
+        _make_here(jobs, report)
+        return
+    with _client(cluster, len(jobs)) as client:
+        _hand_out(jobs, client, report)
+
+
+def _make_here(jobs: Sequence[dict[str, Any]], report: Report) -> None:
+    worker = Worker()
+    try:
+        for job in jobs:
+            _take(worker.make(job), report)
+    finally:
+        worker.child.end()
+
+
+def _take(result: dict[str, Any], report: Report) -> None:
+    if result["result"] == "disk":
+        raise OSError(f"scene {result['scene']:06d}: {result['why']}; finished scenes are kept")
+    report(result)
+
+
+@contextlib.contextmanager
+def _client(cluster: Cluster, most: int) -> Iterator[Any]:
+    distributed = _import("distributed", "dataset")
+    import dask
+
+    # No scene is lost to the rule that a task is bad on which some workers ended: it is handed out again.
+    calm = {
+        "distributed.scheduler.allowed-failures": 1000,
+        "distributed.comm.timeouts.connect": f"{CAN_START_IN}s",
+        "distributed.admin.system-monitor.gil.enabled": False,
+    }
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    with dask.config.set(calm), contextlib.ExitStack() as stack:
+        if cluster.scheduler:
+            try:
+                yield stack.enter_context(
+                    distributed.Client(cluster.scheduler, timeout=CAN_START_IN)
+                )
+            except (OSError, TimeoutError) as problem:
+                raise _gone(cluster.scheduler, problem) from None
+            return
+        if cluster.slurm is not None:
+            ours = stack.enter_context(_slurm(cluster.slurm))
+        else:
+            folder = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
+            ours = stack.enter_context(
+                distributed.LocalCluster(
+                    n_workers=min(cluster.local_workers(), most),
+                    threads_per_worker=1,
+                    processes=True,
+                    dashboard_address=None,
+                    memory_limit=0,  # it is the child's that counts, and that is watched
+                    silence_logs=logging.CRITICAL,
+                    local_directory=folder,
+                )
+            )
+        yield stack.enter_context(distributed.Client(ours))
+
+
+def _slurm(said: str) -> Any:
+    """A cluster of Slurm jobs from KEY=VALUE,...: ``jobs`` says how many, all else is dask-jobqueue's."""
+    jobqueue = _import("dask_jobqueue", "slurm")
+    keys: dict[str, Any] = {"cores": 1, "processes": 1, "memory": "8GB"}
+    for pair in said.split(","):
+        key, equals, value = pair.partition("=")
+        if not equals:
+            raise SpecError("--slurm", f'"{pair}" must be KEY=VALUE, such as partition=cpu,jobs=40')
+        keys[{"partition": "queue"}.get(key.strip(), key.strip())] = value.strip()
+    jobs = str(keys.pop("jobs", "1"))
+    if not jobs.isdigit() or not int(jobs):
+        raise SpecError("--slurm", f'jobs is "{jobs}"; give how many jobs to start')
+    for key in ("cores", "processes"):
+        keys[key] = int(keys[key])
+    found = jobqueue.SLURMCluster(**keys)
+    found.scale(jobs=int(jobs))
+    return found
+
+
+def _import(name: str, extra: str) -> Any:
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise SpecError(
+            "dataset",
+            f"{name} is not installed, which hands scenes to several workers; install "
+            f"forest-sensing[{extra}], or use --workers 1",
+        ) from None
+
+
+def _gone(address: str, problem: object) -> OSError:
+    return OSError(
+        f"the scheduler at {address} cannot be reached ({problem}); finished scenes are kept, the same "
+        "command "
+        "goes on"
+    )
+
+
+def _hand_out(jobs: Sequence[dict[str, Any]], client: Any, report: Report) -> None:
+    """Submit jobs until each has a result; a lost one is submitted again."""
+    left = {int(job["recipe"]["number"]): job for job in jobs}
+    fruitless = 0
+    while left:
+        before = len(left)
+        _round(left, client, report)
+        fruitless = 0 if len(left) < before else fruitless + 1
+        if fruitless == FRUITLESS:
+            raise OSError(
+                f"the cluster finished none of {len(left)} scenes; finished scenes are kept"
+            )
+
+
+def _round(left: dict[int, dict[str, Any]], client: Any, report: Report) -> None:
+    from distributed import wait
+
+    address = client.scheduler.address if client.scheduler else "?"
+    futures = {
+        client.submit(work, job, pure=False, retries=0, priority=-number): number
+        for number, job in left.items()
+    }
+    waiting = set(futures)
+    while waiting:
+        with contextlib.suppress(TimeoutError):
+            wait(list(waiting), timeout=POLL, return_when="FIRST_COMPLETED")
+        if client.status not in ("running", "connecting"):
+            raise _gone(address, "it has gone")
+        if client.status == "connecting" or not _answers(client):
+            raise _gone(address, "it has gone away")
+        for future in [f for f in waiting if f.status != "pending"]:
+            waiting.discard(future)
+            if future.status == "finished":
+                result = future.result()
+                left.pop(futures[future], None)
+                _take(result, report)
+            future.release()
+
+
+def _answers(client: Any) -> bool:
+    """Whether the scheduler is still there."""
+    stream = getattr(client, "scheduler_comm", None)
+    return stream is not None and not stream.comm.closed()

@@ -1,0 +1,158 @@
+"""A dataset from a plan: what is there is counted, what is missing is made, and the folder is described."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from forest_addon.formats.atomic import replacing
+from forest_addon.spec import SpecError
+
+from ..command import IncompleteError
+from . import disk
+from .engine import Cluster, make_all
+from .lock import only_one
+from .manifest import write_manifest
+from .plan import Plan, Recipe, recipes
+from .versions import versions
+from .worker import job_of
+
+NAMED = 8  # scenes that a message names
+REFRESH = 30.0  # s between two manifests
+OF_MEMORY = 0.9  # share of the machine's that all workers may need together
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a command asks besides its plan: where scenes are made, and what may be overwritten."""
+
+    cluster: Cluster = field(default_factory=Cluster)
+    replace: bool = False
+    quiet: bool = False
+
+
+def make_dataset(plan: Plan, out: Path, asked: Asked) -> None:
+    """Make what is missing of a dataset; what is done stays as it is.
+
+    Raises
+    ------
+    SpecError : the plan cannot be used; scenes in the folder are of other settings; another command is at
+    work.
+    OSError : it cannot be written; what is finished stays.
+    IncompleteError : scenes were set aside; all others are there.
+    """
+    wanted = recipes(plan)
+    try:
+        with only_one(out):
+            _make(plan, wanted, out.resolve(), asked)
+    except OSError as problem:
+        if problem.errno is not None and problem.filename is not None and not out.is_dir():
+            raise SpecError(f"--out {out}", f"cannot be written to ({problem.strerror})") from None
+        raise
+
+
+def _make(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked) -> None:
+    disk.clean(out)
+    missing = _missing(wanted, out, asked.replace)
+    write_plan(plan, out)
+    workers = 1 if asked.cluster.scheduler or asked.cluster.slurm else asked.cluster.local_workers()
+    workers = max(1, min(workers, len(missing)))
+    threads = max(1, (os.cpu_count() or 1) // workers)
+    memory = plan.running.memory_gb * 1e9 or _machine_memory() * OF_MEMORY / workers
+    jobs = [job_of(recipe, out, plan.running, memory, threads) for recipe in missing]
+    refreshed = time.monotonic()
+    done = len(wanted) - len(missing)
+    with tqdm(
+        total=len(wanted),
+        initial=done,
+        unit="scene",
+        disable=asked.quiet,
+        file=sys.stderr,
+        smoothing=0.1,
+    ) as bar:
+
+        def report(result: dict[str, Any]) -> None:
+            nonlocal refreshed
+            bar.update()
+            if result["result"] == "failed" and not asked.quiet:
+                bar.write(
+                    f"  scene {result['scene']:06d} is set aside: {result['why']}", file=sys.stderr
+                )
+            if time.monotonic() - refreshed > REFRESH:
+                write_manifest(out, wanted)
+                refreshed = time.monotonic()
+
+        try:
+            make_all(jobs, asked.cluster, report)
+        finally:
+            rows = write_manifest(out, wanted)
+    _describe(plan, wanted, out, asked, bool(jobs))
+    lost = [row for row in rows if row["status"] != "done"]
+    if not asked.quiet:
+        print(f"Done: {len(rows) - len(lost)} of {len(rows)} scenes in {out}", file=sys.stderr)
+    if lost:
+        raise IncompleteError(
+            f"{_named([row['scene'] for row in lost])} could not be made; manifest.csv says why, the others "
+            "are "
+            f"in {out}. The same command tries again"
+        )
+
+
+def _missing(wanted: Sequence[Recipe], out: Path, replace: bool) -> list[Recipe]:
+    """What is to be made.
+
+    Raises
+    ------
+    SpecError : scenes that are there are of other settings.
+    """
+    digest_of = {recipe.number: recipe.digest for recipe in wanted}
+    done = {one.number: one.record["settings"] for one in disk.scenes_done(out)}
+    other = [number for number, digest in done.items() if digest_of.get(number) != digest]
+    if other and not replace:
+        raise SpecError(
+            f"--out {out}",
+            f"{_named([disk.scene_name(n) for n in other])} there {'are' if len(other) > 1 else 'is'} not "
+            "of this "
+            "plan: its settings have changed; choose another folder, or --replace to make them anew",
+        )
+    for number in other:
+        disk.remove_scene(out, number)
+    return [recipe for recipe in wanted if done.get(recipe.number) != recipe.digest]
+
+
+def _named(scenes: Sequence[str]) -> str:
+    shown = ", ".join(scenes[:NAMED])
+    more = f" and {len(scenes) - NAMED} more" if len(scenes) > NAMED else ""
+    return f"scene{'s' if len(scenes) > 1 else ''} {shown}{more}"
+
+
+def write_plan(plan: Plan, out: Path) -> None:
+    """plan.toml as it was used: overrides and base scenes within, and by what it was made."""
+    import tomli_w
+
+    made = ", ".join(f"{name} {number}" for name, number in versions().items())
+    head = f"# The plan of this dataset as it was used, base scenes within.\n# Made with {made}"
+    with replacing(out / "plan.toml") as text:
+        text.write_text(f"{head}\n\n{tomli_w.dumps(plan.tables)}", encoding="utf-8")
+
+
+def _machine_memory() -> float:
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    except (AttributeError, ValueError, OSError):  # Windows
+        return float("inf")
+
+
+def _describe(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked, changed: bool) -> None:
+    """The data card with its pictures, which say what is there now."""
+    from .card import write_card
+
+    if changed or not (out / "README.md").is_file():
+        write_card(plan, wanted, out)

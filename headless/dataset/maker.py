@@ -1,0 +1,117 @@
+"""The process that has Blender loaded and makes one scene after the other: ``python -m
+headless.dataset.maker``.
+
+A line of JSON comes in on standard input for each scene, a line of JSON goes out when it is done or has
+failed. When the input ends, because whoever started it has ended, however that came, so does this process.
+Blender's own chatter goes to standard error.
+"""
+
+from __future__ import annotations
+
+import errno
+import gc
+import json
+import os
+import queue
+import shutil
+import sys
+import threading
+import traceback
+from pathlib import Path
+from typing import Any, TextIO
+
+# What no further scene would survive either; without a number: a writer that left no file.
+DISK = (
+    *(errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO),
+    errno.EFBIG,
+    None,
+)
+
+
+def main() -> None:
+    """Serve until the input ends."""
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # whatever prints does not disturb the answers
+    asked: queue.Queue[str] = queue.Queue()
+    threading.Thread(target=_listen, args=(asked,), daemon=True).start()
+    from .scene import Session
+
+    session = Session(int(sys.argv[1]) if len(sys.argv) > 1 else 1)
+    _answer(answers, {"ready": os.getpid(), "memory": memory()})
+    while True:
+        job = json.loads(asked.get())
+        _answer(answers, _serve(job, session) | {"memory": memory()})
+
+
+def _listen(asked: queue.Queue[str]) -> None:
+    for line in sys.stdin:
+        asked.put(line)
+    os._exit(0)
+
+
+def _answer(answers: TextIO, what: dict[str, Any]) -> None:
+    answers.write(json.dumps(what) + "\n")
+    answers.flush()
+
+
+def _serve(job: dict[str, Any], session: Any) -> dict[str, Any]:
+    """Make the scene of a job, or say why not."""
+    from . import disk
+    from .plan import Recipe
+    from .scene import make
+
+    recipe, root = Recipe(**job["recipe"]), Path(job["root"])
+    if recipe.library:
+        recipe = Recipe(**{**job["recipe"], "library": tuple(recipe.library)})
+    partial = None
+    try:
+        partial = disk.begin(root, recipe.number)
+        made = make(recipe, partial, session)
+        record = {
+            "scene": recipe.number,
+            "split": recipe.split,
+            "seed": recipe.seed,
+            "base": recipe.base,
+            "settings": recipe.digest,
+            "varied": recipe.varied,
+            **made["facts"],
+        }
+        disk.finish(partial, root, record)
+        return {"done": recipe.number, "seconds": made["seconds"]}
+    except BaseException as problem:
+        if partial is not None:
+            shutil.rmtree(partial, ignore_errors=True)
+        return {"failed": _kind(problem), "why": _words(problem)}
+    finally:
+        gc.collect()
+
+
+def _kind(problem: BaseException) -> str:
+    """``disk``: no scene can be written; ``memory``; ``settings``; else ``fault``."""
+    if isinstance(problem, OSError) and problem.errno in DISK:
+        return "disk"
+    if isinstance(problem, MemoryError):
+        return "memory"
+    return "settings" if isinstance(problem, ValueError) else "fault"
+
+
+def _words(problem: BaseException) -> str:
+    if isinstance(problem, MemoryError):
+        return "needs more memory than there is"
+    if isinstance(problem, (ValueError, OSError)):
+        return str(problem)
+    where = traceback.extract_tb(problem.__traceback__)[-1]
+    return f"{type(problem).__name__}: {problem} ({Path(where.filename).name}:{where.lineno})"
+
+
+def memory() -> float:
+    """Bytes that this process holds in memory; 0 where the system does not tell."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+    except (OSError, ValueError, IndexError):
+        return 0.0
+    return float(pages * os.sysconf("SC_PAGE_SIZE"))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,227 @@
+"""Where a scene's sensors stand, by the rules of its plan: off trunks, above the ground, by chance that is
+keyed.
+
+Trunks are where the stand has its trees, before any is grown. A place that is too near to one is drawn again;
+where there is no room, the one of many that is farthest from trunks is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from forest_addon.rng import stream
+from forest_addon.spec import (
+    Airborne,
+    Mobile,
+    Pose,
+    Reverb,
+    Scene,
+    Sensor,
+    Sonar,
+    SpecError,
+    Terrestrial,
+)
+from forest_addon.stand.intensity.terrain import Terrain
+
+from .settings import Placing
+
+TRIES = 200
+ROUTE_HEAD = "x_m,y_m,z_m,azimuth_deg,elevation_deg"
+
+
+def place_sensors(
+    settings: Scene, rules: Sequence[Placing], trunks: np.ndarray, ground: Terrain
+) -> tuple[Scene, dict[str, str]]:
+    """The scene with its sensors where the rules put them, and the text of files that they need, by name.
+
+    trunks : (N, 2) metres.
+
+    Raises
+    ------
+    SpecError : a rule that the sensor cannot follow.
+    """
+    files: dict[str, str] = {}
+    sensors: list[Sensor] = []
+    rule_of = {rule.sensor: rule for rule in rules}
+    for sensor in settings.sensors:
+        rule = rule_of.get(sensor.name)
+        if rule is None:
+            sensors.append(sensor)
+            continue
+        room = _Room(settings, rule, trunks, ground)
+        sensors += _placed(sensor, rule, room, files)
+    return settings.changed(sensors=tuple(sensors)), files
+
+
+class _Room:
+    """The field of a scene, its trunks and its ground, and the chances of one rule."""
+
+    def __init__(self, settings: Scene, rule: Placing, trunks: np.ndarray, ground: Terrain) -> None:
+        self.rng = stream(settings.seed, "place", rule.sensor)
+        self.rule, self.trunks, self.ground = rule, trunks, ground
+        self.low = np.array(settings.forest.origin) + rule.inset
+        self.high = np.array(settings.forest.origin) + settings.forest.size - rule.inset
+        if not (self.low < self.high).all():
+            middle = np.array(settings.forest.origin) + np.array(settings.forest.size) / 2
+            self.low = self.high = middle
+
+    def to_trunk(self, points: np.ndarray) -> np.ndarray:
+        """(N,) metres from places (N, 2) to the nearest trunk."""
+        if not len(self.trunks):
+            return np.full(len(points), np.inf)
+        return np.asarray(np.linalg.norm(points[:, None] - self.trunks, axis=2).min(axis=1))
+
+    def near(self, point: np.ndarray) -> np.ndarray:
+        """The place nearest to a point that keeps clear of trunks."""
+        reach = np.linspace(0, 1, TRIES) * 4 * max(self.rule.clear, 0.5)
+        turn = np.arange(TRIES) * np.pi * (3 - np.sqrt(5))
+        tried = point + reach[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        away = self.to_trunk(tried)
+        good = np.flatnonzero(away >= self.rule.clear)
+        return np.asarray(tried[good[0] if len(good) else np.argmax(away)])
+
+    def anywhere(self, taken: Sequence[np.ndarray] = ()) -> np.ndarray:
+        """A place by chance, clear of trunks and apart from others."""
+        tried = self.low + self.rng.random((TRIES, 2)) * (self.high - self.low)
+        slack = self.to_trunk(tried) - self.rule.clear
+        if len(taken):
+            gaps = np.linalg.norm(tried[:, None] - np.array(taken), axis=2).min(axis=1)
+            slack = np.minimum(slack, gaps - self.rule.apart)
+        good = np.flatnonzero(slack >= 0)
+        return np.asarray(tried[good[0] if len(good) else np.argmax(slack)])
+
+    def above(self, points: np.ndarray) -> np.ndarray:
+        """(N, 3) places at the rule's height above the ground; where there is none, above its mean."""
+        height = self.ground.height(points)
+        known = height[np.isfinite(height)]
+        height = np.where(np.isfinite(height), height, known.mean() if len(known) else 0.0)
+        return np.column_stack([points, height + self.rule.height])
+
+
+def _placed(sensor: Sensor, rule: Placing, room: _Room, files: dict[str, str]) -> list[Sensor]:
+    if rule.rule == "path":
+        return [_along(sensor, rule, room, files)]
+    if rule.rule == "over":
+        return [_over(sensor, rule, room)]
+    if rule.rule == "pairs":
+        return _pairs(sensor, rule, room)
+    if not isinstance(sensor, (Terrestrial, Sonar)):
+        raise SpecError("place", f'a {sensor.kind} sensor cannot stand by the rule "{rule.rule}"')
+    if rule.rule == "centre":
+        points = [room.near((room.low + room.high) / 2)]
+    elif rule.rule == "corners":
+        ends = (room.low, room.high)
+        points = [
+            room.near(np.array([ends[i][0], ends[j][1]]))
+            for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))
+        ]
+    else:
+        points = []
+        for _ in range(rule.count):
+            points.append(room.anywhere(points))
+    where = room.above(np.array(points))
+    turn = room.rng.random(len(where)) * 360.0
+    placed = []
+    for number, place in enumerate(where):
+        name = sensor.name if len(where) == 1 else f"{sensor.name}-{number + 1}"
+        more = {"azimuth_deg": float(turn[number])} if isinstance(sensor, Sonar) else {}
+        placed.append(sensor.changed(name=name, position=_tuple(place), **more))
+    return placed
+
+
+def _way(room: _Room) -> np.ndarray:
+    """(K, 2) a smooth way through the field that bends around trunks, points half a metre apart."""
+    corners = [room.anywhere() for _ in range(5)]
+    knots = np.array(corners)
+    share = np.linspace(0, 1, 400)
+    # A Bézier-like blend of the corners: each takes over from the one before, smoothly.
+    at = share * (len(knots) - 1)
+    first = np.minimum(at.astype(int), len(knots) - 2)
+    part = at - first
+    blend = part**2 * (3 - 2 * part)
+    line = knots[first] + blend[:, None] * (knots[first + 1] - knots[first])
+    for _ in range(8):
+        if not len(room.trunks):
+            break
+        offset = line[:, None] - room.trunks
+        away = np.linalg.norm(offset, axis=2)
+        nearest = np.argmin(away, axis=1)
+        rows = np.arange(len(line))
+        lack = np.maximum(room.rule.clear - away[rows, nearest], 0)
+        push = offset[rows, nearest] / np.maximum(away[rows, nearest], 1e-9)[:, None]
+        line = line + 1.05 * lack[:, None] * push
+    step = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    gone = np.append(0.0, np.cumsum(step))
+    if gone[-1] == 0:
+        return line[:1]
+    wanted = np.linspace(0, gone[-1], max(2, int(gone[-1] / 0.5)))
+    return np.column_stack([np.interp(wanted, gone, line[:, k]) for k in range(2)])
+
+
+def _along(sensor: Sensor, rule: Placing, room: _Room, files: dict[str, str]) -> Sensor:
+    line = room.above(_way(room))
+    gone = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+    heading = (
+        np.rad2deg(np.arctan2(*np.gradient(line[:, :2], axis=0).T[::-1]))
+        if len(line) > 1
+        else [0.0]
+    )
+    if isinstance(sensor, Mobile):
+        poses = tuple(
+            Pose(time=float(s / rule.speed), position=_tuple(place), heading_deg=float(turn))
+            for s, place, turn in zip(gone, line, heading, strict=True)
+        )
+        return sensor.changed(poses=poses, follow="", speed=rule.speed)
+    if isinstance(sensor, Sonar):
+        rows = np.unique(np.rint(np.linspace(0, len(line) - 1, rule.count)).astype(int))
+        text = [ROUTE_HEAD]
+        for row in rows:
+            x, y, z = line[row].tolist()
+            text.append(
+                f"{x:.4f},{y:.4f},{z:.4f},{float(heading[row]):.3f},{sensor.elevation_deg:g}"
+            )
+        files[f"{sensor.name}-route.csv"] = "\n".join(text) + "\n"
+        return sensor.changed(route=f"{sensor.name}-route.csv", follow="", speed=rule.speed)
+    raise SpecError("place", f'a {sensor.kind} sensor cannot follow the rule "path"')
+
+
+def _over(sensor: Sensor, rule: Placing, room: _Room) -> Sensor:
+    """Strips towards +y that cover the field between their outermost ones."""
+    if not isinstance(sensor, Airborne):
+        raise SpecError("place", f'a {sensor.kind} sensor cannot follow the rule "over"')
+    wide, long = (room.high - room.low).tolist()
+    strips = max(1, int(np.ceil(wide / sensor.spacing))) if sensor.spacing > 0 else 1
+    x = float((room.low + room.high)[0] / 2 - (strips - 1) * sensor.spacing / 2)
+    base = room.above((room.low + room.high)[None] / 2)[0, 2]
+    return sensor.changed(
+        position=(x, float(room.low[1]), float(base)),
+        heading_deg=90.0,
+        track=max(long, 1.0),
+        strips=strips,
+    )
+
+
+def _pairs(sensor: Sensor, rule: Placing, room: _Room) -> list[Sensor]:
+    if not isinstance(sensor, Reverb):
+        raise SpecError("place", f'a {sensor.kind} sensor cannot follow the rule "pairs"')
+    placed = []
+    for number in range(rule.count):
+        source = room.anywhere()
+        turn = 2 * np.pi * room.rng.random(TRIES)
+        ring = source + rule.distance * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        inside = ((ring >= room.low) & (ring <= room.high)).all(axis=1)
+        slack = np.minimum(room.to_trunk(ring) - rule.clear, np.where(inside, np.inf, -1.0))
+        good = np.flatnonzero(slack >= 0)
+        receiver = ring[good[0] if len(good) else np.argmax(room.to_trunk(ring))]
+        # the reverb's ground is z = 0: both ends stand at the rule's height above it
+        ends = [(*map(float, end), rule.height) for end in (source, receiver)]
+        name = sensor.name if rule.count == 1 else f"{sensor.name}-{number + 1}"
+        placed.append(replace(sensor, name=name, source=ends[0], receiver=ends[1]))
+    return placed
+
+
+def _tuple(place: np.ndarray) -> tuple[float, ...]:
+    return tuple(float(v) for v in place)

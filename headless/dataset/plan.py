@@ -1,0 +1,371 @@
+"""A plan: base scenes, what varies in them, and for every scene of the dataset the recipe that follows.
+
+A recipe is all that decides the bytes of a scene: settings, seed, ground, rules for sensors, what is kept,
+and the content of every file that it names; its digest is their SHA-256. Which scene goes to which split is
+dealt by the golden ratio, so that every run of scenes has nearly the shares that were asked for, and a
+larger count leaves earlier scenes where they are.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from forest_addon.formats.species_file import ASSETS
+from forest_addon.formats.toml_file import read_settings, structure, table_of
+from forest_addon.formats.toml_text import parse_tables, read_tables
+from forest_addon.rng import stream
+from forest_addon.spec import Scene, SpecError, Species
+from forest_addon.spec.base import Settings, with_files
+
+from . import dotted, vary
+from .settings import Ground, Head, Keep, Mix, Placing, Running, Splits
+
+PLANS = ASSETS / "plans"
+TABLES = ("scene", "scenes", "vary", "mix", "terrain", "place", "splits", "keep", "run")
+OWN = ("mix", "terrain", "place")  # tables of a plan whose keys may vary, beside the scene's
+SPLITS = ("train", "validation", "test")
+GOLDEN = (5**0.5 - 1) / 2
+
+
+@dataclass(frozen=True)
+class Base:
+    """A base scene: its name, its table, how often it is taken relative to others."""
+
+    name: str
+    table: dict[str, Any]
+    folder: Path
+    weight: float
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """One scene of a dataset, all that decides its bytes; as plain tables, so that it can be sent anywhere.
+
+    scene : its settings as a scene file's table. folder : that file names in it start from.
+    ground, places, keep : tables of the plan. library : how many trees of each species are shared, and their
+    seed. varied : what was drawn, for the histograms. digest : SHA-256 of all of it.
+    """
+
+    number: int
+    split: str
+    seed: int
+    base: str
+    scene: dict[str, Any]
+    folder: str
+    ground: dict[str, Any]
+    places: list[dict[str, Any]]
+    keep: dict[str, Any]
+    library: tuple[int, int] | None
+    varied: dict[str, Any]
+    digest: str = ""
+
+    @property
+    def name(self) -> str:
+        """The name of its folder."""
+        return f"{self.number:06d}"
+
+    def settings(self) -> Scene:
+        """The scene as settings, before ground and sensors are placed."""
+        return structure(copy.deepcopy(self.scene), Scene, Path(self.folder))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A plan as it was read. ``tables`` are what was written, overrides included, base scenes within."""
+
+    path: Path
+    head: Head
+    bases: tuple[Base, ...]
+    varied: tuple[vary.Varied, ...]
+    own: dict[str, Any]
+    splits: Splits
+    keep: Keep
+    running: Running
+    tables: dict[str, Any]
+
+    @property
+    def count(self) -> int:
+        """How many scenes it has."""
+        return self.head.count or vary.cells_of_grid(self.varied)
+
+
+def find_plan(name: str) -> Path:
+    """A plan file, or a plan of ``assets/plans`` by its name."""
+    path = Path(name)
+    preset = PLANS / f"{name}.toml"
+    return preset if not path.is_file() and preset.is_file() else path
+
+
+def read_plan(path: Path, overrides: Sequence[str] = ()) -> Plan:
+    """Read a plan; ``overrides`` are KEY=VALUE, of any dotted path within it.
+
+    Raises
+    ------
+    SpecError : the file, the key, and what is allowed.
+    """
+    tables = read_tables(path)
+    try:
+        for said in overrides:
+            _override(tables, said)
+        return _plan(path, tables)
+    except SpecError as problem:
+        raise SpecError(str(path), f"{problem.key}: {problem.problem}") from None
+
+
+def _override(tables: dict[str, Any], said: str) -> None:
+    key, equals, value = said.partition("=")
+    if not equals:
+        raise SpecError("--set", f'"{said}" must be KEY=VALUE')
+    try:
+        parsed = parse_tables(f"value = {value}", "--set")["value"]
+    except SpecError:
+        parsed = value
+    key = key.strip()
+    if key.startswith("vary."):  # what follows is one key, dots and all
+        tables.setdefault("vary", {})[key.removeprefix("vary.")] = parsed
+    else:
+        dotted.put(tables, key, parsed)
+
+
+def _plan(path: Path, tables: dict[str, Any]) -> Plan:
+    head = {key: value for key, value in tables.items() if key not in TABLES}
+    head_fields = set(Head.__dataclass_fields__)
+    for key in head.keys() - head_fields:
+        raise SpecError(key, f"is not known; Allowed: {', '.join([*sorted(head_fields), *TABLES])}")
+    bases = _bases(tables, path.parent)
+    tables = {key: value for key, value in tables.items() if key not in ("scene", "scenes")}
+    tables["scenes"] = [
+        {"name": base.name, "weight": base.weight, "scene": base.table} for base in bases
+    ]
+    varied = tuple(vary.read_varied(tables.get("vary", {})))
+    plan = Plan(
+        path=path,
+        head=structure(head, Head),
+        bases=bases,
+        varied=varied,
+        own={key: tables[key] for key in OWN if key in tables},
+        splits=_within("splits", tables, Splits),
+        keep=_within("keep", tables, Keep),
+        running=_within("run", tables, Running),
+        tables=tables,
+    )
+    if plan.head.count == 0 and not any(one.kind == "grid" for one in varied):
+        raise SpecError(
+            "count", "is needed where nothing varies on a grid; give the number of scenes"
+        )
+    if not isinstance(plan.own.get("place", []), list):
+        raise SpecError("place", "is not a list of tables; write [[place]]")
+    for number in range(min(plan.count, len(bases))):  # every base at least once
+        _resolved(plan, bases[number], vary.draw(varied, plan.head.seed, 1)[0], 0)
+    return plan
+
+
+def _within(key: str, tables: dict[str, Any], kind: type[Settings]) -> Any:
+    try:
+        return structure(tables.get(key, {}), kind)
+    except SpecError as problem:
+        raise SpecError(f"{key}.{problem.key}", problem.problem) from None
+
+
+def _bases(tables: dict[str, Any], folder: Path) -> tuple[Base, ...]:
+    given = tables.get("scenes", [])
+    if "scene" in tables:
+        given = [{"scene": tables["scene"]}, *given]
+    if not given or not isinstance(given, list):
+        raise SpecError("scenes", "are missing; give a [scene], or [[scenes]] with file or scene")
+    found = []
+    for number, one in enumerate(given):
+        place = f"scenes[{number}]"
+        if not isinstance(one, dict) or ("file" in one) == ("scene" in one):
+            raise SpecError(place, "needs either file or scene")
+        for key in one.keys() - {"name", "file", "scene", "weight"}:
+            raise SpecError(f"{place}.{key}", "is not known; Allowed: name, file, scene, weight")
+        weight = one.get("weight", 1.0)
+        if not isinstance(weight, (int, float)) or not weight > 0:
+            raise SpecError(f"{place}.weight", "must be a number above 0")
+        table, root = one.get("scene"), folder
+        if "file" in one:
+            file = folder / str(one["file"])
+            table, root = read_tables(file), file.parent
+        name = str(one.get("name", Path(str(one.get("file", f"scene-{number}"))).stem))
+        found.append(Base(name, table, root.resolve(), float(weight)))
+    return tuple(found)
+
+
+def recipes(plan: Plan, numbers: Sequence[int] | None = None) -> list[Recipe]:
+    """The recipe of every scene, or of some.
+
+    Raises
+    ------
+    SpecError : a scene whose values cannot be used; says which.
+    """
+    drawn = vary.draw(plan.varied, plan.head.seed, plan.count)
+    found = []
+    for number in range(plan.count) if numbers is None else numbers:
+        base = _base_of(plan, number)
+        try:
+            found.append(_recipe(plan, number, base, drawn[number]))
+        except SpecError as problem:
+            raise SpecError(
+                str(plan.path), f"scene {number:06d}: {problem.key}: {problem.problem}"
+            ) from None
+    return found
+
+
+def _recipe(plan: Plan, number: int, base: Base, drawn: dict[str, Any]) -> Recipe:
+    scene, own = _resolved(plan, base, drawn, number)
+    seed = int(stream(plan.head.seed, "scene", number).integers(2**63))
+    split = split_of(plan, number)
+    settings = scene.changed(seed=seed)
+    library = None
+    if plan.head.library:
+        shared = ("library",) if plan.splits.share_trees else ("library", split)
+        library = (plan.head.library, int(stream(plan.head.seed, *shared).integers(2**63)))
+        plantings = tuple(p.changed(variants=plan.head.library) for p in settings.plantings)
+        settings = settings.changed(plantings=plantings)
+    varied = {key: value for key, value in drawn.items() if not isinstance(value, (dict,))}
+    recipe = Recipe(
+        number=number,
+        split=split,
+        seed=seed,
+        base=base.name,
+        scene=table_of(settings),
+        folder=str(base.folder),
+        ground=asdict(own["terrain"]),
+        places=[asdict(one) for one in own["place"]],
+        keep=asdict(plan.keep),
+        library=library,
+        varied=varied,
+    )
+    told = asdict(recipe)
+    del told["folder"]  # where it lies does not matter, what is in it does
+    told["files"] = {name: _digest_of_file(name, base.folder) for name in _files_of(settings)}
+    digest = hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+    return Recipe(**{**recipe.__dict__, "digest": digest})
+
+
+def _resolved(
+    plan: Plan, base: Base, drawn: dict[str, Any], number: int
+) -> tuple[Scene, dict[str, Any]]:
+    """The scene's settings and the plan's own tables, with what varies put in."""
+    tables: dict[str, Any] = {"scene": base.table, "mix": {}, "terrain": {}, "place": []}
+    tables = copy.deepcopy(tables | plan.own)
+    for path, value in drawn.items():
+        own = path.split(".")[0].split("[")[0] in OWN
+        dotted.put(tables, path if own else f"scene.{path}", copy.deepcopy(value))
+    mix = _within("mix", tables, Mix)
+    if mix.species:
+        tables["scene"]["plantings"] = _plantings(plan, mix, number)
+    scene = structure(tables["scene"], Scene, base.folder)
+    places = []
+    for index, one in enumerate(tables["place"]):
+        try:
+            places.append(structure(one, Placing))
+        except SpecError as problem:
+            raise SpecError(f"place[{index}].{problem.key}", problem.problem) from None
+        names = [sensor.name for sensor in scene.sensors]
+        if places[-1].sensor not in names:
+            raise SpecError(
+                f"place[{index}].sensor",
+                f'"{places[-1].sensor}" is no sensor of the scene; use one of {", ".join(names)}',
+            )
+    return scene, {"terrain": _within("terrain", tables, Ground), "place": places}
+
+
+def _plantings(plan: Plan, mix: Mix, number: int) -> list[dict[str, Any]]:
+    """The species of one scene, with shares of the density."""
+    rng = stream(plan.head.seed, "mix", number)
+    species = list(mix.species)
+    if plan.splits.by == "species":
+        species = _dealt(species, plan, "species")[split_of(plan, number)]
+    most = min(mix.kinds[1], len(species))
+    kinds = int(rng.integers(min(mix.kinds[0], most), most + 1))
+    chosen = sorted(rng.permutation(len(species))[:kinds].tolist())
+    shares = rng.dirichlet(np.full(kinds, mix.evenness))
+    return [
+        {
+            "species": species[which],
+            "density": float(mix.density * share),
+            "variants": mix.variants,
+            "scale": list(mix.scale),
+        }
+        for which, share in zip(chosen, shares, strict=True)
+    ]
+
+
+def split_of(plan: Plan, number: int) -> str:
+    """The split of a scene."""
+    if plan.splits.by == "site":
+        sites = _dealt([base.name for base in plan.bases], plan, "site")
+        name = _base_of(plan, number).name
+        return next(split for split, mine in sites.items() if name in mine)
+    start = stream(plan.head.seed, "split").random()
+    place = (start + number * GOLDEN) % 1.0
+    ends = np.cumsum([getattr(plan.splits, split) for split in SPLITS])
+    return SPLITS[min(int(np.searchsorted(ends, place, "right")), 2)]
+
+
+def _dealt(things: list[str], plan: Plan, what: str) -> dict[str, list[str]]:
+    """Which of some things each split has; every split that is to have scenes has at least one."""
+    wanted = [split for split in SPLITS if getattr(plan.splits, split) > 0]
+    if len(things) < len(wanted):
+        raise SpecError(
+            "splits.by",
+            f'"{what}" needs at least {len(wanted)} of them, the plan has {len(things)}',
+        )
+    order = [things[k] for k in stream(plan.head.seed, "deal", what).permutation(len(things))]
+    dealt = {split: [order[number]] for number, split in enumerate(wanted)}
+    for thing in order[len(wanted) :]:
+        lacking = max(wanted, key=lambda s: getattr(plan.splits, s) / len(dealt[s]))
+        dealt[lacking].append(thing)
+    return {split: sorted(mine, key=things.index) for split, mine in dealt.items()}
+
+
+def _base_of(plan: Plan, number: int) -> Base:
+    weights = np.array([base.weight for base in plan.bases])
+    u = stream(plan.head.seed, "base", number).random() * weights.sum()
+    return plan.bases[min(int(np.searchsorted(np.cumsum(weights), u, "right")), len(weights) - 1)]
+
+
+def _files_of(settings: Scene) -> list[str]:
+    """Names of all files that settings name."""
+    names: set[str] = set()
+
+    def note(name: str) -> str:
+        names.add(name)
+        return name
+
+    with_files(settings, note)
+    if settings.blend:
+        names.add(settings.blend)
+    return sorted(names)
+
+
+@cache
+def _digest_of_file(name: str, folder: Path) -> str:
+    """SHA-256 of a file, and of those that a species file names; empty where there is none."""
+    places = [folder / name]
+    places += [ASSETS / kind / f"{name}.toml" for kind in ("species", "scanners")]
+    places += [ASSETS / "scenes" / name]
+    path = next((place for place in places if place.is_file()), None)
+    if path is None:
+        return ""
+    total = hashlib.sha256(path.read_bytes())
+    if path.suffix == ".toml" and path.parent.name != "scanners":
+        try:
+            species = read_settings(path, Species)
+        except SpecError:  # said when it is used
+            return total.hexdigest()
+        with_files(
+            species, lambda own: total.update(_digest_of_file(own, path.parent).encode()) or own
+        )
+    return total.hexdigest()

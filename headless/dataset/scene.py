@@ -1,0 +1,268 @@
+"""One scene of a dataset, within a Blender: grown, built, observed, and written into a folder with its truth.
+
+What the files hold depends on the recipe alone; how long each stage took is told beside them. What scenes
+share (species, library trees, expansions) a ``Session`` keeps from one to the next, with the same bytes as if
+each were made anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from forest_addon.blender.forest import build
+from forest_addon.blender.inputs import inputs_from_scene
+from forest_addon.blender.observe import Observer
+from forest_addon.blender.opening import empty_file, open_file
+from forest_addon.formats.atomic import replacing
+from forest_addon.formats.digits import write_numbers
+from forest_addon.formats.findings import write_finding
+from forest_addon.formats.npz import write_npz
+from forest_addon.formats.points import records
+from forest_addon.formats.scan_file import write_npz_rows
+from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.formats.stand_files import read_inputs
+from forest_addon.formats.table import write_csv
+from forest_addon.formats.toml_file import write_settings
+from forest_addon.growth.tree import Tree, grow
+from forest_addon.rng import stream
+from forest_addon.sensing.lidar import scan as lidar
+from forest_addon.sensing.lidar.cloud import Cloud
+from forest_addon.sensing.lidar.occlusion import occlusion, on_the_line
+from forest_addon.sensing.rays.cells import Cells
+from forest_addon.sensing.reverb.fast_scattering import Expansions
+from forest_addon.sensing.sonar.flight import Flight
+from forest_addon.spec import Rays, Scanner, Scene, Terrain
+from forest_addon.stand.forest import Forest, angle_table, grow_forest, leaf_table
+from forest_addon.stand.inputs import Inputs
+from forest_addon.stand.plan import labels, plan_stand
+from forest_addon.stand.truth import cylinder_table, inventory, voxel_arrays
+
+from ..progress import hushed
+from .ground import FILE, heights_of, terrain_of
+from .place import place_sensors
+from .plan import Recipe
+from .settings import Ground, Keep, Placing
+
+MOST_KEPT = 2_000_000_000  # bytes of library trees that a process keeps
+DECIMALS = (
+    dict.fromkeys(("startX", "startY", "startZ", "endX", "endY", "endZ", "length"), 5)
+    | dict.fromkeys(("radius_cyl", "radius_start", "radius_end"), 6)
+    | {"volume": 12}
+)
+OBSERVING = "sensors"
+
+
+class Session:
+    """What a process keeps from scene to scene. ``threads`` cast rays; no result depends on how many."""
+
+    def __init__(self, threads: int = 1) -> None:
+        self.threads = threads
+        self.expansions = Expansions()
+        self._trees: OrderedDict[tuple[Any, ...], Tree] = OrderedDict()
+        self._bytes = 0
+
+    def tree(self, key: tuple[Any, ...], species: tuple[Any, Any], seed: int) -> Tree:
+        """A tree of a library, grown where it is not kept."""
+        if key in self._trees:
+            self._trees.move_to_end(key)
+            return self._trees[key]
+        tree = self._trees[key] = grow(*species, stream(seed, "library", *key[1:]))
+        self._bytes += _size(tree)
+        while self._bytes > MOST_KEPT and len(self._trees) > 1:
+            _, oldest = self._trees.popitem(last=False)
+            self._bytes -= _size(oldest)
+        return tree
+
+
+def _size(tree: Tree) -> int:
+    arrays = [
+        value for part in (tree.mesh, tree.leaves, tree.skeleton) for value in vars(part).values()
+    ]
+    return sum(value.nbytes for value in arrays if isinstance(value, np.ndarray))
+
+
+class _Making:
+    """A scene in the making: its folder and the seconds of its stages."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.seconds: dict[str, float] = {}
+        self.points: dict[str, int] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time a stage in CPU seconds of this process."""
+        start = time.process_time()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.process_time() - start
+
+
+def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
+    """Make a scene in an empty folder; returns facts of it and the CPU seconds of each stage.
+
+    Raises
+    ------
+    SpecError, ValueError : settings that cannot be used together.
+    OSError : a file cannot be read or written.
+    """
+    work = _Making(folder)
+    keep, root = Keep(**recipe.keep), Path(recipe.folder)
+    with work.stage("read"):
+        settings = recipe.settings()
+        species = [load_species(find_species(p.species, root)) for p in settings.plantings]
+        _open(settings, root)
+    with work.stage("place"):
+        settings, inputs = _place(recipe, settings, root, folder)
+    with work.stage("grow"):
+        grown = None
+        if recipe.library:
+            seed = recipe.library[1]
+            names = labels(settings.plantings)
+            grown = lambda p, v: session.tree((seed, names[p], v), species[p], seed)  # noqa: E731
+        forest = grow_forest(settings, species, None, inputs, grown)
+    with work.stage("build"):
+        build(bpy.context.scene, settings, forest, inputs.terrain)
+    with work.stage("evaluate"):
+        rays = Rays(engine=settings.rays.engine, threads=session.threads)
+        observer = Observer(bpy.context.evaluated_depsgraph_get(), rays, session.expansions)
+    with work.stage("trees"):
+        table = inventory(forest)
+        write_csv(folder / "trees.csv", table)
+        if settings.plantings:
+            write_csv(folder / "leaf_angles.csv", angle_table(forest))
+        if keep.leaves:
+            metres = dict.fromkeys(("centre", "length", "width", "radius"), "m")
+            write_npz(
+                folder / "leaves.npz", leaf_table(forest), metres | {"normal": "1", "axis": "1"}
+            )
+    if keep.cylinders:
+        with work.stage("cylinders"):
+            write_numbers(folder / "cylinders.csv", cylinder_table(forest), DECIMALS)
+    cells = None
+    if keep.voxels:
+        with work.stage("voxels"):
+            arrays = voxel_arrays(forest, keep.voxels)
+            units = dict.fromkeys(("leaf_area_density", "wood_area_density"), "m2/m3") | {
+                "edge": "m"
+            }
+            write_npz(folder / "voxels.npz", arrays, units)
+            cells = Cells.around(arrays["cell"].astype(np.int64), keep.voxels)
+    for sensor in settings.sensors:
+        _observe(work, sensor, settings, observer, keep, cells)
+    _write_blender(settings, keep, folder)
+    write_settings(folder / "scene.toml", settings)
+    return {
+        "facts": {
+            "trees": len(forest.stand),
+            "leaves": int(sum(table["leaves"])),
+            "leaf_area_m2": float(sum(table["leaf_area_m2"])),
+            "species": sorted({str(name) for name in table["species"]}),
+            "points": work.points,
+            "engine": observer.caster.engine,
+            "variants": _digests(forest),
+        },
+        "seconds": work.seconds,
+    }
+
+
+def _open(settings: Scene, root: Path) -> None:
+    with hushed():
+        empty_file()
+        if settings.blend:
+            open_file(root / settings.blend)
+
+
+def _place(recipe: Recipe, settings: Scene, root: Path, folder: Path) -> tuple[Scene, Inputs]:
+    """The scene on its ground with its sensors placed; the files that this takes are written."""
+    ground = Ground(**recipe.ground)
+    inputs = inputs_from_scene(
+        settings, bpy.context.evaluated_depsgraph_get(), read_inputs(settings, root)
+    )
+    if ground.relief > 0:
+        heights, low, size = heights_of(ground, recipe.seed, settings.forest)
+        with replacing(folder / FILE) as partial:
+            np.save(partial, heights)
+        inputs = Inputs(
+            inputs.rasters, inputs.painted, inputs.lists, terrain_of(heights, low, size)
+        )
+        floor = Terrain(file=FILE, origin=tuple(map(float, low)), size=tuple(map(float, size)))
+        settings = settings.changed(forest=settings.forest.changed(terrain=floor))
+    stand = plan_stand(settings.seed, settings.forest, settings.plantings, inputs)
+    rules = [Placing(**one) for one in recipe.places]
+    terrain = inputs.ground(settings.forest.terrain.base)
+    settings, files = place_sensors(settings, rules, stand.position[:, :2], terrain)
+    for name, text in files.items():
+        with replacing(folder / name) as partial:
+            partial.write_text(text, encoding="utf-8")
+    return settings, inputs
+
+
+def _observe(
+    work: _Making, sensor: Any, settings: Scene, observer: Observer, keep: Keep, cells: Cells | None
+) -> None:
+    """Run one sensor, write what it found, and what it could not see."""
+    folder = work.folder
+    with work.stage(OBSERVING):
+        way = observer.way(sensor, folder)
+        found = observer.observe(sensor, settings, None, folder, way)
+    with work.stage("write"):
+        if not isinstance(found, Cloud) or keep.clouds != "npz":
+            write_finding(folder, sensor, found, settings.offset)
+        if isinstance(found, Cloud):
+            work.points[sensor.name] = len(found)
+            if keep.clouds != "laz":
+                write_npz_rows(
+                    folder / f"{sensor.name}-points.npz", records(found, settings.offset)
+                )
+        elif isinstance(found, Flight):
+            work.points[sensor.name] = 0
+    if not isinstance(sensor, Scanner) or not isinstance(found, Cloud):
+        return
+    with work.stage("occlusion"):
+        scan = lidar.Scan(sensor, observer.caster, settings.seed, way)
+        if keep.occlusion and cells is not None:
+            arrays = occlusion(scan, found, cells, keep.occlusion)
+            write_npz(folder / f"{sensor.name}-occlusion.npz", arrays, {"edge": "m"})
+        if keep.hidden:
+            arrays = on_the_line(scan, observer.caster, found, keep.hidden)
+            write_npz(folder / f"{sensor.name}-hidden.npz", arrays, {"distance": "m"})
+
+
+def _write_blender(settings: Scene, keep: Keep, folder: Path) -> None:
+    """What Blender itself writes; only what is asked for is imported."""
+    if not (keep.blend or keep.glb or keep.preview):
+        return
+    from forest_addon.blender.export import export_glb, save_blend
+    from forest_addon.blender.preview import render, set_stage
+    from forest_addon.blender.sensors import new_sensor
+
+    scene = bpy.context.scene
+    for sensor in settings.sensors:
+        new_sensor(scene, sensor)
+    set_stage(scene, settings.output.preview_size)
+    with hushed(errors=True):
+        if keep.blend:
+            save_blend(folder / "forest.blend")
+        if keep.glb:
+            export_glb(scene, folder / "forest.glb")
+        if keep.preview:
+            render(scene, settings.output, folder / "preview.png", lambda done, total: None)
+
+
+def _digests(forest: Forest) -> dict[str, str]:
+    """A digest of every grown tree: by it a tree is known again in another scene."""
+    found = {}
+    for (planting, variant), tree in sorted(forest.variants.items()):
+        total = hashlib.blake2b(tree.mesh.vertices.tobytes(), digest_size=16)
+        total.update(tree.mesh.triangles.tobytes())
+        found[f"{forest.labels[planting]}.{variant:03d}"] = total.hexdigest()
+    return found
