@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from forest_addon import spec
+from forest_addon.spec.choices import meaning_of
 
 TABLES: list[tuple[str, type[spec.Settings]]] = [
     ("The file's top level", spec.Scene),
@@ -87,10 +88,16 @@ def _table(title: str, group: type[spec.Settings]) -> str:
             known.unit,
             "" if _is_group(field.default) else _allowed(known),
             default,
-            known.help,
+            known.help + _meanings(field.name, known),
         )
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
+
+
+def _meanings(name: str, known: spec.Param) -> str:
+    """What each choice does, where more than its name says it."""
+    said = {choice: meaning_of(name, choice) for choice in known.choices}
+    return "".join(f"<br>`{choice}`: {words}" for choice, words in said.items() if words)
 
 
 def _allowed(known: spec.Param) -> str:

@@ -28,6 +28,7 @@ from bpy.props import (
 )
 
 from ..spec import Param, Settings
+from ..spec.choices import meaning_of, title_of
 from .fields import (
     LARGEST_INT,
     WHEN_USED,
@@ -86,6 +87,8 @@ LABELS = {
     "facing_azimuth_deg": "Facing Azim.(°)",
     "facing_elevation_deg": "Facing Elev.(°)",
     "impedance_model": "Impedance",
+    "turbulence": "Turbul. (1e-6)",
+    "leaf_area_density": "Leaves (m²/m³)",
     "flow_resistivity": "σ (kPa·s/m²)",
 }  # others are too long for a sidebar
 ONE_OF = ("template", "rules", "honda")  # parts of a species of which one may be used
@@ -139,7 +142,7 @@ def make_group(
 
 def label_of(name: str, known: Param) -> str:
     """What a field is called in the panel: ``angle_step_deg`` is Angle Step (°)."""
-    if name in LABELS:
+    if name in LABELS and not (name == "extinction" and known.choices):
         return LABELS[name]
     stem = name
     for suffix in SUFFIXES:
@@ -219,7 +222,7 @@ def property_of(name: str, kind: Any, known: Param, default: Any, update: Update
 def _text_property(name: str, known: Param, default: Any, words: dict[str, Any]) -> Any:
     if known.choices:
         items = [
-            (choice, choice if choice.isupper() else choice.title(), words["description"])
+            (choice, title_of(name, choice), meaning_of(name, choice) or words["description"])
             for choice in known.choices
         ]
         return EnumProperty(items=items, default=default, **words)
@@ -253,7 +256,7 @@ def _how_shown(known: Param, values: Iterable[float]) -> dict[str, int]:
 def help_of(known: Param) -> str:
     """What a field is for, as a panel says it."""
     text = known.help
-    return text[:1].upper() + text[1:]
+    return text if "α" <= text[:1] <= "ω" else text[:1].upper() + text[1:]  # a symbol is no word
 
 
 def group_class(name: str, annotations: dict[str, Any]) -> type[bpy.types.PropertyGroup]:

@@ -1,0 +1,140 @@
+"""What each choice of a parameter does in the world: its name in a menu, and one sentence.
+
+By the parameter's name; the same word means the same wherever it stands. Menus and the page of the scene
+file are made from it.
+"""
+
+from __future__ import annotations
+
+_PATTERNS = {
+    "gaussian": (
+        "Gaussian",
+        "As loud as a Gaussian of the width below, in every direction off the axis",
+    ),
+    "horseshoe": ("Horseshoe Bat", "A horseshoe bat's, 60 to 80 kHz: narrower the higher the tone"),
+    "file": ("Measured", "As a CSV file says, by angle and frequency"),
+    "omni": ("Everywhere", "The same in all directions"),
+}
+
+CHOICES: dict[str, dict[str, tuple[str, str]]] = {
+    "use": {
+        "add": ("Add", "More trees where the image is bright, on top of hills and base"),
+        "multiply": ("Multiply", "Trees become more or fewer by the image's value"),
+        "mask": ("Mask", "Trees stand only where the image reaches the threshold"),
+    },
+    "layout": {
+        "poisson": ("By Chance", "Trees stand at random, denser where the intensity is higher"),
+        "rows": ("Orchard Rows", "Trees stand in rows, with what spread is set"),
+        "list": ("List", "Trees stand where a table or the points of a collection say"),
+    },
+    "spacing_rule": {
+        "matern": (
+            "Both May Go",
+            "Of two too close the younger goes, even if the older goes too (Matérn II)",
+        ),
+        "greedy": ("One Goes", "Of two too close the younger goes, if the older stays"),
+    },
+    "instancing": {
+        "auto": ("By Number", "Objects up to 1,000 trees, points from there on"),
+        "objects": ("Objects", "Every tree is an object that can be moved and removed"),
+        "points": ("Points", "One object with a point a tree: a hundred thousand stay light"),
+    },
+    "sprouting": {
+        "apex": ("At the Tip", "Daughters fork where their mother ends"),
+        "along": ("Along", "Daughters leave their mother at random places along it"),
+    },
+    "shape": {
+        "ellipse": ("Ellipse", "An oval blade"),
+        "maple": ("Maple", "Five lobes"),
+        "needle": ("Needle", "Long and thin"),
+    },
+    "directivity": {
+        "omni": ("Everywhere", "The same in all directions"),
+        "cardioid": ("Cardioid", "Loud ahead, silent behind"),
+        "measured": ("Measured", "As a CSV file says, by angle and frequency"),
+    },
+    "surface": {
+        "constant": ("Constant", "Sends back the same share at all frequencies"),
+        "snow": ("Snow", "Soft: swallows most of the sound, low tones less"),
+        "forest floor": ("Forest Floor", "Litter and moss: swallows high tones"),
+        "grass": ("Grass", "A meadow's ground"),
+        "soil": ("Soil", "Bare earth: rather hard"),
+        "asphalt": ("Asphalt", "Hard: sends nearly all back"),
+    },
+    "impedance_model": {
+        "miki": ("Miki", "Sound at all frequencies; the usual choice"),
+        "delany-bazley": ("Delany-Bazley", "The older formula; not for low frequencies"),
+    },
+    "model": {
+        "paper": ("As the Paper", "Kaneko's weights, no losses but the air's"),
+        "forest": ("Forest", "Cylinders' own scattering, with what ground, bark and leaves take"),
+    },
+    "extinction": {
+        "none": ("None", "Trunks in the way take nothing from a sound"),
+        "energy": ("Scattered Energy", "They take what they scatter away from straight on"),
+        "coherent": ("Coherent Wave", "They take all that leaves the coherent wave"),
+    },
+    "tail": {
+        "none": ("None", "Only sound that one trunk has scattered, as in the paper"),
+        "transport": ("Transport", "Later, noise with the energy that wanders among many trunks"),
+    },
+    "engine": {
+        "auto": ("Automatic", "Embree where it is there, else BVHTree"),
+        "bvhtree": ("BVHTree", "Blender's Python rays: slower, on every system"),
+        "embree": ("Embree", "The rays of Blender's Cycles: fastest"),
+    },
+    "side": {
+        "left": ("Left", "It looks to the left of where it drives"),
+        "right": ("Right", "It looks to the right of where it drives"),
+    },
+    "passing": {
+        "probability": ("All or Nothing", "A ray passes a leaf whole, or not at all, by chance"),
+        "share": ("A Share", "A share of a ray's light passes each leaf"),
+    },
+    "pattern": {
+        "lines": ("Lines", "A turning mirror: straight lines, all in one direction"),
+        "zigzag": ("Zigzag", "A swinging mirror: to and fro"),
+        "circles": ("Circles", "A tilted turning mirror: a cone around straight down"),
+        "spinning": ("Spinning", "Several beams, one above the other, turn about the upright"),
+    },
+    "beam": _PATTERNS,
+    "hearing": {"same": ("As the Call", "Ears hear as the mouth sends"), **_PATTERNS},
+    "call": {
+        "impulse": ("Click", "A pulse that has every frequency of the band at once"),
+        "fm": ("Sweep", "Falls through the band, as many bats call"),
+        "cf-fm": ("Tone and Sweep", "A long tone at the top of the band that ends in a sweep"),
+        "file": ("WAV File", "A call that was recorded"),
+    },
+    "leaf_model": {
+        "exact": ("Exact Disc", "A hard disc at every size and angle, exactly"),
+        "piston": (
+            "Piston",
+            "A disc by physical optics: good where leaves are larger than the wave",
+        ),
+        "paper": ("As the Paper", "The fit of Tanveer and colleagues"),
+    },
+    "shading": {
+        "none": ("None", "Every leaf is heard as if it stood alone"),
+        "trunks": ("By Wood", "What stands behind a trunk or branch is not heard"),
+        "extinction": ("By Leaves", "Leaves in the way weaken what is behind them"),
+        "trunks+extinction": ("Wood and Leaves", "Both"),
+    },
+    "dialect": {
+        "T20": ("T20", "A trunk whose branches branch again, by Tanveer and colleagues"),
+        "A20": ("A20", "Whorls of branches on one trunk"),
+        "ABOP": ("ABOP", "The symbols of The Algorithmic Beauty of Plants"),
+        "S": ("SIMLIDAR", "The symbols of Méndez and colleagues"),
+    },
+}
+
+
+def title_of(name: str, choice: str) -> str:
+    """What a choice is called in a menu."""
+    known = CHOICES.get(name, {}).get(choice)
+    return known[0] if known else choice if choice.isupper() else choice.title()
+
+
+def meaning_of(name: str, choice: str) -> str:
+    """What a choice does; empty where its name says it."""
+    known = CHOICES.get(name, {}).get(choice)
+    return known[1] if known else ""
