@@ -23,7 +23,7 @@ from forest_addon.spec import Air, Rays, Sonar
 
 Say = Callable[[str], None]
 PULSES = 128  # along a side of the grid
-SIDES = 12  # from which a sonar pings
+SIDES = 6  # from which a sonar pings
 AWAY = 6.0  # metres between the sonar and the crown's edge
 
 
