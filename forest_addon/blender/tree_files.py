@@ -19,6 +19,8 @@ from ..growth.template.parts import Group
 from ..spec import SpecError
 
 ENDINGS = (".ply", ".obj", ".gltf", ".glb")
+DRACO = b"KHR_draco_mesh_compression"
+COMPRESSED = "this Blender cannot decode its compressed meshes (Draco); export it without"
 
 
 def read_groups(path: Path) -> list[Group]:
@@ -34,11 +36,14 @@ def read_groups(path: Path) -> list[Group]:
         try:
             _open(path)
         except RuntimeError as problem:
-            said = str(problem).strip().splitlines()[-1].removeprefix("Error: ").rstrip(".")
-            raise SpecError("template", f"{path.name} cannot be read: {said}") from None
+            raise SpecError(
+                "template", f"{path.name} cannot be read: {_why(path, problem)}"
+            ) from None
         groups = [group for thing in scene.objects for group in _groups_of(thing)]
     if path.suffix.lower() in (".gltf", ".glb"):  # Blender has turned it to z up
         groups = [Group(g.name, g.material, g.facets @ _Y_TO_Z) for g in groups]
+    if not groups and _is_compressed(path):
+        raise SpecError("template", f"{path.name} cannot be read: {COMPRESSED}")
     if not groups:
         raise SpecError("template", f"{path.name} has no facets; export it with its meshes")
     return groups
@@ -64,6 +69,19 @@ def _of_any(path: Path) -> list[Group]:
         raise SpecError("template", f"there is no file {path}; check the path") from None
     except StlError as problem:
         raise SpecError("template", str(problem)) from None
+
+
+def _is_compressed(path: Path) -> bool:
+    return path.suffix.lower() in (".gltf", ".glb") and DRACO in path.read_bytes()
+
+
+def _why(path: Path, problem: RuntimeError) -> str:
+    """What an importer has to say, in one line."""
+    if _is_compressed(path):
+        return COMPRESSED
+    lines = [line.strip() for line in str(problem).splitlines()]
+    told = [line for line in lines if line and not line.startswith("Location:")]
+    return told[-1].removeprefix("Error: ").rstrip(".") if told else "no such file"
 
 
 _Y_TO_Z = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # rows times this: z up back to y up

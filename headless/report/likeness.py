@@ -23,21 +23,26 @@ from forest_addon.spec import Air, Rays, Sonar
 
 Say = Callable[[str], None]
 PULSES = 128  # along a side of the grid
-SIDES = 12  # from which a sonar pings
+SIDES = 12  # from which a sonar pings at each sibling
+OF_TEMPLATE = 48  # and at the template, of which there is one only
 AWAY = 6.0  # metres between the sonar and the crown's edge
 
 
-def portray_with_sensors(tree: Tree) -> Portrait:
-    """The portrait of a tree, with what a scanner and a sonar find."""
+def portray_with_sensors(tree: Tree, sides: int = SIDES) -> Portrait:
+    """The portrait of a tree, with what a scanner and a sonar find.
+
+    sides : from which the sonar pings. A few leaves that face it make a flash, so the mean of 12 sides
+        is uncertain by more than a decibel.
+    """
     portrait = portray(tree)
     scene = _alone(tree)
     gap, profile = _scan_from_above(tree, scene)
-    levels = _echo_levels(tree, scene)
+    levels = _echo_levels(tree, scene, sides)
     numbers = {
         **portrait.numbers,
         "gap fraction from above": gap,
         "echo level, dB": float(levels.mean()),
-        "its spread over all sides, dB": float(levels.std()),
+        "its spread over all sides, dB": float(levels.std(ddof=1)),
     }
     return replace(
         portrait, numbers=numbers, profiles={**portrait.profiles, "first returns": profile}
@@ -107,13 +112,13 @@ def _scan_from_above(tree: Tree, scene: SceneGeometry) -> tuple[float, np.ndarra
     return float(1 - met.mean()), counts / max(counts.sum(), 1)
 
 
-def _echo_levels(tree: Tree, scene: SceneGeometry) -> np.ndarray:
-    """(SIDES,) dB of the mean power in the band, re the sent one at 1 m."""
+def _echo_levels(tree: Tree, scene: SceneGeometry, sides: int) -> np.ndarray:
+    """(sides,) dB of the mean power in the band, re the sent one at 1 m."""
     points = tree.leaves.centre if len(tree.leaves) else tree.skeleton.end
     middle = np.median(points, axis=0)
     away = crown_width(tree) / 2 + AWAY
     targets, levels = Targets(scene), []
-    for side in 2 * np.pi * np.arange(SIDES) / SIDES:
+    for side in 2 * np.pi * np.arange(sides) / sides:
         place = middle - away * np.array([np.cos(side), np.sin(side), 0.0])
         sonar = Sonar(
             position=tuple(place.tolist()),
@@ -136,4 +141,5 @@ def compare_with_sensors(
     template: Tree, siblings: Iterable[Tree]
 ) -> tuple[Portrait, list[Portrait]]:
     """Portraits of the template and of its siblings; each sibling is let go before the next is grown."""
-    return portray_with_sensors(template), [portray_with_sensors(tree) for tree in siblings]
+    itself = portray_with_sensors(template, OF_TEMPLATE)
+    return itself, [portray_with_sensors(tree) for tree in siblings]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +79,42 @@ def test_a_tree_is_read_and_nothing_of_it_stays(
     np.testing.assert_allclose(found.foot[found.trunk], model.foot[0] + [2, 0, 0], atol=5e-3)
 
 
+def test_gltf_that_cannot_be_decompressed_is_said_to_be_so(tmp_path: Path) -> None:
+    """Some builds of Blender come without Draco; a broken stream is the same to all of them."""
+    view = {"bufferView": 0, "attributes": {"POSITION": 0}}
+    scene = {
+        "asset": {"version": "2.0"},
+        "extensionsUsed": ["KHR_draco_mesh_compression"],
+        "extensionsRequired": ["KHR_draco_mesh_compression"],
+        "buffers": [{"byteLength": 4, "uri": "data:application/octet-stream;base64,AAAAAA=="}],
+        "bufferViews": [{"buffer": 0, "byteLength": 4}],
+        "accessors": [
+            {"componentType": 5126, "count": 3, "type": "VEC3"},
+            {"componentType": 5125, "count": 3, "type": "SCALAR"},
+        ],
+        "meshes": [
+            {
+                "primitives": [
+                    {
+                        "attributes": {"POSITION": 0},
+                        "indices": 1,
+                        "extensions": {"KHR_draco_mesh_compression": view},
+                    }
+                ]
+            }
+        ],
+        "nodes": [{"mesh": 0}],
+        "scenes": [{"nodes": [0]}],
+        "scene": 0,
+    }
+    (tmp_path / "packed.gltf").write_text(json.dumps(scene))
+    before = state()
+    with pytest.raises(SpecError, match=r"Draco.*; export it without") as caught:
+        read_groups(tmp_path / "packed.gltf")
+    assert "\n" not in str(caught.value)
+    assert state() == before
+
+
 @pytest.mark.parametrize("ending", ["obj", "ply", "glb"])
 def test_a_bad_file_is_one_sentence_and_leaves_nothing(tmp_path: Path, ending: str) -> None:
     (tmp_path / f"bad.{ending}").write_bytes(b"nothing here\n" * 5)
@@ -88,3 +125,16 @@ def test_a_bad_file_is_one_sentence_and_leaves_nothing(tmp_path: Path, ending: s
     assert state() == before
     with pytest.raises(SpecError, match="there is no file"):
         read_groups(tmp_path / f"gone.{ending}")
+
+
+def test_compressed_gltf_is_read_or_refused_in_one_sentence(folder: Path) -> None:
+    """Draco: Blender decodes it where its build has the library."""
+    path = folder / "small.glb"
+    bpy.ops.export_scene.gltf(filepath=str(path), export_draco_mesh_compression_enable=True)
+    if b"KHR_draco_mesh_compression" not in path.read_bytes():
+        pytest.skip("this Blender cannot compress")
+    before = state()
+    parts = sort_out(read_groups(path))
+    assert state() == before
+    found = recognise(upright(parts.wood, "y"), upright(parts.leaves, "y"))
+    assert (found.wood.count, found.leaves.count) == (28, 63)

@@ -3,8 +3,9 @@
 Names of objects and materials tell first ("leaf", "bark"); a mesh whose name does not tell is what most
 of its area looks like, and a file without names is looked at piece by piece. A piece is a leaf where its
 facets face one way (|sum of area vectors| above half of the area: a tube's cancel), where it is a card
-or crossed cards (most of its edges are borders), or where it is one of very many small, plain
-ones, as needles are. The upright axis is that along which the tree stands on a narrow, solid foot.
+or crossed cards (most of its edges are borders), or where it is one of very many small ones that are plain,
+as needles are, or have an edge that more than two facets share, as tufts of needles have. The upright axis is
+that along which the tree stands on a narrow, solid foot.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ FACING = 0.5  # share of a piece's area that faces one way if it is a leaf
 BORDER = 0.6  # share of its edges that have one facet only, if it is cards
 SMALL = 0.01  # extents of the tree that a needle is long at most
 PLAIN = 24  # facets of a needle at most
+TUFT = 0.03  # extents that needles with a common edge are long together
 MANY = 50  # needles of one make at least, and
 OFTEN = 3  # times as many as there are other pieces of wood
 FOOT = 0.02  # share of the extent, from the ground up, where the foot is looked for
@@ -119,7 +121,11 @@ def looks_like_leaves(pieces: Pieces) -> np.ndarray:
     np.minimum.at(low, pieces.piece_of_vertex, pieces.vertices)
     np.maximum.at(high, pieces.piece_of_vertex, pieces.vertices)
     length = np.linalg.norm(high - low, axis=1)
-    small = ~leaf & (triangles <= PLAIN) & (length < SMALL * np.ptp(pieces.vertices, axis=0).max())
+    extent = float(np.ptp(pieces.vertices, axis=0).max())
+    small = (triangles <= PLAIN) & (length < SMALL * extent)
+    tuft = np.zeros(count, dtype=bool)  # tubes have no edge that three facets share
+    tuft[of_edge[times > 2]] = True
+    small = ~leaf & (small | (tuft & (length < TUFT * extent)))
     others = int(np.count_nonzero(~leaf & ~small))
     if others and int(np.count_nonzero(small)) >= max(MANY, OFTEN * others):
         leaf |= small

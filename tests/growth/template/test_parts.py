@@ -53,6 +53,16 @@ def needle(base: np.ndarray, out: np.ndarray) -> np.ndarray:
     return tube(line(base, base + 0.06 * out, 2), 0.0007, 3, capped=True)
 
 
+def tuft(base: np.ndarray, ways: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """Spikes of three sides that stand on one edge, so that they are one piece."""
+    a, b, found = base - 0.001 * across, base + 0.001 * across, []
+    for way in ways:
+        tip, up = base + 0.06 * way, np.cross(way, across)
+        c = base + 0.0015 * up / np.linalg.norm(up)
+        found += [[a, b, tip], [b, c, tip], [c, a, tip]]
+    return np.array(found)
+
+
 def foliage(kind: str, model: Model) -> np.ndarray:
     """Leaves of a kind at the tips of the twigs and along them."""
     rng = np.random.default_rng(1)
@@ -65,9 +75,11 @@ def foliage(kind: str, model: Model) -> np.ndarray:
             out /= np.linalg.norm(out)
             across = np.cross(out, [0.3, 0.2, 0.9])
             across /= np.linalg.norm(across)
-            if kind == "tufts":
-                ways = out + 0.4 * rng.normal(size=(5, 3))
-                ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+            ways = out + 0.4 * rng.normal(size=(5, 3))
+            ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+            if kind == "joined":
+                found.append(tuft(base, ways, across))
+            elif kind == "tufts":
                 found += [needle(base + 0.002 * way, way) for way in ways]
             else:
                 make = {
@@ -81,7 +93,9 @@ def foliage(kind: str, model: Model) -> np.ndarray:
     return np.concatenate(found)
 
 
-@pytest.mark.parametrize("kind", ["quads", "cards", "crossed", "stars", "shaped", "tufts"])
+@pytest.mark.parametrize(
+    "kind", ["quads", "cards", "crossed", "stars", "shaped", "tufts", "joined"]
+)
 def test_leaves_of_every_kind_are_told_from_wood_by_their_shape(kind: str) -> None:
     model = tree()
     leaves = foliage(kind, model)

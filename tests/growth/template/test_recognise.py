@@ -171,6 +171,20 @@ def test_pieces_that_begin_within_each_other_are_hung_all_the_same() -> None:
     assert np.count_nonzero(found.parent == 0) == 1
 
 
+def test_a_column_is_a_trunk_with_steep_branches_beside_it() -> None:
+    """Forty branches that rise along the trunk, as a poplar's or a cypress', each twice as long as its bark
+    is away from the next."""
+    model = Model()
+    trunk = model.add(line([0, 0, 0], [0, 0, 12], 24), np.linspace(0.2, 0.03, 24), -1)
+    rise = np.linspace(0, 1, 10)
+    for number in range(40):
+        turn, z = 2.4 * number, 1.0 + 0.25 * number
+        out = at(np.cos(turn), np.sin(turn), 0) * (0.28 + 0.2 * (1 - z / 12))
+        path = at(0, 0, z) + np.outer(1 - (1 - rise) ** 3, out) + np.outer(1.4 * rise, at(0, 0, 1))
+        model.add(path, np.linspace(0.3, 0.1, 10) * (0.2 - 0.014 * z), trunk)
+    model.check(recognise(model.wood()))
+
+
 def test_of_several_stems_the_largest_is_the_trunk() -> None:
     model = Model()
     for x, radius, top in ((0.0, 0.08, 4.0), (0.15, 0.1, 6.0), (0.3, 0.085, 5.0)):

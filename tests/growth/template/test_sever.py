@@ -162,15 +162,15 @@ def test_what_has_no_fork_is_one_sentence_with_a_place(facets: np.ndarray) -> No
 
 @pytest.mark.slow
 def test_a_remeshed_tree_has_the_branches_of_its_parts() -> None:
-    """Number of branches by order exact, lengths within 6 %, radii at the foot within 25 %, where a voxel
-    is 0.6 of the twigs' radius."""
+    """Number of branches by order exact, lengths within 6 %, radii at the foot within 20 %, where a voxel
+    is half of the twigs' radius."""
     model = tree(capped=True)
     for number in range(1, 28):  # no thinner than the remesher sees
         if model.parents[number] > 0:
             path = line(model.foot[number], model.tip[number])
             model.tubes[number] = tube(path, np.linspace(0.03, 0.02, 6), capped=True)
             model.radius[number] = 0.03
-    joined = remeshed(model.wood(), 0.018)
+    joined = remeshed(model.wood(), 0.015)
     found = recognise(joined)
     np.testing.assert_array_equal(np.bincount(orders(found.parent)), [1, 9, 18])
     number = np.array([np.argmin(np.linalg.norm(found.tip - tip, axis=1)) for tip in model.tip])
@@ -179,7 +179,7 @@ def test_a_remeshed_tree_has_the_branches_of_its_parts() -> None:
     np.testing.assert_array_equal(found.parent[number], np.where(parents < 0, -1, number[parents]))
     length = np.array([np.linalg.norm(b - a) for a, b in zip(model.foot, model.tip, strict=True)])
     np.testing.assert_allclose(found.lines.length()[number], length, rtol=0.06)
-    np.testing.assert_allclose(found.radius[number], model.radius, rtol=0.25)
+    np.testing.assert_allclose(found.radius[number], model.radius, rtol=0.2)
 
 
 def test_branches_that_have_grown_together_spoil_no_other_piece() -> None:
@@ -234,14 +234,56 @@ def axes_by_order(skeleton: Skeleton) -> np.ndarray:
     ("name", "thinnest"), [("abop-monopodial-a", 0.014), ("honda-birch", 0.03)]
 )
 def test_trees_of_our_growers_remeshed_keep_their_orders(name: str, thinnest: float) -> None:
-    """Number of branches by order exact, length by order within 7 %."""
+    """Number of branches by order exact; length by order within 4 %, or half the mothers' radii."""
     skeleton = grown(name, thinnest)
     mesh = mesh_wood(skeleton, 0.002)
     found = recognise(remeshed(mesh.vertices[mesh.triangles], 0.5 * thinnest))
     order = orders(found.parent)
     np.testing.assert_array_equal(np.bincount(order), axes_by_order(skeleton))
-    length = np.bincount(order, found.lines.length())
-    np.testing.assert_allclose(length, lengths_by_order(skeleton), rtol=0.07)
+    length, expected = np.bincount(order, found.lines.length()), lengths_by_order(skeleton)
+    thick = np.where(found.parent < 0, 0.0, found.radius[found.parent])
+    assert np.all(np.abs(length - expected) <= 0.04 * expected + 0.5 * np.bincount(order, thick))
+
+
+def test_limbs_that_leave_the_trunk_as_one_fork_where_they_part() -> None:
+    """A coarse ginkgo: two of its eight limbs, 5 cm thick, begin 3 cm apart in one direction, and are one
+    tube for 11 cm of their way. What parts there is a fork off the trunk, one limb the other's daughter."""
+    skeleton = grown("ginkgo", 0.02)
+    mesh = mesh_wood(skeleton, 0.002)
+    found = recognise(remeshed(mesh.vertices[mesh.triangles], 0.01))
+    np.testing.assert_array_equal(axes_by_order(skeleton), [1, 8])
+    np.testing.assert_array_equal(np.bincount(orders(found.parent)), [1, 7, 1])
+    (late,) = np.flatnonzero(orders(found.parent) == 2)
+    away = np.linalg.norm((found.foot[late] - found.foot[found.parent[late]])[:2])
+    assert 0.1 < away < 0.25
+    assert found.lines.length()[found.trunk] == pytest.approx(
+        lengths_by_order(skeleton)[0], rel=0.01
+    )
+
+
+@pytest.mark.slow
+def test_a_weeping_tree_in_one_mesh_comes_back() -> None:
+    """Branches that arch over, hanging twigs nearer to the ground than their mothers' feet."""
+    model, rise = Model(), np.linspace(0, 1, 14)
+    trunk = model.add(line([0, 0, 0], [0.2, 0, 6], 20), np.linspace(0.2, 0.06, 20), -1, capped=True)
+    for number in range(10):
+        turn, z = 2.4 * number, 2.2 + 0.35 * number
+        out = at(np.cos(turn), np.sin(turn), 0)
+        path = at(0.2 * z / 6, 0, z) + np.outer(1.6 * rise, out)
+        path[:, 2] += 1.2 * rise - 3.0 * rise**2
+        branch = model.add(path, np.linspace(0.05, 0.03, 14), trunk, capped=True)
+        for knot, hand in ((6, 1), (10, -1)):
+            twig = path[knot] + np.outer(0.35 * rise, hand * np.cross(out, [0, 0, 1]))
+            twig[:, 2] -= rise**2
+            model.add(twig, np.linspace(0.026, 0.02, 14), branch, capped=True)
+    found = recognise(remeshed(model.wood(), 0.013))
+    assert found.doubts == ()
+    assert found.wood.count == 31
+    apart = np.linalg.norm(found.tip[:, None] - np.array(model.tip), axis=2)
+    number = np.argmin(apart, axis=0)
+    assert apart.min(axis=0).max() < 0.01
+    parents = np.array(model.parents)
+    np.testing.assert_array_equal(found.parent[number], np.where(parents < 0, -1, number[parents]))
 
 
 # ------------------------------------------------------------------------------------- apart
