@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 SECTIONS = ("growth", "stand", "lidar", "sonar", "reverb", "series")
+ON_REQUEST = ("peers",)  # what needs other programs
 
 Say = Callable[[str], None]
 
