@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 from . import Say, table
 
 TITLE = "series: one scene after the other in a process"
-LATER = 3  # scenes after the first
+LATER = 2  # scenes after the first
 STAND = """
 [forest]
 size = [40, 40]
