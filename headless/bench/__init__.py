@@ -13,7 +13,8 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-SECTIONS = ("growth", "stand", "lidar", "sonar", "reverb")
+SECTIONS = ("growth", "stand", "lidar", "sonar", "reverb", "series")
+ON_REQUEST = ("peers",)  # what needs other programs
 
 Say = Callable[[str], None]
 

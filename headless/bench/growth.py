@@ -21,6 +21,7 @@ from forest_addon.spec import Species
 
 from ..report.pictures import blank_figure
 from . import Say, median_seconds, table
+from .cold import say_cold
 
 TITLE = "growth: trees and triangles a second, error of the mesh"
 SIZES = {"maple": (4, 6, 7), "ginkgo": (6, 7, 8), "apple-stochastic": (5, 6, 7)}
@@ -68,6 +69,7 @@ def run(say: Say) -> Figure:
         f"\n{CONES} frustums of 1 mm to 20 cm radius seen from the side, against (r₁+r₂)h and "
         "πh(r₁²+r₁r₂+r₂²)/3; inscribed rings are what tubes without equal perimeter would give."
     )
+    say_cold(say, "growth")
     return _draw(rows, errors)
 
 

@@ -44,9 +44,9 @@ def run(say: Say) -> None:
     """Print speed, cost and error by size of tree, number of instances and engine."""
     rows = []
     for size in TREES:
-        meshes = _grow(size)
+        meshes = grow_trees(size)
         for count in INSTANCES:
-            scene = _stand(meshes, count)
+            scene = plant(meshes, count)
             exact = {
                 kind: cast_exactly(scene, *rays) for kind, rays in _rays(scene, CHECKED).items()
             }
@@ -72,7 +72,7 @@ def _say_calls(say: Say) -> None:
     say("\nOne call of a tripod's rays, CPU time; a fresh process counts its imports apart:\n")
     rows = []
     for count, size in ((1, "200k"), (1000, "20k")):
-        scene = _stand(_grow(size), count)
+        scene = plant(grow_trees(size), count)
         for engine in (BvhCaster, EmbreeCaster):
             rows.append([f"{count} x {size}", engine.engine, *_calls(engine, scene)])
     head = ["trees", "engine", f"first {SCAN:,} rays and build, s", "again, s"]
@@ -118,7 +118,7 @@ def _fresh(engine: str) -> list[str]:
 def started(engine: str) -> None:
     """Print the CPU seconds of this process before it casts, of its first call, and of its second."""
     imports = time.process_time()
-    scene = _stand(_grow("20k"), INSTANCES[2])
+    scene = plant(grow_trees("20k"), INSTANCES[2])
     rays = _rays(scene, 64)["tripod"]
     start = time.process_time()
     caster = {"bvhtree": BvhCaster, "embree": EmbreeCaster}[engine](scene)
@@ -128,7 +128,7 @@ def started(engine: str) -> None:
     print(imports, first - start, time.process_time() - first)
 
 
-def _grow(size: str) -> list[TriMesh]:
+def grow_trees(size: str) -> list[TriMesh]:
     species, template = load_species(find_species(TREES[size], Path()))
     return [grow(species, template, stream(1, "bench", n)).mesh for n in range(VARIANTS)]
 
@@ -192,7 +192,7 @@ def _memory(size: str, engine: type[Search]) -> list[str]:
 
 def grown_by(size: str, engine: str) -> None:
     """Print the unique triangles and the bytes that a caster of a stand takes, 0 where unknown."""
-    scene = _stand(_grow(size), INSTANCES[2])
+    scene = plant(grow_trees(size), INSTANCES[2])
     status = Path("/proc/self/statm")
 
     def used() -> int:
@@ -207,7 +207,7 @@ def grown_by(size: str, engine: str) -> None:
     print(sum(len(mesh.triangles) for mesh in scene.meshes), memory)
 
 
-def _stand(meshes: list[TriMesh], count: int) -> SceneGeometry:
+def plant(meshes: list[TriMesh], count: int) -> SceneGeometry:
     """Trees on a square grid, shifted by up to a quarter of its step, each turned."""
     rng = stream(2, "bench", "stand", count)
     crown = np.mean([np.ptp(mesh.vertices[:, :2], axis=0).mean() for mesh in meshes])

@@ -24,6 +24,7 @@ from forest_addon.spec import Air, Scene, Sonar
 from forest_addon.stand.forest import Forest, grow_forest
 
 from . import Say, median_seconds, table
+from .cold import say_cold
 
 TITLE = "sonar: pings among trees"
 SPECIES, VARIANTS = "honda-birch", 5
@@ -55,6 +56,7 @@ def run(say: Say) -> None:
 
     say(f"\n{sonar_kernel.TITLE}\n")
     sonar_kernel.run(say)
+    say_cold(say, "sonar")
 
 
 def _forest(count: int) -> SceneGeometry:

@@ -19,6 +19,7 @@ from forest_addon.stand.process import Process
 from forest_addon.stand.spacing import greedy, matern_ii
 
 from . import Say, median_seconds, table
+from .cold import say_cold
 
 TITLE = "stand: exact Poisson forests, 4 hills or a 512 x 512 raster on a square of 300 m"
 PARTS = ("stand_statistics", "stand_scene")
@@ -63,6 +64,7 @@ def run(say: Say) -> None:
         f"\nUniform points with λπr² = {CROWDING:g}. Theory of Matérn II: (1 - exp(-λπr²))/(λπr²), "
         "at the edge a little more; greedy has no closed form."
     )
+    say_cold(say, "stand")
     for name in PARTS:
         part = importlib.import_module(f".{name}", __package__)
         say(f"\n### {part.TITLE}\n")
