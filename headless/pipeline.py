@@ -38,6 +38,7 @@ from forest_addon.formats.table import write_csv
 from forest_addon.formats.wav import read_wav, write_wav
 from forest_addon.rng import stream
 from forest_addon.sensing.audit import Audit
+from forest_addon.sensing.choice import Choice, choose
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.reverb.auralise import auralise
@@ -73,6 +74,7 @@ class Run:
     findings: list[page.Finding] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     audits: dict[str, Audit] = field(default_factory=dict)  # by sensor
+    chosen: dict[str, tuple[Choice, ...]] = field(default_factory=dict)  # by sensor
     trees: dict[str, Audit] = field(default_factory=dict)  # of branches and leaves
 
     def path(self, name: str) -> Path:
@@ -134,7 +136,8 @@ def run_scene(
         stages.say(f"  Warning: {observer.warning}")
         run.findings.append(page.Finding("Warning", f"{observer.warning}.", {}))
     _audit_trees(run, observer.geometry)
-    for sensor in settings.sensors:
+    for given in settings.sensors:
+        sensor, chosen = choose(given)
         with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
             way = observer.way(sensor, folder)
             started = time.perf_counter()
@@ -148,7 +151,9 @@ def run_scene(
             finding = _describe(run, sensor, found, observer)
             audit = observer.audit(sensor, settings, found, took, folder, way)
             audits = () if audit is None else (audit,)
-            run.findings.append(dataclasses.replace(finding, audits=audits))
+            notes = (*finding.notes, *map(str, chosen))
+            run.findings.append(dataclasses.replace(finding, audits=audits, notes=notes))
+            run.chosen[sensor.name] = chosen
             if audit is not None:
                 run.audits[sensor.name] = audit
                 stages.say(f"  {audit}")
@@ -319,11 +324,21 @@ def _write_record(run: Run, geometry: SceneGeometry, engine: str) -> None:
         "peak_memory_mb": _peak_memory_mb(),
         "results": {finding.title: finding.facts for finding in run.findings},
         "trees": {name: {"audit": audit.record()} for name, audit in run.trees.items()},
-        "sensors": {name: {"audit": audit.record()} for name, audit in run.audits.items()},
+        "sensors": {name: _record_of(run, name) for name in run.chosen},
         "files": run.files,
     }
     with replacing(run.path("run.json")) as partial:
         partial.write_text(json.dumps(record, indent=2, default=str) + "\n", encoding="utf-8")
+
+
+def _record_of(run: Run, name: str) -> dict[str, Any]:
+    """What was checked of a sensor, and what was chosen for it."""
+    record: dict[str, Any] = {}
+    if name in run.audits:
+        record["audit"] = run.audits[name].record()
+    if run.chosen[name]:
+        record["chosen"] = [choice.record() for choice in run.chosen[name]]
+    return record
 
 
 def _peak_memory_mb() -> float | None:

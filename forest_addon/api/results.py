@@ -24,6 +24,7 @@ from ..formats.scan_file import write_npz_rows
 from ..formats.table import write_csv
 from ..formats.wav import write_wav
 from ..sensing.audit import Audit
+from ..sensing.choice import Choice
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan, to_cloud
 from ..sensing.reverb.metrics import RoomMetrics, room_metrics
@@ -41,6 +42,7 @@ class Result:
     sensor : its settings. found : what its own code returned. seconds : that it took.
     audit : a random sample of it, computed again by the exact way; None where that is switched off.
     offset : (3,) metres that are added to positions when they are written, the scene's.
+    chosen : what was left to "auto", with its bound and why; ``sensor`` has the values.
     """
 
     sensor: Sensor
@@ -48,6 +50,7 @@ class Result:
     seconds: float
     audit: Audit | None = None
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    chosen: tuple[Choice, ...] = ()
 
     ENDINGS: ClassVar[tuple[str, ...]] = ()
 
@@ -279,6 +282,7 @@ def result_of(
     seconds: float,
     audit: Audit | None,
     offset: tuple[float, float, float],
+    chosen: tuple[Choice, ...] = (),
 ) -> Result:
     """A sensor's finding as a result."""
-    return KINDS[type(found)](sensor, found, seconds, audit, offset)
+    return KINDS[type(found)](sensor, found, seconds, audit, offset, chosen)

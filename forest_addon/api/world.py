@@ -173,7 +173,10 @@ class World:
 
     def look(self, sensor: Sensor, progress: Progress | None = None) -> Result:
         """The result of a sensor of any kind."""
+        from ..sensing.choice import choose
+
         observer = self.observer
+        sensor, chosen = choose(sensor)
         before = time.perf_counter()
         try:
             way = observer.way(sensor, self.folder)
@@ -184,7 +187,7 @@ class World:
             raise
         except ValueError as problem:
             raise SpecError(sensor.name, str(problem)) from None
-        return result_of(sensor, found, seconds, audit, self.scene.offset)
+        return result_of(sensor, found, seconds, audit, self.scene.offset, chosen)
 
     @property
     def observer(self) -> Observer:

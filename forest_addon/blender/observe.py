@@ -13,6 +13,7 @@ from ..formats.directivity_file import directivity_of
 from ..formats.sonar_files import equip, find, read_route
 from ..rng import stream
 from ..sensing.audit import Audit
+from ..sensing.choice import choose
 from ..sensing.lidar import scan as lidar
 from ..sensing.lidar import tractor
 from ..sensing.lidar.audit import audit_drive, audit_scan
@@ -111,6 +112,7 @@ class Observer:
         ------
         ValueError : settings that this scene cannot serve; says what to change.
         """
+        sensor, _ = choose(sensor)
         way = self.way(sensor, folder) if way is None else way
         if isinstance(sensor, Tractor):
             return tractor.drive(sensor, self.caster, progress)
@@ -136,6 +138,7 @@ class Observer:
         share = settings.accuracy.audit
         if share == 0:
             return None
+        sensor, _ = choose(sensor)
         way = self.way(sensor, folder) if way is None else way
         rng = stream(settings.seed, "audit", sensor.name)
         if isinstance(sensor, Tractor):

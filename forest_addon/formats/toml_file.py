@@ -13,7 +13,7 @@ import typing
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..spec import SENSORS, Sensor, Settings, SpecError
+from ..spec import AUTO, SENSORS, Sensor, Settings, SpecError, param_of
 from .atomic import replacing
 from .foreign import guarded
 from .scanner_file import PLATFORMS, merged, settings_of
@@ -68,7 +68,8 @@ def table_of(settings: Settings, whole: bool = False) -> dict[str, Any]:
     for field in dataclasses.fields(settings):  # type: ignore[arg-type]
         value = getattr(settings, field.name)
         if value is not None and (whole or value != field.default or field.name == "kind"):
-            table[field.name] = _toml(value, whole)
+            auto = param_of(field).auto and value == AUTO
+            table[field.name] = "auto" if auto else _toml(value, whole)
     return table
 
 
@@ -168,7 +169,9 @@ def _table_hook(converter: Any, cls: type[Settings]) -> Any:
                 near = difflib.get_close_matches(key, fields, 1)
                 hint = f'did you mean "{near[0]}"? ' if near else ""
                 raise SpecError(key, f"is not known; {hint}Allowed: {', '.join(fields)}")
-        return fill(value, cls)
+        # "auto" stands for a number; one of a key that knows none is refused as a text
+        left = {k: AUTO for k, v in value.items() if v == "auto" and param_of(fields[k]).auto}
+        return fill(value | left, cls)
 
     return hook
 

@@ -8,7 +8,18 @@ else.
 """
 
 from .air import Air
-from .base import Discrete, Normal, Param, Settings, SpecError, param, param_of, with_files, within
+from .base import (
+    AUTO,
+    Discrete,
+    Normal,
+    Param,
+    Settings,
+    SpecError,
+    param,
+    param_of,
+    with_files,
+    within,
+)
 from .forest import Corners, Distance, Forest, Gaussian, Planting, Raster, Rows, Stems, Terrain
 from .lidar import (
     Airborne,
@@ -40,6 +51,7 @@ from .species import (
 )
 
 __all__ = [
+    "AUTO",
     "HORSESHOE_BAND",
     "MAX_REACH",
     "SENSORS",

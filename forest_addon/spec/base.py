@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 T = TypeVar("T", bound="Settings")
 
 
+AUTO = -1.0  # in place of a number: chosen by what the sensor can tell apart; files say "auto"
+
+
 class SpecError(ValueError):
     """A setting that cannot be used: ``key`` says where, the text says what and what to do."""
 
@@ -34,9 +37,13 @@ class Param:
         False  # it names a file, from the folder of the one that says so, or what is shipped
     )
     required: bool = False
+    auto: bool = False  # may be left to "auto"
 
     def allowed(self) -> str:
         """The allowed values in words."""
+        return self._range() + (', or "auto"' if self.auto else "")
+
+    def _range(self) -> str:
         if self.choices:
             return "one of " + ", ".join(f'"{c}"' for c in self.choices)
         unit = f" {self.unit}" if self.unit else ""
@@ -63,6 +70,7 @@ def param(
     le: float = math.inf,
     choices: tuple[str, ...] = (),
     file: bool = False,
+    auto: bool = False,
 ) -> Any:
     """A dataclass field with its unit, range and help; without a default it must be given."""
     known = Param(
@@ -74,6 +82,7 @@ def param(
         choices=choices,
         file=file,
         required=default is dataclasses.MISSING,
+        auto=auto,
     )
     return dataclasses.field(default=default, metadata={"param": known})
 
@@ -100,6 +109,8 @@ class Settings:
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            if param_of(field).auto and getattr(self, field.name) == "auto":
+                object.__setattr__(self, field.name, AUTO)
             _check(field.name, getattr(self, field.name), param_of(field))
         self.check()
 
@@ -141,6 +152,8 @@ def _check(key: str, value: Any, known: Param) -> None:
         if known.choices and value not in known.choices:
             raise SpecError(key, f'"{value}" is not known; use {known.allowed()}')
     elif isinstance(value, (int, float)):
+        if known.auto and value == AUTO:
+            return
         low = value > known.minimum if known.open_minimum else value >= known.minimum
         if not (low and value <= known.maximum and math.isfinite(value)):
             unit = f" {known.unit}" if known.unit else ""

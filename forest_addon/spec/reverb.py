@@ -163,6 +163,7 @@ class Reverb(Settings):
         help="relative error allowed to the sum over trunks; 0 sums every trunk and frequency",
         ge=0,
         le=0.01,
+        auto=True,
     )
     rescattering: int = param(
         0,

@@ -117,6 +117,7 @@ class Sonar(Settings):
         help="what together adds less than this share of all amplitudes may be left out",
         ge=0,
         le=0.1,
+        auto=True,
     )
     tolerance: float = param(
         1e-6,
@@ -124,6 +125,7 @@ class Sonar(Settings):
         "says what was reached",
         ge=0,
         le=0.01,
+        auto=True,
     )
     time_expansion: float = param(
         20.0, help="how many times slower the echo's WAV plays", ge=1, le=1000

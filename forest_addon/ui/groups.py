@@ -27,7 +27,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from ..spec import Param, Settings
+from ..spec import AUTO, Param, Settings
 from ..spec.choices import meaning_of, title_of
 from .fields import (
     LARGEST_INT,
@@ -234,7 +234,7 @@ def _limits(item: type, known: Param) -> dict[str, Any]:
     """Hard limits; a minimum that is not itself allowed is left to ``spec`` to refuse in words."""
     limits: dict[str, Any] = {}
     if math.isfinite(known.minimum):
-        limits["min"] = known.minimum
+        limits["min"] = AUTO if known.auto else known.minimum  # -1 is what files call "auto"
     if math.isfinite(known.maximum):
         limits["max"] = known.maximum
     if item is int:

@@ -9,6 +9,7 @@ from forest_addon import api as forest
 from forest_addon.blender.observe import Observer
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.toml_file import write_settings
+from forest_addon.sensing.choice import choose
 from forest_addon.spec import Reverb, Scanner, Scene, Sensor, Sonar, SpecError, Tractor
 
 from ..progress import Stages, hushed
@@ -46,8 +47,7 @@ def sweep_scene(path: Path, out: Path, error: float, seconds: float, say: Say = 
     _write(sweeps, out / "accuracy.csv")
     draw_sweeps(sweeps, chosen, out / "accuracy.png")
     better = tuple(
-        replace(sensor, **point.changes)
-        for sensor, point in zip(scene.sensors, chosen, strict=True)
+        replace(sweep.sensor, **point.changes) for sweep, point in zip(sweeps, chosen, strict=True)
     )
     write_settings(out / "recommended.toml", scene.changed(sensors=better))
     say(f"\nWrote {out / 'accuracy.png'}, accuracy.csv and recommended.toml.")
@@ -55,6 +55,7 @@ def sweep_scene(path: Path, out: Path, error: float, seconds: float, say: Say = 
 
 def sweep_sensor(sensor: Sensor, observer: Observer, scene: Scene, folder: Path = Path()) -> Sweep:
     """The sweep of one sensor."""
+    sensor, _ = choose(sensor)
     way = observer.way(sensor, folder)
     if isinstance(sensor, Tractor):
         return sweep_tractor(sensor, observer, scene)

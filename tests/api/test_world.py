@@ -47,6 +47,19 @@ def test_the_same_as_the_sensors_find(world):
     world.scene = SCENE
 
 
+def test_what_is_left_to_auto_is_chosen_and_said(world):
+    echo = world.ping(BAT.changed(tolerance="auto", cull="auto"))
+    assert [choice.key for choice in echo.chosen] == ["tolerance", "cull"]
+    assert echo.sensor.tolerance > 0
+    assert echo.audit.kept
+    assert echo.audit.allowed < 1e-3
+
+
+def test_what_grew_is_held_against_its_truth(world):
+    assert list(world.audit) == ["leaves"]
+    assert world.audit["leaves"].kept
+
+
 def test_truth_by_name(world):
     assert len(world.trees["height_m"]) == 2
     leaves = world.leaves

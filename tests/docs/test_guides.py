@@ -1,8 +1,13 @@
 """The tutorials' code runs as it is printed, in the order it stands, and the reference names every key."""
 
+import ast
 import dataclasses
 import importlib.util
+import json
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +15,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
+from forest_addon.formats.toml_file import write_settings
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = sorted(DOCS.glob("guide/*.md"))
@@ -50,3 +56,59 @@ def test_the_scene_file_page_has_every_key():
         for field in dataclasses.fields(group):
             assert f"| `{field.name}` |" in text
             assert spec.param_of(field).help.replace("|", "\\|") in text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("book", sorted(DOCS.glob("notebooks/*.ipynb")), ids=lambda p: p.stem)
+def test_a_notebooks_cells_run(book, tmp_path, monkeypatch, empty_blender):
+    """In order, without Jupyter; what a cell ends with is drawn as there."""
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pyplot.switch_backend("agg")
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    cells = json.loads(book.read_text(encoding="utf-8"))["cells"]
+    code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    assert code
+    for number, source in enumerate(code, 1):
+        tree = ast.parse(source)
+        last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+        exec(compile(tree, f"{book.name}, cell {number}", "exec"), names)
+        if last is not None:
+            shown = eval(compile(ast.Expression(last.value), book.name, "eval"), names)
+            if hasattr(shown, "_repr_html_"):
+                assert "<img" in shown._repr_html_()
+    pyplot.close("all")
+
+
+LINES = """
+from forest_addon import api as forest
+
+scene = forest.read("my.toml")
+world = forest.build(scene)
+world = forest.current()
+cloud = world.scan(forest.Terrestrial(position=(0, 0, 1.6), angle_step_deg=2))
+echo = world.ping(forest.Sonar(position=(3, 0, 1.5)))
+sound = world.impulse_response(forest.Reverb(source=(0, 0, 1.5), receiver=(9, 0, 1.5)))
+cloud.save("cloud.laz")
+print(cloud.audit)
+"""
+
+
+@pytest.mark.slow
+def test_a_script_in_plain_python(tmp_path):
+    """A process of its own that imports bpy when it must, and ends."""
+    bush = spec.Planting(species="hazelnut", variants=1, expected=3, exact=True)
+    write_settings(tmp_path / "my.toml", spec.Scene(seed=1, plantings=(bush,)))
+    (tmp_path / "lines.py").write_text(LINES, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "lines.py"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(DOCS.parent)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "rays by brute force in float64" in done.stdout
+    assert (tmp_path / "cloud.laz").stat().st_size > 1000

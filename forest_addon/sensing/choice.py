@@ -1,0 +1,62 @@
+"""What is left to "auto": tolerances as fine as a sensor and its model can tell apart, and no finer.
+
+A finer sum than the model of a leaf, or than what is cut off the end of a record, costs time and makes
+nothing truer. Each choice comes with a bound on what it may be off by and with its reason; the report and
+run.json hold both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TypeVar
+
+from ..spec import AUTO, Reverb, Settings, Sonar
+
+S = TypeVar("S", bound=Settings)
+
+TABLE = 1e-5  # of its value straight on, that the exact disc is looked up within
+FORMULA = 1e-4  # far below the per cents that physical optics and the paper's fit are off by
+CULLED = 10.0  # times the tolerance: what is left out is known by a bound far above the truth
+END = 10 ** (-75 / 20)  # a record ends where that is left of it
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A value that was left to "auto". bound : on the error that it makes, as a share. why : in words."""
+
+    key: str
+    value: float
+    bound: float
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.key} was left to auto: {self.value:.1e}, off by at most {self.bound:.1e} {self.why}."
+
+    def record(self) -> dict[str, float | str]:
+        """What stands in run.json."""
+        return asdict(self)
+
+
+def choose(sensor: S) -> tuple[S, tuple[Choice, ...]]:
+    """A sensor with nothing left to "auto", and what was chosen."""
+    made: tuple[Choice, ...] = ()
+    if isinstance(sensor, Sonar):
+        made = _of_sonar(sensor)
+    elif isinstance(sensor, Reverb) and sensor.tolerance == AUTO:
+        why = "of the whole; the record ends where so much is left of it"
+        made = (Choice("tolerance", END, END, why),)
+    return sensor.changed(**{choice.key: choice.value for choice in made}), made
+
+
+def _of_sonar(sonar: Sonar) -> tuple[Choice, ...]:
+    model, fine = f'the "{sonar.leaf_model}" leaf', FORMULA
+    if sonar.leaf_model == "exact":
+        model, fine = "the exact disc's table", TABLE
+    why = f"of all amplitudes; {model} is no truer"
+    made = []
+    if sonar.tolerance == AUTO:
+        made.append(Choice("tolerance", fine, fine, why))
+    if sonar.cull == AUTO:
+        value = CULLED * (fine if sonar.tolerance == AUTO else max(sonar.tolerance, fine))
+        made.append(Choice("cull", value, value, why))
+    return tuple(made)
