@@ -31,6 +31,7 @@ WHEN_USED = {
     "siblings": spec.Siblings(),
     "rules": spec.Rules(axiom="A", productions=("A -> F[+A][-A]/(90)A",)),
     "honda": spec.Honda(),
+    "inclination": spec.Inclination(),
 }
 
 

@@ -18,7 +18,7 @@ that intervals overlap, or what a row says. What does not agree stands here like
 TAIL = """\
 ## What was not measured
 
-- **Sonar.** No set of echoes of foliage with its leaves' positions was at hand; the echo model is held to exact
+- **Sonar.** No echoes of foliage with its leaves' positions were at hand; the echo model is held to exact
   waves on discs and facets ([sonar](sonar.md)), not to an animal's recording.
 - **Intensity of LiDAR** in absolute units: the clouds give digital numbers without calibration.
 - **Wind, rain, moving leaves**, and how they change from one scan to the next.
