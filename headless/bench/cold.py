@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -58,8 +59,7 @@ def _points() -> Job:
     process = Process(stand.KINDS["wide hills, thinned"](), np.zeros(2), np.full(2, stand.SIDE))
     process = process.scaled(1000 / process.expected())
 
-    def error(points: object) -> str:
-        assert isinstance(points, np.ndarray)
+    def error(points: Any) -> str:
         return f"{(len(points) - 1000) / np.sqrt(1000):+.1f} σ of the count"
 
     return lambda: sample(process, stream(2, "bench", "cold")), error
@@ -74,7 +74,7 @@ def _spaced() -> Job:
     rng = stream(4, "bench", "cold")
     points, mark, distance = rng.uniform(0, 100, (1000, 2)), rng.random(1000), 2.0
 
-    def error(keep: object) -> str:
+    def error(keep: Any) -> str:
         nearest = cKDTree(points[keep]).query(points[keep], 2)[0][:, 1]
         return f"{max(0.0, distance - float(nearest.min())):.0e} m too near"
 
@@ -92,13 +92,13 @@ def _tree(species: str) -> Callable[[], Job]:
         def call() -> object:
             return grow(*found, stream(5, "bench", "cold"))
 
-        def error(tree: object) -> str:
-            from forest_addon.growth.truth import volume_of, wood_of_mesh
+        def error(tree: Any) -> str:
+            from forest_addon.growth.truth import wood_of_mesh, wood_of_skeleton
 
-            if tree.grafted:  # type: ignore[attr-defined]
+            if tree.grafted:
                 return "-"
-            volume = wood_of_mesh(tree.mesh).volume  # type: ignore[attr-defined]
-            return f"{100 * (volume / volume_of(tree.skeleton) - 1):+.1f} % of the wood"  # type: ignore[attr-defined]
+            off = wood_of_mesh(tree.mesh).area / wood_of_skeleton(tree.skeleton).area - 1
+            return f"{100 * off:+.2f} % of the wood's surface"
 
         return call, error
 
@@ -111,9 +111,9 @@ def _echo(model: str, count: int) -> Callable[[], Job]:
         leaves = kernel._Leaves.random(model, count, "spread")
         start, spacing, bins = kernel.START, kernel.SPACING, kernel.BINS
 
-        def error(found: object) -> str:
+        def error(found: Any) -> str:
             exact = leaves.sum(0.0, start, spacing, bins)
-            gap = np.abs(found.spectrum - exact.spectrum).max()  # type: ignore[attr-defined]
+            gap = np.abs(found.spectrum - exact.spectrum).max()
             return f"{gap / exact.size:.0e} of Σ|A|"
 
         return lambda: leaves.sum(1e-5, start, spacing, bins), error
