@@ -33,6 +33,7 @@ PULSES = 1e6
 SUBRAYS, MANY = (1, 7, 19, 61), 397
 LEAVES, TRUNKS, RATE = 100_000, 100_000, 24e3
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+DIRECT = 1e-13  # of a direct sum, its rounding, about
 STEP = 0.0749  # m, that HELIOS++ rounds echoes to
 
 
@@ -133,7 +134,7 @@ def _sonar() -> list[Mark]:
         marks.append(Mark(f"ours, {tolerance:.0e}", seconds, error, ours=True))
     return [
         *marks,
-        Mark("ours, direct sum", few * LEAVES / 5000, 1e-13, ours=True),
+        Mark("ours, direct sum", few * LEAVES / 5000, DIRECT, ours=True),
         Mark("T20's code, Octave", 2 * 19.5, None),
     ]
 
@@ -147,7 +148,7 @@ def _reverb() -> list[Mark]:
     ]
     return [
         *ours,
-        Mark("direct sum in float64", 144.0, 1e-13),
+        Mark("direct sum in float64", 144.0, DIRECT),
         Mark("K's code, bins of 1° and 10 m", 1.45, (0.02, 0.06)),
     ]
 
@@ -176,7 +177,7 @@ def _draw(tasks: dict[str, list[Mark]]) -> Figure:
 def _panel(axes: Axes, marks: list[Mark]) -> None:
     from ..report.pictures import INK, LEAF_GREEN, RED
 
-    ours = sorted((m for m in marks if m.ours), key=lambda mark: mark.seconds)
+    ours = [mark for mark in marks if mark.ours]
     axes.plot([m.seconds for m in ours], [m.height for m in ours], "-", color=LEAF_GREEN, lw=1)
     unknown = 0
     for mark in marks:
@@ -190,11 +191,11 @@ def _panel(axes: Axes, marks: list[Mark]) -> None:
         if isinstance(mark.error, tuple):
             axes.plot([mark.seconds] * 2, mark.error, color=colour, lw=1)
         words = mark.name + (" (error not known)" if mark.height is None else "")
-        left = mark.seconds > 50
+        left = mark.seconds > 1000 or mark.height == DIRECT
         axes.annotate(
             words.removeprefix("ours, ") if mark.ours else words,
             (mark.seconds, height),
-            xytext=(-7 if left else 7, 0),
+            xytext=(-7 if left else 7, 0 if mark.ours or left else 7 if mark.seconds < 50 else -7),
             textcoords="offset points",
             fontsize=7,
             color=INK,
