@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-SECTIONS = ("growth", "stand", "lidar", "sonar", "reverb", "series")
+SECTIONS = ("growth", "stand", "lidar", "sonar", "reverb", "series", "frontier")
 ON_REQUEST = ("peers",)  # what needs other programs
 
 Say = Callable[[str], None]

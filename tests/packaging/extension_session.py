@@ -42,6 +42,7 @@ def main(archive: str, answer: str) -> None:
     tree = files_of(extension)
     with watched() as acts:
         pressed = press_every_button(Path(answer).parent / "results")
+        typed = type_in_the_console(Path(answer).parent / "cloud.laz")
     disabled = bpy.ops.preferences.addon_disable(module=MODULE)
     result = {
         "lacking": lacking,
@@ -51,6 +52,7 @@ def main(archive: str, answer: str) -> None:
         "wheels": wheels,
         "added": sorted(enabled - before),
         "pressed": pressed,
+        "typed": typed,
         "written": sorted(acts["written"]),
         "suspicious": sorted(acts["suspicious"]),
         "own_folder": bpy.utils.extension_path_user(MODULE),
@@ -143,6 +145,22 @@ def press_every_button(folder: Path) -> dict[str, list[str]]:
     pressed["files"] = sorted(file.name for file in folder.iterdir())
     bpy.ops.wm.read_homefile(use_factory_startup=True)
     return pressed
+
+
+def type_in_the_console(path: Path) -> dict[str, bool]:
+    """The Python API from the installed extension; whether each audit is within what was asked."""
+    forest = import_module(f"{MODULE}.forest_addon.api")
+    bush = forest.Planting(species="hazelnut", variants=1, expected=3, exact=True)
+    forest.build(forest.Scene(seed=1, plantings=(bush,)))
+    world = forest.current()
+    cloud = world.scan(forest.Terrestrial(position=(0, 0, 1.6), angle_step_deg=5))
+    echo = world.ping(forest.Sonar(position=(3, 0, 1.5), max_range=6))
+    clap = forest.Reverb(source=(0, 0, 1.5), receiver=(9, 0, 1.5), duration=0.1)
+    sound = world.impulse_response(clap)
+    cloud.save(path)
+    kept = {r.sensor.kind: bool(r.audit.kept) for r in (cloud, echo, sound)}
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    return kept | {"saved": path.stat().st_size > 500}
 
 
 def has(name: str) -> bool:

@@ -62,6 +62,10 @@ def test_every_button_works_after_installation(session):
     assert pressed["files"] == files
 
 
+def test_the_python_api_works_in_its_console(session):
+    assert session["typed"] == {"terrestrial": True, "sonar": True, "reverb": True, "saved": True}
+
+
 def test_disabling_leaves_nothing_behind(session):
     assert session["disabled"] == ["FINISHED"]
     assert not session["still_loaded"]
