@@ -14,6 +14,10 @@ from ..running import InOwnScene
 from ..words import say
 
 
+# What a new sensor has that is not the default, which keeps scenes of before as they were.
+NEW = {"reverb": {"model": "forest", "surface": "forest floor"}}
+
+
 class FOREST_OT_add_sensor(InOwnScene, bpy.types.Operator):
     """Add a sensor as an object: move it, turn it, parent it, key it"""
 
@@ -27,7 +31,7 @@ class FOREST_OT_add_sensor(InOwnScene, bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        settings = spec.SENSORS[self.kind]()
+        settings = spec.SENSORS[self.kind](**NEW.get(self.kind, {}))
         thing = add_sensor(context.scene, settings)
         if context.scene.cursor.location.length:
             shift = context.scene.cursor.location - thing.location
