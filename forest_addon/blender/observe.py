@@ -24,7 +24,10 @@ from ..sensing.rays.precision import rounding_warning
 from ..sensing.reverb import ends, slices
 from ..sensing.reverb import response as reverb
 from ..sensing.reverb.audit import audit_response
+from ..sensing.reverb.canopy import canopy_of
 from ..sensing.reverb.fast_scattering import Expansions
+from ..sensing.reverb.losses import Stand
+from ..sensing.reverb.surroundings import BARE, Canopy, surroundings
 from ..sensing.reverb.trunk_cuts import TrunkCuts
 from ..sensing.sonar import flight
 from ..sensing.sonar import ping as sonar
@@ -157,7 +160,16 @@ class Observer:
         pair = between.pairs[0]
         trunks = self._trunks_between(sensor, settings, between)(*pair)
         return audit_response(
-            found, trunks, *pair, sensor, settings.air, self.expansions, rng, seconds, share
+            found,
+            trunks,
+            *pair,
+            sensor,
+            settings.air,
+            self.expansions,
+            rng,
+            seconds,
+            share,
+            self._around(trunks, sensor, settings),
         )
 
     def _clap(
@@ -176,7 +188,24 @@ class Observer:
             field=(settings.forest.origin, settings.forest.size),
             expansions=self.expansions,
             progress=progress,
+            canopy=self._canopy(sensor, settings),
+            key=(settings.seed, "reverb", sensor.name),
         )
+
+    def _around(self, trunks: slices.Trunks, sensor: Reverb, settings: Scene) -> Stand | None:
+        """The stand that paths lose to, of a model ``forest``."""
+        if sensor.model != "forest":
+            return None
+        field = (settings.forest.origin, settings.forest.size)
+        return surroundings(trunks, sensor, field, self._canopy(sensor, settings)).stand
+
+    def _canopy(self, sensor: Reverb, settings: Scene) -> Canopy:
+        """Leaves and tops, as a model ``forest`` needs them."""
+        if sensor.model != "forest":
+            return BARE
+        source, receiver = ends.ends_of(sensor, self.places).pairs[0]
+        area = float(np.prod(settings.forest.size))
+        return canopy_of(self.geometry, (float(source[2]), float(receiver[2])), area)
 
     def _trunks_between(
         self, sensor: Reverb, settings: Scene, between: ends.Ends

@@ -18,9 +18,10 @@ from ..sensing.lidar.tractor import TractorScan
 from ..sensing.reverb.metrics import room_metrics
 from ..sensing.reverb.model_error import ModelError
 from ..sensing.reverb.response import ImpulseResponse
+from ..sensing.reverb.terms import terms_of
 from ..sensing.sonar.flight import Flight
 from ..sensing.sonar.ping import Echo
-from ..spec import Scanner, Sensor
+from ..spec import Reverb, Scanner, Sensor
 from ..stand.forest import Forest
 
 Finding = TractorScan | Cloud | Echo | Flight | ImpulseResponse
@@ -71,7 +72,8 @@ def figures_of(sensor: Sensor, found: Finding, trunks: int | None = None) -> lis
     if isinstance(found, Flight):
         pings = numbers("", "Pings", f"{len(found):,}")
         return [pings, *_of_echo(loudest(found), found.echoes)]
-    return _of_response(found, trunks)
+    of_model = _of_model(sensor) if isinstance(sensor, Reverb) else []
+    return [*_of_response(found, trunks), *of_model]
 
 
 def of_forest(forest: Forest) -> list[Figure]:
@@ -214,6 +216,17 @@ def _of_response(response: ImpulseResponse, trunks: int | None) -> list[Figure]:
         _passing("direct path", "Direct Path", [channel.direct_clear for channel in channels]),
         _passing("ground path", "Ground Path", [channel.ground_clear for channel in channels]),
         *_multiple_scattering(response.model_error),
+    ]
+
+
+def _of_model(sensor: Reverb) -> list[Figure]:
+    """What is in the model, and what is not."""
+    held, missing = terms_of(sensor)
+    name = {"paper": "K, single scattering", "forest": "forest"}[sensor.model]
+    return [
+        numbers("model", "", name),
+        numbers("in the model", "", "; ".join(held)),
+        numbers("not in the model", "", "; ".join(missing)),
     ]
 
 

@@ -203,8 +203,12 @@ def reverb_finding(
             if response.exact
             else f"Sum over trunks to a relative error of {sensor.tolerance:.0e}, in every octave."
         )
-        + " Single scattering itself is the larger error, and grows with the density of the stand"
-        " (rescattering = 100 measures it).",
+        + (
+            " Single scattering itself is the larger error, and grows with the density of the stand"
+            " (rescattering = 100 measures it)."
+            if sensor.model == "paper" or sensor.tail == "none"
+            else ""
+        ),
         "Reverberation time is read from -5 to -35 dB of the energy decay; C50 with the onset at "
         "-20 dB.",
     ]
@@ -213,6 +217,11 @@ def reverb_finding(
         for low, error in sorted(response.errors.items())
         if error > sensor.tolerance
     ]
+    if np.isfinite(response.joint):
+        notes.append(
+            f"From {response.joint:.2f} s on the trunks' sound is noise with the energy of transport: "
+            f"{100 * sensor.multiple_share:.0f} % of it was scattered more than once."
+        )
     if response.late:
         notes.append(
             f"The record ends before the sound: {response.late:,} trunks come later, with "
@@ -233,7 +242,12 @@ def reverb_finding(
         notes.append("The sound exceeds full scale; the WAV is 32-bit float and does not clip.")
     return Finding(
         f"Forest reverb: {sensor.name}",
-        f"The impulse response over {distance:.1f} m, from single scattering by trunks (K).",
+        f"The impulse response over {distance:.1f} m, "
+        + (
+            "from single scattering by trunks (K)."
+            if sensor.model == "paper"
+            else "from scattering by trunks with what a forest takes."
+        ),
         facts(figures_of(sensor, response, len(trunks.radius))),
         tuple(notes),
         picture,

@@ -34,7 +34,7 @@ Albert et al. (2015, JASA 138:735): 30 m paths in seven stands; only their rever
 KOLI = SoundPath(9.0, 1.5, 32e3, Air(temperature_c=16.0, humidity=75.0))
 ALBERT = SoundPath(30.0, 1.5, 8e3, Air(temperature_c=20.0, humidity=60.0))
 BANDS = np.array([500.0, 1000.0, 2000.0, 4000.0, 8000.0])
-STANDS, ABLATED = 12, 4
+STANDS, ABLATED = 8, 2
 T20_SHARE, C50_DB = 0.25, 3.0
 TABLE = Path(__file__).parents[2] / "assets" / "measured" / "koli_decay.csv"
 RECORDING = Path("koli") / "koli_summer_site1_4way_mono.wav"

@@ -39,11 +39,12 @@ class Decay:
 def decay_of(
     samples: np.ndarray, rate: float, bands: np.ndarray, left_db: np.ndarray | None = None
 ) -> Decay:
-    """Of an impulse response."""
+    """Of an impulse response; a band of 0 is the whole."""
     measures = room_metrics(samples, rate, left_db)
     rows = [int(np.flatnonzero(measures.band == band)[0]) for band in bands]
     start = onset(samples)
-    laws = np.array([_laws(octave(samples, rate, float(b)), rate, start) for b in bands])
+    parts = [octave(samples, rate, float(band)) if band else samples for band in bands]
+    laws = np.array([_laws(part, rate, start) for part in parts])
     return Decay(bands, measures.t20[rows], measures.c50[rows], *laws.T)
 
 

@@ -1,7 +1,7 @@
 """Sound-hard cylinders by the method of fundamental solutions: no multipoles, no addition theorem.
 
 Line sources on a circle within each cylinder, their strengths by least squares so that the pressure's
-normal derivative vanishes on the rims (Fairweather & Karageorghis 1998).
+normal derivative vanishes on the rims, or is what bark of an admittance lets through (Fairweather & Karageorghis 1998).
 """
 
 from __future__ import annotations
@@ -19,8 +19,12 @@ def scattered_mfs(
     source: np.ndarray,
     receiver: np.ndarray,
     points: int = 60,
+    admittance: float = 0.0,
 ) -> np.ndarray:
-    """(R,) scattered pressure of a line source H₀⁽¹⁾(kr), books' convention e^{-iωt}."""
+    """(R,) scattered pressure of a line source H₀⁽¹⁾(kr), books' convention e^{-iωt}.
+
+    admittance : β of the rims, ∂p/∂r = -ikβp.
+    """
     inner = np.linspace(0, 2 * np.pi, points, endpoint=False)
     rim = np.linspace(0, 2 * np.pi, 2 * points, endpoint=False) + 0.01
     sources, places, normals = [], [], []
@@ -34,7 +38,8 @@ def scattered_mfs(
         away = places[:, None] - start
         r = np.hypot(away[..., 0], away[..., 1])
         along = np.einsum("psi,pi->ps", away, normals) / r
-        return -wavenumber * special.hankel1(1, wavenumber * r) * along
+        own = 1j * wavenumber * admittance * special.hankel1(0, wavenumber * r)
+        return -wavenumber * special.hankel1(1, wavenumber * r) * along + own
 
     strength = np.linalg.lstsq(slope(sources), -slope(source[None])[:, 0], rcond=1e-14)[0]
     r = np.hypot(*(receiver[:, None] - sources).T).T

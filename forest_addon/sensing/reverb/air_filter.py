@@ -138,6 +138,6 @@ class AirFilter:
     def _loss_at(self, frequency: np.ndarray) -> np.ndarray:
         """Nepers per metre."""
         if self.losses is not None:
-            return self.losses.per_metre(frequency)
+            return self.losses.along(frequency)
         air = self.air
         return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)

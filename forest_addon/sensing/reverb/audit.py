@@ -16,6 +16,7 @@ from scipy import fft
 from ...spec import Air, Reverb
 from ..audit import Audit, sample
 from .fast_scattering import Expansions
+from .losses import Losses, Stand
 from .response import ImpulseResponse
 from .scattering import SPREAD, trunk_paths
 from .slices import Trunks
@@ -38,13 +39,17 @@ def audit_response(
     rng: np.random.Generator,
     seconds: float,
     share: float,
+    stand: Stand | None = None,
 ) -> Audit:
     """Of a response that took ``seconds``, at a cost of about ``share`` of that.
 
     trunks : of the first channel. expansions : what the response was made with.
+    stand : that paths lose to, of a model ``forest``.
     """
     ends = np.asarray(source)[:2], np.asarray(receiver)[:2]
-    paths = trunk_paths(trunks, *ends, reverb.strength, reverb.spreading, None)
+    losses = stand and Losses.of(reverb, air, stand, source, receiver)
+    upright = losses is not None
+    paths = trunk_paths(trunks, *ends, reverb.strength, reverb.spreading, None, upright)
     rate, allowed = reverb.sample_rate, max(reverb.tolerance, *found.errors.values(), 1e-12)
     count = min(len(found.samples), LONGEST)
     heard = np.flatnonzero(paths.earliest <= count / rate * air.speed())
@@ -52,11 +57,13 @@ def audit_response(
     def batches() -> Iterator[np.ndarray]:
         while len(heard):
             some = paths.select(np.sort(rng.permutation(heard)[:DRAWN]))
-            exact = direct_sum(some, rate, count + SPREAD, air)
+            exact = direct_sum(some, rate, count + SPREAD, air, None, losses)
             if found.exact:
                 yield octave_errors(exact, exact, rate)  # it is the direct sum itself
                 continue
-            fast = expansions.sum(some, rate, count + SPREAD, air, reverb.tolerance).samples
+            fast = expansions.sum(
+                some, rate, count + SPREAD, air, reverb.tolerance, losses
+            ).samples
             yield octave_errors(fast, exact, rate)
 
     checked = sample(batches(), share * seconds)

@@ -22,7 +22,7 @@ from scipy import fft, sparse
 from ...acoustics.kaiser_bessel import OVERSAMPLING, Kernel
 from ...spec import Air
 from .air_filter import AirFilter
-from .expansion import Layer, expand
+from .expansion import Layer, Sector, expand
 from .losses import Losses, loss_per_metre
 from .panel_sum import panel_spectrum
 from .path_gain import PathGain, Zone
@@ -242,17 +242,40 @@ class _LayerSum:
         if number not in self._filters:
             sector = self.layer.sector(number)
             self._filters[number] = self.air.undone(sector.filters, sector.lead)
-        spectra = fft.rfft(self._filters[number], size, axis=1)
+        filters = self._filters[number]
+        if gain is not None and zone is not None and self.step > 1:
+            spectra = self._low_spectra(self.layer.sector(number), size, gain, zone)
+        else:
+            spectra = fft.rfft(filters, size, axis=1)
         spectra[:, : math.floor(self.layer.lowest * size / self.rate)] = 0.0
         spectra /= self.kernel.transform(np.arange(size // 2 + 1) / (size * OVERSAMPLING))
-        if gain is not None and zone is not None:
-            frequency = np.arange(size // 2 + 1) * (self.rate / size)
-            gains = gain.filters(zone, frequency)
+        if gain is not None and zone is not None and self.step == 1:
+            gains = gain.filters(zone, np.arange(size // 2 + 1) * (self.rate / size))
             spectra = (spectra[:, None] * gains).reshape(-1, size // 2 + 1)
         spectra = spectra.astype(np.result_type(self.dtype, np.complex64), copy=False)
         if sum(each.nbytes for each in self._spectra.values()) + spectra.nbytes < MOST_KEPT:
             self._spectra[key] = spectra
         return spectra
+
+
+    def _low_spectra(
+        self, sector: Sector, size: int, gain: PathGain, zone: Zone
+    ) -> np.ndarray:
+        """(R·Q, size // 2 + 1) a sector's filters with a zone's; the air leaves both as they are.
+
+        At low frequencies the ground answers for so long that the air, by the time, would take from it.
+        """
+        beside = math.ceil(RINGING * self.rate)
+        count = sector.filters.shape[1] + 2 * beside
+        own = fft.next_fast_len(count + beside, real=True)
+        frequency = np.arange(own // 2 + 1) * (self.rate / own)
+        later = np.exp(-2j * math.pi * beside / self.rate * frequency)
+        joined = fft.rfft(sector.filters, own, axis=1)[:, None] * gain.filters(zone, frequency)
+        filters = fft.irfft((joined * later).reshape(-1, own // 2 + 1), own, axis=1)[:, :count]
+        spectra = fft.rfft(self.air.undone(filters, sector.lead + beside), size, axis=1)
+        bins = np.arange(size // 2 + 1)
+        spectra *= np.exp(2j * math.pi * beside / size * bins)
+        return np.asarray(spectra)
 
 
 def transform_size(least: int) -> int:

@@ -8,7 +8,7 @@ With x = r_s + r_r, H of ``acoustics/cylinder`` and P the pressure of K's units,
 
     P = √(x/(r_s·r_r))/x · H(f, φ) · g(f, x) · e^{-(b(f) + κ(f))x - ikx}
 
-κ : air aside, what trunks and leaves take (``extinction``, ``foliage``), nepers per metre. g : the ground,
+b : what air and leaves take, κ : what other trunks take (``extinction``), nepers per metre. g : the ground,
 
     g = (x/R₁)·e^{-ik(R₁ - x)} + e^{i·acos Γ}·Q·(x/R₂)·e^{-ik(R₂ - x)},  R = √(x² + (z_s ∓ z_r)²),
 
@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy import special
@@ -35,8 +36,8 @@ from ...spec import Air, Reverb
 from .slices import Trunks
 
 LOWEST = 1.0  # Hz; below it, the ground is as it is there
-NEAR = 64.0  # m of path, up to which both ways to the ground are told apart
-SIZES = 256  # frequencies at which the extinction is computed
+NEAR = 256.0  # m of path, up to which both ways to the ground are told apart
+SIZES, SMALLEST = 256, 1e-3  # ka at which the extinction is computed, and the first of them
 MOST_RADII = 24  # radii that stand for all
 UNEVEN = 0.2  # standard deviation of trunks' heights over their mean
 
@@ -110,32 +111,27 @@ class Losses:
         """(F,) nepers of amplitude per metre that leaves take."""
         return foliage_loss(frequency, self.stand.leaf_area_density, self.leaf_absorption)
 
-    def per_metre(self, frequency: np.ndarray) -> np.ndarray:
-        """(F,) b + κ, nepers of amplitude."""
-        found: np.ndarray = self.along(frequency) + 0.5 * self.removed(frequency)
-        return found
-
     def removed(self, frequency: np.ndarray) -> np.ndarray:
-        """(F,) share of a sound's energy that trunks take out of it per metre, by ``extinction``."""
+        """Share of a sound's energy that trunks take out of it per metre, by ``extinction``."""
         if self.extinction == "none" or not self.stand.radii or self.stand.density == 0:
-            return np.zeros(len(frequency))
-        highest = max(float(np.max(frequency, initial=0.0)), 2.0)
-        some = np.geomspace(1.0, highest, SIZES)
-        wavenumber = 2.0 * math.pi * some / self.air.speed()
+            return np.zeros(np.shape(frequency))
         radii = np.array(self.stand.radii)
-        found = cross_sections(np.outer(wavenumber, radii).ravel(), self.bark)
-        widths = found.energy if self.extinction == "energy" else found.extinction
-        mean = (widths.reshape(SIZES, -1) * radii).mean(axis=1) * self.stand.density
-        taken: np.ndarray = np.exp(
-            np.interp(np.log(np.maximum(frequency, 1.0)), np.log(some), np.log(mean))
-        )
-        return np.where(frequency > 0, taken, 0.0)
+        wavenumber = 2.0 * math.pi * np.maximum(np.asarray(frequency), 0.0) / self.air.speed()
+        highest = max(float(wavenumber.max(initial=0.0)) * float(radii.max()), 1.0)
+        size, width = _widths(2.0 ** math.ceil(math.log2(highest)), self.bark, self.extinction)
+        total: np.ndarray = np.zeros(np.shape(frequency))
+        for radius in radii:
+            ka = np.maximum(wavenumber * radius, SMALLEST)
+            total = total + radius * np.exp(np.interp(np.log(ka), size, width))
+        return np.where(wavenumber > 0, total * self.stand.density / len(radii), 0.0)
 
     @property
     def everywhere(self) -> Losses:
-        """What ``per_metre`` depends on: the same for all ends."""
+        """What ``along`` and H depend on: the same for all ends."""
         return replace(
             self,
+            stand=Stand(leaf_area_density=self.stand.leaf_area_density),
+            extinction="none",
             source_height=0.0,
             receiver_height=0.0,
             ground=False,
@@ -146,22 +142,34 @@ class Losses:
         )
 
     @property
+    def unthinned(self) -> Losses:
+        """The same where trunks take nothing: transport has that already."""
+        return replace(self, extinction="none")
+
+    @property
     def passes(self) -> bool:
         """Whether ``gain`` is 1 everywhere."""
         level = self.source_height == self.receiver_height
-        return level and not self.ground and self.stand.trunk_height == 0
+        none = self.extinction == "none" or self.stand.density == 0
+        return level and none and not self.ground and self.stand.trunk_height == 0
 
-    def gain(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
-        """g with the trunks' ends, and with what is lost over R - x; the arguments broadcast."""
-        found = self.of_ground(frequency, length)
-        if self.stand.trunk_height > 0:
-            found = found * self.of_ends(frequency, length)
-        return found
+    def gain(
+        self, frequency: np.ndarray, length: np.ndarray, detours_lose: bool = True
+    ) -> np.ndarray:
+        """g·e^{-κx} with the trunks' ends, and what is lost over R - x; the arguments broadcast.
 
-    def of_ground(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
+        detours_lose : False where what is lost per metre is taken off by the time of arrival.
+        """
+        return self.of_ground(frequency, length, detours_lose) * self._of_trunks(frequency, length)
+
+    def of_ground(
+        self, frequency: np.ndarray, length: np.ndarray, detours_lose: bool = True
+    ) -> np.ndarray:
         """g of the ground alone, which the direct sound has too."""
         wavenumber = 2.0 * math.pi * frequency / self.air.speed()
-        loss = self.per_metre(np.ravel(frequency)).reshape(np.shape(frequency))
+        loss: np.ndarray | float = 0.0
+        if detours_lose:
+            loss = self.along(np.asarray(frequency))
         found = 0.0
         for rise in self.rises:
             carried = np.exp(-(loss + 1j * wavenumber) * self.detour(length, rise))
@@ -208,11 +216,15 @@ class Losses:
         )
 
     def near_share(self, frequency: np.ndarray, length: np.ndarray, rise: float) -> np.ndarray:
-        """The same with the trunks' ends."""
-        found = self.share(frequency, length, rise)
+        """The same with the trunks' ends, and e^{-κx}."""
+        return self.share(frequency, length, rise) * self._of_trunks(frequency, length)
+
+    def _of_trunks(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
+        """What other trunks take, and what trunks' ends leave."""
+        found = np.exp(-0.5 * self.removed(frequency) * length)
         if self.stand.trunk_height > 0:
             found = found * self.of_ends(frequency, length)
-        return found
+        return np.asarray(found)
 
     def _turned(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
         """e^{i·acos Γ}: what one state of the air does to the ground's path."""
@@ -248,10 +260,18 @@ class Losses:
 
 
 def loss_per_metre(frequency: np.ndarray, air: Air, losses: Losses | None) -> np.ndarray:
-    """(F,) nepers of amplitude that the air takes, or all that is lost per metre."""
+    """(F,) nepers of amplitude that the air takes, and leaves."""
     if losses is not None:
-        return losses.per_metre(frequency)
+        return losses.along(frequency)
     return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
+
+
+@lru_cache(maxsize=16)
+def _widths(highest: float, bark: float, extinction: str) -> tuple[np.ndarray, np.ndarray]:
+    """Logarithms of sizes ka, and of what trunks of them take out, over the radius."""
+    size = np.geomspace(SMALLEST, 1.001 * highest, SIZES)
+    found = cross_sections(size, bark)
+    return np.log(size), np.log(found.energy if extinction == "energy" else found.extinction)
 
 
 def stand_of(trunks: Trunks, area: float, leaf_area_density: float, trunk_height: float) -> Stand:

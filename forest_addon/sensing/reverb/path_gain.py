@@ -1,7 +1,6 @@
 """A gain of frequency and path length as a short sum of products, for the fast sums.
 
-``losses.Losses.gain``, g(f, x), goes in. In zones of the path's length, each some times as far as it is
-near,
+``losses.Losses.gain``, g(f, x), goes in. In octaves of the path's length,
 
     g(f, x) ≈ Σ_q g(f, x_q)·ℓ_q(x),
 
@@ -24,7 +23,6 @@ from .field_table import series
 from .losses import NEAR, Losses
 
 FIRST_FAR = round(math.log2(NEAR))
-FAR = 8.0  # ratio of a zone's ends beyond NEAR; below it, 2
 TRIED = 24  # frequencies at which a zone's nodes are counted
 MOST = 1024
 SHARE = 0.3  # of the tolerance
@@ -71,11 +69,9 @@ class PathGain:
 
     def filters(self, zone: Zone, frequency: np.ndarray) -> np.ndarray:
         """(Q, F) of a zone's terms, where what is lost per metre is taken off later, by the time."""
-        found = zone.values(frequency, zone.nodes[:, None])
         if zone.low >= NEAR:
-            late = self.losses.detour(zone.nodes, self.losses.rises[-1])
-            found = found * np.exp(np.outer(late, self.losses.per_metre(frequency)))
-        return found
+            return self.losses.gain(frequency, zone.nodes[:, None], detours_lose=False)
+        return zone.values(frequency, zone.nodes[:, None])
 
     def at(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
         """(M, F) g of paths at a few frequencies."""
@@ -86,15 +82,14 @@ class PathGain:
             part = zone.lagrange(length[rows]) @ values
             if zone.high <= NEAR and zone.rise > 0:
                 detour = self.losses.detour(length[rows], zone.rise)
-                part *= np.exp(-np.outer(detour, self.losses.per_metre(frequency) + 1j * wavenumber))
+                part *= np.exp(-np.outer(detour, self.losses.along(frequency) + 1j * wavenumber))
             found[rows] += part
         return found
 
     def _zone(self, number: int, rise: float) -> Zone:
         if (number, rise) not in self._zones:
             near = number < FIRST_FAR
-            low = 2.0**number if near else NEAR * FAR ** (number - FIRST_FAR)
-            ratio = 2.0 if near else FAR
+            low, ratio = 2.0**number, 2.0
             values: Values = self.losses.gain
             if near:
                 values = partial(self.losses.near_share, rise=rise)
@@ -112,7 +107,8 @@ class PathGain:
             size = np.abs(series(values[:, :, None], 0)[:, :, 0])
             tail = np.cumsum(size[::-1], axis=0)[::-1]
             allowed = SHARE * self.tolerance * np.sqrt(np.mean(np.abs(values) ** 2, axis=0))
-            needed = int(np.flatnonzero((tail > allowed).any(axis=1))[-1]) + 2
+            large = np.flatnonzero((tail > allowed).any(axis=1))
+            needed = int(large[-1]) + 2 if len(large) else 1
             if needed <= 0.75 * count or count >= MOST:
                 break
             count *= 2
@@ -122,8 +118,6 @@ class PathGain:
 
 
 def _number(length: np.ndarray) -> np.ndarray:
-    """(M,) zone of each length: octaves up to NEAR, then wider."""
-    near = np.floor(np.log2(length))
-    beyond = FIRST_FAR + np.floor(np.log(length / NEAR) / math.log(FAR))
-    number: np.ndarray = np.where(length < NEAR, near, beyond).astype(np.int64)
+    """(M,) zone of each length: its octave."""
+    number: np.ndarray = np.floor(np.log2(length)).astype(np.int64)
     return number

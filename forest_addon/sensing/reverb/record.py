@@ -60,7 +60,7 @@ def arrival_energies(
     if losses is not None and len(paths.length):
         length = np.geomspace(paths.length.min(), paths.length.max() * 1.001, LENGTHS)
         besides = losses.mean_square(band[:, None], length)
-        besides *= np.exp(-2.0 * np.outer(losses.per_metre(band) - loss, length))
+        besides *= np.exp(-2.0 * np.outer(losses.along(band) - loss, length))
         for row, gain in zip(energies, besides, strict=True):
             row *= np.interp(paths.length, length, gain)
     unscattered = np.array(

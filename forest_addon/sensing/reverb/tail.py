@@ -96,7 +96,7 @@ class Tail:
         energy = np.exp((1.0 - share) * wanted[low] + share * wanted[low + 1]).T  # (X, F)
         slope = np.minimum(frequency / self.band[0], 1.0) ** 3  # as Rayleigh's law, below the bands
         lost = np.exp(-2.0 * np.outer(length, self.losses.along(frequency)))
-        return energy * slope * lost * self.losses.mean_square(frequency, length[:, None])
+        return energy * slope * lost * self.losses.unthinned.mean_square(frequency, length[:, None])
 
 
 def tail_of(
@@ -142,7 +142,7 @@ def _joint(tail: Tail, share: float) -> float:
     length = tail.energy[0].middle
     once, again = tail.energies(length)
     lost = np.exp(-2.0 * np.outer(tail.losses.along(tail.band), length))
-    weight = tail.band[:, None] * lost * tail.losses.mean_square(tail.band[:, None], length)
+    weight = tail.band[:, None] * lost * tail.losses.unthinned.mean_square(tail.band[:, None], length)
     several = (weight * again).sum(axis=0)
     whole = several + (weight * once).sum(axis=0)
     below = np.flatnonzero(several <= share * whole)

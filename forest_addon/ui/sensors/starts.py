@@ -120,7 +120,9 @@ def _bat(around: Around) -> spec.Sensor:
 
 def _reverb(around: Around) -> spec.Sensor:
     x, y, z = around.raised(1.5)
-    return spec.Reverb(source=(x, y, z), receiver=(x + 9.0, y, z))
+    return spec.Reverb(  # the defaults are the paper's, so that scenes of before stay as they were
+        source=(x, y, z), receiver=(x + 9.0, y, z), model="forest", surface="forest floor"
+    )
 
 
 STARTS: dict[str, Start] = {

@@ -1,0 +1,30 @@
+"""What a reverb's settings put into its model and what they leave out, in words."""
+
+from __future__ import annotations
+
+from ...spec import Reverb
+
+NEVER = (
+    "diffraction around trunks and edges",
+    "branches and crowns that scatter",
+    "refraction by wind and temperature",
+)
+
+
+def terms_of(reverb: Reverb) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What is in the model, and what is not."""
+    forest = reverb.model == "forest"
+    terms = {
+        "trunks that scatter once, exactly": True,
+        "absorption of the air": True,
+        "the ground under the direct sound": True,
+        "the ground under every path by way of trunks": forest and reverb.path_ground,
+        "what trunks scatter out of a path": forest and reverb.extinction != "none",
+        "sound scattered more than once, as energy": forest and reverb.tail == "transport",
+        "turbulence": forest and reverb.turbulence > 0,
+        "bark that absorbs": forest and reverb.bark > 0,
+        "leaves that absorb": forest and reverb.foliage and reverb.leaf_absorption > 0,
+        "trunks' ends": forest,
+    }
+    held = tuple(name for name, is_in in terms.items() if is_in)
+    return held, tuple(name for name, is_in in terms.items() if not is_in) + NEVER
