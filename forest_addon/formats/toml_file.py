@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import typing
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -122,6 +123,7 @@ def _urgency(problem: BaseException) -> int:
     return 1 if isinstance(problem, KeyError) else 0
 
 
+@lru_cache(maxsize=8)  # it writes its own code, which takes longer than a scene file
 def _converter(folder: Path) -> Any:
     from cattrs import Converter
 

@@ -38,15 +38,17 @@ def areas_by_cell(
     ``parts``.
     edge : of a cell, metres.
     """
-    at = np.floor(vertices / edge).astype(np.int64)  # most triangles have all corners in one cell
+    vertices = vertices / edge  # in edges: walls are whole numbers, which are exact
+    at = np.floor(vertices).astype(np.int64)  # most triangles have all corners in one cell
     low = np.array([column.min(initial=0) for column in at.T])
     size = [int(column.max(initial=0)) - least + 1 for column, least in zip(at.T, low, strict=True)]
     key = np.ravel_multi_index(tuple((at - low).T), tuple(size)) if len(at) else at[:, 0]
     found = []
     for first in range(0, len(triangles), AT_ONCE):
         rows = slice(first, first + AT_ONCE)
-        found.append(_areas(vertices, triangles[rows], part[rows], parts, edge, (key, at)))
-    return join_areas(found, parts)
+        found.append(_areas(vertices, triangles[rows], part[rows], parts, (key, at)))
+    whole = join_areas(found, parts)
+    return CellAreas(whole.cell, whole.area * edge**2)
 
 
 def join_areas(found: list[CellAreas], parts: int) -> CellAreas:
@@ -63,18 +65,17 @@ def _areas(
     triangles: np.ndarray,
     part: np.ndarray,
     parts: int,
-    edge: float,
     cells: tuple[np.ndarray, np.ndarray],
 ) -> CellAreas:
     key, at = cells
     a, b, c = np.ascontiguousarray(triangles.T)
     apart = np.flatnonzero((key[a] != key[b]) | (key[a] != key[c]))
     within = np.flatnonzero((key[a] == key[b]) & (key[a] == key[c]))
-    pieces, source = cut(vertices[triangles[apart]], edge)
+    pieces, source = cut(vertices[triangles[apart]])
     cell = np.concatenate(
         [
             at[a[within]],
-            np.floor((pieces[:, 0] + pieces[:, 1] + pieces[:, 2]) / (3 * edge)).astype(np.int64),
+            np.floor((pieces[:, 0] + pieces[:, 1] + pieces[:, 2]) / 3).astype(np.int64),
         ]
     )
     size = np.concatenate(
@@ -105,22 +106,20 @@ def _sum(cell: np.ndarray, area: np.ndarray) -> CellAreas:
     return CellAreas(cell[order[first]], np.add.reduceat(area[order], first, axis=0))
 
 
-def cut(corners: np.ndarray, edge: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pieces (N, 3, 3) of triangles (T, 3, 3), each within one cell, and (N,) which triangle each is of."""
+def cut(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pieces (N, 3, 3) of triangles (T, 3, 3), each within one cell of edge 1, and (N,) of which triangle."""
     pieces, source = np.asarray(corners, np.float64), np.arange(len(corners))
     for axis in range(3):
         done: list[tuple[np.ndarray, np.ndarray]] = []
         while len(pieces):
             along = pieces[:, :, axis]
             one, two, three = along[:, 0], along[:, 1], along[:, 2]
-            first = np.floor(np.minimum(np.minimum(one, two), three) / edge)
-            last = np.ceil(
-                np.maximum(np.maximum(one, two), three) / edge
-            )  # at or beyond the far end
+            first = np.floor(np.minimum(np.minimum(one, two), three))
+            last = np.ceil(np.maximum(np.maximum(one, two), three))  # at or beyond the far end
             whole = last - first <= 1
             done.append((pieces[whole], source[whole]))
             pieces, source = pieces[~whole], source[~whole]
-            wall = (np.floor((first + last) / 2))[~whole] * edge
+            wall = np.floor((first + last) / 2)[~whole]
             pieces, source = _split(pieces, source, axis, wall)
         pieces = np.concatenate([p for p, _ in done]) if done else pieces
         source = np.concatenate([s for _, s in done]) if done else source
