@@ -8,6 +8,7 @@ else.
 """
 
 from .air import Air
+from .allometry import Allometry, Law
 from .base import Discrete, Normal, Param, Settings, SpecError, param, param_of, with_files, within
 from .forest import Corners, Distance, Forest, Gaussian, Planting, Raster, Rows, Stems, Terrain
 from .lidar import (
@@ -46,6 +47,7 @@ __all__ = [
     "Accuracy",
     "Air",
     "Airborne",
+    "Allometry",
     "Beam",
     "Corners",
     "Detail",
@@ -56,6 +58,7 @@ __all__ = [
     "Grammar",
     "Honda",
     "Jitter",
+    "Law",
     "Leaf",
     "Look",
     "Mobile",

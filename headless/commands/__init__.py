@@ -1,6 +1,7 @@
 """The commands of ``python -m headless``, a file each, in the order of its help."""
 
 from .accuracy import Accuracy
+from .allometry import Allometry
 from .bench import Bench
 from .convolve import Convolve
 from .demo import Demo
@@ -16,6 +17,6 @@ from .template import Template
 
 COMMANDS = (
     *(Run(), Demo(), Accuracy(), Bench()),
-    *(Derive(), Template(), Species(), Stand(), Estimate()),
+    *(Derive(), Template(), Species(), Stand(), Estimate(), Allometry()),
     *(Lidar(), Simlidar(), Convolve(), ReverbFigures()),
 )
