@@ -10,6 +10,7 @@ else.
 from .air import Air
 from .allometry import Allometry, Law
 from .base import Discrete, Normal, Param, Settings, SpecError, param, param_of, with_files, within
+from .crown import Crown, Needles, Targets
 from .forest import Corners, Distance, Forest, Gaussian, Planting, Raster, Rows, Stems, Terrain
 from .lidar import (
     Airborne,
@@ -50,6 +51,7 @@ __all__ = [
     "Allometry",
     "Beam",
     "Corners",
+    "Crown",
     "Detail",
     "Discrete",
     "Distance",
@@ -63,6 +65,7 @@ __all__ = [
     "Look",
     "Mobile",
     "MovingScanner",
+    "Needles",
     "Noise",
     "Normal",
     "Output",
@@ -85,6 +88,7 @@ __all__ = [
     "Species",
     "Stems",
     "Surfaces",
+    "Targets",
     "Template",
     "Terrain",
     "Terrestrial",

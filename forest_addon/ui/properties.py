@@ -50,7 +50,16 @@ def _make_groups() -> dict[type, type]:
     groups: dict[type, type] = {}
     held = (spec.Distance, spec.Terrain, spec.Gaussian, spec.Raster, spec.Rows)
     of_species = (spec.Normal, spec.Discrete, spec.Grammar, spec.Jitter, spec.Template, spec.Look)
-    of_trees = (spec.Rules, spec.Honda, spec.Siblings, spec.Leaf, spec.Detail, spec.Species)
+    measured = (spec.Targets, spec.Crown, spec.Needles)
+    of_trees = (
+        spec.Rules,
+        spec.Honda,
+        spec.Siblings,
+        spec.Leaf,
+        spec.Detail,
+        *measured,
+        spec.Species,
+    )
     of_sensors = (spec.Beam, spec.Surfaces, spec.Noise, spec.Pose, spec.Place)
     of_scene = (spec.Forest, spec.Planting, spec.Stems, spec.Air, spec.Rays, spec.Accuracy)
     plain = (*held, *of_species, *of_trees, *of_sensors, *of_scene)
