@@ -1,7 +1,8 @@
 """Lists of trees to plant, as CSV: x and y, and any of species, scale, rotation (radians) and measures.
 
-Measures are dbh, height, crown_width and crown_base in metres, and leaf_area in m². The same columns that ``stand`` and ``run`` write, so what they wrote can be planted again. A cell that is
-left empty is drawn.
+Measures are dbh, height, crown_width and crown_base in metres, and leaf_area in m²; they count where trees
+are grown to measure. The same columns that ``stand`` and ``run`` write, so what they wrote can be planted
+again. A cell that is left empty is drawn.
 """
 
 from __future__ import annotations

@@ -54,7 +54,9 @@ def shoot_of(needles: Needles, length: float) -> Shoot:
     count = needles.blades
     if not count or count >= needles.count:
         return Shoot(*full, area, shadow)
-    width = wide * needles.count / count * shadow / (area / 2)  # as if they hid nothing of each other
+    width = (
+        wide * needles.count / count * shadow / (area / 2)
+    )  # as if they hid nothing of each other
     for _ in range(4):
         found = mean_shadow(*_strips(count, reach, width, needles.angle_deg))
         width *= (shadow / found) ** 1.2
