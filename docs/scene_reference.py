@@ -45,6 +45,7 @@ SPECIES: list[tuple[str, type[spec.Settings]]] = [
     ("[honda]", spec.Honda),
     ("[jitter]", spec.Jitter),
     ("[leaf]", spec.Leaf),
+    ("[inclination]", spec.Inclination),
     ("[detail]", spec.Detail),
     ("[look]", spec.Look),
     ("A distribution: { mean, sd, low, high }", spec.Normal),

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+from scipy.special import betaincinv, ndtr, ndtri
 
 from ..rng import keyed_uniform
-from ..spec import Discrete, Normal
+from ..spec import Discrete, Inclination, Normal
 
 
 def draw_normal(spread: Normal, keys: np.ndarray, purpose: str) -> np.ndarray:
@@ -31,3 +31,15 @@ def mean_of(choice: Discrete) -> float:
     """The expected number."""
     weights = np.array(choice.weights or (1.0,) * len(choice.values))
     return float(np.dot(weights, choice.values) / weights.sum())
+
+
+def draw_inclination(spread: Inclination, keys: np.ndarray) -> np.ndarray:
+    """(N,) angles between a leaf and the horizontal, radians, one a key."""
+    share = keyed_uniform(keys, "inclination")
+    if spread.shares:
+        below = np.concatenate([[0.0], np.cumsum(spread.shares)])
+        classes = np.linspace(0.0, np.pi / 2, len(below))
+        return np.asarray(np.interp(share, below / below[-1], classes))
+    mean, spare = spread.mean_deg / 90, (spread.sd_deg / 90) ** 2
+    both = mean * (1 - mean) / spare - 1  # the sum of the beta distribution's two parameters
+    return np.asarray(np.pi / 2 * betaincinv(mean * both, (1 - mean) * both, share))

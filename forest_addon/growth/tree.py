@@ -16,8 +16,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..rng import truncated_normal
+from ..rng import daughter_keys, truncated_normal
 from ..spec import Siblings, Species
+from .draw import draw_inclination
 from .lsystem.grammar import string_of
 from .lsystem.turtle import interpret
 from .measured.meet import grow_measured
@@ -27,6 +28,7 @@ from .measured.wanted import Kind, Wanted, one_tree
 from .mesh.axes import first_level
 from .mesh.blades import SHAPES, Blade, lay, thin_leaves, truth_of
 from .mesh.edges import repeated_edges
+from .mesh.incline import incline_leaves, incline_sites
 from .mesh.leaves import Leaves, join_leaves
 from .mesh.meshing import mesh_wood
 from .mesh.trimesh import WOOD, TriMesh, join
@@ -106,7 +108,8 @@ def _sibling(species: Species, habit: Habit, rng: np.random.Generator) -> Tree:
     """A tree like the template's, of its own pieces."""
     siblings = species.siblings or Siblings()
     grown = grow_sibling(habit, siblings, int(rng.integers(2**63)))
-    mesh, leaves = mesh_of(habit.anatomy, grown, siblings.variety)
+    hung = mesh_of(habit.anatomy, grown, siblings.variety)
+    mesh, leaves = _inclined(species, *hung, rng)
     return Tree(mesh, leaves, skeleton_of_grown(grown))
 
 
@@ -120,6 +123,9 @@ def _whole(
     else:
         met = grow_measured(species, wanted, blade, rng)
         skeleton, sites, missed = met.skeleton, met.sites, met.missed
+    if species.inclination is not None and len(sites):
+        angle = draw_inclination(species.inclination, _leaf_keys(len(sites), rng))
+        sites = incline_sites(sites, angle)
     sites = thin_leaves(sites, species.detail.leaves, rng)
     bearer = np.maximum(sites.segment, 0)
     known = sites.segment >= 0
@@ -140,13 +146,31 @@ def _grafted(species: Species, template: TreeTemplate, rng: np.random.Generator)
     scions = _scions(template)
     chosen = _choose(len(sites), len(scions), rng)
     roll = np.deg2rad(15.0) * truncated_normal(rng, len(sites))
-    branches, truths = [], []
+    branches, truths, feet = [], [], []
     for number, (pick, site, turn) in enumerate(zip(chosen, sites, roll, strict=True)):
-        branch, truth = graft(scions[pick], site, species.jitter.leaf_size, turn, rng)
+        branch, truth, foot = graft(scions[pick], site, species.jitter.leaf_size, turn, rng)
         branches.append(branch)
+        feet.append(foot)
         truths.append(replace(truth, branch=np.full(len(truth), number, dtype=np.int32)))
     mesh = join([_trunk_mesh(skeleton, trunk), *branches])
-    return Tree(mesh, join_leaves(truths), _first_levels(skeleton))
+    mesh, leaves = _inclined(species, mesh, join_leaves(truths), np.concatenate(feet), rng)
+    return Tree(mesh, leaves, _first_levels(skeleton))
+
+
+def _inclined(
+    species: Species, mesh: TriMesh, leaves: Leaves, foot: np.ndarray, rng: np.random.Generator
+) -> tuple[TriMesh, Leaves]:
+    """Mesh and leaves, inclined as the species says."""
+    if species.inclination is None or not len(leaves):
+        return mesh, leaves
+    wanted = draw_inclination(species.inclination, _leaf_keys(len(leaves), rng))
+    return incline_leaves(mesh, leaves, foot, wanted)
+
+
+def _leaf_keys(count: int, rng: np.random.Generator) -> np.ndarray:
+    """A key for each leaf of a tree."""
+    own = np.full(count, rng.integers(2**63), np.uint64)
+    return daughter_keys(own, np.arange(count))
 
 
 @lru_cache(maxsize=16)

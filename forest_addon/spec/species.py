@@ -257,6 +257,34 @@ class Leaf(Settings):
         within("angle_deg", self.angle_deg, 0, 180)
 
 
+class Inclination(Settings):
+    """How leaves incline: the distribution of the angle between a leaf and the horizontal, 0 to 90°.
+
+    A beta distribution of this mean and standard deviation (Goel & Strahler 1984), or shares as measured.
+    """
+
+    mean_deg: float = param(45.0, unit="deg", help="mean inclination of the leaves", gt=0, le=89)
+    sd_deg: float = param(18.0, unit="deg", help="its standard deviation", gt=0, le=44)
+    shares: tuple[float, ...] = param(
+        (),
+        help="how many leaves in each of as many equal classes from 0° to 90°, relative to the others; "
+        "in place of mean and deviation",
+        ge=0,
+        le=1e9,
+    )
+
+    def check(self) -> None:
+        if self.shares and sum(self.shares) <= 0:
+            raise SpecError("shares", "are all zero; make one larger")
+        widest = (self.mean_deg * (90 - self.mean_deg)) ** 0.5
+        if not self.shares and self.sd_deg >= 0.99 * widest:
+            raise SpecError(
+                "sd_deg",
+                f"{self.sd_deg:g} is too wide for a mean of {self.mean_deg:g}; use at most "
+                f"{0.98 * widest:.3g}",
+            )
+
+
 class Detail(Settings):
     """How finely a tree without a template is meshed."""
 
@@ -292,6 +320,10 @@ class Species(Settings):
     needles: Needles | None = param(None, help="shoots of needles in place of leaves")
     jitter: Jitter = param(Jitter(), help="natural variation around the grammar")
     leaf: Leaf = param(Leaf(), help="leaves, where there is no template")
+    inclination: Inclination | None = param(
+        None,
+        help="how leaves incline, whatever bears them; left out: as they grow on their branches",
+    )
     detail: Detail = param(Detail(), help="level of detail, where there is no template")
     look: Look = param(Look(), help="colours")
 

@@ -35,6 +35,7 @@ WHEN_USED = {
     "targets": spec.Targets(),
     "needles": spec.Needles(),
     "dbh": spec.Normal(mean=0.25, sd=0.06),
+    "inclination": spec.Inclination(),
 }
 
 

@@ -14,9 +14,10 @@ from .simlidar import Simlidar
 from .species import Species
 from .stand import Stand
 from .template import Template
+from .validate import Validate
 
 COMMANDS = (
-    *(Run(), Demo(), Accuracy(), Bench()),
+    *(Run(), Demo(), Accuracy(), Validate(), Bench()),
     *(Derive(), Template(), Species(), Stand(), Estimate(), Allometry()),
     *(Lidar(), Simlidar(), Convolve(), ReverbFigures()),
 )

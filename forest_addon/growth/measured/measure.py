@@ -15,6 +15,7 @@ from ..mesh.axes import first_level
 from ..skeleton import LeafSites, Skeleton
 
 BREAST = 1.3  # metres
+MANY = 2000  # points, of which an inner hull is made first
 
 
 def dbh_of(skeleton: Skeleton) -> float:
@@ -60,10 +61,17 @@ def width_of(points: np.ndarray) -> float:
     """Mean diameter of points (N, 2 or 3) seen from above, over all directions, metres."""
     if len(points) < 3:
         return 0.0
+    flat = points[:, :2]
     try:
-        return float(ConvexHull(points[:, :2]).area) / np.pi  # in the plane "area" is the perimeter
+        if len(flat) > MANY:  # what lies within the hull of some cannot be on that of all
+            some = ConvexHull(flat[:: len(flat) // MANY])
+            middle = some.points[some.vertices].mean(axis=0)
+            inner = -float((some.equations[:, :2] @ middle + some.equations[:, 2]).max())
+            away = flat - middle
+            flat = flat[np.einsum("ni,ni->n", away, away) >= (0.999 * inner) ** 2]
+        return float(ConvexHull(flat).area) / np.pi  # in the plane "area" is the perimeter
     except QhullError:  # all in a line
-        return 2 * float(np.linalg.norm(np.ptp(points[:, :2], axis=0))) / np.pi
+        return 2 * float(np.linalg.norm(np.ptp(flat, axis=0))) / np.pi
 
 
 def leaf_tips(sites: LeafSites) -> np.ndarray:

@@ -96,8 +96,9 @@ def _apart(mesh: TriMesh) -> tuple[TriMesh, TriMesh, np.ndarray]:
 
 def graft(
     scion: Scion, site: Site, leaf_spread: float, roll: float, rng: np.random.Generator
-) -> tuple[TriMesh, Leaves]:
-    """The branch at its site, wood and leaves in one mesh with leaf numbers from 0; and their truth.
+) -> tuple[TriMesh, Leaves, np.ndarray]:
+    """The branch at its site, wood and leaves in one mesh with leaf numbers from 0; their truth, and
+    (L, 3) where they hang.
 
     leaf_spread : relative standard deviation of leaf size.
     roll : radians that the branch is turned about its own axis.
@@ -109,7 +110,7 @@ def graft(
     wood = scion.wood
     wood_vertices = (wood.vertices * site.length) @ turn.T + site.foot
 
-    leaves, truth = _hang_leaves(scion, site.length, leaf_spread, rng)
+    leaves, truth, foot = _hang_leaves(scion, site.length, leaf_spread, rng)
     leaf_vertices = leaves.vertices @ turn.T + site.foot
     mesh = TriMesh(
         vertices=np.concatenate([wood_vertices, leaf_vertices]),
@@ -127,13 +128,13 @@ def graft(
         normal=truth.normal @ turn.T,
         axis=truth.axis @ turn.T,
     )
-    return mesh, moved
+    return mesh, moved, foot @ turn.T + site.foot
 
 
 def _hang_leaves(
     scion: Scion, length: float, spread: float, rng: np.random.Generator
-) -> tuple[TriMesh, Leaves]:
-    """Leaves of a branch of this length and their truth, in the template's frame but in metres.
+) -> tuple[TriMesh, Leaves, np.ndarray]:
+    """Leaves of a branch of this length, their truth and feet, in the template's frame but in metres.
 
     The number of leaves goes with length^1.5, as a crown's leaf area between its length and its area: a
     leaf of the template hangs there not at all, once or several times, each further one turned about
@@ -174,7 +175,7 @@ def _hang_leaves(
         radius=own.radius[source] * size,
         branch=own.branch[source],
     )
-    return mesh, truth
+    return mesh, truth, foot
 
 
 def _hung_edges(

@@ -41,11 +41,11 @@ class HungLeaves:
     turn: np.ndarray
 
 
-def mesh_of(anatomy: Anatomy, grown: Grown, variety: float) -> tuple[TriMesh, Leaves]:
-    """Wood and leaves of a tree in one mesh, and the truth of the leaves."""
+def mesh_of(anatomy: Anatomy, grown: Grown, variety: float) -> tuple[TriMesh, Leaves, np.ndarray]:
+    """Wood and leaves of a tree in one mesh, the truth of the leaves, and (L, 3) where they hang."""
     wood = _wood(anatomy, grown)
-    leaves, truth = _leaves(anatomy, grown, hang_leaves(anatomy, grown, variety), variety > 0)
-    return join([wood, leaves]), truth
+    leaves, truth, foot = _leaves(anatomy, grown, hang_leaves(anatomy, grown, variety), variety > 0)
+    return join([wood, leaves]), truth, foot
 
 
 def farthest_off(anatomy: Anatomy, grown: Grown) -> float:
@@ -192,7 +192,7 @@ def hang_leaves(anatomy: Anatomy, grown: Grown, variety: float) -> HungLeaves:
 
 def _leaves(
     anatomy: Anatomy, grown: Grown, hung: HungLeaves, varied: bool
-) -> tuple[TriMesh, Leaves]:
+) -> tuple[TriMesh, Leaves, np.ndarray]:
     foliage = anatomy.foliage
     source, branch = hung.source, hung.branch
     foot, matrix = feet_of_leaves(anatomy, grown, hung, varied)
@@ -215,7 +215,7 @@ def _leaves(
         radius=own.radius[source] * hung.size,
         branch=first_levels(grown)[branch].astype(np.int32),
     )
-    return mesh, truth
+    return mesh, truth, foot
 
 
 def _hung(matrix: np.ndarray, foot: np.ndarray, leaf: np.ndarray, place: np.ndarray) -> np.ndarray:

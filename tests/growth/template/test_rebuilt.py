@@ -71,7 +71,7 @@ def test_a_tree_in_centimetres_anywhere_is_rebuilt_in_metres():
         100 * model.wood() + [3e4, -2e4, 500], 100 * model.leaves() + [3e4, -2e4, 500]
     )
     anatomy = dissect(found, 0.01)
-    mesh, leaves = mesh_of(anatomy, grow_sibling(fit(anatomy), SAME, 0), 0.0)
+    mesh, leaves, _ = mesh_of(anatomy, grow_sibling(fit(anatomy), SAME, 0), 0.0)
     facets = mesh.vertices[mesh.triangles[mesh.part == WOOD]]
     plain = recognise(model.wood())
     assert len(leaves) == len(model.bearers)
@@ -139,7 +139,7 @@ def test_a_bent_tube_keeps_its_thickness():
     feet = grown.lines.knot[grown.lines.first[:-1] + np.arange(2)]
     grown.lines.frame[:] = frame
     grown.lines.knot[:] = walk(frame, grown.lines.length, grown.lines.first, feet)
-    mesh, _ = mesh_of(anatomy, grown, 0.0)
+    mesh, *_ = mesh_of(anatomy, grown, 0.0)
     stock = anatomy.wood.stock
     bent = mesh.vertices[len(mesh.vertices) - int(stock.vertices.size[1]) :]
     knots = grown.lines.knot[-count - 1 :]

@@ -51,7 +51,7 @@ def test_every_piece_is_within_its_mother_and_every_leaf_on_its_seat(name):
     worst = own.anatomy.foliage.seat.away.max()
     for key in (11, 12):
         grown = grow_sibling(own.habit, Siblings(), key)
-        mesh, leaves = mesh_of(own.anatomy, grown, 1.0)
+        mesh, leaves, _ = mesh_of(own.anatomy, grown, 1.0)
         assert np.isfinite(mesh.vertices).all()
         wood = own.anatomy.wood.stock
         _, owner, _ = wood.triangles.copy(grown.piece)
