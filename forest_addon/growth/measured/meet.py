@@ -24,7 +24,7 @@ from .twigs import leaves_on, seat_twigs, with_twigs
 from .wanted import Wanted
 
 MOST_LEAVES = 5_000_000
-ROUNDS = 4
+ROUNDS = 12
 
 
 @dataclass(frozen=True)
