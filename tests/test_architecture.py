@@ -31,6 +31,7 @@ WINGS = {
         "mesh": set(),
         "lsystem": set(),
         "template": {"lsystem", "mesh"},
+        "measured": {"lsystem", "mesh"},
     },
     "stand": {
         "intensity": set(),

@@ -33,6 +33,7 @@ from .results import Echoes, PointCloud, Response, Result, RowScan, result_of
 if TYPE_CHECKING:
     from ..blender.observe import Observer
     from ..sensing.audit import Audit
+    from ..sensing.canopy import Canopy
     from ..stand.forest import Forest
 
 Progress = Callable[[int, int], None]
@@ -251,6 +252,25 @@ class World:
         from ..stand.forest import leaf_table
 
         return leaf_table(self._grown())
+
+    def canopy(self, points: np.ndarray) -> Canopy:
+        """What hemispherical pictures at points (N, 3) tell: gap fraction by zenith angle, the share of open
+        sky and the effective plant area index; ``leaf_area_index`` is the true one.
+        """
+        from ..rng import stream
+        from ..sensing.canopy import look_up
+
+        return look_up(self.observer.caster, points, stream(self.scene.seed, "canopy"))
+
+    @property
+    def leaf_area_index(self) -> float:
+        """One-sided leaf area of all trees over the area of the field, m²/m².
+
+        Raises
+        ------
+        SpecError : the world was not grown here.
+        """
+        return float(self.trees["leaf_area_m2"].sum() / self._grown().stand.area)
 
     def skeleton(self, tree: int) -> dict[str, np.ndarray]:
         """The segments of a tree in the world: start (S, 3), end (S, 3), radius (S, 2) at both, metres;

@@ -15,27 +15,49 @@ VIEWPORT = 2.5  # Solid shading has no light between leaves: true colours are to
 
 
 def bark(name: str, colour: Colour) -> bpy.types.Material:
-    """Rough bark: two tones in noise stretched along the stem, with a bump."""
+    """Bark in plates: furrows between long cells, finer cracks and two tones in them, with a bump."""
     material, shader = _principled(name)
     tree = material.node_tree
     place = tree.nodes.new("ShaderNodeTexCoord")
+    warp = _noise(tree, 6.0, 3.0)
+    bent = tree.nodes.new("ShaderNodeMix")  # furrows wander
+    bent.data_type, bent.blend_type = "RGBA", "LINEAR_LIGHT"
+    bent.inputs[0].default_value = 0.06
     stretch = tree.nodes.new("ShaderNodeMapping")
-    stretch.inputs["Scale"].default_value = (14.0, 14.0, 3.0)
-    noise = tree.nodes.new("ShaderNodeTexNoise")
-    noise.inputs["Scale"].default_value = 1.0
-    noise.inputs["Detail"].default_value = 6.0
+    stretch.inputs["Scale"].default_value = (17.0, 17.0, 5.0)
+    plates = tree.nodes.new("ShaderNodeTexVoronoi")
+    plates.feature = "DISTANCE_TO_EDGE"
+    plates.inputs["Scale"].default_value = 1.0
+    furrows = _ramp(tree, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.02, 0.28)
+    fine = _noise(tree, 3.0, 8.0)
+    height = tree.nodes.new("ShaderNodeMath")
+    height.operation = "MULTIPLY_ADD"
+    height.inputs[1].default_value = 0.45
     bump = tree.nodes.new("ShaderNodeBump")
-    bump.inputs["Strength"].default_value = 0.6
-    bump.inputs["Distance"].default_value = 0.02
-    tones = _ramp(tree, *_tones(BARK_TONES, colour))
+    bump.inputs["Strength"].default_value = 0.85
+    bump.inputs["Distance"].default_value = 0.025
+    tone = tree.nodes.new("ShaderNodeMath")
+    tone.operation = "MULTIPLY"
+    tones = _ramp(tree, *_tones(BARK_TONES, colour), 0.05, 0.75)
     tones.name = BARK_TONES
-    tree.links.new(place.outputs["Object"], stretch.inputs["Vector"])
-    tree.links.new(stretch.outputs["Vector"], noise.inputs["Vector"])
-    tree.links.new(noise.outputs["Fac"], tones.inputs["Fac"])
-    tree.links.new(noise.outputs["Fac"], bump.inputs["Height"])
+    for made in (warp, fine):
+        tree.links.new(place.outputs["Object"], made.inputs["Vector"])
+    tree.links.new(place.outputs["Object"], bent.inputs[6])
+    tree.links.new(warp.outputs["Color"], bent.inputs[7])
+    tree.links.new(bent.outputs[2], stretch.inputs["Vector"])
+    tree.links.new(stretch.outputs["Vector"], plates.inputs["Vector"])
+    tree.links.new(stretch.outputs["Vector"], fine.inputs["Vector"])
+    tree.links.new(plates.outputs["Distance"], furrows.inputs["Fac"])
+    tree.links.new(fine.outputs["Fac"], height.inputs[0])
+    tree.links.new(furrows.outputs["Color"], height.inputs[2])
+    tree.links.new(height.outputs["Value"], bump.inputs["Height"])
+    tree.links.new(height.outputs["Value"], tone.inputs[0])
+    tone.inputs[1].default_value = 0.62
+    tree.links.new(tone.outputs["Value"], tones.inputs["Fac"])
     tree.links.new(bump.outputs["Normal"], shader.inputs["Normal"])
     tree.links.new(tones.outputs["Color"], shader.inputs["Base Color"])
-    shader.inputs["Roughness"].default_value = 0.9
+    shader.inputs["Roughness"].default_value = 0.95
+    shader.inputs["Specular IOR Level"].default_value = 0.2
     _note(material, colour)
     return material
 
@@ -81,32 +103,43 @@ def recolour(material: bpy.types.Material, colour: Colour) -> None:
 
 
 def ground(name: str) -> bpy.types.Material:
-    """Grass and litter in patches."""
+    """Forest floor: litter of leaves and needles, moss in patches, a bump of small things that lie about."""
     material, shader = _principled(name)
     tree = material.node_tree
     place = tree.nodes.new("ShaderNodeTexCoord")
-    patches = tree.nodes.new("ShaderNodeTexNoise")
-    patches.inputs["Scale"].default_value = 0.25
-    patches.inputs["Detail"].default_value = 12.0
-    patches.inputs["Roughness"].default_value = 0.75
-    tones = _ramp(tree, (0.115, 0.08, 0.04), (0.10, 0.125, 0.035), 0.36, 0.62)
-    fine = tree.nodes.new("ShaderNodeTexNoise")
-    fine.inputs["Scale"].default_value = 9.0
-    fine.inputs["Detail"].default_value = 8.0
-    fine.inputs["Roughness"].default_value = 0.8
+    patches = _noise(tree, 0.35, 12.0, 0.72)
+    moss = _ramp(tree, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.50, 0.64)
+    pieces = tree.nodes.new("ShaderNodeTexVoronoi")  # needles and leaves that lie crosswise
+    pieces.inputs["Scale"].default_value = 38.0
+    litter = _ramp(tree, (0.030, 0.018, 0.010), (0.155, 0.088, 0.045), 0.05, 0.95)
+    tufts = _noise(tree, 55.0, 4.0, 0.8)
+    green = _ramp(tree, (0.020, 0.032, 0.008), (0.085, 0.110, 0.028), 0.30, 0.72)
+    mixed = tree.nodes.new("ShaderNodeMix")
+    mixed.data_type = "RGBA"
+    coarse = _noise(tree, 9.0, 8.0, 0.8)
     shade = tree.nodes.new("ShaderNodeMix")
     shade.data_type, shade.blend_type = "RGBA", "OVERLAY"
-    shade.inputs[0].default_value = 0.75
+    shade.inputs[0].default_value = 0.6
+    heights = tree.nodes.new("ShaderNodeMath")
+    heights.operation = "ADD"
     bump = tree.nodes.new("ShaderNodeBump")
-    bump.inputs["Distance"].default_value = 0.15
-    tree.links.new(place.outputs["Object"], patches.inputs["Vector"])
-    tree.links.new(patches.outputs["Fac"], tones.inputs["Fac"])
-    tree.links.new(place.outputs["Object"], fine.inputs["Vector"])
-    tree.links.new(fine.outputs["Fac"], bump.inputs["Height"])
-    tree.links.new(bump.outputs["Normal"], shader.inputs["Normal"])
-    tree.links.new(tones.outputs["Color"], shade.inputs[6])
-    tree.links.new(fine.outputs["Fac"], shade.inputs[7])
+    bump.inputs["Distance"].default_value = 0.05
+    bump.inputs["Strength"].default_value = 0.8
+    for made in (patches, pieces, tufts, coarse):
+        tree.links.new(place.outputs["Object"], made.inputs["Vector"])
+    tree.links.new(patches.outputs["Fac"], moss.inputs["Fac"])
+    tree.links.new(pieces.outputs["Color"], litter.inputs["Fac"])
+    tree.links.new(tufts.outputs["Fac"], green.inputs["Fac"])
+    tree.links.new(moss.outputs["Color"], mixed.inputs[0])
+    tree.links.new(litter.outputs["Color"], mixed.inputs[6])
+    tree.links.new(green.outputs["Color"], mixed.inputs[7])
+    tree.links.new(mixed.outputs[2], shade.inputs[6])
+    tree.links.new(coarse.outputs["Fac"], shade.inputs[7])
     tree.links.new(shade.outputs[2], shader.inputs["Base Color"])
+    tree.links.new(coarse.outputs["Fac"], heights.inputs[0])
+    tree.links.new(pieces.outputs["Distance"], heights.inputs[1])
+    tree.links.new(heights.outputs["Value"], bump.inputs["Height"])
+    tree.links.new(bump.outputs["Normal"], shader.inputs["Normal"])
     shader.inputs["Roughness"].default_value = 1.0
     shader.inputs["Specular IOR Level"].default_value = 0.1
     material.diffuse_color = (0.22, 0.20, 0.13, 1.0)
@@ -135,6 +168,16 @@ def _tones(name: str, colour: Colour) -> tuple[Colour, Colour]:
     if name == BARK_TONES:
         return _scaled(colour, 0.45), _scaled(colour, 1.6)
     return _scaled(colour, 0.55), _towards(_scaled(colour, 1.5), (0.30, 0.30, 0.02), 0.25)
+
+
+def _noise(
+    tree: bpy.types.NodeTree, scale: float, detail: float, roughness: float = 0.5
+) -> bpy.types.Node:
+    node = tree.nodes.new("ShaderNodeTexNoise")
+    node.inputs["Scale"].default_value = scale
+    node.inputs["Detail"].default_value = detail
+    node.inputs["Roughness"].default_value = roughness
+    return node
 
 
 def _principled(name: str) -> tuple[bpy.types.Material, bpy.types.Node]:

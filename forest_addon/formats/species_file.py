@@ -15,6 +15,7 @@ import numpy as np
 from ..growth.lsystem.expression import ExpressionError
 from ..growth.lsystem.ruled import check_rules
 from ..growth.lsystem.word import GrammarError
+from ..growth.measured.wanted import Kind
 from ..growth.mesh.blades import SHAPES, Blade, BladeError, blade_from
 from ..growth.template.anatomy import dissect
 from ..growth.template.cut import TemplateError, TreeTemplate, split_tree
@@ -22,6 +23,7 @@ from ..growth.template.dress import dress
 from ..growth.template.fitted import Habit, fit
 from ..growth.template.recognise import recognise
 from ..spec import SpecError, Species
+from .allometry_file import read_allometry
 from .foreign import guarded
 from .stl import StlError, read_stl
 from .toml_file import read_settings
@@ -50,8 +52,8 @@ def find_species(name: str, folder: Path) -> Path:
 
 
 @guarded("a species file", meant=(OSError,))
-def load_species(path: Path) -> tuple[Species, TreeTemplate | Habit | Blade | None]:
-    """Read a species and what it takes from STL files: templates, or the leaf of one without.
+def load_species(path: Path) -> tuple[Species, TreeTemplate | Habit | Kind | Blade | None]:
+    """Read a species and what it takes from files: templates, or allometry and leaf of one without.
 
     Raises
     ------
@@ -62,7 +64,7 @@ def load_species(path: Path) -> tuple[Species, TreeTemplate | Habit | Blade | No
 
 def complete_species(
     species: Species, folder: Path, place: str
-) -> tuple[Species, TreeTemplate | Habit | Blade | None]:
+) -> tuple[Species, TreeTemplate | Habit | Kind | Blade | None]:
     """A species with what it takes from STL files, which start from ``folder``.
 
     Raises
@@ -78,6 +80,9 @@ def complete_species(
     what = "leaf.mesh" if template is None else "template"
     try:
         blade = blade_from(read_stl(folder / leaf.mesh)) if leaf.mesh else None
+        if template is None and species.targets is not None:
+            named = species.targets.allometry
+            return species, Kind(read_allometry(named, folder) if named else None, blade)
         if template is None:
             return species, blade
         wood = read_stl(folder / template.wood)

@@ -1,4 +1,4 @@
-"""What a stand takes from files: rasters, lists of trees, the terrain.
+"""What a stand takes from files: rasters, lists of trees, allometries, the terrain.
 
 Paths are relative to the scene file. A file that is named twice is read once.
 """
@@ -13,6 +13,7 @@ from .. import spec
 from ..spec import SpecError
 from ..stand.inputs import Inputs, TreeList
 from ..stand.intensity.terrain import Heightmap, Terrain, Triangulated
+from .allometry_file import read_allometry
 from .raster_file import read_raster
 from .stl import StlError, read_stl
 from .tree_list import read_tree_list
@@ -33,9 +34,11 @@ def read_inputs(settings: spec.Scene, folder: Path) -> Inputs:
                 rasters[raster.file] = read_raster(folder / raster.file)
         if planting.layout == "list" and planting.trees and planting.trees not in lists:
             lists[planting.trees] = read_tree_list(folder / planting.trees, settings.offset)
+    named = {p.targets.allometry for p in settings.plantings if p.targets} - {""}
+    allometries = {name: read_allometry(name, folder) for name in sorted(named)}
     ground = settings.forest.terrain
     terrain = read_terrain(ground, settings.forest, folder) if ground.file else None
-    return Inputs(rasters=rasters, lists=lists, terrain=terrain)
+    return Inputs(rasters=rasters, lists=lists, terrain=terrain, allometries=allometries)
 
 
 def read_terrain(ground: spec.Terrain, forest: spec.Forest, folder: Path) -> Terrain:

@@ -25,6 +25,11 @@ NAMES = {
     "ring": ("ring", "part"),
     "scale": ("scale", "size"),
     "rotation": ("rotation", "rotation_rad", "turn"),
+    "dbh": ("dbh", "dbh_m"),
+    "height": ("height", "height_m", "h"),
+    "crown_width": ("crown_width", "crown_width_m"),
+    "crown_base": ("crown_base", "crown_base_m"),
+    "leaf_area": ("leaf_area", "leaf_area_m2"),
 }
 
 

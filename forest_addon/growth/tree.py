@@ -21,6 +21,10 @@ from ..spec import Siblings, Species
 from .draw import draw_inclination
 from .lsystem.grammar import string_of
 from .lsystem.turtle import interpret
+from .measured.meet import grow_measured
+from .measured.needles import shoot_of
+from .measured.templates import fitted_template
+from .measured.wanted import Kind, Wanted, one_tree
 from .mesh.axes import first_level
 from .mesh.blades import SHAPES, Blade, lay, thin_leaves, truth_of
 from .mesh.edges import repeated_edges
@@ -49,12 +53,15 @@ class Tree:
     leaves : the truth of its leaves; ``branch`` counts the first-level branches, -1 on the trunk.
     skeleton : all of its wood; of one that is grafted by T20's grammar, trunk and first-level axes.
     grafted : whether its branches come from templates, so that the mesh knows more than the skeleton.
+    wanted : what it was to measure, None where nothing was said. missed : what of that could not be.
     """
 
     mesh: TriMesh
     leaves: Leaves
     skeleton: Skeleton
     grafted: bool = True
+    wanted: Wanted | None = None
+    missed: tuple[str, ...] = ()
 
     @property
     def height(self) -> float:
@@ -63,18 +70,38 @@ class Tree:
 
 
 def grow(
-    species: Species, template: TreeTemplate | Habit | Blade | None, rng: np.random.Generator
+    species: Species,
+    template: TreeTemplate | Habit | Kind | Blade | None,
+    rng: np.random.Generator,
+    wanted: Wanted | None = None,
 ) -> Tree:
     """Grow one tree of a species from its random stream.
 
-    template : its branches, or the grammar fitted to them; for a species without, its own leaf or None.
+    template : its branches, or the grammar fitted to them; for a species without, its allometry, its own
+    leaf or None. wanted : what the tree is to measure, in place of what its species says.
+
+    Raises
+    ------
+    SpecError : what it is to measure cannot be.
     """
-    if isinstance(template, Habit):
-        return _sibling(species, template, rng)
-    if isinstance(template, TreeTemplate):
-        return _grafted(species, template, rng)
-    blade = template or SHAPES[species.leaf.shape]()
-    return _whole(species, blade, rng)
+    if isinstance(template, Habit | TreeTemplate):
+        asked = fitted_template(species, wanted) if wanted else species
+        if isinstance(template, Habit):
+            tree = _sibling(asked, template, rng)
+        else:
+            tree = _grafted(asked, template, rng)
+        return replace(tree, wanted=wanted)
+    kind = template if isinstance(template, Kind) else Kind(None, template)
+    if wanted is None and species.targets is not None:
+        wanted = one_tree(species.targets, kind.allometry, species.name, rng)
+    return _whole(species, blade_of(species, kind.blade), rng, wanted)
+
+
+def blade_of(species: Species, own: Blade | None) -> Blade:
+    """The leaf of a species: its own, a shoot of needles, or a shape."""
+    if own is None and species.needles is not None:
+        return shoot_of(species.needles, species.leaf.length.mean)
+    return own or SHAPES[species.leaf.shape]()
 
 
 def _sibling(species: Species, habit: Habit, rng: np.random.Generator) -> Tree:
@@ -86,12 +113,19 @@ def _sibling(species: Species, habit: Habit, rng: np.random.Generator) -> Tree:
     return Tree(mesh, leaves, skeleton_of_grown(grown))
 
 
-def _whole(species: Species, blade: Blade, rng: np.random.Generator) -> Tree:
+def _whole(
+    species: Species, blade: Blade, rng: np.random.Generator, wanted: Wanted | None = None
+) -> Tree:
     """A tree whose wood is all in its skeleton."""
-    skeleton, sites = skeleton_of(species, rng)
+    missed: tuple[str, ...] = ()
+    if wanted is None:
+        skeleton, sites = skeleton_of(species, rng)
+    else:
+        met = grow_measured(species, wanted, blade, rng)
+        skeleton, sites, missed = met.skeleton, met.sites, met.missed
     if species.inclination is not None and len(sites):
-        wanted = draw_inclination(species.inclination, _leaf_keys(len(sites), rng))
-        sites = incline_sites(sites, wanted)
+        angle = draw_inclination(species.inclination, _leaf_keys(len(sites), rng))
+        sites = incline_sites(sites, angle)
     sites = thin_leaves(sites, species.detail.leaves, rng)
     bearer = np.maximum(sites.segment, 0)
     known = sites.segment >= 0
@@ -99,7 +133,8 @@ def _whole(species: Species, blade: Blade, rng: np.random.Generator) -> Tree:
     order = np.where(known, skeleton.order[bearer], 0) if len(sites) else sites.segment
     wood = mesh_wood(skeleton, species.detail.tolerance, sunk=SUNK)
     mesh = join([wood, lay(sites, blade, order=order)])
-    return Tree(mesh, truth_of(sites, blade, branch), skeleton, grafted=False)
+    leaves = truth_of(sites, blade, branch)
+    return Tree(mesh, leaves, skeleton, grafted=False, wanted=wanted, missed=missed)
 
 
 def _grafted(species: Species, template: TreeTemplate, rng: np.random.Generator) -> Tree:

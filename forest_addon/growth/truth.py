@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .measured.measure import dbh_of, lowest_branch, width_of
 from .mesh.leaves import Leaves
 from .mesh.trimesh import WOOD, TriMesh
 from .skeleton import Skeleton
@@ -90,6 +91,22 @@ def leaf_angles(leaves: Leaves, bins: int = ANGLE_BINS) -> tuple[np.ndarray, np.
     return edges, area / (total * edges[1]) if total > 0 else np.zeros(bins)
 
 
+def crown_base(tree: Tree) -> float:
+    """Metres to where the lowest branch with leaves leaves the stem; of a grafted tree to its lowest leaf."""
+    if tree.grafted or not len(tree.leaves):
+        return float(tree.leaves.centre[:, 2].min(initial=np.inf)) if len(tree.leaves) else 0.0
+    return lowest_branch(tree.skeleton, tree.leaves.branch)
+
+
+def crown_width(tree: Tree) -> float:
+    """Mean diameter of the crown seen from above, metres: of its leaves, or of its wood without leaves."""
+    leaves = tree.leaves
+    if not len(leaves):
+        return width_of(tree.skeleton.end)
+    reach = 0.5 * leaves.length[:, None] * leaves.axis
+    return width_of(np.concatenate([leaves.centre - reach, leaves.centre + reach]))
+
+
 def tree_truth(tree: Tree) -> dict[str, float]:
     """The truth of one tree by name and unit."""
     wood = wood_of_tree(tree)
@@ -97,6 +114,9 @@ def tree_truth(tree: Tree) -> dict[str, float]:
     middle = (edges[1:] + edges[:-1]) / 2
     return {
         "height_m": tree.height,
+        "dbh_m": dbh_of(tree.skeleton),
+        "crown_base_m": crown_base(tree),
+        "crown_width_m": crown_width(tree),
         "wood_volume_m3": wood.volume,
         "wood_area_m2": wood.area,
         "projected_wood_m2": wood.projected,

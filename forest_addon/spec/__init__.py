@@ -8,6 +8,7 @@ else.
 """
 
 from .air import Air
+from .allometry import Allometry, Law
 from .base import (
     AUTO,
     Discrete,
@@ -20,6 +21,7 @@ from .base import (
     with_files,
     within,
 )
+from .crown import Crown, Needles, Targets
 from .forest import Corners, Distance, Forest, Gaussian, Planting, Raster, Rows, Stems, Terrain
 from .lidar import (
     Airborne,
@@ -59,8 +61,10 @@ __all__ = [
     "Accuracy",
     "Air",
     "Airborne",
+    "Allometry",
     "Beam",
     "Corners",
+    "Crown",
     "Detail",
     "Discrete",
     "Distance",
@@ -70,10 +74,12 @@ __all__ = [
     "Honda",
     "Inclination",
     "Jitter",
+    "Law",
     "Leaf",
     "Look",
     "Mobile",
     "MovingScanner",
+    "Needles",
     "Noise",
     "Normal",
     "Output",
@@ -96,6 +102,7 @@ __all__ = [
     "Species",
     "Stems",
     "Surfaces",
+    "Targets",
     "Template",
     "Terrain",
     "Terrestrial",

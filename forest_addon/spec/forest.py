@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .base import Normal, Settings, SpecError, param, within
+from .crown import Targets
 from .parts import azimuth
 
 
@@ -110,6 +111,9 @@ class Planting(Settings):
     scale: tuple[float, float] = param(
         (0.85, 1.15), help="smallest and largest size factor of a tree", gt=0, le=100
     )
+    targets: Targets | None = param(
+        None, help="what its trees are to measure, in place of the species' own and of scale"
+    )
     crown: float = param(
         0.0,
         unit="m",
@@ -143,7 +147,8 @@ class Planting(Settings):
     rows: Rows = param(Rows(), help="the orchard, where the layout is rows")
     trees: str = param(
         "",
-        help="CSV of trees (list): x,y on the map, offset included, and any of species,scale,rotation",
+        help="CSV of trees (list): x,y on the map, offset included, and any of species, scale, rotation, "
+        "dbh, height, crown_width, crown_base (metres), leaf_area",
         file=True,
     )
     collection: str = param(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .base import Discrete, Normal, Settings, SpecError, param, within
+from .crown import Crown, Needles, Targets
 
 MAX_REACH = 1000.0  # metres that a branch may end from the foot of its tree
 
@@ -233,7 +234,9 @@ class Leaf(Settings):
     """Leaves of a species that grows without a template, or on one that has none."""
 
     on: bool = param(True, help="grow leaves; switching them off moves no branch")
-    shape: str = param("ellipse", help="shape of the blade", choices=("ellipse", "maple", "needle"))
+    shape: str = param(
+        "ellipse", help="shape of the blade", choices=("ellipse", "oval", "maple", "needle")
+    )
     mesh: str = param(
         "", help="STL file of one leaf instead of a shape, relative to the species file", file=True
     )
@@ -298,7 +301,7 @@ class Species(Settings):
 
     With a template, a grammar gives the trunk and the places of branches from STL files: one fitted to
     that tree (``siblings``), or T20's. Without one the whole tree is grown: by ``rules``, by ``honda``,
-    or by the grammar alone.
+    into a ``crown``, or by the grammar alone.
     """
 
     name: str = param(help="name of the species")
@@ -312,6 +315,9 @@ class Species(Settings):
     grammar: Grammar = param(Grammar(), help="the L-system of T20 or A20")
     rules: Rules | None = param(None, help="an L-system of your own, for the whole tree")
     honda: Honda | None = param(None, help="branching by angles and ratios, for the whole tree")
+    crown: Crown | None = param(None, help="a crown that fills a shape, for the whole tree")
+    targets: Targets | None = param(None, help="what a tree is to measure, without a template")
+    needles: Needles | None = param(None, help="shoots of needles in place of leaves")
     jitter: Jitter = param(Jitter(), help="natural variation around the grammar")
     leaf: Leaf = param(Leaf(), help="leaves, where there is no template")
     inclination: Inclination | None = param(
@@ -322,8 +328,16 @@ class Species(Settings):
     look: Look = param(Look(), help="colours")
 
     def check(self) -> None:
-        given = [key for key in ("template", "rules", "honda") if getattr(self, key) is not None]
+        given = [
+            key for key in ("template", "rules", "honda", "crown") if getattr(self, key) is not None
+        ]
         if len(given) > 1:
             raise SpecError(given[1], f"cannot be used beside {given[0]}; remove one of them")
         if self.siblings is not None and self.template is None:
             raise SpecError("siblings", "needs a template to be like; add one or remove it")
+        for key in ("targets", "needles"):
+            if self.template is not None and getattr(self, key) is not None:
+                where = "; give them with a planting" if key == "targets" else ""
+                raise SpecError(key, f"cannot be used beside template{where}")
+        if self.crown is not None and self.targets is None:
+            raise SpecError("targets", "are needed beside crown: its allometry, or all measures")

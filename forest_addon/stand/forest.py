@@ -7,24 +7,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..growth.measured.wanted import TARGETS, Kind
 from ..growth.mesh.blades import Blade
 from ..growth.mesh.leaves import Leaves, join_leaves
 from ..growth.template.cut import TreeTemplate
 from ..growth.template.fitted import Habit
 from ..growth.tree import Tree, grow
-from ..growth.truth import leaf_angles, wood_of_tree
+from ..growth.truth import crown_base, crown_width, leaf_angles, wood_of_tree
 from ..rng import stream
 from ..spec import Scene, Species
 from .inputs import Inputs
 from .intensity.terrain import Terrain, sink
+from .measured import dbh_at, scales_for, with_targets
 from .plan import Stand, labels, plan_stand
 
 Progress = Callable[[int, int], None]
-TREE_COLUMNS = (
-    *("tree", "species", "planting", "variant", "x_m", "y_m", "z_m", "rotation_rad", "scale"),
-    *("height_m", "foot_radius_m", "leaves", "leaf_area_m2"),
-    *("wood_volume_m3", "wood_area_m2", "projected_wood_m2"),
-)
 
 
 @dataclass(frozen=True)
@@ -33,12 +30,14 @@ class Forest:
 
     labels : a name for every planting. species : what each plants.
     variants : grown trees by (planting, variant).
+    wanted : (N, 5) what trees were to measure, NaN where nothing was said; None where of none.
     """
 
     stand: Stand
     labels: tuple[str, ...]
     species: tuple[Species, ...]
     variants: dict[tuple[int, int], Tree]
+    wanted: np.ndarray | None = None
 
     def variant_of(self, tree: int) -> Tree:
         """The grown tree that stands as tree number ``tree``."""
@@ -59,7 +58,7 @@ class Forest:
 
 def grow_forest(
     scene: Scene,
-    species: Sequence[tuple[Species, TreeTemplate | Habit | Blade | None]],
+    species: Sequence[tuple[Species, TreeTemplate | Habit | Kind | Blade | None]],
     progress: Progress | None = None,
     inputs: Inputs | None = None,
     grown: Callable[[int, int], Tree] | None = None,
@@ -76,18 +75,33 @@ def grow_forest(
     inputs = inputs or Inputs()
     stand = plan_stand(scene.seed, scene.forest, scene.plantings, inputs)
     names = labels(scene.plantings)
+    measured = with_targets(scene.seed, stand, scene.plantings, names, species, inputs)
+    stand = measured.stand
     wanted = sorted({(int(s), int(v)) for s, v in zip(stand.species, stand.variant, strict=True)})
     variants: dict[tuple[int, int], Tree] = {}
     for done, (planting, variant) in enumerate(wanted):
-        if grown:
+        target = measured.variants.get((planting, variant))
+        if grown and target is None:
             variants[planting, variant] = grown(planting, variant)
         else:
             rng = stream(scene.seed, "tree", names[planting], variant)
-            variants[planting, variant] = grow(*species[planting], rng)
+            variants[planting, variant] = grow(*species[planting], rng, target)
         if progress:
             progress(done + 1, len(wanted))
+    stand = _sized(stand, variants, measured.trees)
     sunk = _sunk(stand, variants, inputs.ground(scene.forest.terrain.base))
-    return Forest(sunk, tuple(names), tuple(s for s, _ in species), variants)
+    asked = measured.trees if measured.variants else None
+    return Forest(sunk, tuple(names), tuple(s for s, _ in species), variants, asked)
+
+
+def _sized(stand: Stand, variants: dict[tuple[int, int], Tree], wanted: np.ndarray) -> Stand:
+    """The stand with every tree that has a diameter to meet in the size at which it meets it."""
+    scale = stand.scale.copy()
+    for (planting, variant), tree in variants.items():
+        mine = (stand.species == planting) & (stand.variant == variant) & np.isfinite(wanted[:, 0])
+        if mine.any() and len(tree.skeleton):
+            scale[mine] = scales_for(tree.skeleton, wanted[mine, 0])
+    return replace(stand, scale=scale)
 
 
 def _sunk(stand: Stand, variants: dict[tuple[int, int], Tree], ground: Terrain) -> Stand:
@@ -174,35 +188,60 @@ def angle_table(forest: Forest) -> dict[str, np.ndarray]:
 
 
 def tree_table(forest: Forest) -> dict[str, list[object]]:
-    """One row a tree: place, turn, size, height, trunk, leaves and wood, metres."""
+    """One row a tree: place, turn, size, height, crown, trunk, leaves and wood, metres.
+
+    Of trees that were to measure something also what: ``target_dbh_m`` and so on.
+    """
     stand = forest.stand
-    rows = []
-    wood = {variant: wood_of_tree(tree) for variant, tree in forest.variants.items()}
-    height = {key: tree.height for key, tree in forest.variants.items()}
-    shade = {key: np.pi * (tree.leaves.radius**2).sum() for key, tree in forest.variants.items()}
-    for tree in range(len(stand)):
-        grown, scale = forest.variant_of(tree), float(stand.scale[tree])
-        planting = int(stand.species[tree])
-        key = (planting, int(stand.variant[tree]))
-        timber = wood[key]
-        rows.append(
-            {
-                "tree": int(stand.id[tree]),
-                "species": forest.species[planting].name,
-                "planting": forest.labels[planting],
-                "variant": int(stand.variant[tree]),
-                "x_m": float(stand.position[tree, 0]),
-                "y_m": float(stand.position[tree, 1]),
-                "z_m": float(stand.position[tree, 2]),
-                "rotation_rad": float(stand.rotation[tree]),
-                "scale": scale,
-                "height_m": height[key] * scale,
-                "foot_radius_m": float(grown.skeleton.radius[:1, 0].sum()) * scale,
-                "leaves": len(grown.leaves),
-                "leaf_area_m2": float(shade[key]) * scale**2,
-                "wood_volume_m3": timber.volume * scale**3,
-                "wood_area_m2": timber.area * scale**2,
-                "projected_wood_m2": timber.projected * scale**2,
-            }
-        )
-    return {name: [row[name] for row in rows] for name in TREE_COLUMNS}
+    truth = {key: _truth_of(tree) for key, tree in forest.variants.items()}
+    keys = list(zip(stand.species.tolist(), stand.variant.tolist(), strict=True))
+    dbh = np.zeros(len(stand))
+    for (planting, variant), grown in forest.variants.items():
+        mine = (stand.species == planting) & (stand.variant == variant)
+        dbh[mine] = dbh_at(grown.skeleton, stand.scale[mine])
+
+    def scaled(name: str, power: int) -> list[object]:
+        values = np.array([truth[key][name] for key in keys], dtype=float)
+        return list((values * stand.scale**power).tolist())
+
+    table: dict[str, list[object]] = {
+        "tree": stand.id.tolist(),
+        "species": [forest.species[planting].name for planting, _ in keys],
+        "planting": [forest.labels[planting] for planting, _ in keys],
+        "variant": stand.variant.tolist(),
+        **{f"{axis}_m": stand.position[:, k].tolist() for k, axis in enumerate("xyz")},
+        "rotation_rad": stand.rotation.tolist(),
+        "scale": list(stand.scale.tolist()),
+        "height_m": scaled("height", 1),
+        "dbh_m": list(dbh.tolist()),
+        "crown_width_m": scaled("crown_width", 1),
+        "crown_base_m": scaled("crown_base", 1),
+        "foot_radius_m": scaled("foot_radius", 1),
+        "leaves": [int(truth[key]["leaves"]) for key in keys],
+        "leaf_area_m2": scaled("leaf_area", 2),
+        "wood_volume_m3": scaled("volume", 3),
+        "wood_area_m2": scaled("area", 2),
+        "projected_wood_m2": scaled("projected", 2),
+    }
+    if forest.wanted is not None:
+        for column, name in enumerate(TARGETS):
+            unit = "m2" if name == "leaf_area" else "m"
+            values = forest.wanted[:, column]
+            table[f"target_{name}_{unit}"] = ["" if np.isnan(v) else float(v) for v in values]
+    return table
+
+
+def _truth_of(tree: Tree) -> dict[str, float]:
+    """What one variant measures in its own size."""
+    wood = wood_of_tree(tree)
+    return {
+        "height": tree.height,
+        "crown_width": crown_width(tree),
+        "crown_base": crown_base(tree),
+        "foot_radius": float(tree.skeleton.radius[:1, 0].sum()),
+        "leaves": float(len(tree.leaves)),
+        "leaf_area": float(np.pi * (tree.leaves.radius**2).sum()),
+        "volume": wood.volume,
+        "area": wood.area,
+        "projected": wood.projected,
+    }

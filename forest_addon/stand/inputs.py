@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..spec import Allometry
 from .intensity.terrain import Flat, Terrain
 
 
@@ -32,12 +33,14 @@ class TreeList:
     position : (N, 2) metres, or (N, 3) where heights are given and count in place of the terrain's.
     species : (N,) names of plantings. scale : (N,), NaN where it is drawn.
     rotation : (N,) radians, NaN where it is drawn.
+    measures : (N, 5) dbh, height, crown width, crown base and leaf area, NaN where they are drawn.
     """
 
     position: np.ndarray
     species: tuple[str, ...] | None = None
     scale: np.ndarray | None = None
     rotation: np.ndarray | None = None
+    measures: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.position)
@@ -50,13 +53,14 @@ class Inputs:
     rasters : pixels (rows, columns) float64 of ``Raster.file``, the first row the north edge; an image's
     black is 0 and its white 1, an array's numbers count as they are.
     painted : by ``Planting.painted``. lists : by ``Planting.trees`` or ``Planting.collection``.
-    terrain : the ground; None: flat at ``Terrain.base``.
+    terrain : the ground; None: flat at ``Terrain.base``. allometries : by ``Targets.allometry``.
     """
 
     rasters: Mapping[str, np.ndarray] = field(default_factory=dict)
     painted: Mapping[str, Painted] = field(default_factory=dict)
     lists: Mapping[str, TreeList] = field(default_factory=dict)
     terrain: Terrain | None = None
+    allometries: Mapping[str, Allometry] = field(default_factory=dict)
 
     def ground(self, base: float) -> Terrain:
         """The ground, flat where no other is given."""

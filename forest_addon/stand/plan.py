@@ -15,7 +15,7 @@ import numpy as np
 from ..rng import stream
 from ..spec import Forest, Planting, SpecError
 from .compose import area_of, corners_of, masks_of, process_of
-from .inputs import Inputs
+from .inputs import Inputs, TreeList
 from .intensity.functions import IntensityError
 from .intensity.terrain import Terrain
 from .layouts import orchard, trees_of
@@ -30,6 +30,7 @@ class Stand:
 
     position : (N, 3) metres, on the ground. rotation : (N,) radians about the vertical. scale : (N,).
     species : (N,) int64, number of the planting. variant : (N,) int64. id : (N,) int64, from 0.
+    number : (N,) int64, of the tree among all that its planting has drawn.
     sink : (N,) metres that a tree's foot goes below its position; known when its variant has grown.
     too_near : (P,) trees that spacing took away. off_ground : (P,) trees where there is no ground.
     off_field : (P,) trees of a list beyond the field.
@@ -43,6 +44,7 @@ class Stand:
     species: np.ndarray
     variant: np.ndarray
     id: np.ndarray
+    number: np.ndarray
     sink: np.ndarray
     too_near: np.ndarray
     off_ground: np.ndarray
@@ -103,6 +105,7 @@ def plan_stand(
         species=species[keep],
         variant=joined("variant", np.empty(0, dtype=np.int64))[keep],
         id=np.arange(int(keep.sum())),
+        number=joined("number", np.empty(0, dtype=np.int64))[keep],
         sink=np.zeros(int(keep.sum())),
         too_near=np.bincount(species[~keep], minlength=len(planted)),
         off_ground=np.array([p.off_ground for p in planted], dtype=np.int64),
@@ -155,6 +158,7 @@ class _Planted:
     rotation: np.ndarray
     scale: np.ndarray
     variant: np.ndarray
+    number: np.ndarray
     expected: Integral
     off_ground: int
     off_field: int
@@ -204,6 +208,7 @@ def _plant(
         rotation=rotation[stands],
         scale=scale[stands],
         variant=(draw("variant") * planting.variants).astype(np.int64)[stands],
+        number=np.flatnonzero(stands),
         expected=expected,
         off_ground=int((on_field & ~on_ground).sum()),
         off_field=int((~on_field).sum()),
@@ -231,8 +236,7 @@ def _listed(
         raise IntensityError(
             f'{names[number]}: the list of trees "{source}" is not here; a collection needs Blender'
         )
-    every = [*dict.fromkeys([*names, *(p.species for p in plantings)])]
-    chosen = trees_of(listed, (names[number], planting.species), every, source)
+    chosen = chosen_of(number, names, plantings, listed)
     given = np.full((len(chosen), 3), np.nan)
     if listed.position.shape[1] > 2:
         given[:, 0] = listed.position[chosen, 2]
@@ -240,3 +244,18 @@ def _listed(
         if values is not None:
             given[:, column] = values[chosen]
     return listed.position[chosen, :2], given
+
+
+def chosen_of(
+    number: int, names: Sequence[str], plantings: Sequence[Planting], listed: TreeList
+) -> np.ndarray:
+    """Which trees (M,) of a list are of a planting.
+
+    Raises
+    ------
+    IntensityError : a tree of the list that cannot stand; a species that nobody plants.
+    """
+    planting = plantings[number]
+    every = [*dict.fromkeys([*names, *(p.species for p in plantings)])]
+    source = planting.trees or planting.collection
+    return trees_of(listed, (names[number], planting.species), every, source)

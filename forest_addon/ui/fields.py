@@ -31,6 +31,10 @@ WHEN_USED = {
     "siblings": spec.Siblings(),
     "rules": spec.Rules(axiom="A", productions=("A -> F[+A][-A]/(90)A",)),
     "honda": spec.Honda(),
+    "crown": spec.Crown(),
+    "targets": spec.Targets(),
+    "needles": spec.Needles(),
+    "dbh": spec.Normal(mean=0.25, sd=0.06),
     "inclination": spec.Inclination(),
 }
 

@@ -91,7 +91,7 @@ LABELS = {
     "leaf_area_density": "Leaves (m²/m³)",
     "flow_resistivity": "σ (kPa·s/m²)",
 }  # others are too long for a sidebar
-ONE_OF = ("template", "rules", "honda")  # parts of a species of which one may be used
+ONE_OF = ("template", "rules", "honda", "crown")  # parts of a species of which one may be used
 DIGITS = {"mean": 3, "sd": 3, "low": 3, "high": 3}  # of numbers whose size a default does not tell
 
 

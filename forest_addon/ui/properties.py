@@ -50,10 +50,11 @@ def _make_groups() -> dict[type, type]:
     groups: dict[type, type] = {}
     held = (spec.Distance, spec.Terrain, spec.Gaussian, spec.Raster, spec.Rows)
     of_species = (spec.Normal, spec.Discrete, spec.Grammar, spec.Jitter, spec.Template, spec.Look)
+    measured = (spec.Targets, spec.Crown, spec.Needles)
     of_trees = (spec.Rules, spec.Honda, spec.Siblings, spec.Leaf, spec.Inclination, spec.Detail)
     of_sensors = (spec.Beam, spec.Surfaces, spec.Noise, spec.Pose, spec.Place)
     of_scene = (spec.Forest, spec.Planting, spec.Stems, spec.Air, spec.Rays, spec.Accuracy)
-    plain = (*held, *of_species, *of_trees, spec.Species, *of_sensors, *of_scene)
+    plain = (*held, *of_species, *of_trees, *measured, spec.Species, *of_sensors, *of_scene)
     for settings in (*plain, *spec.SENSORS.values()):
         groups[settings] = make_group(settings, groups, WHEN_SET, _besides(settings))
     return groups

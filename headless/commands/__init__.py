@@ -1,6 +1,7 @@
 """The commands of ``python -m headless``, a file each, in the order of its help."""
 
 from .accuracy import Accuracy
+from .allometry import Allometry
 from .bench import Bench
 from .convolve import Convolve
 from .dataset import Dataset
@@ -18,6 +19,6 @@ from .validate import Validate
 
 COMMANDS = (
     *(Run(), Demo(), Dataset(), Accuracy(), Validate(), Bench()),
-    *(Derive(), Template(), Species(), Stand(), Estimate()),
+    *(Derive(), Template(), Species(), Stand(), Estimate(), Allometry()),
     *(Lidar(), Simlidar(), Convolve(), ReverbFigures()),
 )

@@ -128,6 +128,7 @@ def plant(orchard: Orchard, internode: float, seed: int) -> Forest:
         species=np.zeros(orchard.trees, dtype=np.int64),
         variant=number % kinds,
         id=number,
+        number=number,
         sink=np.zeros(orchard.trees),
         too_near=np.zeros(1, dtype=np.int64),
         off_ground=np.zeros(1, dtype=np.int64),

@@ -71,6 +71,7 @@ STARTS = {
     spec.Distance: {"species": "maple", "other": "maple", "distance": 2.0},
     spec.Template: {"wood": "wood.stl"},
     spec.Discrete: {"values": (1, 2)},
+    spec.Normal: {"mean": 1.0},
 }
 
 

@@ -62,6 +62,14 @@ def ellipse(corners: int = 8) -> Blade:
     return _fan(np.stack([x, y], axis=1))
 
 
+def oval() -> Blade:
+    """An egg-shaped leaf of four triangles, folded a little along its midrib."""
+    outline = np.array([[0, 0], [0.32, -0.5], [0.72, -0.36], [1, 0], [0.72, 0.36], [0.32, 0.5]])
+    lifted = np.array([0, 0.06, 0.05, 0, 0.05, 0.06])
+    triangles = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]], dtype=np.int32)
+    return Blade(np.column_stack([outline, lifted]), triangles)
+
+
 def needle() -> Blade:
     """A narrow rhomb, two triangles."""
     return _fan(np.array([[0, 0], [0.45, -0.5], [1, 0], [0.45, 0.5]]))
@@ -92,7 +100,7 @@ def maple() -> Blade:
     return Blade(np.column_stack([vertices, np.zeros(count + 1)]), triangles.astype(np.int32))
 
 
-SHAPES = {"ellipse": ellipse, "maple": maple, "needle": needle}
+SHAPES = {"ellipse": ellipse, "maple": maple, "needle": needle, "oval": oval}
 
 
 def blade_from(facets: np.ndarray) -> Blade:

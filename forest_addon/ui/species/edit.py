@@ -58,7 +58,11 @@ def load(name: str, folder: Path, edited: Edited) -> Any:
 
 def relocated(species: spec.Species, origin: Path, home: Path) -> spec.Species:
     """A species whose STL files are named from another folder."""
-    return spec.with_files(species, lambda file: from_folder(origin / file, home))
+
+    def found(file: str) -> str:  # a name without an ending is a preset's
+        return from_folder(origin / file, home) if Path(file).suffix else file
+
+    return spec.with_files(species, found)
 
 
 def from_folder(file: Path, home: Path) -> str:

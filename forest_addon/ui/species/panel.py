@@ -12,7 +12,7 @@ from ..lists import draw_list
 from ..words import label
 from .edit import edited_item
 
-GROWN = ("siblings", "rules", "honda")  # in place of the grammar
+GROWN = ("siblings", "rules", "honda", "crown")  # in place of the grammar
 SPREADS = {"FOREST_PG_normal": ("mean", "sd"), "FOREST_PG_discrete": ("values", "weights")}
 
 

@@ -1,0 +1,132 @@
+"""Branches that grow into a crown: space colonisation (Runions, Lane & Prusinkiewicz 2007).
+
+Points strewn in the envelope of a crown attract branches. Each point pulls at the node that is nearest to
+it; a node that is pulled grows by one step in the mean direction of its points; points that a node has come
+near are gone. Only nodes that are new can be nearer than those before, so each round asks a tree (k-d) of
+the new ones alone, and the whole costs about as many queries as there are points and rounds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ...spec import Crown
+
+STEP, KILL = 0.55, 0.8  # over the mean distance of points
+MOST_ROUNDS = 400
+ALIKE = 0.98  # cosine between two steps of one node that are the same branch
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """N nodes of a tree's axes, a mother before her daughters.
+
+    place : (N, 3) metres. parent : (N,) int64, -1 for the foot. trunk : (N,) bool, of the first stem.
+    """
+
+    place: np.ndarray
+    parent: np.ndarray
+    trunk: np.ndarray
+
+
+def outline(crown: Crown, share: np.ndarray) -> np.ndarray:
+    """(N,) radius of the crown over its largest, at shares (N,) of its length from the base up."""
+    above = np.clip((share - crown.widest) / (1 - crown.widest), 0, 1)
+    below = np.clip((crown.widest - share) / max(crown.widest, 1e-9), 0, 1)
+    return np.asarray(
+        np.where(
+            share >= crown.widest, 1 - above**crown.top, 0.15 + 0.85 * (1 - below**crown.underside)
+        )
+    )
+
+
+def colonise(
+    crown: Crown, height: float, base: float, width: float, rng: np.random.Generator
+) -> Nodes:
+    """The axes of a tree whose crown reaches from ``base`` to ``height`` and is ``width`` wide, metres."""
+    points = _points(crown, height, base, width, rng)
+    span = height - base
+    volume = np.pi * (width / 2) ** 2 * span * 0.45
+    apart = (volume / max(len(points), 1)) ** (1 / 3)
+    step, kill = STEP * apart, KILL * apart
+    place = [_trunk(crown, height, base, width, step, rng)]
+    parent = [np.arange(-1, len(place[0]) - 1)]
+    count = first = len(place[0])
+    fresh, number = place[0], np.arange(count)
+    # Below the crown the stem bears nothing: its nodes attract no points.
+    bearing = fresh[:, 2] >= base - 1e-9
+    fresh, number = (
+        (fresh[bearing], number[bearing]) if bearing.any() else (fresh[-1:], number[-1:])
+    )
+    near = np.full(len(points), np.inf)
+    owner = np.zeros(len(points), dtype=np.int64)
+    every = place[0]
+    steps = np.zeros((count, 3))  # the last step of each node, so that none is taken twice
+    for _ in range(MOST_ROUNDS):
+        if not len(points) or not len(fresh):
+            break
+        distance, found = cKDTree(fresh).query(points)
+        nearer = distance < near
+        near = np.where(nearer, distance, near)
+        owner = np.where(nearer, number[found], owner)
+        kept = near > kill
+        points, near, owner = points[kept], near[kept], owner[kept]
+        if not len(points):
+            break
+        pull = (points - every[owner]) / near[:, None]
+        grown, which = np.unique(owner, return_inverse=True)
+        way = np.stack([np.bincount(which, pull[:, k], len(grown)) for k in range(3)], axis=1)
+        way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
+        way += crown.crook * rng.standard_normal(way.shape)
+        way[:, 2] += crown.rise
+        way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
+        again = np.einsum("ni,ni->n", way, steps[grown]) > ALIKE
+        stuck = np.isin(owner, grown[again])  # between two points it would step for ever
+        points, near, owner = points[~stuck], near[~stuck], owner[~stuck]
+        grown, way = grown[~again], way[~again]
+        steps[grown] = way
+        fresh = every[grown] + step * way
+        number = count + np.arange(len(fresh))
+        count += len(fresh)
+        place.append(fresh)
+        parent.append(grown)
+        every = np.concatenate([every, fresh])
+        steps = np.concatenate([steps, np.zeros_like(fresh)])
+    trunk = np.zeros(count, dtype=bool)
+    trunk[:first] = True
+    return Nodes(every, np.concatenate(parent).astype(np.int64), trunk)
+
+
+def _points(
+    crown: Crown, height: float, base: float, width: float, rng: np.random.Generator
+) -> np.ndarray:
+    """(A, 3) points in the envelope, at random but none in a gap or a clump: strata by volume."""
+    shares = (np.arange(64) + 0.5) / 64
+    weight = np.cumsum(outline(crown, shares) ** 2)
+    at = (np.arange(crown.points) + rng.random(crown.points)) / crown.points
+    share = np.interp(at, np.concatenate([[0.0], weight / weight[-1]]), np.linspace(0, 1, 65))
+    inner = rng.random(crown.points) ** (0.5 * (1 - 0.7 * crown.shell))
+    radius = width / 2 * outline(crown, share) * inner
+    azimuth = (
+        2 * np.pi * ((np.arange(crown.points) * 0.618034) % 1 + 0.3 * rng.random(crown.points))
+    )
+    return np.column_stack(
+        [radius * np.cos(azimuth), radius * np.sin(azimuth), base + share * (height - base)]
+    )
+
+
+def _trunk(
+    crown: Crown, height: float, base: float, width: float, step: float, rng: np.random.Generator
+) -> np.ndarray:
+    """(T, 3) the first stem, from the ground to where it divides; straight, but for a slow sway."""
+    top = base + max(crown.leader, 0.02) * 0.97 * (height - base)
+    below = np.linspace(0.0, base, max(2, int(np.ceil(base / max(step, 0.25))) + 1))
+    above = np.linspace(base, top, max(2, int(np.ceil((top - base) / step)) + 1))[1:]
+    z = np.concatenate([below, above])
+    sway = 0.06 * crown.crook * height * rng.standard_normal((2, 2))
+    t = (z / height)[:, None]
+    aside = sway[0] * t**2 + 0.5 * sway[1] * np.sin(2 * np.pi * t) * t
+    return np.column_stack([aside, z])

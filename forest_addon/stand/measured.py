@@ -1,0 +1,145 @@
+"""Trees of a stand that are to measure something: targets of each, and which variant stands for it.
+
+A tree's targets are what its list or its planting says, the rest drawn by the allometry of its kind from a
+stream of its own. No more trees than variants: each is grown for itself. More: trees of like proportions
+share a variant (k-means over log H/D, W/D, leaf area/D², the odds of the base, and less so log D, each over
+its measured spread), which is grown to the targets of the one nearest to their middle. A tree is its variant
+in the size at which the stem, 1.3 m up, has its diameter, exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..growth.measured.allometry import MEASURES, Z90
+from ..growth.measured.measure import BREAST, stem_profile
+from ..growth.measured.wanted import Kind, Wanted, draw_dbh, drawn, given_by
+from ..growth.skeleton import Skeleton
+from ..rng import daughter_keys, first_key, keyed_uniform, stream
+from ..spec import Allometry, Planting, Species
+from .inputs import Inputs
+from .plan import Stand, chosen_of
+
+ROUNDS = 40
+SPREADS = np.array([0.2, 0.25, 0.8, 0.4])  # of residuals, where no allometry tells them
+DBH_SPREAD = 0.2  # of log D, within which proportions hardly change
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The stand with its variants chosen, and what is wanted.
+
+    trees : (N, 5) targets, NaN of trees that have none. variants : by (planting, variant).
+    """
+
+    stand: Stand
+    trees: np.ndarray
+    variants: dict[tuple[int, int], Wanted]
+
+
+def with_targets(
+    seed: int,
+    stand: Stand,
+    plantings: Sequence[Planting],
+    names: Sequence[str],
+    species: Sequence[tuple[Species, object]],
+    inputs: Inputs,
+) -> Measured:
+    """Say what every tree is to measure, and choose variants.
+
+    Raises
+    ------
+    SpecError : targets that contradict each other, or that nothing tells.
+    """
+    wanted = np.full((len(stand), 5), np.nan)
+    variant, scale = stand.variant.copy(), stand.scale.copy()
+    variants: dict[tuple[int, int], Wanted] = {}
+    for number, planting in enumerate(plantings):
+        kind, own = species[number][1], species[number][0].targets
+        targets = planting.targets or own
+        rows = np.flatnonzero(stand.species == number)
+        if targets is None or not len(rows):
+            continue
+        law = inputs.allometries.get(planting.targets.allometry) if planting.targets else None
+        if law is None and isinstance(kind, Kind):
+            law = kind.allometry
+        key = first_key(seed, "stand", names[number], "measures")
+        keys = daughter_keys(np.repeat(key, len(rows)), stand.number[rows])
+        given = np.tile(given_by(targets), (len(rows), 1))
+        dbh = draw_dbh(targets, keys)
+        listed = _listed(number, names, plantings, inputs)
+        if listed is not None:
+            told = listed[stand.number[rows]]
+            dbh = np.where(np.isfinite(told[:, 0]), told[:, 0], dbh)
+            given = np.where(np.isfinite(told[:, 1:]), told[:, 1:], given)
+        uniform = np.stack([keyed_uniform(keys, name) for name in MEASURES], axis=1)
+        where = f"plantings[{number}]"
+        wanted[rows] = drawn(law, dbh, given, uniform, where)
+        rng = stream(seed, "stand", names[number], "variants")
+        group, models = groups_of(wanted[rows], planting.variants, law, rng)
+        variant[rows], scale[rows] = group, 1.0
+        variants |= {
+            (number, k): Wanted(*wanted[rows[model]].tolist()) for k, model in enumerate(models)
+        }
+    return Measured(replace(stand, variant=variant, scale=scale), wanted, variants)
+
+
+def groups_of(
+    wanted: np.ndarray, most: int, law: Allometry | None, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Trees (N, 5) in at most so many groups: the group (N,) of each, and a tree that stands for each."""
+    count = len(wanted)
+    if count <= most:
+        return np.arange(count), np.arange(count)
+    from scipy.cluster.vq import kmeans2
+
+    d, h, w, b, area = wanted.T
+    spread = SPREADS
+    if law is not None:
+        laws = [getattr(law, name) for name in MEASURES]
+        spread = np.array([(each.high - each.low) / (2 * Z90) for each in laws])
+    features = np.column_stack(
+        [np.log(h / d), np.log(w / d), np.log(b / (h - b)), np.log(area / d**2)]
+    )
+    features = np.column_stack([features / spread, np.log(d) / DBH_SPREAD])
+    centres, group = kmeans2(features, most, iter=30, minit="++", rng=rng)
+    used, group = np.unique(group, return_inverse=True)
+    far = np.linalg.norm(features - centres[used][group], axis=1)
+    models = np.array(
+        [np.flatnonzero(group == k)[np.argmin(far[group == k])] for k in range(len(used))]
+    )
+    return group, models
+
+
+def scales_for(skeleton: Skeleton, dbh: np.ndarray) -> np.ndarray:
+    """(N,) sizes at which a tree's stem has these diameters (N,) 1.3 m above the ground, metres."""
+    z, d = stem_profile(skeleton)
+    scale = np.ones(len(dbh))
+    for _ in range(ROUNDS):
+        scale = np.sqrt(scale * dbh / np.maximum(np.interp(BREAST / scale, z, d), 1e-9))
+    return scale
+
+
+def dbh_at(skeleton: Skeleton, scale: np.ndarray) -> np.ndarray:
+    """(N,) diameters at breast height of a tree in sizes (N,), metres; 0 where it does not reach it."""
+    z, d = stem_profile(skeleton)
+    if not len(z):
+        return np.zeros(len(scale))
+    height = BREAST / scale
+    return np.asarray(np.where(height <= z[-1], scale * np.interp(height, z, d), 0.0))
+
+
+def _listed(
+    number: int, names: Sequence[str], plantings: Sequence[Planting], inputs: Inputs
+) -> np.ndarray | None:
+    """(M, 5) the measures of a planting's list, None where it has none."""
+    planting = plantings[number]
+    if planting.layout != "list":
+        return None
+    listed = inputs.lists.get(planting.trees or planting.collection)
+    if listed is None or listed.measures is None:
+        return None
+    return listed.measures[chosen_of(number, names, plantings, listed)]
