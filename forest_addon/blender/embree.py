@@ -42,14 +42,19 @@ class EmbreeCaster(Search):
 
     engine = "embree"
 
-    def __init__(self, scene: SceneGeometry, threads: int = 1) -> None:
+    def __init__(
+        self, scene: SceneGeometry, threads: int = 1, like: EmbreeCaster | None = None
+    ) -> None:
         """Build all trees.
+
+        like : a caster of a scene with the same meshes, whose trees of these are shared.
 
         Raises
         ------
         EmbreeError : Embree is not there, or has no memory left.
         """
-        super().__init__(scene, threads)
+        super().__init__(scene, threads, like)
+        self._like = like  # its trees live as long as ours
         low, high = scene.bounds()
         low[~np.isfinite(invert_transforms(scene.transform)).all(axis=(1, 2))] = np.nan
         known = np.flatnonzero(np.isfinite(low).all(axis=1))  # the others are flat or empty
@@ -68,13 +73,22 @@ class EmbreeCaster(Search):
         self._kept = threading.local()
 
         self._library = embree.load()
-        device = self._library.rtcNewDevice(f"threads={threads}".encode())
-        build = _Build(self._library, device)
+        if like is None:
+            self._device = self._library.rtcNewDevice(f"threads={threads}".encode())
+        else:
+            self._device = like._device
+        build = _Build(self._library, self._device, borrowed=like is not None)
         weakref.finalize(self, build.release)
+        made: dict[int, np.ndarray] = {} if like is None else like._usable
         self._usable = {
-            m: whole_triangles(scene.meshes[m]) for m in np.unique(scene.mesh_index[known])
+            m: made[m] if m in made else whole_triangles(scene.meshes[m])
+            for m in np.unique(scene.mesh_index[known])
         }
-        of_mesh = {m: build.mesh(scene.meshes[m], rows) for m, rows in self._usable.items()}
+        trees: dict[int, int] = {} if like is None else like._of_mesh
+        self._of_mesh = of_mesh = {
+            m: trees[m] if m in trees else build.mesh(scene.meshes[m], rows)
+            for m, rows in self._usable.items()
+        }
         self._whole = all(len(r) == len(scene.meshes[m].triangles) for m, r in self._usable.items())
         place = scene.transform.copy()
         place[:, :, 3] -= self._centre
@@ -147,11 +161,14 @@ class EmbreeCaster(Search):
 
 
 class _Build:
-    """Embree's scenes on one device, and the arrays that they read where they are."""
+    """Embree's scenes on one device, and the arrays that they read where they are.
 
-    def __init__(self, library: ctypes.CDLL, device: int) -> None:
+    borrowed : the device is another's to give back.
+    """
+
+    def __init__(self, library: ctypes.CDLL, device: int, borrowed: bool = False) -> None:
         self._library = library
-        self._device = device
+        self._device, self._borrowed = device, borrowed
         self._scenes: list[int] = []
         self._arrays: list[np.ndarray] = []
 
@@ -191,7 +208,8 @@ class _Build:
         """Give everything back, the last made first."""
         for scene in reversed(self._scenes):
             self._library.rtcReleaseScene(scene)
-        self._library.rtcReleaseDevice(self._device)
+        if not self._borrowed:
+            self._library.rtcReleaseDevice(self._device)
         self._arrays.clear()
 
     def _scene(self) -> int:

@@ -9,6 +9,7 @@ else.
 
 from .air import Air
 from .base import Discrete, Normal, Param, Settings, SpecError, param, param_of, with_files, within
+from .flight import Flight
 from .forest import Corners, Distance, Forest, Gaussian, Planting, Raster, Rows, Stems, Terrain
 from .lidar import (
     Airborne,
@@ -51,6 +52,7 @@ __all__ = [
     "Detail",
     "Discrete",
     "Distance",
+    "Flight",
     "Forest",
     "Gaussian",
     "Grammar",

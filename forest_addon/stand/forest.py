@@ -81,11 +81,11 @@ def grow_forest(
         variants[planting, variant] = grow(*species[planting], rng)
         if progress:
             progress(done + 1, len(wanted))
-    sunk = _sunk(stand, variants, inputs.ground(scene.forest.terrain.base))
+    sunk = sunk_stand(stand, variants, inputs.ground(scene.forest.terrain.base))
     return Forest(sunk, tuple(names), tuple(s for s, _ in species), variants)
 
 
-def _sunk(stand: Stand, variants: dict[tuple[int, int], Tree], ground: Terrain) -> Stand:
+def sunk_stand(stand: Stand, variants: dict[tuple[int, int], Tree], ground: Terrain) -> Stand:
     """The stand with every foot so deep that no gap shows on a slope."""
     foot = np.zeros(len(stand))
     for (planting, variant), tree in variants.items():

@@ -1,0 +1,1 @@
+"""Flight: act, sense, act."""
