@@ -54,7 +54,6 @@ class EmbreeCaster(Search):
         EmbreeError : Embree is not there, or has no memory left.
         """
         super().__init__(scene, threads, like)
-        self._like = like  # its trees live as long as ours
         low, high = scene.bounds()
         low[~np.isfinite(invert_transforms(scene.transform)).all(axis=(1, 2))] = np.nan
         known = np.flatnonzero(np.isfinite(low).all(axis=1))  # the others are flat or empty
@@ -77,8 +76,7 @@ class EmbreeCaster(Search):
             self._device = self._library.rtcNewDevice(f"threads={threads}".encode())
         else:
             self._device = like._device
-        build = _Build(self._library, self._device, borrowed=like is not None)
-        weakref.finalize(self, build.release)
+        self._build = build = _Build(self._library, self._device, like and like._build)
         made: dict[int, np.ndarray] = {} if like is None else like._usable
         self._usable = {
             m: made[m] if m in made else whole_triangles(scene.meshes[m])
@@ -163,14 +161,16 @@ class EmbreeCaster(Search):
 class _Build:
     """Embree's scenes on one device, and the arrays that they read where they are.
 
-    borrowed : the device is another's to give back.
+    parent : another on the same device, which gives it back, and lives longer.
     """
 
-    def __init__(self, library: ctypes.CDLL, device: int, borrowed: bool = False) -> None:
+    def __init__(self, library: ctypes.CDLL, device: int, parent: _Build | None = None) -> None:
         self._library = library
-        self._device, self._borrowed = device, borrowed
+        self._device = device
         self._scenes: list[int] = []
         self._arrays: list[np.ndarray] = []
+        # The parent is held by what releases this, so that it goes after it, also in a collected circle.
+        weakref.finalize(self, _release, library, device, self._scenes, self._arrays, parent)
 
     def mesh(self, mesh: TriMesh, rows: np.ndarray) -> int:
         """A scene of these triangles of a mesh, in its local space."""
@@ -204,14 +204,6 @@ class _Build:
             row += place.strides[0]
         return self._commit(top)
 
-    def release(self) -> None:
-        """Give everything back, the last made first."""
-        for scene in reversed(self._scenes):
-            self._library.rtcReleaseScene(scene)
-        if not self._borrowed:
-            self._library.rtcReleaseDevice(self._device)
-        self._arrays.clear()
-
     def _scene(self) -> int:
         scene: int = self._library.rtcNewScene(self._device)
         self._scenes.append(scene)
@@ -229,6 +221,21 @@ class _Build:
         if error:
             raise EmbreeError(f"Embree could not build the scene (its error {error})")
         return scene
+
+
+def _release(
+    library: ctypes.CDLL,
+    device: int,
+    scenes: list[int],
+    arrays: list[np.ndarray],
+    parent: _Build | None,
+) -> None:
+    """Give everything back, the last made first."""
+    for scene in reversed(scenes):
+        library.rtcReleaseScene(scene)
+    if parent is None:
+        library.rtcReleaseDevice(device)
+    arrays.clear()
 
 
 class _Packets:

@@ -12,12 +12,13 @@ from typing import Protocol
 import numpy as np
 
 from ..sensing.rays.geometry import SceneGeometry, invert_transforms
-from .solids import Solid, pieces_of
-from .sweep import distances, first_touch, first_trunk
+from .solids import Solid, repeated
+from .sweep import distances, first_trunk, touches
 
 SQUARE = 2.0  # metres, of the map of what may be near
 REACH = 2.0  # metres, beyond which room is not told
-LONGEST = 1.0  # metres of a way that are looked at together
+LONGEST = 0.5  # metres of a way that are looked at together
+AT_ONCE = 64  # such pieces of a way
 
 
 class Obstacles(Protocol):
@@ -27,8 +28,12 @@ class Obstacles(Protocol):
         """(N,) metres around places (N, 3) in which surely nothing stands; at most ``REACH``."""
         ...
 
-    def touch(self, start: np.ndarray, end: np.ndarray, radius: float) -> float:
-        """Share of the way from (3,) to (3,) at which a sphere first touches; ``inf``: never."""
+    def touch(self, start: np.ndarray, end: np.ndarray, radius: float) -> np.ndarray:
+        """(M,) shares of ways (M, 3) to (M, 3) at which spheres first touch; ``inf``: never."""
+        ...
+
+    def encloses(self, place: np.ndarray) -> bool:
+        """Whether a place (3,) is inside of a trunk, a branch or another closed body."""
         ...
 
 
@@ -47,8 +52,9 @@ def touched(
     way = end - start
     far = np.sqrt(way[:, 0] ** 2 + way[:, 1] ** 2 + way[:, 2] ** 2)
     share = np.full(len(start), np.inf)
-    for row in (far + radius > room).nonzero()[0]:
-        share[row] = obstacles.touch(start[row], end[row], radius)
+    rows = (far + radius > room).nonzero()[0]
+    if len(rows):
+        share[rows] = obstacles.touch(start[rows], end[rows], radius)
     return share
 
 
@@ -77,6 +83,11 @@ class MeshObstacles:
         self._first, self._cell = first[self._mesh], np.array([s.cell for s in solids])[self._mesh]
         self._shape = np.array([solid.shape for solid in solids])[self._mesh]
         self._corner = np.array([solid.low for solid in solids])[self._mesh]
+        # Triangles likewise: those of cell c of all are _items[_starts[c] : _starts[c + 1]].
+        shift = np.cumsum([0, *(len(solid.corners) for solid in solids)])
+        self._corners = np.concatenate([solid.corners for solid in solids])
+        self._items = np.concatenate([s.items + n for s, n in zip(solids, shift, strict=False)])
+        self._starts = np.append(0, np.cumsum(np.concatenate([s.count for s in solids])))
         self._map()
 
     def _boxes(self) -> tuple[np.ndarray, np.ndarray]:
@@ -99,8 +110,7 @@ class MeshObstacles:
         first = np.floor((low - self._map_low) / SQUARE).astype(np.int64)
         span = np.floor((high - self._map_low) / SQUARE).astype(np.int64) - first + 1
         count = span.prod(axis=1)
-        item = np.repeat(np.arange(len(narrow)), count)
-        place = np.arange(len(item)) - np.repeat(np.cumsum(count) - count, count)
+        item, place = repeated(count)
         x, y = np.divmod(place, span[item, 1])
         square = (first[item, 0] + x) * self._squares[1] + first[item, 1] + y
         order = np.argsort(square, kind="stable")
@@ -150,36 +160,95 @@ class MeshObstacles:
         number = square[:, 0] * self._squares[1] + square[:, 1]
         return self._table[np.where(outside, len(self._table) - 1, number).astype(np.int64)]
 
-    def touch(self, start: np.ndarray, end: np.ndarray, radius: float) -> float:
-        """See ``Obstacles``."""
+    def touch(self, start: np.ndarray, end: np.ndarray, radius: float) -> np.ndarray:
+        """See ``Obstacles``: each way in pieces, so that few triangles are near each."""
+        share = np.full(len(start), np.inf)
         if not len(self._mesh):
-            return np.inf
-        for share, last in pieces_of(start, end, LONGEST):
-            here, there = start + share * (end - start), start + last * (end - start)
-            corners = self.around(here, there, radius)
-            found = first_touch(here, there - here, radius, corners)
-            if np.isfinite(found):
-                return share + found * (last - share)
-        return np.inf
+            return share
+        way = end - start
+        far = np.sqrt(way[:, 0] ** 2 + way[:, 1] ** 2 + way[:, 2] ** 2)
+        count = np.maximum(np.ceil(far / LONGEST), 1).astype(np.int64)
+        for first in range(0, int(count.max()), AT_ONCE):
+            rows = np.flatnonzero((count > first) & ~np.isfinite(share))
+            if not len(rows):
+                break
+            which, piece = repeated(np.minimum(count[rows] - first, AT_ONCE))
+            row = rows[which]
+            step = way[row] / count[row, None]
+            here = start[row] + (first + piece)[:, None] * step
+            found = self._touches(here, here + step, radius)
+            np.minimum.at(share, row, (first + piece + found) / count[row])
+        return share
 
-    def around(self, start: np.ndarray, end: np.ndarray, radius: float) -> np.ndarray:
-        """(T, 3, 3) world corners of all triangles within a radius of a way, and of some more."""
+    def _touches(self, here: np.ndarray, there: np.ndarray, radius: float) -> np.ndarray:
+        """(P,) shares of short ways at which spheres touch first."""
+        share = np.full(len(here), np.inf)
+        which, corners = self._around(here, there, radius)
+        if len(which):
+            found = touches(here[which], (there - here)[which], radius, corners)
+            np.minimum.at(share, which, found)
+        return share
+
+    def _around(
+        self, here: np.ndarray, there: np.ndarray, radius: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Triangles within a radius of short ways, and some more: whose (T,), and world corners (T, 3, 3)."""
         slack = radius * (1 + 1e-9) + 1e-6
-        low, high = np.minimum(start, end) - slack, np.maximum(start, end) + slack
-        met = ((self._low <= high) & (self._high >= low)).all(axis=1).nonzero()[0]
-        found = [np.empty((0, 3, 3))]
+        low, high = np.minimum(here, there) - slack, np.maximum(here, there) + slack
+        if float((high - low).max(initial=0.0)) < REACH:  # then the map has all that may be met
+            near = self._near(here)
+            row, column = (near < self._none).nonzero()
+            which = near[row, column]
+        else:
+            row, which = (grid.ravel() for grid in np.indices((len(here), len(self._mesh))))
+        met = ((self._low[which] <= high[row]) & (self._high[which] >= low[row])).all(axis=1)
+        row, which = row[met], which[met]
+        m = self._to_local[which]
+        reach = (slack / self._least[which])[:, None]
+        ends = [np.einsum("pij,pj->pi", m[:, :, :3], e[row]) + m[:, :, 3] for e in (here, there)]
+        cell, corner, shape = self._cell[which, None], self._corner[which], self._shape[which]
+        first = np.floor((np.minimum(*ends) - reach - corner) / cell).astype(np.int64)
+        last = np.floor((np.maximum(*ends) + reach - corner) / cell).astype(np.int64)
+        first, last = np.maximum(first, 0), np.minimum(last, shape - 1)
+        span = np.maximum(last - first + 1, 0)
+        span[(span == 0).any(axis=1)] = 0
+        pair, place = repeated(span[:, 0] * span[:, 1])  # lines of cells along z
+        x, y = np.divmod(place, span[pair, 1])
+        line = (first[pair, 0] + x) * shape[pair, 1] + first[pair, 1] + y
+        line = self._first[which[pair]] + line * shape[pair, 2]
+        begin, end = self._starts[line + first[pair, 2]], self._starts[line + last[pair, 2] + 1]
+        of, place = repeated(end - begin)
+        total = len(self._corners)
+        key = np.unique(pair[of] * total + self._items[begin[of] + place])
+        pair, item = np.divmod(key, total)
+        world = self._to_world[which[pair]]
+        corners = self._corners[item] @ world[:, :, :3].transpose(0, 2, 1) + world[:, None, :, 3]
+        return row[pair], corners
+
+    def encloses(self, place: np.ndarray) -> bool:
+        """See ``Obstacles``: by the winding number of each body's triangles, the sum of their solid angles
+        (van Oosterom & Strackee 1983) over 4π; an open end counts for what it leaves open.
+        """
+        if not len(self._mesh):
+            return False
+        met = ((self._low <= place) & (self._high >= place)).all(axis=1).nonzero()[0]
         for which in met:
             m, solid = self._to_local[which], self._solids[self._mesh[which]]
-            ends = np.stack([start, end]) @ m[:, :3].T + m[:, 3]
-            reach = slack / self._least[which]
-            rows = solid.near(ends.min(axis=0) - reach, ends.max(axis=0) + reach)
-            world = self._to_world[which]
-            found.append(solid.corners[rows] @ world[:, :3].T + world[:, 3])
-        return np.concatenate(found)
+            a, b, c = (solid.corners - (m[:, :3] @ place + m[:, 3])).transpose(1, 0, 2)
+            la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+            top = np.einsum("ti,ti->t", a, np.cross(b, c))
+            dot = np.einsum
+            low = la * lb * lc + dot("ti,ti->t", a, b) * lc
+            low += dot("ti,ti->t", b, c) * la + dot("ti,ti->t", c, a) * lb
+            if abs(2.0 * np.arctan2(top, low).sum()) > 2.0 * np.pi:
+                return True
+        return False
 
     def distance(self, place: np.ndarray, most: float) -> float:
         """Metres from (3,) to the nearest solid; ``inf`` where that is beyond ``most``."""
-        corners = self.around(place, place, most) if len(self._mesh) else np.empty((0, 3, 3))
+        if not len(self._mesh):
+            return np.inf
+        _, corners = self._around(place[None], place[None], most)
         found = float(distances(place, corners).min(initial=np.inf))
         return found if found <= most else np.inf
 
@@ -204,21 +273,25 @@ class StemObstacles:
         nearest, _ = self._tree.query(place[:, :2])
         return np.clip(nearest - self._thickest, 0.0, REACH)
 
-    def touch(self, start: np.ndarray, end: np.ndarray, radius: float) -> float:
+    def touch(self, start: np.ndarray, end: np.ndarray, radius: float) -> np.ndarray:
         """See ``Obstacles``."""
+        share = np.full(len(start), np.inf)
         if self._tree is None:
-            return np.inf
-        way = (end - start)[:2]
-        reach = float(np.hypot(*way)) / 2 + radius + self._thickest
-        rows = self._tree.query_ball_point((start[:2] + end[:2]) / 2, reach * (1 + 1e-9))
-        return float(
-            first_trunk(
-                start[None, :2],
-                way[None],
-                (self._radius[rows] + radius)[None],
-                self._position[None, rows],
-            )[0]
-        )
+            return share
+        way = (end - start)[:, :2]
+        reach = (np.hypot(*way.T) / 2 + radius + self._thickest) * (1 + 1e-9)
+        near = self._tree.query_ball_point((start[:, :2] + end[:, :2]) / 2, reach)
+        for row, rows in enumerate(near):
+            if rows:
+                thick = (self._radius[rows] + radius)[None]
+                share[row] = first_trunk(
+                    start[row : row + 1, :2], way[row : row + 1], thick, self._position[None, rows]
+                )[0]
+        return share
+
+    def encloses(self, place: np.ndarray) -> bool:
+        """See ``Obstacles``."""
+        return bool((np.hypot(*(self._position - place[:2]).T) < self._radius).any())
 
 
 class Together:
@@ -231,6 +304,10 @@ class Together:
         """See ``Obstacles``."""
         return np.min([part.room(place) for part in self._parts], axis=0)
 
-    def touch(self, start: np.ndarray, end: np.ndarray, radius: float) -> float:
+    def touch(self, start: np.ndarray, end: np.ndarray, radius: float) -> np.ndarray:
         """See ``Obstacles``."""
-        return min(part.touch(start, end, radius) for part in self._parts)
+        return np.min([part.touch(start, end, radius) for part in self._parts], axis=0)
+
+    def encloses(self, place: np.ndarray) -> bool:
+        """See ``Obstacles``."""
+        return any(part.encloses(place) for part in self._parts)

@@ -8,8 +8,6 @@ tells that nothing is near; near it, the triangles of the cells around are the o
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
@@ -55,10 +53,8 @@ def _along(
     starts = np.setdiff1d(np.arange(len(knot) - 1), first[1:-1] - 1)
     length = np.linalg.norm(knot[starts + 1] - knot[starts], axis=1)
     count = np.clip(np.ceil(length / np.maximum(radius[starts], 1e-3)), 1, 64).astype(np.int64)
-    row = np.repeat(starts, count)
-    share = (np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)) / np.repeat(
-        count, count
-    )
+    which, place = repeated(count)
+    row, share = starts[which], place / count[which]
     places = knot[row] + share[:, None] * (knot[row + 1] - knot[row])
     thick = radius[row] + share * (radius[row + 1] - radius[row])
     line = np.searchsorted(first, np.concatenate([row, np.arange(len(knot))]), side="right") - 1
@@ -69,6 +65,7 @@ class Solid:
     """The stopping triangles of a mesh in local space.
 
     corners : (T, 3, 3). low : (3,) where the cells start. cell : metres. room : (X, Y, Z) float32, metres.
+    items : triangles by cell, cell after cell; count : (X·Y·Z,) how many each has.
     """
 
     def __init__(self, mesh: TriMesh, thinnest: float) -> None:
@@ -86,17 +83,15 @@ class Solid:
         shape = np.maximum(np.ceil(extent / self.cell), 1).astype(np.int64)
         self.shape = shape
         self._file()
-        full = np.zeros(shape.prod(), dtype=bool)
-        full[self._cells] = True
         if self.empty:
-            self.room = np.full(shape, np.inf, dtype=np.float32)
+            self.room = np.full(self.shape, np.inf, dtype=np.float32)
             return
-        away = distance_transform_edt(~full.reshape(shape)) * self.cell
+        away = distance_transform_edt((self.count == 0).reshape(self.shape)) * self.cell
         bound = np.maximum(away - np.sqrt(3) * self.cell, 0.0)
         self.room = (bound * (1 - 1e-6)).astype(np.float32)
 
     def _file(self) -> None:
-        """Write every triangle into the cells that its box overlaps; ``_cells`` sorted, ``_items`` beside."""
+        """Write every triangle into the cells that its box overlaps."""
         slack = 1e-6 * self.cell
         first = np.floor((self.corners.min(axis=1) - self.low - slack) / self.cell).astype(np.int64)
         last = np.floor((self.corners.max(axis=1) - self.low + slack) / self.cell).astype(np.int64)
@@ -109,15 +104,14 @@ class Solid:
             first, last = first // 2, last // 2
             span = last - first + 1
             count = span.prod(axis=1)
-        item = np.repeat(np.arange(len(count)), count)
-        place = np.arange(len(item)) - np.repeat(np.cumsum(count) - count, count)
+        item, place = repeated(count)
         across = span[item]
         x, rest = np.divmod(place, across[:, 1] * across[:, 2])
         y, z = np.divmod(rest, across[:, 2])
         cells = first[item] + np.stack([x, y, z], axis=1)
         number = self._number(cells)
-        order = np.argsort(number, kind="stable")
-        self._cells, self._items = number[order], item[order]
+        self.items = item[np.argsort(number, kind="stable")]
+        self.count = np.bincount(number, minlength=int(self.shape.prod()))
 
     def _number(self, cells: np.ndarray) -> np.ndarray:
         number: np.ndarray = (cells[:, 0] * self.shape[1] + cells[:, 1]) * self.shape[2] + cells[
@@ -125,27 +119,8 @@ class Solid:
         ]
         return number
 
-    def near(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Numbers of the triangles whose cells a box from (3,) to (3,) overlaps; others are not in it."""
-        first = np.maximum(np.floor((low - self.low) / self.cell), 0).astype(np.int64)
-        last = np.minimum(np.floor((high - self.low) / self.cell), self.shape - 1).astype(np.int64)
-        if self.empty or (first > last).any():
-            return np.empty(0, dtype=np.int64)
-        x, y = (
-            grid.ravel()
-            for grid in np.meshgrid(*(np.arange(first[k], last[k] + 1) for k in (0, 1)))
-        )
-        line = (x * self.shape[1] + y) * self.shape[2]
-        begins = np.searchsorted(self._cells, line + first[2])
-        ends = np.searchsorted(self._cells, line + last[2], side="right")
-        rows = [
-            self._items[a:b] for a, b in zip(begins.tolist(), ends.tolist(), strict=True) if b > a
-        ]
-        return np.unique(np.concatenate(rows)) if rows else np.empty(0, dtype=np.int64)
 
-
-def pieces_of(start: np.ndarray, end: np.ndarray, longest: float) -> Iterator[tuple[float, float]]:
-    """Shares from, to of a way, none longer than some metres."""
-    count = max(1, int(np.ceil(float(np.linalg.norm(end - start)) / longest)))
-    for number in range(count):
-        yield number / count, (number + 1) / count
+def repeated(count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(Σ count,) row of each of so many copies, and which copy of its row it is."""
+    row = np.repeat(np.arange(len(count)), count)
+    return row, np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)

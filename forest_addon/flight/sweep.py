@@ -19,21 +19,25 @@ def first_touch(start: np.ndarray, way: np.ndarray, radius: float, corners: np.n
 
     A sphere that touches already stops at 0.
     """
-    if not len(corners):
-        return np.inf
-    if float(distances(start, corners).min()) <= radius:
-        return 0.0
-    return float(
-        min(
-            _faces(start, way, radius, corners),
-            *(_edges(start, way, radius, corners[:, k], corners[:, n]) for k, n in enumerate(NEXT)),
-            _spheres(start, way, radius, corners.reshape(-1, 3)),
-        )
-    )
+    return float(touches(start, way, radius, corners).min(initial=np.inf))
+
+
+def touches(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarray) -> np.ndarray:
+    """(T,) shares of ways at which spheres touch one triangle each of (T, 3, 3); ``inf``: never.
+
+    start, way : (3,) or (T, 3).
+    """
+    start, way = (np.broadcast_to(v, (len(corners), 3)) for v in (start, way))
+    share = _faces(start, way, radius, corners)
+    for k, n in enumerate(NEXT):
+        np.minimum(share, _edges(start, way, radius, corners[:, k], corners[:, n]), out=share)
+        np.minimum(share, _spheres(start, way, radius, corners[:, k]), out=share)
+    share[distances(start, corners) <= radius] = 0.0
+    return share
 
 
 def distances(point: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """(T,) metres from a point (3,) to triangles (T, 3, 3)."""
+    """(T,) metres from a point (3,), or (T, 3) one each, to triangles (T, 3, 3)."""
     nearest = np.full(len(corners), np.inf)
     for k, n in enumerate(NEXT):
         edge = corners[:, n] - corners[:, k]
@@ -68,31 +72,36 @@ def first_trunk(
     return np.where(c <= 0, 0.0, share).min(axis=1, initial=np.inf)
 
 
-def _faces(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarray) -> float:
-    """Where it touches the insides of triangles."""
+def _faces(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarray) -> np.ndarray:
+    """Where spheres touch the insides of triangles."""
     normal, length = _normals(corners)
     high = np.einsum("ti,ti->t", start - corners[:, 0], normal)
-    speed = normal @ way
     side = np.sign(high)
+    towards = side * np.einsum("ti,ti->t", way, normal)
     with np.errstate(invalid="ignore", divide="ignore"):
-        share = (np.abs(high) - radius) / -(side * speed)
-    rows = np.flatnonzero((share >= 0) & (share <= 1) & (side * speed < 0) & (length > 0))
-    if not len(rows):
-        return np.inf
-    some, n = share[rows], normal[rows]
-    foot = start + some[:, None] * way - radius * side[rows, None] * n
-    return float(some[_inside(foot, corners[rows], n)].min(initial=np.inf))
+        share = (np.abs(high) - radius) / -towards
+        met = (share >= 0) & (share <= 1) & (towards < 0) & (length > 0)
+    share[~met] = np.inf
+    rows = met.nonzero()[0]
+    if len(rows):
+        n, some = normal[rows], share[rows, None]
+        foot = start[rows] + some * way[rows] - radius * side[rows, None] * n
+        share[rows[~_inside(foot, corners[rows], n)]] = np.inf
+    return share
 
 
 def _edges(
     start: np.ndarray, way: np.ndarray, radius: float, one: np.ndarray, other: np.ndarray
-) -> float:
-    """Where it touches edges (T, 3), (T, 3) between their ends: at right angles to each, a circle."""
+) -> np.ndarray:
+    """Where spheres touch edges (T, 3), (T, 3) between their ends: at right angles to each, a circle."""
     edge = other - one
     square = np.einsum("ti,ti->t", edge, edge)
     away = start - one
     size = np.maximum(square, 1e-300)
-    away_along, way_along = np.einsum("ti,ti->t", away, edge) / size, (edge @ way) / size
+    away_along, way_along = (
+        np.einsum("ti,ti->t", away, edge) / size,
+        np.einsum("ti,ti->t", edge, way) / size,
+    )
     away = away - away_along[:, None] * edge
     across = way - way_along[:, None] * edge
     a = np.einsum("ti,ti->t", across, across)
@@ -103,18 +112,19 @@ def _edges(
         share = c / (np.sqrt(root) - b)
         along = away_along + share * way_along
         met = (root >= 0) & (b < 0) & (c > 0) & (share <= 1) & (along >= 0) & (along <= 1)
-    return float(share[met & (square > 0)].min(initial=np.inf))
+    return np.where(met & (square > 0), share, np.inf)
 
 
-def _spheres(start: np.ndarray, way: np.ndarray, radius: float, point: np.ndarray) -> float:
+def _spheres(start: np.ndarray, way: np.ndarray, radius: float, point: np.ndarray) -> np.ndarray:
     away = start - point
-    a = float(way @ way)
-    b = away @ way
+    a = np.einsum("ti,ti->t", way, way)
+    b = np.einsum("ti,ti->t", away, way)
     c = np.einsum("ti,ti->t", away, away) - radius**2
     with np.errstate(invalid="ignore", divide="ignore"):
         root = b * b - a * c
         share = c / (np.sqrt(root) - b)
-    return float(share[(root >= 0) & (b < 0) & (c > 0) & (share <= 1)].min(initial=np.inf))
+        met = (root >= 0) & (b < 0) & (c > 0) & (share <= 1)
+    return np.where(met, share, np.inf)
 
 
 def _normals(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
