@@ -7,7 +7,7 @@ corners come back, and what touches is looked for along them (``sweep``).
 - bat: turn, climb, thrust. ω ≤ a/v, so that the turn keeps within the acceleration a; the speed along the
   heading stays between the slowest and the largest.
 - planar: turn, at an even speed and height (Dubins).
-- bird: v ahead along the aim's direction, at most w across (Karaman & Frazzoli 2012, section VI).
+- bird: v ahead along the aim's direction, at most w across (Karaman & Frazzoli 2012).
 - quadrotor: pitch, roll, turn, thrust. Tilt follows its command with a time constant τ, exactly:
   θ += (θ_c - θ)(1 - e^{-Δt/τ}); the rotors' thrust along the tilted axis, weight and a drag that balances
   the largest tilt at the largest speed move it.
@@ -89,7 +89,8 @@ def checked(flight: Flight, action: np.ndarray, count: int) -> np.ndarray:
     if values.shape != (count, len(names)):
         raise SpecError(
             "action",
-            f"has the shape {values.shape[1:]}; a {flight.body} takes {len(names)} numbers: {', '.join(names)}",
+            f"has the shape {values.shape[1:]}; a {flight.body} takes {len(names)} numbers: "
+            + ", ".join(names),
         )
     if not np.isfinite(values).all():
         raise SpecError(

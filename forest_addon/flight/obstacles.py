@@ -99,7 +99,7 @@ class MeshObstacles:
         return centre - extent, centre + extent
 
     def _map(self) -> None:
-        """Which instances may be within ``REACH`` of each square: a table, padded with the last number + 1."""
+        """Which instances may be within ``REACH`` of each square: a table, padded with their number."""
         small = self._high[:, :2] - self._low[:, :2]
         self._wide = np.flatnonzero((small > 100.0).any(axis=1))  # a ground: everywhere
         narrow = np.flatnonzero((small <= 100.0).all(axis=1))

@@ -136,7 +136,7 @@ class Echo:
         )
 
     def cues(self, sonar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(N,) metres to what echoes first, ``inf`` without an echo, and (N, E) dB of its first millisecond."""
+        """(N,) metres to what echoes first, ``inf`` for none, and (N, E) dB of its first millisecond."""
         settings, speed = self.ears.sonar, self.ears.air.speed()
         if self.ears.heard == "waveforms":
             power, step = sonar**2, 1.0 / settings.sample_rate

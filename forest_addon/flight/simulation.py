@@ -213,7 +213,7 @@ class Flyers:
     def _arrives(
         self, here: np.ndarray, there: np.ndarray, length: np.ndarray
     ) -> np.ndarray | None:
-        """(N,) shares of ways at which flyers come to their aim first, ``inf``: not on it; None: none does."""
+        """(N,) shares of ways at which flyers come to their aim, ``inf``: not on it; None: none does."""
         reached = 0.0 if self.flight.aim == "heading" else self.flight.reached
         if (self._distance(here) - length > reached).all():
             return None

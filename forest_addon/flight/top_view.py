@@ -20,7 +20,7 @@ POINTS = 4000  # of a mesh, that stand for it
 
 
 class TopView:
-    """The picture of one world."""
+    """The picture of one world; ``picture`` (Y, X, 3) is its forest alone."""
 
     def __init__(self, world: Any) -> None:
         self.world = world
@@ -29,13 +29,13 @@ class TopView:
         self._scale = PIXELS / float(extent.max())
         self._size = np.maximum((extent * self._scale).astype(int), 16)  # x, y
         self._window: Any = None
-        self._base = self._painted()
+        self.picture = self._painted()
 
     def draw(
         self, trail: np.ndarray, goal: np.ndarray, heading: float, _range: float | None = None
     ) -> np.ndarray:
         """(Y, X, 3) uint8. trail : (P, 3) places from the start on. heading : radians."""
-        picture = self._base.copy()
+        picture = self.picture.copy()
         steps = (
             np.linalg.norm(np.diff(trail[:, :2], axis=0), axis=1) if len(trail) > 1 else np.empty(0)
         )
@@ -88,7 +88,7 @@ class TopView:
                     points = mesh.vertices[mesh.triangles[mesh.part == LEAF, 0]]
                 else:
                     points = self.world.stock.solids[number].corners.reshape(-1, 3)
-                    points = points[points[:, 2] < 4.0]
+                    points = points[points[:, 2] < 2.5]
                 points = points[:: max(1, len(points) // POINTS)]
                 for m in geometry.transform[rows]:
                     self._dots(picture, points @ m[:2, :3].T + m[:2, 3], colour, radius)

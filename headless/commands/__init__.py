@@ -6,6 +6,8 @@ from .convolve import Convolve
 from .demo import Demo
 from .derive import Derive
 from .estimate import Estimate
+from .flight import Flight
+from .fly import Fly
 from .lidar import Lidar
 from .reverb_figures import ReverbFigures
 from .run import Run
@@ -18,4 +20,5 @@ COMMANDS = (
     *(Run(), Demo(), Accuracy(), Bench()),
     *(Derive(), Template(), Species(), Stand(), Estimate()),
     *(Lidar(), Simlidar(), Convolve(), ReverbFigures()),
+    *(Fly(), Flight()),
 )

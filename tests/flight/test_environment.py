@@ -14,7 +14,7 @@ import forest_addon.flight
 from forest_addon import api as forest
 from forest_addon.flight.environment import FlightEnv, FlightVectorEnv
 from forest_addon.flight.senses import SONAR, Lidar, placed
-from forest_addon.spec import Beam, Flight, Mobile, Noise, SpecError
+from forest_addon.spec import Beam, Flight, Mobile, Noise
 
 FLIGHT = Flight(distance=15.0, steps=60, start_low=(0.0, 0.0), start_high=(1.0, 1.0), thinnest=0.0)
 SCENE = forest.Scene(

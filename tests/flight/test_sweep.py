@@ -106,7 +106,7 @@ def test_leaves_and_thin_twigs_do_not_stop():
 
 @pytest.mark.parametrize("step", [0.3, 10.0])
 def test_forests_are_met_as_all_their_triangles_are(step):
-    """Cells, boxes and the map lose nothing: every triangle of every tree, tested one by one, says the same."""
+    """Cells, boxes and the map lose nothing: all triangles of all trees, one by one, say the same."""
     scene = forest()
     solid = Solid(scene.meshes[0], 0.02)
     obstacles = MeshObstacles(scene, [solid])
