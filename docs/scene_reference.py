@@ -34,6 +34,7 @@ TABLES: list[tuple[str, type[spec.Settings]]] = [
     ('[[sensors]] kind = "sonar"', spec.Sonar),
     ('[[sensors]] kind = "reverb"', spec.Reverb),
     ("[[sensors.sources]], [[sensors.receivers]]", spec.Place),
+    ("[flight]", spec.Flight),
     ("[accuracy]", spec.Accuracy),
     ("[output]", spec.Output),
 ]

@@ -43,16 +43,20 @@ class BvhCaster(Search):
 
     engine = "bvhtree"
 
-    def __init__(self, scene: SceneGeometry) -> None:
-        super().__init__(scene)  # ray_cast keeps Python's lock: more threads would only wait
+    def __init__(self, scene: SceneGeometry, like: BvhCaster | None = None) -> None:
+        super().__init__(
+            scene, like=like
+        )  # ray_cast keeps Python's lock: more threads would only wait
         self._to_local = np.ascontiguousarray(invert_transforms(scene.transform).reshape(-1, 12).T)
         low, high = scene.bounds()
         low[~np.isfinite(self._to_local).all(axis=0)] = np.nan  # flat: met by nothing
         with np.errstate(invalid="ignore"):
             self._span = np.array([_span(mesh.vertices) for mesh in scene.meshes])
         self._boxes = BoxTree(low, high)
-        self._hulls = Hulls(scene.meshes)
-        self._trees: list[tuple[BVHTree, np.ndarray] | None] = [None] * len(scene.meshes)
+        self._hulls = Hulls(scene.meshes) if like is None else like._hulls
+        self._trees: list[tuple[BVHTree, np.ndarray] | None] = (
+            [None] * len(scene.meshes) if like is None else like._trees
+        )
 
     def _nearest(
         self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray

@@ -42,6 +42,21 @@ def make_caster(scene: SceneGeometry, rays: Rays) -> Search:
     return BvhCaster(scene)
 
 
+def moved_caster(like: Search, scene: SceneGeometry) -> Search:
+    """A caster of the same meshes that stand elsewhere: only where they stand is made anew.
+
+    Raises
+    ------
+    ValueError : the scene has other meshes.
+    """
+    if scene.meshes is not like.scene.meshes:
+        raise ValueError("the meshes are others; make a caster of the scene itself")
+    if isinstance(like, EmbreeCaster):
+        return EmbreeCaster(scene, like.threads, like)
+    assert isinstance(like, BvhCaster)
+    return BvhCaster(scene, like)
+
+
 @cache
 def embree_problem() -> str:
     """Why Embree cannot be used here; empty where it can."""

@@ -42,14 +42,18 @@ class EmbreeCaster(Search):
 
     engine = "embree"
 
-    def __init__(self, scene: SceneGeometry, threads: int = 1) -> None:
+    def __init__(
+        self, scene: SceneGeometry, threads: int = 1, like: EmbreeCaster | None = None
+    ) -> None:
         """Build all trees.
+
+        like : a caster of a scene with the same meshes, whose trees of these are shared.
 
         Raises
         ------
         EmbreeError : Embree is not there, or has no memory left.
         """
-        super().__init__(scene, threads)
+        super().__init__(scene, threads, like)
         low, high = scene.bounds()
         low[~np.isfinite(invert_transforms(scene.transform)).all(axis=(1, 2))] = np.nan
         known = np.flatnonzero(np.isfinite(low).all(axis=1))  # the others are flat or empty
@@ -71,11 +75,21 @@ class EmbreeCaster(Search):
         self._kept = threading.local()
 
         self._library = embree.load()
-        device = self._library.rtcNewDevice(f"threads={threads}".encode())
-        build = _Build(self._library, device)
-        weakref.finalize(self, build.release)
-        usable = {m: whole_triangles(scene.meshes[m]) for m in np.unique(scene.mesh_index[known])}
-        of_mesh = {m: build.mesh(scene.meshes[m], rows) for m, rows in usable.items()}
+        if like is None:
+            self._device = self._library.rtcNewDevice(f"threads={threads}".encode())
+        else:
+            self._device = like._device
+        self._build = build = _Build(self._library, self._device, like and like._build)
+        made: dict[int, np.ndarray] = {} if like is None else like._usable
+        self._usable = usable = {
+            m: made[m] if m in made else whole_triangles(scene.meshes[m])
+            for m in np.unique(scene.mesh_index[known])
+        }
+        trees: dict[int, int] = {} if like is None else like._of_mesh
+        self._of_mesh = of_mesh = {
+            m: trees[m] if m in trees else build.mesh(scene.meshes[m], rows)
+            for m, rows in usable.items()
+        }
         self._whole = all(len(r) == len(scene.meshes[m].triangles) for m, r in usable.items())
         if not self._whole:
             size = np.array([len(usable.get(m, ())) for m in range(len(scene.meshes))])
@@ -160,13 +174,18 @@ class EmbreeCaster(Search):
 
 
 class _Build:
-    """Embree's scenes on one device, and the arrays that they read where they are."""
+    """Embree's scenes on one device, and the arrays that they read where they are.
 
-    def __init__(self, library: ctypes.CDLL, device: int) -> None:
+    parent : another on the same device, which gives it back, and lives longer.
+    """
+
+    def __init__(self, library: ctypes.CDLL, device: int, parent: _Build | None = None) -> None:
         self._library = library
         self._device = device
         self._scenes: list[int] = []
         self._arrays: list[np.ndarray] = []
+        # The parent is held by what releases this, so that it goes after it, also in a collected circle.
+        weakref.finalize(self, _release, library, device, self._scenes, self._arrays, parent)
 
     def mesh(self, mesh: TriMesh, rows: np.ndarray) -> int:
         """A scene of these triangles of a mesh, in its local space."""
@@ -200,13 +219,6 @@ class _Build:
             row += place.strides[0]
         return self._commit(top)
 
-    def release(self) -> None:
-        """Give everything back, the last made first."""
-        for scene in reversed(self._scenes):
-            self._library.rtcReleaseScene(scene)
-        self._library.rtcReleaseDevice(self._device)
-        self._arrays.clear()
-
     def _scene(self) -> int:
         scene: int = self._library.rtcNewScene(self._device)
         self._scenes.append(scene)
@@ -224,6 +236,21 @@ class _Build:
         if error:
             raise EmbreeError(f"Embree could not build the scene (its error {error})")
         return scene
+
+
+def _release(
+    library: ctypes.CDLL,
+    device: int,
+    scenes: list[int],
+    arrays: list[np.ndarray],
+    parent: _Build | None,
+) -> None:
+    """Give everything back, the last made first."""
+    for scene in reversed(scenes):
+        library.rtcReleaseScene(scene)
+    if parent is None:
+        library.rtcReleaseDevice(device)
+    arrays.clear()
 
 
 class _Packets:

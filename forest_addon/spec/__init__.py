@@ -22,6 +22,7 @@ from .base import (
     within,
 )
 from .crown import Crown, Needles, Targets
+from .flight import Flight
 from .forest import Corners, Distance, Forest, Gaussian, Planting, Raster, Rows, Stems, Terrain
 from .lidar import (
     Airborne,
@@ -68,6 +69,7 @@ __all__ = [
     "Detail",
     "Discrete",
     "Distance",
+    "Flight",
     "Forest",
     "Gaussian",
     "Grammar",

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from .air import Air
 from .base import Settings, SpecError, param
+from .flight import Flight
 from .forest import Forest, Planting, Stems
 from .lidar import Airborne, Mobile, Terrestrial, Tractor
 from .reverb import Reverb
@@ -87,6 +88,7 @@ class Scene(Settings):
     air: Air = param(Air(), help="the air")
     rays: Rays = param(Rays(), help="how rays are cast")
     sensors: tuple[Sensor, ...] = param((), help="what looks at the forest")
+    flight: Flight = param(Flight(), help="a flyer that finds its way")
     accuracy: Accuracy = param(Accuracy(), help="how results are checked")
     output: Output = param(Output(), help="what is written")
 

@@ -89,7 +89,7 @@ def grow_forest(
         if progress:
             progress(done + 1, len(wanted))
     stand = _sized(stand, variants, measured.trees)
-    sunk = _sunk(stand, variants, inputs.ground(scene.forest.terrain.base))
+    sunk = sunk_stand(stand, variants, inputs.ground(scene.forest.terrain.base))
     asked = measured.trees if measured.variants else None
     return Forest(sunk, tuple(names), tuple(s for s, _ in species), variants, asked)
 
@@ -104,7 +104,7 @@ def _sized(stand: Stand, variants: dict[tuple[int, int], Tree], wanted: np.ndarr
     return replace(stand, scale=scale)
 
 
-def _sunk(stand: Stand, variants: dict[tuple[int, int], Tree], ground: Terrain) -> Stand:
+def sunk_stand(stand: Stand, variants: dict[tuple[int, int], Tree], ground: Terrain) -> Stand:
     """The stand with every foot so deep that no gap shows on a slope."""
     foot = np.zeros(len(stand))
     for (planting, variant), tree in variants.items():

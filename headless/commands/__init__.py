@@ -8,6 +8,8 @@ from .dataset import Dataset
 from .demo import Demo
 from .derive import Derive
 from .estimate import Estimate
+from .flight import Flight
+from .fly import Fly
 from .lidar import Lidar
 from .reverb_figures import ReverbFigures
 from .run import Run
@@ -21,4 +23,5 @@ COMMANDS = (
     *(Run(), Demo(), Dataset(), Accuracy(), Validate(), Bench()),
     *(Derive(), Template(), Species(), Stand(), Estimate(), Allometry()),
     *(Lidar(), Simlidar(), Convolve(), ReverbFigures()),
+    *(Fly(), Flight()),
 )

@@ -11,6 +11,7 @@ is behind it all the same. Limits hold for the true range; noise is added after.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -51,6 +52,14 @@ class Scan:
         self.pulses = self.pattern.count
         self.at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
         self._lost = 0
+
+    def moved(self, seed: int, path: Trajectory) -> Scan:
+        """The same scanner in the same scene on another path, with the chances of another seed."""
+        other = copy(self)
+        other.pattern = pattern_of(self.scanner, path)
+        other._key = first_key(seed, "lidar", self.scanner.name)
+        other.pulses = other.pattern.count
+        return other
 
     def look(self, first: int, stop: int) -> Cloud:
         """The returns of the pulses from number ``first`` to before ``stop``."""

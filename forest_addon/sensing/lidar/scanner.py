@@ -111,24 +111,17 @@ class Sweep:
         self._scanner, self._path = scanner, path
         self._field = np.deg2rad(scanner.field_deg)
         roll, pitch, yaw = np.deg2rad(scanner.mount_deg)
-        self._mount = Rotation.from_euler("ZYX", [yaw, -pitch, roll])
+        self.mount = Rotation.from_euler("ZYX", [yaw, -pitch, roll])
         # A platform that stands still sweeps one line, or turns once.
         duration = path.duration or 1 / scanner.line_rate
         self.count = max(1, int(np.floor(duration * scanner.pulse_rate * (1 + 1e-12) + 1e-9)))
 
     def pulses(self, number: np.ndarray) -> Pulses:
         """See ``Pattern``; the scan angle is counted from nadir, spinning: from the horizon."""
-        scanner = self._scanner
-        time = number / scanner.pulse_rate
-        turns = number * scanner.line_rate / scanner.pulse_rate  # whole ones stay whole
-        if scanner.pattern == "spinning":
-            way, across, angle = self._spinning(number)
-        elif scanner.pattern == "circles":
-            way, across, angle = self._circles(turns)
-        else:
-            way, across, angle = self._lines(turns)
+        time = number / self._scanner.pulse_rate
+        way, across, angle = self.ways(number)
         where, attitude = self._path.at(self._path.start + time)
-        turn = attitude * self._mount
+        turn = attitude * self.mount
         return Pulses(
             origin=where,
             direction=turn.apply(way),
@@ -136,6 +129,14 @@ class Sweep:
             time=self._path.start + time,
             scan_angle=angle,
         )
+
+    def ways(self, number: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(P, 3) directions of pulses in the scanner's own frame, (P, 3) across them, (P,) scan angles."""
+        scanner = self._scanner
+        turns = number * scanner.line_rate / scanner.pulse_rate  # whole ones stay whole
+        if scanner.pattern == "spinning":
+            return self._spinning(number)
+        return self._circles(turns) if scanner.pattern == "circles" else self._lines(turns)
 
     def _lines(self, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A fan across the way, swept from left to right, or to and fro."""

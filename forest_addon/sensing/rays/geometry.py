@@ -95,7 +95,17 @@ class SceneGeometry:
 
 
 def _pieces(mesh: TriMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """(K, 3), (K, 3) boxes around at most ``count`` groups of vertices that lie near each other."""
+    """(K, 3), (K, 3) boxes around at most ``count`` groups of vertices that lie near each other.
+
+    They are kept with the mesh, which many scenes may share.
+    """
+    kept: dict[int, tuple[np.ndarray, np.ndarray]] = vars(mesh).setdefault("_boxes", {})
+    if count not in kept:
+        kept[count] = _boxed(mesh, count)
+    return kept[count]
+
+
+def _boxed(mesh: TriMesh, count: int) -> tuple[np.ndarray, np.ndarray]:
     counts = np.zeros(len(mesh.vertices), dtype=bool)
     counts[mesh.triangles.ravel()] = True
     counts &= np.isfinite(mesh.vertices.sum(axis=1))

@@ -16,20 +16,29 @@ ROWS = 8192  # at a time: what is in work stays in the cache
 
 
 class Surfaces:
-    """All triangles of a scene's meshes in one table."""
+    """All triangles of a scene's meshes in one table.
 
-    def __init__(self, scene: SceneGeometry) -> None:
+    like : of a scene with the same meshes, whose table is shared.
+    """
+
+    def __init__(self, scene: SceneGeometry, like: Surfaces | None = None) -> None:
+        self._transform = np.ascontiguousarray(scene.transform.reshape(-1, 12).T)
+        if like is not None:
+            self._starts, self._vertices = like._starts, like._vertices
+            self._triangles = like._triangles
+            self._first = self._starts[scene.mesh_index]
+            return
         triangles = [len(mesh.triangles) for mesh in scene.meshes]
         vertices = [len(mesh.vertices) for mesh in scene.meshes]
         first_vertex = np.cumsum([0, *vertices])
-        self._first = np.cumsum([0, *triangles])[:-1][scene.mesh_index]  # triangle, by instance
+        self._starts = np.cumsum([0, *triangles])[:-1]
+        self._first = self._starts[scene.mesh_index]  # triangle, by instance
         self._vertices = np.concatenate([np.empty((0, 3)), *(m.vertices for m in scene.meshes)])
         self._triangles = np.empty((sum(triangles), 3), dtype=np.int64)
         last = 0
         for mesh, shift in zip(scene.meshes, first_vertex, strict=False):
             first, last = last, last + len(mesh.triangles)
             np.add(mesh.triangles, shift, out=self._triangles[first:last])
-        self._transform = np.ascontiguousarray(scene.transform.reshape(-1, 12).T)
 
     def distance(
         self,

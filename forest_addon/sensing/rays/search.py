@@ -26,14 +26,17 @@ STEP = 1e-6  # metres: the first step behind what does not count
 
 
 class Search(ABC):
-    """A ``RayCaster`` over an engine's ``_nearest``, on ``threads`` threads."""
+    """A ``RayCaster`` over an engine's ``_nearest``, on ``threads`` threads.
+
+    like : a search in a scene with the same meshes, which shares what was made of them.
+    """
 
     engine: str
 
-    def __init__(self, scene: SceneGeometry, threads: int = 1) -> None:
+    def __init__(self, scene: SceneGeometry, threads: int = 1, like: Search | None = None) -> None:
         self.scene = scene
         self.threads = threads
-        self._surfaces = Surfaces(scene)
+        self._surfaces = Surfaces(scene, like and like._surfaces)
 
     @abstractmethod
     def _nearest(

@@ -60,12 +60,15 @@ class Candidates(Rows):
 
 
 class Targets:
-    """What sounds back in a scene."""
+    """What sounds back in a scene.
 
-    def __init__(self, scene: SceneGeometry) -> None:
+    like : targets of a scene with the same meshes, whose measures are shared.
+    """
+
+    def __init__(self, scene: SceneGeometry, like: Targets | None = None) -> None:
         self.scene = scene
-        self._made: dict[tuple[str, str, int], Population] = {}
-        self._foliage: dict[int, Foliage] = {}
+        self._made: dict[tuple[str, str, int], Population] = {} if like is None else like._made
+        self._foliage: dict[int, Foliage] = {} if like is None else like._foliage
         self._stands: dict[tuple[bool, bool, bool, str], list[_Stand]] = {}
         self._stretch: np.ndarray | None = None
 

@@ -1,0 +1,185 @@
+"""How flyers move: what they decide becomes a step of their state, within the limits of their body.
+
+N flyers move at a time. An action is a number from -1 to 1 for each thing a body can decide, and the state
+is place, velocity through the air, heading and tilt. A step is flown as straight pieces: of these the
+corners come back, and what touches is looked for along them (``sweep``).
+
+- bat: turn, climb, thrust. ω ≤ a/v, so that the turn keeps within the acceleration a; the speed along the
+  heading stays between the slowest and the largest.
+- planar: turn, at an even speed and height (Dubins).
+- bird: v ahead along the aim's direction, at most w across (Karaman & Frazzoli 2012).
+- quadrotor: pitch, roll, turn, thrust. Tilt follows its command with a time constant τ, exactly:
+  θ += (θ_c - θ)(1 - e^{-Δt/τ}); the rotors' thrust along the tilted axis, weight and a drag that balances
+  the largest tilt at the largest speed move it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..spec import Flight, SpecError
+
+GRAVITY = 9.81
+PIECE = 0.02  # seconds of a quadrotor's straight pieces, at most
+ACTIONS = {
+    "bat": ("turn", "climb", "thrust"),
+    "planar": ("turn",),
+    "bird": ("sideways",),
+    "quadrotor": ("pitch", "roll", "turn", "thrust"),
+}
+
+
+@dataclass(frozen=True)
+class State:
+    """N flyers.
+
+    position : (N, 3) metres. velocity : (N, 3) m/s over ground. heading : (N,) radians, from +X towards +Y.
+    tilt : (N, 2) radians, nose down and left side up; 0 but for a quadrotor. course : (N,) radians, the
+    direction of the aim at the start, which a bird keeps.
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+    heading: np.ndarray
+    tilt: np.ndarray
+    course: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.heading)
+
+    def take(self, rows: np.ndarray) -> State:
+        """Some flyers."""
+        return State(**{name: values[rows] for name, values in vars(self).items()})
+
+    def put(self, rows: np.ndarray, other: State) -> State:
+        """With some flyers replaced."""
+        made = {name: values.copy() for name, values in vars(self).items()}
+        for name, values in made.items():
+            values[rows] = getattr(other, name)
+        return State(**made)
+
+
+def at_rest(flight: Flight, position: np.ndarray, heading: np.ndarray) -> State:
+    """Flyers (N, 3) that set out along headings (N,), at their slowest or only speed."""
+    count = len(heading)
+    speed = {"bat": flight.slowest, "quadrotor": 0.0}.get(flight.body, flight.speed)
+    velocity = np.zeros((count, 3))
+    velocity[:, 0], velocity[:, 1] = speed * np.cos(heading), speed * np.sin(heading)
+    velocity += flight.wind
+    return State(
+        np.array(position, dtype=np.float64),
+        velocity,
+        wrapped(heading),
+        np.zeros((count, 2)),
+        wrapped(heading),
+    )
+
+
+def checked(flight: Flight, action: np.ndarray, count: int) -> np.ndarray:
+    """Actions (N, A) of a body as float64, kept within -1 and 1.
+
+    Raises
+    ------
+    SpecError : another shape, or what is not a number.
+    """
+    names = ACTIONS[flight.body]
+    values = np.asarray(action, dtype=np.float64)
+    if values.shape != (count, len(names)):
+        raise SpecError(
+            "action",
+            f"has the shape {values.shape[1:]}; a {flight.body} takes {len(names)} numbers: "
+            + ", ".join(names),
+        )
+    if not np.isfinite(values).all():
+        raise SpecError(
+            "action", "holds what is not a number; nothing was flown, give finite numbers"
+        )
+    return np.clip(values, -1.0, 1.0)
+
+
+def move(flight: Flight, state: State, action: np.ndarray) -> tuple[State, np.ndarray]:
+    """The state after a step, and the ends (N, K, 3) of the straight pieces that lead there.
+
+    action : (N, A), see ``checked``.
+    """
+    return MOVES[flight.body](flight, state, action)
+
+
+def wrapped(angle: np.ndarray) -> np.ndarray:
+    """Angles between -π and π."""
+    turned: np.ndarray = np.remainder(np.asarray(angle) + np.pi, 2 * np.pi) - np.pi
+    return turned
+
+
+def _bat(flight: Flight, state: State, action: np.ndarray) -> tuple[State, np.ndarray]:
+    dt, most = flight.step, flight.acceleration
+    through = state.velocity - flight.wind
+    cos, sin = np.cos(state.heading), np.sin(state.heading)
+    speed = through[:, 0] * cos + through[:, 1] * sin
+    speed = np.clip(speed + action[:, 2] * (most * dt), flight.slowest, flight.speed)
+    turn = np.minimum(np.deg2rad(flight.turn_rate_deg), most / np.maximum(speed, 1e-9))
+    heading = wrapped(state.heading + action[:, 0] * turn * dt)
+    wanted = action[:, 1] * flight.climb
+    rise = through[:, 2] + np.clip(wanted - through[:, 2], -most * dt, most * dt)
+    velocity = np.stack([speed * np.cos(heading), speed * np.sin(heading), rise], axis=1)
+    return _straight(flight, state, velocity, heading)
+
+
+def _planar(flight: Flight, state: State, action: np.ndarray) -> tuple[State, np.ndarray]:
+    turn = min(np.deg2rad(flight.turn_rate_deg), flight.acceleration / flight.speed)
+    heading = wrapped(state.heading + action[:, 0] * (turn * flight.step))
+    level = np.zeros(len(heading))
+    velocity = flight.speed * np.stack([np.cos(heading), np.sin(heading), level], axis=1)
+    return _straight(flight, state, velocity, heading)
+
+
+def _bird(flight: Flight, state: State, action: np.ndarray) -> tuple[State, np.ndarray]:
+    cos, sin, level = np.cos(state.course), np.sin(state.course), np.zeros(len(state))
+    across = action[:, 0] * flight.sideways
+    velocity = np.stack(
+        [flight.speed * cos - across * sin, flight.speed * sin + across * cos, level], axis=1
+    )
+    return _straight(flight, state, velocity, state.course)
+
+
+def _straight(
+    flight: Flight, state: State, through: np.ndarray, heading: np.ndarray
+) -> tuple[State, np.ndarray]:
+    """One straight piece at a velocity through the air, the wind added."""
+    velocity = through + flight.wind
+    place = state.position + velocity * flight.step
+    return replace(state, position=place, velocity=velocity, heading=heading), place[:, None]
+
+
+def _quadrotor(flight: Flight, state: State, action: np.ndarray) -> tuple[State, np.ndarray]:
+    pieces = max(1, int(np.ceil(flight.step / PIECE - 1e-9)))
+    dt, most = flight.step / pieces, np.deg2rad(flight.tilt_deg)
+    drag = GRAVITY * np.tan(most) / flight.speed
+    wanted, tilt = action[:, :2] * most, state.tilt
+    place, velocity, heading = state.position, state.velocity, state.heading
+    corners = np.empty((len(state), pieces, 3))
+    for piece in range(pieces):
+        tilt = tilt + (wanted - tilt) * -np.expm1(-dt / flight.response)
+        heading = heading + action[:, 2] * (np.deg2rad(flight.turn_rate_deg) * dt)
+        lift = GRAVITY / (np.cos(tilt[:, 0]) * np.cos(tilt[:, 1]))
+        ahead, left = lift * np.sin(tilt[:, 0]), -lift * np.sin(tilt[:, 1]) * np.cos(tilt[:, 0])
+        cos, sin = np.cos(heading), np.sin(heading)
+        # Thrust holds the height; what is asked beyond it goes to a rise of at most ``climb``.
+        rise = np.clip(
+            (action[:, 3] * flight.climb - velocity[:, 2]) / flight.response,
+            -flight.acceleration,
+            flight.acceleration,
+        )
+        pull = np.stack([ahead * cos - left * sin, ahead * sin + left * cos, rise], axis=1)
+        through = velocity - flight.wind
+        pull[:, :2] -= drag * through[:, :2]
+        velocity = velocity + pull * dt
+        place = place + velocity * dt
+        corners[:, piece] = place
+    made = State(place, velocity, wrapped(heading), tilt, state.course)
+    return made, corners
+
+
+MOVES = {"bat": _bat, "planar": _planar, "bird": _bird, "quadrotor": _quadrotor}

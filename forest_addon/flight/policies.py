@@ -1,0 +1,220 @@
+"""Ways to fly that learning is measured against: straight on, by the widest gap, by two ears.
+
+A policy turns what N flyers sense into actions (N, A). It knows nothing of the world but that.
+
+- ``straight``: towards the aim, whatever is in the way.
+- ``gap``: follow the gap (after Sezer & Gokasan 2012, Robot. Auton. Syst. 60, 1123): directions in which
+  nothing is nearer than is needed to go on are free, each obstacle grown by the body's radius; of the free
+  directions the one that costs least to turn to from the aim and from the nose is taken.
+- ``echo``: Vanderelst, Holderied & Peremans (2015, PLoS Comput. Biol. 11, e1004484): turn away from the ear
+  that hears the louder echo in the first millisecond after the first echo, the more so the nearer that is;
+  no place of anything is worked out. Without an echo it turns to the aim.
+- ``trained``: see ``learning``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..spec import Flight, SpecError
+from .bodies import ACTIONS, wrapped
+from .senses import FLOOR_DB, TOP_DB, Ears, Lidar
+
+NAMES = ("straight", "gap", "echo", "trained")
+FIRST = 1e-3  # s of an echo that count
+WINDOW = 6.0  # metres from where on an echo turns
+STANDOFF = 0.15  # metres that a gap is wider than the body on each side
+AHEAD = 0.6  # seconds of flight that must be free
+
+
+class Policy(Protocol):
+    """What decides."""
+
+    sensors: tuple[str, ...]
+
+    def act(self, told: dict[str, np.ndarray]) -> np.ndarray:
+        """(N, A) actions for what N flyers sense, see ``simulation.Flyers.sense``."""
+        ...
+
+
+@dataclass
+class Straight:
+    """Towards the aim."""
+
+    flight: Flight
+    sensors: tuple[str, ...] = ()
+
+    def act(self, told: dict[str, np.ndarray]) -> np.ndarray:
+        return steer(self.flight, told, bearing(told), np.ones(len(told["odometry"])))
+
+
+@dataclass
+class Gap:
+    """By the widest gap; for scanners whose rays are level enough, the others are left out."""
+
+    flight: Flight
+    lidar: Lidar
+    sensors: tuple[str, ...] = ("lidar",)
+
+    def __post_init__(self) -> None:
+        ways = self.lidar.ways
+        level = np.flatnonzero(np.abs(ways[:, 2]) < 0.3)
+        if not len(level):
+            raise SpecError("lidar", "has no level rays; the gap policy needs some")
+        angle = np.arctan2(ways[level, 1], ways[level, 0])
+        order = np.argsort(angle)
+        self._rays, self._angle = level[order], angle[order]
+        self._off = np.abs(wrapped(self._angle[:, None] - self._angle))  # (R, R)
+        self._before = np.zeros(0)
+
+    def act(self, told: dict[str, np.ndarray]) -> np.ndarray:
+        flight, seen = self.flight, told["lidar"][:, self._rays]
+        if len(self._before) != len(seen):
+            self._before = np.zeros(len(seen))
+        # What is seen there grows by the body: within this angle of it no way goes on beyond it.
+        body = flight.radius + STANDOFF
+        wide = np.arcsin(np.minimum(body / np.maximum(seen, body), 1.0))
+        wide += np.pi / len(self._angle)
+        most = self.lidar.scanner.max_range
+        blocks = np.where(seen < most, seen, np.inf)
+        free = np.full(seen.shape, np.inf)
+        for shift in range(-(len(self._angle) // 2), len(self._angle) // 2 + 1):
+            off = self._off[
+                np.arange(len(self._angle)),
+                (np.arange(len(self._angle)) + shift) % len(self._angle),
+            ]
+            hides = np.roll(wide, -shift, axis=1) >= off
+            np.minimum(free, np.where(hides, np.roll(blocks, -shift, axis=1), np.inf), out=free)
+        aim = bearing(told)
+        speed = np.hypot(*told["odometry"][:, 3:5].T)
+        wanted = np.minimum(AHEAD * speed + 1.0, 0.9 * most)[:, None]
+        to_aim = np.abs(wrapped(self._angle - aim[:, None]))
+        turn = np.abs(self._angle)
+        again = np.abs(wrapped(self._angle - self._before[:, None]))
+        short = np.maximum(0.0, 1.0 - free / wanted)
+        cost = to_aim + 0.6 * turn + 0.3 * again + 12.0 * short
+        best = cost.argmin(axis=1)
+        way = self._angle[best]
+        open_ = to_aim.min(axis=1) == np.inf
+        way = np.where(open_, aim, way)
+        ahead = np.minimum(free[np.arange(len(best)), best], 1e6)
+        pace = np.clip(ahead / (2.0 * wanted[:, 0]), 0.25, 1.0) * np.clip(
+            1.4 - np.abs(way), 0.35, 1.0
+        )
+        self._before = way
+        return steer(flight, told, way, pace)
+
+
+@dataclass
+class Echo:
+    """By two ears."""
+
+    flight: Flight
+    ears: Ears
+    sensors: tuple[str, ...] = ("sonar",)
+
+    def __post_init__(self) -> None:
+        if self.ears.sonar.ears < 2:
+            raise SpecError("sonar", "has one ear; the echo policy compares two")
+        self._side = np.zeros(0)
+
+    def act(self, told: dict[str, np.ndarray]) -> np.ndarray:
+        first, level = self.cues(told["sonar"])
+        if len(self._side) != len(first):
+            self._side = np.ones(len(first))
+        heard = first < WINDOW
+        difference = level[:, 0] - level[:, -1]  # dB, left over right
+        self._side = np.where(np.abs(difference) > 0.5, np.sign(difference), self._side)
+        near = np.clip(1.0 - first / WINDOW, 0.0, 1.0)
+        away = -self._side * np.minimum(0.4 + np.abs(difference) / 6.0, 1.0) * np.pi / 2
+        way = np.where(heard, near * away + (1 - near) * 0.5 * bearing(told), bearing(told))
+        return steer(
+            self.flight, told, way, np.where(heard, np.clip(first / WINDOW, 0.2, 1.0), 1.0)
+        )
+
+    def cues(self, sonar: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(N,) metres to what echoes first, ``inf`` for none, and (N, E) dB of its first millisecond."""
+        settings, speed = self.ears.sonar, self.ears.air.speed()
+        if self.ears.heard == "waveforms":
+            power, step = sonar**2, 1.0 / settings.sample_rate
+        else:
+            level = FLOOR_DB + sonar * (TOP_DB - FLOOR_DB)
+            power = np.where(sonar > 0, 10.0 ** (level / 10.0), 0.0).sum(axis=2)
+            step = self.ears.samples / sonar.shape[-1] / settings.sample_rate
+        loud = power.max(axis=1)  # (N, T), either ear
+        starts = loud > np.maximum(1e-3 * loud.max(axis=1, keepdims=True), 1e-11)
+        at = starts.argmax(axis=1)
+        first = np.where(starts.any(axis=1), at * step * speed / 2.0, np.inf)
+        last = at + max(1, round(FIRST / step))
+        inside = (np.arange(power.shape[-1]) >= at[:, None]) & (
+            np.arange(power.shape[-1]) < last[:, None]
+        )
+        energy = (power * inside[:, None]).sum(axis=-1)
+        return first, 10.0 * np.log10(np.maximum(energy, 1e-30))
+
+
+def bearing(told: dict[str, np.ndarray]) -> np.ndarray:
+    """(N,) direction of the aim from the nose, radians to the left."""
+    aim = told["odometry"]
+    return np.asarray(np.arctan2(aim[:, 1], aim[:, 0]))
+
+
+def steer(
+    flight: Flight, told: dict[str, np.ndarray], way: np.ndarray, pace: np.ndarray
+) -> np.ndarray:
+    """(N, A) the action of any body that goes to a direction from its nose (N,), at a share of its speed
+    (N,), and towards the aim's height.
+    """
+    own = told["odometry"]
+    turn_rate = np.deg2rad(flight.turn_rate_deg)
+    speed = own[:, 3]
+    rise = np.clip(own[:, 2], -flight.climb, flight.climb) / max(flight.climb, 1e-9)
+    action = np.zeros((len(own), len(ACTIONS[flight.body])))
+    if flight.body == "bird":
+        action[:, 0] = np.clip(
+            flight.speed * np.tan(np.clip(way, -1.5, 1.5)) / flight.sideways, -1, 1
+        )
+        return action
+    limit = turn_rate
+    if flight.body in ("bat", "planar"):
+        limit = np.minimum(turn_rate, flight.acceleration / np.maximum(np.abs(speed), 1e-9))
+    turn = np.clip(way / (limit * flight.step * 2.0), -1.0, 1.0)
+    if flight.body == "planar":
+        action[:, 0] = turn
+    elif flight.body == "bat":
+        faster = pace * flight.speed - speed
+        action = np.stack([turn, rise, faster / (flight.acceleration * flight.step)], axis=1)
+    else:
+        faster, drift = pace * flight.speed - speed, own[:, 4]
+        action = np.stack([faster, 1.5 * drift / flight.speed, turn, rise], axis=1)
+    return np.clip(action, -1.0, 1.0)
+
+
+def policy_of(
+    name: str, flight: Flight, lidar: Lidar | None, ears: Ears | None, trained: Any = None
+) -> Any:
+    """A policy by its name, for flyers that carry this.
+
+    Raises
+    ------
+    SpecError : there is none of that name; it needs a sensor that is not there.
+    """
+    if name == "straight":
+        return Straight(flight)
+    if name == "gap" and lidar is not None:
+        return Gap(flight, lidar)
+    if name == "echo" and ears is not None:
+        return Echo(flight, ears)
+    if name == "trained" and trained is not None and lidar is not None:
+        return trained
+    if name not in NAMES:
+        raise SpecError("policy", f'"{name}" is not known; use {", ".join(NAMES)}')
+    needs = {
+        "gap": "a lidar",
+        "echo": "a sonar",
+        "trained": "a lidar and the file of what was learnt",
+    }
+    raise SpecError("policy", f'"{name}" needs {needs[name]}')

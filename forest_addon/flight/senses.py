@@ -1,0 +1,263 @@
+"""What flyers sense: distances by LiDAR, echoes at two ears, and an idea of their own motion.
+
+Poses go in, arrays come out, a row a flyer; the rays of all flyers are cast in one call. A scan is that of
+the mobile scanner at the flyer's pose, as ``World.scan`` makes it, to the bit: where pulses are single rays
+that nothing disturbs, their distances are all there is to it, else the whole scan is made. A ping is that of
+``World.ping`` likewise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy import fft
+from scipy.spatial.transform import Rotation
+
+from ..rng import stream
+from ..sensing.lidar.scan import Scan
+from ..sensing.lidar.scanner import Sweep
+from ..sensing.lidar.trajectory import Path, path_of
+from ..sensing.sonar.beam import beam_frame
+from ..sensing.sonar.ping import Echo, ping
+from ..sensing.sonar.poses import Pose as Place
+from ..sensing.sonar.station import Equipment
+from ..spec import Air, Flight, Mobile, Pose, Scene, Sonar
+from .bodies import State
+
+FLOOR_DB, TOP_DB = -120.0, -20.0  # what a cochleagram shows, re the call at 1 m
+HEARD = ("cochleagram", "waveforms")
+BANDS, BINS = 8, 64  # of a cochleagram
+
+# 64 rays all around at the flyer's height.
+LIDAR = Mobile(
+    name="lidar",
+    pattern="spinning",
+    channels=1,
+    field_deg=(0.0, 1.0),
+    pulse_rate=1280.0,
+    line_rate=20.0,
+    max_range=20.0,
+    min_range=0.0,
+    poses=(Pose(),),
+)
+# A bat's sweeps, heard with two ears that are turned outwards.
+SONAR = Sonar(
+    name="sonar",
+    ears=2,
+    ear_spacing=0.015,
+    ear_turn_deg=30.0,
+    beam_width_deg=(60.0, 60.0),
+    hearing="gaussian",
+    hearing_width_deg=(60.0, 60.0),
+    band=(40e3, 80e3),
+    sample_rate=250e3,
+    call="fm",
+    max_range=6.0,
+    leaf_model="piston",
+    shading="none",
+    facets=False,
+    cull=0.05,
+    tolerance=1e-3,
+)
+
+
+def lidar_of(scene: Scene) -> Mobile:
+    """The scene's first mobile scanner that a flyer can carry, or 64 rays all around."""
+    return next((s for s in scene.sensors if isinstance(s, Mobile) and not s.follow), LIDAR)
+
+
+def sonar_of(scene: Scene) -> Sonar:
+    """The scene's first sonar that stays where it is put, or a bat's."""
+    mine = (s for s in scene.sensors if isinstance(s, Sonar) and not (s.route or s.follow))
+    return next(mine, SONAR)
+
+
+def degrees(state: State, row: int) -> tuple[float, float, float]:
+    """Heading, pitch and roll of a flyer as a person would type them: those of ``Pose``, nose up positive."""
+    heading = float(np.rad2deg(state.heading[row]))
+    return heading, float(-np.rad2deg(state.tilt[row, 0])), float(np.rad2deg(state.tilt[row, 1]))
+
+
+class Lidar:
+    """A mobile scanner that flyers carry."""
+
+    def __init__(self, scanner: Mobile) -> None:
+        self.scanner = scanner
+        self._sweep = Sweep(scanner, path_of([Pose()]))
+        self.rays = self._sweep.count
+        self.ways, _, _ = self._sweep.ways(np.arange(self.rays))
+        beam, surfaces = scanner.beam, scanner.surfaces
+        white = min(surfaces.other, surfaces.wood, surfaces.leaf, surfaces.ground) > 0
+        self.exact = (  # nothing is left to chance, nothing is weighed
+            beam.subrays == 1
+            and white
+            and surfaces.leaf_transmittance == 0
+            and scanner.faintest == 0
+            and scanner.noise == type(scanner.noise)()
+        )
+        self._scan: tuple[Any, Scan] | None = None
+
+    def pose(self, state: State, row: int = 0) -> Pose:
+        """A flyer's pose as settings say one: ``Mobile(..., poses=(pose,))`` scans as it does."""
+        heading, pitch, roll = degrees(state, row)
+        x, y, z = state.position[row].tolist()
+        return Pose(position=(x, y, z), heading_deg=heading, pitch_deg=pitch, roll_deg=roll)
+
+    def look(self, around: Any, state: State, seeds: np.ndarray) -> np.ndarray:
+        """(N, R) metres to what each ray meets first, the largest range where it meets nothing.
+
+        seeds : (N,) of chances and noise, where the scanner has any.
+        """
+        attitude = self._attitude(state)
+        if not (self.exact and np.isnan(around.geometry.reflectance).all()):
+            return np.array(
+                [
+                    self._whole(around, state.position[row], attitude[[row]], int(seed))
+                    for row, seed in enumerate(seeds)
+                ]
+            )
+        turn = (attitude * self._sweep.mount).as_matrix()
+        ways = np.einsum("njk,rk->nrj", turn, self.ways).reshape(-1, 3)
+        origins = np.repeat(state.position, self.rays, axis=0)
+        most = self.scanner.max_range
+        found = around.caster.cast(origins, ways, most).distance
+        found[~((found >= self.scanner.min_range) & (found <= most))] = most
+        return found.reshape(len(state), self.rays)
+
+    @staticmethod
+    def _attitude(state: State) -> Rotation:
+        """As a path of the same pose has it: through degrees, as settings say angles."""
+        angles = np.column_stack([state.heading, state.tilt])
+        angles = np.deg2rad(np.rad2deg(angles))  # nose down is a turn about the left
+        return Rotation.from_euler("ZYX", angles)
+
+    def _whole(self, around: Any, place: np.ndarray, attitude: Rotation, seed: int) -> np.ndarray:
+        if self._scan is None or self._scan[0] is not around:
+            self._scan = (around, Scan(self.scanner, around.caster, seed, path_of([Pose()])))
+        path = Path(np.zeros(1), place[None], attitude)
+        cloud = self._scan[1].moved(seed, path).look(0, self.rays)
+        found = np.full(self.rays, self.scanner.max_range)
+        first = cloud.number == 1
+        found[cloud.pulse[first]] = cloud.returns.distance[first]
+        return np.clip(found, 0.0, self.scanner.max_range)
+
+
+class Ears:
+    """A sonar that flyers carry.
+
+    heard : what is told of an echo, ``cochleagram`` (E, BANDS, BINS) from 0 (``FLOOR_DB``) to 1
+    (``TOP_DB``), or ``waveforms`` (E, S) re the call at 1 m.
+    """
+
+    def __init__(self, sonar: Sonar, air: Air, heard: str = "cochleagram") -> None:
+        speed = air.speed()
+        if not sonar.record:
+            lasts = sonar.call_duration if sonar.call != "impulse" else 0.0
+            sonar = sonar.changed(record=2.0 * sonar.max_range / speed + lasts)
+        self.sonar, self.air, self.heard = sonar, air, heard
+        self._equipment = Equipment.of(sonar)
+        self.samples = math.ceil(sonar.record * sonar.sample_rate)
+        shape = (BANDS, BINS) if heard == "cochleagram" else (self.samples,)
+        self.shape = (sonar.ears, *shape)
+
+    def place(self, state: State, row: int = 0) -> Place:
+        """Where a flyer's sonar is."""
+        heading, pitch, _ = degrees(state, row)
+        frame = beam_frame(math.radians(heading), math.radians(pitch))
+        return Place(state.position[row].copy(), frame, self.sonar.speed * frame[0])
+
+    def settings(self, state: State, row: int = 0) -> Sonar:
+        """The sonar at a flyer's pose as settings say it: ``World.ping`` hears what the flyer does."""
+        heading, pitch, _ = degrees(state, row)
+        x, y, z = state.position[row].tolist()
+        return self.sonar.changed(position=(x, y, z), azimuth_deg=heading, elevation_deg=pitch)
+
+    def ping(self, around: Any, state: State, row: int = 0) -> Echo:
+        """One ping."""
+        shading = self.sonar.shading
+        return ping(
+            around.targets,
+            self.sonar,
+            self.air,
+            around.wood if "trunks" in shading else None,
+            pose=self.place(state, row),
+            equipment=self._equipment,
+            everything=around.caster if "extinction" in shading else None,
+        )
+
+    def listen(self, around: Any, state: State) -> np.ndarray:
+        """(N, *shape) what all flyers hear."""
+        told = np.empty((len(state), *self.shape))
+        for row in range(len(state)):
+            sound = self.ping(around, state, row).waveforms
+            if self.heard == "cochleagram":
+                told[row] = cochleagram(sound, self.sonar)
+            else:
+                told[row] = sound[:, : self.samples]
+        return told
+
+
+def cochleagram(sound: np.ndarray, sonar: Sonar) -> np.ndarray:
+    """(E, BANDS, BINS) levels of sound (E, S) by frequency and time, 0 at ``FLOOR_DB`` and 1 at ``TOP_DB``.
+
+    Bands are as wide in octaves and overlap by half (raised cosines over log f, as a filter bank of constant
+    quality); the mean square of each band's envelope in each bin of time, in dB.
+    """
+    count = sound.shape[-1]
+    length = fft.next_fast_len(count, real=True)
+    spectrum = fft.rfft(sound, length, axis=-1)
+    frequency = fft.rfftfreq(length, 1.0 / sonar.sample_rate)
+    low, high = sonar.band
+    place = np.log(np.maximum(frequency, 1.0) / low) / np.log(high / low) * (BANDS - 1)
+    off = place - np.arange(BANDS)[:, None]
+    window = np.where(np.abs(off) < 1.0, 0.5 + 0.5 * np.cos(np.pi * off), 0.0)
+    analytic = np.zeros((len(sound), BANDS, length), dtype=np.complex128)
+    analytic[..., : len(frequency)] = 2.0 * spectrum[:, None] * window
+    envelope = fft.ifft(analytic, axis=-1, overwrite_x=True)[..., :count]
+    power = envelope.real**2 + envelope.imag**2
+    edges = np.linspace(0, count, BINS, endpoint=False).astype(np.int64)
+    size = np.diff(edges, append=count)
+    mean = np.add.reduceat(power, edges, axis=-1) / size
+    level = 10.0 * np.log10(np.maximum(mean, 1e-30))
+    told: np.ndarray = np.clip((level - FLOOR_DB) / (TOP_DB - FLOOR_DB), 0.0, 1.0)
+    return told
+
+
+ODOMETRY = 8
+FARTHEST = 1e7  # no number of odometry is larger
+
+
+def odometry(
+    flight: Flight, state: State, goal: np.ndarray, rngs: list[np.random.Generator] | None
+) -> np.ndarray:
+    """(N, 8) what flyers know of themselves: the aim ahead, to the left and above, metres; the velocity
+    ahead, to the left and up, m/s; nose down and left side up, radians. With the spreads of the settings.
+    """
+    position, velocity, heading = state.position, state.velocity, state.heading
+    if rngs is not None and (flight.position_sd or flight.velocity_sd or flight.heading_sd_deg):
+        drawn = np.array([rng.standard_normal(7) for rng in rngs])
+        position = position + flight.position_sd * drawn[:, :3]
+        velocity = velocity + flight.velocity_sd * drawn[:, 3:6]
+        heading = heading + np.deg2rad(flight.heading_sd_deg) * drawn[:, 6]
+    towards = goal - position
+    cos, sin = np.cos(heading), np.sin(heading)
+    told = np.empty((len(heading), ODOMETRY))
+    for first, vector in ((0, towards), (3, velocity)):
+        told[:, first] = cos * vector[:, 0] + sin * vector[:, 1]
+        told[:, first + 1] = cos * vector[:, 1] - sin * vector[:, 0]
+        told[:, first + 2] = vector[:, 2]
+    told[:, 6:] = state.tilt
+    return np.clip(told, -FARTHEST, FARTHEST, out=told)
+
+
+def generator(seed: int, flyer: int = 0) -> np.random.Generator:
+    """The chances of one flyer's episode."""
+    return stream(seed, "flight", flyer)
+
+
+def placed(scanner: Mobile, pose: Pose) -> Mobile:
+    """The scanner at one pose."""
+    return replace(scanner, poses=(pose,))

@@ -1,0 +1,298 @@
+"""Flyers in a world: they start, sense, decide elsewhere, move, and touch something or arrive.
+
+All N flyers move at a time; each has its own chances (``generator(seed, number)``), so that its flight does
+not depend on the others. A step is refused as a whole before anything has moved. On each straight piece of a
+step what comes first counts: the touch ends a flight, arriving ends it too, wherever along the piece.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..spec import Flight, SpecError
+from .bodies import State, at_rest, checked, move
+from .obstacles import Obstacles
+from .senses import Ears, Lidar, generator, odometry
+
+TRIES = 200  # places that are drawn for a start
+SENSORS = ("lidar", "sonar")
+CRASH, ARRIVED = -10.0, 10.0  # rewards, beside the metres nearer to the aim
+
+
+class World(Protocol):
+    """Where flyers are: see ``woods.Surroundings``."""
+
+    obstacles: Obstacles
+
+    @property
+    def field(self) -> tuple[np.ndarray, np.ndarray]: ...
+
+    def ground(self, place: np.ndarray) -> np.ndarray: ...
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A step of N flyers.
+
+    reward : (N,) metres nearer to the aim, and what an end counts. crashed, arrived, late : (N,) bool: it
+    touched, it is there, its steps are used up. way : (N,) metres flown in this step.
+    """
+
+    reward: np.ndarray
+    crashed: np.ndarray
+    arrived: np.ndarray
+    late: np.ndarray
+    way: np.ndarray
+
+    @property
+    def ended(self) -> np.ndarray:
+        """(N,) bool."""
+        over: np.ndarray = self.crashed | self.arrived | self.late
+        return over
+
+
+class Flyers:
+    """N flyers of one kind.
+
+    lidar, ears : what they carry, or None. every : steps from ping to ping.
+    """
+
+    def __init__(
+        self, flight: Flight, count: int, lidar: Lidar | None, ears: Ears | None, every: int = 1
+    ) -> None:
+        self.flight, self.count = flight, count
+        self.lidar, self.ears, self.every = lidar, ears, every
+        self.world: Any = None
+
+    def enter(self, world: Any) -> None:
+        """Take all flyers to a world; ``start`` them then."""
+        self.world = world
+        count = self.count
+        self.state = at_rest(self.flight, np.zeros((count, 3)), np.zeros(count))
+        self.goal, self.from_ = np.zeros((count, 3)), np.zeros((count, 3))
+        self.steps, self.flown = np.zeros(count, dtype=np.int64), np.zeros(count)
+        self._rngs = [generator(0)] * count
+        self._ball, self._room = np.zeros((count, 3)), np.full(count, -1.0)
+        self._left = np.zeros(count)
+        self._heard = np.zeros((count, *self.ears.shape)) if self.ears else None
+
+    def start(
+        self,
+        rows: Sequence[int],
+        seeds: Sequence[int],
+        start: Any = None,
+        goal: Any = None,
+        heading_deg: float | None = None,
+    ) -> None:
+        """Set some flyers out anew.
+
+        start, goal : (3,) metres in place of those of the settings. heading_deg : of the aim, likewise.
+
+        Raises
+        ------
+        SpecError : a start that touches something; no free place was found for one.
+        """
+        flight = self.flight
+        towards = np.deg2rad(flight.heading_deg if heading_deg is None else heading_deg)
+        given = flight.start if start is None else _place("start", start)
+        aim = None if goal is None else _place("goal", goal)
+        begun = []
+        for row, seed in zip(rows, seeds, strict=True):
+            rng = generator(int(seed))
+            place = (
+                self._free(rng)
+                if given is None
+                else self._checked(np.array(given, dtype=np.float64))
+            )
+            ahead = np.array([np.cos(towards), np.sin(towards), 0.0])
+            target = place + flight.distance * ahead if aim is None else aim
+            way = target - place
+            heading = float(np.arctan2(way[1], way[0])) if way[:2].any() else float(towards)
+            begun.append((row, rng, place, target, heading))
+        for row, rng, place, target, heading in begun:
+            self._rngs[row] = rng
+            self.goal[row], self.from_[row] = target, place
+            self.steps[row], self.flown[row] = 0, 0.0
+            self._room[row] = -1.0
+            fresh = at_rest(flight, place[None], np.array([heading]))
+            self.state = self.state.put(np.array([row]), fresh)
+        self._left = self._distance(self.state.position)
+
+    def sense(self, rows: np.ndarray | None = None) -> dict[str, np.ndarray]:
+        """What all flyers sense, arrays with a row each; a ping is new every so many steps.
+
+        rows : bool (N,), of those that have to listen now whatever their step.
+        """
+        told = {}
+        state = self.state
+        if self.lidar:
+            told["lidar"] = self.lidar.look(self.world, state, self._seeds())
+        if self.ears and self._heard is not None:
+            due = self.steps % self.every == 0
+            if rows is not None:
+                due = due & rows
+            now = due.nonzero()[0]
+            if len(now):
+                self._heard[now] = self.ears.listen(self.world, state.take(now))
+            told["sonar"] = self._heard.copy()
+        told["odometry"] = odometry(self.flight, state, self.goal, self._rngs)
+        return told
+
+    def step(self, action: np.ndarray) -> Outcome:
+        """Move all flyers a step.
+
+        action : (N, A), see ``bodies``.
+
+        Raises
+        ------
+        SpecError : an action that cannot be used; nothing has moved.
+        """
+        flight = self.flight
+        action = checked(flight, action, self.count)
+        before = self.state
+        after, corners = move(flight, before, action)
+        crashed, arrived = np.zeros(self.count, bool), np.zeros(self.count, bool)
+        here, place, way = before.position, after.position, np.zeros(self.count)
+        for piece in range(corners.shape[1]):
+            there = corners[:, piece]
+            length = _lengths(there - here)
+            stops, comes = self._touched(here, there, length), self._arrives(here, there, length)
+            if stops is None and comes is None and not (crashed.any() or arrived.any()):
+                way += length
+            else:
+                never = np.full(self.count, np.inf)
+                stops = never if stops is None else stops
+                comes = never if comes is None else comes
+                going = ~(crashed | arrived)
+                hit = going & (stops <= comes) & np.isfinite(stops)
+                there_now = going & (comes < stops)
+                share = np.where(hit, stops, np.where(there_now, comes, 1.0))
+                ended = (hit | there_now)[:, None]
+                place = np.where(ended, here + share[:, None] * (there - here), place)
+                way += np.where(going, share * length, 0.0)
+                crashed |= hit
+                arrived |= there_now
+            here = there
+        left = self._distance(place)
+        reward = self._left - left
+        if crashed.any() or arrived.any():
+            reward = reward + CRASH * crashed + ARRIVED * arrived
+        self._left = left
+        self.state = State(place, after.velocity, after.heading, after.tilt, after.course)
+        self.steps += 1
+        self.flown += way
+        late = (self.steps >= flight.steps) & ~crashed & ~arrived
+        return Outcome(reward, crashed, arrived, late, way)
+
+    def _touched(
+        self, here: np.ndarray, there: np.ndarray, length: np.ndarray
+    ) -> np.ndarray | None:
+        """Shares of ways at which flyers touch, None: none does. Who stays in the free ball of before, or in
+        that around where it is, is not asked.
+        """
+        radius = self.flight.radius
+        # The ball holds the start of the way too: a ball is convex.
+        rows = (_lengths(there - self._ball) + radius > self._room).nonzero()[0]
+        if not len(rows):
+            return None
+        obstacles = self.world.obstacles
+        room = obstacles.room(here[rows])
+        self._ball[rows], self._room[rows] = here[rows], room
+        close = length[rows] + radius > room
+        if not close.any():
+            return None
+        rows = rows[close]
+        share = np.full(self.count, np.inf)
+        share[rows] = obstacles.touch(here[rows], there[rows], radius)
+        return share
+
+    def _arrives(
+        self, here: np.ndarray, there: np.ndarray, length: np.ndarray
+    ) -> np.ndarray | None:
+        """(N,) shares of ways at which flyers come to their aim, ``inf``: not on it; None: none does."""
+        reached = 0.0 if self.flight.aim == "heading" else self.flight.reached
+        if (self._distance(here) - length > reached).all():
+            return None
+        way = there - here
+        if self.flight.aim == "heading":
+            axis = self.goal - self.from_
+            left = np.einsum("ni,ni->n", axis, self.goal - here)
+            speed = np.einsum("ni,ni->n", axis, way)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                share = np.where(left <= 0, 0.0, left / speed)
+            return np.where((left <= 0) | ((speed > 0) & (share <= 1)), share, np.inf)
+        away = here - self.goal
+        a, b = np.einsum("ni,ni->n", way, way), np.einsum("ni,ni->n", away, way)
+        c = np.einsum("ni,ni->n", away, away) - self.flight.reached**2
+        with np.errstate(divide="ignore", invalid="ignore"):
+            root = b * b - a * c
+            share = c / (np.sqrt(root) - b)
+            met = (root >= 0) & (b < 0) & (share <= 1)
+        return np.where(c <= 0, 0.0, np.where(met, share, np.inf))
+
+    def _distance(self, place: np.ndarray) -> np.ndarray:
+        """(N,) metres from places to the aims."""
+        off: np.ndarray = self.goal - place
+        if self.flight.aim == "heading":
+            axis = self.goal - self.from_
+            return np.einsum("ni,ni->n", off, axis) / np.maximum(
+                np.linalg.norm(axis, axis=1), 1e-12
+            )
+        return _lengths(off)
+
+    def _seeds(self) -> np.ndarray:
+        """(N,) seeds of what the scanners of this step do by chance; none are drawn where there is none."""
+        if self.lidar is None or self.lidar.exact:
+            return np.zeros(self.count, dtype=np.int64)
+        return np.array([rng.integers(2**31) for rng in self._rngs])
+
+    def _free(self, rng: np.random.Generator) -> np.ndarray:
+        """A free place in the box of starts."""
+        flight = self.flight
+        low, high = self.world.field
+        for _ in range(TRIES):
+            share = rng.uniform(flight.start_low, flight.start_high)
+            spot = low + share * (high - low)
+            place = np.array([*spot, float(self.world.ground(spot[None])[0]) + flight.height])
+            if not self._stuck(place, flight.clearance):
+                return place
+        raise SpecError(
+            "flight.start",
+            f"no free place was found in {TRIES} draws; widen start_low to start_high, or lower clearance",
+        )
+
+    def _checked(self, place: np.ndarray) -> np.ndarray:
+        if self._stuck(place, 0.0):
+            x, y, z = place
+            raise SpecError(
+                "flight.start",
+                f"({x:g}, {y:g}, {z:g}) is inside or within {self.flight.radius:g} m of something solid; "
+                "start elsewhere",
+            )
+        return place
+
+    def _stuck(self, place: np.ndarray, clearance: float) -> bool:
+        radius = self.flight.radius + clearance
+        obstacles = self.world.obstacles
+        if float(obstacles.room(place[None])[0]) > radius:
+            return False
+        if np.isfinite(obstacles.touch(place[None], place[None], radius)[0]):
+            return True
+        return bool(obstacles.encloses(place))
+
+
+def _lengths(vector: np.ndarray) -> np.ndarray:
+    """(N,) of vectors (N, 3)."""
+    length: np.ndarray = np.sqrt(vector[:, 0] ** 2 + vector[:, 1] ** 2 + vector[:, 2] ** 2)
+    return length
+
+
+def _place(name: str, value: Any) -> np.ndarray:
+    place = np.asarray(value, dtype=np.float64)
+    if place.shape != (3,) or not np.isfinite(place).all():
+        raise SpecError(name, "must be three finite numbers, metres")
+    return place

@@ -1,0 +1,283 @@
+"""Worlds to fly in: a scene's variants read from Blender once, then a new forest of them for every episode.
+
+The variants of a scene are grown and built in Blender, one of each, and read back as sensors see them. A
+forest of an episode is a plan of that scene with another seed: only where trees stand is new, and Blender's
+geometry nodes say where to the bit (``blender/turning``), so that what a flyer senses is what ``World.scan``
+and ``World.ping`` find in that forest. Rays' trees, the sonar's measures and the cells of what stops a flyer
+belong to the meshes and are shared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..api import World, build, read
+from ..sensing.rays.caster import RayCaster
+from ..sensing.rays.geometry import SceneGeometry
+from ..sensing.sonar.targets import Targets
+from ..spec import Scene, SpecError
+from ..stand.forest import Forest, sunk_stand
+from ..stand.plan import plan_stand
+from .obstacles import MeshObstacles, Obstacles
+from .solids import Solid
+
+if TYPE_CHECKING:
+    from ..stand.inputs import Inputs
+
+APART = 100.0  # metres between the single trees that are read
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """A world as a flyer meets it.
+
+    settings : of its scene. stock : whose meshes it stands of. forest : its stand and trees, None of a scene
+    that was not grown here. obstacles : what stops.
+    """
+
+    settings: Scene
+    stock: Stock
+    geometry: SceneGeometry
+    obstacles: Obstacles
+    forest: Forest | None = None
+
+    @cached_property
+    def caster(self) -> RayCaster:
+        """Rays that meet everything."""
+        from ..blender.casters import moved_caster
+
+        return moved_caster(self.stock.caster, self.geometry)
+
+    @cached_property
+    def wood(self) -> RayCaster:
+        """Rays that pass leaves."""
+        from ..blender.casters import moved_caster
+
+        like = self.stock.wood
+        return moved_caster(like, replace(self.geometry, meshes=like.scene.meshes))
+
+    @cached_property
+    def targets(self) -> Targets:
+        """What sounds back."""
+        return Targets(self.geometry, self.stock.targets)
+
+    @property
+    def field(self) -> tuple[np.ndarray, np.ndarray]:
+        """(2,) smallest and (2,) largest place of the field."""
+        low = np.array(self.settings.forest.origin)
+        return low, low + self.settings.forest.size
+
+    def ground(self, place: np.ndarray) -> np.ndarray:
+        """(N,) heights of the ground at places (N, 2); the base where there is none."""
+        height = self.stock.ground.height(place)
+        return np.where(np.isfinite(height), height, self.settings.forest.terrain.base)
+
+    def world(self) -> World:
+        """The same forest built in Blender, as ``api.build`` does: to look at, scan and save.
+
+        Raises
+        ------
+        SpecError : what stands in Blender was not grown here; take ``api.current()``.
+        """
+        if self.forest is None:
+            raise SpecError("world", "stands in Blender already; take it by current()")
+        return self.stock.built(self.forest)
+
+
+class Stock:
+    """The meshes of a scene and all that is made of them alone.
+
+    scene : settings or a scene file. folder : that relative paths in settings start from.
+    Blender's current scene gets the forest of the scene's own seed; nothing later needs it there.
+
+    Raises
+    ------
+    SpecError : ``bpy`` is missing; a species, a file or an object cannot be used.
+    """
+
+    def __init__(self, scene: Scene | str | Path, folder: str | Path = ".") -> None:
+        if not isinstance(scene, Scene):
+            scene = read(scene)
+        # Points, whatever the number of trees: what is told of them is told of any number.
+        self.settings = scene.changed(forest=scene.forest.changed(instancing="points"))
+        self.folder = Path(folder)
+        self._inputs: Inputs | None = None
+        self._read()
+
+    @classmethod
+    def standing(cls, world: World) -> Stock:
+        """What stands in Blender now; there is one forest of it."""
+        made = cls.__new__(cls)
+        made.settings, made.folder, made._inputs = world.scene, world.folder, None
+        made._grown = world.forest
+        made._keep(world.observer.geometry)
+        return made
+
+    def surroundings(self, seed: int | None = None) -> Surroundings:
+        """The forest of a seed; None: of the scene's own, or what stands in Blender."""
+        if self._inputs is None:
+            obstacles = MeshObstacles(self._geometry, self.solids)
+            return Surroundings(self.settings, self, self._geometry, obstacles, self._grown)
+        forest = self._forest(self.settings.seed if seed is None else seed)
+        geometry = self._placed(forest)
+        return Surroundings(
+            self.settings, self, geometry, MeshObstacles(geometry, self.solids), forest
+        )
+
+    def built(self, forest: Forest) -> World:
+        """A forest of this stock in Blender's current scene."""
+        import bpy
+
+        from ..blender.forest import build as build_in_blender
+
+        place = bpy.context.scene
+        assert self._inputs is not None
+        build_in_blender(place, self.settings, forest, self._inputs.terrain)
+        return World(self.settings, self.folder, forest, place)
+
+    @cached_property
+    def caster(self) -> Any:
+        """Rays that meet everything of the first forest."""
+        from ..blender.casters import make_caster
+
+        return make_caster(self._geometry, self.settings.rays)
+
+    @cached_property
+    def wood(self) -> Any:
+        """Rays that pass leaves."""
+        from ..blender.casters import make_caster
+
+        return make_caster(self._geometry.solid(), self.settings.rays)
+
+    @cached_property
+    def targets(self) -> Targets:
+        """What sounds back, measured once."""
+        return Targets(self._geometry)
+
+    @cached_property
+    def solids(self) -> list[Solid]:
+        """What stops a flyer in each mesh."""
+        thinnest = self.settings.flight.thinnest
+        return [Solid(mesh, thinnest) for mesh in self._geometry.meshes]
+
+    @cached_property
+    def ground(self) -> Any:
+        """The terrain."""
+        from ..stand.intensity.terrain import Flat
+
+        if self._inputs is None:
+            return Flat(self.settings.forest.terrain.base)
+        return self._inputs.ground(self.settings.forest.terrain.base)
+
+    def _read(self) -> None:
+        """Grow every variant that can stand, build one of each in Blender and read all that is there."""
+        import_blender()
+        import bpy
+
+        from ..blender.inputs import inputs_from_scene
+        from ..formats.species_file import find_species, load_species
+        from ..formats.stand_files import read_inputs
+        from ..growth.tree import grow
+        from ..rng import stream
+
+        settings = self.settings
+        world = build(settings, folder=self.folder)
+        assert world.forest is not None
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        self._inputs = inputs_from_scene(settings, depsgraph, read_inputs(settings, self.folder))
+        variants = dict(world.forest.variants)
+        for number, planting in enumerate(settings.plantings):
+            known = load_species(find_species(planting.species, self.folder))
+            for variant in range(planting.variants):
+                if (number, variant) not in variants:
+                    rng = stream(settings.seed, "tree", world.forest.labels[number], variant)
+                    variants[number, variant] = grow(*known, rng)
+        self._grown = replace(world.forest, variants=dict(sorted(variants.items())))
+        if len(variants):
+            catalogue = self.built(self._catalogue())
+            self._keep(catalogue.observer.geometry)
+        else:
+            self._keep(world.observer.geometry)
+
+    def _catalogue(self) -> Forest:
+        """One tree of every variant, far from each other."""
+        assert self._grown is not None
+        keys = np.array(list(self._grown.variants), dtype=np.int64).reshape(-1, 2)
+        count = len(keys)
+        position = np.zeros((count, 3))
+        position[:, 0] = APART * np.arange(count)
+        stand = replace(
+            self._grown.stand,
+            position=position,
+            rotation=np.zeros(count),
+            scale=np.ones(count),
+            species=keys[:, 0],
+            variant=keys[:, 1],
+            id=np.arange(count),
+            sink=np.zeros(count),
+        )
+        return replace(self._grown, stand=stand)
+
+    def _keep(self, geometry: SceneGeometry) -> None:
+        self._geometry = geometry
+        if self._inputs is None:
+            return
+        assert self._grown is not None
+        single = np.flatnonzero(geometry.tree >= 0)
+        # Which mesh each variant is, by the number of its tree in the catalogue.
+        self._mesh_of = {
+            key: int(geometry.mesh_index[single[geometry.tree[single] == number][0]])
+            for number, key in enumerate(self._grown.variants)
+        }
+
+    def _forest(self, seed: int) -> Forest:
+        settings, inputs = self.settings, self._inputs
+        assert inputs is not None
+        assert self._grown is not None
+        stand = plan_stand(seed, settings.forest, settings.plantings, inputs)
+        ground = inputs.ground(settings.forest.terrain.base)
+        sunk = sunk_stand(stand, self._grown.variants, ground)
+        return replace(self._grown, stand=sunk)
+
+    def _placed(self, forest: Forest) -> SceneGeometry:
+        """The geometry that Blender's scene of this forest would be read as."""
+        from ..blender.turning import evaluated_transforms
+
+        stock, stand = self._geometry, forest.stand
+        rest = np.flatnonzero(stock.tree < 0)
+        keys = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
+        mesh = np.array([self._mesh_of[key] for key in keys], dtype=np.int64)
+        number = {key: n for n, key in enumerate(forest.variants)}
+        keys = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
+        rank = np.array([number[key] for key in keys], dtype=np.int64)
+        order = np.argsort(rank, kind="stable")  # as they are read: one variant after the other
+        place = forest.transforms()[:, :, 3]
+        transform = evaluated_transforms(place, stand.rotation, stand.scale)
+        trees = stock.object_index[stock.tree >= 0][:1].repeat(len(stand))
+        return replace(
+            stock,
+            transform=np.concatenate([stock.transform[rest], transform[order]]),
+            mesh_index=np.concatenate([stock.mesh_index[rest], mesh[order]]),
+            tree=np.concatenate([stock.tree[rest], stand.id[order]]),
+            species=np.concatenate([stock.species[rest], stand.species[order]]),
+            object_index=np.concatenate([stock.object_index[rest], trees]),
+            reflectance=np.concatenate([stock.reflectance[rest], np.full(len(stand), np.nan)]),
+        )
+
+
+def import_blender() -> None:
+    """Say what to do where there is no Blender.
+
+    Raises
+    ------
+    SpecError : ``bpy`` is missing.
+    """
+    try:
+        import bpy  # noqa: F401
+    except ImportError:
+        raise SpecError("bpy", "is not installed; pip install bpy, or run in Blender") from None

@@ -1,0 +1,1 @@
+"""Flights and experiments with them."""
