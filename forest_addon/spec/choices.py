@@ -45,6 +45,7 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
     },
     "shape": {
         "ellipse": ("Ellipse", "An oval blade"),
+        "oval": ("Oval, Light", "The same with few triangles, for crowns of many leaves"),
         "maple": ("Maple", "Five lobes"),
         "needle": ("Needle", "Long and thin"),
     },
@@ -118,6 +119,16 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "trunks": ("By Wood", "What stands behind a trunk or branch is not heard"),
         "extinction": ("By Leaves", "Leaves in the way weaken what is behind them"),
         "trunks+extinction": ("Wood and Leaves", "Both"),
+    },
+    "body": {
+        "bat": ("Bat", "A point mass with limits on speed, acceleration and turns"),
+        "bird": ("Bird", "Even speed ahead, a little sideways (Karaman and Frazzoli)"),
+        "planar": ("Planar", "Even speed in a plane, with limited turns"),
+        "quadrotor": ("Quadrotor", "It moves by tilting, which takes a moment"),
+    },
+    "aim": {
+        "goal": ("Goal", "Reach a place at the distance below"),
+        "heading": ("Heading", "Get so far in one direction"),
     },
     "dialect": {
         "T20": ("T20", "A trunk whose branches branch again, by Tanveer and colleagues"),
