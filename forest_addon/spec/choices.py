@@ -45,7 +45,7 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
     },
     "shape": {
         "ellipse": ("Ellipse", "An oval blade"),
-        "oval": ("Oval, Light", "The same with few triangles, for crowns of many leaves"),
+        "oval": ("Egg", "Broad near the stalk, folded along its midrib, of few triangles"),
         "maple": ("Maple", "Five lobes"),
         "needle": ("Needle", "Long and thin"),
     },
