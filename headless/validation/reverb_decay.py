@@ -15,7 +15,7 @@ import numpy as np
 from scipy import signal
 from scipy.io import wavfile
 
-from forest_addon.sensing.reverb.metrics import octave, onset, room_metrics
+from forest_addon.sensing.reverb.metrics import octave, onset, reverberation_time, room_metrics
 from forest_addon.spec import SpecError
 
 FRAME = 0.02  # s
@@ -65,6 +65,23 @@ def read_recording(path: Path, rate: float) -> np.ndarray:
         divisor = math.gcd(int(own), int(rate))
         samples = signal.resample_poly(samples, int(rate) // divisor, int(own) // divisor)
     return np.asarray(samples[max(0, onset(samples) - int(LEAD * rate)) :])
+
+
+def missing_loss(samples: np.ndarray, rate: float, band: float, t20: float, speed: float) -> float:
+    """dB a metre of path by which an octave must lose more (less below 0) for its T20 to be ``t20``; NaN: never."""
+    heard = octave(samples, rate, band)
+    metres = np.arange(len(heard)) * (speed / rate)
+
+    def apart(loss: float) -> float:
+        return reverberation_time(heard * 10.0 ** (-loss * metres / 20.0), rate, (-5.0, -25.0)) - t20
+
+    low, high = -0.05, 1.0
+    if not (apart(low) > 0 > apart(high)):
+        return math.nan
+    for _ in range(14):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if apart(middle) > 0 else (low, middle)
+    return 0.5 * (low + high)
 
 
 def _laws(samples: np.ndarray, rate: float, start: int) -> tuple[float, float, float]:
