@@ -27,13 +27,14 @@ from .reverb_stands import PlausibleStand, heard, plausible_stands, settings, va
 
 TITLE = "Forest reverb"
 SUMMARY = """\
-Koli: an impulse response of a boreal forest in summer (OpenAIR, CC BY 4.0), source and receiver about 9 m apart.
-The trees around it were not mapped. The simulations are stands drawn from what such forests are like: 400 to
-1,500 stems/ha, radii of 5 to 15 cm, forest floor of 50 to 88 kPa·s/m², up to 0.5 m² of leaves a cubic metre at
-the height of the path, bark that absorbs 2 to 10 %, trees of 10 to 22 m; none is fitted. Intervals hold 90 % of
-them; *before* is K's model in the same stands, as the tool had it. T20 agrees where the median stand is within
-25 % of the recording, C50 within 3 dB.
-Albert et al. (2015, JASA 138:735): 30 m paths in seven stands; only their reverberation times are published."""
+Koli: an impulse response of a boreal forest in summer (OpenAIR, CC BY 4.0), source and receiver about 9 m
+apart. The trees around it were not mapped. The simulations are stands drawn from what such forests are
+like: 400 to 1,500 stems/ha, radii of 5 to 15 cm, forest floor of 50 to 88 kPa·s/m², up to 0.5 m² of
+leaves a cubic metre at the height of the path, bark that absorbs 2 to 10 %, trees of 10 to 22 m; none is
+fitted. Intervals hold 90 % of them; *before* is K's model in the same stands, as the tool had it. T20
+agrees where the median stand is within 25 % of the recording, C50 within 3 dB.
+Albert et al. (2015, JASA 138:735): 30 m paths in seven stands; only their reverberation times are
+published."""
 KOLI = SoundPath(9.0, 1.5, 32e3, Air(temperature_c=16.0, humidity=75.0))
 ALBERT = SoundPath(30.0, 1.5, 8e3, Air(temperature_c=20.0, humidity=60.0))
 BANDS = np.array([500.0, 1000.0, 2000.0, 4000.0, 8000.0])
@@ -251,7 +252,7 @@ def _albert(stands: Sequence[PlausibleStand]) -> list[Comparison]:
 
 
 def _ensembles(out: Path) -> list[Comparison]:
-    """Single scattering and transport against exact multiple scattering: no measurement, a limit of the model."""
+    """Single scattering and transport against exact multiple scattering: a limit of the model."""
     edges = np.geomspace(5.5, 36.0, 8)
     cases = [
         (f"{case.trunks} trunks, {case.density:.2f}/m², ka {case.ka:g}", judge(case, edges))

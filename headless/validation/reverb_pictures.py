@@ -60,7 +60,9 @@ def draw_ablation(
         axes.set_xlabel("octave, Hz")
         axes.set_title(title)
         axes.set_ylim(bottom=0)
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8)
+    figure.legend(
+        *figure.axes[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8
+    )
     return save_figure(figure, path)
 
 

@@ -61,9 +61,7 @@ def audit_response(
             if found.exact:
                 yield octave_errors(exact, exact, rate)  # it is the direct sum itself
                 continue
-            fast = expansions.sum(
-                some, rate, count + SPREAD, air, reverb.tolerance, losses
-            ).samples
+            fast = expansions.sum(some, rate, count + SPREAD, air, reverb.tolerance, losses).samples
             yield octave_errors(fast, exact, rate)
 
     checked = sample(batches(), share * seconds)

@@ -36,7 +36,8 @@ LONGEST_RINGING = 10.0  # s of a transform after the last arrival
 RINGING_SHARE = 4.0
 SINGLE = 1e-4  # from this tolerance on, single precision does; not where seconds of filters are
 RINGING = 0.02  # s by which a gain of frequency spreads an arrival to both sides
-LEAST = 0.2  # of the tolerance: products of a zone that are smaller at all frequencies are left out
+UNHEARD = 1e-5  # of the loudest frequency: where a layer has nothing but rounding
+LEAST = 0.3  # of the tolerance: products of a zone that are smaller at all frequencies are left out
 BESIDE = 160  # samples of a low layer before and after the record; they fade out
 
 
@@ -132,9 +133,7 @@ def _by_panels(
     frequency = np.arange(size // 2 + 1) * (rate / size)
     loss = loss_per_metre(frequency, air, losses)
     bark = losses.bark if losses else 0.0
-    spectrum, checks = panel_spectrum(
-        paths, rate / size, loss, air.speed(), tolerance, gain, bark
-    )
+    spectrum, checks = panel_spectrum(paths, rate / size, loss, air.speed(), tolerance, gain, bark)
     errors: dict[float, float] = {}
     for check in checks:
         octave = 20.0 * 2.0 ** math.floor(math.log2(check.frequency / 20.0))
@@ -261,7 +260,7 @@ class _LayerSum:
         kept = np.arange(len(spectra))
         if zone is not None:
             share = np.abs(spectra)
-            share /= np.maximum(share.max(axis=0), 1e-300)
+            share /= np.maximum(share.max(axis=0), UNHEARD * share.max() + 1e-300)
             kept = np.flatnonzero(share.max(axis=1) > LEAST * self.layer.tolerance)
             spectra = spectra[kept]
         spectra = spectra.astype(np.result_type(self.dtype, np.complex64), copy=False)
@@ -269,10 +268,7 @@ class _LayerSum:
             self._spectra[key] = spectra, kept
         return spectra, kept
 
-
-    def _low_spectra(
-        self, sector: Sector, size: int, gain: PathGain, zone: Zone
-    ) -> np.ndarray:
+    def _low_spectra(self, sector: Sector, size: int, gain: PathGain, zone: Zone) -> np.ndarray:
         """(R·Q, size // 2 + 1) a sector's filters with a zone's; the air leaves both as they are.
 
         At low frequencies the ground answers for so long that the air, by the time, would take from it.

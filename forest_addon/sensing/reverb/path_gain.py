@@ -25,7 +25,7 @@ from .losses import NEAR, Losses
 FIRST_FAR = round(math.log2(NEAR))
 TRIED = 24  # frequencies at which a zone's nodes are counted
 MOST = 1024
-SHARE = 0.3  # of the tolerance
+SHARE = 0.5  # of the tolerance
 
 Values = Callable[[np.ndarray, np.ndarray], np.ndarray]  # of frequency and length
 

@@ -13,7 +13,6 @@ from ..exchange import add_sensor
 from ..running import InOwnScene
 from ..words import say
 
-
 # What a new sensor has that is not the default, which keeps scenes of before as they were.
 NEW = {"reverb": {"model": "forest", "surface": "forest floor"}}
 
