@@ -197,7 +197,7 @@ def _needed(
         reverb.spreading,
         upright=around is not None,
     )
-    losses = around and Losses.of(reverb, air, around.stand, source, receiver)
+    losses = Losses.of(reverb, air, around.stand, source, receiver) if around else None
     if losses and reverb.tail == "transport":  # what is scattered away comes back by other ways
         losses = replace(losses, extinction="none")
     ways = (math.dist(source, end) for end in (receiver, receiver * (1.0, 1.0, -1.0)))
@@ -247,7 +247,7 @@ class _Pair:
         noise = None
         if tail:
             kept = tail.kept(np.arange(count) * (air.speed() / rate))
-            noise = tail.samples(rate, count, air, stream(*self.key, "tail"))
+            noise = tail.samples(rate, count, air, stream(int(self.key[0]), *self.key[1:], "tail"))
             noise *= self._all_round()
             trees = replace(trees, samples=trees.samples * kept + noise)
         mirrored = self.receiver * (1.0, 1.0, -1.0)

@@ -76,7 +76,7 @@ def _density(
     cell = max(math.sqrt(CELL_HOLDS / mean), float(size.max()) / MOST_CELLS)
     shape = np.maximum(1, np.round(size / cell)).astype(np.int64)
     edges = [c + cell * np.arange(n + 1) for c, n in zip(corner, shape, strict=True)]
-    counts = np.histogram2d(*place.T, bins=edges)[0]
+    counts = np.histogram2d(place[:, 0], place[:, 1], bins=(edges[0], edges[1]))[0]
     if beyond > 0 and counts.var() <= UNEVEN * counts.mean():
         return Density.even(mean)
     share = counts.sum() / max(len(place), 1)  # cells do not cover the field to the last metre

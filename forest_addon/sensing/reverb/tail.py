@@ -123,7 +123,7 @@ def tail_of(
     found = []
     for band in bands:
         phase = PhaseFunction.of(float(band), radii, speed, losses.bark, way)
-        rng = stream(*key, "transport", int(band))
+        rng = stream(int(key[0]), *key[1:], "transport", int(band))
         found.append(transported(phase, density, source[:2], receiver[:2], edges, packets, rng))
     taken = replace(losses, extinction=way).removed(bands)
     lift = taken - losses.removed(bands)
