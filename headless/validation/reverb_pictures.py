@@ -104,6 +104,8 @@ def draw_ensembles(path: Path, cases: Sequence[tuple[str, Judged]]) -> Path:
             axes.plot(middle, level, color=colour, lw=1.8, label=name)
         axes.set_xscale("log")
         axes.set_ylim(-20, 4)
+        axes.set_xticks((6, 10, 20, 30), ("6", "10", "20", "30"))
+        axes.minorticks_off()
         axes.set_xlabel("path, m")
         axes.set_title(title)
     every[0].set_ylabel("dB re exact multiple scattering")
