@@ -38,23 +38,28 @@ published."""
 TERMS = """\
 What this says, in plain words:
 
-- **The ground makes the low octaves dry.** Over a porous floor long level paths cancel with their reflection. This
-  one term brings T20 at 500 Hz and 1 kHz from 2.7 s to the recording's, with nothing fitted.
-- **Extinction alone looks right and is wrong.** By itself it comes closest to the recording in all octaves, but
-  trunks do not absorb what they scatter: exact multiple scattering has it back, and transport, which is within
-  2 dB of that, is as reverberant as no extinction at all.
-- **From 2 kHz on something takes sound that the model keeps**: 0.08 to 0.13 dB a metre more would be needed, about
-  as much as trunks scatter. Leaves that absorb are not enough at the densities assumed. Most likely it is what
-  branches and undergrowth scatter: unlike upright trunks they send sound up and down, out of the level layer in
-  which it returns. Thin branches (radius 5 to 10 mm) begin to scatter at 2 to 10 kHz, where the gap is. The
-  model has no such term yet. A rough floor, which scatters high sound upwards too, is another candidate.
-- **C50 from 1 to 4 kHz is 3 to 5 dB low**, for the same reason and perhaps because the recording's source sends
-  more towards the receiver than to other sides; its directivity is not published with it.
-- **The decay's shape.** The recording falls as a power of time from 500 Hz to 4 kHz, ours to 1 kHz only: at 2 and
-  4 kHz the interference of path and ground passes through a maximum within the decay and bends it.
-- **Bark and trunks' ends hardly matter** for one meeting; bark matters for sound that meets many trunks.
-- **Albert's stands.** The median is 1.2 s, at the short end of what was published (1.2 to 3 s); how their times
-  were read from the decay is not known to us, and over a power law the range that is read decides."""
+- **The ground makes the low octaves dry.** Over a porous floor long level paths cancel with their
+  reflection. This one term brings T20 at 500 Hz and 1 kHz from 2.7 s to the recording's, with nothing
+  fitted.
+- **Extinction alone looks right and is wrong.** By itself it comes closest to the recording in all
+  octaves, but trunks do not absorb what they scatter: exact multiple scattering has it back, and
+  transport, which is within 2 dB of that, is as reverberant as no extinction at all.
+- **From 2 kHz on something takes sound that the model keeps**: 0.08 to 0.13 dB a metre more would be
+  needed, about as much as trunks scatter. Leaves that absorb are not enough at the densities assumed.
+  Most likely it is what branches and undergrowth scatter: unlike upright trunks they send sound up and
+  down, out of the level layer in which it returns. Thin branches (radius 5 to 10 mm) begin to scatter
+  at 2 to 10 kHz, where the gap is. The model has no such term yet. A rough floor, which scatters high
+  sound upwards too, is another candidate.
+- **C50 from 1 to 4 kHz is 3 to 5 dB low**, for the same reason and perhaps because the recording's
+  source sends more towards the receiver than to other sides; its directivity is not published with it.
+- **The decay's shape.** The recording falls as a power of time from 500 Hz to 4 kHz, ours to 1 kHz
+  only: at 2 and 4 kHz the interference of path and ground passes through a maximum within the decay and
+  bends it.
+- **Bark and trunks' ends hardly matter** for one meeting; bark matters for sound that meets many
+  trunks.
+- **Albert's stands.** The median is 1.2 s, at the short end of what was published (1.2 to 3 s); how
+  their times were read from the decay is not known to us, and over a power law the range that is read
+  decides."""
 KOLI = SoundPath(9.0, 1.5, 32e3, Air(temperature_c=16.0, humidity=75.0))
 ALBERT = SoundPath(30.0, 1.5, 8e3, Air(temperature_c=20.0, humidity=60.0))
 BANDS = np.array([500.0, 1000.0, 2000.0, 4000.0, 8000.0])

@@ -14,9 +14,9 @@ from forest_addon.spec import Reverb
 
 def scene(scale=1.0):
     """A stem of 10 m and two leaves of 0.5 m², at 1.5 and at 8 m."""
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float)
+    corners, up = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float), np.array([0, 0, 1.0])
     stem = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0, 10.0]])
-    vertices = np.concatenate([stem, corners + [0, 0, 1.5], corners + [0, 0, 8.0]])
+    vertices = np.concatenate([stem, corners + 1.5 * up, corners + 8 * up])
     mesh = TriMesh(
         vertices,
         np.arange(9).reshape(3, 3),
