@@ -51,7 +51,7 @@ def surface_impedance(
 
 def spherical_reflection(
     frequency: np.ndarray,
-    path: float,
+    path: float | np.ndarray,
     rise: float,
     impedance: np.ndarray | complex,
     sound_speed: float,

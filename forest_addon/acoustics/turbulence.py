@@ -1,4 +1,4 @@
-"""How much of the phase between two neighbouring paths the air leaves: Γ of the direct and the ground's sound.
+"""How much of the phase between two neighbouring paths the air leaves: Γ of direct and ground's sound.
 
 Frequencies, a path and how far apart the two paths are come in, Γ from 1 (still air) to 0 goes out. For
 fluctuations of the refractive index with a Gaussian correlation over ``SCALE`` (Karavainikov 1957; Daigle

@@ -114,9 +114,8 @@ class Reverb(Settings):
     )
     turbulence: float = param(
         1.0,
-        unit="1e-6",
-        help="forest: mean square of the fluctuation of the refractive index, which parts the direct "
-        "from the reflected sound (Daigle 1979); 0: still air",
+        help="forest: mean square of the fluctuation of the refractive index in millionths, which parts "
+        "the direct from the reflected sound (Daigle 1979); 0: still air",
         ge=0,
         le=100,
     )

@@ -75,7 +75,8 @@ LABELS = {
     "density": "Trees/m²",
     "painted_value": "Painted (/m²)",
     "divergence_mrad": "Spread (mrad)",
-    "extinction": "Air Loss (1/m)",
+    "extinction (1/m)": "Air Loss (1/m)",  # of a scanner; a reverb has one in words
+    "leaf_area_density": "Leaves (m²/m³)",
     "leaf_transmittance": "Leaf Lets Pass",
     "elasticity": "Elasticity",
     "prune_descending": "Prune Falling",
@@ -142,8 +143,9 @@ def make_group(
 
 def label_of(name: str, known: Param) -> str:
     """What a field is called in the panel: ``angle_step_deg`` is Angle Step (°)."""
-    if name in LABELS and not (name == "extinction" and known.choices):
-        return LABELS[name]
+    for key in (name, f"{name} ({known.unit})"):
+        if key in LABELS:
+            return LABELS[key]
     stem = name
     for suffix in SUFFIXES:
         stem = stem.removesuffix(suffix)

@@ -1,8 +1,8 @@
 """What is read from a recorded or simulated decay: T20 and C50 by octave, and the decay's shape.
 
 A forest's sound falls as a power of time rather than as an exponential, because scattered sound spreads as it
-travels. Both laws are fitted, by least squares in dB, to the energy of short frames of an octave; the residual
-says which it is.
+travels. Both laws are fitted, by least squares in dB, to the energy of short frames of an octave; the
+residual says which it is.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from scipy import signal
 from scipy.io import wavfile
 
-from forest_addon.sensing.reverb.metrics import octave, onset, room_metrics
+from forest_addon.sensing.reverb.metrics import octave, onset, reverberation_time, room_metrics
 from forest_addon.spec import SpecError
 
 FRAME = 0.02  # s
@@ -26,7 +26,7 @@ LEAD = 0.002  # s kept before the onset
 
 @dataclass(frozen=True)
 class Decay:
-    """By octave (B,): band in Hz, t20 in s, c50 in dB, residuals of both laws in dB, the power law's exponent."""
+    """By octave (B,): Hz, t20 in s, c50 in dB, residuals of both laws in dB, the power law's exponent."""
 
     band: np.ndarray
     t20: np.ndarray
@@ -65,6 +65,25 @@ def read_recording(path: Path, rate: float) -> np.ndarray:
         divisor = math.gcd(int(own), int(rate))
         samples = signal.resample_poly(samples, int(rate) // divisor, int(own) // divisor)
     return np.asarray(samples[max(0, onset(samples) - int(LEAD * rate)) :])
+
+
+def missing_loss(samples: np.ndarray, rate: float, band: float, t20: float, speed: float) -> float:
+    """dB a metre of path that an octave must lose besides for its T20 to be ``t20``; NaN: it cannot."""
+    heard = octave(samples, rate, band)
+    metres = np.arange(len(heard)) * (speed / rate)
+
+    def apart(loss: float) -> float:
+        return (
+            reverberation_time(heard * 10.0 ** (-loss * metres / 20.0), rate, (-5.0, -25.0)) - t20
+        )
+
+    low, high = -0.05, 1.0
+    if not (apart(low) > 0 > apart(high)):
+        return math.nan
+    for _ in range(14):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if apart(middle) > 0 else (low, middle)
+    return 0.5 * (low + high)
 
 
 def _laws(samples: np.ndarray, rate: float, start: int) -> tuple[float, float, float]:

@@ -32,7 +32,7 @@ WAYS = (
 
 @dataclass(frozen=True)
 class Ensemble:
-    """trunks of one radius in a disc of ``extent`` metres radius; ends ``distance`` apart; ka in the middle."""
+    """Trunks of one radius in a disc of ``extent`` metres radius; ends ``distance`` apart; ka mid-band."""
 
     trunks: int
     radius: float
@@ -82,9 +82,7 @@ def judge(case: Ensemble, edges: np.ndarray, seed: int = 1) -> Judged:
         radius = np.full(len(centre), case.radius)
         orders = math.ceil(case.ka * (1 + BAND / 2) + 2.3 * case.ka ** (1 / 3) + 1)
         fields = [
-            scattered_fields(
-                f, centre, radius, sources, receivers.reshape(-1, 2), SPEED, orders
-            )
+            scattered_fields(f, centre, radius, sources, receivers.reshape(-1, 2), SPEED, orders)
             for f in frequency.tolist()
         ]
         for kept, found in zip((every, once), zip(*fields, strict=True), strict=True):
@@ -119,9 +117,7 @@ def _ways(
             source = 0.3 * case.extent * np.array([math.cos(turn), math.sin(turn)])
             for side in (1.0, -1.0):
                 receiver = source + side * case.distance * np.array([0.6, 0.8])
-                energy = transported(
-                    phase, density, source, receiver, edges, PACKETS // 4, rng
-                )
+                energy = transported(phase, density, source, receiver, edges, PACKETS // 4, rng)
                 total += energy.once + energy.again
         found.append((name, total * middle / (2.0 * case.sources)))  # in the plane: 2πP
     return found

@@ -11,6 +11,7 @@ from forest_addon.sensing.reverb.metrics import octave, onset
 
 from ..report.pictures import FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
 from .reverb_decay import FRAME, Decay
+from .reverb_ensemble import Judged
 
 
 def draw_bands(
@@ -59,7 +60,9 @@ def draw_ablation(
         axes.set_xlabel("octave, Hz")
         axes.set_title(title)
         axes.set_ylim(bottom=0)
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8)
+    figure.legend(
+        *figure.axes[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8
+    )
     return save_figure(figure, path)
 
 
@@ -87,3 +90,24 @@ def _frames(samples: np.ndarray, rate: float, band: float) -> tuple[np.ndarray, 
     energy = np.square(part[: count * frame]).reshape(count, frame).sum(axis=1)
     level = 10.0 * np.log10(np.maximum(energy, 1e-30) / energy[0])
     return FRAME * (np.arange(count) + 0.5), level
+
+
+def draw_ensembles(path: Path, cases: Sequence[tuple[str, Judged]]) -> Path:
+    """Level of each way above exact multiple scattering, by path length."""
+    figure = blank_figure((5.2 * len(cases), 3.8))
+    colours = (FAINT, RED, "#d99a2b", LEAF_GREEN, "#2f7f8f")
+    every = figure.subplots(1, len(cases), sharey=True, squeeze=False)[0]
+    for axes, (title, judged) in zip(every, cases, strict=True):
+        middle = np.sqrt(judged.edges[1:] * judged.edges[:-1])
+        axes.fill_between(middle, -judged.spread, judged.spread, color=FAINT, alpha=0.5, lw=0)
+        for (name, level), colour in zip(judged.level.items(), colours, strict=True):
+            axes.plot(middle, level, color=colour, lw=1.8, label=name)
+        axes.set_xscale("log")
+        axes.set_ylim(-20, 4)
+        axes.set_xticks((6, 10, 20, 30), ("6", "10", "20", "30"))
+        axes.minorticks_off()
+        axes.set_xlabel("path, m")
+        axes.set_title(title)
+    every[0].set_ylabel("dB re exact multiple scattering")
+    every[0].legend(fontsize=8, loc="lower left")
+    return save_figure(figure, path)

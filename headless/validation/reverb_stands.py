@@ -1,8 +1,8 @@
 """Stands that may be the recorded one, and their reverberation with each term of the model on or off.
 
-Nobody mapped the trees around the recordings: what is known of such forests is a range. Stands are drawn evenly
-from it (Latin hypercube: each of N equal parts of each range once), so that a band of simulations can be held
-to a recording without tuning one.
+Nobody mapped the trees around the recordings: what is known of such forests is a range. Stands are drawn
+evenly from it (Latin hypercube: each of N equal parts of each range once), so that a band of simulations
+can be held to a recording without tuning one.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Sound-hard cylinders by the method of fundamental solutions: no multipoles, no addition theorem.
 
 Line sources on a circle within each cylinder, their strengths by least squares so that the pressure's
-normal derivative vanishes on the rims, or is what bark of an admittance lets through (Fairweather & Karageorghis 1998).
+normal derivative vanishes on the rims, or is what bark of an admittance lets through
+(Fairweather & Karageorghis 1998).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A point source beside an endless upright trunk in space: the field by a sum over vertical wavenumbers.
 
-e^{ikR}/R = (i/2)·∫H₀(κρ)·e^{ihz} dh, κ² = k² - h², and the trunk scatters each h as a line source's field in the
-plane (books' convention, e^{-iωt}). The contour passes k below and -k above.
+e^{ikR}/R = (i/2)·∫H₀(κρ)·e^{ihz} dh, κ² = k² - h², and the trunk scatters each h as a line source's field
+in the plane (books' convention, e^{-iωt}). The contour passes k below and -k above.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ def audit_response(
     stand : that paths lose to, of a model ``forest``.
     """
     ends = np.asarray(source)[:2], np.asarray(receiver)[:2]
-    losses = stand and Losses.of(reverb, air, stand, source, receiver)
+    losses = Losses.of(reverb, air, stand, source, receiver) if stand else None
     upright = losses is not None
     paths = trunk_paths(trunks, *ends, reverb.strength, reverb.spreading, None, upright)
     rate, allowed = reverb.sample_rate, max(reverb.tolerance, *found.errors.values(), 1e-12)
@@ -61,9 +61,7 @@ def audit_response(
             if found.exact:
                 yield octave_errors(exact, exact, rate)  # it is the direct sum itself
                 continue
-            fast = expansions.sum(
-                some, rate, count + SPREAD, air, reverb.tolerance, losses
-            ).samples
+            fast = expansions.sum(some, rate, count + SPREAD, air, reverb.tolerance, losses).samples
             yield octave_errors(fast, exact, rate)
 
     checked = sample(batches(), share * seconds)

@@ -36,6 +36,8 @@ LONGEST_RINGING = 10.0  # s of a transform after the last arrival
 RINGING_SHARE = 4.0
 SINGLE = 1e-4  # from this tolerance on, single precision does; not where seconds of filters are
 RINGING = 0.02  # s by which a gain of frequency spreads an arrival to both sides
+UNHEARD = 1e-5  # of the loudest frequency: where a layer has nothing but rounding
+LEAST = 0.3  # of the tolerance: products of a zone that are smaller at all frequencies are left out
 BESIDE = 160  # samples of a low layer before and after the record; they fade out
 
 
@@ -131,9 +133,7 @@ def _by_panels(
     frequency = np.arange(size // 2 + 1) * (rate / size)
     loss = loss_per_metre(frequency, air, losses)
     bark = losses.bark if losses else 0.0
-    spectrum, checks = panel_spectrum(
-        paths, rate / size, loss, air.speed(), tolerance, gain, bark
-    )
+    spectrum, checks = panel_spectrum(paths, rate / size, loss, air.speed(), tolerance, gain, bark)
     errors: dict[float, float] = {}
     for check in checks:
         octave = 20.0 * 2.0 ** math.floor(math.log2(check.frequency / 20.0))
@@ -156,7 +156,7 @@ class _LayerSum:
         self.kernel = Kernel.for_tolerance(0.3 * layer.tolerance)
         self.errors: dict[float, float] = {}
         self._filters: dict[int, np.ndarray] = {}
-        self._spectra: dict[tuple, np.ndarray] = {}
+        self._spectra: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
 
     def sum(
         self, paths: TrunkPaths, cosine: np.ndarray, count: int, gain: PathGain | None = None
@@ -203,7 +203,7 @@ class _LayerSum:
         size = transform_size(span)
         place -= base
         place *= OVERSAMPLING
-        filters = self._filter_spectra(number, size, gain, zone)
+        filters, kept = self._filter_spectra(number, size, gain, zone)
         total = np.zeros(size // 2 + 1, filters.dtype)
         several = max(4, GRID_AT_ONCE // (size * OVERSAMPLING))
         for first in range(0, len(filters), several):
@@ -213,9 +213,11 @@ class _LayerSum:
                 some = slice(start, start + TRUNKS_AT_ONCE)
                 heights = sector.shares(cosine[some]) * paths.weight[some, None]
                 if zone is not None:
-                    basis = zone.lagrange(paths.length[some])
-                    heights = (heights[:, :, None] * basis[:, None]).reshape(len(basis), -1)
-                heights = heights[:, terms]
+                    basis = zone.polynomials(paths.length[some])
+                    pairs = np.divmod(kept[terms], basis.shape[1])
+                    heights = heights[:, pairs[0]] * basis[:, pairs[1]]
+                else:
+                    heights = heights[:, terms]
                 heights = heights.astype(self.dtype)
                 grid += self._deposit(place[some], heights, len(grid))
             spectra = fft.rfft(grid.T.copy(), axis=1)[:, : size // 2 + 1]
@@ -234,8 +236,11 @@ class _LayerSum:
 
     def _filter_spectra(
         self, number: int, size: int, gain: PathGain | None, zone: Zone | None
-    ) -> np.ndarray:
-        """(R, size // 2 + 1) filters of a sector over the kernel's transform; R·Q in a zone of a gain."""
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(K, size // 2 + 1) filters of a sector over the kernel's transform, and which terms they are of.
+
+        In a zone of a gain, of those of the R·Q products that the tolerance needs.
+        """
         key = number, size, gain and gain.losses, zone and (zone.low, zone.rise)
         if key in self._spectra:
             return self._spectra[key]
@@ -252,15 +257,18 @@ class _LayerSum:
         if gain is not None and zone is not None and self.step == 1:
             gains = gain.filters(zone, np.arange(size // 2 + 1) * (self.rate / size))
             spectra = (spectra[:, None] * gains).reshape(-1, size // 2 + 1)
+        kept = np.arange(len(spectra))
+        if zone is not None:
+            share = np.abs(spectra)
+            share /= np.maximum(share.max(axis=0), UNHEARD * share.max() + 1e-300)
+            kept = np.flatnonzero(share.max(axis=1) > LEAST * self.layer.tolerance)
+            spectra = spectra[kept]
         spectra = spectra.astype(np.result_type(self.dtype, np.complex64), copy=False)
-        if sum(each.nbytes for each in self._spectra.values()) + spectra.nbytes < MOST_KEPT:
-            self._spectra[key] = spectra
-        return spectra
+        if sum(each.nbytes for each, _ in self._spectra.values()) + spectra.nbytes < MOST_KEPT:
+            self._spectra[key] = spectra, kept
+        return spectra, kept
 
-
-    def _low_spectra(
-        self, sector: Sector, size: int, gain: PathGain, zone: Zone
-    ) -> np.ndarray:
+    def _low_spectra(self, sector: Sector, size: int, gain: PathGain, zone: Zone) -> np.ndarray:
         """(R·Q, size // 2 + 1) a sector's filters with a zone's; the air leaves both as they are.
 
         At low frequencies the ground answers for so long that the air, by the time, would take from it.

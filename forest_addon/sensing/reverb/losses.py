@@ -1,4 +1,4 @@
-"""What a sound loses on a path by way of a trunk, besides what the trunk does: all of it by length and frequency.
+"""What a sound loses on a path by way of a trunk, besides what the trunk does, by length and frequency.
 
 Settings, heights and what the stand is like come in; two functions go out. A trunk is upright, so that it
 keeps a sound's vertical wavenumber: over any ground that is the same everywhere, sound by way of trunks is

@@ -19,13 +19,13 @@ from functools import partial
 import numpy as np
 
 from ...acoustics import chebyshev
-from .field_table import series
+from .field_table import polynomials, series
 from .losses import NEAR, Losses
 
 FIRST_FAR = round(math.log2(NEAR))
 TRIED = 24  # frequencies at which a zone's nodes are counted
 MOST = 1024
-SHARE = 0.3  # of the tolerance
+SHARE = 0.5  # of the tolerance
 
 Values = Callable[[np.ndarray, np.ndarray], np.ndarray]  # of frequency and length
 
@@ -45,9 +45,16 @@ class Zone:
     values: Values
 
     def lagrange(self, length: np.ndarray) -> np.ndarray:
-        """(M, Q) polynomials at lengths (M,)."""
-        place = 2.0 * np.log(length / self.low) / math.log(self.high / self.low) - 1.0
-        return chebyshev.lagrange(len(self.nodes), place).T
+        """(M, Q) polynomials at lengths (M,), each 1 at its node."""
+        return chebyshev.lagrange(len(self.nodes), self._place(length)).T
+
+    def polynomials(self, length: np.ndarray) -> np.ndarray:
+        """(M, Q) Chebyshev polynomials at lengths (M,)."""
+        return polynomials(self._place(length), len(self.nodes)).T
+
+    def _place(self, length: np.ndarray) -> np.ndarray:
+        place: np.ndarray = 2.0 * np.log(length / self.low) / math.log(self.high / self.low) - 1.0
+        return place
 
 
 @dataclass
@@ -68,10 +75,12 @@ class PathGain:
                 yield self._zone(n, rise), rows
 
     def filters(self, zone: Zone, frequency: np.ndarray) -> np.ndarray:
-        """(Q, F) of a zone's terms, where what is lost per metre is taken off later, by the time."""
+        """(Q, F) of a zone's polynomials, where what is lost per metre is taken off later, by the time."""
         if zone.low >= NEAR:
-            return self.losses.gain(frequency, zone.nodes[:, None], detours_lose=False)
-        return zone.values(frequency, zone.nodes[:, None])
+            values = self.losses.gain(frequency, zone.nodes[:, None], detours_lose=False)
+        else:
+            values = zone.values(frequency, zone.nodes[:, None])
+        return np.asarray(chebyshev.series(len(zone.nodes)) @ values)
 
     def at(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
         """(M, F) g of paths at a few frequencies."""

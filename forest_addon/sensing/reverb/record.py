@@ -61,8 +61,8 @@ def arrival_energies(
         length = np.geomspace(paths.length.min(), paths.length.max() * 1.001, LENGTHS)
         besides = losses.mean_square(band[:, None], length)
         besides *= np.exp(-2.0 * np.outer(losses.along(band) - loss, length))
-        for row, gain in zip(energies, besides, strict=True):
-            row *= np.interp(paths.length, length, gain)
+        for number, gain in enumerate(besides):
+            energies[number] *= np.interp(paths.length, length, gain)
     unscattered = np.array(
         [
             f * sum(math.exp(-2.0 * b * d) / d**2 for d in direct)

@@ -34,12 +34,11 @@ from functools import cached_property
 import numpy as np
 from scipy import fft
 
-from ...acoustics.air import absorption
 from ...acoustics.ground import SURFACES, spherical_reflection, surface_impedance
-from ...acoustics.spectrum import delay_factors
 from ...rng import stream
 from ...spec import Air, Reverb
 from ..rays.caster import RayCaster
+from .arrivals import Gain, arrival, lines_of_sight
 from .continuation import Field, continue_trunks
 from .directivity import OMNI, Directivity, Term
 from .ends import Ends, ends_of
@@ -47,20 +46,15 @@ from .fast_scattering import Expansions
 from .losses import Losses
 from .model_error import ModelError, model_error
 from .record import record_length
-from .scattering import SPREAD, roll_off, trunk_paths
+from .scattering import trunk_paths
 from .slices import Trunks
 from .surroundings import BARE, Canopy, Surroundings, surroundings
 from .tail import FADE, tail_of
 from .tree_response import NEAREST, TreeResponse, tree_response
 
 Progress = Callable[[int, int], None]
-Gain = Callable[[np.ndarray], np.ndarray]  # by frequency
 TrunksBetween = Callable[[np.ndarray, np.ndarray], Trunks]  # by source and receiver
 LOWEST = 1.0  # Hz; below it, the ground is as it is there
-GROUND_CLEARANCE = (
-    0.05  # m; lower than this, a line of sight is not tested against the ground itself
-)
-MARGIN = 1e-3  # m; so near its end, a line of sight is not tested
 
 
 @dataclass(frozen=True)
@@ -154,9 +148,7 @@ def impulse_response(
     between = trunks if callable(trunks) else lambda source, receiver: trunks
     first = between(*ends.pairs[0])
     beyond = continuation(first, reverb, ends.on_ground, rng, field)
-    around = (
-        surroundings(first, reverb, field, canopy) if reverb.model == "forest" else None
-    )
+    around = surroundings(first, reverb, field, canopy) if reverb.model == "forest" else None
     if reverb.duration == 0:
         lengths = [
             _needed(between(*pair).joined(beyond), *pair, reverb, air, around)
@@ -205,7 +197,7 @@ def _needed(
         reverb.spreading,
         upright=around is not None,
     )
-    losses = around and Losses.of(reverb, air, around.stand, source, receiver)
+    losses = Losses.of(reverb, air, around.stand, source, receiver) if around else None
     if losses and reverb.tail == "transport":  # what is scattered away comes back by other ways
         losses = replace(losses, extinction="none")
     ways = (math.dist(source, end) for end in (receiver, receiver * (1.0, 1.0, -1.0)))
@@ -248,16 +240,14 @@ class _Pair:
         tail = None
         if self.losses and self.around and self.reverb.tail == "transport":
             ends, length = (self.source, self.receiver), self.reverb.duration
-            tail = tail_of(
-                self.reverb, self.losses, self.around.density, *ends, length, self.key
-            )
+            tail = tail_of(self.reverb, self.losses, self.around.density, *ends, length, self.key)
         last = FADE * tail.joint if tail else math.inf
         trees = self._trees(forest, expansions, progress, last)
         count = len(trees.samples)
         noise = None
         if tail:
             kept = tail.kept(np.arange(count) * (air.speed() / rate))
-            noise = tail.samples(rate, count, air, stream(*self.key, "tail"))
+            noise = tail.samples(rate, count, air, stream(int(self.key[0]), *self.key[1:], "tail"))
             noise *= self._all_round()
             trees = replace(trees, samples=trees.samples * kept + noise)
         mirrored = self.receiver * (1.0, 1.0, -1.0)
@@ -335,8 +325,8 @@ class _Pair:
         if self.losses is None or self.losses.stand.leaf_area_density == 0:
             return lambda frequency: self.directivity.at(cosine, frequency)
         losses, path = self.losses, math.dist(self.source, end)
-        return lambda frequency: self.directivity.at(cosine, frequency) * np.exp(
-            -path * losses.of_leaves(frequency)
+        return lambda frequency: (
+            self.directivity.at(cosine, frequency) * np.exp(-path * losses.of_leaves(frequency))
         )
 
     def _reflected(self, mirrored: np.ndarray, path: float) -> Gain:
@@ -385,43 +375,6 @@ def _share_of(progress: Progress | None, number: int, count: int) -> Progress | 
     if progress is None:
         return None
     return lambda done, total: progress(done + number * total, count * total)
-
-
-def arrival(path: float, gain: Gain, rate: float, count: int, air: Air) -> np.ndarray:
-    """(count,) samples of one arrival, gain(f)/path·e^{-(b+ik)path}, after ``path`` metres."""
-    delay = path / air.speed()
-    if (delay - count / rate) * rate > SPREAD:
-        return np.zeros(count)
-    size = fft.next_fast_len(max(count, math.ceil(delay * rate)) + 2 * SPREAD, real=True)
-    frequency = np.arange(size // 2 + 1) * (rate / size)
-    loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
-    carried = delay_factors(0.0, rate / size, len(frequency), np.array([delay]))[:, 0]
-    spectrum = gain(frequency) / path * np.exp(-loss * path) * carried * roll_off(frequency / rate)
-    samples: np.ndarray = fft.irfft(spectrum, size)[:count]
-    return samples
-
-
-def lines_of_sight(
-    source: np.ndarray, receiver: np.ndarray, wood: RayCaster | None
-) -> tuple[bool, bool]:
-    """Whether the direct and the ground sound, from (3,) to (3,), pass the wood.
-
-    The ground sound goes down towards z = 0 and up again; below ``GROUND_CLEARANCE`` its way is cut
-    short, so that the ground does not hide itself.
-    """
-    if wood is None:
-        return True, True
-    low, high = source[2], receiver[2]
-    bounce = source + (receiver - source) * (low / (low + high))
-    bounce[2] = 0.0
-    down, up = (
-        end + (bounce - end) * max(0.0, 1.0 - GROUND_CLEARANCE / end[2])
-        for end in (source, receiver)
-    )
-    start = np.stack([source, source, down, up])
-    way = np.stack([receiver, down, up, receiver]) - start
-    blocked = wood.occluded(start, way, np.maximum(np.linalg.norm(way, axis=1) - MARGIN, 0.0))
-    return not blocked[0], not blocked[1:].any()
 
 
 def continuation(

@@ -1,7 +1,7 @@
 """What a forest is around a source and a receiver, for a model ``forest``: density, radii, leaves, tops.
 
-Trunks of the field, its extent and the scene's canopy come in; the ``Stand`` that losses along paths need, and
-the ``Density`` that energy travels through, go out. Trunks' density is counted in cells of the field that
+Trunks of the field, its extent and the scene's canopy come in; the ``Stand`` that losses along paths need,
+and the ``Density`` that energy travels through, go out. Trunks' density is counted in cells of the field that
 hold CELL_HOLDS each on average; where counts are no more uneven than random ones, it is the same everywhere.
 """
 
@@ -76,7 +76,7 @@ def _density(
     cell = max(math.sqrt(CELL_HOLDS / mean), float(size.max()) / MOST_CELLS)
     shape = np.maximum(1, np.round(size / cell)).astype(np.int64)
     edges = [c + cell * np.arange(n + 1) for c, n in zip(corner, shape, strict=True)]
-    counts = np.histogram2d(*place.T, bins=edges)[0]
+    counts = np.histogram2d(place[:, 0], place[:, 1], bins=(edges[0], edges[1]))[0]
     if beyond > 0 and counts.var() <= UNEVEN * counts.mean():
         return Density.even(mean)
     share = counts.sum() / max(len(place), 1)  # cells do not cover the field to the last metre

@@ -1,7 +1,7 @@
 """Sound scattered more than once, as noise: random as the stand is, with the energy of transport.
 
-Energies by octave (``transport``), and what paths lose (``losses``), go in; samples come out. The noise is made
-in short blocks, each of random phases, with the energy a metre of path
+Energies by octave (``transport``), and what paths lose (``losses``), go in; samples come out. The noise is
+made in short blocks, each of random phases, with the energy a metre of path
 
     N(f, x) = [once + again - w²(x)·heard](f, x) · |g(f, x)|² · e^{-2b(f)x}
 
@@ -59,9 +59,7 @@ class Tail:
         parts = [each.at(length) for each in self.energy]
         return np.array([once for once, _ in parts]), np.array([again for _, again in parts])
 
-    def samples(
-        self, rate: float, count: int, air: Air, rng: np.random.Generator
-    ) -> np.ndarray:
+    def samples(self, rate: float, count: int, air: Air, rng: np.random.Generator) -> np.ndarray:
         """(count,) noise at ``rate`` Hz, sample 0 when the source sounds."""
         size = 2 * max(16, 2 ** round(math.log2(BLOCK * rate / 2)))
         hop, step = size // 2, air.speed() / rate
@@ -125,10 +123,8 @@ def tail_of(
     found = []
     for band in bands:
         phase = PhaseFunction.of(float(band), radii, speed, losses.bark, way)
-        rng = stream(*key, "transport", int(band))
-        found.append(
-            transported(phase, density, source[:2], receiver[:2], edges, packets, rng)
-        )
+        rng = stream(int(key[0]), *key[1:], "transport", int(band))
+        found.append(transported(phase, density, source[:2], receiver[:2], edges, packets, rng))
     taken = replace(losses, extinction=way).removed(bands)
     lift = taken - losses.removed(bands)
     tail = Tail(bands, tuple(found), lift, math.inf, losses)
@@ -142,7 +138,9 @@ def _joint(tail: Tail, share: float) -> float:
     length = tail.energy[0].middle
     once, again = tail.energies(length)
     lost = np.exp(-2.0 * np.outer(tail.losses.along(tail.band), length))
-    weight = tail.band[:, None] * lost * tail.losses.unthinned.mean_square(tail.band[:, None], length)
+    weight = (
+        tail.band[:, None] * lost * tail.losses.unthinned.mean_square(tail.band[:, None], length)
+    )
     several = (weight * again).sum(axis=0)
     whole = several + (weight * once).sum(axis=0)
     below = np.flatnonzero(several <= share * whole)

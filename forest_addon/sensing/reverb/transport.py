@@ -1,4 +1,4 @@
-"""Sound that trunks scatter again and again, as energy: transport in the plane, spread over the way in height.
+"""Sound that trunks scatter again and again, as energy: transport in the plane, spread in height.
 
 A stand's density, trunks' radii, and where source and receiver are come in; energy by path length goes out.
 Energy goes straight for a free path 1/(nσ), meets a trunk, is turned by an angle drawn from |H(f, φ)|², and
@@ -214,7 +214,9 @@ def transported(
     return Energy(edges, found[0], found[1])
 
 
-def isotropic(distance: float, length: np.ndarray, free_path: float) -> tuple[np.ndarray, np.ndarray]:
+def isotropic(
+    distance: float, length: np.ndarray, free_path: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Once and more than once scattered energy a metre, 2π·P/x, of a free path (Paasschens 1997).
 
     distance : m between source and receiver. length : (X,) metres of path, larger than that.

@@ -34,7 +34,7 @@ def test_a_trunk_in_space(rise):
     exact = scattered_in_space(k, radius, legs, turned, rise)
     frequency = np.array([k * 343.0 / (2.0 * np.pi)])
     level = losses_of(
-        Stand(), SOURCE, SOURCE + [0, 0, rise], path_ground=False, turbulence=0.0
+        Stand(), SOURCE, SOURCE + np.array([0, 0, rise]), path_ground=False, turbulence=0.0
     )
     shared = transfer(frequency * np.cos(np.arctan(rise / x)), turned, radius, 343.0)[0]
     carried = level.of_ground(frequency, np.array([x]), detours_lose=False)[0]

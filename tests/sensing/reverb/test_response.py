@@ -16,12 +16,8 @@ from forest_addon.growth.mesh.trimesh import WOOD, TriMesh
 from forest_addon.rng import stream
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.reverb import scattering
-from forest_addon.sensing.reverb.response import (
-    ImpulseResponse,
-    impulse_response,
-    roll_off,
-)
-from forest_addon.sensing.reverb.scattering import scattered_spectrum, trunk_paths
+from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
+from forest_addon.sensing.reverb.scattering import roll_off, scattered_spectrum, trunk_paths
 from forest_addon.sensing.reverb.slices import Trunks
 from forest_addon.spec import Air, Reverb
 

@@ -83,7 +83,9 @@ def test_trunks_after_the_joint_are_not_summed():
 
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_a_few_trunks_have_no_tail(count):
-    trunks = Trunks(np.array([[0.0, 6.0], [4.0, -9.0]])[:count], np.full(count, 0.2), np.arange(count))
+    trunks = Trunks(
+        np.array([[0.0, 6.0], [4.0, -9.0]])[:count], np.full(count, 0.2), np.arange(count)
+    )
     found = impulse_response(trunks, Reverb(**SETTINGS, duration=0.1), AIR)
     assert found.tail is None
     assert np.isfinite(found.samples).all()

@@ -1,6 +1,7 @@
-"""Energy of sound scattered again and again: Paasschens' closed form, balance, and stands that are not even."""
+"""Energy of sound scattered again and again: a closed form, balance, stands that are not even."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -26,8 +27,9 @@ def test_packets_follow_the_closed_form():
     found = transported(ALIKE, Density.even(0.07), np.zeros(2), RECEIVER, edges, 10_000, rng)
     for number, part in enumerate((found.once, found.again)):
         true = [
-            quad(lambda x: isotropic(10.0, np.array([x]), 1 / 0.028)[number][0], a, b)[0] / (b - a)
-            for a, b in zip(edges[:-1], edges[1:], strict=True)
+            quad(lambda x, n: isotropic(10.0, np.array([x]), 1 / 0.028)[n][0], a, b, number)[0]
+            / (b - a)
+            for a, b in pairwise(edges)
         ]
         np.testing.assert_allclose(part, true, rtol=0.15)
         assert (part / true).mean() == pytest.approx(1.0, abs=0.04)
@@ -69,7 +71,9 @@ def test_a_clearing_is_quiet_until_its_edge_answers():
     clear = np.hypot(*np.meshgrid(place, place, indexing="ij")) < 34.0
     density = Density(np.where(clear, 0.0, 0.1), (-200.0, -200.0), 5.0, 0.1)
     edges = np.array([11.0, 40.0, 55.0, 75.0, 120.0])
-    found = transported(ALIKE, density, np.zeros(2), RECEIVER, edges, 3_000, np.random.default_rng(1))
+    found = transported(
+        ALIKE, density, np.zeros(2), RECEIVER, edges, 3_000, np.random.default_rng(1)
+    )
     assert found.once[0] == 0
     assert found.once[2] > 0
     assert found.again[0] == 0
