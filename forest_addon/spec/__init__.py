@@ -9,7 +9,19 @@ else.
 
 from .air import Air
 from .base import Discrete, Normal, Param, Settings, SpecError, param, param_of, with_files, within
-from .forest import Corners, Distance, Forest, Gaussian, Planting, Raster, Rows, Stems, Terrain
+from .forest import (
+    Clusters,
+    Corners,
+    Distance,
+    Forest,
+    Gaussian,
+    Planting,
+    Raster,
+    Rows,
+    Stems,
+    Strauss,
+    Terrain,
+)
 from .lidar import (
     Airborne,
     Beam,
@@ -48,6 +60,7 @@ __all__ = [
     "Air",
     "Airborne",
     "Beam",
+    "Clusters",
     "Corners",
     "Detail",
     "Discrete",
@@ -83,6 +96,7 @@ __all__ = [
     "SpecError",
     "Species",
     "Stems",
+    "Strauss",
     "Surfaces",
     "Template",
     "Terrain",
