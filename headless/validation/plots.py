@@ -203,7 +203,7 @@ def _stand(
 
 
 def _leaf_area(seed: int, tall: list[float]) -> float:
-    """Leaf area index of all leaves, m² a m²; stretched upwards, a leaf grows with its tree."""
+    """Leaf area of all leaves, m² a m² of ground; a leaf is stretched with its tree."""
     trees = grown("honda-conifer", 2, seed)
     area = np.mean([np.pi * np.square(tree.leaves.radius).sum() for tree in trees])
     up = (1 - CROWN_BASE) * np.mean(HEIGHTS) / np.mean(tall)
@@ -285,8 +285,8 @@ def _height(name: str, measured: Echoed, tried: list[Echoed], best: Echoed) -> C
         Interval(middle[0]),
         _spanned(middle[1], middle[2:]),
         abs(middle[1] - middle[0]) <= 2 * NEAR,
-        words="Within 0.1. The measured plot slopes and is not levelled; ours is level, and a leaf area at which "
-        "half the returns are of the ground puts the median there."
+        words="Within 0.1. The measured plot slopes and is not levelled, ours is level; where half the "
+        "returns are of the ground, the median is there."
         if name == "drone"
         else "",
     )
