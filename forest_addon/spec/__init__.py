@@ -23,7 +23,19 @@ from .base import (
 )
 from .crown import Crown, Needles, Targets
 from .flight import Flight
-from .forest import Corners, Distance, Forest, Gaussian, Planting, Raster, Rows, Stems, Terrain
+from .forest import (
+    Clusters,
+    Corners,
+    Distance,
+    Forest,
+    Gaussian,
+    Planting,
+    Raster,
+    Rows,
+    Stems,
+    Strauss,
+    Terrain,
+)
 from .lidar import (
     Airborne,
     Beam,
@@ -64,6 +76,7 @@ __all__ = [
     "Airborne",
     "Allometry",
     "Beam",
+    "Clusters",
     "Corners",
     "Crown",
     "Detail",
@@ -103,6 +116,7 @@ __all__ = [
     "SpecError",
     "Species",
     "Stems",
+    "Strauss",
     "Surfaces",
     "Targets",
     "Template",

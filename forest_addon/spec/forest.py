@@ -75,6 +75,35 @@ class Rows(Settings):
     )
 
 
+class Clusters(Settings):
+    """Trees in groups: a Neyman-Scott process, of which the planting's intensity is the mean."""
+
+    kind: str = param(
+        "thomas",
+        help="trees of a group: a normal distribution about its centre, or even within a disc",
+        choices=("thomas", "matern"),
+    )
+    groups: float = param(0.005, unit="1/m²", help="centres of groups", gt=0, le=1e3)
+    spread: float = param(
+        3.0,
+        unit="m",
+        help="standard deviation along x and y (thomas), radius (matern)",
+        gt=0,
+        le=1e4,
+    )
+
+
+class Strauss(Settings):
+    """Trees that keep apart: a Gibbs process of pairs, of which the planting's intensity is the mean."""
+
+    radius: float = param(
+        2.0, unit="m", help="distance within which two trees interact", gt=0, le=1e3
+    )
+    gamma: float = param(
+        0.2, help="a near pair is this much rarer than by chance; 0: a hard core", ge=0, le=1
+    )
+
+
 class Planting(Settings):
     """One species of the forest and where its trees stand.
 
@@ -86,8 +115,8 @@ class Planting(Settings):
     variants: int = param(3, help="how many different trees are grown and instanced", ge=1, le=1000)
     layout: str = param(
         "poisson",
-        help="an inhomogeneous Poisson process, rows of an orchard, or a list of trees",
-        choices=("poisson", "rows", "list"),
+        help="a Poisson process, clusters, trees that keep apart (strauss), an orchard's rows, a list",
+        choices=("poisson", "clusters", "strauss", "rows", "list"),
     )
     expected: float | None = param(
         None,
@@ -144,6 +173,8 @@ class Planting(Settings):
     altitude: tuple[float, float] = param(
         (-1e5, 1e5), unit="m", help="heights of the terrain that it grows at", ge=-1e5, le=1e5
     )
+    clusters: Clusters = param(Clusters(), help="the groups, where the layout is clusters")
+    strauss: Strauss = param(Strauss(), help="the interaction, where the layout is strauss")
     rows: Rows = param(Rows(), help="the orchard, where the layout is rows")
     trees: str = param(
         "",
@@ -163,7 +194,10 @@ class Planting(Settings):
         _check_rings(self.polygon, self.holes)
         if self.expected is not None and self.density is not None:
             raise SpecError("density", "cannot be given beside expected; remove one of them")
-        if self.layout == "poisson" and not (self._has_intensity() or self._is_scaled()):
+        drawn = self.layout in ("poisson", "clusters", "strauss")
+        if self.exact and self.layout in ("clusters", "strauss"):
+            raise SpecError("exact", f"cannot be used with {self.layout}; remove it")
+        if drawn and not (self._has_intensity() or self._is_scaled()):
             raise SpecError("expected", "is needed where there are no gaussians; give a number")
         if self.layout == "list" and bool(self.trees) == bool(self.collection):
             raise SpecError("trees", "a list needs a file in trees, or else a collection; give one")

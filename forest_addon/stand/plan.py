@@ -14,13 +14,15 @@ import numpy as np
 
 from ..rng import stream
 from ..spec import Forest, Planting, SpecError
+from .cluster import sample_clusters
 from .compose import area_of, corners_of, masks_of, process_of
+from .gibbs import sample_strauss
 from .inputs import Inputs, TreeList
 from .intensity.functions import IntensityError
 from .intensity.terrain import Terrain
 from .layouts import orchard, trees_of
 from .poisson import sample
-from .process import Integral
+from .process import Integral, Process
 from .spacing import Spacing, space
 
 
@@ -177,10 +179,9 @@ def _plant(
     low, high = planting.scale
     rng = stream(seed, "stand", label, "place")
     given = np.empty((0, 3))  # height, scale and rotation of trees of a list
-    if planting.layout == "poisson":
+    if planting.layout in ("poisson", "clusters", "strauss"):
         process = process_of(planting, forest, inputs)
-        exactly = round(process.expected()) if planting.exact else None
-        points, expected = sample(process, rng, exactly), process.total
+        points, expected = _drawn(planting, process, rng), process.total
         on_field = np.ones(len(points), dtype=bool)
     else:
         if planting.layout == "rows":
@@ -213,6 +214,15 @@ def _plant(
         off_ground=int((on_field & ~on_ground).sum()),
         off_field=int((~on_field).sum()),
     )
+
+
+def _drawn(planting: Planting, process: Process, rng: np.random.Generator) -> np.ndarray:
+    """Places (N, 2) of a random layout."""
+    if planting.layout == "clusters":
+        return sample_clusters(process, planting.clusters, rng)
+    if planting.layout == "strauss":
+        return sample_strauss(process, planting.strauss, rng)
+    return sample(process, rng, round(process.expected()) if planting.exact else None)
 
 
 def _on_field(points: np.ndarray, planting: Planting, forest: Forest, inputs: Inputs) -> np.ndarray:

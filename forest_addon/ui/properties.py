@@ -48,7 +48,15 @@ def _besides(settings: type[spec.Settings]) -> dict[str, Any]:
 
 def _make_groups() -> dict[type, type]:
     groups: dict[type, type] = {}
-    held = (spec.Distance, spec.Terrain, spec.Gaussian, spec.Raster, spec.Rows)
+    held = (
+        spec.Distance,
+        spec.Terrain,
+        spec.Gaussian,
+        spec.Raster,
+        spec.Rows,
+        spec.Clusters,
+        spec.Strauss,
+    )
     of_species = (spec.Normal, spec.Discrete, spec.Grammar, spec.Jitter, spec.Template, spec.Look)
     measured = (spec.Targets, spec.Crown, spec.Needles)
     of_trees = (spec.Rules, spec.Honda, spec.Siblings, spec.Leaf, spec.Inclination, spec.Detail)

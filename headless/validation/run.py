@@ -19,6 +19,7 @@ from .comparison import Comparison, Say, as_record, from_record
 from .page import Part, copy_pictures, page_text, part_text
 
 SECTIONS = ("reverb", "lidar", "stand", "leaves", "trees")  # in the order of the page
+KEPT = "validation.json"
 VARIABLE = "FOREST_MEASURED"  # the environment's name for the folder of measurements
 
 
@@ -82,22 +83,36 @@ def find_data(given: Path | None, own: bool = False) -> Path:
 
 def read_part(folder: Path) -> Part:
     """What was kept of a subject."""
-    kept = json.loads((folder / "validation.json").read_text(encoding="utf-8"))
-    comparisons = tuple(from_record(record, folder) for record in kept.pop("comparisons"))
-    return Part(**kept, comparisons=comparisons)
+    return _read(folder / KEPT, folder)
 
 
 def write_page(out: Path, docs: Path) -> Path:
-    """All parts that were kept in ``out`` as one page, its pictures below it; returns the page."""
-    parts = [
-        read_part(out / name) for name in SECTIONS if (out / name / "validation.json").is_file()
-    ]
-    for part in parts:
-        copy_pictures(part, docs / "pictures" / "validation")
+    """All subjects as one page, pictures below it; returns the page.
+
+    What is in ``out`` replaces what the page was last made of, which is kept beside it in ``validation/``:
+    one subject can be run anew alone.
+    """
+    kept, pictures = docs / "validation", docs / "pictures" / "validation"
+    kept.mkdir(parents=True, exist_ok=True)
+    parts = []
+    for name in SECTIONS:
+        new, old = out / name / KEPT, kept / f"{name}.json"
+        if new.is_file():
+            copy_pictures(_read(new, new.parent), pictures)
+            with replacing(old) as written:
+                written.write_bytes(new.read_bytes())
+        if old.is_file():
+            parts.append(_read(old, pictures))
     page = docs / "validation.md"
     with replacing(page) as written:
         written.write_text(page_text(parts, "pictures/validation"), encoding="utf-8")
     return page
+
+
+def _read(file: Path, pictures: Path) -> Part:
+    kept = json.loads(file.read_text(encoding="utf-8"))
+    comparisons = tuple(from_record(record, pictures) for record in kept.pop("comparisons"))
+    return Part(**kept, comparisons=comparisons)
 
 
 def _module(name: str) -> ModuleType | None:
@@ -114,7 +129,7 @@ def _keep(part: Part, folder: Path) -> None:
         "terms": part.terms,
         "comparisons": [as_record(c) for c in part.comparisons],
     }
-    with replacing(folder / "validation.json") as written:
+    with replacing(folder / KEPT) as written:
         written.write_text(json.dumps(record, indent=1, ensure_ascii=False), encoding="utf-8")
     with replacing(folder / "validation.md") as written:
         written.write_text(part_text(part, ""), encoding="utf-8")

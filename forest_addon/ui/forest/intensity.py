@@ -89,7 +89,7 @@ def _batch_of(settings: Scene, folder: Path, depsgraph: bpy.types.Depsgraph) -> 
 
     try:
         inputs = inputs_from_scene(settings, depsgraph, read_inputs(settings, folder))
-        scattered = [p for p in settings.plantings if p.layout == "poisson"]
+        scattered = [p for p in settings.plantings if p.layout not in ("rows", "list")]
         processes = [process_of(planting, settings.forest, inputs) for planting in scattered]
     except (SpecError, ValueError, OSError):
         return None

@@ -86,7 +86,7 @@ class FOREST_PT_intensity(_OfPlanting, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, planting = self.layout, _planting(context)
-        layout.active = planting.layout == "poisson"
+        layout.active = planting.layout in ("poisson", "clusters", "strauss")
         draw_list(layout, "FOREST_UL_gaussians", planting, "gaussians", "gaussian")
         if not planting.gaussians:
             layout.label(text="No hills: the same everywhere", icon="INFO")
@@ -116,6 +116,24 @@ class FOREST_PT_limits(_OfPlanting, bpy.types.Panel):
         column = split(self.layout)
         for name in ("slope_deg", "altitude", "polygon", "holes"):
             draw_field(column, _planting(context), name)
+
+
+class FOREST_PT_clusters(_OfPlanting, bpy.types.Panel):
+    bl_label = "Clusters"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        column, planting = split(self.layout), _planting(context)
+        column.active = planting.layout == "clusters"
+        draw_settings(column, planting.clusters)
+
+
+class FOREST_PT_strauss(_OfPlanting, bpy.types.Panel):
+    bl_label = "Keeping Apart"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        column, planting = split(self.layout), _planting(context)
+        column.active = planting.layout == "strauss"
+        draw_settings(column, planting.strauss)
 
 
 class FOREST_PT_rows(_OfPlanting, bpy.types.Panel):
@@ -250,6 +268,8 @@ CLASSES = (
     FOREST_PT_plantings,
     FOREST_PT_intensity,
     FOREST_PT_limits,
+    FOREST_PT_clusters,
+    FOREST_PT_strauss,
     FOREST_PT_rows,
     FOREST_PT_list,
     FOREST_PT_spacing,

@@ -57,6 +57,14 @@ def test_what_is_kept_is_read_as_it_was(subject, tmp_path):
     assert (chosen.docs / "pictures" / "validation" / "angles.png").read_bytes() == b"picture"
 
 
+def test_one_subject_anew_leaves_the_others_of_a_page(subject, tmp_path):
+    chosen = arguments(data=tmp_path, docs=tmp_path / "docs")
+    run.run_sections(["leaves"], chosen, tmp_path / "out", lambda _: None)
+    page = run.write_page(tmp_path / "elsewhere", chosen.docs).read_text(encoding="utf-8")
+    assert "it stands steeper" in page
+    assert "pictures/validation/angles.png" in page
+
+
 def test_a_column_before_stands_only_where_something_was_mended():
     plain = Comparison("height", "m", Interval(10), Interval(11), True)
     assert "before" not in table_of([plain])[0]

@@ -1,0 +1,75 @@
+"""Stems, twigs and returns of pulses: what the comparisons with measured clouds are made of."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import pytest
+from references.measured import FOUND, needs_measurements
+
+from forest_addon.rng import stream
+from forest_addon.spec import SpecError
+from headless.validation import lidar
+from headless.validation.plots import compare_own, counts, read_returns
+from headless.validation.stems import find_stems, ratios, read_plots, taubin
+from headless.validation.twigs import DIAMETERS, NONE, REAL
+from headless.validation.twigs import ratios as thicker
+
+
+def test_a_circle_through_an_arc_is_found_again():
+    angle = np.linspace(0.3, 1.8, 30)
+    points = [7.0, -3.0] + 0.15 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    centre, radius = taubin(points)
+    assert np.allclose(centre, [7.0, -3.0], atol=1e-9)
+    assert radius == pytest.approx(0.15)
+
+
+def test_stems_are_told_from_bushes():
+    """Three arcs as a scanner sees them, a cloud of leaves, and a stem too high above the ground."""
+    rng = stream(1, "stems")
+    angle = rng.uniform(np.pi / 2, 3 * np.pi / 2, (3, 200))
+    where = np.array([[5.0, 0.0], [9.0, 4.0], [12.0, -6.0]])
+    size = np.array([0.1, 0.2, 0.15])
+    stems = where[:, None] + size[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=2)
+    points = np.concatenate([*stems, [3.0, 3.0] + 0.4 * rng.normal(size=(400, 2))])
+    points += 0.002 * rng.normal(size=points.shape)
+    height = np.append(rng.uniform(1.2, 1.4, 400), np.full(200, 4.0))
+    height = np.append(height, rng.uniform(1.2, 1.4, 400))
+    centre, radius = find_stems(np.column_stack([points, height]), rng)
+    assert np.allclose(np.sort(centre[:, 0]), [5.0, 9.0], atol=0.01)
+    assert np.allclose(np.sort(radius), [0.1, 0.2], atol=0.005)
+
+
+def test_ratios_are_of_counts_by_range():
+    there = np.column_stack([np.repeat([5.0, 10.0, 15.0, 18.0], 10), np.ones(40)])
+    assert ratios(there, there[::2])[0].tolist() == [0.5] * 4
+
+
+@pytest.mark.slow
+def test_beam_and_noise_make_twigs_thicker_and_thick_branches_hardly():
+    assert np.allclose(thicker(*NONE, 1), 1, atol=0.02)
+    real = thicker(*REAL, 1)
+    assert (np.diff(real) < 0).all()
+    assert real[0] > 1.3
+    assert real[-1] == pytest.approx(1, abs=0.02)
+    assert len(real) == len(DIAMETERS)
+
+
+def test_a_cloud_of_ones_own_needs_a_scene(tmp_path):
+    with pytest.raises(SpecError, match="--scene: is needed beside a cloud"):
+        compare_own(tmp_path / "a.laz", None, tmp_path)
+    (tmp_path / "a.laz").write_bytes(b"no cloud")
+    with pytest.raises(SpecError, match="cannot be read as LAS or LAZ"):
+        lidar.validate(
+            Path(), tmp_path, argparse.Namespace(file=tmp_path / "a.laz", scene=tmp_path, seed=1)
+        )
+
+
+@needs_measurements
+def test_measured_clouds_and_plots_are_as_their_readme_says():
+    shares = counts(read_returns(FOUND / "clouds" / "spanner_ALS.laz"))
+    assert np.allclose(100 * shares, [41.7, 32.5, 18.9, 5.9], atol=0.05)
+    plots = [read_plots(FOUND / "rioja" / f"tree_{name}.csv") for name in ("field", "tls")]
+    assert len(plots[0]) == 16
+    stems = [np.concatenate([rows[:, 2:4] for rows in p.values()]) for p in plots]
+    assert ratios(*stems)[0][-1] == pytest.approx(0.82, abs=0.01)

@@ -1,0 +1,170 @@
+"""Clusters and repulsion against closed forms. Seeds are fixed, so a test that passes once passes always;
+what a wrong sampler is caught with is said as the chance that a right one would fail.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+
+from forest_addon.rng import stream
+from forest_addon.spec import Clusters, Forest, Gaussian, Planting, SpecError, Strauss
+from forest_addon.stand.cluster import k_of_clusters, sample_clusters
+from forest_addon.stand.compose import process_of
+from forest_addon.stand.gibbs import activity_of, run_births_and_deaths, sample_strauss
+from forest_addon.stand.intensity.functions import Constant, IntensityError
+from forest_addon.stand.plan import plan_stand
+from forest_addon.stand.process import Process
+from forest_addon.stand.statistics.covariates import fit_covariates
+from forest_addon.stand.statistics.interaction import fit_clusters, fit_strauss
+from forest_addon.stand.statistics.k_function import inhomogeneous_k
+from forest_addon.stand.statistics.window import Window
+
+LOW, HIGH = np.zeros(2), np.array([100.0, 80.0])
+WINDOW = Window.rectangle(LOW, HIGH)
+RADII = np.linspace(0.5, 12, 24)
+GROUPS = [Clusters(groups=0.01, spread=2.0), Clusters(kind="matern", groups=0.02, spread=4.0)]
+
+
+def even(intensity, low=LOW, high=HIGH):
+    return Process(Constant(intensity), low, high)
+
+
+@pytest.mark.parametrize("clusters", GROUPS, ids=lambda c: c.kind)
+def test_k_of_clusters_is_closed_and_samples_have_it(clusters):
+    """Means of 24 stands within 4.5 standard errors at each of 24 radii: a right one fails once in 6,000."""
+    curves = [
+        inhomogeneous_k(trees, np.full(len(trees), 0.05), WINDOW, RADII, renormalise=False).value
+        for trees in (sample_clusters(even(0.05), clusters, stream(k, "k")) for k in range(24))
+    ]
+    error = np.std(curves, axis=0, ddof=1) / np.sqrt(len(curves))
+    assert (np.abs(np.mean(curves, axis=0) - k_of_clusters(RADII, clusters)) < 4.5 * error).all()
+
+
+def test_the_law_of_two_points_in_a_disc_is_the_integral_of_its_density():
+    """The distance of two even points of a disc (Kendall & Moran 1963), integrated by scipy."""
+
+    def density(d):
+        return 16 * d / np.pi * (math.acos(d) - d * math.sqrt(1 - d * d))
+
+    clusters = Clusters(kind="matern", groups=1.0, spread=0.5)
+    for radius in (0.1, 0.5, 0.9, 1.0, 3.0):
+        share = integrate.quad(density, 0, min(radius, 1))[0]
+        found = k_of_clusters(np.array([radius]), clusters)[0] - np.pi * radius**2
+        assert found == pytest.approx(share, abs=1e-10)
+
+
+def test_clusters_follow_the_plantings_intensity():
+    """Mean numbers of 80 stands in two halves, 4.5 standard errors: fails once in 70,000."""
+    hill = Gaussian(peak=0.1, centre=(20.0, 40.0), width=(30.0, 30.0))
+    planting = Planting(species="x", gaussians=(hill,), layout="clusters", clusters=GROUPS[0])
+    process = process_of(planting, Forest(size=(100.0, 80.0)))
+    drawn = [sample_clusters(process, GROUPS[0], stream(k, "hill")) for k in range(80)]
+    for low, high in (((0, 0), (30, 80)), ((30, 0), (100, 80))):
+        counts = np.array([((t >= low) & (t < high)).all(axis=1).sum() for t in drawn])
+        error = counts.std(ddof=1) / np.sqrt(len(counts))
+        wanted = process.expected(np.array(low, float), np.array(high, float))
+        assert abs(counts.mean() - wanted) < 4.5 * error
+
+
+@pytest.mark.parametrize("gamma", [0.0, 0.3, 1.0])
+def test_where_all_trees_see_each_other_their_number_is_known(gamma):
+    """On islands smaller than R, P(n) is as (β|W|)^n/n! γ^(n(n-1)/2). Chi-squared at 1e-4, 400 islands."""
+    beta, apart, strauss = 3.0, 5.0, Strauss(radius=2.0, gamma=gamma)
+
+    def activity(points):
+        return np.where((points % apart < 1.0).all(axis=1), beta, 0.0)
+
+    rng = stream(1, "islands")
+    trees = run_births_and_deaths(activity, 0.2, np.zeros(2), np.full(2, 20 * apart), strauss, rng)
+    column, row = (trees // apart).astype(int).T
+    counts = np.bincount(20 * row + column, minlength=400)
+    law = np.array([beta**k / math.factorial(k) * gamma ** (k * (k - 1) // 2) for k in range(30)])
+    law /= law.sum()
+    most = int(np.flatnonzero(400 * law >= 5).max())
+    want = np.append(400 * law[:most], 400 * law[most:].sum())
+    have = np.bincount(np.minimum(counts, most), minlength=most + 1)
+    assert stats.chisquare(have, want).pvalue > 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("gamma", "allowed"), [(0.5, 0.02), (0.0, 0.03)])
+def test_the_mean_number_is_that_asked_for_and_births_balance_deaths(gamma, allowed):
+    """0.05 trees/m², R = 3 m, 8 stands; ``allowed``: error of β from λ, and 4 standard errors. Georgii,
+    Nguyen & Zessin: E n = E ∫ β γ^t(u) du, whatever the approximation."""
+    strauss = Strauss(radius=3.0, gamma=gamma)
+    beta = float(activity_of(np.array([0.05]), strauss)[0])
+    counts, apart = [], []
+    for k in range(8):
+        rng = stream(k, "n")
+        trees = sample_strauss(even(0.05), strauss, rng)
+        places = HIGH * rng.random((2000, 2))
+        near = np.linalg.norm(places[:, None] - trees, axis=2) < strauss.radius
+        counts.append(len(trees))
+        apart.append(len(trees) - beta * WINDOW.area * (gamma ** near.sum(axis=1)).mean())
+    errors = np.std([counts, apart], axis=1, ddof=1) / np.sqrt(8)
+    assert abs(np.mean(counts) - 400) < 400 * allowed + 4 * errors[0]
+    assert abs(np.mean(apart)) < 6 * errors[1]  # 8 stands: once in 1,800
+
+
+def test_a_hard_core_is_kept_and_refused_where_it_cannot_be():
+    trees = sample_strauss(even(0.05), Strauss(radius=2.5, gamma=0.0), stream(1, "core"))
+    apart = np.linalg.norm(trees[:, None] - trees, axis=2) + 99 * np.eye(len(trees))
+    assert apart.min() >= 2.5
+    with pytest.raises(IntensityError, match=r"cannot keep 5 m apart; lower the intensity or make"):
+        sample_strauss(even(0.05), Strauss(radius=5.0, gamma=0.0), stream(1, "core"))
+
+
+def test_clusters_are_found_again():
+    """Of 6 stands the median of κ and σ within 25 %."""
+    found = []
+    for k in range(6):
+        trees = sample_clusters(even(0.08), GROUPS[0], stream(k, "fit"))
+        found.append(fit_clusters(inhomogeneous_k(trees, np.ones(len(trees)), WINDOW, RADII)))
+    assert np.median([c.groups for c in found]) == pytest.approx(0.01, rel=0.25)
+    assert np.median([c.spread for c in found]) == pytest.approx(2.0, rel=0.25)
+
+
+@pytest.mark.slow
+def test_repulsion_is_found_again_and_poisson_has_none():
+    radii = np.arange(1.0, 6.1, 0.5)
+    strauss = Strauss(radius=3.0, gamma=0.2)
+    found = [
+        fit_strauss(sample_strauss(even(0.05), strauss, stream(k, "s")), WINDOW, radii)
+        for k in range(3)
+    ]
+    assert np.median([f.strauss.radius for f in found]) == 3.0
+    assert np.median([f.strauss.gamma for f in found]) == pytest.approx(0.2, abs=0.08)
+    assert min(f.gain for f in found) > 10
+    trees = HIGH * stream(1, "none").random((400, 2))
+    assert fit_strauss(trees, WINDOW, radii).gain < 6
+
+
+def test_coefficients_of_covariates_are_found_again():
+    """Each within 4.5 of its standard errors: fails once in 50,000."""
+    rows, columns = 40, 50
+    z = np.stack(np.meshgrid(np.linspace(-1, 1, columns), np.linspace(100, 130, rows)))
+    mean = np.exp(-16.0 + 1.5 * z[0] + 0.1 * z[1]) * WINDOW.area / (rows * columns) * 40
+    rng = stream(1, "covariates")
+    count = rng.poisson(mean)
+    row, column = np.divmod(np.repeat(np.arange(rows * columns), count.ravel()), columns)
+    points = (np.stack([column, row], axis=1) + rng.random((len(row), 2))) * [2.0, 2.0]
+    fit = fit_covariates(points, z, WINDOW)
+    assert (np.abs(fit.coefficient[1:] - [1.5, 0.1]) < 4.5 * fit.error[1:]).all()
+    assert fit.pixels.sum() * 4.0 == pytest.approx(len(points))
+    assert fit.at(points[:5]).min() > 0
+    with pytest.raises(ValueError, match="drop one"):
+        fit_covariates(points, np.stack([z[0], 2 * z[0] + 1]), WINDOW)
+
+
+@pytest.mark.parametrize("layout", ["clusters", "strauss"])
+def test_a_scene_plants_them_with_streams_of_their_own(layout):
+    one = Planting(species="maple", expected=60, layout=layout)
+    field = Forest(size=(60.0, 60.0))
+    alone = plan_stand(3, field, (one,))
+    beside = plan_stand(3, field, (one, Planting(species="apple", expected=5)))
+    assert 30 < len(alone) < 110
+    assert (beside.position[beside.species == 0] == alone.position).all()
+    with pytest.raises(SpecError, match="cannot be used with"):
+        Planting(species="maple", expected=60, layout=layout, exact=True)
