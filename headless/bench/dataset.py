@@ -1,7 +1,7 @@
 """A data factory from end to end: scenes an hour, points a second, where the time goes, what a worker keeps.
 
-Scenes of ``lidar-plots`` and ``echoes`` are made as a dataset is, in processes of their own; seconds are CPU time
-unless they are said to be others. Scaling is wall time and needs cores that nobody else uses.
+Scenes of ``lidar-plots`` and ``echoes`` are made as a dataset is, in processes of their own; seconds are
+CPU time unless they are said to be others. Scaling is wall time and needs cores that nobody else uses.
 """
 
 from __future__ import annotations
