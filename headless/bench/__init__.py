@@ -13,7 +13,10 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-SECTIONS = ("growth", "stand", "lidar", "sonar", "reverb", "series", "frontier")
+SECTIONS = (
+    *("growth", "stand", "lidar", "sonar", "reverb", "series", "flight"),
+    *("dataset", "frontier"),
+)
 ON_REQUEST = ("peers",)  # what needs other programs
 
 Say = Callable[[str], None]

@@ -1,0 +1,195 @@
+"""What happens to a dataset when processes, disks and plans go wrong: nothing is lost, all is said."""
+
+import csv
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from forest_addon.rng import stream
+from headless.dataset.lock import only_one
+from tests.references.dataset_runs import PLAN, ROOT, bytes_of, children_of, command, run
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(sys.platform != "linux", reason="reads /proc, and kills processes"),
+]
+MAKER = "headless.dataset.maker"
+ENDLESS = ("--set", "scene.sensors[tls].angle_step_deg=0.004")  # 1.4e9 pulses
+
+
+def started(*words):
+    return subprocess.Popen(
+        command(*words), cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+
+
+def kill(pid):
+    try:
+        os.kill(pid, signal.SIGKILL)
+        return True
+    except ProcessLookupError:
+        return False
+
+
+def disturbed(out, seed, kills, workers, words=()):
+    """Start the command again and again; kill it, a worker or a child at random moments. Returns kills."""
+    rng = stream(seed, "kills")
+    done = {"command": 0, "worker": 0, "child": 0}
+    process = started(PLAN, "--out", out, "--workers", str(workers), "--quiet", *words)
+    deadline = time.monotonic() + 1500
+    while sum(done.values()) < kills:
+        assert time.monotonic() < deadline
+        time.sleep(float(rng.uniform(0.3, 4.0)))
+        if process.poll() is not None:
+            if process.returncode == 0:
+                break
+            process = started(PLAN, "--out", out, "--workers", str(workers), "--quiet", *words)
+            continue
+        below = children_of(process.pid)
+        makers = sorted(pid for pid, line in below.items() if MAKER in line)
+        holders = sorted(pid for pid, line in below.items() if "spawn_main" in line)
+        what = ("command", "worker", "child", "child")[int(rng.integers(4))]
+        chosen = {"command": [process.pid], "worker": holders, "child": makers}[what]
+        if chosen and kill(chosen[int(rng.integers(len(chosen)))]):
+            done[what] += 1
+    process.wait(600)
+    return done
+
+
+def finish(out, workers=1, words=()):
+    """The same command until it ends well; scenes that were set aside are tried again."""
+    for _ in range(4):
+        ended = run(PLAN, "--out", out, "--workers", str(workers), "--quiet", *words)
+        if ended.returncode == 0:
+            return
+    raise AssertionError(ended.stderr)
+
+
+def test_a_few_kills_lose_nothing(undisturbed, tmp_path):
+    disturbed(tmp_path / "data", 1, 3, 1)
+    finish(tmp_path / "data")
+    assert bytes_of(tmp_path / "data") == bytes_of(undisturbed)
+
+
+@pytest.mark.skipif(not os.environ.get("FOREST_LONG_TESTS"), reason="ten minutes of kills")
+def test_twenty_five_kills_lose_nothing(tmp_path):
+    """With FOREST_LONG_TESTS set: scenes enough that kills meet every stage of the work."""
+    pytest.importorskip("distributed")
+    words = ("--set", "count=24")
+    assert (
+        run(PLAN, "--out", tmp_path / "calm", "--workers", "1", "--quiet", *words).returncode == 0
+    )
+    total, seed = 0, 0
+    while total < 25:
+        out = tmp_path / f"data-{seed}"
+        total += sum(disturbed(out, seed, 25 - total, 2, words).values())
+        finish(out, 2, words)
+        assert bytes_of(out) == bytes_of(tmp_path / "calm")
+        assert not [p for p in (out / "scenes").iterdir() if p.name.startswith(".")]
+        seed += 1
+
+
+def test_a_scene_that_never_ends_is_set_aside_and_the_rest_goes_on(tmp_path):
+    """The grid's second value is the endless scan."""
+    words = ("--set", "vary.sensors[tls].angle_step_deg={grid=[3.0,0.004]}", "--set", "count=2")
+    ended = run(
+        *(PLAN, "--out", tmp_path / "data", "--workers", "1", "--quiet", *words),
+        *("--set", "run.timeout=6.0", "--set", "vary.sensors[tls].max_range=20.0"),
+    )
+    assert ended.returncode == 4
+    assert "scene 000001 could not be made" in ended.stderr
+    with open(tmp_path / "data" / "manifest.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["status"] for row in rows] == ["done", "failed"]
+    assert rows[1]["error"] == "timeout: ran past its time"
+
+
+def test_a_scene_that_needs_too_much_memory_is_set_aside(tmp_path):
+    ended = run(
+        *(PLAN, "--out", tmp_path / "data", "--workers", "1", "--quiet", *ENDLESS),
+        *(
+            "--set",
+            "run.memory_gb=0.3",
+            "--set",
+            "count=1",
+            "--set",
+            "vary.sensors[tls].max_range=20.0",
+        ),
+    )
+    assert ended.returncode == 4
+    with open(tmp_path / "data" / "manifest.csv", newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert row["status"] == "failed"
+    assert "needs more memory than it may have (0.3 GB)" in row["error"]
+
+
+def test_a_full_disk_ends_the_command_and_keeps_what_is_done(tmp_path):
+    def little():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+
+    ended = run(PLAN, "--out", tmp_path / "data", "--workers", "1", "--quiet", preexec_fn=little)
+    assert ended.returncode == 1
+    assert "finished scenes are kept" in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert not list((tmp_path / "data" / "scenes").iterdir())
+
+
+def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    ended = run(PLAN, "--out", tmp_path / "file" / "data", "--workers", "1")
+    assert ended.returncode in (1, 2)
+    assert ended.stderr.count("\n") == 1
+    assert "file/data" in ended.stderr
+
+
+def test_a_second_command_on_a_folder_is_refused(tmp_path):
+    with only_one(tmp_path / "data"):
+        ended = run(PLAN, "--out", tmp_path / "data", "--workers", "1")
+    assert ended.returncode == 2
+    assert "is in use by another command" in ended.stderr
+
+
+def test_a_scheduler_that_goes_away_is_said(undisturbed, tmp_path):
+    pytest.importorskip("distributed")
+    code = (
+        "import distributed, time\n"
+        "if __name__ == '__main__':\n"
+        "    c = distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None)\n"
+        "    print(c.scheduler_address, flush=True)\n"
+        "    time.sleep(600)\n"
+    )
+    (tmp_path / "cluster.py").write_text(code)
+    with subprocess.Popen(
+        [sys.executable, tmp_path / "cluster.py"],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=dict(os.environ) | {"PYTHONPATH": str(ROOT)},
+    ) as cluster:
+        try:
+            address = cluster.stdout.readline().strip()
+            out = tmp_path / "data"
+            words = command(PLAN, "--out", out, "--scheduler", address, "--quiet")
+            with subprocess.Popen(words, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
+                wait_for(lambda: (out / "scenes").is_dir() and any((out / "scenes").iterdir()))
+                kill(cluster.pid)
+                said = process.communicate(timeout=200)[1]
+        finally:
+            kill(cluster.pid)
+    assert process.returncode == 1, said
+    assert address in said
+    assert "Traceback" not in said
+    finish(out)
+    assert bytes_of(out) == bytes_of(undisturbed)
+
+
+def wait_for(happened, seconds=200):
+    deadline = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)

@@ -1,0 +1,155 @@
+"""A dataset that was made: its bytes, its labels, its truth, and what a change of plan does."""
+
+import csv
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+
+import numpy as np
+import pytest
+
+from tests.references.dataset_runs import PLAN, bytes_of, run
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def copy(undisturbed, tmp_path):
+    out = tmp_path / "data"
+    shutil.copytree(undisturbed, out)
+    return out
+
+
+def headless_check(out):
+    return run("--check", out)
+
+
+def test_every_hash_and_label_is_right_and_a_wrong_one_is_named(copy):
+    ended = headless_check(copy)
+    assert ended.returncode == 0, ended.stderr
+    path = copy / "scenes" / "000001" / "tls.laz"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    ended = headless_check(copy)
+    assert ended.returncode == 4
+    assert "000001: tls.laz has another SHA-256" in ended.stderr
+
+
+def test_the_folder_describes_itself(undisturbed):
+    names = {path.name for path in undisturbed.iterdir()}
+    assert names >= {
+        "README.md",
+        "manifest.csv",
+        "overview.png",
+        "varied.png",
+        "plan.toml",
+        "splits",
+    }
+    with open(undisturbed / "manifest.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["status"] for row in rows] == ["done"] * 4
+    assert all(int(row["points"]) > 100 for row in rows)
+    splits = [
+        line for path in (undisturbed / "splits").iterdir() for line in path.read_text().split()
+    ]
+    assert sorted(splits) == [row["scene"] for row in rows]
+    card = (undisturbed / "README.md").read_text()
+    assert "4 of 4 scenes" in card
+    assert "CC0-1.0" in card
+
+
+def test_the_loader_is_short_and_reads_with_numpy_alone(undisturbed):
+    code = (
+        "import sys; sys.modules['laspy'] = None; sys.path.insert(0, '.')\n"
+        "import loader\n"
+        "n = sum(len(loader.Scenes('.', s)) for s in ('train', 'validation', 'test'))\n"
+        "one = loader.Scenes('.')[0]\n"
+        "print(n, one['voxels']['leaf_area_density'].shape[0] > 0, len(one['trees']))"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], cwd=undisturbed, capture_output=True, text=True
+    )
+    assert ended.stdout.split()[:2] == ["4", "True"], ended.stderr
+
+
+def test_truth_beside_a_cloud_is_its_own(undisturbed):
+    for folder in (undisturbed / "scenes").iterdir():
+        with open(folder / "trees.csv", newline="") as file:
+            trees = list(csv.DictReader(file))
+        with np.load(folder / "voxels.npz") as data:
+            volume = data["edge"] ** 3
+            area = data["leaf_area_density"].sum() * volume
+        wanted = sum(float(tree["leaf_area_m2"]) for tree in trees)
+        assert abs(area - wanted) <= 1e-9 * max(wanted, 1e-12)
+        with np.load(folder / "tls-occlusion.npz") as data:
+            assert (data["pulses_hit"] <= data["pulses_in"] + 1).all()
+        with np.load(folder / "tls-hidden.npz") as data:
+            assert set(data["tree"].tolist()) <= {int(tree["tree"]) for tree in trees}
+
+
+def test_two_workers_of_a_cluster_make_the_same_bytes(undisturbed, tmp_path):
+    pytest.importorskip("distributed")
+    ended = run(PLAN, "--out", tmp_path / "two", "--workers", "2", "--quiet")
+    assert ended.returncode == 0, ended.stderr
+    assert bytes_of(tmp_path / "two") == bytes_of(undisturbed)
+
+
+def test_a_changed_plan_is_noticed_and_nothing_is_overwritten(copy, undisturbed):
+    ended = run(PLAN, "--out", copy, "--workers", "1", "--set", "keep.voxels=2.0")
+    assert ended.returncode == 2
+    assert "scenes 000000, 000001, 000002, 000003" in ended.stderr
+    assert "--replace" in ended.stderr
+    assert bytes_of(copy) == bytes_of(undisturbed)
+    more = ("--set", "keep.voxels=2.0", "--set", "count=1", "--replace", "--quiet")
+    ended = run(PLAN, "--out", copy, "--workers", "1", *more)
+    assert ended.returncode == 0, ended.stderr
+    assert sorted(os.listdir(copy / "scenes")) == ["000000"]
+    with np.load(copy / "scenes" / "000000" / "voxels.npz") as data:
+        assert data["edge"] == 2.0
+
+
+def test_done_scenes_are_not_made_again_and_lost_ones_come_back_the_same(copy, undisturbed):
+    shutil.rmtree(copy / "scenes" / "000002")
+    kept = (copy / "scenes" / "000001" / "scene.json").stat().st_mtime_ns
+    ended = run(PLAN, "--out", copy, "--workers", "1", "--shards", "1", "--quiet")
+    assert ended.returncode == 0, ended.stderr
+    assert bytes_of(copy) == bytes_of(undisturbed)
+    assert (copy / "scenes" / "000001" / "scene.json").stat().st_mtime_ns == kept
+    names = []
+    for path in sorted((copy / "shards").glob("*.tar")):
+        with tarfile.open(path) as tar:
+            names += tar.getnames()
+    assert sorted(names) == sorted(name.replace("/", ".", 1) for name in bytes_of(copy))
+
+
+def test_shared_trees_are_the_same_as_each_grown_alone(tmp_path):
+    """Scene 2 of a library, alone in its process and after others."""
+    shared = ("--set", 'trees="shared library of 2"', "--workers", "1", "--quiet")
+    ended = run(PLAN, "--out", tmp_path / "all", *shared)
+    assert ended.returncode == 0, ended.stderr
+    shutil.copytree(tmp_path / "all", tmp_path / "alone")
+    shutil.rmtree(tmp_path / "alone" / "scenes" / "000003")
+    assert run(PLAN, "--out", tmp_path / "alone", *shared).returncode == 0
+    assert bytes_of(tmp_path / "alone") == bytes_of(tmp_path / "all")
+    records = [
+        json.loads((path / "scene.json").read_text())
+        for path in (tmp_path / "all" / "scenes").iterdir()
+    ]
+    seen = {}
+    for record in records:
+        for digest in record["variants"].values():
+            seen.setdefault(digest, set()).add(record["split"])
+    assert any(len(r["variants"]) for r in records)
+    assert all(len(splits) == 1 for splits in seen.values())
+
+
+def test_a_dry_run_says_what_it_costs_and_writes_nothing(tmp_path):
+    ended = run(PLAN, "--out", tmp_path / "none", "--dry-run", "--set", "count=1")
+    assert ended.returncode == 0, ended.stderr
+    for word in ("1 scenes", "core-hours", "GB", "Boreal3D"):
+        assert word in ended.stderr
+    assert not (tmp_path / "none").exists()
