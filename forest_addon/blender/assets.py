@@ -36,7 +36,7 @@ def portray(species: spec.Species, label: str, mesh: TriMesh) -> Portrait:
     """Describe and draw a tree, Z up, of a species."""
     height = float(mesh.vertices[:, 2].max(initial=0.0))
     leaves = int(mesh.leaf.max(initial=-1)) + 1
-    colours = {WOOD: species.look.bark, LEAF: species.look.leaf}
+    colours = {WOOD: species.look.bark, LEAF: species.look.foliage()}
     described = f"{label}, {height:.1f} m tall, {leaves:,} leaves"
     return Portrait(label, described, draw(mesh, colours))
 

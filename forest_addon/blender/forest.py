@@ -130,7 +130,7 @@ def _coats(forest: Forest) -> list[tuple[Coat, Coat]]:
     return [
         (
             Coat(f"{label} bark", materials.bark, look.bark),
-            Coat(f"{label} leaf", materials.leaf, look.leaf),
+            Coat(f"{label} leaf", materials.leaf, look.foliage()),
         )
         for label, look in looks
     ]
@@ -147,7 +147,7 @@ def _fill_library(
         name = f"{label}.{variant:03d}"
         role, look = f"{VARIANTS}/{name}", forest.species[planting].look
         was, shape = standing.things.get(role), fingerprint(tree.mesh)
-        says = {SPECIES_KEY: planting, PICTURE_KEY: f"{shape} {look.bark} {look.leaf}"}
+        says = {SPECIES_KEY: planting, PICTURE_KEY: f"{shape} {look.bark} {look.foliage()}"}
         make = partial(_variant_mesh, name, tree)
         sister = standing.first(f"{VARIANTS}/{label}")
         mesh = standing.renew(role, name, shape, make, coats[planting], sister)

@@ -124,6 +124,18 @@ class Look(Settings):
 
     bark: tuple[float, float, float] = param((0.09, 0.06, 0.04), help="bark colour", ge=0, le=1)
     leaf: tuple[float, float, float] = param((0.06, 0.15, 0.02), help="leaf colour", ge=0, le=1)
+    autumn: float = param(
+        0.0, help="how far leaves have turned: 0 summer, 1 autumn (winter: leaves off)", ge=0, le=1
+    )
+    autumn_leaf: tuple[float, float, float] = param(
+        (0.42, 0.19, 0.025), help="colour of leaves that have turned", ge=0, le=1
+    )
+
+    def foliage(self) -> tuple[float, float, float]:
+        """The colour that leaves have in their season."""
+        pairs = zip(self.leaf, self.autumn_leaf, strict=True)
+        r, g, b = (summer + self.autumn * (turned - summer) for summer, turned in pairs)
+        return r, g, b
 
 
 class Rules(Settings):

@@ -72,6 +72,7 @@ LABELS = {
     "beam_width_deg": "Beam (°)",
     "hearing_width_deg": "Hearing (°)",
     "temperature_c": "Temp. (°C)",
+    "dbh": "DBH",
     "density": "Trees/m²",
     "painted_value": "Painted (/m²)",
     "divergence_mrad": "Spread (mrad)",

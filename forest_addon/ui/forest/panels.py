@@ -155,6 +155,25 @@ class FOREST_PT_list(_OfPlanting, bpy.types.Panel):
             draw_field(column, planting, name)
 
 
+class FOREST_PT_targets(_OfPlanting, bpy.types.Panel):
+    bl_label = "Grown to Measure"
+
+    def draw_header(self, context: bpy.types.Context) -> None:
+        self.layout.prop(_planting(context), "use_targets", text="")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        column, planting = split(self.layout), _planting(context)
+        column.active = planting.use_targets
+        targets = planting.targets
+        row = column.row(align=True, heading=targets.bl_rna.properties["dbh"].name)
+        row.prop(targets, "use_dbh", text="")
+        spread = row.row(align=True)
+        spread.active = targets.use_dbh
+        spread.prop(targets.dbh, "mean", text="")
+        spread.prop(targets.dbh, "sd", text="")
+        draw_settings(column, targets)
+
+
 class FOREST_PT_spacing(WithForest, bpy.types.Panel):
     bl_label = "Spacing"
     bl_parent_id = "FOREST_PT_forest"
@@ -272,6 +291,7 @@ CLASSES = (
     FOREST_PT_strauss,
     FOREST_PT_rows,
     FOREST_PT_list,
+    FOREST_PT_targets,
     FOREST_PT_spacing,
     FOREST_PT_stems,
     FOREST_PT_ground,

@@ -83,7 +83,7 @@ class FOREST_OT_add_tree(WhenReady, bpy.types.Operator, AddObjectHelper):
         mesh = tree.mesh if self.leaves else tree.mesh.select(tree.mesh.part != LEAF)
         data = to_mesh(species.name, mesh)
         data.materials.append(materials.bark(f"{species.name} bark", species.look.bark))
-        data.materials.append(materials.leaf(f"{species.name} leaf", species.look.leaf))
+        data.materials.append(materials.leaf(f"{species.name} leaf", species.look.foliage()))
         return data
 
 

@@ -1,0 +1,81 @@
+"""Stands of trees that measure what a list or a planting says."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.formats.tree_list import read_tree_list
+from forest_addon.growth.skeleton import Skeleton
+from forest_addon.rng import stream
+from forest_addon.spec import Forest, Normal, Planting, Scene, SpecError, Targets
+from forest_addon.stand.forest import grow_forest, tree_table
+from forest_addon.stand.inputs import Inputs
+from forest_addon.stand.measured import dbh_at, groups_of, scales_for
+
+LIST = "x,y,dbh,height\n" + "".join(
+    f"{x},{x},{0.08 + 0.01 * x:.3f},{7 + 0.3 * x:.2f}\n" for x in range(1, 9)
+)
+
+
+def grown(tmp_path, variants):
+    file = tmp_path / "plot.csv"
+    file.write_text(LIST)
+    planting = Planting(species="scots-pine", layout="list", trees="plot.csv", variants=variants)
+    scene = Scene(seed=4, forest=Forest(size=(20, 20)), plantings=(planting,))
+    inputs = Inputs(lists={"plot.csv": read_tree_list(file)})
+    return grow_forest(scene, [load_species(find_species("scots-pine", Path()))], None, inputs)
+
+
+@pytest.mark.parametrize("variants", [8, 3])
+def test_every_tree_of_a_list_has_its_diameter(tmp_path, variants):
+    """With a variant for each tree its height too; with fewer, that of a tree of like proportions."""
+    forest = grown(tmp_path, variants)
+    table = tree_table(forest)
+    dbh, height = np.array(table["dbh_m"]), np.array(table["height_m"])
+    assert len(forest.variants) == variants
+    assert dbh == pytest.approx(0.08 + 0.01 * np.arange(1, 9), abs=1e-6)
+    near = 0.01 if variants == 8 else 0.35
+    assert height == pytest.approx(7 + 0.3 * np.arange(1, 9), rel=near)
+    assert table["target_dbh_m"] == pytest.approx(dbh)
+    assert np.array(table["crown_base_m"]).min() > 0
+
+
+def test_a_tree_keeps_its_targets_whichever_others_stand(tmp_path):
+    many, few = grown(tmp_path, 8), grown(tmp_path, 3)
+    assert many.wanted == pytest.approx(few.wanted)
+
+
+def test_what_no_allometry_tells_must_be_given():
+    targets = Targets(dbh=Normal(mean=0.1), height=8.0, crown_width=2.0, crown_base=3.0)
+    planting = Planting(species="ginkgo", expected=2, exact=True, targets=targets)
+    scene = Scene(forest=Forest(size=(20, 20)), plantings=(planting,))
+    species = load_species(find_species("ginkgo", Path()))
+    with pytest.raises(SpecError, match="leaf_area is not given"):
+        grow_forest(scene, [species])
+
+
+def test_a_size_is_found_at_which_a_stem_has_its_diameter():
+    """A cone of 10 m, 0.3 m thick at the foot: s·0.3·(1 - 1.3/(10 s)) = D."""
+    z = np.zeros((1, 3))
+    cone = Skeleton(
+        z, np.array([[0, 0, 10.0]]), np.array([[0.15, 0.0]]), np.array([-1]), *np.zeros((2, 1), int)
+    )
+    wanted = np.array([0.2, 0.3, 0.5])
+    scale = scales_for(cone, wanted)
+    assert scale == pytest.approx((wanted + 0.3 * 0.13) / 0.3, rel=1e-9)
+    assert dbh_at(cone, scale) == pytest.approx(wanted, rel=1e-9)
+
+
+def test_like_trees_share_a_variant():
+    rng = stream(1, "like")
+    slim = np.column_stack(
+        [np.full(40, 0.2), np.full(40, 22.0), *np.tile([3.0, 9.0, 30.0], (40, 1)).T]
+    )
+    stout = slim * [1, 0.5, 2, 0.4, 1]
+    wanted = np.concatenate([slim, stout]) * np.exp(0.01 * rng.standard_normal((80, 5)))
+    group, models = groups_of(wanted, 2, None, stream(2, "like"))
+    assert len(models) == 2
+    assert len(set(group[:40])) == len(set(group[40:])) == 1
+    assert group[0] != group[40]
