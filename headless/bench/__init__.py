@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-SECTIONS = ("growth", "stand", "lidar", "sonar", "reverb")
+SECTIONS = ("growth", "stand", "lidar", "sonar", "reverb", "flight")
 
 Say = Callable[[str], None]
 
