@@ -1,9 +1,9 @@
-"""Flight: steps a second with few and many rays, one flyer and 64, pings a second, and how long a reset takes.
+"""Flight: steps a second with few and many rays, one flyer and 64, pings a second, time of a reset.
 
-Among a thousand birches of four variants (``assets/scenes/flight-poisson.toml``). A step is a whole one: the
-body moves, what it touches is looked for, the rays are cast, and what is sensed is an observation. Flights that
-end are set out again outside of what is timed. CPU time of one thread, the median of several runs, warm; what
-is made once for a scene is told apart.
+Among a thousand birches of four variants (``assets/scenes/flight-poisson.toml``). A step is a whole one:
+the body moves, what it touches is looked for, the rays are cast, and what is sensed is an observation.
+Flights that end are set out again outside of what is timed. CPU time of one thread, the median of several
+runs, warm; what is made once for a scene is told apart.
 """
 
 from __future__ import annotations
@@ -24,13 +24,14 @@ AIMS = {("64", "1"): 2000, ("1,024", "1"): 600, ("64", "64"): 10_000, ("1,024", 
 
 def run(say: Say) -> None:
     """Print the tables."""
+    from forest_addon.api import Rays, read
     from forest_addon.blender.opening import empty_file
     from forest_addon.flight.senses import Ears, Lidar, lidar_of, sonar_of
     from forest_addon.flight.woods import Stock
 
     empty_file()
     begun = time.thread_time()
-    stock = Stock(SCENE, SCENE.parent)
+    stock = Stock(read(SCENE).changed(rays=Rays(threads=1)), SCENE.parent)
     grown = time.thread_time() - begun
     first = stock.surroundings(1)
     _ = first.caster
