@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from forest_addon.rng import stream
+
 from . import Say, table
 
 TITLE = "flight: steps, pings and resets"
@@ -84,7 +86,7 @@ def _steps(stock: Any, around: Any, lidar: Any, count: int) -> tuple[float, tupl
     flyers = Flyers(stock.settings.flight, count, lidar, None)
     flyers.enter(around)
     flyers.start(range(count), range(count))
-    rng = np.random.default_rng(0)
+    rng = stream(0, "bench", "flight")
     action = np.zeros((count, 3))
     rates, moving, sensing = [], [], []
     steps = max(20, STEPS // count)
