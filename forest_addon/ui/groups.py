@@ -86,6 +86,8 @@ LABELS = {
     "facing_azimuth_deg": "Facing Azim.(°)",
     "facing_elevation_deg": "Facing Elev.(°)",
     "impedance_model": "Impedance",
+    "acceleration": "Accel. (m/s²)",
+    "turn_rate_deg": "Turn (°/s)",
     "flow_resistivity": "σ (kPa·s/m²)",
 }  # others are too long for a sidebar
 ONE_OF = ("template", "rules", "honda")  # parts of a species of which one may be used
