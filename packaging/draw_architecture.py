@@ -23,8 +23,8 @@ WING = "#ffffff"
 SHELL, FILES, PURE, BASE = "#f3e3d0", "#dfe8ef", "#e3eedd", "#e9e6f2"
 # Rows from above: height in hundredths of the picture's width; its rooms with left, width and colour.
 ROWS = (
-    (11, {"headless": (2, 47, SHELL), "ui": (51, 47, SHELL)}),
-    (6, {"flight": (51, 47, SHELL)}),
+    (11, {"headless": (2, 60, SHELL), "ui": (64, 34, SHELL)}),
+    (6, {"flight": (64, 34, SHELL)}),
     (6, {"api": (2, 96, SHELL)}),
     (6, {"blender": (2, 96, SHELL)}),
     (6, {"formats": (2, 96, FILES)}),

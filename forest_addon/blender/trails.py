@@ -103,7 +103,8 @@ def _material() -> bpy.types.Material:
     made = bpy.data.materials.get(MATERIAL)
     if made is None:
         made = own(bpy.data.materials.new(MATERIAL))
-        made.use_nodes = True
+        if not made.use_nodes:
+            made.use_nodes = True
         nodes = made.node_tree.nodes
         shader = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
         colour = nodes.new("ShaderNodeVertexColor")

@@ -1,4 +1,4 @@
-"""Flight: a bat or a drone that senses, decides and moves, among the trees of a scene.
+"""Flight: a bat or a drone senses, decides and moves.
 
 Importing this where Gymnasium is installed makes ``ForestSensing/Flight-v0`` known to it; nothing else of the
 project imports Gymnasium.

@@ -7,8 +7,8 @@
     env = gym.make("ForestSensing/Flight-v0", scene=scene, sensors=("lidar", "sonar"))
 
 What is sensed is a dict of float64 arrays, ``lidar`` (rays,) metres, ``sonar`` (ears, ...), ``odometry``
-(8,); an action is a number from -1 to 1 for each thing a body decides (``bodies``). The reward is the metres nearer
-to the aim, -10 for a touch, 10 for arriving.
+(8,); an action is a number from -1 to 1 for each thing a body decides (``bodies``). The reward is the metres
+nearer to the aim, -10 for a touch, 10 for arriving.
 """
 
 from __future__ import annotations
@@ -239,8 +239,9 @@ class FlightVectorEnv(gymnasium.vector.VectorEnv):
     """Many flyers in one forest that do not meet each other; their rays are cast in one call.
 
     Arguments as of ``FlightEnv``, and num_envs. ``reset(seed=s)`` plants the forest of seed s and starts
-    flyer i as ``FlightEnv.reset(seed=s + i, options={"forest": s})`` does. A flyer whose flight has ended starts
-    anew in the same forest on the next step, whose action for it is not used (Gymnasium's next-step mode).
+    flyer i as ``FlightEnv.reset(seed=s + i, options={"forest": s})`` does. A flyer whose flight has ended
+    starts anew in the same forest on the next step, whose action for it is not used (Gymnasium's next-step
+    mode).
     """
 
     metadata: ClassVar[dict[str, Any]] = {

@@ -1,9 +1,9 @@
 """A small policy that learns, by the cross-entropy method: numpy alone, minutes on two cores.
 
 The nearest thing in each of ``SECTORS`` sectors of the LiDAR's level rays, and the aim's direction, go
-through one hidden layer to a direction and a pace, which ``policies.steer`` flies. Weights θ are drawn from a normal
-distribution N(μ, σ²), each drawing flies the same starts, and μ, σ become those of the best (Rubinstein 1999;
-with noise that fades, Szita & Lőrincz 2006, Neural Comput. 18, 2936).
+through one hidden layer to a direction and a pace, which ``policies.steer`` flies. Weights θ are drawn from
+a normal distribution N(μ, σ²), each drawing flies the same starts, and μ, σ become those of the best
+(Rubinstein 1999; with noise that fades, Szita & Lőrincz 2006, Neural Comput. 18, 2936).
 """
 
 from __future__ import annotations

@@ -201,10 +201,22 @@ class Ears:
 
 
 def cochleagram(sound: np.ndarray, sonar: Sonar) -> np.ndarray:
-    """(E, BANDS, BINS) levels of sound (E, S) by frequency and time, 0 at ``FLOOR_DB`` and 1 at ``TOP_DB``.
+    """(E, BANDS, BINS) levels of sound (E, S) by frequency and time, 0 at ``FLOOR_DB`` and 1 at ``TOP_DB``:
+    the mean square of each band's envelope in each bin of time, in dB.
+    """
+    count = sound.shape[-1]
+    power = band_power(sound, sonar)
+    edges = np.linspace(0, count, BINS, endpoint=False).astype(np.int64)
+    size = np.diff(edges, append=count)
+    mean = np.add.reduceat(power, edges, axis=-1) / size
+    level = 10.0 * np.log10(np.maximum(mean, 1e-30))
+    told: np.ndarray = np.clip((level - FLOOR_DB) / (TOP_DB - FLOOR_DB), 0.0, 1.0)
+    return told
 
-    Bands are as wide in octaves and overlap by half (raised cosines over log f, as a filter bank of constant
-    quality); the mean square of each band's envelope in each bin of time, in dB.
+
+def band_power(sound: np.ndarray, sonar: Sonar) -> np.ndarray:
+    """(E, BANDS, S) squared envelopes of sound (E, S) in bands that are as wide in octaves and overlap by
+    half: raised cosines over log f, a filter bank of constant quality.
     """
     count = sound.shape[-1]
     length = fft.next_fast_len(count, real=True)
@@ -217,13 +229,8 @@ def cochleagram(sound: np.ndarray, sonar: Sonar) -> np.ndarray:
     analytic = np.zeros((len(sound), BANDS, length), dtype=np.complex128)
     analytic[..., : len(frequency)] = 2.0 * spectrum[:, None] * window
     envelope = fft.ifft(analytic, axis=-1, overwrite_x=True)[..., :count]
-    power = envelope.real**2 + envelope.imag**2
-    edges = np.linspace(0, count, BINS, endpoint=False).astype(np.int64)
-    size = np.diff(edges, append=count)
-    mean = np.add.reduceat(power, edges, axis=-1) / size
-    level = 10.0 * np.log10(np.maximum(mean, 1e-30))
-    told: np.ndarray = np.clip((level - FLOOR_DB) / (TOP_DB - FLOOR_DB), 0.0, 1.0)
-    return told
+    power: np.ndarray = envelope.real**2 + envelope.imag**2
+    return power
 
 
 ODOMETRY = 8

@@ -1,7 +1,7 @@
 """How fast a forest can be flown through: the critical speed of Karaman & Frazzoli (2012).
 
 Their bird flies v ahead and at most w across, among discs of a Poisson process with density ρ; R is the
-radius of disc and bird together. Whether a way without collision exists is a question of directed percolation:
+radius of disc and bird together. Whether a way without collision exists is one of directed percolation:
 above a critical speed there is none that goes on for ever, whatever the bird knows, below it there is one. No
 closed form is known; as they do, the phase diagram is found by Monte Carlo. Here the reachable set is
 followed exactly but for a grid: from x to x + Δx it grows by wΔx/v to both sides, and discs are taken out.

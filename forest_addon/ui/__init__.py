@@ -80,7 +80,7 @@ def _rooms() -> tuple[ModuleType, ...]:
     from .forest import panels as forest_panels
     from .results import export, show
     from .results import panel as results_panel
-    from .sensors import add, run, things
+    from .sensors import add, flight, run, things
     from .sensors import lists as sensors_lists
     from .sensors import panels as sensors_panels
     from .species import edit, import_stl, pictures
@@ -89,6 +89,7 @@ def _rooms() -> tuple[ModuleType, ...]:
     return (
         *(properties, pictures, languages, running, things, tree, start, new_file),
         *(sensors_lists, forest_lists, build, scene_file, add, run, show, export, preferences),
-        *(forest_panels, sensors_panels, results_panel, overlay, edit, import_stl, species_panel),
+        *(forest_panels, sensors_panels, flight, results_panel),
+        *(overlay, edit, import_stl, species_panel),
         *(chosen, hills, painting, live, command, migration),
     )

@@ -64,6 +64,7 @@ def to_spec(scene: Any, things: Iterable[Any] | None = None) -> spec.Scene:
         ),
         air=read(props.air, spec.Air, "air"),
         rays=read(props.rays, spec.Rays, "rays"),
+        flight=read(props.flight, spec.Flight, "flight"),
         accuracy=read(props.accuracy, spec.Accuracy, "accuracy"),
         sensors=tuple(sensor_of(thing) for thing in _all_of(scene, things)),
     )
@@ -118,6 +119,7 @@ def from_spec(scene: Any, settings: spec.Scene, keep_sensors: bool = False) -> N
     write(props.forest, settings.forest)
     write(props.air, settings.air)
     write(props.rays, settings.rays)
+    write(props.flight, settings.flight)
     write(props.accuracy, settings.accuracy)
     _fill(props, "plantings", settings.plantings)
     _fill(props, "stems", settings.stems)

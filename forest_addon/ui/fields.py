@@ -23,6 +23,7 @@ WHEN_USED = {
     "line_step_deg": 0.25,
     "size": (30.0, 30.0),
     "origin": (0.0, 0.0),
+    "start": (0.0, 0.0, 2.0),
     "low": 0.0,
     "escape": 0.0,
     "high": 1.0,

@@ -90,6 +90,8 @@ LABELS = {
     "facing_elevation_deg": "Facing Elev.(°)",
     "impedance_model": "Impedance",
     "turbulence": "Turbul. (1e-6)",
+    "acceleration": "Accel. (m/s²)",
+    "turn_rate_deg": "Turn (°/s)",
     "flow_resistivity": "σ (kPa·s/m²)",
 }  # others are too long for a sidebar
 ONE_OF = ("template", "rules", "honda", "crown")  # parts of a species of which one may be used

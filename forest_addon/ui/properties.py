@@ -62,6 +62,7 @@ def _make_groups() -> dict[type, type]:
     of_trees = (spec.Rules, spec.Honda, spec.Siblings, spec.Leaf, spec.Inclination, spec.Detail)
     of_sensors = (spec.Beam, spec.Surfaces, spec.Noise, spec.Pose, spec.Place)
     of_scene = (spec.Forest, spec.Planting, spec.Stems, spec.Air, spec.Rays, spec.Accuracy)
+    of_scene += (spec.Flight,)
     plain = (*held, *of_species, *of_trees, *measured, spec.Species, *of_sensors, *of_scene)
     for settings in (*plain, *spec.SENSORS.values()):
         groups[settings] = make_group(settings, groups, WHEN_SET, _besides(settings))
@@ -133,6 +134,7 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
             "air": PointerProperty(type=GROUPS[spec.Air]),
             "rays": PointerProperty(type=GROUPS[spec.Rays]),
             "accuracy": PointerProperty(type=GROUPS[spec.Accuracy]),
+            "flight": PointerProperty(type=GROUPS[spec.Flight]),
             "active_sensor": IntProperty(
                 options={"HIDDEN", "SKIP_SAVE"}, get=number_of_sensor, set=choose_number
             ),

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib import rc_context
 
-from forest_addon.flight.senses import cochleagram
+from forest_addon.flight.senses import band_power, cochleagram
 from forest_addon.flight.statistics import area_under_curve, discriminant
 from forest_addon.formats.table import write_csv
 from forest_addon.rng import stream
@@ -33,10 +33,11 @@ from .pictures import LINES, new_figure
 SIZE = (3.0, 1.6, 0.4)  # metres across, up, deep
 DENSITY = 400.0  # leaves/m³
 LEAF = (0.025, 0.006)  # metres, radius and its spread
-DISTANCES, GAPS = (0.8, 1.2, 1.6), (0.2, 0.35)  # metres
-ECHOES = 160  # of a distance and gap
-SHIFT, TURN = 0.06, 4.0  # metres and degrees, spreads of where and how it pings
-THRESHOLD = 0.35  # of a cochleagram from 0 to 1
+DISTANCES, GAPS = (0.8, 1.4), (0.25, 0.5)  # metres
+ECHOES = 120  # of a distance and gap
+SHIFT = (0.005, 0.03, 0.03)  # metres, spreads of where it pings: ahead, across, up
+TURN = 2.0  # degrees, of its direction
+THRESHOLD = 0.3  # of the median hedge's largest envelope in a band
 PUBLISHED = {"energy": (0.69, 0.75), "first crossing": (0.90, 0.95), "template": (0.94, 0.97)}
 SONAR = Sonar(
     band=(30e3, 80e3),
@@ -62,14 +63,14 @@ def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] 
     rows, found, shown = [], {name: [] for name in PUBLISHED}, None
     for distance in DISTANCES:
         for gap in GAPS:
-            energy, picture, is_gap = echoes(distance, gap, count, seed)
-            areas = told(energy, picture, is_gap)
+            energy, picture, power, is_gap = echoes(distance, gap, count, seed)
+            areas = told(energy, picture, power, is_gap)
             for name, area in areas.items():
                 found[name].append(area)
             rows.append((distance, gap, *areas.values()))
             words = ", ".join(f"{name} {area:.2f}" for name, area in areas.items())
             say(f"hedge at {distance:g} m, gap of {100 * gap:.0f} cm: {words}")
-            if shown is None or (distance, gap) == (1.2, 0.35):
+            if shown is None or (distance, gap) == (1.4, 0.5):
                 shown = picture, is_gap
     names = ("distance_m", "gap_m", *(f"auc_{name.replace(' ', '_')}" for name in PUBLISHED))
     columns = zip(*rows, strict=True)
@@ -85,10 +86,12 @@ def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] 
 
 def echoes(
     distance: float, gap: float, count: int, seed: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Energy (M,), cochleagram (M, B, T) and whether there was a gap (M,) of so many pings at new hedges."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of so many pings at new hedges energy (M,), cochleagram (M, B, T), the bands' envelopes (M, B, S) and
+    whether there was a gap (M,).
+    """
     air, equipment = Air(), Equipment.of(SONAR)
-    energy, picture = np.empty(count), []
+    energy, picture, envelope = np.empty(count), [], []
     is_gap = np.arange(count) % 2 == 1
     for number in range(count):
         rng = stream(seed, "hedge", round(1000 * distance), round(1000 * gap), number)
@@ -99,7 +102,8 @@ def echoes(
         sound = ping(leaves, SONAR, air, pose=pose, equipment=equipment).waveforms
         energy[number] = float((sound**2).sum())
         picture.append(cochleagram(sound, SONAR)[0])
-    return energy, np.array(picture), is_gap
+        envelope.append(np.sqrt(band_power(sound, SONAR)[0]).astype(np.float32))
+    return energy, np.array(picture), np.array(envelope), is_gap
 
 
 def hedge(rng: np.random.Generator, distance: float, gap: float) -> LeafDiscs:
@@ -116,29 +120,31 @@ def hedge(rng: np.random.Generator, distance: float, gap: float) -> LeafDiscs:
     return LeafDiscs(centre[kept], normal[kept], radius[kept], nothing, kept, nothing - 1)
 
 
-def told(energy: np.ndarray, picture: np.ndarray, is_gap: np.ndarray) -> dict[str, float]:
+def told(
+    energy: np.ndarray, picture: np.ndarray, envelope: np.ndarray, is_gap: np.ndarray
+) -> dict[str, float]:
     """Areas under the ROC curve of the three ways; fitted to every other pair of echoes, told of the rest."""
     fitted = (np.arange(len(energy)) // 2) % 2 == 0
     rest = ~fitted
     areas = {"energy": area_under_curve(-energy[rest], is_gap[rest])}
-    for name, features in (("first crossing", crossings(picture)), ("template", rising(picture))):
+    level = THRESHOLD * np.median(envelope[fitted & ~is_gap].max(axis=2), axis=0)  # (B,)
+    first = crossings(envelope, level)
+    whole = picture.reshape(len(picture), -1)
+    for name, features in (("first crossing", first), ("template", whole)):
         weights = discriminant(features[fitted], is_gap[fitted])
         score = features[rest] @ weights[:-1] + weights[-1]
         areas[name] = area_under_curve(score, is_gap[rest])
     return areas
 
 
-def crossings(picture: np.ndarray) -> np.ndarray:
-    """(M, B) bins of time at which each band first is above the threshold; the last where it never is."""
-    above = picture > THRESHOLD
+def crossings(envelope: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """(M, B) milliseconds after which each band's envelope (M, B, S) is above its level (B,) first; the
+    end of the record where it never is.
+    """
+    above = envelope > level[:, None]
     first = above.argmax(axis=2).astype(float)
-    first[~above.any(axis=2)] = picture.shape[2]
-    return first
-
-
-def rising(picture: np.ndarray) -> np.ndarray:
-    """(M, F) cochleagrams as features."""
-    return picture.reshape(len(picture), -1)
+    first[~above.any(axis=2)] = envelope.shape[2]
+    return first * 1e3 / SONAR.sample_rate
 
 
 def draw(path: Path, rows: list, found: dict, picture: np.ndarray, is_gap: np.ndarray) -> Path:
@@ -147,7 +153,7 @@ def draw(path: Path, rows: list, found: dict, picture: np.ndarray, is_gap: np.nd
         figure, axes = new_figure(3, (12, 3.9), width_ratios=(1, 1, 1.5))
         length = SONAR.record * Air().speed() / 2
         low, high = (f / 1e3 for f in SONAR.band)
-        for ax, which, name in ((axes[0], ~is_gap, "hedge"), (axes[1], is_gap, "gap of 35 cm")):
+        for ax, which, name in ((axes[0], ~is_gap, "hedge"), (axes[1], is_gap, "gap of 50 cm")):
             ax.imshow(
                 picture[which].mean(axis=0),
                 origin="lower",
@@ -157,7 +163,7 @@ def draw(path: Path, rows: list, found: dict, picture: np.ndarray, is_gap: np.nd
                 vmax=0.8,
                 cmap="magma",
             )
-            ax.set(xlabel="distance, m", ylabel="band, kHz", title=f"Mean echo at 1.2 m: {name}")
+            ax.set(xlabel="distance, m", ylabel="band, kHz", title=f"Mean echo at 1.4 m: {name}")
         ax = axes[2]
         for place, (name, published) in enumerate(PUBLISHED.items()):
             ax.fill_between([place - 0.35, place + 0.35], *published, color=FAINT, alpha=0.8, lw=0)

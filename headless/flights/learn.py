@@ -28,7 +28,7 @@ from .pictures import LINES, new_figure
 
 DENSITY, TRUNK = 0.08, 0.2  # trees/m², metres
 FIELD = np.array([60.0, 40.0])
-ROUNDS, DRAWINGS, STARTS = 24, 48, 4
+ROUNDS, DRAWINGS, STARTS = 18, 40, 3
 STEPS = 120
 FLIGHT = Flight(
     speed=5.0,

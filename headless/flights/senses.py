@@ -25,7 +25,7 @@ from ..progress import hushed
 from ..report.pictures import FAINT, STYLE, save_figure
 from .pictures import LINES, new_figure
 
-DENSITIES = (0.01, 0.03, 0.06, 0.1)  # trees/m²
+DENSITIES = (0.02, 0.05, 0.1)  # trees/m²
 FLIGHTS = 12  # of a density and sense
 FIELD = (50.0, 40.0)
 FLIGHT = Flight(
@@ -42,7 +42,7 @@ FLIGHT = Flight(
     aim="heading",
     thinnest=0.005,
 )
-HEARS = SONAR.changed(leaf_model="paper", wood=False, max_range=4.0, band=(50e3, 80e3))
+HEARS = SONAR.changed(leaf_model="paper", wood=False, max_range=3.5, band=(60e3, 80e3))
 NAMES = ("LiDAR, 64 rays", "two ears", "straight on")
 
 
@@ -82,7 +82,7 @@ def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] 
             }[name]
             tracks = fly(flyers, policy, seeds, seed)
             found[name].append(tracks)
-            if density == DENSITIES[2]:
+            if density == DENSITIES[1]:
                 last[name] = tracks
                 there = world
         shares = ", ".join(f"{name} {share(tracks[-1]):.0%}" for name, tracks in found.items())
@@ -129,7 +129,7 @@ def draw(path: Path, found: dict, last: dict, world: object) -> Path:
                 -1, 2
             )
             ax.plot(*ends.T, "x", color="#c8442c", ms=5)
-            ax.set(title=f"{name}, {DENSITIES[2]:g} trees/m²", xlabel="x, m", ylabel="y, m")
+            ax.set(title=f"{name}, {DENSITIES[1]:g} trees/m²", xlabel="x, m", ylabel="y, m")
         for name, colour in zip(NAMES, LINES, strict=False):
             values = [share(tracks) for tracks in found[name]]
             ends = np.array([interval(arrived(t), len(t)) for t in found[name]])

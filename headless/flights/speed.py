@@ -32,11 +32,11 @@ from .pictures import LINES, new_figure
 LENGTH, WIDTH = 500.0, 60.0  # metres
 TRUNK, BODY = 0.20, 0.15  # metres, radii
 SIDEWAYS = 2.0  # m/s, w
-SPEEDS = (3.0, 6.0, 9.0, 12.0, 16.0)
-DENSITIES = (0.02, 0.05, 0.1, 0.2)  # trees/m²
+SPEEDS = (2.0, 4.0, 6.0, 9.0, 13.0)
+DENSITIES = (0.05, 0.1, 0.15, 0.25)  # trees/m²
 FLIGHTS, FOREST = 24, 12  # of a cell, of a forest
 STRIPS = 16  # forests of the theory
-EXISTS = np.array([4.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0])  # m/s
+EXISTS = np.array([4.0, 8.0, 16.0, 24.0, 32.0, 48.0, 64.0])  # m/s
 
 
 @dataclass(frozen=True)

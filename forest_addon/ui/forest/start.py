@@ -81,6 +81,8 @@ class FOREST_MT_start(bpy.types.Menu):
 
     def draw(self, _context: bpy.types.Context) -> None:
         draw_presets(self.layout, "forest.start")
+        self.layout.separator()
+        self.layout.operator("forest.add_flight", icon="EMPTY_SINGLE_ARROW")
 
 
 def take(scene: bpy.types.Scene, preset: str, keep_sensors: bool = False) -> str:

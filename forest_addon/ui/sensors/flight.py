@@ -1,0 +1,155 @@
+"""A flyer in Blender: put there with sensors that go along with it, flown by a policy, and animated.
+
+The flyer is an empty whose X axis looks ahead; a LiDAR and a sonar follow it, so that what they find along an
+animated flight can be run like that of any other sensor. *Fly* goes from where the flyer stands, and keys its
+place and heading; the trail is coloured by how near anything was.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import bpy
+
+from ... import spec
+from ...blender.jobs import Task, Work
+from ...blender.layout import RESULTS, part
+from ..chosen import choose_sensor
+from ..drawing import BIG, OnceStarted, draw_settings, split
+from ..exchange import add_sensor, to_spec
+from ..running import InOwnScene, Working, getting_ready
+from ..words import say
+
+FLYER_KEY = "forest_flyer"
+NAME = "Flyer"
+POLICIES = (
+    ("gap", "By the Gap", "Follow the gap that costs least to turn to, by LiDAR"),
+    (
+        "echo",
+        "By Two Ears",
+        "Turn from the ear that hears the louder echo (Vanderelst et al. 2015)",
+    ),
+    ("straight", "Straight On", "Towards the aim, whatever is in the way"),
+)
+
+
+class FOREST_OT_add_flight(InOwnScene, bpy.types.Operator):
+    """Add a flyer with a LiDAR and two ears that go along with it"""
+
+    bl_idname = "forest.add_flight"
+    bl_label = "Flight"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ...flight.senses import LIDAR, SONAR
+
+        scene = context.scene
+        thing = bpy.data.objects.new(NAME, None)
+        thing.empty_display_type, thing.empty_display_size = "ARROWS", 0.5
+        thing[FLYER_KEY] = True
+        thing.location = scene.cursor.location
+        height = scene.forest_sensing.flight.height
+        thing.location.z = max(thing.location.z, height)
+        scene.collection.objects.link(thing)
+        for settings in (LIDAR.changed(poses=()), SONAR):
+            made = add_sensor(scene, settings.changed(follow=thing.name))
+            made.name = f"{thing.name} {settings.name}"
+        context.view_layer.update()
+        choose_sensor(context, made)
+        return {"FINISHED"}
+
+
+def flyer_of(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """The scene's flyer, the active object if it is one."""
+    active = bpy.context.view_layer.objects.active
+    if active is not None and FLYER_KEY in active:
+        return active
+    return next((thing for thing in scene.objects if FLYER_KEY in thing), None)
+
+
+def _import_rooms(_tell: Any) -> None:
+    from ...api import World  # noqa: F401
+    from ...flight import flying, policies, woods  # noqa: F401
+
+
+class FOREST_OT_fly(Working, bpy.types.Operator):
+    """Fly from where the flyer stands to its aim, through all that stands in the scene, and animate it"""
+
+    bl_idname = "forest.fly"
+    bl_label = "Fly"
+
+    policy: bpy.props.EnumProperty(name="Policy", items=POLICIES)
+    seed: bpy.props.IntProperty(name="Seed", min=0, description="Of what is left to chance")
+
+    def work(self, context: bpy.types.Context) -> Work:
+        scene = context.scene
+        thing = flyer_of(scene)
+        if thing is None:
+            raise spec.SpecError("", say("There is no flyer yet; add one by Add > Forest > Flight"))
+        yield getting_ready(_import_rooms)
+        from math import degrees
+        from pathlib import Path
+
+        from ...api import World
+        from ...blender.trails import show_flights
+        from ...flight.flying import fly
+        from ...flight.policies import policy_of
+        from ...flight.senses import LIDAR, SONAR, Ears, Lidar
+        from ...flight.simulation import Flyers
+        from ...flight.woods import Stock
+
+        settings = to_spec(scene, [])
+        place, heading = thing.matrix_world.translation, thing.matrix_world.to_euler().z
+        flight = settings.flight.changed(start=tuple(place), heading_deg=degrees(heading))
+        settings = settings.changed(flight=flight)
+        world = World(settings, Path(bpy.path.abspath(scene.forest_sensing.folder)), None, scene)
+        stock = Stock.standing(world)
+
+        def flown(_tell: Any) -> Any:
+            lidar, ears = Lidar(LIDAR), Ears(SONAR, settings.air)
+            pilot = policy_of(self.policy, flight, lidar, ears)
+            hears = "sonar" in pilot.sensors
+            flyers = Flyers(flight, 1, None if hears else lidar, ears if hears else None)
+            flyers.enter(stock.surroundings())
+            return fly(flyers, pilot, [self.seed])[0]
+
+        track = yield Task(say("flying"), flown)
+        show_flights(part(scene, RESULTS), [track], name=thing.name, flyer=thing)
+        ends = {
+            "arrived": say(
+                "It arrives after {seconds:.1f} s and {way:.0f} m",
+                seconds=track.seconds,
+                way=track.flown,
+            ),
+            "crashed": say(
+                "It touches something after {seconds:.1f} s and {way:.0f} m",
+                seconds=track.seconds,
+                way=track.flown,
+            ),
+            "late": say(
+                "It is still on its way after {seconds:.1f} s and {way:.0f} m",
+                seconds=track.seconds,
+                way=track.flown,
+            ),
+        }
+        return ends[track.end]
+
+
+class FOREST_PT_flight(OnceStarted, bpy.types.Panel):
+    """What the flyer's body can do, and where it is to go."""
+
+    bl_label = spec.Flight.TITLE
+    bl_parent_id = "FOREST_PT_sensors"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        row = self.layout.row(align=True)
+        row.scale_y = BIG
+        if flyer_of(context.scene) is None:
+            row.operator("forest.add_flight", text="Add a Flyer", icon="EMPTY_SINGLE_ARROW")
+        else:
+            row.operator_menu_enum("forest.fly", "policy", text="Fly", icon="PLAY")
+        draw_settings(split(self.layout), context.scene.forest_sensing.flight)
+
+
+CLASSES = (FOREST_OT_add_flight, FOREST_OT_fly, FOREST_PT_flight)

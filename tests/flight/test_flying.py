@@ -1,0 +1,207 @@
+"""Policies in plane forests: what they reach, what is certain, what may go wrong; without Blender."""
+
+import sys
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from forest_addon.flight import learning, theory
+from forest_addon.flight.flying import fly
+from forest_addon.flight.policies import Gap, Straight, policy_of
+from forest_addon.flight.senses import LIDAR, Lidar
+from forest_addon.flight.simulation import Flyers
+from forest_addon.flight.statistics import area_under_curve, discriminant, interval
+from forest_addon.flight.stems import StemCaster, StemWorld
+from forest_addon.spec import Flight, SpecError
+
+ALONG = Flight(aim="heading", distance=30.0, start=(0.0, 0.0, 1.5), steps=400, speed=4.0, step=0.1)
+NONE = np.empty((0, 2))
+
+
+def world(place=NONE, radius=0.3):
+    place = np.asarray(place, dtype=float).reshape(-1, 2)
+    return StemWorld(place, np.full(len(place), radius), np.zeros(2), np.full(2, 40.0))
+
+
+def flyers(flight, where, count=1, lidar=True):
+    made = Flyers(flight, count, Lidar(LIDAR) if lidar else None, None)
+    made.enter(where)
+    return made
+
+
+def test_rays_meet_trunks_as_circles():
+    rng = np.random.default_rng(0)
+    place, radius = rng.uniform(-9, 9, (30, 2)), rng.uniform(0.1, 0.6, 30)
+    angle = np.linspace(0, 2 * np.pi, 16)
+    way = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    hits = StemCaster(place, radius).cast(np.zeros((16, 3)), way, 12.0)
+    along = np.linspace(0, 12, 6001)
+    for k in range(16):
+        spots = along[:, None] * way[k, :2]
+        inside = (np.linalg.norm(spots[:, None] - place, axis=2) <= radius).any(axis=1)
+        truth = along[inside.argmax()] if inside.any() else np.inf
+        if not inside[0]:
+            assert hits.distance[k] == pytest.approx(truth, abs=2.1e-3)
+
+
+def test_straight_flies_into_what_is_there_and_gap_around_it():
+    tree = world([[10.0, 0.05]])
+    one = flyers(ALONG, tree)
+    straight = fly(one, Straight(ALONG), [1])[0]
+    assert straight.end == "crashed"
+    assert straight.position[-1, 0] == pytest.approx(
+        10 - np.sqrt((0.3 + 0.15) ** 2 - 0.05**2), abs=1e-9
+    )
+    around = fly(one, Gap(ALONG, one.lidar), [1])[0]
+    assert around.end == "arrived"
+    assert np.hypot(*(around.position[:, :2] - [10.0, 0.05]).T).min() > 0.45
+    assert fly(flyers(ALONG, world()), Straight(ALONG), [1])[0].end == "arrived"  # no trees
+
+
+def test_a_long_step_jumps_over_nothing():
+    far = ALONG.changed(step=2.5, speed=4.0, acceleration=1000.0)
+    track = fly(flyers(far, world([[10.0, 0.0]], 0.05)), Straight(far), [1])[0]
+    assert track.end == "crashed"
+    assert track.position[-1, 0] == pytest.approx(10 - 0.2, abs=1e-9)
+    near = ALONG.changed(aim="goal", distance=11.0, reached=0.5, step=2.5, acceleration=1000.0)
+    assert fly(flyers(near, world()), Straight(near), [1])[0].end == "arrived"  # a goal neither
+
+
+def test_behind_a_wall_nobody_arrives():
+    wall = [[8.0, y] for y in np.arange(-40, 40, 0.4)]
+    flight = ALONG.changed(aim="goal", distance=16.0, steps=60)
+    one = flyers(flight, world(wall))
+    track = fly(one, Gap(flight, one.lidar), [1])[0]
+    assert track.end in ("late", "crashed")
+    assert track.position[:, 0].max() < 8.0
+
+
+def test_a_start_in_a_trunk_is_refused():
+    for start in ((10.0, 0.1, 1.0), (10.4, 0.0, 1.0)):
+        flight = ALONG.changed(start=start)
+        with pytest.raises(SpecError, match="is inside or within"):
+            flyers(flight, world([[10.0, 0.0]])).start([0], [1])
+    crowd = world([[x, y] for x in range(41) for y in range(41)], 0.8)
+    with pytest.raises(SpecError, match="no free place was found"):
+        flyers(ALONG.changed(start=None), crowd).start([0], [1])
+
+
+def test_a_refused_action_leaves_all_as_it_was():
+    one = flyers(ALONG, world(), 2)
+    one.start([0, 1], [1, 2])
+    one.step(np.zeros((2, 3)))
+    before = [values.copy() for values in vars(one.state).values()]
+    steps = one.steps.copy()
+    with pytest.raises(SpecError):
+        one.step(np.array([[0.0, 0, 0], [0, np.nan, 0]]))
+    assert all(np.array_equal(a, b) for a, b in zip(before, vars(one.state).values(), strict=True))
+    assert np.array_equal(steps, one.steps)
+
+
+def test_each_flies_as_if_alone():
+    rng = np.random.default_rng(3)
+    where = world(rng.uniform((5, -15), (35, 15), (60, 2)))
+    flight = ALONG.changed(position_sd=0.2, heading_sd_deg=3.0, distance=15.0)
+    many = flyers(flight, where, 3)
+    together = fly(many, Gap(flight, many.lidar), [5, 6, 7])
+    for seed, track in zip((5, 6, 7), together, strict=True):
+        one = flyers(flight, where)
+        alone = fly(one, Gap(flight, one.lidar), [seed])[0]
+        assert alone.end == track.end
+        assert np.array_equal(alone.position, track.position)
+    assert len({track.flown for track in together}) > 1  # their noise differs
+
+
+def test_many_steps_need_no_more_memory():
+    flight = ALONG.changed(distance=1e5, steps=10_000_000)
+    one = flyers(flight, world([[10.0, 9.0]]), lidar=False)
+    one.start([0], [1])
+    action = np.array([[0.3, 0.0, 0.0]])
+    for _ in range(50):
+        one.sense()
+        one.step(action)
+    tracemalloc.start()
+    first = tracemalloc.get_traced_memory()[0]
+    for _ in range(700):
+        one.sense()
+        one.step(action)
+    grown = tracemalloc.get_traced_memory()[0] - first
+    tracemalloc.stop()
+    assert grown < 10_000  # bytes; an array kept of each step would be 70,000 and more
+
+
+def test_policies_by_name():
+    lidar = Lidar(LIDAR)
+    assert isinstance(policy_of("gap", ALONG, lidar, None), Gap)
+    for name, words in (
+        ("gap", "needs a lidar"),
+        ("echo", "needs a sonar"),
+        ("zigzag", "not known"),
+    ):
+        with pytest.raises(SpecError, match=words):
+            policy_of(name, ALONG, None, None)
+
+
+def test_the_cross_entropy_method_finds_a_peak():
+    peak = np.linspace(-1, 1, learning.SIZE)
+
+    def score(weights, _round):
+        return -np.square(weights - peak).sum(axis=1)
+
+    found = learning.train(score, np.random.default_rng(0), rounds=60, drawings=200)
+    assert score(found[None], 0)[0] > 0.2 * score(np.zeros((1, learning.SIZE)), 0)[0]
+
+
+def test_what_was_learnt_is_kept(tmp_path):
+    lidar = Lidar(LIDAR)
+    made = learning.Trained(ALONG, lidar, np.linspace(-1, 1, learning.SIZE))
+    made.save(tmp_path / "trained.npz")
+    again = learning.load(tmp_path / "trained.npz", ALONG, lidar)
+    one = flyers(ALONG, world([[9.0, 1.0]]))
+    one.start([0], [1])
+    told = one.sense()
+    assert np.array_equal(made.act(told), again.act(told))
+    (tmp_path / "other.npz").write_text("no")
+    with pytest.raises(SpecError, match="train one first"):
+        learning.load(tmp_path / "other.npz", ALONG, lidar)
+
+
+def test_ways_through_forests():
+    """A wall stops all, a gap lets through who is slow enough: it must be reached within its cone."""
+    wall = np.array([[20.0, y] for y in np.arange(0.25, 40, 0.5)])
+    reach = np.full(len(wall), 0.4)
+    assert theory.passable(wall, reach, 1.0, 50.0, 40.0) == pytest.approx(20, abs=0.5)
+    gap = np.abs(wall[:, 1] - 20.0) > 1.0
+    assert theory.passable(wall[gap], reach[gap], 0.1, 50.0, 40.0) == 50.0
+    second = wall[np.abs(wall[:, 1] - 26.0) > 1.0] + [12.0, 0]
+    both = np.concatenate([wall[gap], second])
+    radii = np.full(len(both), 0.4)
+    # From a gap at y = 20 to one at 26, 12 m on: at least (6 - 1.2)/12 across for each metre ahead.
+    assert theory.passable(both, radii, 0.3, 60.0, 40.0) < 40
+    assert theory.passable(both, radii, 0.6, 60.0, 40.0) == 60.0
+
+
+def test_statistics():
+    low, high = interval(8, 10)
+    assert (low, high) == pytest.approx((0.4902, 0.9433), abs=1e-4)  # Wilson 1927
+    score = np.array([0.1, 0.4, 0.35, 0.8])
+    assert area_under_curve(score, np.array([False, False, True, True])) == 0.75
+    assert area_under_curve(np.ones(6), np.arange(6) > 2) == 0.5
+    rng = np.random.default_rng(0)
+    is_it = np.arange(400) % 2 == 0
+    cloud = rng.normal(0, 1, (400, 3)) + is_it[:, None] * [2.0, 0, 0]
+    weights = discriminant(cloud, is_it)
+    assert area_under_curve(cloud @ weights[:-1], is_it) > 0.9
+
+
+def test_flight_needs_neither_blender_nor_gymnasium_for_this():
+    import subprocess
+
+    code = (
+        "import sys; sys.modules['bpy'] = None; sys.modules['mathutils'] = None\n"
+        "from forest_addon.flight import policies, flying, simulation, stems, theory, learning\n"
+        "print('torch' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

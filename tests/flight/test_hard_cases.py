@@ -1,0 +1,161 @@
+"""What a user may do to an environment, and what it answers."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+pytest.importorskip("gymnasium")
+
+from forest_addon import api as forest
+from forest_addon.flight.environment import FlightEnv, FlightVectorEnv
+from forest_addon.spec import Flight, SpecError
+
+BARE = forest.Scene(
+    seed=2,
+    forest=forest.Forest(size=(10.0, 10.0), margin=30.0),
+    flight=Flight(distance=8.0, steps=50, start=(1.0, 5.0, 1.5)),
+)
+ONE = BARE.changed(
+    plantings=(
+        forest.Planting(species="whorl-8", variants=1, expected=1, exact=True, scale=(1.0, 1.0)),
+    )
+)
+
+
+@pytest.fixture(scope="module")
+def bare():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    return FlightEnv(BARE, sensors=())
+
+
+@pytest.fixture(scope="module")
+def one():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    return FlightEnv(ONE, sensors=("lidar",))
+
+
+def test_no_trees_and_no_sensors(bare):
+    seen, _ = bare.reset(seed=1)
+    assert set(seen) == {"odometry"}
+    assert seen["odometry"][:3] == pytest.approx([8, 0, 0])
+    ends = [bare.step(np.array([0.0, 0.0, 1.0]))[2:4] for _ in range(40)]
+    assert (True, False) in ends  # it arrives
+
+
+def test_the_ground_stops(bare):
+    bare.reset(seed=1)
+    for _ in range(60):
+        _, _, done, _, info = bare.step(np.array([0.0, -1.0, 0.0]))
+        if done:
+            break
+    assert info["crashed"]
+    assert info["position"][2] == pytest.approx(0.15, abs=1e-9)  # the sphere lies on it
+
+
+def test_a_start_in_a_trunk_is_refused(one):
+    one.reset(seed=3)
+    forest_ = one.flights.surroundings.forest
+    foot = forest_.transforms()[0, :, 3]
+    with pytest.raises(SpecError, match=r"is inside or within .* of something solid"):
+        one.reset(seed=3, options={"start": (foot[0], foot[1], 1.0)})
+    seen, _ = one.reset(
+        seed=3, options={"start": (foot[0] - 2.0, foot[1], 1.0), "heading_deg": 0.0}
+    )
+    assert 1.0 < seen["lidar"].min() < 2.0
+    for _ in range(40):
+        info = one.step(np.array([0.0, 0.0, 1.0]))[4]
+        if info["crashed"]:
+            break
+    assert info["crashed"]
+    room = one.flights.surroundings.obstacles.distance(info["position"], 1.0)
+    assert room == pytest.approx(0.15, abs=1e-6)  # it touches: exactly a radius from the mesh
+
+
+@pytest.mark.parametrize("action", [np.full(3, np.nan), np.array([0, np.inf, 0]), np.zeros(2)])
+def test_a_bad_action_leaves_the_episode_untouched(bare, action):
+    bare.reset(seed=1)
+    bare.step(np.zeros(3))
+    with pytest.raises(SpecError, match="action: "):
+        bare.step(action)
+    after = bare.step(np.zeros(3))
+    bare.reset(seed=1)
+    bare.step(np.zeros(3))
+    alone = bare.step(np.zeros(3))
+    assert np.array_equal(after[0]["odometry"], alone[0]["odometry"])
+
+
+@pytest.mark.parametrize(
+    ("do", "words"),
+    [
+        (lambda env: env.reset(options={"begin": 3}), '"begin" is not known; use forest, start'),
+        (lambda env: env.reset(options={"goal": (1, 2)}), "goal: must be three finite numbers"),
+        (lambda _: FlightEnv(BARE, sensors=("smell",)), '"smell" is not known; use lidar or sonar'),
+        (lambda _: FlightEnv(BARE, forest="old"), '"old" is not known; use new or fixed'),
+        (lambda _: FlightEnv(BARE, render_mode="ansi"), '"ansi" is not known'),
+        (lambda _: FlightVectorEnv(0, BARE), "num_envs: 0 is out of range"),
+        (lambda _: FlightEnv("nowhere.toml"), "no such file"),
+    ],
+)
+def test_what_cannot_be_says_so(bare, do, words):
+    with pytest.raises(SpecError) as said:
+        do(bare)
+    assert words in str(said.value)
+    assert "\n" not in str(said.value)
+
+
+def test_a_fixed_forest_stays():
+    env = FlightEnv(ONE, sensors=("lidar",), forest="fixed")
+    first = env.reset(seed=1)[0]["lidar"]
+    assert np.array_equal(first, env.reset(seed=2)[0]["lidar"])
+    new = FlightEnv(ONE, sensors=("lidar",))
+    assert not np.array_equal(new.reset(seed=1)[0]["lidar"], new.reset(seed=2)[0]["lidar"])
+
+
+def test_what_stands_in_blender_is_flown_through():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.mesh.primitive_cube_add(size=1.0, location=(5, 5, 1.5))
+    env = FlightEnv(forest.current(BARE), sensors=("lidar",))
+    assert env.reset(seed=1)[0]["lidar"][0] == pytest.approx(3.5, abs=1e-6)
+    for _ in range(40):
+        info = env.step(np.array([0.0, 0.0, 1.0]))[4]
+        if info["crashed"]:
+            break
+    assert info["position"][0] == pytest.approx(4.5 - 0.15, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_eight_processes_fly_as_one(one):
+    """The same seeds in processes of their own end at the same places, to the bit."""
+    code = f"""
+import sys, numpy as np
+sys.path[:0] = [{str(Path(__file__).parent)!r}]
+from test_hard_cases import ONE, flight_of
+from forest_addon.flight.environment import FlightEnv
+env = FlightEnv(ONE, sensors=("lidar",))
+print(flight_of(env, int(sys.argv[1])))
+"""
+    running = [
+        subprocess.Popen([sys.executable, "-c", code, str(n)], stdout=subprocess.PIPE, text=True)
+        for n in range(8)
+    ]
+    told = [process.communicate()[0].split()[-1] for process in running]
+    assert told == [flight_of(one, n) for n in range(8)]
+
+
+def flight_of(env, seed):
+    """The bytes of what is sensed along a flight, as text."""
+    import hashlib
+
+    digest, rng = hashlib.sha256(), np.random.default_rng(seed)
+    seen, _ = env.reset(seed=seed)
+    for _ in range(15):
+        for name in sorted(seen):
+            digest.update(seen[name].tobytes())
+        seen, _, done, cut, _ = env.step(rng.uniform(-1, 1, 3))
+        if done or cut:
+            break
+    return digest.hexdigest()
