@@ -8,14 +8,17 @@ material shows.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import bpy
 import numpy as np
 
 from ..growth.mesh.trimesh import GROUND, LEAF, WOOD
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.sonar.ping import Contributions
-from .layout import CLOUD_KEY, COLOUR_BY, RADIUS
+from .layout import CLOUD_KEY, COLOUR_BY, FRAME_KEY, RADIUS
 from .materials import coloured_points
+from .nodes import choose_input
 from .ours import is_ours, make_object, own
 
 COLOUR_OF_ORGAN = {
@@ -27,13 +30,18 @@ NUMBERS = ("tree", "species", "leaf", "object", "return_number")
 MEASURES = ("height", "distance", "intensity", "incidence", "width", "scan_angle", "time")
 SCALE = ((0.09, 0.0, 0.16), (0.03, 0.20, 0.29), (0.02, 0.45, 0.25), (0.98, 0.80, 0.02))
 GOLDEN = 0.6180339887498949  # numbers one after the other get hues far apart
+VIVID, VALUE = 0.75, 0.6  # saturation and value of those hues
+OTHER = (0.5, 0.5, 0.5, 1.0)  # organs that have no colour of nature
 QUIETEST = 1e-3  # amplitude, of the loudest, that is shown faintest
 FAINT, LOUD = np.array([0.25, 0.02, 0.0, 1.0]), np.array([1.0, 0.35, 0.05, 1.0])
-GROUP = "Forest points"
+GROUP, HEARD_GROUP = "Forest points", "Forest echo points"
 
 
 def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types.Object:
-    """Put a sensor's cloud into a collection, in place of that sensor's last one."""
+    """Put a sensor's cloud into a collection, in place of that sensor's last one.
+
+    Where nothing is of a tree or of the ground it is first coloured by object.
+    """
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(cloud))
     _fill(data, "position", "FLOAT_VECTOR", cloud.position, "vector")
@@ -54,11 +62,12 @@ def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types
     _fill(data, "pulse", "INT", cloud.pulse)
     _fill(data, "return_number", "INT", cloud.number)
     _fill(data, "number_of_returns", "INT", cloud.count)
-    colour = np.full((128, 4), 0.5)
+    colour = np.tile(OTHER, (128, 1))
     for organ, shade in COLOUR_OF_ORGAN.items():
         colour[organ] = shade
     _fill(data, "organ_colour", "FLOAT_COLOR", colour[cloud.returns.organ], "color")
-    return _show(home, name, data)
+    foreign = not np.isin(cloud.returns.organ, list(COLOUR_OF_ORGAN)).any()
+    return _show(home, name, data, _scan_group, "Object" if foreign and len(cloud) else "")
 
 
 def show_heard(home: bpy.types.Collection, name: str, heard: Contributions) -> bpy.types.Object:
@@ -71,14 +80,24 @@ def show_heard(home: bpy.types.Collection, name: str, heard: Contributions) -> b
     share = (1.0 - level / (20.0 * np.log10(QUIETEST)))[:, None]
     _fill(data, "level", "FLOAT", level)
     _fill(data, "distance", "FLOAT", heard.distance)
+    _fill(data, "delay", "FLOAT", heard.delay)
     for label in ("tree", "instance", "number"):
         _fill(data, label, "INT", getattr(heard, label))
     _fill(data, "organ_colour", "FLOAT_COLOR", FAINT + share * (LOUD - FAINT), "color")
-    return _show(home, name, data)
+    return _show(home, name, data, _heard_group)
 
 
-def _show(home: bpy.types.Collection, name: str, data: bpy.types.Mesh) -> bpy.types.Object:
-    """An object of these points: the one of before, with all that was done to it, or a new one."""
+def _show(
+    home: bpy.types.Collection,
+    name: str,
+    data: bpy.types.Mesh,
+    group: Callable[[], bpy.types.NodeTree],
+    colour_by: str = "",
+) -> bpy.types.Object:
+    """An object of these points: the one of before, with all that was done to it, or a new one.
+
+    group : the nodes of a new one. colour_by : what its menu says at first, if not the group's default.
+    """
     data.update()
     thing = _standing(home, name)
     if thing is not None:
@@ -88,7 +107,9 @@ def _show(home: bpy.types.Collection, name: str, data: bpy.types.Mesh) -> bpy.ty
     thing[CLOUD_KEY] = name
     data.materials.append(bpy.data.materials.get(GROUP) or coloured_points(GROUP))
     modifier = thing.modifiers.new("Points", "NODES")
-    modifier.node_group = bpy.data.node_groups.get(GROUP) or _points_group()
+    modifier.node_group = group()
+    if colour_by:
+        choose_input(modifier, COLOUR_BY, colour_by)
     thing.hide_render = True
     return thing
 
@@ -106,12 +127,19 @@ def _standing(home: bpy.types.Collection, name: str) -> bpy.types.Object | None:
 
 
 def _hand_over(thing: bpy.types.Object, data: bpy.types.Mesh) -> None:
-    """Give an object other points: the mesh takes the place of its old one everywhere, in its clothes."""
+    """Give an object other points: the mesh takes the place of its old one everywhere, in its clothes.
+
+    One that is kept for its frame is not replaced: only this object shows other points.
+    """
     old = thing.data
     for material in old.materials:
         data.materials.append(material)
     for key, value in old.items():
-        data[key] = value
+        if key != FRAME_KEY:
+            data[key] = value
+    if FRAME_KEY in old:
+        thing.data = own(data)
+        return
     name = old.name
     old.user_remap(data)
     if not old.users:
@@ -120,9 +148,27 @@ def _hand_over(thing: bpy.types.Object, data: bpy.types.Mesh) -> None:
     own(data)
 
 
-def _points_group() -> bpy.types.NodeTree:
-    """Mesh vertices to points of 15 mm in the chosen colour; all of it can be edited by hand."""
-    group = bpy.data.node_groups.new(GROUP, "GeometryNodeTree")
+def _scan_group() -> bpy.types.NodeTree:
+    """The nodes of scanners' clouds, as they are in the file."""
+    return bpy.data.node_groups.get(GROUP) or _points_group(GROUP, "Organ", NUMBERS, MEASURES)
+
+
+def _heard_group() -> bpy.types.NodeTree:
+    """The nodes of what sonars heard."""
+    found = bpy.data.node_groups.get(HEARD_GROUP)
+    return found or _points_group(
+        HEARD_GROUP, "Loudness", ("tree",), ("delay", "distance", "height")
+    )
+
+
+def _points_group(
+    name: str, first: str, numbers: Sequence[str], measures: Sequence[str]
+) -> bpy.types.NodeTree:
+    """Mesh vertices to points of 15 mm in the chosen colour; all of it can be edited by hand.
+
+    first : what the menu calls the colours that the points bring along.
+    """
+    group = bpy.data.node_groups.new(name, "GeometryNodeTree")
     group.is_modifier = True
     group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
     radius = group.interface.new_socket(RADIUS, in_out="INPUT", socket_type="NodeSocketFloat")
@@ -138,9 +184,9 @@ def _points_group() -> bpy.types.NodeTree:
     paint.inputs["Name"].default_value = "colour"
     coat = group.nodes.new("GeometryNodeSetMaterial")
     coat.inputs["Material"].default_value = bpy.data.materials[GROUP]
-    chosen = _colour_menu(group, start.outputs["Geometry"])
+    chosen = _colour_menu(group, start.outputs["Geometry"], first, numbers, measures)
     group.links.new(start.outputs[COLOUR_BY], chosen.inputs["Menu"])
-    menu.default_value = "Organ"
+    menu.default_value = first
     for column, node in enumerate((start, chosen, paint, points, coat, end)):
         node.location = (220 * column - 220 * (column == 0), 0)
     group.links.new(start.outputs["Geometry"], paint.inputs["Geometry"])
@@ -153,16 +199,20 @@ def _points_group() -> bpy.types.NodeTree:
 
 
 def _colour_menu(
-    group: bpy.types.NodeTree, geometry: bpy.types.NodeSocket
+    group: bpy.types.NodeTree,
+    geometry: bpy.types.NodeSocket,
+    first: str,
+    numbers: Sequence[str],
+    measures: Sequence[str],
 ) -> bpy.types.GeometryNode:
     """A menu switch with the colour of each attribute."""
     switch = group.nodes.new("GeometryNodeMenuSwitch")
     switch.data_type = "RGBA"
     switch.enum_items.clear()
-    colours = {"organ": _attribute(group, "organ_colour", "FLOAT_COLOR", (0, -200))}
-    for row, name in enumerate(NUMBERS, 1):
+    colours = {first: _attribute(group, "organ_colour", "FLOAT_COLOR", (0, -200))}
+    for row, name in enumerate(numbers, 1):
         colours[name] = _hue(group, name, -200 - 160 * row)
-    for row, name in enumerate(MEASURES, 1 + len(NUMBERS)):
+    for row, name in enumerate(measures, 1 + len(numbers)):
         colours[name] = _on_scale(group, geometry, name, -200 - 160 * row)
     for name, colour in colours.items():
         label = name.replace("_", " ").title()
@@ -180,8 +230,8 @@ def _hue(group: bpy.types.NodeTree, name: str, y: float) -> bpy.types.NodeSocket
     colour.location = (-300, y)
     known = _maths(group, "GREATER_THAN", number, -0.5, y)
     group.links.new(hue, colour.inputs[0])
-    group.links.new(_maths(group, "MULTIPLY", known, 0.75, y), colour.inputs[1])
-    colour.inputs[2].default_value = 0.6
+    group.links.new(_maths(group, "MULTIPLY", known, VIVID, y), colour.inputs[1])
+    colour.inputs[2].default_value = VALUE
     return colour.outputs[0]
 
 

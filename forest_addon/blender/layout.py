@@ -18,6 +18,7 @@ from .ours import ROLE_KEY, is_local, is_ours, make_collection
 ROOT_KEY = "forest_sensing"
 PART_KEY = "forest_part"
 CLOUD_KEY = "forest_cloud"  # on points that were found: which sensor found them
+FRAME_KEY = "forest_frame"  # on a mesh of points that is kept: the frame that it was found in
 COLOUR_BY, RADIUS = "Colour By", "Radius"  # their menu, their size
 ROOT, TREES, VARIANTS, OUTLINES = "Forest", "Trees", "Variants", "Outlines"
 GROUND_NAME, SENSORS, RESULTS, INTENSITY = "Ground", "Sensors", "Results", "Intensity"

@@ -114,6 +114,31 @@ def set_input(modifier: bpy.types.Modifier, socket: str, value: Any) -> None:
     modifier.id_data.update_tag()
 
 
+def choose_input(modifier: bpy.types.Modifier, socket: str, choice: str) -> None:
+    """Set a menu among the inputs of a geometry-nodes modifier to the choice of this name."""
+    value, holder, key = _input(modifier, socket)
+    if holder is not modifier:
+        set_input(modifier, socket, choice)
+        return
+    set_input(
+        modifier, socket, next((n for word, n in _menu(modifier, key) if word == choice), value)
+    )
+
+
+def chosen_input(modifier: bpy.types.Modifier, socket: str) -> str:
+    """What a menu among the inputs of a geometry-nodes modifier is set to; empty where that is unknown."""
+    value, holder, key = _input(modifier, socket)
+    if holder is not modifier:
+        return str(value)
+    return next((word for word, number in _menu(modifier, key) if number == value), "")
+
+
+def _menu(modifier: bpy.types.Modifier, key: str) -> list[tuple[str, int]]:
+    """Choices of a menu and their numbers, before Blender 5.2."""
+    items = modifier.id_properties_ui(key).as_dict().get("items", ()) if key in modifier else ()
+    return [(item[0], item[-1]) for item in items]
+
+
 def _is_instancer(group: bpy.types.NodeTree | None) -> bool:
     return group is not None and group.get(LAYOUT_KEY) == LAYOUT
 

@@ -77,6 +77,12 @@ class Observer:
         return kept(depsgraph, cls, rays, expansions)
 
     @cached_property
+    def names(self) -> list[str]:
+        """The object that each instance comes from, by its name."""
+        names = self.geometry.object_name
+        return [names[number] for number in self.geometry.object_index.tolist()]
+
+    @cached_property
     def caster(self) -> RayCaster:
         """Rays that meet everything."""
         return make_caster(self.geometry, self._rays)

@@ -78,7 +78,7 @@ def _rooms() -> tuple[ModuleType, ...]:
     from .forest import build, hills, live, new_file, painting, start, tree
     from .forest import lists as forest_lists
     from .forest import panels as forest_panels
-    from .results import export, show
+    from .results import export, frames, show, swatches
     from .results import panel as results_panel
     from .sensors import add, flight, run, things
     from .sensors import lists as sensors_lists
@@ -88,7 +88,8 @@ def _rooms() -> tuple[ModuleType, ...]:
 
     return (
         *(properties, pictures, languages, running, things, tree, start, new_file),
-        *(sensors_lists, forest_lists, build, scene_file, add, run, show, export, preferences),
+        *(sensors_lists, forest_lists, build, scene_file, add, run, show, export, frames, swatches),
+        preferences,
         *(forest_panels, sensors_panels, flight, results_panel),
         *(overlay, edit, import_stl, species_panel),
         *(chosen, hills, painting, live, command, migration),

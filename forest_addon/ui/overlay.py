@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import bpy
 import gpu
 
-from .drawing import OnceStarted
+from .drawing import OnceStarted, split
 from .forest import intensity
 from .results import points
 from .sensors import outlines
@@ -48,6 +48,8 @@ class FOREST_PT_view(OnceStarted, bpy.types.Panel):
         row = self.layout.row(align=True)
         for name in ("show_sensors", "show_intensity", "show_points"):
             row.prop(context.scene.forest_sensing, name, toggle=True)
+        if context.scene.forest_sensing.show_points:
+            split(self.layout).prop(context.scene.forest_sensing, "point_size")
 
 
 CLASSES = (FOREST_PT_view,)

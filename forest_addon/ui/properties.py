@@ -13,6 +13,8 @@ from bpy.props import (
     BoolProperty,
     CollectionProperty,
     EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
     IntProperty,
     PointerProperty,
     StringProperty,
@@ -97,6 +99,22 @@ class FOREST_PG_figure(bpy.types.PropertyGroup):
     made_of: StringProperty()
 
 
+class FOREST_PG_legend(bpy.types.PropertyGroup):
+    """What a colour of a cloud means, where its menu is set to ``choice``."""
+
+    name: StringProperty()
+    choice: StringProperty()
+    colour: FloatVectorProperty(size=3)
+
+
+class FOREST_PG_frame(bpy.types.PropertyGroup):
+    """What is kept of a result for one frame."""
+
+    frame: IntProperty()
+    points: PointerProperty(type=bpy.types.Mesh)
+    picture: PointerProperty(type=bpy.types.Image)
+
+
 class FOREST_PG_result(bpy.types.PropertyGroup):
     """What the last run of something found; ``name`` says what ran, ``kind`` which kind of thing it is."""
 
@@ -109,6 +127,8 @@ class FOREST_PG_result(bpy.types.PropertyGroup):
     file: StringProperty(subtype="FILE_PATH", description="File with what was found")
     picture: PointerProperty(type=bpy.types.Image)
     caption: StringProperty()
+    legend: CollectionProperty(type=FOREST_PG_legend)
+    frames: CollectionProperty(type=FOREST_PG_frame)
 
 
 def _renew_hills(props: Any, _context: Any) -> None:
@@ -151,6 +171,17 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
                 name="Points",
                 description="Draw points of results large enough to be seen, in their colours",
                 default=True,
+            ),
+            "point_size": FloatProperty(
+                name="Point Size",
+                description="Of points that are drawn over the view; renders have their Radius",
+                subtype="PIXEL",
+                default=2.5,
+                min=1.0,
+                max=30.0,
+                soft_max=10.0,
+                step=50,
+                precision=1,
             ),
             "drag_hills": BoolProperty(
                 name="Drag in View",
@@ -200,6 +231,8 @@ CLASSES = (
     FOREST_PG_sensor,
     FOREST_PG_edited,
     FOREST_PG_figure,
+    FOREST_PG_legend,
+    FOREST_PG_frame,
     FOREST_PG_result,
     FOREST_PG_scene,
 )

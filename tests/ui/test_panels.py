@@ -59,7 +59,7 @@ class Layout:
     def operator_menu_enum(self, name, choice, text="", icon="NONE"):
         self.operator(name, text, icon)
 
-    def label(self, text="", icon="NONE"):
+    def label(self, text="", icon="NONE", icon_value=0):
         self._known_icon(icon)
         self.seen.append(text)
 

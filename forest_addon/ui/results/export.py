@@ -14,6 +14,7 @@ from ...blender.ours import is_ours
 from ...blender.sensors import file_name
 from ..running import PROBLEMS, in_words
 from ..words import say
+from . import frames
 
 WORDS = {
     ".laz": ("LAZ", "A compressed point cloud with all labels"),
@@ -116,16 +117,14 @@ class FOREST_OT_remove_result(bpy.types.Operator):
         if number < 0:
             self.report({"ERROR"}, say("{name} is no longer there", name=self.result))
             return {"CANCELLED"}
-        picture, shown = results[number].picture, context.scene.objects.get(results[number].shown)
+        shown = context.scene.objects.get(results[number].shown)
+        left = frames.blocks_of(results[number])
         results.remove(number)
         home = find_part(context.scene, RESULTS)
         if shown is not None and home is not None and shown.name in home.objects and is_ours(shown):
-            data = shown.data
+            left.append(shown.data)
             bpy.data.objects.remove(shown)
-            if not data.users:
-                bpy.data.batch_remove([data])
-        if picture is not None and not picture.users:
-            bpy.data.images.remove(picture)
+        frames.let_go(left)
         return {"FINISHED"}
 
 

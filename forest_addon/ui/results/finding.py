@@ -5,6 +5,7 @@ The panel keeps the last result of each kind, the newest first.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from ...blender.cloud import show_cloud, show_heard
 from ...blender.layout import RESULTS, part
+from ...blender.legend import Entry, legend_of, legend_of_heard
 from ...blender.sound import give_sound
 from ...formats.figures import Figure, Finding, figures_of, loudest, of_forest, strongest
 from ...sensing.audit import Audit
@@ -25,9 +27,10 @@ from ...spec import Scene, Sensor, Tractor
 from ...stand.forest import Forest
 from ..selection import show
 from ..words import Kept, keep, say
-from . import images, plots
+from . import frames, images, plots
 
 Words = dict[str, str]
+Names = tuple[Sequence[str], Sequence[str]]
 MOST_HELD = (
     20_000_000  # points of a cloud that is held for export; of larger ones only what is shown
 )
@@ -70,17 +73,24 @@ def keep_finding(
     found: Finding,
     seconds: float,
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    names: Names = ((), ()),
+    frame: int | None = None,
 ) -> str:
     """Show, note and draw what a sensor found. Returns the key figures in a sentence.
 
-    offset : of the scene; what is exported later is moved by it.
+    offset : of the scene; what is exported later is moved by it. names : of objects and of species, by
+    their numbers. frame : that it is kept for, beside what was kept for other frames; None: it alone.
     """
     props = context.scene.forest_sensing
     figures, sentence = in_words(figures_of(sensor, found)), sentence_of(found)
     plot = _plot(found, sensor)
-    picture = images.show(f"Forest {sensor.name}", plot) if plot else None
+    title = f"Forest {sensor.name}" + ("" if frame is None else f" {frame:04d}")
+    picture = images.show(title, plot) if plot else None
     if isinstance(found, ImpulseResponse) and thing.type == "SPEAKER":
         give_sound(thing, sensor.name, channels_of(found), found.sample_rate)
+    earlier = props.results.get(thing.name)
+    kept = frames.of_result(earlier) if earlier is not None else []
+    left = frames.blocks_of(earlier) if earlier is not None else []
     result = _note(  # what needs disk space is done
         props, thing.name, sensor.kind, thing.name, figures | {keep("Time"): f"{seconds:.1f} s"}
     )
@@ -94,9 +104,14 @@ def keep_finding(
         points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
         show(context, points)  # selected, all points would be orange
         result.shown = points.name
+        _explain(result, legend_of(cloud, *names))
     elif isinstance(found, Echo):
         home = part(context.scene, RESULTS)
         result.shown = show_heard(home, sensor.name, found.heard).name
+        _explain(result, legend_of_heard(found.heard))
+    if frame is not None:
+        frames.hold(result, kept, frame)
+    frames.let_go(left)
     return say("{found} in {seconds:.1f} s", found=sentence, seconds=seconds)
 
 
@@ -156,6 +171,13 @@ def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:
         words = keep("{off} off: MORE than {allowed}", off=off, allowed=f"{audit.allowed:.0e}")
     figure = context.scene.forest_sensing.results[name].figures.add()
     figure.name, figure.value, figure.made_of = keep("Audit"), words, words.made_of
+
+
+def _explain(result: Any, legend: Iterable[Entry]) -> None:
+    """Note what the colours of a result's points mean."""
+    for entry in legend:
+        item = result.legend.add()
+        item.name, item.choice, item.colour = entry.name, entry.choice, entry.colour
 
 
 def _plot(found: Any, sensor: Any) -> plots.Plot | None:

@@ -7,9 +7,10 @@ from typing import Any
 import bpy
 
 from ...blender.layout import COLOUR_BY, RADIUS
-from ...blender.nodes import drawn_input, has_input
+from ...blender.nodes import chosen_input, drawn_input, has_input
 from ..drawing import ICONS, OnceStarted, split
-from ..words import label_of_kept
+from ..words import label, label_of_kept
+from .swatches import draw_legend
 
 
 class FOREST_PT_results(OnceStarted, bpy.types.Panel):
@@ -46,6 +47,13 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         caption.alignment = "CENTER"
         caption.active = False
         caption.label(text=result.caption)
+    if result.frames:
+        frames = label(
+            "Frames {first} to {last}: play the timeline",
+            first=result.frames[0].frame,
+            last=result.frames[-1].frame,
+        )
+        body.label(text=frames, icon="PLAY")
     _draw_points(body, result)
     table = body.column(align=True)
     for figure in result.figures:
@@ -78,6 +86,7 @@ def _draw_points(layout: bpy.types.UILayout, result: Any) -> None:
             row = column.row(align=True)
             row.prop(*drawn_input(modifier, RADIUS), text="Radius")
             row.prop(cloud, "hide_render", text="")
+        draw_legend(layout, result, chosen_input(modifier, COLOUR_BY))
 
 
 CLASSES = (FOREST_PT_results,)

@@ -1,7 +1,7 @@
 """Points of results, drawn over the 3D view in the colours that their menu *Colour By* gives.
 
 A point of 15 mm is smaller than a pixel from where one sees a forest, and Solid shading knows one colour for
-all. So points are drawn as small squares of a fixed size, in every shading, as long as overlays are shown.
+all. So points are drawn as small squares of so many pixels, in every shading, as long as overlays are shown.
 What goes to the graphics card is kept until Blender says that a cloud has changed.
 """
 
@@ -17,7 +17,6 @@ from mathutils import Matrix
 
 from ...blender.layout import CLOUD_KEY, RESULTS, find_part
 
-SIZE = 2.5  # pixels
 NEARER = 2e-4  # in depth, of the view's: points lie on surfaces, and would be half hidden by them
 GAMMA = 1 / 2.2  # colours are linear, the screen's are not
 
@@ -50,7 +49,7 @@ def draw(context: bpy.types.Context) -> None:
             with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
                 gpu.matrix.load_projection_matrix(_nearer() @ gpu.matrix.get_projection_matrix())
                 gpu.matrix.multiply_matrix(thing.matrix_world)
-                gpu.state.point_size_set(SIZE)
+                gpu.state.point_size_set(context.scene.forest_sensing.point_size)
                 batch.draw(shader)
 
 

@@ -86,6 +86,11 @@ class FOREST_OT_run(Working, bpy.types.Operator):
     )
 
     sure: bpy.props.BoolProperty(options={"HIDDEN", "SKIP_SAVE"})
+    keep: bpy.props.BoolProperty(
+        name="Keep in File",
+        description="Points and pictures of all frames stay in this file; the timeline shows them",
+        options={"SKIP_SAVE"},
+    )
 
     @classmethod
     def description(cls, context: bpy.types.Context, given: bpy.types.OperatorProperties) -> str:
@@ -107,7 +112,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             if large:
                 return set(
                     bpy.ops.forest.run_large(
-                        "INVOKE_DEFAULT", sensor=self.sensor, frames=self.frames
+                        "INVOKE_DEFAULT", sensor=self.sensor, frames=self.frames, keep=self.keep
                     )
                 )
         return super().invoke(context, event)
@@ -136,18 +141,19 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         ahead = Ahead(costs(context, chosen), 1 if self.frames == "THIS" else len(frames_of(scene)))
         folder = _folder(scene.forest_sensing.output)
         if self.frames == "THIS":
-            return (yield from self._look(context, chosen, folder, "", ahead))
+            return (yield from self._look(context, chosen, folder, None, ahead))
         now, part_of_frame, sentence = scene.frame_current, scene.frame_subframe, ""
         frames = frames_of(scene)
-        if folder is None and len(frames) > 1:
+        if folder is None and not self.keep and len(frames) > 1:
             problem = say(
-                "choose a folder: of {count} frames the panel keeps one", count=len(frames)
+                "choose a folder, or Keep in File: of {count} frames the panel keeps one",
+                count=len(frames),
             )
             raise SpecError(say("Save To"), problem)
         try:
             for frame in frames:
                 scene.frame_set(frame)
-                sentence = yield from self._look(context, chosen, folder, f"-{frame:04d}", ahead)
+                sentence = yield from self._look(context, chosen, folder, frame, ahead)
         finally:
             scene.frame_set(now, subframe=part_of_frame)
         return sentence
@@ -157,12 +163,14 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         context: bpy.types.Context,
         things: Iterable[bpy.types.Object],
         folder: Path | None,
-        number: str,
+        frame: int | None,
         ahead: Ahead,
     ) -> Work:
-        """Run these sensors in the scene of one frame."""
+        """Run these sensors in the scene of one frame, None: as it is, of which nothing is numbered."""
         from ...blender.cost import note_pace
         from ...blender.observe import Observer
+        from ...stand.plan import labels
+        from ..results import frames
         from ..results.finding import keep_finding, note_audit, save_finding
 
         rays = rays_of(to_spec(context.scene, []).rays)
@@ -170,7 +178,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         if observer.warning:
             self.report({"WARNING"}, observer.warning)
         home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
-        sentence = ""
+        sentence, number = "", "" if frame is None else f"-{frame:04d}"
         for thing in things:
             started = time.perf_counter()
             settings = to_spec(context.scene, [thing])
@@ -181,7 +189,13 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             found = yield Task(step, partial(observe, way=way), span=span)
             took = time.perf_counter() - started
             note_pace(sensor, cost, took)
-            sentence = keep_finding(context, thing, sensor, found, took, settings.offset)
+            names = observer.names, labels(settings.plantings)
+            kept = frame if self.keep else None
+            if self.keep and thing.name not in self._job.kept:
+                frames.begin(context.scene, thing.name)
+            sentence = keep_finding(
+                context, thing, sensor, found, took, settings.offset, names, kept
+            )
             self._job.kept.append(thing.name)
             if folder is not None:
                 try:
@@ -212,6 +226,7 @@ class FOREST_OT_run_large(bpy.types.Operator):
 
     sensor: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
     frames: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+    keep: bpy.props.BoolProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_props_dialog(
@@ -225,7 +240,7 @@ class FOREST_OT_run_large(bpy.types.Operator):
         self.layout.label(text="Esc stops it; what was found until then stays.")
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
-        given = {"sensor": self.sensor, "frames": self.frames, "sure": True}
+        given = {"sensor": self.sensor, "frames": self.frames, "keep": self.keep, "sure": True}
         return set(bpy.ops.forest.run("INVOKE_DEFAULT", **given))
 
 
@@ -245,6 +260,10 @@ class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
         options={"SKIP_SAVE"},
     )
     sensor: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+    keep: bpy.props.BoolProperty(
+        name="Keep in File",
+        description="Points and pictures of all frames stay in this file; the timeline shows them",
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -267,13 +286,14 @@ class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
         for name in ("frame_start", "frame_end", "frame_step"):
             frames.prop(scene, name)
         column.prop(scene.forest_sensing, "output")
+        column.prop(self, "keep")
         layout.label(text=self._how_many(scene), icon="INFO")
 
     def _how_many(self, scene: bpy.types.Scene) -> str:
         one = self.which == "ONE" and self.sensor
         number, frames = 1 if one else len(sensors.sensors_of(scene)), len(frames_of(scene))
-        if not scene.forest_sensing.output and frames > 1:
-            return label("Choose a folder in Save To first")
+        if not (scene.forest_sensing.output or self.keep) and frames > 1:
+            return label("Choose a folder in Save To, or Keep in File")
         runs = label(
             "{sensors} × {frames} frames: {runs:,} runs",
             sensors=self.sensor if one else number,
@@ -290,7 +310,7 @@ class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
         how = "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT"
         one = self.sensor if self.which == "ONE" else ""
         try:
-            bpy.ops.forest.run(how, sensor=one, frames="RANGE", sure=True)
+            bpy.ops.forest.run(how, sensor=one, frames="RANGE", keep=self.keep, sure=True)
         except RuntimeError as refusal:
             self.report({"ERROR"}, str(refusal).removeprefix("Error: ").strip())
             return {"CANCELLED"}

@@ -250,7 +250,9 @@ def test_choosing_a_scanner_fills_in_its_figures(built):
 def test_a_frame_range_needs_a_folder(built):
     """Without one, all but the last frame would be lost."""
     bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 3
-    with pytest.raises(RuntimeError, match=r"Save To.*choose a folder: of 3 frames.*keeps one"):
+    with pytest.raises(
+        RuntimeError, match=r"Save To.*choose a folder, or Keep.*of 3 frames.*keeps one"
+    ):
         run("echo", frames="RANGE")
     assert "echo" not in built.results
     bpy.context.scene.frame_end = 1
@@ -261,8 +263,10 @@ def test_a_frame_range_needs_a_folder(built):
 def test_the_button_for_frames_asks_and_counts_first(built, tmp_path):
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = 1, 2
-    asked = partial(FOREST_OT_run_frames._how_many, SimpleNamespace(which="ALL", sensor="echo"))
-    assert asked(scene) == "Choose a folder in Save To first"
+    asked = partial(
+        FOREST_OT_run_frames._how_many, SimpleNamespace(which="ALL", sensor="echo", keep=False)
+    )
+    assert asked(scene) == "Choose a folder in Save To, or Keep in File"
     with pytest.raises(RuntimeError, match="choose a folder"):
         press("run_frames", sensor="echo")
     built.output = str(tmp_path)

@@ -1,0 +1,62 @@
+"""The legend of a cloud: names or values of the choice that its menu *Colour By* has, beside their colours.
+
+A colour is shown as an icon of ours, made when it is first drawn and kept until the add-on is disabled.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import bpy.utils.previews
+import numpy as np
+
+SIDE = 32  # pixels of an icon
+EDGE = 4  # of these, left free around it
+GAMMA = 1 / 2.2  # colours are linear, the screen's are not
+
+_swatches: Any = None
+
+
+def draw_legend(layout: bpy.types.UILayout, result: Any, choice: str) -> None:
+    """What the colours of this choice mean, two in a row; nothing where nobody noted it."""
+    entries = [entry for entry in result.legend if entry.choice == choice]
+    if not entries:
+        return
+    rows = layout.column(align=True)
+    for first in range(0, len(entries), 2):
+        row = rows.split(factor=0.5)
+        for entry in entries[first : first + 2]:
+            row.label(text=entry.name, icon_value=_icon(tuple(entry.colour)))
+
+
+def unregister() -> None:
+    """Free the icons."""
+    global _swatches
+    if _swatches is not None:
+        bpy.utils.previews.remove(_swatches)
+        _swatches = None
+
+
+def register() -> None:
+    """Icons are made when they are first drawn."""
+
+
+def pixels_of(colour: tuple[float, float, float]) -> np.ndarray:
+    """(SIDE, SIDE, 4) a square of a colour, as the screen has it, with nothing around it."""
+    pixels = np.zeros((SIDE, SIDE, 4), np.float32)
+    inner = slice(EDGE, SIDE - EDGE)
+    pixels[inner, inner] = (*(channel**GAMMA for channel in colour), 1.0)
+    return pixels
+
+
+def _icon(colour: tuple[float, float, float]) -> int:
+    global _swatches
+    if _swatches is None:
+        _swatches = bpy.utils.previews.new()
+    name = " ".join(f"{channel:.4f}" for channel in colour)
+    if name not in _swatches:
+        made = _swatches.new(name)
+        made.icon_size = (SIDE, SIDE)
+        made.icon_pixels_float.foreach_set(pixels_of(colour).ravel())
+    return int(_swatches[name].icon_id)

@@ -1,0 +1,130 @@
+"""Clouds say what their colours mean, start with what there is, and are seen in renders."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon.blender.layout import CLOUD_KEY, COLOUR_BY
+from forest_addon.blender.nodes import choose_input, chosen_input, set_input
+from forest_addon.ui.results.points import GAMMA, positions_and_colours
+from forest_addon.ui.results.swatches import SIDE, pixels_of
+
+from ..pressing import add_cube, run
+from ..test_panels import drawn
+
+
+def points_of(props, name):
+    return bpy.data.objects[props.results[name].shown]
+
+
+def colours(thing):
+    """Of the points as they are drawn, linear."""
+    evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    return positions_and_colours(evaluated)[1][:, :3] ** (1 / GAMMA)
+
+
+def labels(thing, name):
+    out = np.empty(len(thing.data.vertices), np.int32)
+    thing.data.attributes[name].data.foreach_get("value", out)
+    return out
+
+
+@pytest.mark.parametrize("choice", ["Organ", "Species", "Object"])
+def test_each_name_stands_beside_the_colour_of_its_points(built, choice):
+    run("cloud")
+    thing, legend = points_of(built, "cloud"), built.results["cloud"].legend
+    choose_input(thing.modifiers[0], COLOUR_BY, choice)
+    assert chosen_input(thing.modifiers[0], COLOUR_BY) == choice
+    seen = colours(thing)
+    entries = [entry for entry in legend if entry.choice == choice]
+    assert entries
+    for entry in entries:
+        assert np.abs(seen - np.array(entry.colour)).max(axis=1).min() < 2e-3
+    names = {entry.name for entry in entries}
+    if choice == "Organ":
+        assert names == {
+            ("other", "wood", "leaf", "ground")[n] for n in set(labels(thing, "organ"))
+        }
+    elif choice == "Species":
+        assert names == {"hazelnut"}
+    else:
+        assert names <= {each.name for each in bpy.data.objects}
+    assert names <= set(drawn())
+
+
+def test_a_measure_has_its_smallest_and_largest_value(built):
+    run("cloud")
+    found = [e.name for e in built.results["cloud"].legend if e.choice == "Distance"]
+    distance = np.empty(len(points_of(built, "cloud").data.vertices), np.float32)
+    points_of(built, "cloud").data.attributes["distance"].data.foreach_get("value", distance)
+    assert found[0] == f"{distance.min():.3g} m"
+    assert found[-1] == f"{distance.max():.3g} m"
+
+
+def test_a_foreign_scene_starts_with_objects(props, sensor):
+    add_cube()
+    sensor("terrestrial", name="cloud", position=(3, 0.5, 0.5), angle_step_deg=2)
+    run("cloud")
+    (modifier,) = points_of(props, "cloud").modifiers
+    assert chosen_input(modifier, COLOUR_BY) == "Object"
+    assert [e.name for e in props.results["cloud"].legend if e.choice == "Object"] == ["cube"]
+    choose_input(modifier, COLOUR_BY, "Distance")
+    run("cloud")
+    assert chosen_input(modifier, COLOUR_BY) == "Distance"  # what the user chose stays
+
+
+def test_an_echo_offers_what_it_has(built):
+    run("echo")
+    thing = points_of(built, "echo")
+    (modifier,) = thing.modifiers
+    assert chosen_input(modifier, COLOUR_BY) == "Loudness"
+    by_loudness = colours(thing)
+    level = np.empty(len(by_loudness), np.float32)
+    thing.data.attributes["level"].data.foreach_get("value", level)
+    assert by_loudness[np.argmax(level), 0] > by_loudness[np.argmin(level), 0]
+    choose_input(modifier, COLOUR_BY, "Delay")
+    assert np.abs(colours(thing) - by_loudness).max() > 0.1
+    menu = next(n for n in modifier.node_group.nodes if n.type == "MENU_SWITCH")
+    offered = [item.name for item in menu.enum_items]
+    assert offered == ["Loudness", "Tree", "Delay", "Distance", "Height"]
+    assert {entry.choice for entry in built.results["echo"].legend} <= set(offered)
+
+
+def test_a_swatch_is_the_colour_of_the_screen():
+    pixels = pixels_of((0.5, 0.0, 1.0))
+    assert pixels[SIDE // 2, SIDE // 2] == pytest.approx([0.5**GAMMA, 0.0, 1.0, 1.0])
+    assert pixels[0, 0, 3] == 0
+
+
+@pytest.mark.slow
+def test_cycles_renders_points_where_that_is_asked_for(props, sensor, tmp_path):
+    """EEVEE needs a graphics card: the session in the window renders there."""
+    cube = add_cube()
+    sensor("terrestrial", name="cloud", position=(3, 0.5, 0.5), angle_step_deg=1)
+    run("cloud")
+    cube.hide_render = True
+    scene, thing = bpy.context.scene, points_of(props, "cloud")
+    set_input(thing.modifiers[0], "Radius", 0.05)
+    eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
+    eye.location, eye.rotation_euler = (4, 0.5, 0.5), (np.pi / 2, 0, np.pi / 2)
+    scene.collection.objects.link(eye)
+    scene.camera, scene.render.engine = eye, "CYCLES"
+    scene.cycles.samples, scene.render.film_transparent = 1, True
+    scene.render.resolution_x = scene.render.resolution_y = 32
+    covered = []
+    for hidden in (True, False):
+        thing.hide_render = hidden
+        scene.render.filepath = str(tmp_path / f"{hidden}.png")
+        bpy.ops.render.render(write_still=True)
+        picture = bpy.data.images.load(scene.render.filepath)
+        covered.append(float(np.array(picture.pixels[:])[3::4].mean()))
+    assert covered[0] == 0
+    assert covered[1] > 0.1
+
+
+def test_there_is_one_object_a_sensor(built):
+    for _ in range(2):
+        run("cloud")
+        run("echo")
+    assert len([thing for thing in bpy.data.objects if CLOUD_KEY in thing]) == 2
