@@ -22,6 +22,9 @@ class Surfaces:
     """
 
     def __init__(self, scene: SceneGeometry, like: Surfaces | None = None) -> None:
+        self._starts: np.ndarray
+        self._vertices: np.ndarray
+        self._triangles: np.ndarray
         self._transform = np.ascontiguousarray(scene.transform.reshape(-1, 12).T)
         if like is not None:
             self._starts, self._vertices = like._starts, like._vertices
