@@ -49,7 +49,11 @@ def check_dataset(root: Path, say: Callable[[str], None]) -> None:
         faults += [f"{path.name}: {fault}" for fault in faults_of(one)]
     shared = shared_trees(records)
     if shared and not _may_share(root):
-        faults.append(f"{shared} grown trees stand in scenes of more than one split")
+        faults.append(
+            f"{shared} grown trees stand in scenes of more than one split: a species of the plan knows no "
+            "chance; "
+            "choose another, or splits.share_trees = true"
+        )
     for fault in faults[:NAMED]:
         say(f"  {fault}")
     if faults:

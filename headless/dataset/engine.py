@@ -7,11 +7,13 @@ finishing some. Dask's processes hold a handle on a child that has Blender loade
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import importlib
 import logging
 import os
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -88,7 +90,8 @@ def _client(cluster: Cluster, most: int) -> Iterator[Any]:
         "distributed.comm.timeouts.connect": f"{CAN_START_IN}s",
         "distributed.admin.system-monitor.gil.enabled": False,
     }
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in [n for n in logging.root.manager.loggerDict if n.split(".")[0] == "distributed"]:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # what matters is said in a sentence
     with dask.config.set(calm), contextlib.ExitStack() as stack:
         if cluster.scheduler:
             try:
@@ -178,11 +181,13 @@ def _round(left: dict[int, dict[str, Any]], client: Any, report: Report) -> None
     }
     waiting = set(futures)
     while waiting:
-        with contextlib.suppress(TimeoutError):
+        try:
             wait(list(waiting), timeout=POLL, return_when="FIRST_COMPLETED")
-        if client.status not in ("running", "connecting"):
-            raise _gone(address, "it has gone")
-        if client.status == "connecting" or not _answers(client):
+        except TimeoutError:
+            pass
+        except (Exception, asyncio.CancelledError):  # futures that are lost; handed out again below
+            time.sleep(POLL)
+        if client.status != "running" or not _answers(client):
             raise _gone(address, "it has gone away")
         for future in [f for f in waiting if f.status != "pending"]:
             waiting.discard(future)
