@@ -27,6 +27,7 @@ from .losses import Losses, loss_per_metre
 from .panel_sum import panel_spectrum
 from .path_gain import PathGain, Zone
 from .scattering import SPREAD, TrunkPaths, roll_off, transform_length
+from .tail import Tail
 
 TRUNKS_AT_ONCE = 65536
 GRID_AT_ONCE = 1 << 23  # values of the even grid, of as many terms as that allows
@@ -56,6 +57,7 @@ class Expansions:
         self._layers: dict[tuple, list[_LayerSum]] = {}
         self._airs: dict[tuple, AirFilter] = {}
         self._gains: dict[tuple, PathGain] = {}
+        self.tails: dict[tuple, Tail | None] = {}  # of pairs
 
     def sum(
         self,

@@ -240,7 +240,14 @@ class _Pair:
         tail = None
         if self.losses and self.around and self.reverb.tail == "transport":
             ends, length = (self.source, self.receiver), self.reverb.duration
-            tail = tail_of(self.reverb, self.losses, self.around.density, *ends, length, self.key)
+            density = self.around.density
+            stand = (density.cells.tobytes(), density.corner, density.cell, density.around)
+            same = (self.reverb, self.losses, str(ends), length, self.key, stand)
+            if same not in expansions.tails:
+                expansions.tails[same] = tail_of(
+                    self.reverb, self.losses, density, *ends, length, self.key
+                )
+            tail = expansions.tails[same]
         last = FADE * tail.joint if tail else math.inf
         trees = self._trees(forest, expansions, progress, last)
         count = len(trees.samples)

@@ -26,9 +26,10 @@ from .scattering import roll_off
 from .transport import Density, Energy, PhaseFunction, transported
 
 BLOCK = 0.0107  # s, of noise with one spectrum
-PACKETS = 3000  # of energy, of each octave
+PACKETS = 2000  # of energy, of each octave
 BINS = 40  # of path length, evenly by its logarithm
 FADE = 1.25  # ratio of path lengths over which the sum over trunks fades out
+FOLLOWED = 20.0  # mean free paths over which packets are followed
 LEAST = 1e-30
 
 
@@ -123,12 +124,38 @@ def tail_of(
     found = []
     for band in bands:
         phase = PhaseFunction.of(float(band), radii, speed, losses.bark, way)
+        near = _followed(phase, density, edges)
         rng = stream(int(key[0]), *key[1:], "transport", int(band))
-        found.append(transported(phase, density, source[:2], receiver[:2], edges, packets, rng))
+        start = transported(
+            phase, density, source[:2], receiver[:2], edges[: near + 1], packets, rng
+        )
+        found.append(_diffused(start, phase, density, edges))
     taken = replace(losses, extinction=way).removed(bands)
     lift = taken - losses.removed(bands)
     tail = Tail(bands, tuple(found), lift, math.inf, losses)
     return Tail(bands, tuple(found), lift, _joint(tail, reverb.multiple_share), losses)
+
+
+def _followed(phase: PhaseFunction, density: Density, edges: np.ndarray) -> int:
+    """Bins in which packets are followed; in an even stand they diffuse from then on."""
+    if density.cells.size:
+        return len(edges) - 1
+    reach = edges[0] + FOLLOWED / max(density.around * phase.width, LEAST)
+    return int(np.clip(np.searchsorted(edges, reach), 6, len(edges) - 1))
+
+
+def _diffused(start: Energy, phase: PhaseFunction, density: Density, edges: np.ndarray) -> Energy:
+    """Energy beyond the bins of packets: 1/x² (diffusion in the plane), less what bark keeps."""
+    count = len(start.again)
+    if count == len(edges) - 1:
+        return start
+    middle = np.sqrt(edges[1:] * edges[:-1])
+    lost = (1.0 - phase.kept) * density.around * phase.width
+    law = middle**-2.0 * np.exp(-lost * (middle - middle[count - 1]))
+    last = slice(count - 4, count)
+    level = float(np.mean(start.again[last] / law[last]))
+    again = np.concatenate([start.again, level * law[count:]])
+    return Energy(edges, np.concatenate([start.once, np.full(len(middle) - count, LEAST)]), again)
 
 
 def _joint(tail: Tail, share: float) -> float:
