@@ -330,8 +330,7 @@ def _sensitivity(
         _spanned(now, list(single.values())),
         None,
         words=f"As assumed {now:.0f} %; {said}. Of a quarter of the leaf area, with "
-        f"leaves of 12 cm {same[0]:.0f} %, with four times as many of 6 cm {same[1]:.0f} %: our leaves are "
-        "larger than needles and stop a pulse whole.",
+        f"leaves of 12 cm {same[0]:.0f} %, with four times as many of 6 cm {same[1]:.0f} %.",
     )
 
 
