@@ -183,7 +183,7 @@ def compare_own(file: Path, scene: Path | None, out: Path) -> list[Comparison]:
     world = api.build(settings, folder=scene.parent)
     found = []
     for scanner in scanners:
-        ours = _echoed(world.scan(scanner).data)
+        ours = _echoed(world.scan(scanner).found)
         for number, (theirs, mine) in enumerate(zip(counts(measured), counts(ours), strict=True)):
             found.append(_share(f"{scanner.name}, {number + 1} returns", theirs, [mine], mine))
         found.append(_height(scanner.name, measured, [ours], ours))
