@@ -95,4 +95,6 @@ def from_record(record: dict, folder: Path) -> Comparison:
 def _number(value: float) -> str:
     if not np.isfinite(value):
         return "-"
+    if abs(value) < 1e-6:
+        return "0"
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"

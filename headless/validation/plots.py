@@ -183,7 +183,7 @@ def compare_own(file: Path, scene: Path | None, out: Path) -> list[Comparison]:
     world = api.build(settings, folder=scene.parent)
     found = []
     for scanner in scanners:
-        ours = _echoed(world.scan(scanner).data)
+        ours = _echoed(world.scan(scanner).found)
         for number, (theirs, mine) in enumerate(zip(counts(measured), counts(ours), strict=True)):
             found.append(_share(f"{scanner.name}, {number + 1} returns", theirs, [mine], mine))
         found.append(_height(scanner.name, measured, [ours], ours))
@@ -330,8 +330,7 @@ def _sensitivity(
         _spanned(now, list(single.values())),
         None,
         words=f"As assumed {now:.0f} %; {said}. Of a quarter of the leaf area, with "
-        f"leaves of 12 cm {same[0]:.0f} %, with four times as many of 6 cm {same[1]:.0f} %: our leaves are "
-        "larger than needles and stop a pulse whole.",
+        f"leaves of 12 cm {same[0]:.0f} %, with four times as many of 6 cm {same[1]:.0f} %.",
     )
 
 

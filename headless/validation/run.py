@@ -130,7 +130,10 @@ def _keep(part: Part, folder: Path) -> None:
         "comparisons": [as_record(c) for c in part.comparisons],
     }
     with replacing(folder / KEPT) as written:
-        written.write_text(json.dumps(record, indent=1, ensure_ascii=False), encoding="utf-8")
+        written.write_text(
+            json.dumps(record, indent=1, ensure_ascii=False, default=lambda v: v.item()),
+            encoding="utf-8",
+        )
     with replacing(folder / "validation.md") as written:
         written.write_text(part_text(part, ""), encoding="utf-8")
 

@@ -73,3 +73,35 @@ def test_measured_clouds_and_plots_are_as_their_readme_says():
     assert len(plots[0]) == 16
     stems = [np.concatenate([rows[:, 2:4] for rows in p.values()]) for p in plots]
     assert ratios(*stems)[0][-1] == pytest.approx(0.82, abs=0.01)
+
+
+@pytest.mark.slow
+def test_a_cloud_of_ones_own_is_held_to_a_scene(tmp_path):
+    """The cloud of the very scene agrees with it, however many returns its pulses have."""
+    pytest.importorskip("bpy")
+    from forest_addon import api
+
+    scene = tmp_path / "own.toml"
+    scene.write_text(OWN, encoding="utf-8")
+    settings = api.read(scene)
+    api.build(settings).scan(settings.sensors[0]).save(tmp_path / "own.laz")
+    found = compare_own(tmp_path / "own.laz", scene, tmp_path)
+    assert [c.agrees for c in found] == [True] * 5
+    assert found[0].measured.value == pytest.approx(found[0].simulated.value)
+
+
+OWN = """
+name = "own"
+seed = 1
+forest = { size = [10.0, 10.0] }
+plantings = [{ species = "hazelnut", variants = 1, expected = 3 }]
+
+[[sensors]]
+kind = "airborne"
+position = [5.0, -5.0, 60.0]
+track = 20.0
+speed = 20.0
+pulse_rate = 4000.0
+line_rate = 60.0
+field_deg = [-6.0, 6.0]
+"""
