@@ -24,7 +24,7 @@ def bark(name: str, colour: Colour) -> bpy.types.Material:
     bent.data_type, bent.blend_type = "RGBA", "LINEAR_LIGHT"
     bent.inputs[0].default_value = 0.06
     stretch = tree.nodes.new("ShaderNodeMapping")
-    stretch.inputs["Scale"].default_value = (17.0, 17.0, 5.0)
+    stretch.inputs["Scale"].default_value = (27.0, 27.0, 8.0)
     plates = tree.nodes.new("ShaderNodeTexVoronoi")
     plates.feature = "DISTANCE_TO_EDGE"
     plates.inputs["Scale"].default_value = 1.0
@@ -34,8 +34,8 @@ def bark(name: str, colour: Colour) -> bpy.types.Material:
     height.operation = "MULTIPLY_ADD"
     height.inputs[1].default_value = 0.45
     bump = tree.nodes.new("ShaderNodeBump")
-    bump.inputs["Strength"].default_value = 0.85
-    bump.inputs["Distance"].default_value = 0.025
+    bump.inputs["Strength"].default_value = 0.6
+    bump.inputs["Distance"].default_value = 0.012
     tone = tree.nodes.new("ShaderNodeMath")
     tone.operation = "MULTIPLY"
     tones = _ramp(tree, *_tones(BARK_TONES, colour), 0.05, 0.75)

@@ -34,7 +34,7 @@ def seat_twigs(
 
     tips : (S,) branches that end beyond each segment. key : (1,) lineage of the tree.
     """
-    bearing = np.flatnonzero((tips <= FEW_TIPS) & (skeleton.order > 0))
+    bearing = np.flatnonzero(tips <= FEW_TIPS)  # also the top of the stem
     if not len(bearing):
         bearing = np.flatnonzero(tips <= max(FEW_TIPS, tips.min()))
     way = skeleton.end[bearing] - skeleton.start[bearing]
