@@ -31,11 +31,12 @@ class Search(ABC):
     """
 
     engine: str
+    _surfaces: Surfaces
 
     def __init__(self, scene: SceneGeometry, threads: int = 1, like: Search | None = None) -> None:
         self.scene = scene
         self.threads = threads
-        self._surfaces = Surfaces(scene, like and like._surfaces)
+        self._surfaces = Surfaces(scene, None if like is None else like._surfaces)
 
     @abstractmethod
     def _nearest(
