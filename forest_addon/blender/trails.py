@@ -103,7 +103,7 @@ def _material() -> bpy.types.Material:
     made = bpy.data.materials.get(MATERIAL)
     if made is None:
         made = own(bpy.data.materials.new(MATERIAL))
-        if not made.use_nodes:
+        if made.node_tree is None:  # Blender 5 makes it with the material
             made.use_nodes = True
         nodes = made.node_tree.nodes
         shader = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")

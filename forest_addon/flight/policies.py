@@ -25,7 +25,7 @@ from .senses import FLOOR_DB, TOP_DB, Ears, Lidar
 
 NAMES = ("straight", "gap", "echo", "trained")
 FIRST = 1e-3  # s of an echo that count
-WINDOW = 6.0  # metres from where on an echo turns
+WINDOW = 2.5  # metres from where on an echo turns
 STANDOFF = 0.15  # metres that a gap is wider than the body on each side
 AHEAD = 0.6  # seconds of flight that must be free
 
@@ -129,8 +129,9 @@ class Echo:
         difference = level[:, 0] - level[:, -1]  # dB, left over right
         self._side = np.where(np.abs(difference) > 0.5, np.sign(difference), self._side)
         near = np.clip(1.0 - first / WINDOW, 0.0, 1.0)
-        away = -self._side * np.minimum(0.4 + np.abs(difference) / 6.0, 1.0) * np.pi / 2
-        way = np.where(heard, near * away + (1 - near) * 0.5 * bearing(told), bearing(told))
+        away = -self._side * np.minimum(0.5 + np.abs(difference) / 6.0, 1.0) * np.pi / 2
+        aim = np.clip(bearing(told), -np.pi / 2, np.pi / 2)
+        way = np.where(heard, near * away + (1 - near) * aim, aim)
         return steer(
             self.flight, told, way, np.where(heard, np.clip(first / WINDOW, 0.2, 1.0), 1.0)
         )

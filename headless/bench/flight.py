@@ -20,7 +20,7 @@ from . import Say, table
 
 TITLE = "flight: steps, pings and resets"
 SCENE = Path(__file__).resolve().parents[2] / "assets" / "scenes" / "flight-poisson.toml"
-STEPS, RUNS, PINGS = 200, 5, 6
+STEPS, RUNS, PINGS = 200, 5, 4
 AIMS = {("64", "1"): 2000, ("1,024", "1"): 600, ("64", "64"): 10_000, ("1,024", "64"): None}
 
 

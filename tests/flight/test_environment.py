@@ -63,6 +63,7 @@ def test_gymnasium_finds_nothing_to_complain_of(env):
     assert env.observation_space.contains(env.reset(seed=3)[0])
 
 
+@pytest.mark.slow
 def test_seeds_decide_everything(env):
     first, other = fly(env, 5), fly(env, 6)
     assert same(first, fly(env, 5))

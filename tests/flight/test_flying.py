@@ -195,6 +195,7 @@ def test_statistics():
     assert area_under_curve(cloud @ weights[:-1], is_it) > 0.9
 
 
+@pytest.mark.slow
 def test_flight_needs_neither_blender_nor_gymnasium_for_this():
     import subprocess
 

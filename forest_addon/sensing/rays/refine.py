@@ -21,6 +21,10 @@ class Surfaces:
     like : of a scene with the same meshes, whose table is shared.
     """
 
+    _starts: np.ndarray
+    _vertices: np.ndarray
+    _triangles: np.ndarray
+
     def __init__(self, scene: SceneGeometry, like: Surfaces | None = None) -> None:
         self._starts: np.ndarray
         self._vertices: np.ndarray

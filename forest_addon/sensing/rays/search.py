@@ -32,6 +32,7 @@ class Search(ABC):
     """
 
     engine: str
+    _surfaces: Surfaces
 
     def __init__(self, scene: SceneGeometry, threads: int = 1, like: Search | None = None) -> None:
         self.scene = scene
