@@ -51,12 +51,26 @@ def tabulated(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     A size that is out of the table's domain gets its nearest value times ``level``.
     """
     splines = _splines()
-    width = splines.shape[1]
     row, across = _cell_of_ka(ka)
     column, along = _cell_of_angle(angle)
+    weight_across, weight_along = _weights(across), _weights(along)
+    first = int(row.min(initial=len(splines)))
+    rows = int(row.max(initial=0)) + 4 - first
+    if _many_sizes(np.shape(ka), np.shape(angle), rows):
+        # over the incidence once for each row of the table: the same numbers in the same order
+        some = splines[first : first + rows]
+        lines = weight_along[0] * some.take(column, axis=1)
+        for j in range(1, 4):
+            lines += weight_along[j] * some.take(column + j, axis=1)
+        flat, step = lines.ravel(), lines.shape[1]
+        corner = (row - first) * step + np.arange(step, dtype=np.int32)
+        total = np.zeros(corner.shape, dtype=np.complex64)
+        for i in range(4):
+            total += weight_across[i] * flat.take(corner + i * step)
+        return np.asarray(total * level(ka))
+    width = splines.shape[1]
     corner = row * width + column
     flat = splines.ravel()
-    weight_across, weight_along = _weights(across), _weights(along)
     total = np.zeros(corner.shape, dtype=np.complex64)
     for i in range(4):
         line = weight_along[0] * flat.take(corner + i * width)
@@ -99,6 +113,12 @@ def table_error(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     missed = (over_angle**4 + over_size**4) / 384.0
     error: np.ndarray = (envelope * (MISSED * missed + ROUNDED) + SERIES * level(size)) / size
     return error
+
+
+def _many_sizes(ka: tuple[int, ...], angle: tuple[int, ...], rows: int) -> bool:
+    """Whether discs (m,) are asked for at so many sizes each (Q, m) that their rows are fewer."""
+    discs = math.prod(angle)
+    return len(ka) == 2 and angle[-1:] == ka[1:] and discs == ka[1] and 0 < rows < 2 * ka[0]
 
 
 @lru_cache(maxsize=1)

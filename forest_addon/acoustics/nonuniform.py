@@ -34,6 +34,7 @@ Amplitude = Callable[[np.ndarray, np.ndarray], np.ndarray]
 DENSE = (8, 16, 32, 64, 128, 256)  # nodes in which an unknown echo is looked at
 UNSEEN = 4.0  # what may lie beyond these, in parts of their last quarter
 VALUES_AT_ONCE = 1 << 16  # amplitudes at once: what is computed on the way fits a core's cache
+DIRECT_AT_ONCE = 1 << 15  # and of those at every bin
 ROUNDING = 16.0 * 2.0**-53  # of a sum, and for each period of the carrier
 FEW = 1 << 16  # products of echoes and bins that are summed directly: the fast way costs more
 COLUMNS = 256  # nodes by weights that are deposited at once
@@ -41,8 +42,9 @@ KERNEL = 0.5  # share of the tolerance that the kernel's error may take
 TAIL = 0.4  # of what is left, for an echo: relative to itself, or to the mean of all
 FAINTER = 12  # powers of 4 by which an echo is weaker than the mean, and may be so much worse
 ATTEMPTS = 4
-NOISE = (
-    0.12  # of its bound, that what a table is off by adds to a sum of many, as they do in squares
+NOISE = 0.12  # of its bound, that what a table is off by comes to; over many it adds up in squares
+IN_PHASE = (
+    0.25  # the most of it that was found, twice: over echoes of one shape it adds up as it is
 )
 HANDFUL = 64  # echoes that are better off with those that need more nodes than on their own
 
@@ -168,13 +170,19 @@ def _planned(smooth: Smoothness, allowed: float, budget: float) -> _Plan:
 def _too_rough(smooth: Smoothness, budget: float) -> np.ndarray:
     """(M,) whether an echo is one of the roughest, without which the others keep to the budget.
 
-    What tables are off by has no common phase: over many echoes it adds up as squares do.
+    What tables are off by has no common phase: over many echoes it adds up as squares do. Echoes of one
+    shape, wherever they come from, are off by the same, and may be in phase: theirs is added up.
     """
-    rough = NOISE * smooth.scale * smooth.floor[smooth.kind]
-    order = np.argsort(rough)
-    fine = np.cumsum(rough[order] ** 2) <= (budget * float(smooth.size.sum())) ** 2
-    found = np.ones(len(rough), dtype=bool)
-    found[order[fine]] = False
+    rough = smooth.scale * smooth.floor[smooth.kind]
+    allowed = budget * float(smooth.size.sum())
+    if IN_PHASE * float(rough.sum()) <= allowed:
+        return np.zeros(len(rough), dtype=bool)
+    _, of_echo, count = np.unique(smooth.shape, return_inverse=True, return_counts=True)
+    of_shape = np.where(count > 1, IN_PHASE, NOISE) * np.bincount(of_echo, rough)
+    order = np.argsort(of_shape)
+    fine = np.zeros(len(order), dtype=bool)
+    fine[order] = np.cumsum(of_shape[order] ** 2) <= allowed**2
+    found: np.ndarray = ~fine[of_echo]
     return found
 
 
@@ -299,15 +307,19 @@ class _Task:
     def direct(self, rows: np.ndarray) -> None:
         """Add the echoes ``rows`` bin by bin."""
         frequency = self._start + self._spacing * np.arange(self.count)
-        step = max(1, VALUES_AT_ONCE // self.count)
+        step = max(1, DIRECT_AT_ONCE // self.count)
         for first in range(0, len(rows), step):
             some = rows[first : first + step]
             values = np.asarray(self._amplitude(frequency, some))
             carrier = delay_factors(self._start, self._spacing, self.count, self._delay[some])
-            self._spectrum += ((values * carrier) @ self._weights[some]).T
-            absolute = np.abs(values)
-            self._size += float(absolute.max(axis=0).sum())
-            self._least += float(absolute.min(axis=0).sum())
+            carrier *= values
+            if self._weights.shape[1] == 1:  # a matrix product has no columns to work on here
+                self._spectrum[0] += np.einsum("km,m->k", carrier, self._weights[some, 0])
+            else:
+                self._spectrum += (carrier @ self._weights[some]).T
+            absolute = values.real**2 + values.imag**2
+            self._size += float(np.sqrt(absolute.max(axis=0)).sum())
+            self._least += float(np.sqrt(absolute.min(axis=0)).sum())
             self._nodes[self.count] = self._nodes.get(self.count, 0) + len(some)
 
     def result(self, kernel: float) -> DelayedSum:

@@ -31,6 +31,7 @@ CAUTION = 1.5  # what a class may hold beyond its samples
 UNSEEN = 4.0  # what may lie beyond a series, in parts of its last quarter
 FLOOR = 2.5  # times what lies beyond: here more nodes stop paying
 WEAKEST, RATIO = 0.02, 1.25  # classes of losses: nepers over the band
+ALIKE = 1e-5  # of lengths and of second variables: what a mesh in single precision differs by
 AT_ONCE = 1 << 17  # samples
 
 
@@ -87,7 +88,7 @@ class Smoothness:
     kind : (M,) row of ``errors`` (C, levels). scale : (M,) what these are
     multiples of: between ``LEVELS[i]`` nodes echo m is off by at most scale[m]·errors[kind[m], i].
     floor : (C,) what more nodes do not improve on, because F itself is a table. typical : (C,) about
-    the largest |A|, in parts of the scale.
+    the largest |A|, in parts of the scale. shape : (M,) the same for echoes that differ by a factor.
     """
 
     kind: np.ndarray
@@ -95,6 +96,7 @@ class Smoothness:
     errors: np.ndarray
     floor: np.ndarray
     typical: np.ndarray
+    shape: np.ndarray
 
     @property
     def size(self) -> np.ndarray:
@@ -133,6 +135,8 @@ def smoothness(
         errors + unseen[:, None],
         FLOOR * np.where(np.isfinite(unseen), unseen, 0.0),
         size[line],
+        np.rint(np.log(np.maximum(profile.length, 1e-30)) / ALIKE)
+        + 1j * np.rint(profile.second / ALIKE),
     )
 
 
