@@ -25,7 +25,7 @@ class Layout:
         self.seen.append(heading)
         return Layout(self.seen)
 
-    row = column = box = split = _inner
+    row = column = box = split = grid_flow = _inner
 
     def panel(self, name, default_closed=False):
         return Layout(self.seen), Layout(self.seen)
@@ -35,7 +35,7 @@ class Layout:
         return Layout(self.seen), Layout(self.seen) if getattr(group, name) else None
 
     def prop(self, group, name, index=-1, text=None, placeholder="", icon="NONE", **style):
-        assert style.keys() <= {"emboss", "toggle"}
+        assert style.keys() <= {"emboss", "toggle", "expand"}
         self._known_icon(icon)
         if name.startswith("["):
             assert group.path_resolve(name) is not None

@@ -192,7 +192,7 @@ def _draw_start(layout: bpy.types.UILayout) -> None:
     scan.scale_y = BIG
     scan.operator("forest.scan_here", icon="OUTLINER_OB_POINTCLOUD")
     row = layout.row(align=True)
-    row.menu("FOREST_MT_start", text="More Forests")
+    row.operator("forest.gallery", text="More Forests", icon="IMGDISPLAY")
     row.operator("forest.load_scene", text="Open")
 
 
