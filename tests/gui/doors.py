@@ -23,6 +23,13 @@ def idle() -> bool:
     return running.current() is None
 
 
+def escape(middle: tuple[int, int]) -> Scenario:
+    """Close what is open, also a menu that was opened by a script."""
+    for _ in range(2):
+        key("Escape", at=middle)
+        yield 1
+
+
 def call_menu(name: str) -> None:
     window, area, main, _ = view()
     with bpy.context.temp_override(window=window, area=area, region=main):
@@ -57,18 +64,15 @@ def newcomer(steps: Steps) -> Scenario:
     call_menu("FOREST_MT_sensors")
     yield 1.5
     steps.step("Add > Forest")
-    key("Escape", at=middle)
-    yield 0.5
+    yield from escape(middle)
     call_menu("FOREST_MT_start")
     yield 2
     steps.step("the gallery")
-    key("Escape", at=middle)
-    yield 0.5
+    yield from escape(middle)
     press("forest.gallery")
     yield 3
     steps.step("scan this scene")
-    key("Escape", at=middle)
-    yield 0.5
+    yield from escape(middle)
     for thing in list(bpy.data.objects):
         bpy.data.objects.remove(thing)
     bpy.ops.mesh.primitive_plane_add(size=20)
@@ -128,8 +132,7 @@ def newcomer(steps: Steps) -> Scenario:
     press("forest.run_frames", sensor=name)
     yield 2
     steps.step("a tree that can be grown again")
-    key("Escape", at=middle)
-    yield 0.5
+    yield from escape(middle)
     if hasattr(bpy.types, "FOREST_OT_grow_again"):
         press("forest.add_tree", invoke=False)
         before = len(bpy.context.object.data.vertices)
@@ -137,6 +140,27 @@ def newcomer(steps: Steps) -> Scenario:
         press("forest.grow_again", invoke=False)
         assert len(bpy.context.object.data.vertices) != before
     yield 1
+
+    steps.step("painting shows the trees through the canvas")
+    bpy.ops.ed.undo_push(message="before")
+    press("forest.build")
+    yield from wait_for(lambda: "forest" in props().results and idle(), 120, "the forest")
+    for thing in list(bpy.data.objects):
+        if thing.name in known():
+            bpy.data.objects.remove(thing)
+    yield 1
+    press("forest.paint", invoke=False)
+    yield 2
+    steps.step("painting is done")
+    press("forest.paint", invoke=False)
+    yield 1
+    assert bpy.context.mode == "OBJECT"
+    assert not view()[1].spaces.active.shading.show_xray
+
+    steps.step("a new forest from eye level")
+    press("forest.new", invoke=False, preset="maple-walk")
+    yield from wait_for(lambda: "forest" in props().results and idle(), 120, "the forest")
+    yield 2
 
 
 def known() -> set[str]:
