@@ -12,22 +12,32 @@ from mathutils import Vector
 
 from .. import spec
 from ..formats.atomic import replacing
+from . import materials
 from .instances import read_points
 from .layout import TREES, objects_in, part
+from .standings import IGNORED_KEY
 
 Progress = Callable[[int, int], None]
 Field = tuple[tuple[float, float], tuple[float, float]]
 LEVEL, FROM_ABOVE = -0.055, -0.45  # how much a camera looks down, a metre forward
 WHOLE = 1.06  # of the picture for what is seen from above: all of it, with an edge
 CAMERA, SUN, SKY = "Forest camera", "Forest sun", "Forest sky"
+LAWN, SUNK, FAR = "Forest lawn", 0.03, 3000.0  # m below the ground, m to each side
+FAR_CORNERS = ((-FAR, -FAR), (FAR, -FAR), (FAR, FAR), (-FAR, FAR))
 FILL = 0.80  # of the picture; boxes are larger than crowns, so below 1 nothing is cut
 
 
-def set_stage(scene: bpy.types.Scene, size: tuple[int, int], field: Field | None = None) -> None:
+def set_stage(
+    scene: bpy.types.Scene,
+    size: tuple[int, int],
+    field: Field | None = None,
+    golden: bool = False,
+) -> None:
     """Give a scene a camera that sees every tree from the south-west, a low sun and a sky.
 
     size : width and height of the picture, pixels.
     field : corner and extent of ground that is seen whole, from above; None: from a person's height.
+    golden : the sun stands as low as an hour before it sets.
     """
     scene.render.resolution_x, scene.render.resolution_y = size
     corners = _tree_corners(scene)
@@ -40,7 +50,21 @@ def set_stage(scene: bpy.types.Scene, size: tuple[int, int], field: Field | None
         ground = [(*(low + extent * (x, y)), 0.0) for x in (0, 1) for y in (0, 1)]
         corners = np.concatenate([corners, ground])
         _point_camera(scene, corners, corners.mean(axis=0), FROM_ABOVE, WHOLE)
-    _light(scene)
+    _light(scene, golden)
+
+
+def lay_lawn(scene: bpy.types.Scene, height: float) -> None:
+    """Ground as far as the horizon, below that of the forest, for pictures alone.
+
+    Views do not show it, so that *View All* frames the forest; sensors do not meet it.
+    """
+    data = bpy.data.meshes.new(LAWN)
+    z = height - SUNK
+    data.from_pydata([(x, y, z) for x, y in FAR_CORNERS], [], [(0, 1, 2, 3)])
+    data.materials.append(bpy.data.materials.get(LAWN) or materials.ground(LAWN))
+    lawn = bpy.data.objects.new(LAWN, data)
+    lawn[IGNORED_KEY] = lawn.hide_viewport = lawn.hide_select = True
+    scene.collection.objects.link(lawn)
 
 
 def render(
@@ -137,13 +161,16 @@ def _point_camera(
     scene.camera = camera
 
 
-def _light(scene: bpy.types.Scene) -> None:
+def _light(scene: bpy.types.Scene, golden: bool) -> None:
     sun_data = bpy.data.lights.new(SUN, "SUN")
     sun_data.energy = 6.5
     sun_data.angle = math.radians(0.6)
     sun_data.color = (1.0, 0.88, 0.70)
     sun = bpy.data.objects.new(SUN, sun_data)
     sun.rotation_euler = (math.radians(50), 0.0, math.radians(-75))
+    if golden:
+        sun_data.energy, sun_data.color = 7.5, (1.0, 0.74, 0.42)
+        sun.rotation_euler.x = math.radians(75)
     _replace(scene, sun)
 
     world = bpy.data.worlds.get(SKY) or bpy.data.worlds.new(SKY)

@@ -24,6 +24,8 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
     },
     "layout": {
         "poisson": ("By Chance", "Trees stand at random, denser where the intensity is higher"),
+        "clusters": ("In Groups", "Mothers by chance, daughters around each: Thomas or Matérn"),
+        "strauss": ("Apart", "Trees keep apart, the more the stronger they repel (Strauss)"),
         "rows": ("Orchard Rows", "Trees stand in rows, with what spread is set"),
         "list": ("List", "Trees stand where a table or the points of a collection say"),
     },

@@ -75,7 +75,7 @@ def _rooms() -> tuple[ModuleType, ...]:
         running,
         scene_file,
     )
-    from .forest import build, hills, live, new_file, painting, start, tree
+    from .forest import build, gallery, hills, live, new_file, painting, start, tree
     from .forest import lists as forest_lists
     from .forest import panels as forest_panels
     from .results import export, frames, show, swatches
@@ -87,7 +87,7 @@ def _rooms() -> tuple[ModuleType, ...]:
     from .species import panel as species_panel
 
     return (
-        *(properties, pictures, languages, running, things, tree, start, new_file),
+        *(properties, pictures, languages, running, things, tree, gallery, start, new_file),
         *(sensors_lists, forest_lists, build, scene_file, add, run, show, export, frames, swatches),
         preferences,
         *(forest_panels, sensors_panels, flight, results_panel),

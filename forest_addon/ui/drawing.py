@@ -10,6 +10,7 @@ from typing import Any
 
 import bpy
 
+from ..spec.depth import applies, is_advanced
 from .exchange import forestless, untouched
 from .groups import PARTS
 from .references import is_lost
@@ -64,10 +65,18 @@ def split(layout: bpy.types.UILayout) -> bpy.types.UILayout:
 def draw_settings(
     layout: bpy.types.UILayout, group: Any, hidden: Collection[str] = frozenset()
 ) -> None:
-    """Every setting of a group, in the order of ``spec``."""
+    """The settings of a group that have an effect now, in the order of ``spec``; the basic ones or all."""
     for name in group.shown:
-        if name not in hidden:
+        if name not in hidden and is_shown(group, name):
             draw_field(layout, group, name)
+
+
+def is_shown(group: Any, name: str) -> bool:
+    """Whether a setting is shown beside what the others are set to, at the depth that is chosen."""
+    if not applies(group, name):
+        return False
+    settings = type(group).__name__.removeprefix("FOREST_PG_")
+    return bpy.context.scene.forest_sensing.advanced or not is_advanced(settings, name)
 
 
 def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:

@@ -41,7 +41,10 @@ def _besides(settings: type[spec.Settings]) -> dict[str, Any]:
     """What a group holds besides its settings."""
     if settings is spec.Gaussian:
         return {"handle": PointerProperty(type=bpy.types.Object)}
-    held: dict[str, Any] = {}
+    if settings is spec.Planting:
+        held: dict[str, Any] = {"standing": IntProperty(default=-1, options={"HIDDEN"})}
+    else:
+        held = {}
     for name, kind, known, _ in fields_of(settings):
         if name in references.REFERENCES and kind is str:
             held |= references.pointers(name, label_of(name, known), help_of(known))
@@ -171,6 +174,10 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
                 name="Points",
                 description="Draw points of results large enough to be seen, in their colours",
                 default=True,
+            ),
+            "advanced": BoolProperty(
+                name="Advanced",
+                description="Show every setting, the papers' symbols too; what is hidden keeps its value",
             ),
             "point_size": FloatProperty(
                 name="Point Size",

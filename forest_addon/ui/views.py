@@ -14,6 +14,8 @@ ACROSS = (
     0.36  # metres from the middle to the edge of a view, a metre of its distance; lens of 50 mm
 )
 
+_seen_through: set[int] = set()  # areas whose views were made so by us
+
 
 def views() -> Iterator[tuple[bpy.types.Window, bpy.types.Area]]:
     """Each 3D view, with its window."""
@@ -47,6 +49,19 @@ def look_at(area: bpy.types.Area, field: Forest) -> None:
     aside = view.view_rotation @ Vector((ACROSS * view.view_distance * covered, 0.0, 0.0))
     middle = [o + s / 2 for o, s in zip(field.origin, field.size, strict=True)]
     view.view_location = Vector((*middle, 3.0)) + aside
+
+
+def see_through(on: bool) -> None:
+    """Show through what is in front in every view that does not do so already; or end that."""
+    for _, area in views():
+        shading, key = area.spaces.active.shading, area.as_pointer()
+        if on and not shading.show_xray:
+            shading.show_xray = True
+            _seen_through.add(key)
+        elif not on and key in _seen_through:
+            shading.show_xray = False
+    if not on:
+        _seen_through.clear()
 
 
 def open_tab(area: bpy.types.Area) -> None:

@@ -137,19 +137,22 @@ def enlarge(times: float) -> None:
 
 
 def a_broken_overlay_stays_alone() -> Scenario:
-    """A scanner without a pose has nothing to draw; points and beams of others are drawn all the same."""
+    """A scanner on an empty curve has nothing to draw; points and beams of others are drawn all the same."""
     from bl_ext.user_default.forest_sensing.forest_addon.ui import overlay
 
     curve = bpy.data.objects.new("way", bpy.data.curves.new("way", "CURVE"))
     bpy.context.scene.collection.objects.link(curve)
+    known = set(bpy.data.objects)
     press("forest.add_sensor", invoke=False, kind="mobile")
-    bpy.data.objects["track"].forest_sensor.mobile.follow_pointer = curve
+    added = set(bpy.data.objects) - known  # the scanner and its path
+    track = next(thing for thing in added if thing.type != "CURVE")
+    track.forest_sensor.mobile.follow_pointer = curve
     yield 1
     assert not overlay._broken
     assert len(overlay.outlines._batches) == 4
     assert any(batch is not None for batch in overlay.points._batches.values())
-    bpy.data.objects.remove(bpy.data.objects["track"])
-    bpy.data.objects.remove(curve)
+    for thing in (*added, curve):
+        bpy.data.objects.remove(thing)
 
 
 def a_copy_is_chosen(area: bpy.types.Area, main: bpy.types.Region) -> Scenario:

@@ -239,7 +239,7 @@ def test_properties_say_what_spec_says(props, cls):
         assert prop.description.lower() == known.help.lower(), field.name
         assert not prop.name.endswith(" Deg")
         if prop.type in ("FLOAT", "INT"):
-            least = -1.0 if known.auto else known.minimum  # -1: auto
+            least = spec.AUTO if known.auto else known.minimum  # which files call "auto"
             assert prop.hard_min == pytest.approx(max(least, prop.hard_min), rel=1e-6)
             assert prop.hard_max == pytest.approx(min(known.maximum, prop.hard_max), rel=1e-6)
         if known.unit == "m" and prop.type != "STRING":

@@ -30,8 +30,8 @@ def test_plantings_and_hills_are_added_and_removed(props):
 
 
 @pytest.mark.slow
-def test_a_scanner_travels_along_poses(built):
-    press("add_sensor", kind="mobile")
+def test_a_scanner_travels_along_poses(built, sensor):
+    bpy.context.view_layer.objects.active = sensor("mobile")
     track = bpy.data.objects["track"].forest_sensor.mobile
     for x in (-2.0, 4.0):
         assert press("add_pose") == {"FINISHED"}
@@ -61,3 +61,15 @@ def test_a_reverb_has_further_ends(built):
     bpy.context.view_layer.objects.active = bpy.data.objects["cloud"]
     with pytest.raises(RuntimeError, match="Choose a reverb"):
         press("add_source")
+
+
+def test_a_planting_shows_what_stands(built):
+    from forest_addon.ui.forest.lists import _planting_row
+
+    (planting,) = built.plantings
+    standing = len([thing for thing in bpy.data.objects if "forest_tree" in thing])
+    assert planting.standing == standing
+    assert _planting_row(planting).right in (f"{standing} trees", "1 tree")
+    fresh = built.plantings.add()
+    fresh.species, fresh.use_expected, fresh.expected = "maple", True, 7
+    assert _planting_row(fresh).right == "7 trees"

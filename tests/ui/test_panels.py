@@ -11,7 +11,9 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec, ui
 from forest_addon.blender import sensors
-from forest_addon.ui import properties, requirements
+from forest_addon.spec.depth import ADVANCED, APPLIES
+from forest_addon.ui import exchange, properties, requirements
+from forest_addon.ui.fields import fields_of
 from forest_addon.ui.species.panel import SPREADS
 
 
@@ -25,7 +27,7 @@ class Layout:
         self.seen.append(heading)
         return Layout(self.seen)
 
-    row = column = box = split = _inner
+    row = column = box = split = grid_flow = _inner
 
     def panel(self, name, default_closed=False):
         return Layout(self.seen), Layout(self.seen)
@@ -35,7 +37,7 @@ class Layout:
         return Layout(self.seen), Layout(self.seen) if getattr(group, name) else None
 
     def prop(self, group, name, index=-1, text=None, placeholder="", icon="NONE", **style):
-        assert style.keys() <= {"emboss", "toggle"}
+        assert style.keys() <= {"emboss", "toggle", "expand"}
         self._known_icon(icon)
         if name.startswith("["):
             assert group.path_resolve(name) is not None
@@ -113,6 +115,7 @@ def test_who_scans_a_scene_of_his_own_is_asked_for_no_forest(props):
 
 
 def test_every_setting_has_its_place(small, sensor):
+    small.advanced = True
     small.plantings[0].gaussians.add()
     small.plantings[0].rasters.add()
     small.forest.distances.add()
@@ -129,10 +132,52 @@ def test_every_setting_has_its_place(small, sensor):
     for group in properties.GROUPS.values():
         if group.__name__ in in_a_line:
             continue
-        for name in set(group.shown) - posed:
+        for name in set(group.shown) - posed - set(APPLIES):
             prop = {p.identifier: p for p in group.bl_rna.properties}[name]
             label = prop.name.partition(" (")[0]
             assert any(text.startswith(label) for text in seen), f"{group.__name__}.{name}"
+
+
+def test_basic_hides_the_papers_symbols(small):
+    """Of what is drawn, not of what counts: a hidden setting keeps its value."""
+    bpy.context.view_layer.objects.active = bpy.data.objects["reverb"]
+    basic = set(drawn())
+    small.advanced = True
+    more = set(drawn())
+    assert basic < more
+    assert any(text.startswith("Turbul") for text in more - basic)
+    assert exchange.sensor_of(bpy.data.objects["reverb"]).strength == spec.Reverb().strength
+
+
+def test_every_rule_names_settings_that_there_are(props):
+    fields = {kind: {name for name, *_ in fields_of(kind)} for kind in properties.GROUPS}
+    lower = {kind.__name__.lower(): names for kind, names in fields.items()}
+    for settings, names in ADVANCED.items():
+        assert names <= lower[settings]
+    for name, (other, values) in APPLIES.items():
+        holders = [kind for kind, names in fields.items() if {name, other} <= names]
+        assert holders, name
+        for kind in holders:
+            known = next(param for field, _, param, _ in fields_of(kind) if field == other)
+            assert not known.choices or set(values) <= set(known.choices)
+
+
+def test_what_does_not_apply_now_is_hidden(small):
+    small.advanced = True
+    thing = bpy.data.objects["echo"]
+    bpy.context.view_layer.objects.active = thing
+    settings = thing.forest_sensor.sonar
+    names = {p.identifier: p.name.partition(" (")[0] for p in settings.bl_rna.properties}
+
+    def shown(name):
+        return any(text.startswith(names[name]) for text in drawn())
+
+    assert not shown("ear_spacing")
+    settings.ears = 2
+    assert shown("ear_spacing")
+    assert not shown("beam_file")
+    settings.beam = "file"
+    assert shown("beam_file")
 
 
 def test_labels_fit_beside_their_values(small):

@@ -37,12 +37,13 @@ STEMS = Listed("stems", _props)
 
 def _planting_row(item: Any) -> Row:
     edited = item.species.startswith(EDITED)
-    many = label("{expected:g} trees", expected=item.expected)
-    number = label("1 tree") if item.expected == 1 else many
+    known = item.standing >= 0
+    count = item.standing if known else item.expected
+    number = label("1 tree") if count == 1 else label("{expected:g} trees", expected=count)
     return Row(
         title_of(item.species) or label("(no species)"),
         "GREASEPENCIL" if edited else "OUTLINER_OB_CURVES",
-        number if item.use_expected else "",
+        number if known or item.use_expected else "",
     )
 
 

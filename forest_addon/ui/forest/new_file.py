@@ -16,6 +16,7 @@ from ..running import Working, current
 from ..views import look_at, open_tab, region_of, views
 from ..words import say
 from .build import FOREST_OT_build
+from .gallery import words_of
 from .start import draw_presets, take
 
 NEW_FILE = {"app_template": "", "use_empty": True}
@@ -35,6 +36,10 @@ class FOREST_OT_new(bpy.types.Operator):
     preset: bpy.props.StringProperty(
         name="Preset", description="A scene of the add-on; empty: nothing planted, no sensor"
     )
+
+    @classmethod
+    def description(cls, _context: bpy.types.Context, given: bpy.types.OperatorProperties) -> str:
+        return words_of(given.preset) or say(cls.__doc__ or "")
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         global _awaited
@@ -70,11 +75,14 @@ class FOREST_OT_furnish(Working, bpy.types.Operator):
             area.spaces.active.show_region_ui = True
         if scene.forest_sensing.plantings or scene.forest_sensing.stems:
             sentence = yield from FOREST_OT_build.work(self, context)
-        from ...blender.preview import set_stage
+        from ...blender.preview import lay_lawn, set_stage
 
         field = scene.forest_sensing.forest
         low, size = tuple(field.origin), tuple(field.size)
-        set_stage(scene, PICTURE, (low, size))
+        trees = bool(scene.forest_sensing.plantings)  # stems are seen from above alone
+        set_stage(scene, PICTURE, None if trees else (low, size), golden=True)
+        if trees and not (field.terrain.object or field.terrain.file):
+            lay_lawn(scene, field.terrain.base)
         for _, area in views():
             look_at(area, field)
             open_tab(area)

@@ -1,7 +1,7 @@
 """Painting where trees stand: a button that lays a canvas over the field and gives the user the brush.
 
-While it is painted the canvas is drawn before the trees. However the user leaves Weight Paint mode, by the
-button or Blender's own ways, it is put away then.
+While it is painted the canvas is drawn before the trees, which views show through it. However the user leaves
+Weight Paint mode, by the button or Blender's own ways, it is put away then.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from .. import exchange
 from ..chosen import chosen_planting
 from ..running import LINKED, PROBLEMS, in_words
 from ..selection import select
+from ..views import see_through
 from ..words import say
 
 NAME = "Canvas"
@@ -46,6 +47,7 @@ def _put_away(*_: object) -> None:
 
     thing = bpy.data.objects.get(_in_hand)
     _in_hand = ""
+    see_through(False)
     if thing is not None and CANVAS_KEY in thing:  # in another file it may be anything
         put_away(thing)
 
@@ -90,6 +92,7 @@ class FOREST_OT_paint(bpy.types.Operator):
         bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
         take_up(thing)
         _in_hand = thing.name
+        see_through(True)
         self.report({"INFO"}, "Paint where trees stand; Done ends it, Update plants them")
         return {"FINISHED"}
 

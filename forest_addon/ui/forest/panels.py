@@ -8,7 +8,16 @@ import bpy
 
 from .. import requirements
 from ..chosen import chosen
-from ..drawing import BIG, Tab, WithForest, draw_field, draw_reference, draw_settings, split
+from ..drawing import (
+    BIG,
+    Tab,
+    WithForest,
+    draw_field,
+    draw_reference,
+    draw_settings,
+    is_shown,
+    split,
+)
 from ..exchange import forestless
 from ..lists import draw_list
 from ..migration import draw_notice
@@ -183,7 +192,8 @@ class FOREST_PT_spacing(WithForest, bpy.types.Panel):
         layout, forest = self.layout, context.scene.forest_sensing.forest
         column = split(layout)
         for name in ("spacing", "spacing_rule"):
-            draw_field(column, forest, name)
+            if is_shown(forest, name):
+                draw_field(column, forest, name)
         layout.label(text="Between Two Species")
         draw_list(layout, "FOREST_UL_distances", forest, "distances", "distance")
         if forest.distances:
@@ -229,7 +239,7 @@ def _draw_start(layout: bpy.types.UILayout) -> None:
     scan.scale_y = BIG
     scan.operator("forest.scan_here", icon="OUTLINER_OB_POINTCLOUD")
     row = layout.row(align=True)
-    row.menu("FOREST_MT_start", text="More Forests")
+    row.operator("forest.gallery", text="More Forests", icon="IMGDISPLAY")
     row.operator("forest.load_scene", text="Open")
 
 

@@ -10,7 +10,8 @@ import bpy
 
 from ..assets import ASSETS
 from ..running import PROBLEMS, WhenReady, in_words
-from ..words import say
+from ..words import label, say
+from .gallery import GALLERY, icon_of, words_of
 
 SCENES = ASSETS / "scenes"
 
@@ -46,6 +47,10 @@ class FOREST_OT_start(WhenReady, bpy.types.Operator):
         ],
         options={"SKIP_SAVE"},
     )
+
+    @classmethod
+    def description(cls, _context: bpy.types.Context, given: bpy.types.OperatorProperties) -> str:
+        return words_of(given.preset) or say(cls.__doc__ or "")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         props = context.scene.forest_sensing
@@ -105,9 +110,17 @@ def take(scene: bpy.types.Scene, preset: str, keep_sensors: bool = False) -> str
 
 
 def draw_presets(layout: bpy.types.UILayout, operator: str) -> None:
-    """An entry for every preset, and the empty one."""
+    """The gallery and what it shows, every other preset, and the empty one."""
+    layout.operator("forest.gallery", icon="IMGDISPLAY").new = operator == "forest.new"
+    layout.separator()
+    for card in GALLERY:
+        entry = layout.operator(operator, text=label(card.title), icon_value=icon_of(card.preset))
+        entry.preset = card.preset
+    layout.separator()
+    shown = {card.preset for card in GALLERY}
     for file, title in presets():
-        layout.operator(operator, text=title).preset = file
+        if file not in shown:
+            layout.operator(operator, text=title).preset = file
     layout.separator()
     layout.operator(operator, text="Empty", icon="FILE_NEW").preset = ""
 

@@ -1,32 +1,81 @@
-"""Add > Mesh > L-system Tree: one tree at the 3D cursor, changed in the redo panel."""
+"""Add > Mesh > L-system Tree: one tree at the 3D cursor, whose mesh keeps the settings it was grown from.
+
+They are changed in the redo panel, and ever after in the Properties editor, below the mesh: *Grow Again*
+gives the mesh another shape, whatever objects, modifiers and materials use it.
+"""
 
 from __future__ import annotations
 
-import functools
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, ClassVar
 
 import bpy
 from bpy_extras.object_utils import AddObjectHelper, object_data_add
 
 from ...spec import Species
-from ..assets import ASSETS
 from ..running import PROBLEMS, WhenReady, in_words
-from ..words import label, language
+from ..species import pictures
+from ..words import say
+
+LEAFY = "maple"  # what grows first
+SHAPE_OF = "forest_shape_of"  # on a mesh: the species that it has the shape of by now
+SETTINGS = ("species", "seed", "generations", "leaves")
 
 
-def species_items(_operator: Any = None, _context: Any = None) -> list[tuple[str, str, str]]:
-    """The presets, as a menu."""
-    return _species_items(language())
+def species_items(_owner: Any = None, context: Any = None) -> list[tuple[str, str, str, int, int]]:
+    """Presets, the user's own species and those edited in this file, as a menu; a leafy one first."""
+    props = (context or bpy.context).scene.forest_sensing
+    return pictures.menu(props, LEAFY)
 
 
-@functools.cache  # Blender wants the strings kept
-def _species_items(_language: str) -> list[tuple[str, str, str]]:
-    names = sorted(path.stem for path in (ASSETS / "species").glob("*.toml"))
-    return [
-        (name, name.replace("-", " ").title(), label("Grow a {species}", species=name))
-        for name in names
-    ]
+def _settings() -> dict[str, Any]:
+    """The settings of a tree as properties; an operator and a mesh have the same."""
+    return {
+        "species": bpy.props.EnumProperty(
+            name="Species", description="What grows", items=species_items
+        ),
+        "seed": bpy.props.IntProperty(
+            name="Seed", description="Another number is another tree", default=1, min=0
+        ),
+        "generations": bpy.props.IntProperty(
+            name="Generations",
+            description="How often the L-system is rewritten; 0: as the species says",
+            default=0,
+            min=0,
+            soft_max=9,
+            max=12,
+        ),
+        "leaves": bpy.props.BoolProperty(
+            name="Leaves", description="Switching them off moves no branch", default=True
+        ),
+    }
+
+
+class FOREST_PG_grown(bpy.types.PropertyGroup):
+    """What a single tree was grown from; ``grown`` tells its mesh from any other."""
+
+    __annotations__ = {
+        "grown": bpy.props.StringProperty(options={"HIDDEN"}),  # the species, by its name
+        "seed": _settings()["seed"],
+        "generations": _settings()["generations"],
+        "leaves": _settings()["leaves"],
+        "species": bpy.props.EnumProperty(
+            name="Species",
+            description="What grows",
+            items=species_items,
+            get=lambda group: _number_of(group.grown),
+            set=lambda group, number: setattr(group, "grown", _name_of(number)),
+        ),
+    }
+
+
+def _number_of(species: str) -> int:
+    return next((item[4] for item in species_items() if item[0] == species), 0)
+
+
+def _name_of(number: int) -> str:
+    return next((item[0] for item in species_items() if item[4] == number), LEAFY)
 
 
 class FOREST_OT_add_tree(WhenReady, bpy.types.Operator, AddObjectHelper):
@@ -36,25 +85,11 @@ class FOREST_OT_add_tree(WhenReady, bpy.types.Operator, AddObjectHelper):
     bl_label = "L-system Tree"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO", "PRESET"}
 
-    species: bpy.props.EnumProperty(name="Species", description="What grows", items=species_items)
-    seed: bpy.props.IntProperty(
-        name="Seed", description="Another number is another tree", default=1, min=0
-    )
-    generations: bpy.props.IntProperty(
-        name="Generations",
-        description="How often the L-system is rewritten; 0: as the species says",
-        default=0,
-        min=0,
-        soft_max=9,
-        max=12,
-    )
-    leaves: bpy.props.BoolProperty(
-        name="Leaves", description="Switching them off moves no branch", default=True
-    )
+    __annotations__ = _settings()
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
-            data = self._grow()
+            data = _grow(context, self.species, self.seed, self.generations, self.leaves)
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
@@ -65,26 +100,112 @@ class FOREST_OT_add_tree(WhenReady, bpy.types.Operator, AddObjectHelper):
         column = self.layout.column()
         column.use_property_split = True
         column.use_property_decorate = False
-        for name in ("species", "seed", "generations", "leaves", "align", "location", "rotation"):
+        for name in (*SETTINGS, "align", "location", "rotation"):
             column.prop(self, name)
 
-    def _grow(self) -> bpy.types.Mesh:
-        from ...blender import materials
-        from ...blender.meshes import to_mesh
-        from ...formats.species_file import find_species, load_species
-        from ...growth.mesh.trimesh import LEAF
-        from ...growth.tree import grow
-        from ...rng import stream
 
-        species, template = load_species(find_species(self.species, ASSETS))
-        if self.generations:
-            species = with_generations(species, self.generations)
-        tree = grow(species, template, stream(self.seed, "tree", self.species))
-        mesh = tree.mesh if self.leaves else tree.mesh.select(tree.mesh.part != LEAF)
-        data = to_mesh(species.name, mesh)
-        data.materials.append(materials.bark(f"{species.name} bark", species.look.bark))
-        data.materials.append(materials.leaf(f"{species.name} leaf", species.look.foliage()))
-        return data
+class FOREST_OT_grow_again(WhenReady, bpy.types.Operator):
+    """Grow this tree from its settings; objects, modifiers and materials stay"""
+
+    bl_idname = "forest.grow_again"
+    bl_label = "Grow Again"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    new_seed: bpy.props.BoolProperty(
+        name="New Seed", description="Another tree of the same species", options={"SKIP_SAVE"}
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not super().poll(context):
+            return False
+        if context.mode != "OBJECT":
+            cls.poll_message_set(say("Leave this mode first: trees grow in Object Mode"))
+            return False
+        if not _is_grown(context.object):
+            cls.poll_message_set(say("This is no tree of Add > Mesh > L-system Tree"))
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        old = context.object.data
+        settings = old.forest_grown
+        seed = settings.seed + 1 if self.new_seed else settings.seed
+        try:
+            data = _grow(context, settings.grown, seed, settings.generations, settings.leaves)
+        except PROBLEMS as problem:
+            self.report({"ERROR"}, in_words(problem))
+            return {"CANCELLED"}
+        if old.get(SHAPE_OF) == settings.grown:  # another species has a bark of its own
+            made = list(data.materials)
+            data.materials.clear()
+            for material in old.materials:
+                data.materials.append(material)
+            bpy.data.batch_remove([material for material in made if not material.users])
+        name = old.name
+        old.user_remap(data)
+        bpy.data.meshes.remove(old)
+        data.name = name
+        return {"FINISHED"}
+
+
+class FOREST_PT_grown(bpy.types.Panel):
+    """The settings of a single tree, where Blender's own meshes have theirs."""
+
+    bl_label = "L-system Tree"
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "data"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return _is_grown(context.object)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        settings = context.object.data.forest_grown
+        column = self.layout.column()
+        column.use_property_split = True
+        column.use_property_decorate = False
+        for name in SETTINGS:
+            column.prop(settings, name)
+        row = self.layout.row(align=True)
+        row.operator("forest.grow_again", icon="FILE_REFRESH").new_seed = False
+        row.operator("forest.grow_again", text="New Seed", icon="ADD").new_seed = True
+
+
+def _is_grown(thing: bpy.types.Object | None) -> bool:
+    return thing is not None and thing.type == "MESH" and bool(thing.data.forest_grown.grown)
+
+
+def _grow(
+    context: bpy.types.Context, name: str, seed: int, generations: int, leaves: bool
+) -> bpy.types.Mesh:
+    """A mesh with a tree of a species, with the settings that it was grown from.
+
+    Raises
+    ------
+    SpecError, ValueError, OSError : there is no such species, or it cannot be grown.
+    """
+    from ...blender import materials
+    from ...blender.meshes import to_mesh
+    from ...growth.mesh.trimesh import LEAF
+    from ...growth.tree import grow
+    from ...rng import stream
+    from ..species.edit import edited_species, load
+
+    folder = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
+    species, template = load(name, folder, edited_species(context.scene))
+    if generations:
+        species = with_generations(species, generations)
+    tree = grow(species, template, stream(seed, "tree", name))
+    mesh = tree.mesh if leaves else tree.mesh.select(tree.mesh.part != LEAF)
+    data = to_mesh(species.name, mesh)
+    data.materials.append(materials.bark(f"{species.name} bark", species.look.bark))
+    data.materials.append(materials.leaf(f"{species.name} leaf", species.look.foliage()))
+    data[SHAPE_OF] = name
+    noted = data.forest_grown
+    noted.grown, noted.seed, noted.generations, noted.leaves = name, seed, generations, leaves
+    return data
 
 
 def with_generations(species: Species, generations: int) -> Species:
@@ -102,14 +223,16 @@ def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     menu.layout.operator(FOREST_OT_add_tree.bl_idname, icon="OUTLINER_OB_CURVES")
 
 
-CLASSES = (FOREST_OT_add_tree,)
+CLASSES = (FOREST_PG_grown, FOREST_OT_add_tree, FOREST_OT_grow_again, FOREST_PT_grown)
 
 
 def register() -> None:
-    """Add the entry to Blender's menu."""
+    """Add the entry to Blender's menu, and the settings to meshes."""
+    bpy.types.Mesh.forest_grown = bpy.props.PointerProperty(type=FOREST_PG_grown)
     bpy.types.VIEW3D_MT_mesh_add.append(draw_in_menu)
 
 
 def unregister() -> None:
-    """Take it back."""
+    """Take both back."""
+    del bpy.types.Mesh.forest_grown
     bpy.types.VIEW3D_MT_mesh_add.remove(draw_in_menu)

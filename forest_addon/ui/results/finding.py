@@ -54,6 +54,8 @@ def keep_forest(context: bpy.types.Context, settings: Scene, forest: Forest, sec
     props = context.scene.forest_sensing
     props.results.clear()
     figures = in_words(of_forest(forest))
+    for number, planting in enumerate(props.plantings):
+        planting.standing = int(np.count_nonzero(forest.stand.species == number))
     _note(props, "forest", "forest", settings.name, figures | {keep("Time"): f"{seconds:.1f} s"})
     trees, leaves = figures["Trees"], figures["Leaves"]
     if len(forest.stand) == 1:

@@ -65,7 +65,9 @@ class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         thing = chosen_sensor(context)
-        split(self.layout).prop(thing, "name")
+        column = split(self.layout)
+        column.prop(thing, "name")
+        column.prop(context.scene.forest_sensing, "advanced")
         _draw_sensor(self.layout, thing)
 
 
@@ -86,6 +88,7 @@ class FOREST_PT_sensor_data(bpy.types.Panel):
         thing = context.object
         run = self.layout.operator("forest.run", icon="PLAY")
         run.sensor, run.frames = thing.name, "THIS"
+        split(self.layout).prop(context.scene.forest_sensing, "advanced")
         _draw_sensor(self.layout, thing)
 
 

@@ -30,6 +30,23 @@ def choices(props: Any) -> tuple[Choice, ...]:
     return _choices(edited, tuple(planting.species for planting in props.plantings), language())
 
 
+def menu(props: Any, first: str) -> list[Choice]:
+    """Presets, one's own species and those edited and planted, as items of a menu that starts with one."""
+    planted = {planting.species for planting in props.plantings}
+    edited = tuple((item.name, item.origin) for item in props.edited if item.name in planted)
+    return _menu(edited, first, language())
+
+
+@functools.lru_cache(maxsize=4)
+def _menu(edited: tuple[tuple[str, str], ...], first: str, _language: str) -> list[Choice]:
+    found = _choices(edited, (), _language)
+    ordered = sorted(found, key=lambda choice: choice[0] != first)
+    return [
+        (name, title, label("Grow a {species}", species=title), icon, number)
+        for number, (name, title, _, icon, _) in enumerate(ordered)
+    ]
+
+
 def number_of(props: Any) -> int:
     """The place of the chosen planting's species in ``choices``."""
     planting = chosen_planting(props)
@@ -48,6 +65,7 @@ def refresh() -> None:
     """Look into the folders again when species are next drawn."""
     _files.cache_clear()
     _choices.cache_clear()
+    _menu.cache_clear()
 
 
 def register() -> None:

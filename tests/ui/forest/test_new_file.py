@@ -1,5 +1,7 @@
 """File > New > Forest: start scenes in a file of their own."""
 
+from types import SimpleNamespace
+
 import pytest
 
 bpy = pytest.importorskip("bpy")
@@ -7,7 +9,8 @@ bpy = pytest.importorskip("bpy")
 from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Vector
 
-from forest_addon.blender.depsgraph import TREE_KEY
+from forest_addon.blender.depsgraph import TREE_KEY, read_scene
+from forest_addon.blender.preview import LAWN
 from forest_addon.blender.sensors import sensors_of
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Scene
@@ -15,14 +18,25 @@ from forest_addon.ui.forest import new_file
 from forest_addon.ui.forest.start import SCENES, presets
 
 
-def ground_in_picture(scene):
-    """Where the corners of the field are in the camera's picture, 0 to 1."""
-    (x, y), (wide, deep) = scene.forest_sensing.forest.origin, scene.forest_sensing.forest.size
+def in_picture(scene, corners):
+    """Where places are in the camera's picture, 0 to 1."""
     bpy.context.view_layer.update()
-    for corner in ((x, y), (x + wide, y), (x, y + deep), (x + wide, y + deep)):
-        seen = world_to_camera_view(scene, scene.camera, Vector((*corner, 0)))
+    for corner in corners:
+        seen = world_to_camera_view(scene, scene.camera, Vector(corner))
         assert seen.z > 0
         yield seen.xy
+
+
+def ground_of(scene):
+    """The corners of the field."""
+    (x, y), (wide, deep) = scene.forest_sensing.forest.origin, scene.forest_sensing.forest.size
+    return [(x, y, 0), (x + wide, y, 0), (x, y + deep, 0), (x + wide, y + deep, 0)]
+
+
+def crowns_of(scene):
+    """The corners of the boxes about its trees."""
+    trees = [thing for thing in scene.objects if TREE_KEY in thing]
+    return [tree.matrix_world @ Vector(corner) for tree in trees for corner in tree.bound_box]
 
 
 @pytest.mark.slow
@@ -37,11 +51,23 @@ def test_a_start_scene_stands_built_and_lit(props, preset, trees):
     assert scene.forest_sensing.name == read_settings(SCENES / f"{preset}.toml", Scene).name
     assert scene.world is not None
     assert [thing.data.type for thing in scene.objects if thing.type == "LIGHT"] == ["SUN"]
-    for place in ground_in_picture(scene):
-        assert min(place) >= 0
-        assert max(place) <= 1
+    for place in in_picture(scene, crowns_of(scene) if trees else ground_of(scene)):
+        assert min(place) >= -0.15  # boxes are larger than crowns
+        assert max(place) <= 1.15
+    assert (scene.camera.location.z < 5) == bool(trees)  # among trees at the height of eyes
     sensors = {sensor.name for sensor in read_settings(SCENES / f"{preset}.toml", Scene).sensors}
     assert sensors <= {thing.name for thing in scene.objects}
+
+
+@pytest.mark.slow
+def test_the_lawn_is_for_pictures_alone(props):
+    """Views do not show it, so that View All frames the forest; and no sensor meets it."""
+    bpy.ops.forest.new(preset="t20-one-tree")
+    lawn = bpy.context.scene.objects[LAWN]
+    assert (lawn.hide_viewport, lawn.hide_render) == (True, False)
+    seen = {thing for thing in bpy.context.scene.objects if thing.visible_get()}
+    assert max(max(thing.dimensions) for thing in seen) < 60
+    assert LAWN not in read_scene(bpy.context.evaluated_depsgraph_get()).object_name
 
 
 def test_the_empty_one_has_light_a_camera_and_nothing_else(props):
@@ -61,16 +87,17 @@ def test_the_menu_is_there_and_offers_what_add_offers(registered):
 
     class Layout:
         def operator(self, name, **_):
-            offered.append(self)
-            assert name == "forest.new"
-            return self
+            assert name in ("forest.new", "forest.gallery")
+            offered.append(SimpleNamespace())
+            return offered[-1]
 
         def separator(self):
             pass
 
     menu = type("Menu", (), {"layout": Layout()})
     new_file.FOREST_MT_new.draw(menu, None)
-    assert len(offered) == len(presets()) + 1
+    presets_offered = [entry.preset for entry in offered if hasattr(entry, "preset")]
+    assert sorted(presets_offered) == sorted(["", *(file for file, _ in presets())])
 
 
 @pytest.fixture

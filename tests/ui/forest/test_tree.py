@@ -9,6 +9,10 @@ from forest_addon.blender.meshes import from_mesh
 from forest_addon.growth.mesh.trimesh import LEAF
 from forest_addon.ui.forest import tree
 
+from ..pressing import ROOT
+
+PRESETS = ROOT / "assets" / "species"
+
 
 def add(**settings):
     assert bpy.ops.forest.add_tree(**settings) == {"FINISHED"}
@@ -39,6 +43,45 @@ def test_seed_and_generations_change_the_tree(props):
     assert not np.array_equal(other.vertices, small.vertices)
 
 
-@pytest.mark.parametrize("species", [name for name, _, _ in tree.species_items()])
+@pytest.mark.parametrize("species", sorted(path.stem for path in PRESETS.glob("*.toml")))
 def test_every_preset_can_be_added(props, species):
     assert len(add(species=species).triangles)
+
+
+def test_it_starts_with_a_leafy_one_and_offers_the_users_too(small):
+    bpy.ops.forest.edit_species()
+    offered = [item[0] for item in tree.species_items()]
+    assert offered[0] == tree.LEAFY
+    assert small.plantings[0].species in offered
+    assert np.any(add().part == LEAF)
+    assert len(add(species=small.plantings[0].species).triangles)
+
+
+def test_a_tree_is_grown_again_from_the_settings_that_it_keeps(props):
+    grown = add(species="ginkgo", generations=4, seed=3)
+    thing = bpy.context.active_object
+    kept = thing.data.forest_grown
+    assert (kept.species, kept.seed, kept.generations, kept.leaves) == ("ginkgo", 3, 4, True)
+    mine = bpy.data.materials.new("mine")
+    thing.data.materials[0] = mine
+    thing.modifiers.new("mine", "DISPLACE")
+    other = bpy.data.objects.new("other", thing.data)
+    bpy.context.scene.collection.objects.link(other)
+    meshes = len(bpy.data.meshes)
+    assert bpy.ops.forest.grow_again() == {"FINISHED"}
+    np.testing.assert_array_equal(from_mesh(thing.data).vertices, grown.vertices)
+    assert bpy.ops.forest.grow_again(new_seed=True) == {"FINISHED"}
+    assert thing.data.forest_grown.seed == 4
+    assert not np.array_equal(from_mesh(thing.data).vertices, grown.vertices)
+    assert thing.data.materials[0] == mine
+    assert (other.data, len(thing.modifiers), len(bpy.data.meshes)) == (thing.data, 1, meshes)
+    thing.data.forest_grown.species = "hazelnut"
+    thing.data.forest_grown.generations = 0
+    assert bpy.ops.forest.grow_again() == {"FINISHED"}
+    assert thing.data.materials[0].name == "hazelnut bark"
+
+
+def test_another_mesh_is_not_grown(props):
+    bpy.ops.mesh.primitive_cube_add()
+    with pytest.raises(RuntimeError, match="no tree of Add"):
+        bpy.ops.forest.grow_again()

@@ -1,0 +1,69 @@
+"""Which settings a panel shows: the basic ones or all, and of these what has an effect now.
+
+``ADVANCED`` are the papers' symbols and what only numerical questions need, by the settings that hold them.
+``APPLIES`` says of a setting which other one, and which of its values, it needs to have an effect.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+ADVANCED: dict[str, frozenset[str]] = {
+    "tractor": frozenset({"gap", "splits", "escape"}),
+    "terrestrial": frozenset({"faintest", "line_step_deg"}),
+    "mobile": frozenset({"faintest", "mount_deg"}),
+    "airborne": frozenset({"faintest", "mount_deg"}),
+    "sonar": frozenset(
+        {
+            *("doppler", "record", "facets", "leaf_model", "absorption", "near_limit"),
+            *("cull", "tolerance", "contributions"),
+        }
+    ),
+    "reverb": frozenset(
+        {
+            *("ground", "impedance_model", "flow_resistivity", "strength", "spreading"),
+            *("extinction", "multiple_share", "path_ground", "turbulence", "bark", "foliage"),
+            *("leaf_area_density", "leaf_absorption", "min_radius", "tolerance", "rescattering"),
+        }
+    ),
+    "beam": frozenset({"wavelength_nm", "exit_diameter", "subrays", "pulse_ns", "extinction"}),
+    "surfaces": frozenset({"leaf_transmittance", "passing"}),
+    "noise": frozenset({"range_ppm", "incidence_sd"}),
+    "rays": frozenset({"threads"}),
+    "accuracy": frozenset({"audit"}),
+    "forest": frozenset({"spacing_rule"}),
+}
+
+MORE_THAN_ONE = ">1"
+
+APPLIES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "beam_file": ("beam", ("file",)),
+    "beam_width_deg": ("beam", ("gaussian",)),
+    "hearing_file": ("hearing", ("file",)),
+    "hearing_width_deg": ("hearing", ("gaussian",)),
+    "ear_spacing": ("ears", (MORE_THAN_ONE,)),
+    "ear_turn_deg": ("ears", (MORE_THAN_ONE,)),
+    "call_file": ("call", ("file",)),
+    "call_duration": ("call", ("fm", "cf-fm")),
+    "directivity_file": ("directivity", ("measured",)),
+    "array_spacing": ("array", (MORE_THAN_ONE,)),
+    "array_azimuth_deg": ("array", (MORE_THAN_ONE,)),
+    "array_elevation_deg": ("array", (MORE_THAN_ONE,)),
+    "channels": ("pattern", ("spinning",)),
+}
+
+
+def is_advanced(settings: str, name: str) -> bool:
+    """Whether a setting of a class, by its name in lower case, is for those who know the papers."""
+    return name in ADVANCED.get(settings, ())
+
+
+def applies(group: Any, name: str) -> bool:
+    """Whether a setting has an effect beside the others of its group."""
+    if name not in APPLIES:
+        return True
+    other, values = APPLIES[name]
+    if not hasattr(group, other):
+        return True
+    value = getattr(group, other)
+    return value > 1 if values == (MORE_THAN_ONE,) else value in values

@@ -1,0 +1,170 @@
+"""What a newcomer meets first: the empty tab's doors, sensors to add, the gallery, a scan of any scene with
+its legend, rendered by EEVEE, and frames that the timeline plays.
+"""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import bpy
+from drive import Scenario, Steps, key, open_tab, play, point_at, press, scroll, view, wait_for
+
+OUT = Path(__file__).parent / "doors"
+
+
+def props():
+    return bpy.context.scene.forest_sensing
+
+
+def idle() -> bool:
+    from bl_ext.user_default.forest_sensing.forest_addon.ui import running
+
+    return running.current() is None
+
+
+def escape(middle: tuple[int, int]) -> Scenario:
+    """Close what is open, also a menu that was opened by a script."""
+    for _ in range(2):
+        key("Escape", at=middle)
+        yield 1
+
+
+def call_menu(name: str) -> None:
+    window, area, main, _ = view()
+    with bpy.context.temp_override(window=window, area=area, region=main):
+        bpy.ops.wm.call_menu(name=name)
+
+
+def rendered(engine: str) -> float:
+    """The share of a small picture that a renderer covers."""
+    scene, path = bpy.context.scene, OUT / "render.png"
+    scene.render.engine, scene.render.filepath = engine, str(path)
+    scene.render.resolution_x = scene.render.resolution_y = 64
+    scene.render.film_transparent = True
+    bpy.ops.render.render(write_still=True)
+    picture = bpy.data.images.load(str(path))
+    alpha = list(picture.pixels)[3::4]
+    bpy.data.images.remove(picture)
+    return sum(alpha) / len(alpha)
+
+
+def newcomer(steps: Steps) -> Scenario:
+    _, _, main, _ = view()
+    middle = (main.x + main.width // 2, main.y + main.height // 2)
+    bpy.ops.ed.undo_push(message="before")
+
+    steps.step("the doors of the empty tab")
+    yield from open_tab("Forest")
+    yield 1
+
+    steps.step("Add > Sensor")
+    point_at(*middle)
+    yield 0.5
+    call_menu("FOREST_MT_sensors")
+    yield 1.5
+    steps.step("Add > Forest")
+    yield from escape(middle)
+    call_menu("FOREST_MT_start")
+    yield 2
+    steps.step("the gallery")
+    yield from escape(middle)
+    press("forest.gallery")
+    yield 3
+    steps.step("scan this scene")
+    yield from escape(middle)
+    for thing in list(bpy.data.objects):
+        bpy.data.objects.remove(thing)
+    bpy.ops.mesh.primitive_plane_add(size=20)
+    bpy.ops.mesh.primitive_monkey_add(size=3, location=(0, 3, 1.5))
+    bpy.ops.mesh.primitive_cube_add(size=2, location=(3, 0, 1))
+    bpy.context.scene.cursor.location = (-2, -3, 0)
+    assert press("forest.scan_here", invoke=False) == {"FINISHED"}
+    (name,) = [thing.name for thing in bpy.data.objects if thing.name not in known()]
+    bpy.data.objects[name].forest_sensor.terrestrial.angle_step_deg = 0.5
+    yield 1
+    press("forest.run", sensor=name)
+    yield from wait_for(lambda: name in props().results and idle(), 60, "the scan")
+    yield 1.5
+
+    steps.step("the legend of its points")
+    props().point_size = 4
+    scroll(view()[3], 20)
+    yield 1.5
+
+    steps.step("EEVEE and Cycles render the points")
+    shown = bpy.data.objects[props().results[name].shown]
+    eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
+    eye.location, eye.rotation_euler = (0, -14, 6), (1.2, 0, 0)
+    bpy.context.scene.collection.objects.link(eye)
+    bpy.context.scene.camera = eye
+    for thing in bpy.data.objects:
+        thing.hide_render = thing is not shown
+    bpy.context.scene.cycles.samples = 1
+    engines = bpy.types.RenderSettings.bl_rna.properties["engine"].enum_items.keys()
+    eevee = next(e for e in ("BLENDER_EEVEE", "BLENDER_EEVEE_NEXT") if e in engines)
+    for engine in (eevee, "CYCLES"):
+        covered = rendered(engine)
+        print(f"FIGURE {engine} covers {covered:.0%} of the picture with points", flush=True)
+        assert covered > 0.02
+    for thing in bpy.data.objects:
+        thing.hide_render = False
+
+    steps.step("frames that the timeline plays")
+    cube = bpy.data.objects["Cube"]
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end = 1, 3
+    for frame in (1, 3):
+        cube.location.x = frame
+        cube.keyframe_insert("location", frame=frame)
+    press("forest.run", sensor=name, frames="RANGE", keep=True, sure=True)
+    yield from wait_for(
+        lambda: len(props().results[name].frames) == 3 and idle(), 60, "three frames"
+    )
+    seen = set()
+    for frame in (1, 2, 3):
+        scene.frame_set(frame)
+        seen.add(shown.data.name)
+        yield 0.5
+    assert len(seen) == 3
+
+    steps.step("a frame range asks first")
+    press("forest.run_frames", sensor=name)
+    yield 2
+    steps.step("a tree that can be grown again")
+    yield from escape(middle)
+    if hasattr(bpy.types, "FOREST_OT_grow_again"):
+        press("forest.add_tree", invoke=False)
+        before = len(bpy.context.object.data.vertices)
+        bpy.context.object.data.forest_grown.seed = 7
+        press("forest.grow_again", invoke=False)
+        assert len(bpy.context.object.data.vertices) != before
+    yield 1
+
+    steps.step("painting shows the trees through the canvas")
+    bpy.ops.ed.undo_push(message="before")
+    press("forest.build")
+    yield from wait_for(lambda: "forest" in props().results and idle(), 120, "the forest")
+    for thing in list(bpy.data.objects):
+        if thing.name in known():
+            bpy.data.objects.remove(thing)
+    yield 1
+    press("forest.paint", invoke=False)
+    yield 2
+    steps.step("painting is done")
+    press("forest.paint", invoke=False)
+    yield 1
+    assert bpy.context.mode == "OBJECT"
+    assert not view()[1].spaces.active.shading.show_xray
+
+    steps.step("a new forest from eye level")
+    press("forest.new", invoke=False, preset="maple-walk")
+    yield from wait_for(lambda: "forest" in props().results and idle(), 120, "the forest")
+    yield 2
+
+
+def known() -> set[str]:
+    return {"Plane", "Suzanne", "Cube"}
+
+
+play(newcomer, OUT)

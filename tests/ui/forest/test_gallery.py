@@ -1,0 +1,41 @@
+"""The gallery: every card has a scene, a small picture and a sentence, and draws them."""
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon.ui.forest.gallery import GALLERY, PREVIEWS, draw_gallery, words_of
+from forest_addon.ui.forest.start import SCENES
+
+from ..test_panels import Layout
+
+LARGEST = 15_000  # bytes of a picture
+
+
+@pytest.mark.parametrize("card", GALLERY, ids=lambda card: card.preset)
+def test_a_card_has_a_scene_a_small_picture_and_a_sentence(card):
+    assert (SCENES / f"{card.preset}.toml").is_file()
+    picture = (PREVIEWS / f"{card.preset}.jpg").read_bytes()
+    assert picture[:2] == b"\xff\xd8"
+    assert len(picture) <= LARGEST
+    assert words_of(card.preset) == card.words
+
+
+@pytest.mark.parametrize("operator", ["forest.start", "forest.new"])
+def test_the_gallery_shows_them_all(registered, operator):
+    seen = []
+    draw_gallery(Layout(seen), operator)
+    assert {card.title for card in GALLERY} <= set(seen)
+
+
+def test_an_entry_says_what_it_is_for(props):
+    from forest_addon.ui.forest.start import FOREST_OT_start
+
+    given = type("Given", (), {"preset": "hedge-bat"})()
+    assert FOREST_OT_start.description(bpy.context, given) == words_of("hedge-bat")
+
+
+@pytest.mark.parametrize("preset", ["maple-walk", "conifer-drone", "hedge-bat"])
+def test_a_scene_of_the_gallery_is_taken(props, preset):
+    assert bpy.ops.forest.start(preset=preset) == {"FINISHED"}
+    assert len(props.plantings) == 1
