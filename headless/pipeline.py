@@ -151,7 +151,10 @@ def run_scene(
             finding = _describe(run, sensor, found, observer)
             audit = observer.audit(sensor, settings, found, took, folder, way)
             audits = () if audit is None else (audit,)
-            notes = (*finding.notes, *map(str, chosen))
+            warnings = observer.warnings(sensor, way)
+            for warning in warnings:
+                stages.say(f"  Warning: {warning}")
+            notes = (*finding.notes, *map(str, chosen), *(f"{w}." for w in warnings))
             run.findings.append(dataclasses.replace(finding, audits=audits, notes=notes))
             run.chosen[sensor.name] = chosen
             if audit is not None:

@@ -18,24 +18,41 @@ from ..spec import SpecError
 ORGANS = ("other", "wood", "leaf", "ground")
 COLOURS = ("#7a7a7a", "#7a4a1f", "#3f8f3a", "#b8a06a")
 MOST_POINTS = 40_000  # drawn; more are thinned evenly
+SOME_STAND = 0.02  # share of points that are not ground, from which on a picture is of these
 
 
 def draw_cloud(cloud: Cloud) -> Any:
-    """Points from above and from the side, coloured by organ."""
+    """Points from above and from the side, coloured by organ; where there are trees, they fill the frame."""
     figure, (above, side) = _figure(1, 2, (10, 4.5))
     rows = slice(None, None, max(1, -(-len(cloud) // MOST_POINTS)))
-    x, y, z = cloud.position[rows].T
+    place = cloud.position[rows]
     organ = np.clip(cloud.returns.organ[rows], 0, 3)
     for number, (name, colour) in enumerate(zip(ORGANS, COLOURS, strict=True)):
-        mine = organ == number
-        if mine.any():
-            above.plot(x[mine], y[mine], ",", color=colour)
-            side.plot(x[mine], z[mine], ",", color=colour, label=name)
+        x, y, z = place[organ == number].T
+        if len(x):
+            dots = {"ls": "", "marker": "o", "ms": 1.0, "mew": 0.0, "color": colour}
+            above.plot(x, y, **dots)
+            side.plot(x, z, **dots, label=name)
     above.set(xlabel="x, m", ylabel="y, m", title="from above", aspect="equal")
     side.set(xlabel="x, m", ylabel="z, m", title="from the side", aspect="equal")
     if len(cloud):
-        side.legend(markerscale=20, frameon=False)
+        low, high = _frame(place, organ)
+        above.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        side.set(xlim=(low[0], high[0]), ylim=(low[2], high[2]))
+        side.legend(
+            markerscale=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.35), ncols=4
+        )
     return figure
+
+
+def _frame(place: np.ndarray, organ: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest (3,) of what is drawn: what stands, with a little ground around; else all."""
+    standing = place[organ != ORGANS.index("ground")]
+    if len(standing) < SOME_STAND * len(place):
+        standing = place
+    low, high = np.quantile(standing, [0.001, 0.999], axis=0)
+    edge = np.maximum(0.08 * (high - low), 0.5)
+    return np.minimum(low, [np.inf, np.inf, place[:, 2].min()]) - edge, high + edge
 
 
 def draw_matrix(scan: TractorScan) -> Any:

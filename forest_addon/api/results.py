@@ -43,6 +43,7 @@ class Result:
     audit : a random sample of it, computed again by the exact way; None where that is switched off.
     offset : (3,) metres that are added to positions when they are written, the scene's.
     chosen : what was left to "auto", with its bound and why; ``sensor`` has the values.
+    warnings : sentences about what is hardly meant, as a sensor inside of a trunk.
     """
 
     sensor: Sensor
@@ -51,6 +52,7 @@ class Result:
     audit: Audit | None = None
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     chosen: tuple[Choice, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     ENDINGS: ClassVar[tuple[str, ...]] = ()
 
@@ -90,6 +92,7 @@ class Result:
     def _repr_html_(self) -> str:
         """For notebooks: its figures and its picture."""
         said = self.summary() | ({"audit": str(self.audit)} if self.audit else {})
+        said |= {"warning": "; ".join(self.warnings)} if self.warnings else {}
         rows = "".join(f"<tr><td>{k}</td><td>{v}</td></tr>" for k, v in said.items())
         return f"<table>{rows}</table>" + plots.as_html(self)
 
@@ -283,6 +286,7 @@ def result_of(
     audit: Audit | None,
     offset: tuple[float, float, float],
     chosen: tuple[Choice, ...] = (),
+    warnings: tuple[str, ...] = (),
 ) -> Result:
     """A sensor's finding as a result."""
-    return KINDS[type(found)](sensor, found, seconds, audit, offset, chosen)
+    return KINDS[type(found)](sensor, found, seconds, audit, offset, chosen, warnings)

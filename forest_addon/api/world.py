@@ -22,6 +22,7 @@ from ..spec import (
     Reverb,
     Scene,
     Sensor,
+    Settings,
     Sonar,
     SpecError,
     Terrestrial,
@@ -173,9 +174,16 @@ class World:
         return self._expect(sensor, (Reverb,), "impulse_response", progress)
 
     def look(self, sensor: Sensor, progress: Progress | None = None) -> Result:
-        """The result of a sensor of any kind."""
+        """The result of a sensor of any kind.
+
+        Raises
+        ------
+        SpecError : this is no sensor, or one that this scene cannot serve.
+        """
         from ..sensing.choice import choose
 
+        if not isinstance(sensor, Settings) or not hasattr(sensor, "kind"):
+            raise SpecError("look", f"takes a sensor, such as Terrestrial(), not {_called(sensor)}")
         observer = self.observer
         sensor, chosen = choose(sensor)
         before = time.perf_counter()
@@ -184,11 +192,13 @@ class World:
             found = observer.observe(sensor, self.scene, progress, self.folder, way)
             seconds = time.perf_counter() - before
             audit = observer.audit(sensor, self.scene, found, seconds, self.folder, way)
+            warnings = observer.warnings(sensor, way)
         except SpecError:
             raise
         except ValueError as problem:
             raise SpecError(sensor.name, str(problem)) from None
-        return result_of(sensor, found, seconds, audit, self.scene.offset, chosen)
+        offset = self.scene.offset
+        return result_of(sensor, found, seconds, audit, offset, chosen, warnings)
 
     @property
     def observer(self) -> Observer:
@@ -323,6 +333,12 @@ class World:
         if self.forest is None:
             raise SpecError("world", "was not grown here; its trees are known to build() alone")
         return self.forest
+
+
+def _called(thing: Any) -> str:
+    """What was handed over instead, in words."""
+    shape = getattr(thing, "shape", None)
+    return f"a {type(thing).__name__}" + (f" of shape {shape}" if shape is not None else "")
 
 
 def _blender() -> Any:

@@ -20,6 +20,7 @@ from ..sensing.lidar.audit import audit_drive, audit_scan
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.trajectory import Path as Track
 from ..sensing.rays.caster import RayCaster
+from ..sensing.rays.inside import tree_around
 from ..sensing.rays.precision import rounding_warning
 from ..sensing.reverb import ends, slices
 from ..sensing.reverb import response as reverb
@@ -130,6 +131,24 @@ class Observer:
         if isinstance(sensor, Sonar):
             return self._listen(sensor, settings, progress, folder, way)
         return self._clap(sensor, settings, progress, folder)
+
+    def warnings(self, sensor: Sensor, way: Way = None) -> tuple[str, ...]:
+        """What a user would not want of where a sensor stands, in sentences: inside of a tree."""
+        if isinstance(sensor, Reverb):
+            pairs = np.concatenate(ends.ends_of(sensor, self.places).pairs)
+            points = np.unique(pairs, axis=0)
+        elif isinstance(sensor, Sonar) and isinstance(way, list):
+            points = np.array([pose.position for pose in way])
+        elif hasattr(sensor, "position"):
+            points = np.array([sensor.position])
+        else:
+            return ()
+        trees = tree_around(self.wood, points)
+        return tuple(
+            f"{sensor.name} stands inside tree {tree}, at "
+            f"({', '.join(f'{v:g}' for v in points[trees == tree][0])}) m; move it out of the wood"
+            for tree in np.unique(trees[trees >= 0]).tolist()
+        )
 
     def audit(
         self,

@@ -17,19 +17,26 @@ S = TypeVar("S", bound=Settings)
 TABLE = 1e-5  # of its value straight on, that the exact disc is looked up within
 FORMULA = 1e-4  # far below the per cents that physical optics and the paper's fit are off by
 CULLED = 10.0  # times the tolerance: what is left out is known by a bound far above the truth
+FINEST = 1e-6  # tolerance that the reverb's fast sum keeps
 END = 10 ** (-75 / 20)  # a record ends where that is left of it
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A value that was left to "auto". bound : on the error that it makes, as a share. why : in words."""
+    """A value that was left to "auto". bound : on the error that it makes, as a share. why : in words.
+
+    asked : what was set, where that was not "auto" but can only be had otherwise.
+    """
 
     key: str
     value: float
     bound: float
     why: str
+    asked: float | str = AUTO
 
     def __str__(self) -> str:
+        if self.asked != AUTO:
+            return f"{self.key} {self.asked:.0e} is kept {self.why}."
         return f"{self.key} was left to auto: {self.value:.1e}, off by at most {self.bound:.1e} {self.why}."
 
     def record(self) -> dict[str, float | str]:
@@ -45,6 +52,9 @@ def choose(sensor: S) -> tuple[S, tuple[Choice, ...]]:
     elif isinstance(sensor, Reverb) and sensor.tolerance == AUTO:
         why = "of the whole; the record ends where so much is left of it"
         made = (Choice("tolerance", END, END, why),)
+    elif isinstance(sensor, Reverb) and 0 < sensor.tolerance < FINEST:
+        why = f"by the direct sum over every trunk and frequency; the fast one ends at {FINEST:.0e}"
+        made = (Choice("tolerance", 0.0, sensor.tolerance, why, sensor.tolerance),)
     return sensor.changed(**{choice.key: choice.value for choice in made}), made
 
 

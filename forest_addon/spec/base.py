@@ -111,6 +111,10 @@ class Settings:
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
             if param_of(field).auto and getattr(self, field.name) == "auto":
                 object.__setattr__(self, field.name, AUTO)
+            value = getattr(self, field.name)
+            if isinstance(value, list) or hasattr(value, "tolist"):
+                object.__setattr__(self, field.name, _as_tuple(value))
+            _check_length(field.name, getattr(self, field.name), str(field.type))
             _check(field.name, getattr(self, field.name), param_of(field))
         self.check()
 
@@ -143,6 +147,27 @@ def with_files(settings: T, rename: Callable[[str], str]) -> T:
         elif param_of(field).file and value:
             changed[field.name] = rename(value)
     return dataclasses.replace(settings, **changed)
+
+
+def _as_tuple(value: Any) -> Any:
+    """Lists and arrays as tuples, an array's numbers as Python's own."""
+    plain = value.tolist() if hasattr(value, "tolist") else value
+    return tuple(_as_tuple(item) for item in plain) if isinstance(plain, list) else plain
+
+
+def _check_length(key: str, value: Any, kind: str) -> None:
+    """A tuple of a known length, as "tuple[float, float]", must have it, and numbers in it."""
+    inner = kind.removesuffix(" | None").removeprefix("tuple[").removesuffix("]")
+    names = inner.split(", ")
+    if not kind.startswith("tuple[") or not set(names) <= {"float", "int"}:
+        return
+    if value is None and kind.endswith(" | None"):
+        return
+    if not isinstance(value, tuple) or len(value) != len(names):
+        got = f"{len(value)} values" if isinstance(value, tuple) else f"a {type(value).__name__}"
+        raise SpecError(key, f"needs {len(names)} numbers, not {got}")
+    if any(isinstance(item, (tuple, str)) for item in value):
+        raise SpecError(key, f"needs {len(names)} numbers, not tables of them")
 
 
 def _check(key: str, value: Any, known: Param) -> None:

@@ -159,7 +159,8 @@ class Reverb(Settings):
     )
     tolerance: float = param(
         1e-4,
-        help="relative error allowed to the sum over trunks; 0 sums every trunk and frequency",
+        help="relative error allowed to the sum over trunks; 0, and what is finer than 1e-6, sums every "
+        "trunk and frequency",
         ge=0,
         le=0.01,
         auto=True,
@@ -180,5 +181,3 @@ class Reverb(Settings):
             raise SpecError(
                 "directivity_file", "is needed where directivity is measured; name a CSV"
             )
-        if 0 < self.tolerance < 1e-6:
-            raise SpecError("tolerance", "must be 0 (exact) or from 1e-6 to 0.01")

@@ -161,6 +161,19 @@ def bare():
     return forest.build(SCENE)
 
 
+def test_a_sensor_inside_of_a_trunk_is_said(bare):
+    wood = bare.skeleton(0)
+    row = int(np.argmax(wood["radius"].min(axis=1)))
+    inside = tuple(0.5 * (wood["start"][row] + wood["end"][row]))
+    for sensor in (
+        TRIPOD.changed(position=inside, angle_step_deg=20),
+        BAT.changed(position=inside, max_range=2.0),
+        CLAP.changed(source=inside),
+    ):
+        assert "stands inside tree 0" in bare.look(sensor).warnings[0]
+    assert bare.scan(TRIPOD.changed(angle_step_deg=20)).warnings == ()
+
+
 @pytest.mark.parametrize(
     ("do", "words"),
     [
@@ -169,6 +182,12 @@ def bare():
             "scan: takes a Tractor or Terrestrial or Mobile or Airborne, not a Sonar",
         ),
         (lambda w: w.ping(TRIPOD), "ping: takes a Sonar"),
+        (lambda w: w.look(np.zeros((4, 2))), "not a ndarray of shape (4, 2)"),
+        (lambda w: w.look(None), "takes a sensor"),
+        (lambda w: TRIPOD.changed(position=np.zeros(2)), "position: needs 3 numbers, not 2 values"),
+        (lambda w: TRIPOD.changed(position=np.zeros((3, 3))), "not tables of them"),
+        (lambda w: TRIPOD.changed(position=1.0), "position: needs 3 numbers, not a float"),
+        (lambda w: TRIPOD.changed(position=(0, 0, np.nan)), "position[2]: nan m is out of range"),
         (lambda w: w.skeleton(99), "99 is no tree of this world"),
         (lambda w: w.scan(TRIPOD).save("cloud.txt"), "end its name in .laz"),
         (lambda w: w.scan(forest.Mobile(follow="nothing")), 'there is no object "nothing"'),

@@ -68,3 +68,11 @@ def test_a_chosen_reverb_keeps_its_bound():
     fast = impulse_response(trunks, made, Air()).trees
     exact = impulse_response(trunks, clap.changed(tolerance=0.0), Air()).trees
     assert np.linalg.norm(fast - exact) <= choice.bound * np.linalg.norm(exact)
+
+
+def test_what_only_the_direct_sum_keeps_is_served_and_said():
+    made, (choice,) = choose(Reverb(tolerance=1e-8))
+    assert made.tolerance == 0
+    assert "direct sum" in str(choice)
+    assert choice.record()["asked"] == 1e-8
+    assert choose(Reverb(tolerance=1e-6)) == (Reverb(tolerance=1e-6), ())

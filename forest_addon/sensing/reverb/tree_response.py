@@ -1,8 +1,9 @@
 """What one receiver hears of one source by way of the trunks: the exact sum, or a fast one.
 
-Trunks, a source and a receiver go in, samples come out. ``tolerance`` chooses the way: 0 sums every
-trunk at every frequency (``scattering``), a larger one allows a relative error and uses separable
-expansions (``fast_scattering``). A few trunks are summed exactly in any case, because that is as fast.
+Trunks, a source and a receiver go in, samples come out. ``tolerance`` chooses the way: 0, or less
+than the fast sum keeps, sums every trunk at every frequency (``scattering``), a larger one allows a
+relative error and uses separable expansions (``fast_scattering``). A few trunks
+are summed exactly in any case, because that is as fast.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from .slices import Trunks
 
 Progress = Callable[[int, int], None]
 NEAREST = 0.1  # m; a source has an extent: its direct sound is not louder than at this distance
+FINEST, THICK = 1e-6, 0.5  # tolerance of the fast sum, and metres of radius beyond which it rises
 FEW = 50  # trunks of few different radii that are summed exactly
 FEW_SUMMANDS = 5e6  # trunks of many radii by samples of the response that are summed exactly
 
@@ -86,7 +88,8 @@ def tree_response(
     heard = paths.earliest <= (duration + SPREAD / rate) * speed
     summed = heard & (paths.earliest <= last)
     within = paths.select(summed)
-    exact = reverb.tolerance == 0 or len(within.length) <= _soon_summed(within.radius, count)
+    exact = reverb.tolerance < finest(within.radius)
+    exact = exact or len(within.length) <= _soon_summed(within.radius, count)
     errors: dict[float, float] = {}
     if exact:
         samples = direct_sum(within, rate, count, air, progress, losses)
@@ -98,6 +101,11 @@ def tree_response(
     samples[: int(min(max(silent, 0.0), count))] = 0.0  # but for rounding
     left = left_out_db(paths, heard, direct, rate, air, losses)
     return TreeResponse(samples, heard, int(paths.clamped.sum()), exact, left, errors)
+
+
+def finest(radius: np.ndarray) -> float:
+    """The least tolerance that the fast sum keeps: its tables and, of thick trunks, how long they ring."""
+    return FINEST * max(1.0, float(radius.max(initial=0.0)) / THICK)
 
 
 def _soon_summed(radius: np.ndarray, count: int) -> int:

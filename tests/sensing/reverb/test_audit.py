@@ -4,6 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from references.examples import examples
 
 from forest_addon.rng import stream
 from forest_addon.sensing.reverb.audit import audit_response, octave_errors
@@ -47,6 +50,27 @@ def test_what_is_right_is_kept(tolerance, spread):
     found = audit(stand(radius), CLAP.changed(tolerance=tolerance))
     assert found.kept, str(found)
     assert found.checked > 5
+
+
+@pytest.mark.slow
+@example(power=-8.0, thickest=2.0, seed=1)
+@example(power=-6.0, thickest=2.0, seed=2)
+@examples(6, deadline=None, derandomize=True)
+@given(
+    power=st.floats(-8, -2),
+    thickest=st.sampled_from([0.001, 0.05, 0.5, 2.0]),
+    seed=st.integers(0, 1000),
+)
+def test_what_was_asked_is_kept_always(power, thickest, seed):
+    """The whole and each octave, against the direct sum; radii from 1 mm to 2 m."""
+    rng = stream(seed, "radii")
+    radius = np.exp(rng.uniform(np.log(1e-3), np.log(thickest), 400))
+    sensor = CLAP.changed(tolerance=10**power, sample_rate=16000)
+    trunks = stand(radius)
+    found = impulse_response(trunks, sensor, AIR, expansions=Expansions())
+    exact = impulse_response(trunks, sensor.changed(tolerance=0.0), AIR)
+    assert octave_errors(found.trees, exact.trees, 16000).max() <= 10**power
+    assert found.exact or power >= -6
 
 
 def test_a_wrong_sum_is_found():
