@@ -37,7 +37,7 @@ T = TypeVar("T", bound=Settings)
 # What is set where one senses, whether a forest is to stand there or not.
 OF_SENSORS = frozenset(
     {"air", "rays", "accuracy", "active_sensor", "last_sensor", "output", "results", "layout"}
-    | {"show_sensors", "show_points", "folder"}
+    | {"show_sensors", "show_points", "point_size", "advanced", "folder"}
 )
 
 

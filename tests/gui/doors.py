@@ -141,13 +141,17 @@ def newcomer(steps: Steps) -> Scenario:
         assert len(bpy.context.object.data.vertices) != before
     yield 1
 
-    steps.step("painting shows the trees through the canvas")
-    bpy.ops.ed.undo_push(message="before")
-    press("forest.build")
+    steps.step("a new forest from eye level")
+    press("forest.new", invoke=False, preset="maple-walk")
     yield from wait_for(lambda: "forest" in props().results and idle(), 120, "the forest")
-    for thing in list(bpy.data.objects):
-        if thing.name in known():
-            bpy.data.objects.remove(thing)
+    yield 2
+    steps.step("what its camera sees")
+    view()[1].spaces.active.region_3d.view_perspective = "CAMERA"
+    yield 2
+
+    steps.step("painting shows the trees through the canvas")
+    if view()[1].spaces.active.region_3d.view_perspective == "CAMERA":
+        view()[1].spaces.active.region_3d.view_perspective = "PERSP"
     yield 1
     press("forest.paint", invoke=False)
     yield 2
@@ -156,11 +160,6 @@ def newcomer(steps: Steps) -> Scenario:
     yield 1
     assert bpy.context.mode == "OBJECT"
     assert not view()[1].spaces.active.shading.show_xray
-
-    steps.step("a new forest from eye level")
-    press("forest.new", invoke=False, preset="maple-walk")
-    yield from wait_for(lambda: "forest" in props().results and idle(), 120, "the forest")
-    yield 2
 
 
 def known() -> set[str]:

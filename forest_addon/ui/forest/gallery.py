@@ -19,7 +19,7 @@ from ..words import keep, label
 
 PREVIEWS = ASSETS / "previews"
 ACROSS = 3  # cards in a row
-LETTERS = 30  # in a line below a picture
+LETTERS, LINES = 36, 2  # below a picture
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,8 @@ def draw_gallery(layout: bpy.types.UILayout, operator: str) -> None:
         column.operator(operator, text=label(card.title)).preset = card.preset
         lines = column.column(align=True)
         lines.active = False
-        for line in textwrap.wrap(label(card.words), LETTERS)[:3]:
+        words = textwrap.wrap(label(card.words), LETTERS)
+        for line in words + [""] * (LINES - len(words)):  # cards of a row end at one height
             lines.label(text=line)
 
 
