@@ -7,7 +7,6 @@ finishing some. Dask's processes hold a handle on a child that has Blender loade
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import importlib
 import logging
@@ -185,7 +184,9 @@ def _round(left: dict[int, dict[str, Any]], client: Any, report: Report) -> None
             wait(list(waiting), timeout=POLL, return_when="FIRST_COMPLETED")
         except TimeoutError:
             pass
-        except (Exception, asyncio.CancelledError):  # futures that are lost; handed out again below
+        except (KeyboardInterrupt, SystemExit):
+            raise
+        except BaseException:  # futures that are lost or cancelled; handed out again below
             time.sleep(POLL)
         if client.status != "running" or not _answers(client):
             raise _gone(address, "it has gone away")

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import os
-import socket
+import platform
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -33,7 +33,7 @@ def only_one(root: Path) -> Iterator[None]:
                 f"--out {root}", f"is in use by {_holder(file.read())}; wait for it, or end it"
             )
         file.truncate(0)
-        file.write(json.dumps({"pid": os.getpid(), "host": socket.gethostname()}))
+        file.write(json.dumps({"pid": os.getpid(), "host": platform.node()}))
         file.flush()
         yield
 

@@ -42,7 +42,7 @@ def main(archive: str, answer: str) -> None:
     tree = files_of(extension)
     with watched() as acts:
         pressed = press_every_button(Path(answer).parent / "results")
-        typed = type_in_the_console(Path(answer).parent / "cloud.laz")
+        typed = type_in_the_console(Path(answer).parent / "results" / "typed.laz")
     disabled = bpy.ops.preferences.addon_disable(module=MODULE)
     result = {
         "lacking": lacking,
@@ -135,6 +135,7 @@ def press_every_button(folder: Path) -> dict[str, list[str]]:
     }
     for kind, (name, key, value) in coarse.items():
         bpy.ops.forest.add_sensor(kind=kind)
+        bpy.context.view_layer.objects.active.name = name
         setattr(getattr(bpy.data.objects[name].forest_sensor, kind), key, value)
     props.output = str(folder)
     pressed = {"build": sorted(bpy.ops.forest.build())}

@@ -48,7 +48,7 @@ def test_a_job_stays_in_the_scene_that_it_was_begun_in(built):
     first, second = bpy.context.scene, bpy.data.scenes.new("Second")
     for name, expected in (("build", ["forest"]), ("run", ["cloud", "forest"])):
         begun, kind = bpy.context, {"build": build.FOREST_OT_build, "run": FOREST_OT_run}[name]
-        button = SimpleNamespace(sensor="cloud", frames="THIS")
+        button = SimpleNamespace(sensor="cloud", frames="THIS", keep=False)
         button._look = partial(FOREST_OT_run._look, button)
         work = kind.work(button, begun)
         button._job = Job(name, work)
@@ -130,7 +130,7 @@ class Pressed:
 @pytest.mark.slow
 def test_escape_says_what_stays_and_leaves_a_step_to_undo(built):
     """Sensors that had finished are kept: Blender is told of a change, the user of which."""
-    button = Pressed(FOREST_OT_run, sensor="", frames="THIS")
+    button = Pressed(FOREST_OT_run, sensor="", frames="THIS", keep=False)
     button.until(lambda: "echo" in built.results)
     assert button.escape() == {"FINISHED"}
     assert button.said == ["Run Sensor was cancelled; what was done stays: cloud, echo"]
@@ -138,7 +138,7 @@ def test_escape_says_what_stays_and_leaves_a_step_to_undo(built):
 
 
 def test_escape_before_anything_is_found_says_so(built):
-    button = Pressed(FOREST_OT_run, sensor="", frames="THIS")
+    button = Pressed(FOREST_OT_run, sensor="", frames="THIS", keep=False)
     button.until(lambda: button._job.label == "cloud, 1 of 4")
     assert button.escape() == {"CANCELLED"}
     assert button.said == ["Run Sensor was cancelled; nothing was changed"]
@@ -147,7 +147,7 @@ def test_escape_before_anything_is_found_says_so(built):
 
 @pytest.mark.slow
 def test_what_was_found_before_an_error_can_be_undone_too(built):
-    button = Pressed(FOREST_OT_run, sensor="", frames="THIS")
+    button = Pressed(FOREST_OT_run, sensor="", frames="THIS", keep=False)
     button.until(lambda: "cloud" in built.results)
     bpy.data.objects.remove(sensors.receiver_of(bpy.data.objects["reverb"]))
     assert button.until(lambda: False) == {"FINISHED"}

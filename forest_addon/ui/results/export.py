@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -15,6 +14,7 @@ from ...blender.sensors import file_name
 from ..running import PROBLEMS, in_words
 from ..words import say
 from . import frames
+from .held import find, let_go
 
 WORDS = {
     ".laz": ("LAZ", "A compressed point cloud with all labels"),
@@ -30,12 +30,6 @@ def _endings(found: Any) -> tuple[str, ...]:
     from ...formats.export import formats_of
 
     return formats_of(found)
-
-
-def _held(scene: bpy.types.Scene, name: str) -> Any:
-    from .finding import held
-
-    return held(scene, name)
 
 
 class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
@@ -57,7 +51,7 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        found = _held(context.scene, self.result)
+        found = find(context.scene, self.result)
         if found is None:
             return self._refuse()
         usual = _endings(found[1])[0]
@@ -75,7 +69,7 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
         return True
 
     def draw(self, context: bpy.types.Context) -> None:
-        found = _held(context.scene, self.result)
+        found = find(context.scene, self.result)
         column = self.layout.column(align=True)
         for ending in _endings(found[1]) if found is not None else ():
             column.prop_enum(self, "ending", ending[1:].upper())
@@ -83,7 +77,7 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...formats.export import write_as
 
-        found = _held(context.scene, self.result)
+        found = find(context.scene, self.result)
         if found is None:
             return self._refuse()
         path = Path(bpy.path.abspath(self.filepath))
@@ -137,14 +131,12 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take the handler back."""
+    """Take the handler back, and hold nothing."""
     if _let_go in bpy.app.handlers.load_pre:
         bpy.app.handlers.load_pre.remove(_let_go)
-    _let_go()
+    let_go()
 
 
 @bpy.app.handlers.persistent
 def _let_go(*_: object) -> None:
-    finding = sys.modules.get(f"{__package__}.finding")
-    if finding is not None:
-        finding.let_go()
+    let_go()

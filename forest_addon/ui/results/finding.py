@@ -28,25 +28,10 @@ from ...stand.forest import Forest
 from ..selection import show
 from ..words import Kept, keep, say
 from . import frames, images, plots
+from .held import hold
 
 Words = dict[str, str]
 Names = tuple[Sequence[str], Sequence[str]]
-MOST_HELD = (
-    20_000_000  # points of a cloud that is held for export; of larger ones only what is shown
-)
-
-# What results hold until Blender ends or another file is loaded: sensor, finding, offset; by scene and name.
-_held: dict[tuple[int, str], tuple[Sensor, Finding, tuple[float, float, float]]] = {}
-
-
-def held(scene: bpy.types.Scene, name: str) -> tuple[Sensor, Finding, Any] | None:
-    """What a sensor found in this session, None where that is not held."""
-    return _held.get((scene.session_uid, name))
-
-
-def let_go() -> None:
-    """Hold nothing any longer."""
-    _held.clear()
 
 
 def keep_forest(context: bpy.types.Context, settings: Scene, forest: Forest, seconds: float) -> str:
@@ -97,10 +82,7 @@ def keep_finding(
         props, thing.name, sensor.kind, thing.name, figures | {keep("Time"): f"{seconds:.1f} s"}
     )
     result.picture, result.caption = picture, plot.caption if plot else ""
-    key = context.scene.session_uid, thing.name
-    _held.pop(key, None)
-    if not (isinstance(found, Cloud) and len(found) > MOST_HELD):
-        _held[key] = sensor, found, offset
+    hold(context.scene, thing.name, (sensor, found, offset))
     if isinstance(found, TractorScan | Cloud):
         cloud = to_cloud(found, sensor) if isinstance(sensor, Tractor) else found
         points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)

@@ -73,9 +73,9 @@ def _echo(scene: bpy.types.Scene, name: str) -> tuple[Any, float] | None:
     from ...formats.echo_files import sound_of
     from ...sensing.sonar.flight import Flight
     from ...sensing.sonar.ping import Echo
-    from .finding import held
+    from .held import find
 
-    sensor, found, _ = held(scene, name) or (None, None, None)
+    sensor, found, _ = find(scene, name) or (None, None, None)
     if not isinstance(found, Echo | Flight):
         return None
     samples, rate = sound_of(found, sensor.time_expansion)

@@ -8,7 +8,7 @@ bpy = pytest.importorskip("bpy")
 from forest_addon.blender.cloud import GROUP
 from forest_addon.blender.layout import RADIUS
 from forest_addon.blender.nodes import has_input
-from forest_addon.ui.results import finding, show
+from forest_addon.ui.results import held, show
 
 from ..pressing import press, run
 
@@ -39,7 +39,7 @@ def test_sounds_are_exported_too(built, tmp_path):
 
 def test_what_is_held_no_longer_says_so(built, tmp_path):
     run("cloud")
-    finding.let_go()
+    held.let_go()
     with pytest.raises(RuntimeError, match="Run its sensor again"):
         press("export_result", result="cloud", filepath=str(tmp_path / "mine.laz"))
 

@@ -270,7 +270,7 @@ def test_the_button_for_frames_asks_and_counts_first(built, tmp_path):
     with pytest.raises(RuntimeError, match="choose a folder"):
         press("run_frames", sensor="echo")
     built.output = str(tmp_path)
-    assert asked(scene) == "4 × 2 frames: 8 runs"
+    assert asked(scene).startswith("4 × 2 frames: 8 runs, 2,618 pulses")
     assert press("run_frames", sensor="echo") == {"FINISHED"}
     assert sorted(f.name for f in tmp_path.glob("*.npz")) == ["echo-0001.npz", "echo-0002.npz"]
     assert not hasattr(FOREST_OT_run, "draw")

@@ -1,0 +1,39 @@
+"""What sensors found in this session, held for export and play until another file is loaded.
+
+Only what Blender shows is saved with a file; this is the finding itself, with all its labels.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import bpy
+
+if TYPE_CHECKING:
+    from ...formats.figures import Finding
+    from ...spec import Sensor
+
+    Held = tuple[Sensor, Finding, tuple[float, float, float]]
+
+MOST = 20_000_000  # points of a cloud; of larger ones only what is shown is kept
+
+_held: dict[tuple[int, str], Held] = {}  # sensor, finding, offset; by scene and name
+
+
+def hold(scene: bpy.types.Scene, name: str, held: Held) -> None:
+    """Hold a finding in place of the one of before, unless it is too large."""
+    key = scene.session_uid, name
+    _held.pop(key, None)
+    size = len(held[1]) if hasattr(held[1], "__len__") else 0
+    if size <= MOST:
+        _held[key] = held
+
+
+def find(scene: bpy.types.Scene, name: str) -> Held | None:
+    """What a sensor found in this session, None where that is not held."""
+    return _held.get((scene.session_uid, name))
+
+
+def let_go(*_: object) -> None:
+    """Hold nothing any longer."""
+    _held.clear()
