@@ -49,6 +49,7 @@ def test_what_is_no_blend_file(tmp_path):
             open_file(tmp_path / name)
 
 
+@pytest.mark.slow
 def test_there_is_no_other_way_to_another_file():
     """Factory settings switch extensions off and remove what they brought; scripts are never let run."""
     for path in OURS:

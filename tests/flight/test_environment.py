@@ -52,6 +52,7 @@ def same(one, other):
     )
 
 
+@pytest.mark.slow
 def test_gymnasium_finds_nothing_to_complain_of(env):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -58,6 +58,7 @@ def test_only_what_can_be_chosen_may_be_left_to_it(table, words):
     assert words in str(said.value)
 
 
+@pytest.mark.slow
 def test_a_chosen_reverb_keeps_its_bound():
     rng = stream(3, "choice")
     place = rng.uniform(-60, 60, (3000, 2))

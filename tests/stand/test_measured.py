@@ -28,6 +28,7 @@ def grown(tmp_path, variants):
     return grow_forest(scene, [load_species(find_species("scots-pine", Path()))], None, inputs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variants", [8, 3])
 def test_every_tree_of_a_list_has_its_diameter(tmp_path, variants):
     """With a variant for each tree its height too; with fewer, that of a tree of like proportions."""

@@ -46,6 +46,7 @@ def test_the_hierarchy_of_our_own_trees_is_recovered_exactly(name):
     assert found.leaves.count == len(own.tree.leaves)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPECIES)
 def test_a_tree_of_no_variety_is_the_template_itself(name):
     own = own_tree(name)

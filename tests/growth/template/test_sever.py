@@ -245,6 +245,7 @@ def test_trees_of_our_growers_remeshed_keep_their_orders(name: str, thinnest: fl
     assert np.all(np.abs(length - expected) <= 0.04 * expected + 0.5 * np.bincount(order, thick))
 
 
+@pytest.mark.slow
 def test_limbs_that_leave_the_trunk_as_one_fork_where_they_part() -> None:
     """A coarse ginkgo: two of its eight limbs, 5 cm thick, begin 3 cm apart in one direction, and are one
     tube for 11 cm of their way. What parts there is a fork off the trunk, one limb the other's daughter."""

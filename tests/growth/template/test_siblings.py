@@ -84,6 +84,7 @@ def test_no_trunk_is_cut_off(name):
         assert (np.diff(radius[1:, 0]) < 0.02 * radius[0, 0]).all()  # the foot's cap aside
 
 
+@pytest.mark.slow
 def test_siblings_differ_and_follow_from_their_stream():
     one, again, other = (sibling("honda", seed) for seed in (4, 4, 5))
     np.testing.assert_array_equal(one.mesh.vertices, again.mesh.vertices)

@@ -228,6 +228,7 @@ def test_no_pulse_is_lost_and_no_light(sigma, pulses, spread):
     assert len(np.unique(found.contact)) == len(found.contact)
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(sigma=st.sampled_from(instruments()), places=contacts(most=45), seed=st.integers(0, 99))
 def test_every_contact_is_in_exactly_one_echo(sigma, places, seed):

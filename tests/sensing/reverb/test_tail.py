@@ -92,6 +92,7 @@ def test_a_few_trunks_have_no_tail(count):
     assert found.trees.any() == (count > 0)
 
 
+@pytest.mark.slow
 def test_an_opaque_stand():
     """More than 4 trunks a square metre: finite, and quiet soon."""
     trunks = stand_of(900, 7.5, 0.1)
@@ -115,6 +116,7 @@ def test_rates_from_low_to_ultrasound(rate):
     assert np.isfinite(impulse_response(trunks, reverb, AIR).samples).all()
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_noise_and_channels_their_own():
     trunks = stand_of(60, 15.0)
     reverb = Reverb(**SETTINGS, duration=0.1, array=2)

@@ -110,6 +110,7 @@ def pinged(targets: Targets, **settings: object) -> Echo:
     return ping(targets, Sonar(**{**base, **settings}), AIR, everything=BruteCaster(targets.scene))
 
 
+@pytest.mark.slow
 def test_culling_keeps_its_promise_behind_a_thicket() -> None:
     """Loud leaves behind a dense screen; what is left out is weak only until they are shaded."""
     rng = np.random.default_rng(4)

@@ -129,6 +129,7 @@ def test_spread_leaves_at_one_distance(model: str, beam: str) -> None:
             assert 0 < fast.table_error < 1e-3
 
 
+@pytest.mark.slow
 def test_wood_and_facets() -> None:
     """A pole and a board, many times at one place."""
     turn = np.linspace(0, 2 * np.pi, 13)[:-1]

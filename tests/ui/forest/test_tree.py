@@ -43,6 +43,7 @@ def test_seed_and_generations_change_the_tree(props):
     assert not np.array_equal(other.vertices, small.vertices)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("species", sorted(path.stem for path in PRESETS.glob("*.toml")))
 def test_every_preset_can_be_added(props, species):
     assert len(add(species=species).triangles)

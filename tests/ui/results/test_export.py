@@ -29,6 +29,7 @@ def test_a_cloud_is_exported_as_one_chooses(built, tmp_path):
         press("export_result", result="cloud", filepath=str(tmp_path / "mine.doc"))
 
 
+@pytest.mark.slow
 def test_sounds_are_exported_too(built, tmp_path):
     for name in ("echo", "reverb"):
         run(name)

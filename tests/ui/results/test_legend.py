@@ -123,6 +123,7 @@ def test_cycles_renders_points_where_that_is_asked_for(props, sensor, tmp_path):
     assert covered[1] > 0.1
 
 
+@pytest.mark.slow
 def test_there_is_one_object_a_sensor(built):
     for _ in range(2):
         run("cloud")

@@ -90,6 +90,7 @@ def test_edit_save_and_read_gives_the_preset(planting, tmp_path, name):
     assert len(bpy.context.scene.forest_sensing.edited) == 0
 
 
+@pytest.mark.slow
 def test_what_is_changed_is_built(small, own):
     small.plantings[0].species = "hazelnut"
     bpy.ops.forest.build()
