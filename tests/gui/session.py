@@ -200,6 +200,11 @@ def newcomer(steps: Steps) -> Scenario:
     still = yield from orbit(1)
     press("forest.run", sensor="cloud")
     yield 0.5
+    assert idle()  # it is large, and asks first
+    key("Escape", at=(main.x + main.width // 3, main.y + main.height // 2))
+    yield 1
+    press("forest.run", sensor="cloud", sure=True)
+    yield 0.5
     assert not idle()
     before = area.spaces[0].region_3d.view_matrix.copy()
     working = yield from orbit(2)
