@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from references.measured import FOUND, needs_measurements
 
 from forest_addon.formats.allometry_file import (
     FOLDER,
@@ -103,21 +104,12 @@ def test_at_least_a_dozen_kinds_and_four_types_are_shipped():
         assert (np.diff(low[:, :2], axis=0) > 0).all()  # thicker trees are taller and wider
 
 
-def test_shipped_files_are_what_the_measured_table_says(measured):
-    table = read_measured(measured / "baad_trees.csv")
+@needs_measurements
+def test_shipped_files_are_what_the_measured_table_says():
+    table = read_measured(FOUND / "baad_trees.csv")
     for name in KINDS:
         shipped = read_allometry(name.lower().replace(" ", "-"), FOLDER)
         assert fit_kind(name, table, shipped.source) == shipped
-
-
-@pytest.fixture
-def measured():
-    from pathlib import Path
-
-    folder = Path("/work/shared/data/measured")
-    if not folder.is_dir():
-        pytest.skip("the measured trees are not here")
-    return folder
 
 
 def test_a_name_that_is_not_there_is_told():
