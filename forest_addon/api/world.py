@@ -81,7 +81,7 @@ def build(scene: Scene, *, folder: str | Path = ".", progress: Progress | None =
     >>> len(world.trees["x_m"])
     3
     """
-    bpy = _blender()
+    bpy = import_blender()
     from ..blender.forest import build as build_in_blender
     from ..blender.inputs import inputs_from_scene
     from ..blender.opening import open_for
@@ -121,7 +121,7 @@ def current(scene: Scene | None = None) -> World:
     >>> cloud.points.shape[1]
     3
     """
-    bpy = _blender()
+    bpy = import_blender()
     return World(scene or Scene(), Path(), None, bpy.context.scene)
 
 
@@ -208,7 +208,7 @@ class World:
         ------
         SpecError : the file that the world stood in is closed.
         """
-        bpy = _blender()
+        bpy = import_blender()
         from ..blender.observe import Observer
 
         try:
@@ -341,8 +341,13 @@ def _called(thing: Any) -> str:
     return f"a {type(thing).__name__}" + (f" of shape {shape}" if shape is not None else "")
 
 
-def _blender() -> Any:
-    """``bpy``, or what to do where there is none."""
+def import_blender() -> Any:
+    """``bpy``.
+
+    Raises
+    ------
+    SpecError : it is not installed; says what to do.
+    """
     try:
         import bpy
     except ImportError:

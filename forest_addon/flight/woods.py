@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..api import World, build, read
+from ..api.world import import_blender
 from ..sensing.rays.caster import RayCaster
 from ..sensing.rays.geometry import SceneGeometry
 from ..sensing.sonar.targets import Targets
@@ -131,11 +132,9 @@ class Stock:
 
     def built(self, forest: Forest) -> World:
         """A forest of this stock in Blender's current scene."""
-        import bpy
-
         from ..blender.forest import build as build_in_blender
 
-        place = bpy.context.scene
+        place = import_blender().context.scene
         assert self._inputs is not None
         build_in_blender(place, self.settings, forest, self._inputs.terrain)
         return World(self.settings, self.folder, forest, place)
@@ -176,9 +175,7 @@ class Stock:
 
     def _read(self) -> None:
         """Grow every variant that can stand, build one of each in Blender and read all that is there."""
-        import_blender()
-        import bpy
-
+        bpy = import_blender()
         from ..blender.inputs import inputs_from_scene
         from ..formats.species_file import find_species, load_species
         from ..formats.stand_files import read_inputs
@@ -268,16 +265,3 @@ class Stock:
             object_index=np.concatenate([stock.object_index[rest], trees]),
             reflectance=np.concatenate([stock.reflectance[rest], np.full(len(stand), np.nan)]),
         )
-
-
-def import_blender() -> None:
-    """Say what to do where there is no Blender.
-
-    Raises
-    ------
-    SpecError : ``bpy`` is missing.
-    """
-    try:
-        import bpy  # noqa: F401
-    except ImportError:
-        raise SpecError("bpy", "is not installed; pip install bpy, or run in Blender") from None

@@ -94,7 +94,7 @@ def drawn(context=None):
     seen = []
     for panel in (cls for cls in ui._classes() if issubclass(cls, bpy.types.Panel)):
         if not hasattr(panel, "poll") or panel.poll(context):
-            canvas = SimpleNamespace(layout=Layout(seen))
+            canvas = SimpleNamespace(layout=Layout(seen), which=getattr(panel, "which", ""))
             for part in ("draw_header_preset", "draw"):
                 if hasattr(panel, part):
                     getattr(panel, part)(canvas, context)

@@ -127,31 +127,30 @@ class FOREST_PT_limits(_OfPlanting, bpy.types.Panel):
             draw_field(column, _planting(context), name)
 
 
-class FOREST_PT_clusters(_OfPlanting, bpy.types.Panel):
+class _OfLayout(_OfPlanting):
+    """Settings that one layout alone heeds, under its own name."""
+
+    which: ClassVar[str]
+
+    def draw(self, context: bpy.types.Context) -> None:
+        column, planting = split(self.layout), _planting(context)
+        column.active = planting.layout == self.which
+        draw_settings(column, getattr(planting, self.which))
+
+
+class FOREST_PT_clusters(_OfLayout, bpy.types.Panel):
     bl_label = "Clusters"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        column, planting = split(self.layout), _planting(context)
-        column.active = planting.layout == "clusters"
-        draw_settings(column, planting.clusters)
+    which = "clusters"
 
 
-class FOREST_PT_strauss(_OfPlanting, bpy.types.Panel):
+class FOREST_PT_strauss(_OfLayout, bpy.types.Panel):
     bl_label = "Keeping Apart"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        column, planting = split(self.layout), _planting(context)
-        column.active = planting.layout == "strauss"
-        draw_settings(column, planting.strauss)
+    which = "strauss"
 
 
-class FOREST_PT_rows(_OfPlanting, bpy.types.Panel):
+class FOREST_PT_rows(_OfLayout, bpy.types.Panel):
     bl_label = "Orchard Rows"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        column, planting = split(self.layout), _planting(context)
-        column.active = planting.layout == "rows"
-        draw_settings(column, planting.rows)
+    which = "rows"
 
 
 class FOREST_PT_list(_OfPlanting, bpy.types.Panel):
