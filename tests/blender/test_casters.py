@@ -507,3 +507,20 @@ def test_garbage_is_collected_again_wherever_a_cancelled_job_was(monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         BvhCaster(scene_of([box()], [pose()])).cast(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]]))
     assert gc.isenabled()
+
+
+def test_only_rays_whose_hit_does_not_count_are_searched_again(engine, monkeypatch):
+    scene = scene_of([box()], [pose()])
+    origins = np.array([[0.0, 0.0, 1.0 + 5e-4]] + [[0.3, 0.1, 3.0]] * 20)  # the first: just above
+    searched = []
+    nearest = engine._nearest
+
+    def counting(self, origins, *rest):
+        searched.append(origins.shape[1])
+        return nearest(self, origins, *rest)
+
+    monkeypatch.setattr(engine, "_nearest", counting)
+    ways = np.array([[0.0, 0.0, 1.0]] + [[0.0, 0.0, -1.0]] * 20)
+    found = engine(scene).cast(origins, ways)
+    assert not found.found[0] and found.found[1:].all()
+    assert searched[0] == 21 and sum(searched) <= 25

@@ -109,10 +109,10 @@ class Search(ABC):
         near: float | np.ndarray,
         far: float | np.ndarray,
     ) -> Hits | None:
-        """One task as most are: finite rays, the same limits for all, and nothing met before them.
+        """One task as most are: finite rays and the same limits for all.
 
         As ``_cast`` without its looks at each ray, which cost more than the search of few; None where
-        one of them is needed.
+        the rays or their limits need them.
         """
         if isinstance(near, np.ndarray) or isinstance(far, np.ndarray) or not near <= far:
             return None
@@ -121,11 +121,11 @@ class Search(ABC):
         if not math.isfinite(np.add.reduce(origins, None) + np.add.reduce(directions, None)):
             return None
         count = origins.shape[1]
-        hits = self._nearest(
-            origins, directions, np.full(count, near - MARGIN), np.full(count, far, np.float64)
-        )
+        start, limit = np.full(count, near - MARGIN), np.full(count, far, np.float64)
+        hits = self._nearest(origins, directions, start, limit)
         if count and np.minimum.reduce(hits.distance) < near:
-            return None
+            left = Hits.misses(count)
+            self._behind(hits, origins, directions, start, np.full(count, near, np.float64), limit, left)
         return hits if far == np.inf else _within(hits, far)
 
     def _cast(
@@ -145,24 +145,33 @@ class Search(ABC):
         usual = np.isfinite(origins.sum() + directions.sum()) and (near <= far).all()
         if usual:
             hits = self._nearest(origins, directions, start, far)
-            refused = hits.distance < near
-            if leaving is None and not refused.any():
-                return _within(hits, far)
-            rays = np.arange(len(near))
         else:
             hits = Hits.misses(len(near))
             valid = np.isfinite(origins.sum(axis=0) + directions.sum(axis=0)) & (near <= far)
             rays = np.flatnonzero(valid)
             hits.put(rays, self._nearest(*_taken(rays, origins, directions, start, far)))
         left = Hits.misses(len(near)) if leaving is None else leaving
+        self._behind(hits, origins, directions, start, near, far, left)
+        return _within(hits, far)
+
+    def _behind(
+        self,
+        hits: Hits,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        start: np.ndarray,
+        near: np.ndarray,
+        far: np.ndarray,
+        left: Hits,
+    ) -> None:
+        """Search on behind those hits that do not count, until all do; a miss always does."""
+        rays = np.flatnonzero(_refused(hits, near, left))
         step = STEP
-        while True:
-            rays = rays[_refused(hits.take(rays), near[rays], left.take(rays))]
-            if not len(rays):
-                return _within(hits, far)
+        while len(rays):
             start[rays] = np.maximum(start[rays], hits.distance[rays]) + step
             step *= 2.0
             hits.put(rays, self._nearest(*_taken(rays, origins, directions, start, far)))
+            rays = rays[_refused(hits.take(rays), near[rays], left.take(rays))]
 
 
 def _within(hits: Hits, far: np.ndarray | float) -> Hits:
