@@ -522,5 +522,7 @@ def test_only_rays_whose_hit_does_not_count_are_searched_again(engine, monkeypat
     monkeypatch.setattr(engine, "_nearest", counting)
     ways = np.array([[0.0, 0.0, 1.0]] + [[0.0, 0.0, -1.0]] * 20)
     found = engine(scene).cast(origins, ways)
-    assert not found.found[0] and found.found[1:].all()
-    assert searched[0] == 21 and sum(searched) <= 25
+    assert not found.found[0]
+    assert found.found[1:].all()
+    assert searched[0] == 21
+    assert sum(searched) <= 25

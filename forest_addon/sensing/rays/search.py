@@ -125,7 +125,9 @@ class Search(ABC):
         hits = self._nearest(origins, directions, start, limit)
         if count and np.minimum.reduce(hits.distance) < near:
             left = Hits.misses(count)
-            self._behind(hits, origins, directions, start, np.full(count, near, np.float64), limit, left)
+            self._behind(
+                hits, origins, directions, start, np.full(count, near, np.float64), limit, left
+            )
         return hits if far == np.inf else _within(hits, far)
 
     def _cast(
