@@ -67,7 +67,8 @@ def run(say: Say) -> Figure:
     table(say, head, errors)
     say(
         f"\n{CONES} frustums of 1 mm to 20 cm radius seen from the side, against (r₁+r₂)h and "
-        "πh(r₁²+r₁r₂+r₂²)/3; inscribed rings are what tubes without equal perimeter would give."
+        "πh(r₁²+r₁r₂+r₂²)/3; rings have the circle's perimeter, so that what a beam "
+        "sees has no bias; inscribed ones would be too thin."
     )
     say_cold(say, "growth")
     return _draw(rows, errors)

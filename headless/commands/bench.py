@@ -22,10 +22,13 @@ class Bench(Command):
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
         parser.add_argument("sections", nargs="*", metavar="SECTION", help="which; default all")
+        parser.add_argument(
+            "--docs", type=Path, help="write them into benchmarks.md of this folder too"
+        )
 
     def run(self, chosen: argparse.Namespace) -> None:
         known = SECTIONS + ON_REQUEST
         unknown = [name for name in chosen.sections if name not in known]
         if unknown:
             raise SpecError("bench", f'"{unknown[0]}" is not known; use {", ".join(known)}')
-        run_sections(chosen.sections, Path("out") / "bench")
+        run_sections(chosen.sections, Path("out") / "bench", chosen.docs)

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from headless import cli
+from headless.bench import with_section
 from headless.commands import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -68,3 +69,9 @@ def test_values_that_begin_with_a_minus(words, joined):
 def test_where_results_go(words, out):
     chosen = cli._parser().parse_args(words)
     assert chosen.command.output(chosen) == Path(out)
+
+
+def test_a_measured_section_takes_the_place_of_the_one_before():
+    page = "# All\n\nWords.\n\n## a: of old\n\n1\n\n## ab\n\n2\n"
+    assert with_section(page, "## a: anew\n\n3") == page.replace("a: of old\n\n1", "a: anew\n\n3")
+    assert with_section(page, "## c\n\n4") == page + "\n## c\n\n4\n"
