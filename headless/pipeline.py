@@ -9,7 +9,6 @@ import dataclasses
 import json
 import os
 import platform
-import sys
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -57,6 +56,7 @@ from forest_addon.stand.forest import (
 from forest_addon.stand.inputs import Inputs
 
 from .command import DoubtfulError
+from .memory import peak_memory_mb
 from .progress import Stages, hushed
 from .report import findings, page
 
@@ -324,7 +324,7 @@ def _write_record(run: Run, geometry: SceneGeometry, engine: str) -> None:
         "triangles": {"unique": unique, "instanced": shown},
         "instances": len(geometry),
         "stage_seconds": run.stages.seconds,
-        "peak_memory_mb": _peak_memory_mb(),
+        "peak_memory_mb": peak_memory_mb(),
         "results": {finding.title: finding.facts for finding in run.findings},
         "trees": {name: {"audit": audit.record()} for name, audit in run.trees.items()},
         "sensors": {name: _record_of(run, name) for name in run.chosen},
@@ -342,13 +342,3 @@ def _record_of(run: Run, name: str) -> dict[str, Any]:
     if run.chosen[name]:
         record["chosen"] = [choice.record() for choice in run.chosen[name]]
     return record
-
-
-def _peak_memory_mb() -> float | None:
-    """The largest memory this process had, None where the system does not tell."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return None
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (1024**2 if sys.platform == "darwin" else 1024)

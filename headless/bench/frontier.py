@@ -36,9 +36,9 @@ TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 DIRECT = 1e-13  # of a direct sum, its rounding, about
 STEP = 0.0749  # m, that HELIOS++ rounds echoes to
 ASSUMED = """\
-Filled: measured here, CPU seconds of one core. Hollow: figures of others, printed by their authors or measured
-on another machine; crosses have no known error. HELIOS++ rounds echoes to 7.49 cm, whose quarter is its median
-error; that of direct sums is their rounding, about 1e-13, which is not measured.
+Filled: measured here, CPU seconds of one core. Hollow: figures of others, printed by their authors or
+measured on another machine; crosses have no known error. HELIOS++ rounds echoes to 7.49 cm, whose quarter
+is its median error; that of direct sums is their rounding, about 1e-13, which is not measured.
 """
 
 

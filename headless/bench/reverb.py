@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import os
-import resource
 import subprocess
 import sys
 import time
@@ -23,6 +22,7 @@ from forest_addon.sensing.reverb.slices import Trunks
 from forest_addon.sensing.reverb.tree_response import direct_sum
 from forest_addon.spec import Air
 
+from ..memory import peak_memory_mb
 from . import Say, median_seconds, table
 
 TITLE = "reverb: sum over trunks on 1 km², radius 0.25 m, all paths in the record"
@@ -232,7 +232,7 @@ def _one_case(case: tuple, tolerance: float) -> None:
     start = time.process_time()
     samples = prepared.sum(paths, rate, size, AIR, tolerance).samples
     cold = time.process_time() - start
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    peak = peak_memory_mb() or 0.0
     runs = 3 if cold < 1.0 else 1
     warm = median_seconds(lambda: prepared.sum(paths, rate, size, AIR, tolerance), runs)
     whole, worst = _octave_errors(paths, rate, samples)

@@ -7,7 +7,6 @@ evaluated instances stand from the plan, and how many trees are missing or bear 
 from __future__ import annotations
 
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -20,6 +19,7 @@ from forest_addon import spec
 from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.stand.forest import Forest, grow_forest
 
+from ..memory import peak_memory_mb
 from . import Say, table
 
 TITLE = "stand_scene: forests of 20 maples in Blender, by number of trees"
@@ -83,7 +83,7 @@ def measure(instancing: str, count: int) -> dict[str, float]:
         open_file(path)
         bpy.context.evaluated_depsgraph_get()
         lap("open")
-    told["peak"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2
+    told["peak"] = (peak_memory_mb() or 0.0) / 1024
     return told
 
 
