@@ -47,6 +47,7 @@ from ..spec import (
     Tractor,
 )
 from .results import Echoes, PointCloud, Response, Result, RowScan
+from .scanners import instrument, instruments
 from .world import World, build, current, read
 
 __all__ = [
@@ -81,5 +82,7 @@ __all__ = [
     "World",
     "build",
     "current",
+    "instrument",
+    "instruments",
     "read",
 ]

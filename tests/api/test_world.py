@@ -11,8 +11,10 @@ bpy = pytest.importorskip("bpy")
 import laspy
 
 from forest_addon import api as forest
+from forest_addon.api import scanners as scanners_module
 from forest_addon.api import world as world_module
 from forest_addon.blender.observe import Observer
+from forest_addon.formats.toml_file import structure
 
 SCENE = forest.Scene(
     seed=4,
@@ -218,6 +220,27 @@ def test_without_blender(monkeypatch):
 
 def test_the_examples_run():
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    found = doctest.testmod(world_module)
-    assert found.attempted >= 8
-    assert found.failed == 0
+    for module, examples in ((world_module, 8), (scanners_module, 4)):
+        found = doctest.testmod(module)
+        assert found.attempted >= examples
+        assert found.failed == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "said"),
+    [
+        ("none-such", "", '"none-such" is not known; use one of'),
+        ("riegl-vq-780i", "terrestrial", "is no terrestrial scanner"),
+        ("riegl-vz-400i", "sonar", '"sonar" carries no instrument'),
+    ],
+)
+def test_an_instrument_that_is_not_there_is_said(name, kind, said):
+    with pytest.raises(forest.SpecError, match=said):
+        forest.instrument(name, kind)
+
+
+def test_an_instrument_is_the_sensor_of_a_scene_file_that_names_it():
+    sensor = forest.instrument("velodyne-vlp-16", "mobile", speed=3.0)
+    table = {"kind": "mobile", "scanner": "velodyne-vlp-16", "speed": 3.0}
+    assert sensor == structure(table, forest.Sensor)
+    assert sensor.channels == 16
