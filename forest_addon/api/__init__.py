@@ -47,7 +47,8 @@ from ..spec import (
     Tractor,
 )
 from .results import Echoes, PointCloud, Response, Result, RowScan
-from .world import World, build, current, read
+from .site import Site, build, current, read
+from .world import World
 
 __all__ = [
     "Accuracy",
@@ -71,6 +72,7 @@ __all__ = [
     "Rows",
     "Scene",
     "Sensor",
+    "Site",
     "Sonar",
     "SpecError",
     "Stems",
