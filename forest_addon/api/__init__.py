@@ -48,7 +48,8 @@ from ..spec import (
 )
 from .results import Echoes, PointCloud, Response, Result, RowScan
 from .scanners import instrument, instruments
-from .world import World, build, current, read
+from .site import Site, build, current, read
+from .world import World
 
 __all__ = [
     "Accuracy",
@@ -72,6 +73,7 @@ __all__ = [
     "Rows",
     "Scene",
     "Sensor",
+    "Site",
     "Sonar",
     "SpecError",
     "Stems",

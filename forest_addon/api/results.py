@@ -89,6 +89,20 @@ class Result:
         """Its figures in words."""
         return {}
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was chosen for it and what it warns of, in sentences."""
+        return (*map(str, self.chosen), *(f"{warning}." for warning in self.warnings))
+
+    def record(self) -> dict[str, Any]:
+        """What was checked of it and what was chosen for it, as run.json has it."""
+        record: dict[str, Any] = {}
+        if self.audit is not None:
+            record["audit"] = self.audit.record()
+        if self.chosen:
+            record["chosen"] = [choice.record() for choice in self.chosen]
+        return record
+
     def _repr_html_(self) -> str:
         """For notebooks: its figures and its picture."""
         said = self.summary() | ({"audit": str(self.audit)} if self.audit else {})

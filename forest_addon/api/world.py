@@ -1,4 +1,4 @@
-"""A forest in Blender that sensors look at: read a scene, build it, or take what stands there.
+"""A forest in Blender that sensors look at.
 
 A ``World`` holds what was grown and asks Blender's evaluated scene anew whenever something changed there,
 so an object that is moved between two scans is scanned where it is. ``bpy`` is asked for when a world is
@@ -8,14 +8,14 @@ made, not when this is imported.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..formats.toml_file import read_settings
 from ..spec import (
     Airborne,
     Mobile,
@@ -27,7 +27,6 @@ from ..spec import (
     SpecError,
     Terrestrial,
     Tractor,
-    with_files,
 )
 from .results import Echoes, PointCloud, Response, Result, RowScan, result_of
 
@@ -40,103 +39,21 @@ if TYPE_CHECKING:
 Progress = Callable[[int, int], None]
 
 
-def read(path: str | Path) -> Scene:
-    """The scene of a scene file; files that it names are found from wherever it is used.
-
-    Raises
-    ------
-    SpecError : there is no such file, or it says what cannot be used; names the key.
-
-    >>> from forest_addon import api as forest
-    >>> scene = forest.read("assets/scenes/demo.toml")
-    >>> scene.changed(seed=8).seed
-    8
-    """
-    path = Path(path)
-    folder = path.resolve().parent
-
-    def found(file: str) -> str:  # a name without an ending is a preset's
-        return str(folder / file) if Path(file).suffix else file
-
-    scene = with_files(read_settings(path, Scene), found)
-    return scene.changed(blend=found(scene.blend)) if scene.blend else scene
-
-
-def build(scene: Scene, *, folder: str | Path = ".", progress: Progress | None = None) -> World:
-    """Grow a scene's forest and build it in Blender's current scene.
-
-    Blender's start-up cube, camera and lamp are removed where ``bpy`` is a module and no file is open; in
-    Blender itself the forest is added to what is there, and replaces the forest of before.
-
-    folder : that relative paths in the scene start from. progress : called as progress(done, total) while
-    trees grow.
-
-    Raises
-    ------
-    SpecError : ``bpy`` is missing; a species, a file or an object cannot be used.
-
-    >>> from forest_addon import api as forest
-    >>> bush = forest.Planting(species="hazelnut", variants=1, expected=3, exact=True)
-    >>> world = forest.build(forest.Scene(seed=1, plantings=(bush,)))
-    >>> len(world.trees["x_m"])
-    3
-    """
-    bpy = import_blender()
-    from ..blender.forest import build as build_in_blender
-    from ..blender.inputs import inputs_from_scene
-    from ..blender.opening import open_for
-    from ..blender.sensors import put_sensor
-    from ..formats.species_file import find_species, load_species
-    from ..formats.stand_files import read_inputs
-    from ..stand.forest import grow_forest
-
-    folder = Path(folder)
-    species = [load_species(find_species(p.species, folder)) for p in scene.plantings]
-    open_for(scene, folder)
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    inputs = inputs_from_scene(scene, depsgraph, read_inputs(scene, folder))
-    forest = grow_forest(scene, species, progress, inputs)
-    place = bpy.context.scene
-    try:
-        build_in_blender(place, scene, forest, inputs.terrain)
-    except ValueError as problem:
-        raise SpecError("build", str(problem)) from None
-    for sensor in scene.sensors:
-        put_sensor(place, sensor)
-    return World(scene, folder, forest, place)
-
-
-def current(scene: Scene | None = None) -> World:
-    """What stands in Blender now, forest or not, as a world.
-
-    scene : air, seed and rays to use; left out: those of an empty scene file.
-
-    Raises
-    ------
-    SpecError : ``bpy`` is missing.
-
-    >>> from forest_addon import api as forest
-    >>> world = forest.current()
-    >>> cloud = world.scan(forest.Terrestrial(angle_step_deg=10))
-    >>> cloud.points.shape[1]
-    3
-    """
-    bpy = import_blender()
-    return World(scene or Scene(), Path(), None, bpy.context.scene)
-
-
 @dataclass(repr=False, eq=False)
 class World:
     """A forest in Blender, and the sensors that can look at it.
 
     scene : its settings. folder : that relative paths in settings start from.
     forest : stand and variants as they were grown; None for a scene that was not grown here.
+    seconds : that growing and building took.
     """
 
     scene: Scene
     folder: Path
     forest: Forest | None
     _place: Any
+    seconds: float = 1.0
+    _taken: Observer | None = None
 
     def __repr__(self) -> str:
         count = "a scene in Blender" if self.forest is None else f"{len(self.forest.stand)} trees"
@@ -208,6 +125,8 @@ class World:
         ------
         SpecError : the file that the world stood in is closed.
         """
+        if self._taken is not None:
+            return self._taken
         bpy = import_blender()
         from ..blender.observe import Observer
 
@@ -220,6 +139,15 @@ class World:
         if bpy.context.scene != self._place:
             raise SpecError("world", f'Blender shows another scene; go back to "{name}"')
         return Observer.of(bpy.context.evaluated_depsgraph_get(), self.scene.rays)
+
+    @contextmanager
+    def still(self) -> Iterator[Observer]:
+        """Look at the scene as it stands now, whatever is added to it within the block."""
+        self._taken = self.observer
+        try:
+            yield self._taken
+        finally:
+            self._taken = None
 
     @property
     def audit(self) -> dict[str, Audit]:
@@ -234,9 +162,8 @@ class World:
         from ..sensing.trees_audit import audit_trees
 
         rng = stream(self.scene.seed, "audit", "trees")
-        return audit_trees(
-            self._grown(), self.observer.geometry, rng, 1.0, self.scene.accuracy.audit
-        )
+        share = self.scene.accuracy.audit
+        return audit_trees(self._grown(), self.observer.geometry, rng, self.seconds, share)
 
     @property
     def trees(self) -> dict[str, np.ndarray]:

@@ -44,10 +44,11 @@ def open_for(scene: Scene, folder: Path) -> None:
     SpecError : Blender cannot open it; says why.
     """
     if scene.blend:
+        path = folder / scene.blend
         try:
-            open_file(folder / scene.blend)
+            open_file(path)
         except SpecError as problem:
-            raise SpecError("blend", str(problem)) from None
+            raise SpecError("blend", f"{path} {problem.problem}") from None
     elif getattr(bpy.app, "module", False) and not bpy.data.filepath:
         things = [bpy.data.objects.get(name) for name in STARTUP]
         if all(things) and len(bpy.data.objects) == len(STARTUP):

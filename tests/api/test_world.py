@@ -12,6 +12,7 @@ import laspy
 
 from forest_addon import api as forest
 from forest_addon.api import scanners as scanners_module
+from forest_addon.api import site as site_module
 from forest_addon.api import world as world_module
 from forest_addon.blender.observe import Observer
 from forest_addon.formats.toml_file import structure
@@ -211,6 +212,31 @@ def test_what_cannot_be_done_says_so(do, words, bare):
     assert "\n" not in str(said.value)
 
 
+def test_still_holds_the_scene_as_it_is():
+    """What is added to Blender's scene within the block is seen after it and not before."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bare = forest.current()
+    down = forest.Terrestrial(position=(0, 0, 3), elevation_deg=(-90, -80), angle_step_deg=5)
+    with bare.still():
+        bpy.ops.mesh.primitive_plane_add(size=4)
+        assert len(bare.scan(down)) == 0
+    assert len(bare.scan(down)) > 0
+
+
+def test_step_by_step_is_the_same_as_at_once():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bush = forest.Planting(species="hazelnut", variants=1, expected=2, exact=True)
+    scene = forest.Scene(seed=4, plantings=(bush,), sensors=(CLAP,))
+    at_once = forest.build(scene).trees
+    site = forest.Site.of(scene)
+    grown = site.grow()
+    world = site.build(grown, as_assets=False)
+    assert world.trees.keys() == at_once.keys()
+    assert all(np.array_equal(world.trees[name], at_once[name]) for name in at_once)
+    assert world.seconds == site.seconds > 0
+    assert world.audit["leaves"].seconds == world.seconds
+
+
 def test_without_blender(monkeypatch):
     monkeypatch.setitem(sys.modules, "bpy", None)
     with pytest.raises(forest.SpecError, match="pip install bpy"):
@@ -220,10 +246,10 @@ def test_without_blender(monkeypatch):
 
 def test_the_examples_run():
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    for module, examples in ((world_module, 8), (scanners_module, 4)):
-        found = doctest.testmod(module)
-        assert found.attempted >= examples
-        assert found.failed == 0
+    modules = (site_module, world_module, scanners_module)
+    found = [doctest.testmod(module) for module in modules]
+    assert sum(each.attempted for each in found) >= 12
+    assert not any(each.failed for each in found)
 
 
 @pytest.mark.parametrize(

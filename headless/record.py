@@ -1,0 +1,67 @@
+"""run.json: everything needed to run a scene again, what it took, what came out and how it was checked."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from forest_addon.api import Result
+from forest_addon.blender.observe import Observer
+from forest_addon.formats.atomic import replacing
+from forest_addon.sensing.audit import Audit
+from forest_addon.spec import Scene
+
+from .memory import peak_memory_mb
+from .report import page
+
+
+def write_record(
+    path: Path,
+    settings: Scene,
+    observer: Observer,
+    findings: Sequence[page.Finding],
+    trees: Mapping[str, Audit],
+    results: Mapping[str, Result],
+    seconds: Mapping[str, float],
+    files: Sequence[str],
+) -> None:
+    """Write run.json.
+
+    trees : audits of what grew. results : of sensors, by their names. seconds : of stages.
+    """
+    import scipy
+
+    geometry = observer.geometry
+    unique = sum(len(mesh.triangles) for mesh in geometry.meshes)
+    shown = sum(len(geometry.meshes[m].triangles) for m in geometry.mesh_index)
+    record = {
+        "versions": {
+            "forest_sensing": page.version(),
+            "blender": bpy.app.version_string,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "scipy": scipy.__version__,
+        },
+        "platform": platform.platform(),
+        "cores": os.cpu_count(),
+        "seed": settings.seed,
+        "ray_engine": observer.caster.engine,
+        "settings": dataclasses.asdict(settings),
+        "triangles": {"unique": unique, "instanced": shown},
+        "instances": len(geometry),
+        "stage_seconds": seconds,
+        "peak_memory_mb": peak_memory_mb(),
+        "results": {finding.title: finding.facts for finding in findings},
+        "trees": {name: {"audit": audit.record()} for name, audit in trees.items()},
+        "sensors": {name: result.record() for name, result in results.items()},
+        "files": files,
+    }
+    with replacing(path) as partial:
+        partial.write_text(json.dumps(record, indent=2, default=str) + "\n", encoding="utf-8")
