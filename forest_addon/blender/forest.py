@@ -52,8 +52,8 @@ def build(
     """Put a forest into a Blender scene, or bring the one that is there up to date; its sensors stay.
 
     terrain : the ground that the forest was planned on; None: flat.
-    as_assets : whether variants become assets, each with a picture; nobody sees those of a scene that is
-        not kept.
+    as_assets : whether variants become assets, each with a picture, and say what they measure; nobody
+        looks at those of a scene that is not kept.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def _fill_library(
         role, look = f"{VARIANTS}/{name}", forest.species[planting].look
         was, shape = standing.things.get(role), fingerprint(tree.mesh)
         says = {SPECIES_KEY: planting, PICTURE_KEY: f"{shape} {look.bark} {look.foliage()}"}
-        make = partial(_variant_mesh, name, tree)
+        make = partial(_variant_mesh, name, tree, plan.as_assets)
         sister = standing.first(f"{VARIANTS}/{label}")
         mesh = standing.renew(role, name, shape, make, coats[planting], sister)
         known = was is not None and (has_own_mesh(was) or was.get(PICTURE_KEY) == says[PICTURE_KEY])
@@ -164,9 +164,10 @@ def _fill_library(
     return library
 
 
-def _variant_mesh(name: str, tree: Tree) -> bpy.types.Mesh:
+def _variant_mesh(name: str, tree: Tree, told: bool) -> bpy.types.Mesh:
     data = to_mesh(name, tree.mesh)
-    for key, value in tree_truth(tree).items():  # custom properties, for whoever looks
+    truth = tree_truth(tree) if told else {}
+    for key, value in truth.items():  # custom properties, for whoever looks
         data[key] = value
     return data
 

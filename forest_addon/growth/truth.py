@@ -37,7 +37,17 @@ class Wood:
 
 
 def wood_of_tree(tree: Tree) -> Wood:
-    """The wood of a grown tree, from its skeleton where that is all of it, else from its mesh."""
+    """The wood of a grown tree, from its skeleton where that is all of it, else from its mesh.
+
+    It is kept with the tree, which many places ask.
+    """
+    kept: dict[str, Wood] = vars(tree)
+    if "_wood" not in kept:
+        kept["_wood"] = _wood_of(tree)
+    return kept["_wood"]
+
+
+def _wood_of(tree: Tree) -> Wood:
     if tree.grafted:
         return wood_of_mesh(tree.mesh)
     return replace(wood_of_skeleton(tree.skeleton), volume=volume_of(tree.skeleton))

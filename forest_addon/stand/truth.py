@@ -12,10 +12,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..growth.cylinders import Cylinders, cylinders_of, diameter_at
-from ..growth.mesh.cells import CellAreas, areas_by_cell, join_areas
+from ..growth.mesh.cells import CellAreas, areas_by_cell, join_areas, triangle_areas
 from ..growth.mesh.trimesh import LEAF, WOOD
 from ..growth.portrait import crown_base, crown_width
 from ..growth.template.allometry import BREAST
+from ..growth.tree import Tree
 from .forest import Forest, tree_table
 
 PARTS = ("leaf", "wood")  # columns of the areas by cell
@@ -82,15 +83,27 @@ def cylinder_table(forest: Forest) -> dict[str, np.ndarray]:
 
 def areas_of_trees(forest: Forest, edge: float) -> Iterator[CellAreas]:
     """For tree after tree, its areas of leaf (one side) and wood in the cells of a grid, m²."""
-    for number, matrix in enumerate(forest.transforms()):
-        mesh = forest.variant_of(number).mesh
-        vertices = mesh.vertices @ matrix[:, :3].T + matrix[:, 3]
-        triangles, part = mesh.triangles, mesh.part
-        tree = (part == LEAF) | (part == WOOD)
-        if not tree.all():
-            triangles, part = triangles[tree], part[tree]
-        wood = (part == WOOD).astype(np.int64)
-        yield areas_by_cell(vertices, triangles, wood, len(PARTS), edge)
+    variants = {key: _faces(tree) for key, tree in forest.variants.items()}
+    stand = forest.stand
+    keys = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
+    for key, matrix, size in zip(keys, forest.transforms(), stand.scale.tolist(), strict=True):
+        columns, triangles, wood, area = variants[key]
+        place = matrix[:, :3] @ columns
+        place += matrix[:, 3:]
+        yield areas_by_cell(place.T, triangles, wood, len(PARTS), edge, area * size**2)
+
+
+def _faces(tree: Tree) -> tuple[np.ndarray, ...]:
+    """Vertices (3, V), and of triangles of leaves and wood: corners, which of ``PARTS``, m² in the tree's own
+    size.
+    """
+    triangles, part = tree.mesh.triangles, tree.mesh.part
+    ours = (part == LEAF) | (part == WOOD)
+    if not ours.all():
+        triangles, part = triangles[ours], part[ours]
+    area = triangle_areas(tree.mesh.vertices, triangles)
+    columns = np.ascontiguousarray(tree.mesh.vertices.T)
+    return columns, np.asfortranarray(triangles), (part == WOOD).astype(np.int64), area
 
 
 def voxel_arrays(forest: Forest, edge: float) -> dict[str, np.ndarray]:

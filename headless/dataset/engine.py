@@ -101,7 +101,8 @@ def _client(cluster: Cluster, most: int) -> Iterator[Any]:
                 raise _gone(cluster.scheduler, problem) from None
             return
         if cluster.slurm is not None:
-            ours = stack.enter_context(_slurm(cluster.slurm))
+            ours, jobs = slurm_cluster(cluster.slurm)
+            stack.enter_context(ours).scale(jobs=jobs)
         else:
             folder = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
             ours = stack.enter_context(
@@ -118,8 +119,10 @@ def _client(cluster: Cluster, most: int) -> Iterator[Any]:
         yield stack.enter_context(distributed.Client(ours))
 
 
-def _slurm(said: str) -> Any:
-    """A cluster of Slurm jobs from KEY=VALUE,...: ``jobs`` says how many, all else is dask-jobqueue's."""
+def slurm_cluster(said: str) -> tuple[Any, int]:
+    """A cluster of Slurm jobs from KEY=VALUE,... and how many to start, as ``jobs`` says; all else is
+    dask-jobqueue's.
+    """
     jobqueue = _import("dask_jobqueue", "slurm")
     keys: dict[str, Any] = {"cores": 1, "processes": 1, "memory": "8GB"}
     for pair in said.split(","):
@@ -132,9 +135,7 @@ def _slurm(said: str) -> Any:
         raise SpecError("--slurm", f'jobs is "{jobs}"; give how many jobs to start')
     for key in ("cores", "processes"):
         keys[key] = int(keys[key])
-    found = jobqueue.SLURMCluster(**keys)
-    found.scale(jobs=int(jobs))
-    return found
+    return jobqueue.SLURMCluster(**keys), int(jobs)
 
 
 def _import(name: str, extra: str) -> Any:

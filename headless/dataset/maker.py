@@ -18,6 +18,7 @@ import queue
 import shutil
 import sys
 import threading
+import time
 import traceback
 from pathlib import Path
 from typing import Any, TextIO
@@ -78,8 +79,10 @@ def _serve(job: dict[str, Any], session: Any) -> dict[str, Any]:
             "varied": recipe.varied,
             **made["facts"],
         }
+        start = time.process_time()
         disk.finish(partial, root, record)
-        return {"done": recipe.number, "seconds": made["seconds"]}
+        seconds = made["seconds"] | {"digest": time.process_time() - start}
+        return {"done": recipe.number, "seconds": seconds}
     except BaseException as problem:
         if partial is not None:
             shutil.rmtree(partial, ignore_errors=True)

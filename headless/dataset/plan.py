@@ -27,6 +27,7 @@ from forest_addon.spec import Scene, SpecError, Species
 from forest_addon.spec.base import Settings, with_files
 
 from . import dotted, vary
+from .chance import refuse_without_chance
 from .settings import Ground, Head, Keep, Mix, Placing, Running, Splits
 
 PLANS = ASSETS / "plans"
@@ -218,7 +219,22 @@ def recipes(plan: Plan, numbers: Sequence[int] | None = None) -> list[Recipe]:
             raise SpecError(
                 str(plan.path), f"scene {number:06d}: {problem.key}: {problem.problem}"
             ) from None
+    if not plan.splits.share_trees:
+        _refuse_shared_trees(plan, found)
     return found
+
+
+def _refuse_shared_trees(plan: Plan, found: Sequence[Recipe]) -> None:
+    """Refuse species that are one tree where splits must not share any."""
+    splits: dict[tuple[str, Path], set[str]] = {}
+    for recipe in found:
+        for planting in recipe.scene.get("plantings", []):
+            key = str(planting["species"]), Path(recipe.folder)
+            splits.setdefault(key, set()).add(recipe.split)
+    try:
+        refuse_without_chance((*key, names) for key, names in splits.items())
+    except SpecError as problem:
+        raise SpecError(str(plan.path), f"{problem.key}: {problem.problem}") from None
 
 
 def _recipe(plan: Plan, number: int, base: Base, drawn: dict[str, Any]) -> Recipe:

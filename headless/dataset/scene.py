@@ -130,7 +130,7 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
             grown = lambda p, v: session.tree((seed, names[p], v), species[p], seed)  # noqa: E731
         forest = grow_forest(settings, species, None, inputs, grown)
     with work.stage("build"):
-        build(bpy.context.scene, settings, forest, inputs.terrain)
+        build(bpy.context.scene, settings, forest, inputs.terrain, as_assets=keep.blend or keep.glb)
     with work.stage("evaluate"):
         rays = Rays(engine=settings.rays.engine, threads=session.threads)
         observer = Observer(bpy.context.evaluated_depsgraph_get(), rays, session.expansions)
@@ -158,8 +158,10 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
             cells = Cells.around(arrays["cell"].astype(np.int64), keep.voxels)
     for sensor in settings.sensors:
         _observe(work, sensor, settings, observer, keep, cells)
-    _write_blender(settings, keep, folder)
-    write_settings(folder / "scene.toml", settings)
+    with work.stage("write"):
+        _write_blender(settings, keep, folder)
+        write_settings(folder / "scene.toml", settings)
+        variants = _digests(forest)
     return {
         "facts": {
             "trees": len(forest.stand),
@@ -168,7 +170,7 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
             "species": sorted({str(name) for name in table["species"]}),
             "points": work.points,
             "engine": observer.caster.engine,
-            "variants": _digests(forest),
+            "variants": variants,
         },
         "seconds": work.seconds,
     }

@@ -1,20 +1,23 @@
 """How much area of a mesh lies in each cell of a grid: triangles cut exactly at the cells' walls.
 
-A triangle that reaches over a wall is cut by that plane into at most three, again and again until each
-lies in one cell; of the walls that it crosses the middle one comes first, so that n cells take log₂ n
-rounds. What is cut off and what is left make up the whole, so sums over cells are the area of the mesh but
-for rounding.
+Most triangles lie in one cell. A wall that passes through a triangle cuts off the corner that stands alone on
+its side, with the share s·t of the area, s and t being the shares of its two edges that do. Of a triangle that
+reaches over one wall this is all that is asked. Any other is cut in three by a wall, (1 − s) and s(1 − t)
+being the shares of the others, again and again until each piece reaches over one wall at most; of the walls
+that it crosses the middle one comes first, so that n cells take log₂ n rounds. Shares add up to one, so sums
+over cells are the area of the mesh but for rounding, wherever it lies.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from .vectors import cross_rows
-
-AT_ONCE = 1 << 17  # triangles: what is in work stays in the cache
+AT_ONCE = 1 << 16  # triangles: what is in work stays in the cache
+DENSE = 4  # cells of a grid for each number to be summed; in a larger one only those that are named are kept
+Part = tuple[np.ndarray, np.ndarray, np.ndarray]  # cells, of which triangles, shares of their areas
 
 
 @dataclass(frozen=True)
@@ -29,126 +32,202 @@ class CellAreas:
     area: np.ndarray
 
 
+def triangle_areas(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """(T,) areas of triangles (T, 3) between vertices (V, 3)."""
+    a, b, c = np.ascontiguousarray(triangles.T)
+    x, y, z = (
+        (column[b] - column[a], column[c] - column[a])
+        for column in np.ascontiguousarray(vertices.T)
+    )
+    square = np.zeros(len(triangles))
+    for one, two in ((y, z), (z, x), (x, y)):
+        square += (one[0] * two[1] - one[1] * two[0]) ** 2
+    return np.asarray(0.5 * np.sqrt(square))
+
+
 def areas_by_cell(
-    vertices: np.ndarray, triangles: np.ndarray, part: np.ndarray, parts: int, edge: float
+    vertices: np.ndarray,
+    triangles: np.ndarray,
+    part: np.ndarray,
+    parts: int,
+    edge: float,
+    area: np.ndarray | None = None,
 ) -> CellAreas:
     """Areas by cell of a mesh.
 
     vertices : (V, 3) metres. triangles : (T, 3). part : (T,) number of the part that each is of, below
     ``parts``.
-    edge : of a cell, metres.
+    edge : of a cell, metres. area : (T,) of the triangles, where that is known.
     """
-    vertices = vertices / edge  # in edges: walls are whole numbers, which are exact
-    at = np.floor(vertices).astype(np.int64)  # most triangles have all corners in one cell
-    low = np.array([column.min(initial=0) for column in at.T])
-    size = [int(column.max(initial=0)) - least + 1 for column, least in zip(at.T, low, strict=True)]
-    key = np.ravel_multi_index(tuple((at - low).T), tuple(size)) if len(at) else at[:, 0]
-    found = []
+    if not len(triangles):
+        return CellAreas(np.empty((0, 3), np.int64), np.empty((0, parts)))
+    area = triangle_areas(vertices, triangles) if area is None else area
+    place = np.ascontiguousarray(
+        (vertices / edge).T
+    )  # in edges: walls are whole numbers, which are exact
+    at = np.floor(place).astype(np.int64)
+    grid = _Grid.around(at)
+    key = grid.number(at)
+    corners = np.ascontiguousarray(triangles.T)
+    numbers, kinds, sizes = [], [], []
     for first in range(0, len(triangles), AT_ONCE):
         rows = slice(first, first + AT_ONCE)
-        found.append(_areas(vertices, triangles[rows], part[rows], parts, (key, at)))
-    whole = join_areas(found, parts)
-    return CellAreas(whole.cell, whole.area * edge**2)
+        of_part, size = part[rows], area[rows]
+        for number, source, share in _shares(place, at, key, corners[:, rows], grid):
+            numbers.append(number)
+            kinds.append(of_part[source])
+            sizes.append(size[source] * share)
+    one = (np.concatenate(some) for some in (numbers, kinds, sizes))
+    return grid.sums(*one, parts)
 
 
 def join_areas(found: list[CellAreas], parts: int) -> CellAreas:
     """The areas of several meshes in the same grid."""
+    found = [one for one in found if len(one.cell)]
     if not found:
         return CellAreas(np.empty((0, 3), np.int64), np.empty((0, parts)))
-    cell = np.concatenate([one.cell for one in found])
+    cell = np.concatenate([one.cell for one in found]).T
     area = np.concatenate([one.area for one in found])
-    return _sum(cell, area)
+    grid = _Grid.around(cell)
+    kind = np.tile(np.arange(parts), len(area))
+    return grid.sums(np.repeat(grid.number(cell), parts), kind, area.ravel(), parts)
 
 
-def _areas(
-    vertices: np.ndarray,
-    triangles: np.ndarray,
-    part: np.ndarray,
-    parts: int,
-    cells: tuple[np.ndarray, np.ndarray],
-) -> CellAreas:
-    key, at = cells
-    a, b, c = np.ascontiguousarray(triangles.T)
-    apart = np.flatnonzero((key[a] != key[b]) | (key[a] != key[c]))
-    within = np.flatnonzero((key[a] == key[b]) & (key[a] == key[c]))
-    pieces, source = cut(vertices[triangles[apart]])
-    cell = np.concatenate(
-        [
-            at[a[within]],
-            np.floor((pieces[:, 0] + pieces[:, 1] + pieces[:, 2]) / 3).astype(np.int64),
-        ]
-    )
-    size = np.concatenate(
-        [
-            _sizes(*(vertices[corner[within]] for corner in (a, b, c))),
-            _sizes(*np.moveaxis(pieces, 1, 0)),
-        ]
-    )
-    area = np.zeros((len(cell), parts))
-    area[np.arange(len(cell)), np.concatenate([part[within], part[apart[source]]])] = size
-    return _sum(cell, area)
+@dataclass(frozen=True)
+class _Grid:
+    """A box of cells, numbered in their order: its lowest cell, and how many it has along each axis."""
+
+    low: tuple[int, int, int]
+    size: tuple[int, int, int]
+
+    @classmethod
+    def around(cls, cell: np.ndarray) -> _Grid:
+        """Of cells (3, N), at least one."""
+        low, high = ([int(bound) for bound in of(cell, axis=1)] for of in (np.min, np.max))
+        x, y, z = (most - least + 1 for least, most in zip(low, high, strict=True))
+        if x * y * z >= 2**63:
+            raise ValueError(f"a mesh reaches over {x} x {y} x {z} cells; make the cells larger")
+        return cls((low[0], low[1], low[2]), (x, y, z))
+
+    @property
+    def strides(self) -> np.ndarray:
+        """(3,) from a cell's number to the next along each axis."""
+        return np.array([self.size[1] * self.size[2], self.size[2], 1])
+
+    def number(self, cell: np.ndarray) -> np.ndarray:
+        """(N,) numbers of cells (3, N)."""
+        number: np.ndarray = (cell[0] - self.low[0]) * self.size[1]
+        number += cell[1] - self.low[1]
+        number *= self.size[2]
+        number += cell[2] - self.low[2]
+        return number
+
+    def sums(self, number: np.ndarray, kind: np.ndarray, size: np.ndarray, parts: int) -> CellAreas:
+        """What lies in each cell, of each part, of sizes (N,) in cells of these numbers."""
+        count = self.size[0] * self.size[1] * self.size[2]
+        named: np.ndarray | None = None
+        if count * parts > DENSE * len(number):
+            named, number = np.unique(number, return_inverse=True)
+            count = len(named)
+        area = np.bincount(number * parts + kind, size, count * parts).reshape(count, parts)
+        some = np.flatnonzero(area.any(axis=1))
+        cell = np.unravel_index(some if named is None else named[some], self.size)
+        return CellAreas(np.stack(cell, axis=1) + self.low, area[some])
 
 
-def _sizes(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """(T,) areas of triangles with corners (T, 3)."""
-    side = cross_rows(b - a, c - a)
-    return np.asarray(0.5 * np.sqrt(np.einsum("ti,ti->t", side, side)))
+def _shares(
+    place: np.ndarray, at: np.ndarray, key: np.ndarray, corners: np.ndarray, grid: _Grid
+) -> Iterator[Part]:
+    """In which cells triangles lie, and with what share of their area.
+
+    place, at : (3, V) vertices in edges, and their cells, whose numbers are ``key``. corners : (3, T).
+    """
+    a, b, c = corners
+    of_a, of_b, of_c = key[a], key[b], key[c]
+    together = (of_a == of_b) & (of_a == of_c)
+    rows = np.flatnonzero(together)
+    yield of_a[rows], rows, np.ones(len(rows))
+
+    rows = np.flatnonzero(~together)
+    a, b, c = a[rows], b[rows], c[rows]
+    walls, which, wall = np.zeros((3, len(rows)), np.int64)
+    for axis, cells in enumerate(at):
+        one, two, three = cells[a], cells[b], cells[c]
+        high = np.maximum(np.maximum(one, two), three)
+        more = high - np.minimum(np.minimum(one, two), three)
+        walls += more
+        which += axis * more
+        wall += high * more
+    mine = np.flatnonzero(walls == 1)  # there ``which`` is the axis, and ``wall`` the wall on it
+    a, b, c, source, which = a[mine], b[mine], c[mine], rows[mine], which[mine]
+    along = [place[which, corner] for corner in (a, b, c)]
+    low = np.minimum(np.minimum(of_a[source], of_b[source]), of_c[source])
+    below = _share_below(along, wall[mine])
+    yield low, source, below
+    yield low + grid.strides[which], source, 1.0 - below
+
+    rows = rows[walls > 1]
+    yield from _of_pieces(np.moveaxis(place[:, corners[:, rows]], -1, 0), rows, grid)
 
 
-def _sum(cell: np.ndarray, area: np.ndarray) -> CellAreas:
-    if not len(cell):
-        return CellAreas(cell, area)
-    low = np.array([column.min() for column in cell.T])
-    size = [int(column.max()) - least + 1 for column, least in zip(cell.T, low, strict=True)]
-    key = np.ravel_multi_index(tuple((cell - low).T), tuple(size))
-    order = np.argsort(key, kind="stable")
-    first = np.flatnonzero(np.diff(key[order], prepend=-1))
-    return CellAreas(cell[order[first]], np.add.reduceat(area[order], first, axis=0))
+def _of_pieces(pieces: np.ndarray, source: np.ndarray, grid: _Grid) -> Iterator[Part]:
+    """As ``_shares``, of triangles (T, axis, corner) that reach over more than one wall."""
+    share = np.ones(len(pieces))
+    while len(pieces):
+        low, high = (
+            of(of(pieces[:, :, 0], pieces[:, :, 1]), pieces[:, :, 2])
+            for of in (np.minimum, np.maximum)
+        )
+        low = np.floor(low)
+        walls = np.maximum(np.ceil(high) - low - 1, 0)  # that it really passes
+        number = grid.number(low.astype(np.int64).T)
+        axis = np.argmax(walls, axis=1)
+        rows = np.arange(len(pieces))
+        many, wall = walls.sum(axis=1), low[rows, axis] + np.ceil(walls[rows, axis] / 2)
+        none, one, more = (
+            np.flatnonzero(many == 0),
+            np.flatnonzero(many == 1),
+            np.flatnonzero(many > 1),
+        )
+        yield number[none], source[none], share[none]
+        below = _share_below(pieces[one, axis[one]].T, wall[one])
+        yield number[one], source[one], share[one] * below
+        yield number[one] + grid.strides[axis[one]], source[one], share[one] * (1.0 - below)
+        pieces, share = _split(pieces[more], share[more], axis[more], wall[more])
+        source = np.tile(source[more], 3)
 
 
-def cut(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pieces (N, 3, 3) of triangles (T, 3, 3), each within one cell of edge 1, and (N,) of which triangle."""
-    pieces, source = np.asarray(corners, np.float64), np.arange(len(corners))
-    for axis in range(3):
-        done: list[tuple[np.ndarray, np.ndarray]] = []
-        while len(pieces):
-            along = pieces[:, :, axis]
-            one, two, three = along[:, 0], along[:, 1], along[:, 2]
-            first = np.floor(np.minimum(np.minimum(one, two), three))
-            last = np.ceil(np.maximum(np.maximum(one, two), three))  # at or beyond the far end
-            whole = last - first <= 1
-            done.append((pieces[whole], source[whole]))
-            pieces, source = pieces[~whole], source[~whole]
-            wall = np.floor((first + last) / 2)[~whole]
-            pieces, source = _split(pieces, source, axis, wall)
-        pieces = np.concatenate([p for p, _ in done]) if done else pieces
-        source = np.concatenate([s for _, s in done]) if done else source
-    return pieces, source
+def _share_below(along: Sequence[np.ndarray] | np.ndarray, wall: np.ndarray) -> np.ndarray:
+    """(T,) share of the area of triangles that lies below a wall, by their three corners across it."""
+    a, b, c = (corner - wall for corner in along)
+    up_a, up_b, up_c = a >= 0, b >= 0, c >= 0
+    lone_up = up_a.astype(np.int8) + up_b + up_c == 1
+    of_b, of_c = up_b == lone_up, up_c == lone_up
+    of_b &= up_a != lone_up
+    of_c &= up_a != lone_up
+    tip = np.where(of_b, b, np.where(of_c, c, a))
+    one, two = np.where(of_b, a, b), np.where(of_c, a, c)
+    cut_off = tip / (tip - one) * (tip / (tip - two))
+    return np.where(lone_up, 1.0 - cut_off, cut_off)
 
 
 def _split(
-    pieces: np.ndarray, source: np.ndarray, axis: int, wall: np.ndarray
+    pieces: np.ndarray, share: np.ndarray, axis: np.ndarray, wall: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Every triangle (T, 3, 3) cut by a plane of its own that it crosses, at ``wall`` (T,) along an axis."""
-    above = pieces[:, :, axis] > wall[:, None]
-    below = pieces[:, :, axis] < wall[:, None]
-    # The corner that stands alone on its side is turned to be the first.
-    lone_above = above[:, 0].astype(np.int8) + above[:, 1] + above[:, 2] == 1
-    alone = np.where(lone_above[:, None], above, below)
-    lone = np.where(alone[:, 0], 0, np.where(alone[:, 1], 1, 2))
+    """Triangles (T, axis, corner) cut in three by a wall each that they pass, and their shares."""
     rows = np.arange(len(pieces))
-    a, b, c = pieces[rows, lone], pieces[rows, (lone + 1) % 3], pieces[rows, (lone + 2) % 3]
-    ab, ac = _meet(a, b, axis, wall), _meet(a, c, axis, wall)
-    cuts = np.stack(
-        [np.stack([a, ab, ac], 1), np.stack([ab, b, c], 1), np.stack([ab, c, ac], 1)]
-    ).reshape(-1, 3, 3)
-    return cuts, np.tile(source, 3)
-
-
-def _meet(a: np.ndarray, b: np.ndarray, axis: int, wall: np.ndarray) -> np.ndarray:
-    """Where edges from a to b (T, 3) pass their planes; the end that lies on it where one does."""
-    step = b[:, axis] - a[:, axis]
-    share = np.clip((wall - a[:, axis]) / np.where(step == 0, 1.0, step), 0.0, 1.0)
-    place = a + share[:, None] * (b - a)
-    place[:, axis] = wall
-    return np.asarray(place)
+    up = pieces[rows, axis] >= wall[:, None]
+    lone_up = up.sum(axis=1) == 1
+    lone = np.argmax(up == lone_up[:, None], axis=1)
+    a, b, c = (pieces[rows, :, (lone + turn) % 3] for turn in range(3))
+    tip = a[rows, axis] - wall
+    ends = []
+    for end in (b, c):
+        part = np.clip(tip / (a[rows, axis] - end[rows, axis]), 0.0, 1.0)
+        place = a + part[:, None] * (end - a)
+        place[rows, axis] = wall
+        ends.append((part, place))
+    (s, ab), (t, ac) = ends
+    three = ((a, ab, ac), (ab, b, c), (ab, c, ac))
+    cuts = np.concatenate([np.stack(one, axis=2) for one in three])
+    return cuts, np.concatenate([share * s * t, share * (1.0 - s), share * s * (1.0 - t)])
