@@ -28,6 +28,7 @@ from ..spec import (
     Terrestrial,
     Tractor,
 )
+from . import truth
 from .results import Echoes, PointCloud, Response, Result, RowScan, result_of
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from ..sensing.audit import Audit
     from ..sensing.canopy import Canopy
     from ..stand.forest import Forest
+    from ..stand.placed import PlacedTrees
 
 Progress = Callable[[int, int], None]
 
@@ -169,13 +171,13 @@ class World:
     def trees(self) -> dict[str, np.ndarray]:
         """The trees, an array (N,) a column: tree, species, x_m, y_m, z_m, height_m, leaf_area_m2, ...
 
+        After those that were grown here come trees that were dragged in from an asset library.
+
         Raises
         ------
-        SpecError : the world was not grown here.
+        SpecError : the world was not grown here, and no tree of a library stands in it.
         """
-        from ..stand.forest import tree_table
-
-        return {name: np.array(column) for name, column in tree_table(self._grown()).items()}
+        return truth.trees(*self._standing())
 
     @property
     def leaves(self) -> dict[str, np.ndarray]:
@@ -184,11 +186,20 @@ class World:
 
         Raises
         ------
-        SpecError : the world was not grown here.
+        SpecError : as ``trees``.
         """
-        from ..stand.forest import leaf_table
+        return truth.leaves(*self._standing())
 
-        return leaf_table(self._grown())
+    @property
+    def cylinders(self) -> dict[str, np.ndarray]:
+        """Every segment of every branch as a cylinder in the world, in the terms of TreeQSM: tree, cyl_ID,
+        parent_ID, extension_ID, axis_ID, branching_order, startX, ..., radius_cyl, length, volume.
+
+        Raises
+        ------
+        SpecError : as ``trees``.
+        """
+        return truth.cylinders(*self._standing())
 
     def canopy(self, points: np.ndarray) -> Canopy:
         """What hemispherical pictures at points (N, 3) tell: gap fraction by zenith angle, the share of open
@@ -217,23 +228,9 @@ class World:
 
         Raises
         ------
-        SpecError : the world was not grown here; there is no such tree.
+        SpecError : as ``trees``; there is no such tree.
         """
-        forest = self._grown()
-        rows = np.flatnonzero(forest.stand.id == tree)
-        if not len(rows):
-            raise SpecError("tree", f"{tree} is no tree of this world; see trees['tree']")
-        row = int(rows[0])
-        matrix, scale = forest.transforms()[row], float(forest.stand.scale[row])
-        wood = forest.variant_of(row).skeleton
-        return {
-            "start": wood.start @ matrix[:, :3].T + matrix[:, 3],
-            "end": wood.end @ matrix[:, :3].T + matrix[:, 3],
-            "radius": wood.radius * scale,
-            "parent": wood.parent,
-            "order": wood.order,
-            "generation": wood.generation,
-        }
+        return truth.skeleton(*self._standing(), tree)
 
     def _repr_html_(self) -> str:
         """For notebooks: what stands here."""
@@ -255,6 +252,15 @@ class World:
             wanted = " or ".join(kind.__name__ for kind in kinds)
             raise SpecError(call, f"takes a {wanted}, not a {type(sensor).__name__}")
         return self.look(sensor, progress)
+
+    def _standing(self) -> tuple[Forest | None, PlacedTrees]:
+        """What was grown here, and trees of libraries; an error where there is neither."""
+        import_blender()
+        from ..blender.asset_truth import has_assets
+        from ..stand.placed import NONE
+
+        placed = self.observer.placed_trees if has_assets() else NONE
+        return (None if len(placed) and self.forest is None else self._grown()), placed
 
     def _grown(self) -> Forest:
         if self.forest is None:

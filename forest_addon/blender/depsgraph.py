@@ -3,8 +3,9 @@
 Modifiers, collection instances, geometry nodes, curves, text and metaballs are all seen as Blender shows
 them; what is hidden is not. Meshes that several instances share are read once. Custom properties of
 objects say more: ``forest_tree`` and ``forest_species`` number trees, ``forest_ignored`` keeps an
-object from all sensors, ``forest_reflectance`` (of a material, too) is for LiDAR. What was read is
-kept until Blender reports any change.
+object from all sensors, ``forest_reflectance`` (of a material, too) is for LiDAR. Trees from an asset
+library, whose mesh says so, are numbered after all others, by the names of their objects. What was read
+is kept until Blender reports any change.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from ..sensing.rays.geometry import SceneGeometry
 from .kept import kept
 from .meshes import from_mesh
 from .standings import (
+    ASSET_KEY,
     IGNORED_KEY,
     REFLECTANCE_KEY,
     SOLID_TYPES,
@@ -95,6 +97,7 @@ class _Found:
         self._number_of: dict[int, int] = {}
         self._meshes: list[TriMesh] = []
         self._slots: list[np.ndarray] = []
+        self._assets: list[str] = []
         self._names: dict[str, int] = {}
         self._single: list[tuple] = []
         self._many: list[tuple] = []
@@ -104,7 +107,7 @@ class _Found:
         self, mesh: bpy.types.Mesh, thing: bpy.types.Object, owner: bpy.types.Object, matrix: Any
     ) -> None:
         """One instance of an object's mesh, of which ``owner`` is the reason."""
-        number = self._number(mesh)
+        number = self._number(mesh, thing)
         if number < 0 or _says(owner, thing, IGNORED_KEY, False):
             return
         self._single.append(
@@ -121,7 +124,7 @@ class _Found:
     def add_many(self, standing: Standing, owner: bpy.types.Object) -> None:
         """All instances of a mesh that the nodes of ``owner`` make."""
         self._keepers.append(standing.keeper)  # its meshes tell each other apart by where they are
-        number = self._number(standing.mesh)
+        number = self._number(standing.mesh, standing.source)
         source = standing.source or owner
         if number < 0 or _says(owner, source, IGNORED_KEY, False):
             return
@@ -155,6 +158,8 @@ class _Found:
             )
             for k, (column, kind, shape) in enumerate(zip(columns, kinds, shapes, strict=True))
         )
+        if any(self._assets):
+            tree, species = self._number_trees(index, name, tree, species)
         return SceneGeometry(
             meshes=tuple(self._meshes),
             transform=transform,
@@ -165,9 +170,25 @@ class _Found:
             object_index=name,
             reflectance=reflectance,
             slot_reflectance=tuple(self._slots),
+            asset=tuple(self._assets),
         )
 
-    def _number(self, mesh: bpy.types.Mesh) -> int:
+    def _number_trees(
+        self, mesh: np.ndarray, name: np.ndarray, tree: np.ndarray, species: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers of trees and species, with those of trees from libraries that nobody numbered."""
+        kinds = [species_of_asset(asset) for asset in self._assets]
+        number = {kind: k for k, kind in enumerate(sorted(set(kinds) - {""}))}
+        of_mesh = np.array([number.get(kind, -1) for kind in kinds], dtype=np.int64)
+        ours = of_mesh[mesh] >= 0
+        new = np.flatnonzero(ours & (tree < 0))
+        by_name = np.argsort(np.array(list(self._names))[name[new]], kind="stable")
+        tree[new[by_name]] = tree.max(initial=-1) + 1 + np.arange(len(new))
+        new = np.flatnonzero(ours & (species < 0))
+        species[new] = species.max(initial=-1) + 1 + of_mesh[mesh[new]]
+        return tree, species
+
+    def _number(self, mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> int:
         """Which of the unique meshes this is, -1 for one without faces."""
         key = mesh.as_pointer()
         if key not in self._number_of:
@@ -176,6 +197,7 @@ class _Found:
             if not empty:
                 self._meshes.append(separate_leaves(from_mesh(mesh)))
                 self._slots.append(_slot_reflectance(mesh))
+                self._assets.append(_asset_of(mesh, thing))
         return self._number_of[key]
 
     def _name(self, thing: bpy.types.Object) -> int:
@@ -189,6 +211,21 @@ def _says(owner: bpy.types.Object, thing: bpy.types.Object, key: str, otherwise:
         if isinstance(value, (bool, int, float)):
             return value
     return otherwise
+
+
+def species_of_asset(asset: str) -> str:
+    """The species of a tree of a library, empty where there is none."""
+    return asset.partition("#")[0]
+
+
+def _asset_of(mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> str:
+    """Which tree of a library a mesh is, also one that modifiers have worked on; empty for others."""
+    given = thing.original.data if thing is not None else None
+    for data in (mesh, given):
+        asset = data.get(ASSET_KEY) if isinstance(data, bpy.types.ID) else None
+        if isinstance(asset, str):
+            return asset
+    return ""
 
 
 def _slot_reflectance(mesh: bpy.types.Mesh) -> np.ndarray:

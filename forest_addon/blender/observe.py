@@ -35,7 +35,9 @@ from ..sensing.sonar import ping as sonar
 from ..sensing.sonar.audit import audit_echoes
 from ..sensing.sonar.poses import Pose
 from ..spec import Mobile, Rays, Reverb, Scanner, Scene, Sensor, Sonar, Tractor
+from ..stand.placed import PlacedTrees
 from ..stand.stems import plant_stems
+from .asset_truth import placed_trees
 from .casters import make_caster
 from .depsgraph import read_scene
 from .kept import kept
@@ -97,6 +99,11 @@ class Observer:
     def targets(self) -> sonar.Targets:
         """Everything that sounds back to a sonar."""
         return sonar.Targets(self.geometry)
+
+    @cached_property
+    def placed_trees(self) -> PlacedTrees:
+        """Trees from asset libraries, with the truth that came along."""
+        return placed_trees(self.geometry)
 
     def trunks(self, sensor: Reverb) -> slices.Trunks:
         """Trunks of the scene where the sound of the first channel passes them."""

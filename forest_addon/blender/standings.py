@@ -18,6 +18,7 @@ from .layout import objects_in
 
 TREE_KEY, SPECIES_KEY = "forest_tree", "forest_species"
 IGNORED_KEY, REFLECTANCE_KEY = "forest_ignored", "forest_reflectance"
+ASSET_KEY = "forest_asset"  # on the mesh of a tree from a library: which (``asset_truth``)
 SOLID_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT"}  # objects that can have a surface
 
 

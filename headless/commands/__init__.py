@@ -2,6 +2,7 @@
 
 from .accuracy import Accuracy
 from .allometry import Allometry
+from .assets import Assets
 from .bench import Bench
 from .convolve import Convolve
 from .dataset import Dataset
@@ -21,7 +22,7 @@ from .validate import Validate
 
 COMMANDS = (
     *(Run(), Demo(), Dataset(), Accuracy(), Validate(), Bench()),
-    *(Derive(), Template(), Species(), Stand(), Estimate(), Allometry()),
+    *(Derive(), Template(), Species(), Stand(), Estimate(), Allometry(), Assets()),
     *(Lidar(), Simlidar(), Convolve(), ReverbFigures()),
     *(Fly(), Flight()),
 )
