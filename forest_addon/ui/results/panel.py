@@ -6,7 +6,8 @@ from typing import Any
 
 import bpy
 
-from ...blender.layout import COLOUR_BY, RADIUS
+from ...blender.cloud_nodes import is_measure
+from ...blender.layout import COLOUR_BY, COLOUR_MAP, RADIUS, SHARE
 from ...blender.nodes import chosen_input, drawn_input, has_input
 from ..drawing import ICONS, OnceStarted, split
 from ..words import label, label_of_kept
@@ -86,7 +87,13 @@ def _draw_points(layout: bpy.types.UILayout, result: Any) -> None:
             row = column.row(align=True)
             row.prop(*drawn_input(modifier, RADIUS), text="Radius")
             row.prop(cloud, "hide_render", text="")
-        draw_legend(layout, result, chosen_input(modifier, COLOUR_BY))
+        if has_input(modifier, SHARE):
+            column.prop(*drawn_input(modifier, SHARE), text=SHARE)
+        choice, colour_map = chosen_input(modifier, COLOUR_BY), ""
+        if has_input(modifier, COLOUR_MAP) and is_measure(choice):
+            column.prop(*drawn_input(modifier, COLOUR_MAP), text=COLOUR_MAP)
+            colour_map = chosen_input(modifier, COLOUR_MAP)
+        draw_legend(layout, result, choice, colour_map)
 
 
 CLASSES = (FOREST_PT_results,)

@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.cloud import GROUP
+from forest_addon.blender.cloud_nodes import GROUP
 from forest_addon.blender.layout import RADIUS
 from forest_addon.blender.nodes import has_input
 from forest_addon.ui.results import held, show
