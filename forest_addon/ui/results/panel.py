@@ -56,6 +56,8 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         )
         body.label(text=frames, icon="PLAY")
     _draw_points(body, result)
+    if result.kind == "reverb":
+        _draw_sound(body, result.id_data.forest_sensing)
     table = body.column(align=True)
     for figure in result.figures:
         row = table.split(factor=0.45)
@@ -73,6 +75,14 @@ def _draw_end(layout: bpy.types.UILayout, result: Any) -> None:
     row.prop(result, "title", text="")
     row.operator("forest.export_result", text="", icon="EXPORT").result = result.name
     row.operator("forest.remove_result", text="", icon="TRASH").result = result.name
+
+
+def _draw_sound(layout: bpy.types.UILayout, props: Any) -> None:
+    """What is heard when a reverb is played."""
+    column = split(layout)
+    column.prop(props, "dry")
+    if props.dry == "FILE":
+        column.prop(props, "dry_file")
 
 
 def _draw_points(layout: bpy.types.UILayout, result: Any) -> None:
