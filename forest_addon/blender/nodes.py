@@ -24,6 +24,7 @@ LAYOUT_KEY, LAYOUT, KNOWN = "forest_layout", 2, (1, 2)
 FIRST = "Forest Instancer"  # what version 1 was called
 POINTS, VARIANTS, OUTLINES, LIGHT, TREES = "Points", "Variants", "Outlines", "Light View", "Trees"
 ALL_SCALE, ALL_ROTATION = "Scale", "Rotation"
+VIEW_KEY = "forest_view"  # of a group that changes what views show and nothing else
 LIGHT_KEY = "forest_light"  # on an object: what *Light View* was set to when it was built last
 VARIANT, ROTATION, SCALE = "variant", "rotation", "scale"  # attributes of the points
 LIMITS = {  # subtype, default, least, largest
@@ -72,25 +73,43 @@ def _is_replaceable(library: bpy.types.Collection | None) -> bool:
 
 @contextmanager
 def in_full(depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
-    """Evaluate every tree in full in this block, whatever views show; the depsgraph is updated."""
-    less = [
-        (modifier, name, value, full)
+    """Evaluate every tree, and all the ground, in this block, whatever views show; the depsgraph is
+    updated.
+    """
+    by_nodes = [
+        modifier
         for thing in depsgraph.scene.objects
         for modifier in thing.original.modifiers
-        if modifier.type == "NODES" and _is_instancer(modifier.node_group)
+        if modifier.type == "NODES" and modifier.node_group is not None
+    ]
+    less = [
+        (modifier, name, value, full)
+        for modifier in by_nodes
+        if _is_instancer(modifier.node_group)
         for name, full in ((LIGHT, False), (SHARE, 1.0))
         if name in _sockets(modifier) and (value := _input(modifier, name)[0]) != full
     ]
+    switches = [
+        (modifier, where)
+        for modifier in by_nodes
+        if VIEW_KEY in modifier.node_group
+        for where in ("show_viewport", "show_render")
+        if getattr(modifier, where)
+    ]
     for modifier, name, _, full in less:
         set_input(modifier, name, full)
+    for modifier, where in switches:
+        setattr(modifier, where, False)
     try:
-        if less:
+        if less or switches:
             depsgraph.update()
         yield
     finally:
         for modifier, name, value, _ in less:
             set_input(modifier, name, value)
-        if less:
+        for modifier, where in switches:
+            setattr(modifier, where, True)
+        if less or switches:
             depsgraph.update()
 
 
