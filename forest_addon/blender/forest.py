@@ -25,6 +25,7 @@ from ..stand.intensity.terrain import Flat, Terrain
 from . import assets, materials
 from .depsgraph import SPECIES_KEY, TREE_KEY
 from .ground import ground_mesh
+from .ground_nodes import show_near
 from .instances import points_mesh, ranks
 from .layout import GROUND_NAME, OUTLINES, TREES, VARIANTS, find_part, part, root
 from .meshes import to_mesh
@@ -79,6 +80,8 @@ def build(
     if POINTS_ROLE in things:
         libraries = part(scene, VARIANTS), part(scene, OUTLINES)
         give_instancer(things[POINTS_ROLE], *libraries, light=plan.light)
+    if GROUND_ROLE in things:
+        show_near(things[GROUND_ROLE], settings.forest, terrain)
     return root(scene)
 
 

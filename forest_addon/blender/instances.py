@@ -89,7 +89,7 @@ def read_points(thing: bpy.types.Object) -> Placed:
     """The trees of an evaluated object; none where its modifiers put none."""
     geometry = thing.evaluated_geometry() if has_nodes(thing) else None
     points = geometry.instances_pointcloud() if geometry is not None else None
-    if points is None:
+    if points is None or not len(points.points):  # 4.5 gives no columns where there is no row
         empty = np.empty(0, dtype=np.int64)
         return Placed((), empty, np.empty((0, 3, 4)), empty, empty)
     count = len(points.points)

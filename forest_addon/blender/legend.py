@@ -1,8 +1,8 @@
 """What the colours of a cloud mean: for each choice of its menu *Colour By*, names or values, and colours.
 
 Organs, species and objects are named, the most frequent first; a measure has four values along its scale.
-Colours are those that the nodes of ``cloud`` give, computed here with the same arithmetic: a number n has the
-hue frac(0.618 n).
+Colours are those that the nodes of ``cloud_nodes`` give, computed here with the same arithmetic: a number n
+has the hue frac(0.618 n), a measure its place on the usual scale.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ import numpy as np
 from ..growth.mesh.trimesh import PART_NAMES
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.sonar.ping import Contributions
-from .cloud import COLOUR_OF_ORGAN, FAINT, GOLDEN, LOUD, OTHER, QUIETEST, SCALE, VALUE, VIVID
+from .cloud import COLOUR_OF_ORGAN, FAINT, LOUD, OTHER, QUIETEST
+from .cloud_nodes import GOLDEN, SCALE, VALUE, VIVID
 
 MOST = 12  # names of one choice; what is hit more rarely is left out
 DEGREES = 180.0 / np.pi

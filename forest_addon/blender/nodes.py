@@ -1,9 +1,10 @@
 """The node group that puts a tree on every point: which variant, how turned, how large, its points say.
 
 It is made once a file and then left alone, so whatever is changed in it by hand stays. A modifier hands it
-the points and the collection of variants; its objects count in the order of their names. With *Light View*
-a view shows outlines of the trees from a second collection; renders show the trees, and whoever measures
-reads within ``in_full``.
+the points and the collection of variants; its objects count in the order of their names. *Scale* and
+*Rotation* are of all trees alike, and sensors see them so. With *Light View* a view shows outlines of the
+trees from a second collection, with *Show Share* some of the trees; renders show all of them in full, and
+whoever measures reads within ``in_full``.
 """
 
 from __future__ import annotations
@@ -14,13 +15,23 @@ from typing import Any
 
 import bpy
 
-from .ours import is_ours
+from .layout import SHARE
+from .ours import is_local, is_ours
 
-INSTANCER = "Forest Instancer"
-LAYOUT_KEY, LAYOUT = "forest_layout", 1  # a group with other sockets than these gets another number
+INSTANCER = "Forest Sensing Forest"
+# A group with other sockets than these gets another number. Of version 1 were no size and turn of all.
+LAYOUT_KEY, LAYOUT, KNOWN = "forest_layout", 2, (1, 2)
+FIRST = "Forest Instancer"  # what version 1 was called
 POINTS, VARIANTS, OUTLINES, LIGHT, TREES = "Points", "Variants", "Outlines", "Light View", "Trees"
+ALL_SCALE, ALL_ROTATION = "Scale", "Rotation"
+VIEW_KEY = "forest_view"  # of a group that changes what views show and nothing else
 LIGHT_KEY = "forest_light"  # on an object: what *Light View* was set to when it was built last
 VARIANT, ROTATION, SCALE = "variant", "rotation", "scale"  # attributes of the points
+LIMITS = {  # subtype, default, least, largest
+    ALL_SCALE: ("NONE", 1.0, 0.001, 1000.0),
+    ALL_ROTATION: ("ANGLE", 0.0, -1e4, 1e4),
+    SHARE: ("FACTOR", 1.0, 0.0, 1.0),
+}
 
 
 def give_instancer(
@@ -53,7 +64,7 @@ def _is_instancer_modifier(modifier: bpy.types.Modifier) -> bool:
     if modifier.type != "NODES":
         return False
     group = modifier.node_group
-    return _is_instancer(group) or (group is None and modifier.name == INSTANCER)
+    return _is_instancer(group) or (group is None and modifier.name in (INSTANCER, FIRST))
 
 
 def _is_replaceable(library: bpy.types.Collection | None) -> bool:
@@ -62,23 +73,43 @@ def _is_replaceable(library: bpy.types.Collection | None) -> bool:
 
 @contextmanager
 def in_full(depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
-    """Evaluate every tree in full in this block, whatever views show; the depsgraph is updated."""
-    light = [
+    """Evaluate every tree, and all the ground, in this block, whatever views show; the depsgraph is
+    updated.
+    """
+    by_nodes = [
         modifier
         for thing in depsgraph.scene.objects
         for modifier in thing.original.modifiers
-        if modifier.type == "NODES" and _is_instancer(modifier.node_group) and is_light(modifier)
+        if modifier.type == "NODES" and modifier.node_group is not None
     ]
-    for modifier in light:
-        set_input(modifier, LIGHT, False)
+    less = [
+        (modifier, name, value, full)
+        for modifier in by_nodes
+        if _is_instancer(modifier.node_group)
+        for name, full in ((LIGHT, False), (SHARE, 1.0))
+        if name in _sockets(modifier) and (value := _input(modifier, name)[0]) != full
+    ]
+    switches = [
+        (modifier, where)
+        for modifier in by_nodes
+        if VIEW_KEY in modifier.node_group
+        for where in ("show_viewport", "show_render")
+        if getattr(modifier, where)
+    ]
+    for modifier, name, _, full in less:
+        set_input(modifier, name, full)
+    for modifier, where in switches:
+        setattr(modifier, where, False)
     try:
-        if light:
+        if less or switches:
             depsgraph.update()
         yield
     finally:
-        for modifier in light:
-            set_input(modifier, LIGHT, True)
-        if light:
+        for modifier, name, value, _ in less:
+            set_input(modifier, name, value)
+        for modifier, where in switches:
+            setattr(modifier, where, True)
+        if less or switches:
             depsgraph.update()
 
 
@@ -89,7 +120,7 @@ def is_light(modifier: bpy.types.Modifier) -> bool:
 
 def instancer_group() -> bpy.types.NodeTree:
     """The file's node group, as it is; made where there is none."""
-    groups = (g for g in bpy.data.node_groups if _is_instancer(g) and g.library is None)
+    groups = (g for g in bpy.data.node_groups if g.get(LAYOUT_KEY) == LAYOUT and is_local(g))
     return next(groups, None) or _make_instancer()
 
 
@@ -140,7 +171,7 @@ def _menu(modifier: bpy.types.Modifier, key: str) -> list[tuple[str, int]]:
 
 
 def _is_instancer(group: bpy.types.NodeTree | None) -> bool:
-    return group is not None and group.get(LAYOUT_KEY) == LAYOUT
+    return group is not None and group.get(LAYOUT_KEY) in KNOWN
 
 
 def _input(modifier: bpy.types.Modifier, socket: str) -> tuple[Any, Any, str]:
@@ -167,10 +198,15 @@ def _make_instancer() -> bpy.types.NodeTree:
         (POINTS, "INPUT", "NodeSocketGeometry", "A vertex or point for every tree"),
         (VARIANTS, "INPUT", "NodeSocketCollection", "Trees to choose from, counted by name"),
         (OUTLINES, "INPUT", "NodeSocketCollection", "Their outlines, in the same order"),
+        (ALL_SCALE, "INPUT", "NodeSocketFloat", "Size of all trees; sensors see them so"),
+        (ALL_ROTATION, "INPUT", "NodeSocketFloat", "Turn of all trees about the vertical"),
         (LIGHT, "INPUT", "NodeSocketBool", "Show outlines in views; renders and sensors see trees"),
+        (SHARE, "INPUT", "NodeSocketFloat", "Of trees in views; renders and sensors see all"),
         (TREES, "OUTPUT", "NodeSocketGeometry", "An instance for every point, with its attributes"),
     ):
-        group.interface.new_socket(name, description=told, in_out=way, socket_type=kind)
+        made = group.interface.new_socket(name, description=told, in_out=way, socket_type=kind)
+        if name in LIMITS:
+            made.subtype, made.default_value, made.min_value, made.max_value = LIMITS[name]
 
     def node(kind: str, label: str, x: float, y: float) -> bpy.types.Node:
         made = group.nodes.new(kind)
@@ -190,27 +226,44 @@ def _make_instancer() -> bpy.types.NodeTree:
         link(start.outputs[socket], made.inputs["Collection"])
         return made.outputs["Instances"]
 
+    def both(how: str, label: str, y: float, *values: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+        kind = "FunctionNodeBooleanMath" if how == "AND" else "ShaderNodeMath"
+        made = node(kind, label, 0 if how == "AND" else 260, y)
+        made.operation = how
+        for socket, value in zip(made.inputs, values, strict=False):
+            link(value, socket)
+        return made.outputs[0]
+
     link = group.links.new
     frame = node("NodeFrame", "What each point says", 0, 0)
     start, end = node("NodeGroupInput", "", -260, 160), node("NodeGroupOutput", "", 780, 160)
-    viewed = node("GeometryNodeIsViewport", "In a view", -260, 320)
-    light = node("FunctionNodeBooleanMath", "Light, in a view", 0, 320)
+    viewed = node("GeometryNodeIsViewport", "In a view", -260, 420).outputs[0]
     choice = node("GeometryNodeSwitch", "Outlines or trees", 260, 160)
     choice.input_type = "GEOMETRY"
-    upright = node("ShaderNodeCombineXYZ", "About the vertical", 260, -480)
+    some = node("FunctionNodeRandomValue", "A share of all", 0, 640)
+    some.data_type = "BOOLEAN"
+    shown = node("GeometryNodeSwitch", "Some or all", 260, 420)
+    shown.input_type = "BOOLEAN"
+    shown.inputs["False"].default_value = True
+    upright = node("ShaderNodeCombineXYZ", "About the vertical", 420, -480)
     place = node("GeometryNodeInstanceOnPoints", "A tree on every point", 520, 160)
     place.inputs["Pick Instance"].default_value = True
 
-    link(viewed.outputs[0], light.inputs[0])
-    link(start.outputs[LIGHT], light.inputs[1])
-    link(light.outputs[0], choice.inputs["Switch"])
+    light = both("AND", "Light, in a view", 320, viewed, start.outputs[LIGHT])
+    turn = attribute(ROTATION, "FLOAT", "Turn, radians", -460)
+    size = attribute(SCALE, "FLOAT", "Size factor", -620)
+    link(light, choice.inputs["Switch"])
     link(library(VARIANTS, 160), choice.inputs["False"])
     link(library(OUTLINES, -20), choice.inputs["True"])
+    link(start.outputs[SHARE], some.inputs["Probability"])
+    link(viewed, shown.inputs["Switch"])
+    link(next(s for s in some.outputs if s.type == "BOOLEAN"), shown.inputs["True"])
     link(choice.outputs["Output"], place.inputs["Instance"])
     link(start.outputs[POINTS], place.inputs["Points"])
+    link(shown.outputs["Output"], place.inputs["Selection"])
     link(attribute(VARIANT, "INT", "Variant", -300), place.inputs["Instance Index"])
-    link(attribute(ROTATION, "FLOAT", "Turn, radians", -460), upright.inputs["Z"])
+    link(both("ADD", "Turned", -460, turn, start.outputs[ALL_ROTATION]), upright.inputs["Z"])
     link(upright.outputs["Vector"], place.inputs["Rotation"])
-    link(attribute(SCALE, "FLOAT", "Size factor", -620), place.inputs["Scale"])
+    link(both("MULTIPLY", "Sized", -620, size, start.outputs[ALL_SCALE]), place.inputs["Scale"])
     link(place.outputs["Instances"], end.inputs[TREES])
     return group

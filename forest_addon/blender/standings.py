@@ -45,8 +45,9 @@ class Standing:
 
 
 def has_nodes(thing: bpy.types.Object) -> bool:
-    """Whether geometry nodes work on an object."""
-    return any(modifier.type == "NODES" for modifier in thing.modifiers)
+    """Whether geometry nodes work on an object; those that are switched off everywhere do not."""
+    nodes = (modifier for modifier in thing.modifiers if modifier.type == "NODES")
+    return any(modifier.show_viewport or modifier.show_render for modifier in nodes)
 
 
 def has_duplis(thing: bpy.types.Object) -> bool:

@@ -38,6 +38,7 @@ T = TypeVar("T", bound=Settings)
 OF_SENSORS = frozenset(
     {"air", "rays", "accuracy", "active_sensor", "last_sensor", "output", "results", "layout"}
     | {"show_sensors", "show_points", "point_size", "advanced", "folder"}
+    | {"dry", "dry_file"}
 )
 
 

@@ -225,6 +225,22 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
                 options={"SKIP_SAVE"},
             ),
             "results": CollectionProperty(type=FOREST_PG_result),
+            "dry": EnumProperty(
+                name="Sound",
+                description="What is heard in the forest when a reverb is played",
+                items=[
+                    ("CLAP", "Clap", "Two hands, hollow palms"),
+                    ("CALL", "Bat Call", "A falling sweep, slowed down twenty times"),
+                    ("FILE", "File", "A WAV file of your own, recorded without echoes"),
+                    ("NONE", "Click", "The impulse response itself"),
+                ],
+            ),
+            "dry_file": StringProperty(
+                name="WAV File",
+                description="Sound that was recorded without echoes",
+                subtype="FILE_PATH",
+                options={"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"},
+            ),
             "layout": IntProperty(options={"HIDDEN"}),  # of these settings in the file (migration)
             "notice": StringProperty(options={"HIDDEN"}),
         },

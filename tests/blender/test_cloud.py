@@ -8,9 +8,18 @@ bpy = pytest.importorskip("bpy")
 from references.lidar_scenes import ground, scene_with, wall
 from references.rays_brute import BruteCaster
 
-from forest_addon.blender.cloud import GROUP, MEASURES, NUMBERS, show_cloud
-from forest_addon.blender.layout import COLOUR_BY
-from forest_addon.blender.nodes import drawn_input, set_input
+from forest_addon.blender.cloud import show_cloud
+from forest_addon.blender.cloud_nodes import (
+    HIGHEST,
+    LOWEST,
+    MAPS,
+    MATERIAL,
+    MEASURES,
+    NUMBERS,
+    on_map,
+)
+from forest_addon.blender.layout import COLOUR_BY, COLOUR_MAP, SHARE
+from forest_addon.blender.nodes import choose_input, drawn_input, set_input
 from forest_addon.sensing.lidar.scan import scan
 from forest_addon.spec import Beam, Terrestrial
 
@@ -92,11 +101,62 @@ def test_the_scale_runs_from_the_smallest_to_the_largest(empty_blender, cloud):
     assert colour[np.argmax(cloud.true_range), :3] == pytest.approx([0.98, 0.80, 0.02], abs=1e-3)
 
 
+def test_a_user_finds_named_inputs(empty_blender, cloud):
+    (modifier,) = show_cloud(bpy.context.scene.collection, "a", cloud).modifiers
+    group = modifier.node_group
+    assert group.name == "Forest Sensing Points"
+    sockets = [i for i in group.interface.items_tree if i.in_out == "INPUT"]
+    assert [socket.name for socket in sockets] == [
+        *("Geometry", "Radius", "Colour By", "Colour Map", "Show Share"),
+        *("Lowest", "Highest", "Material"),
+    ]
+    assert all(socket.description for socket in sockets)
+    shown = [n for n in group.nodes if n.type not in ("GROUP_INPUT", "GROUP_OUTPUT")]
+    assert all(node.label for node in shown)
+    places = [tuple(node.location) for node in group.nodes]
+    assert len(set(places)) == len(places)
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_each_scale_of_colours_is_that_of_the_legend(empty_blender, cloud, name):
+    thing = show_cloud(bpy.context.scene.collection, "a", cloud)
+    (modifier,) = thing.modifiers
+    choose_input(modifier, COLOUR_BY, "Distance")
+    choose_input(modifier, COLOUR_MAP, name)
+    share = (cloud.true_range - cloud.true_range.min()) / np.ptp(cloud.true_range)
+    expected = np.array([on_map(name, part) for part in share])
+    assert np.abs(shown(thing)[:, :3] - expected).max() < 6e-3  # ramps are tables of 257 entries
+
+
+def test_fewer_points_are_shown_in_the_colours_they_had(empty_blender, cloud):
+    """A share and a range of heights hide points; those that stay, and their colours, are the same."""
+    thing = show_cloud(bpy.context.scene.collection, "a", cloud)
+    (modifier,) = thing.modifiers
+    choose_input(modifier, COLOUR_BY, "Distance")
+    every = shown(thing)
+    set_input(modifier, SHARE, 0.4)
+    some = shown(thing)
+    off = 4.5 * np.sqrt(0.24 * len(every))  # standard deviations of a binomial
+    assert abs(len(some) - 0.4 * len(every)) < off
+    assert {row.tobytes() for row in some} <= {row.tobytes() for row in every}
+    assert (shown(show_cloud(bpy.context.scene.collection, "a", cloud)) == some).all()
+    set_input(modifier, SHARE, 0.0)
+    assert len(shown(thing)) == 0
+    set_input(modifier, SHARE, 1.0)
+    low, high = np.quantile(cloud.position[:, 2], (0.3, 0.8)) + 1e-4
+    set_input(modifier, LOWEST, float(low))
+    set_input(modifier, HIGHEST, float(high))
+    within = (cloud.position[:, 2] >= low) & (cloud.position[:, 2] <= high)
+    assert 0 < np.count_nonzero(within) < len(cloud)
+    assert (shown(thing) == every[within]).all()
+    assert len(thing.data.vertices) == len(cloud)  # nothing is lost
+
+
 def test_the_material_shows_that_colour(empty_blender, cloud):
     thing = show_cloud(bpy.context.scene.collection, "a", cloud)
-    nodes = bpy.data.materials[GROUP].node_tree.nodes
+    nodes = bpy.data.materials[MATERIAL].node_tree.nodes
     assert [n.attribute_name for n in nodes if n.type == "ATTRIBUTE"] == ["colour"]
-    assert thing.data.materials[0].name == GROUP
+    assert thing.data.materials[0].name == MATERIAL
 
 
 def test_new_points_come_into_the_object_that_is_there(empty_blender, cloud):

@@ -157,6 +157,48 @@ def test_light_views_show_outlines_and_sensors_see_trees(empty_blender):
     assert nodes.is_light(thing.modifiers[0])
 
 
+def test_a_user_finds_named_inputs(empty_blender):
+    (modifier,) = plant().modifiers
+    assert (modifier.name, modifier.node_group.name) == (nodes.INSTANCER, "Forest Sensing Forest")
+    sockets = [i for i in modifier.node_group.interface.items_tree if i.in_out == "INPUT"]
+    assert [socket.name for socket in sockets] == [
+        *("Points", "Variants", "Outlines", "Scale", "Rotation", "Light View", "Show Share")
+    ]
+    assert all(socket.description for socket in sockets)
+
+
+def test_size_and_turn_of_all_are_seen_by_sensors_too(empty_blender):
+    thing, told = plant(), columns()
+    (modifier,) = thing.modifiers
+    nodes.set_input(modifier, nodes.ALL_SCALE, 1.5)
+    nodes.set_input(modifier, nodes.ALL_ROTATION, 0.25)
+    other = plant(scale=1.5 * told["scale"], rotation=told["rotation"] + 0.25)
+    found, expected = placed(thing).transform, placed(other).transform
+    assert np.abs(found - expected).max() < 1e-5
+    scene = read_scene(bpy.context.evaluated_depsgraph_get())
+    assert len(scene.transform) == 2 * COUNT
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_views_show_a_share_of_the_trees_and_sensors_see_all(empty_blender, share):
+    thing = plant()
+    (modifier,) = thing.modifiers
+    every = placed(thing)
+    nodes.set_input(modifier, nodes.SHARE, share)
+    some = placed(thing)
+    # 200 draws: outside of 4.5 standard deviations once in 100,000 seeds, and the seed is fixed
+    off = 4.5 * np.sqrt(COUNT * share * (1 - share))
+    assert abs(len(some) - share * COUNT) <= off
+    assert set(some.tree) <= set(every.tree)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    with nodes.in_full(depsgraph):
+        inside = read_points(thing.evaluated_get(depsgraph))
+    assert inside.transform.tobytes() == every.transform.tobytes()
+    assert (inside.tree == every.tree).all()
+    assert (placed(thing).tree == some.tree).all()  # as it was, and the same ones
+    assert len(Observer(depsgraph).geometry.transform) == COUNT
+
+
 # ------------------------------------------------------------------------------- whole forests
 
 

@@ -41,6 +41,7 @@ class Layout:
         self._known_icon(icon)
         if name.startswith("["):
             assert group.path_resolve(name) is not None
+            self.seen.append(text)
             return
         known = group.bl_rna.properties[name]
         assert index < 0 or known.is_array

@@ -15,6 +15,7 @@ from ..running import PROBLEMS, in_words
 from ..words import say
 from . import frames
 from .held import find, let_go
+from .show import heard_of
 
 WORDS = {
     ".laz": ("LAZ", "A compressed point cloud with all labels"),
@@ -49,6 +50,10 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
         items=[(ending[1:].upper(), name, words) for ending, (name, words) in WORDS.items()],
         options={"SKIP_SAVE"},
     )
+    heard: bpy.props.BoolProperty(
+        name="As It Is Played",
+        description="The chosen sound as it is heard in the forest, not the impulse response",
+    )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         found = find(context.scene, self.result)
@@ -73,22 +78,36 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
         column = self.layout.column(align=True)
         for ending in _endings(found[1]) if found is not None else ():
             column.prop_enum(self, "ending", ending[1:].upper())
+        if self._has_sounds(context):
+            self.layout.prop(self, "heard")
+            props = context.scene.forest_sensing
+            if self.heard:
+                self.layout.prop(props, "dry", text="")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...formats.export import write_as
+        from ...formats.wav import write_wav
 
         found = find(context.scene, self.result)
         if found is None:
             return self._refuse()
         path = Path(bpy.path.abspath(self.filepath))
         try:
-            write_as(path, *found)
+            if self.heard and found[0].kind == "reverb" and path.suffix.lower() == ".wav":
+                write_wav(path, *heard_of(context.scene, self.result))
+            else:
+                write_as(path, *found)
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
         context.scene.forest_sensing.results[self.result].file = str(path)
         self.report({"INFO"}, say("Written: {file}", file=path))
         return {"FINISHED"}
+
+    def _has_sounds(self, context: bpy.types.Context) -> bool:
+        """Whether there is a choice of what sounds: for a reverb that becomes a WAV."""
+        found = find(context.scene, self.result)
+        return found is not None and found[0].kind == "reverb" and self.ending == "WAV"
 
     def _refuse(self) -> set[str]:
         problem = say("{name} is held no longer. Run its sensor again", name=self.result)

@@ -6,7 +6,8 @@ from typing import Any
 
 import bpy
 
-from ...blender.layout import COLOUR_BY, RADIUS
+from ...blender.cloud_nodes import is_measure
+from ...blender.layout import COLOUR_BY, COLOUR_MAP, RADIUS, SHARE
 from ...blender.nodes import chosen_input, drawn_input, has_input
 from ..drawing import ICONS, OnceStarted, split
 from ..words import label, label_of_kept
@@ -55,6 +56,8 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         )
         body.label(text=frames, icon="PLAY")
     _draw_points(body, result)
+    if result.kind == "reverb":
+        _draw_sound(body, result.id_data.forest_sensing)
     table = body.column(align=True)
     for figure in result.figures:
         row = table.split(factor=0.45)
@@ -74,6 +77,14 @@ def _draw_end(layout: bpy.types.UILayout, result: Any) -> None:
     row.operator("forest.remove_result", text="", icon="TRASH").result = result.name
 
 
+def _draw_sound(layout: bpy.types.UILayout, props: Any) -> None:
+    """What is heard when a reverb is played."""
+    column = split(layout)
+    column.prop(props, "dry")
+    if props.dry == "FILE":
+        column.prop(props, "dry_file")
+
+
 def _draw_points(layout: bpy.types.UILayout, result: Any) -> None:
     """How the points of a cloud look: its modifier's menu and radius, and whether renders show them."""
     cloud = bpy.data.objects.get(result.shown)
@@ -86,7 +97,13 @@ def _draw_points(layout: bpy.types.UILayout, result: Any) -> None:
             row = column.row(align=True)
             row.prop(*drawn_input(modifier, RADIUS), text="Radius")
             row.prop(cloud, "hide_render", text="")
-        draw_legend(layout, result, chosen_input(modifier, COLOUR_BY))
+        if has_input(modifier, SHARE):
+            column.prop(*drawn_input(modifier, SHARE), text=SHARE)
+        choice, colour_map = chosen_input(modifier, COLOUR_BY), ""
+        if has_input(modifier, COLOUR_MAP) and is_measure(choice):
+            column.prop(*drawn_input(modifier, COLOUR_MAP), text=COLOUR_MAP)
+            colour_map = chosen_input(modifier, COLOUR_MAP)
+        draw_legend(layout, result, choice, colour_map)
 
 
 CLASSES = (FOREST_PT_results,)

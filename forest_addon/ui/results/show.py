@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, ClassVar
 
 import bpy
+import numpy as np
 
+from ..running import PROBLEMS, in_words
 from ..selection import select
 from ..views import region_of
 from ..words import say
 
-_playing: Any = None  # what sounds now; it stops when nobody holds it
+EARS = 2  # channels that are played; files have all
+
+_playing: Any = None  # what sounds now, and its sound; it stops when nobody holds it
 
 
 class FOREST_OT_select_result(bpy.types.Operator):
@@ -40,46 +45,69 @@ class FOREST_OT_select_result(bpy.types.Operator):
 
 
 class FOREST_OT_play(bpy.types.Operator):
-    """Play it: a reverb as a click sounds in the forest, an echo slowed down for human ears"""
+    """Play it: a reverb as the chosen sound is heard in the forest, an echo slowed down for human ears"""
 
     bl_idname = "forest.play"
     bl_label = "Play"
     sensor: bpy.props.StringProperty(options={"HIDDEN"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        thing = context.scene.objects.get(self.sensor)
-        sound = thing.data.sound if thing is not None and thing.type == "SPEAKER" else None
-        echo = _echo(context.scene, self.sensor) if sound is None else None
-        if sound is None and echo is None:
-            self.report({"ERROR"}, say("{name} has no sound. Run it again", name=self.sensor))
-            return {"CANCELLED"}
-        if sound is not None and sound.factory is None:
-            self.report({"ERROR"}, "No sound can be played here: this Blender has not loaded it")
-            return {"CANCELLED"}
         import aud
 
         global _playing
         try:
-            played = aud.Sound.buffer(*echo) if sound is None else sound.factory
-            _playing = aud.Device().play(played)
+            heard = heard_of(context.scene, self.sensor)
+        except PROBLEMS as problem:
+            self.report({"ERROR"}, in_words(problem))
+            return {"CANCELLED"}
+        if heard is None:
+            self.report({"ERROR"}, say("{name} has no sound. Run it again", name=self.sensor))
+            return {"CANCELLED"}
+        samples, rate = heard
+        try:
+            sound = aud.Sound.buffer(np.ascontiguousarray(samples[:, :EARS], np.float32), rate)
+            _playing = aud.Device().play(sound), sound
         except aud.error as problem:
             self.report({"ERROR"}, say("No sound can be played here: {reason}", reason=problem))
             return {"CANCELLED"}
         return {"FINISHED"}
 
 
-def _echo(scene: bpy.types.Scene, name: str) -> tuple[Any, float] | None:
-    """The samples of an echo and their rate, as its WAV has them; None where none is held."""
+def heard_of(scene: bpy.types.Scene, name: str) -> tuple[np.ndarray, float] | None:
+    """What a result sounds like: (N, C) samples and their rate, as its WAV has them; None: like nothing.
+
+    An echo is slowed down; a reverb is what the scene's dry sound becomes in the forest. That of an earlier
+    session is taken from its Speaker.
+
+    Raises
+    ------
+    SpecError : the file of the dry sound cannot be used.
+    """
+    from ...blender.sound import sound_of as speaker_sound
+    from ...formats.dry_sounds import PEAK_DB, wet_sound
     from ...formats.echo_files import sound_of
+    from ...sensing.reverb.auralise import normalised
+    from ...sensing.reverb.response import ImpulseResponse, channels_of
     from ...sensing.sonar.flight import Flight
     from ...sensing.sonar.ping import Echo
     from .held import find
 
     sensor, found, _ = find(scene, name) or (None, None, None)
-    if not isinstance(found, Echo | Flight):
-        return None
-    samples, rate = sound_of(found, sensor.time_expansion)
-    return samples.astype("float32"), rate
+    if isinstance(found, Echo | Flight):
+        return sound_of(found, sensor.time_expansion)
+    if isinstance(found, ImpulseResponse):
+        response, rate = channels_of(found), found.sample_rate
+    else:
+        thing = scene.objects.get(name)
+        kept = speaker_sound(thing) if thing is not None else None
+        if kept is None:
+            return None
+        response, rate = kept
+    props = scene.forest_sensing
+    if props.dry == "NONE":
+        return normalised(np.reshape(response, (len(response), -1)), PEAK_DB)[0], rate
+    file = Path(bpy.path.abspath(props.dry_file))
+    return wet_sound(response, rate, props.dry.lower(), file), rate
 
 
 class FOREST_OT_show_picture(bpy.types.Operator):

@@ -11,6 +11,8 @@ import bpy
 import bpy.utils.previews
 import numpy as np
 
+from ...blender.cloud_nodes import on_map
+
 SIDE = 32  # pixels of an icon
 EDGE = 4  # of these, left free around it
 GAMMA = 1 / 2.2  # colours are linear, the screen's are not
@@ -18,16 +20,22 @@ GAMMA = 1 / 2.2  # colours are linear, the screen's are not
 _swatches: Any = None
 
 
-def draw_legend(layout: bpy.types.UILayout, result: Any, choice: str) -> None:
-    """What the colours of this choice mean, two in a row; nothing where nobody noted it."""
+def draw_legend(layout: bpy.types.UILayout, result: Any, choice: str, colour_map: str = "") -> None:
+    """What the colours of this choice mean, two in a row; nothing where nobody noted it.
+
+    colour_map : the scale that values are coloured on; empty: as they were noted.
+    """
     entries = [entry for entry in result.legend if entry.choice == choice]
     if not entries:
         return
+    colours = [tuple(entry.colour) for entry in entries]
+    if colour_map:
+        colours = [on_map(colour_map, k / max(1, len(entries) - 1)) for k in range(len(entries))]
     rows = layout.column(align=True)
     for first in range(0, len(entries), 2):
         row = rows.split(factor=0.5)
-        for entry in entries[first : first + 2]:
-            row.label(text=entry.name, icon_value=_icon(tuple(entry.colour)))
+        for number in range(first, min(first + 2, len(entries))):
+            row.label(text=entries[number].name, icon_value=_icon(colours[number]))
 
 
 def unregister() -> None:

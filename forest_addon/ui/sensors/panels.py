@@ -128,15 +128,19 @@ def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
 
 
 def _why_fixed(kind: str, group: Any) -> str:
-    """Why a sensor cannot be moved, or turned about some axes, by hand; empty where it can."""
+    """Why moving a sensor by hand, or turning it about some axes, has no effect; empty where it has."""
     if kind == "mobile":
         return label("Move what it follows") if group.follow else label("It moves by its poses")
     if kind in ("terrestrial", "tractor"):
         return label("It stays upright")
     if kind == "airborne":
         return label("It flies level")
+    if kind == "sonar" and (group.follow or group.route):
+        return label("Move what it follows") if group.follow else label("It flies its route")
     if kind == "sonar":
         return label("Its ears stay level")
+    if kind == "reverb" and group.directivity == "omni":
+        return label("It sends alike to all sides")
     return ""
 
 

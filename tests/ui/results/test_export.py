@@ -1,13 +1,17 @@
 """Results are written in a format of one's choice, called otherwise, removed with their points."""
 
 import laspy
+import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.cloud import GROUP
+from forest_addon.blender.cloud_nodes import GROUP
 from forest_addon.blender.layout import RADIUS
 from forest_addon.blender.nodes import has_input
+from forest_addon.formats.dry_sounds import wet_sound
+from forest_addon.formats.wav import read_wav
+from forest_addon.sensing.reverb.response import channels_of
 from forest_addon.ui.results import held, show
 
 from ..pressing import press, run
@@ -64,7 +68,47 @@ def test_points_have_a_radius(built):
 
 def test_an_echo_can_be_heard(built):
     run("echo")
-    samples, rate = show._echo(bpy.context.scene, "echo")
+    samples, rate = show.heard_of(bpy.context.scene, "echo")
     assert rate == 20_000  # 400 kHz, twenty times slower
     assert samples.shape[1] == 1
     assert 0.85 < abs(samples).max() <= 1.0
+    assert press("play", sensor="echo") == {"FINISHED"}
+    assert show._playing[1].specs[0] == rate
+    assert np.abs(show._playing[1].data() - samples).max() < 1e-6
+
+
+def test_a_reverb_is_played_as_the_chosen_sound_is_heard(built, tmp_path):
+    """What Blender's audio library was given is the convolution; the exported WAV has it, too."""
+    run("reverb")
+    _, found, _ = held.find(bpy.context.scene, "reverb")
+    responses = channels_of(found).reshape(len(found.samples), -1)
+    for choice in ("CLAP", "CALL"):
+        built.dry = choice
+        assert press("play", sensor="reverb") == {"FINISHED"}
+        played = show._playing[1]
+        wet = wet_sound(responses, found.sample_rate, choice.lower())
+        assert played.specs[0] == found.sample_rate
+        assert np.abs(played.data() - wet).max() < 1e-6
+        path = str(tmp_path / f"{choice}.wav")
+        assert press("export_result", result="reverb", filepath=path, heard=True) == {"FINISHED"}
+        samples, rate = read_wav(tmp_path / f"{choice}.wav")
+        assert rate == found.sample_rate
+        assert np.abs(samples - wet[:, 0]).max() < 1e-6
+    built.dry = "NONE"
+    press("play", sensor="reverb")
+    click = show._playing[1].data()[:, 0]
+    assert np.argmax(np.abs(click)) == np.argmax(np.abs(responses[:, 0]))
+    built.dry, built.dry_file = "FILE", str(tmp_path / "CLAP.wav")
+    assert press("play", sensor="reverb") == {"FINISHED"}
+    built.dry_file = str(tmp_path / "none.wav")
+    with pytest.raises(RuntimeError, match=r"none\.wav: cannot be read"):
+        press("play", sensor="reverb")
+
+
+def test_a_reverb_of_an_earlier_session_is_taken_from_its_speaker(built):
+    run("reverb")
+    fresh, rate = show.heard_of(bpy.context.scene, "reverb")
+    held.let_go()
+    kept, same = show.heard_of(bpy.context.scene, "reverb")
+    assert (same, kept.shape) == (rate, fresh.shape)
+    assert np.abs(kept - fresh).max() < 1e-5

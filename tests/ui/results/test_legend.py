@@ -5,8 +5,10 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.layout import CLOUD_KEY, COLOUR_BY
+from forest_addon.blender.cloud_nodes import on_map
+from forest_addon.blender.layout import CLOUD_KEY, COLOUR_BY, COLOUR_MAP, SHARE
 from forest_addon.blender.nodes import choose_input, chosen_input, set_input
+from forest_addon.ui.results import swatches
 from forest_addon.ui.results.points import GAMMA, positions_and_colours
 from forest_addon.ui.results.swatches import SIDE, pixels_of
 
@@ -129,3 +131,24 @@ def test_there_is_one_object_a_sensor(built):
         run("cloud")
         run("echo")
     assert len([thing for thing in bpy.data.objects if CLOUD_KEY in thing]) == 2
+
+
+def test_the_legend_follows_the_scale_of_colours(built):
+    run("cloud")
+    thing = points_of(built, "cloud")
+    (modifier,) = thing.modifiers
+    choose_input(modifier, COLOUR_BY, "Distance")
+    choose_input(modifier, COLOUR_MAP, "Heat")
+    assert {COLOUR_MAP, SHARE} <= set(drawn())
+    distance = np.empty(len(thing.data.vertices), np.float32)
+    thing.data.attributes["distance"].data.foreach_get("value", distance)
+    seen = colours(thing)
+    for end, share in ((np.argmin(distance), 0.0), (np.argmax(distance), 1.0)):
+        assert seen[end] == pytest.approx(on_map("Heat", share), abs=2e-3)
+    shown = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(swatches, "_icon", lambda colour: shown.append(colour) or 0)
+        drawn()
+    assert [c for c in shown if c == on_map("Heat", 1.0)]
+    choose_input(modifier, COLOUR_BY, "Organ")
+    assert COLOUR_MAP not in drawn()
