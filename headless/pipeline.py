@@ -59,6 +59,7 @@ from forest_addon.stand.inputs import Inputs
 from .command import DoubtfulError
 from .progress import Stages, hushed
 from .report import findings, page
+from .report.drawing import can_draw, without
 
 MOST_LEAVES = 5_000_000  # rows of leaves.npz; beyond, leaves are written once a variant
 
@@ -119,6 +120,8 @@ def run_scene(
         with stages.stage("draw the stand"):
             drawn = _draw_stand(run, inputs)
     run.findings.append(findings.forest_finding(settings, forest, drawn))
+    if settings.output.pictures and not can_draw():
+        _say_what_is_lacking(run)
     if settings.output.goodness:
         with stages.stage("test where trees stand"):
             _test_stand(run, inputs)
@@ -224,10 +227,24 @@ def _make_writable(out: Path) -> None:
 
 def _draw_stand(run: Run, inputs: Inputs) -> Path:
     """Draw the map of the stand; as all that draws, imported where it is asked for (matplotlib: a second)."""
-    from .report.stand import draw_stand
+    if can_draw():
+        from .report.stand import draw_stand
+    else:
+        from .report.plain import draw_stand
 
     stand, labels = run.forest.stand, run.forest.labels
     return draw_stand(stand, labels, run.settings, inputs, run.path("stand.png"))
+
+
+def _say_what_is_lacking(run: Run) -> None:
+    """Say, here and in the report, that pictures are plain, what their colours mean, and what to do."""
+    from .report.plain import colours_in_words
+
+    sentence = without("Pictures are plain and the curve of L(r) - r is left out")
+    run.stages.say(f"  {sentence}")
+    notes = (*run.findings[0].notes, colours_in_words(run.forest.labels))
+    run.findings[0] = dataclasses.replace(run.findings[0], notes=notes)
+    run.findings.append(page.Finding("Pictures", sentence, {}))
 
 
 def _test_stand(run: Run, inputs: Inputs) -> None:
@@ -240,7 +257,7 @@ def _test_stand(run: Run, inputs: Inputs) -> None:
     if found is None:
         return
     picture = None
-    if run.settings.output.pictures:
+    if run.settings.output.pictures and can_draw():
         from .report.site import draw_goodness
 
         picture = draw_goodness(found, window, run.path("goodness.png"))
@@ -293,10 +310,17 @@ def _describe(run: Run, sensor: Any, found: SensorFinding, observer: Observer) -
     """Draw a result, where pictures are asked for, and say what it is."""
     picture = None
     if run.settings.output.pictures:
-        from .report.result import draw_result
+        path = run.out / f"{sensor.name}.png"
+        if can_draw():
+            from .report.result import draw_result
 
-        path = run.path(f"{sensor.name}.png")
-        picture = draw_result(sensor, found, observer, run.forest, path)
+            picture = draw_result(sensor, found, observer, run.forest, path)
+        else:
+            from .report.plain import draw_result as draw_plainly
+
+            picture = draw_plainly(sensor, found, path)
+        if picture is not None:
+            run.files.append(path.name)
     if isinstance(found, ImpulseResponse):
         return findings.reverb_finding(sensor, found, observer.trunks(sensor), picture)
     return findings.finding_of(sensor, found, picture)
