@@ -55,6 +55,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with interruptible(kept):
         try:
             command.run(chosen)
+        except ModuleNotFoundError as problem:
+            from .report.drawing import DRAWERS, without
+
+            if (problem.name or "").split(".")[0] not in DRAWERS:
+                raise
+            return _fail(without(f"{command.name} cannot draw its pictures"), 2)
         except OSError as problem:
             sys.unraisablehook = _say_nothing  # files that fail again when they are dropped
             return _fail(_in_words(problem), 1)

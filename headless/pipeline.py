@@ -44,6 +44,7 @@ from .command import DoubtfulError
 from .progress import Stages, hushed
 from .record import write_record
 from .report import findings, page
+from .report.drawing import can_draw, without
 
 MOST_LEAVES = 5_000_000  # rows of leaves.npz; beyond, leaves are written once a variant
 Dry = tuple[str, np.ndarray, float]  # a sound's name, samples and sampling rate
@@ -161,10 +162,17 @@ def _describe(run: Run, world: World, result: Result) -> page.Finding:
     """Draw a result, where pictures are asked for, and say what it is."""
     sensor, found, picture = result.sensor, result.found, None
     if run.settings.output.pictures:  # what draws is imported where it is asked for: a second
-        from .report.result import draw_result
+        path = run.out / f"{sensor.name}.png"
+        if can_draw():
+            from .report.result import draw_result
 
-        path = run.path(f"{sensor.name}.png")
-        picture = draw_result(sensor, found, world.observer, run.forest, path)
+            picture = draw_result(sensor, found, world.observer, run.forest, path)
+        else:
+            from .report.plain import draw_result as draw_plainly
+
+            picture = draw_plainly(sensor, found, path)
+        if picture is not None:
+            run.files.append(path.name)
     if isinstance(found, ImpulseResponse):
         finding = findings.reverb_finding(sensor, found, world.observer.trunks(sensor), picture)
     else:
@@ -178,12 +186,16 @@ def _describe_stand(run: Run, inputs: Inputs) -> None:
     settings, stand, wanted = run.settings, run.forest.stand, run.settings.output
     drawn = None
     if wanted.pictures:
-        from .report.stand import draw_stand
-
+        if can_draw():
+            from .report.stand import draw_stand
+        else:
+            from .report.plain import draw_stand
         with run.stages.stage("draw the stand"):
             path = run.path("stand.png")
             drawn = draw_stand(stand, run.forest.labels, settings, inputs, path)
     run.findings.append(findings.forest_finding(settings, run.forest, drawn))
+    if wanted.pictures and not can_draw():
+        _say_what_is_lacking(run)
     if not wanted.goodness:
         return
     from forest_addon.stand.statistics import goodness
@@ -194,11 +206,22 @@ def _describe_stand(run: Run, inputs: Inputs) -> None:
         if found is None:  # too few trees
             return
         picture = None
-        if wanted.pictures:
+        if wanted.pictures and can_draw():
             from .report.site import draw_goodness
 
             picture = draw_goodness(found, window, run.path("goodness.png"))
         run.findings.append(findings.goodness_finding(found, picture))
+
+
+def _say_what_is_lacking(run: Run) -> None:
+    """Say, here and in the report, that pictures are plain, what their colours mean, and what to do."""
+    from .report.plain import colours_in_words
+
+    sentence = without("Pictures are plain and the curve of L(r) - r is left out")
+    run.stages.say(f"  {sentence}")
+    notes = (*run.findings[0].notes, colours_in_words(run.forest.labels))
+    run.findings[0] = dataclasses.replace(run.findings[0], notes=notes)
+    run.findings.append(page.Finding("Pictures", sentence, {}))
 
 
 def _audit_trees(run: Run, world: World) -> None:

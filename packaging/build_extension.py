@@ -1,10 +1,11 @@
-"""Builds the Blender extension: build/forest_sensing-VERSION-PLATFORM.zip, ready for Install from Disk.
+"""Builds the Blender extension: build/forest_sensing-VERSION-PLATFORM-BLENDER.zip, for Install from Disk.
 
 blender_manifest.toml says everything: which files go in and which wheels. For one platform
-(default: this one) the declared wheels are downloaded into wheels/ by their exact names, for both
-Pythons; the repository is staged with a manifest that names that platform and those wheels alone;
-Blender's own tool, which comes with bpy, builds and validates the archive. Exit code 1 with one
-line on failure, 75 when the package index cannot be reached.
+(default: this one) and each Python that a Blender has, as compiled wheels fit one alone, the declared
+wheels are downloaded into wheels/ by their exact names; the repository is staged with a manifest that
+names that platform and those wheels alone; Blender's own tool, which comes with bpy, builds and
+validates the archive. scipy's wheel goes in without the tests that it carries, a seventh of its size:
+see ``without_tests``. Exit code 1 with one line on failure, 75 when the package index cannot be reached.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import tomllib
+import zipfile
 from collections.abc import Sequence
 from fnmatch import fnmatch
 from pathlib import Path
@@ -35,7 +37,10 @@ TAGS = {
     "windows-x64": ("win_amd64",),
     "macos-arm64": ("macosx_14_0_arm64", "macosx_11_0_arm64"),
 }
+# The Pythons of Blender: what the archive for each is called.
+BLENDERS = {"3.11": "blender4.5-5.0", "3.13": "blender5.1"}
 NEWEST = "cp313"  # the Python whose wheels another's stand in for
+LEAN = ("scipy",)  # packages that go in without their tests
 NO_NETWORK = 75  # EX_TEMPFAIL
 
 
@@ -55,8 +60,9 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         for platform in PLATFORMS if options.platform == "all" else [options.platform]:
-            archive = build(platform, options.out, options.python)
-            print(f"{archive} ({archive.stat().st_size / 1e6:.1f} MB)")
+            for python in [options.python] if options.python else BLENDERS:
+                archive = build(platform, options.out, python)
+                print(f"{archive} ({archive.stat().st_size / 1e6:.1f} MB)")
     except BuildError as problem:
         print(problem, file=sys.stderr)
         return problem.exit_code
@@ -66,23 +72,22 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def build(platform: str, out: Path, python: str | None = None) -> Path:
+def build(platform: str, out: Path, python: str) -> Path:
     text = (ROOT / "blender_manifest.toml").read_text(encoding="utf-8")
-    if python:
-        text = for_python(text, python, platform)
+    text = for_python(text, python, platform)
     manifest = tomllib.loads(text)
     wheels = [wheel for wheel in manifest["wheels"] if fits(wheel, platform)]
     for wheel in wheels:
         fetch(Path(wheel).name)
     out.mkdir(parents=True, exist_ok=True)
-    kind = f"{platform}-python{python}" if python else platform
+    kind = f"{platform}-{BLENDERS.get(python, f'python{python}')}"
     archive = out / f"{manifest['id']}-{manifest['version']}-{kind}.zip"
     with tempfile.TemporaryDirectory(prefix="extension-") as folder:
         stage = Path(folder) / "stage"
         copy_repository(stage)
         (stage / "wheels").mkdir()
         for wheel in wheels:
-            shutil.copy2(WHEELS / Path(wheel).name, stage / "wheels")
+            shutil.copy2(lean(WHEELS / Path(wheel).name), stage / "wheels")
         (stage / "blender_manifest.toml").write_text(
             narrow(text, manifest, platform, wheels), encoding="utf-8"
         )
@@ -113,6 +118,44 @@ def fetch(name: str) -> None:
         raise BuildError(f"the manifest declares {name}, but the package index has {found}")
 
 
+def lean(wheel: Path) -> Path:
+    """The wheel itself, or for ``LEAN`` packages one of the same name without tests, made once."""
+    if wheel.name.split("-")[0] not in LEAN:
+        return wheel
+    kept = WHEELS / "lean" / wheel.name
+    if not kept.exists():
+        kept.parent.mkdir(exist_ok=True)
+        partial = kept.with_suffix(".partial")
+        without_tests(wheel, partial)
+        partial.replace(kept)
+    return kept
+
+
+def without_tests(wheel: Path, leaner: Path) -> None:
+    """Write a wheel again without the files in folders called ``tests``.
+
+    Blender's extensions share one site-packages, so nothing goes that another could import to compute
+    with. RECORD loses the lines of what goes; every other file is the same, byte for byte.
+    """
+    with (
+        zipfile.ZipFile(wheel) as whole,
+        zipfile.ZipFile(leaner, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as rest,
+    ):
+        for entry in whole.infolist():
+            content = whole.read(entry)
+            if is_test(entry.filename):
+                continue
+            if entry.filename.endswith(".dist-info/RECORD"):
+                rows = content.decode().splitlines(keepends=True)
+                content = "".join(row for row in rows if not is_test(row)).encode()
+            rest.writestr(entry, content, zipfile.ZIP_DEFLATED, 9)
+
+
+def is_test(path: str) -> bool:
+    """Whether a file of a wheel, or a line of its RECORD, is in a folder of tests."""
+    return "/tests/" in path
+
+
 def download(release: str, python: str, abi: str, tags: Sequence[str]) -> str:
     """Downloads the wheel of a release that fits into wheels/; returns its name."""
     print(f"downloading {release} for {python}", flush=True)
@@ -137,12 +180,16 @@ def download(release: str, python: str, abi: str, tags: Sequence[str]) -> str:
 
 
 def for_python(text: str, python: str, platform: str) -> str:
-    """The manifest's text with the wheels of one Python (3.14) in place of those of Blender's own."""
+    """The manifest's text with the wheels of one Python; another's (3.14) stand for those of Blender's."""
+    own = python in BLENDERS
     python = "cp" + python.replace(".", "")
     lines = []
     for line in text.splitlines():
         wheel = line.strip().startswith('"./wheels/') and line.strip().strip('",')
-        if wheel and "-cp3" in wheel:
+        if wheel and "-cp3" in wheel and own:
+            if f"-{python}-" not in wheel:
+                continue
+        elif wheel and "-cp3" in wheel:
             if f"-{NEWEST}-" not in wheel or not fits(wheel, platform):
                 continue
             release = "==".join(Path(wheel).name.split("-")[:2])

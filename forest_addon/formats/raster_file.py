@@ -1,7 +1,7 @@
 """Rasters: PNG and TIFF images, and npy arrays, as numbers.
 
 The black of an image is 0 and its white 1, whatever its depth; floating-point images and arrays count as
-they are. Images are read by Pillow, which matplotlib brings.
+they are. Other images, and rare kinds of TIFF, are read where Pillow is there; Blender does not bring it.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from ..spec import SpecError
+from . import png, tiff
 from .foreign import guarded
 
-WHITE = {"1": 1.0, "L": 255.0, "LA": 255.0, "RGB": 255.0, "RGBA": 255.0}
-DEEP = 65535.0  # white of 16-bit images, which Pillow gives as I;16 or, from some files, as I
+DEEP = tiff.DEEP
+WHITE = {"1": 1.0, "L": 255.0, "LA": 255.0, "RGB": 255.0, "RGBA": 255.0}  # by Pillow's modes
 
 
 @guarded("an image in shades of grey or an npy array")
@@ -44,26 +45,38 @@ def _read_array(path: Path) -> np.ndarray:
 
 
 def _read_image(path: Path) -> np.ndarray:
-    from PIL import Image, UnidentifiedImageError
+    data = path.read_bytes()
+    try:
+        if data.startswith(png.SIGNATURE):
+            pixels, white = png.read_png(data)
+        elif data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+            pixels, white = tiff.read_tiff(data)
+        else:
+            raise ValueError("it is neither PNG nor TIFF")
+    except Exception as problem:  # a damaged image fails anywhere
+        pixels, white = _read_by_pillow(path, problem)
+    if pixels.shape[2] in (2, 4):  # with alpha, which says nothing about shades
+        pixels = pixels[..., :-1]
+    if (pixels[..., 1:] != pixels[..., :1]).any():
+        raise SpecError(str(path), "is in colour; save it in shades of grey")
+    return pixels[..., 0] / white
 
+
+def _read_by_pillow(path: Path, problem: Exception) -> tuple[np.ndarray, float]:
+    """Pixels (H, W, C) and their white by Pillow. problem : why they are not read without it."""
+    why = str(problem) or type(problem).__name__
+    refused = SpecError(str(path), f"cannot be read ({why}); save it as PNG, TIFF or npy")
+    try:
+        from PIL import Image
+    except ImportError:
+        raise refused from None
     try:
         with Image.open(path) as image:
             mode, pixels = image.mode, np.asarray(image)
-    except FileNotFoundError:
-        raise
-    except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError) as problem:
-        raise SpecError(
-            str(path), f"cannot be read ({problem}); save it as PNG, TIFF or npy"
-        ) from None
-    if mode == "F":
-        return pixels
-    if mode.startswith("I"):
-        return pixels / DEEP
+    except (OSError, ValueError, Image.DecompressionBombError):
+        raise refused from None
+    if mode == "F" or mode.startswith("I"):
+        return pixels[..., None], 1.0 if mode == "F" else DEEP
     if mode not in WHITE:
         raise SpecError(str(path), f"has the colour mode {mode}; save it in shades of grey")
-    if pixels.ndim == 3:
-        grey = pixels[..., :3] if mode.startswith("RGB") else pixels[..., :1]
-        if (grey != grey[..., :1]).any():
-            raise SpecError(str(path), "is in colour; save it in shades of grey")
-        pixels = grey[..., 0]
-    return pixels / WHITE[mode]
+    return pixels.reshape(*pixels.shape[:2], -1), WHITE[mode]

@@ -3,32 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from forest_addon.spec import Planting
-from forest_addon.stand.statistics.goodness import Estimate, Goodness
+from forest_addon.stand.statistics.goodness import Goodness
 from forest_addon.stand.statistics.k_function import At
 from forest_addon.stand.statistics.window import Window
 
 from .pictures import FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
+from .species_of_site import SpeciesOfSite
 
 PIXELS = 400  # of the shown intensity along the longer side
 MOST = 6  # species shown
-
-
-@dataclass(frozen=True)
-class SpeciesOfSite:
-    """One species of a site: its trees (N, 2), in metres from the offset, and what was estimated."""
-
-    name: str
-    points: np.ndarray
-    estimate: Estimate
-    planting: Planting
-    goodness: Goodness | None
 
 
 def draw_site(grown: Sequence[SpeciesOfSite], window: Window, path: Path) -> Path:

@@ -5,30 +5,19 @@
 
 from __future__ import annotations
 
-import math
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import matplotlib
-from matplotlib.figure import Figure
-from matplotlib.image import imread
-from matplotlib.patches import Rectangle
-
-from forest_addon.formats.atomic import replacing
 from forest_addon.formats.species_file import ASSETS, find_species, load_species
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.growth.truth import tree_truth
 from forest_addon.rng import stream
-from forest_addon.spec import Detail, Species
+from forest_addon.spec import Detail, SpecError, Species
 
-from ..report.pictures import FAINT, INK, STYLE, save_figure
+from ..report.drawing import can_draw, without
 
 Say = Callable[[str], None]
-PAPER = "#f4f2ec"
-WIDTH = 1500  # pixels
-ICON = 192  # pixels along a side of a small picture
 
 
 def show_species(
@@ -45,7 +34,7 @@ def show_species(
 
     Raises
     ------
-    SpecError : a species is not known or cannot be used.
+    SpecError : a species is not known or cannot be used; pictures cannot be drawn.
     """
     grown = [_grow(name, seed) for name in names or preset_names()]
     head = f"{'species':<20}{'height':>8}{'triangles':>12}{'leaves':>9}{'leaf area':>11}{'wood':>9}"
@@ -57,6 +46,13 @@ def show_species(
             f"{len(tree.leaves):>9,}{truth['leaf_area_m2']:>8.1f} m²"
             f"{1000 * truth['wood_volume_m3']:>7.0f} l"
         )
+    if not (sheet or pictures):
+        return
+    if not can_draw():
+        asked = "--sheet" if sheet else "--pictures"
+        raise SpecError(asked, without("cannot be drawn here"))
+    from ..report.sheet import draw_pictures, draw_sheet
+
     if sheet:
         draw_sheet(grown, sheet)
         say(f"Wrote {sheet}")
@@ -68,66 +64,6 @@ def show_species(
 def preset_names() -> list[str]:
     """Every preset of ``assets/species``."""
     return sorted(path.stem for path in (ASSETS / "species").glob("*.toml"))
-
-
-def draw_sheet(grown: Sequence[tuple[Species, Tree]], path: Path) -> Path:
-    """The contact sheet: a render of all trees with a name and a scale below each."""
-    from forest_addon.blender.sheet import FIELD, FOOT, render_sheet
-
-    columns = max(1, min(6, math.ceil(math.sqrt(1.6 * len(grown)))))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as folder:
-        trees = [(species.name, species.look, tree) for species, tree in grown]
-        rendered = Path(folder) / "trees.png"
-        cells = render_sheet(trees, columns, WIDTH, rendered)
-        image = imread(rendered)
-    matplotlib.rcParams.update(STYLE)
-    high, wide = image.shape[:2]
-    figure = Figure(figsize=(wide / 100, high / 100), dpi=100, facecolor=PAPER)
-    axes = figure.add_axes((0, 0, 1, 1))
-    axes.imshow(image)
-    axes.set_axis_off()
-    reach, below = 0.42 * wide / columns, FOOT / FIELD[0] * wide / columns
-    for cell in cells:  # the sunk foot of a trunk is no part of the picture
-        ground = Rectangle((cell.x - reach, cell.y), 2 * reach, below, color=PAPER, linewidth=0)
-        axes.add_patch(ground).set_zorder(1.5)
-    for (species, tree), cell in zip(grown, cells, strict=True):
-        axes.plot([cell.x - reach, cell.x + reach], [cell.y, cell.y], color=FAINT, linewidth=1.0)
-        axes.text(cell.x, cell.y + 10, species.name, ha="center", va="top", color=INK, fontsize=11)
-        detail = f"{tree.height:.1f} m"
-        if len(tree.leaves):
-            detail += f", {len(tree.leaves):,} leaves"
-        axes.text(cell.x, cell.y + 28, detail, ha="center", va="top", color=INK, fontsize=8.5)
-    axes.set_xlim(0, wide)
-    axes.set_ylim(high, 0)
-    return save_figure(figure, path)
-
-
-def draw_pictures(grown: Sequence[tuple[Species, Tree]], folder: Path) -> None:
-    """A square JPEG of each tree, cut from one render at twice its size."""
-    from PIL import Image
-
-    from forest_addon.blender.sheet import FIELD, FOOT, render_sheet
-
-    columns = math.ceil(math.sqrt(len(grown)))
-    wide = 2 * ICON
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory() as held:
-        rendered = Path(held) / "trees.png"
-        trees = [(species.name, species.look, tree) for species, tree in grown]
-        cells = render_sheet(trees, columns, columns * wide, rendered)
-        with Image.open(rendered) as image:
-            whole = image.convert("RGBA")
-    above, below = round((FIELD[1] - FOOT) * wide), round(0.03 * wide)
-    side = above + below
-    for (species, _), cell in zip(grown, cells, strict=True):
-        left, foot = round(cell.x) - wide // 2, round(cell.y)
-        tree_alone = whole.crop((left, foot - above, left + wide, foot))  # without its sunk foot
-        paper = Image.new("RGBA", (side, side), PAPER)
-        paper.alpha_composite(tree_alone, ((side - wide) // 2, 0))
-        small = paper.convert("RGB").resize((ICON, ICON), Image.Resampling.LANCZOS)
-        with replacing(folder / f"{species.name}.jpg") as partial:
-            small.save(partial, quality=85, optimize=True)
 
 
 def _grow(name: str, seed: int) -> tuple[Species, Tree]:

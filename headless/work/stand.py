@@ -16,7 +16,7 @@ from forest_addon.spec import SpecError
 from forest_addon.stand.plan import Stand, labels, plan_stand
 
 from ..command import read_scene
-from ..report.stand import draw_stand
+from ..report.drawing import can_draw, without
 
 Say = Callable[[str], None]
 
@@ -44,6 +44,12 @@ def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = pri
             f"--out {out}", f"cannot be written to ({problem.strerror}); choose another folder"
         ) from None
     write_stand(out, stand, names, settings.offset, settings.crs)
+    if can_draw():
+        from ..report.stand import draw_stand
+    else:
+        from ..report.plain import draw_stand
+
+        say(without("The map is plain"))
     picture = draw_stand(stand, names, settings, inputs, out.with_suffix(".png"))
     say(f"\nSampled in {took:.2f} s. Wrote {out} and {picture}")
     note = note_of(settings.offset, settings.crs)

@@ -24,9 +24,8 @@ from forest_addon.rng import stream
 from forest_addon.spec import Siblings, SpecError, Species
 
 from ..progress import hushed
+from ..report.drawing import can_draw, without
 from ..report.likeness import compare_with_sensors, tell_likeness
-from ..report.recognised import draw_problem, draw_recognised
-from ..report.three import render_three
 
 Say = Callable[[str], None]
 SHOWN = 5  # siblings in the picture
@@ -63,20 +62,30 @@ def make_template(
             wood, leaves, name, height, out, grammar=grammar, groups=groups, unit=unit, up=up
         )
     except NotUnderstoodError as problem:
-        out.mkdir(parents=True, exist_ok=True)
-        picture = draw_problem(problem.facets, problem.places, name, out / "recognised.png")
-        said = f"{problem.problem.removesuffix('.')} (see {picture})."
+        said = problem.problem
+        if can_draw():
+            from ..report.recognised import draw_problem
+
+            out.mkdir(parents=True, exist_ok=True)
+            picture = draw_problem(problem.facets, problem.places, name, out / "recognised.png")
+            said = f"{said.removesuffix('.')} (see {picture})."
         raise SpecError("template", said) from None
     except SpecError as problem:
         asked = problem.key in ("name", "height", "unit", "up")
         raise SpecError(f"--{problem.key}" if asked else problem.key, problem.problem) from None
     _tell(made, height > 0, bool(unit), say)
     _tell_how(made, bool(up), say)
-    draw_recognised(made.found, made.unit.metres, name, out / "recognised.png")
-    written = f"{made.species}, its STL files, recognised.png"
+    written = f"{made.species}, its STL files"
+    if can_draw():
+        from ..report.recognised import draw_recognised
+
+        draw_recognised(made.found, made.unit.metres, name, out / "recognised.png")
+        written += ", recognised.png"
+    else:
+        say(without("Pictures are left out"))
     if siblings and grammar == "fitted":
         _show_siblings(made, siblings, out / "siblings.png", say)
-        written += ", siblings.png"
+        written += ", siblings.png" if can_draw() else ""
     say(f"Wrote {written} and scene.toml.")
     say(f"Next: python -m headless run {out / 'scene.toml'}")
     return made.species
@@ -109,7 +118,8 @@ def _tell_how(made: Library, up_given: bool, say: Say) -> None:
     if closed and not made.found.fronds:
         say(f"Joined: cut at its forks; {closed:,} triangles close the cuts, inside the wood")
     for doubt in made.found.doubts:
-        say(f"In doubt: {doubt.sentence} recognised.png marks where.")
+        marked = " recognised.png marks where." if can_draw() else ""
+        say(f"In doubt: {doubt.sentence}{marked}")
 
 
 def _show_siblings(made: Library, count: int, path: Path, say: Say) -> None:
@@ -127,8 +137,11 @@ def _show_siblings(made: Library, count: int, path: Path, say: Say) -> None:
 
     with hushed():
         one, all_of_them = compare_with_sensors(itself, (sibling(k) for k in range(count)))
-        shown = [sibling(number) for number in range(min(SHOWN, count))]
-        render_three(made.found, made.unit.metres, itself, shown, species.look, path)
+        if can_draw():
+            from ..report.three import render_three
+
+            shown = [sibling(number) for number in range(min(SHOWN, count))]
+            render_three(made.found, made.unit.metres, itself, shown, species.look, path)
     tell_likeness(compare(one, all_of_them), count, say)
 
 

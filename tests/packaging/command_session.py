@@ -31,7 +31,7 @@ def main(archive: str, scene: str, folder: str) -> None:
             *("lidar", f"{folder}/forest.blend", "--scanner", "riegl-vz-400i", "--at", "5,5,1.6"),
             *("--set", "angle_step_deg=5.0", "--out", f"{folder}/own.laz", "--quiet"),
         ],
-        ["species", "hazelnut", "--sheet", f"{folder}/sheet.png"],
+        ["stand", scene, "--out", f"{folder}/points.csv"],
     )
     codes = []
     for words in jobs:

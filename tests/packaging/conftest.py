@@ -17,9 +17,11 @@ NO_NETWORK = 75  # build_extension.py's exit code
 
 @pytest.fixture(scope="session")
 def archive(tmp_path_factory):
+    """What `make extension` builds for this platform and the Blender of this Python."""
     out = tmp_path_factory.mktemp("extension")
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"
     build = subprocess.run(
-        [sys.executable, ROOT / "packaging/build_extension.py", "--out", out],
+        [sys.executable, ROOT / "packaging/build_extension.py", "--out", out, "--python", python],
         capture_output=True,
         text=True,
         timeout=900,

@@ -4,6 +4,8 @@ import json
 import sys
 from pathlib import Path
 
+from forest_addon.formats.png import read_png
+
 SESSION = Path(__file__).with_name("command_session.py")
 SMALL = Path(__file__).parents[1] / "headless" / "small.toml"
 
@@ -16,8 +18,18 @@ def test_jobs_leave_the_extension_as_it_was(archive, in_clean_blender, tmp_path)
     assert run.returncode == 0, run.stdout + run.stderr
     answer = json.loads((out / "answer.json").read_text())
     assert answer["codes"] == [0, 0, 0], run.stderr
-    assert {"report.html", "forest.blend", "own.laz", "sheet.png"} <= set(answer["files"])
+    assert {"report.html", "forest.blend", "own.laz", "points.csv"} <= set(answer["files"])
+    # matplotlib is not there: Blender draws, and what it cannot draw is said.
+    report = (out / "report.html").read_text(encoding="utf-8")
+    assert report.count("<img") == 6, "the preview, the stand and four sensors"
+    assert "the curve of L(r) - r is left out" in report
+    assert "-m pip install matplotlib" in report
+    for name in ("stand", "cloud", "scan", "echo", "reverb", "points"):
+        pixels, _ = read_png((out / f"{name}.png").read_bytes())
+        assert min(pixels.shape[:2]) > 300
+        assert pixels[30:-30].std() > 5, name
     before, *after = answer["seen"]
     assert before["enabled"] == [True, True]
     assert {"scipy", "laspy", "lazrs"} <= set(before["packages"]), sys.version
+    assert not {"matplotlib", "pillow"} & set(before["packages"])
     assert after == [before] * 3

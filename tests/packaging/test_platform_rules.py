@@ -161,12 +161,28 @@ def test_what_is_imported_is_ours_or_in_the_zip_or_in_blender(code, wheels):
         "forest_addon",
         "headless",
     }
+    # matplotlib draws the pictures of commands and notebooks: see the test below.
+    drawers = {"matplotlib", "PIL"}
     # The benchmarks' other programs, the scheduler of datasets, the rules of flights: each is used by
     # commands and scripts where it is installed, and says what to install where it is not.
     optional = {"pyroomacoustics", "pyhelios", "dask", "distributed", "dask_jobqueue", "gymnasium"}
     for name, tree in code.items():
-        lacking = imported(tree) - known - optional
+        lacking = imported(tree) - known - optional - drawers
         assert not lacking, f"{name}: {lacking}"
+
+
+def test_what_a_window_does_draws_without_matplotlib(code):
+    """Who asks for it can do without, or draws for notebooks and for who plays a flight from Python."""
+    asking = {
+        name
+        for name, tree in code.items()
+        if not name.startswith(COMMAND_LINE) and imported(tree) & {"matplotlib", "PIL"}
+    }
+    assert asking == {
+        "forest_addon/api/plots.py",
+        "forest_addon/flight/top_view.py",
+        "forest_addon/formats/raster_file.py",
+    }
 
 
 def test_the_zip_holds_no_binaries_and_no_bytecode(shipped):

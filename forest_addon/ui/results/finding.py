@@ -70,7 +70,7 @@ def keep_finding(
     """
     props = context.scene.forest_sensing
     figures, sentence = in_words(figures_of(sensor, found)), sentence_of(found)
-    plot = _plot(found, sensor)
+    plot = plots.plot_of(found, sensor)
     title = f"Forest {sensor.name}" + ("" if frame is None else f" {frame:04d}")
     picture = images.show(title, plot) if plot else None
     if isinstance(found, ImpulseResponse) and thing.type == "SPEAKER":
@@ -162,20 +162,6 @@ def _explain(result: Any, legend: Iterable[Entry]) -> None:
     for entry in legend:
         item = result.legend.add()
         item.name, item.choice, item.colour = entry.name, entry.choice, entry.colour
-
-
-def _plot(found: Any, sensor: Any) -> plots.Plot | None:
-    """What is drawn of a result; of a flight one ping after the other."""
-    if isinstance(found, TractorScan):
-        return plots.matrix_plot(found)
-    if isinstance(found, Cloud):
-        return plots.cloud_plot(found, sensor)
-    if isinstance(found, ImpulseResponse):
-        return plots.sound_plot(found.samples, found.sample_rate, decay=True)
-    if isinstance(found, Flight):
-        pings = found.stacked("waveforms")[:, 0].ravel()
-        return plots.sound_plot(pings, found.echoes[0].sample_rate)
-    return plots.sound_plot(found.waveforms[0], found.sample_rate)
 
 
 def _note(props: Any, name: str, kind: str, title: str, figures: Words) -> Any:

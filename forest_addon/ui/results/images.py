@@ -32,8 +32,7 @@ Label = tuple[
 
 def show(name: str, plot: Plot) -> bpy.types.Image:
     """A plot as the Blender image of this name, packed into the file, its preview without the axes."""
-    canvas, labels = _compose(plot)
-    canvas = np.maximum(canvas, TEXT * _written(labels, canvas.shape)[..., None])
+    canvas = drawn(plot)
     image = _image(name, canvas.shape[1], canvas.shape[0])
     image.pixels.foreach_set(_with_alpha(canvas).ravel())
     image.update()
@@ -42,6 +41,12 @@ def show(name: str, plot: Plot) -> bpy.types.Image:
     preview.image_size = (ICON, ICON)
     preview.image_pixels_float.foreach_set(_with_alpha(_small(plot)).ravel())
     return image
+
+
+def drawn(plot: Plot) -> np.ndarray:
+    """A plot with axes and texts, (H, W, 3) of 0 to 1, the lowest row first."""
+    canvas, labels = _compose(plot)
+    return np.maximum(canvas, TEXT * _written(labels, canvas.shape)[..., None])
 
 
 def ticks(axis: Axis, most: int) -> list[float]:

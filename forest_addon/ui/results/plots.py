@@ -5,6 +5,7 @@ share the axis across. ``images`` puts axes around them and makes Blender images
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import signal
@@ -13,6 +14,8 @@ from ...sensing.lidar.cloud import Cloud
 from ...sensing.lidar.panorama import range_image
 from ...sensing.lidar.tractor import TractorScan
 from ...sensing.reverb import metrics
+from ...sensing.reverb.response import ImpulseResponse
+from ...sensing.sonar.flight import Flight
 from ...spec import Scanner, Terrestrial
 from ..words import label
 
@@ -52,6 +55,20 @@ class Plot:
     strips: tuple[Strip, ...]
     across: Axis
     caption: str
+
+
+def plot_of(found: Any, sensor: Any) -> Plot | None:
+    """What is drawn of a result; of a flight one ping after the other."""
+    if isinstance(found, TractorScan):
+        return matrix_plot(found)
+    if isinstance(found, Cloud):
+        return cloud_plot(found, sensor)
+    if isinstance(found, ImpulseResponse):
+        return sound_plot(found.samples, found.sample_rate, decay=True)
+    if isinstance(found, Flight):
+        pings = found.stacked("waveforms")[:, 0].ravel()
+        return sound_plot(pings, found.echoes[0].sample_rate)
+    return sound_plot(found.waveforms[0], found.sample_rate)
 
 
 def sound_plot(samples: np.ndarray, sample_rate: float, decay: bool = False) -> Plot:

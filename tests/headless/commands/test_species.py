@@ -9,9 +9,9 @@ from headless.cli import main
 @pytest.mark.slow
 def test_table_and_sheet(tmp_path, capsys, monkeypatch):
     pytest.importorskip("bpy")
-    from headless.work import species as species_work
+    from headless.report import sheet as drawn_sheet
 
-    monkeypatch.setattr(species_work, "WIDTH", 300)
+    monkeypatch.setattr(drawn_sheet, "WIDTH", 300)
     sheet = tmp_path / "new" / "species.png"
     assert main(["species", "hazelnut", "--sheet", str(sheet)]) == 0
     said = capsys.readouterr().out
@@ -29,9 +29,9 @@ def test_small_pictures_for_the_panel(tmp_path, capsys, monkeypatch):
     pytest.importorskip("bpy")
     from PIL import Image
 
-    from headless.work import species as species_work
+    from headless.report import sheet
 
-    monkeypatch.setattr(species_work, "ICON", 64)
+    monkeypatch.setattr(sheet, "ICON", 64)
     folder = tmp_path / "new" / "pictures"
     assert main(["species", "hazelnut", "honda-conifer", "--pictures", str(folder)]) == 0
     assert "Wrote 2 pictures" in capsys.readouterr().out

@@ -1,0 +1,35 @@
+"""Whether matplotlib is there to draw pictures: Blender does not bring it.
+
+Without it data and tables are written all the same, ``plain`` draws what it can with Blender alone, and a
+sentence says what is left out and how to get it.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+
+DRAWERS = ("matplotlib", "PIL")
+
+
+def can_draw() -> bool:
+    """Whether matplotlib is there; it is not imported."""
+    return all(importlib.util.find_spec(name) is not None for name in DRAWERS)
+
+
+def without(what: str) -> str:
+    """A sentence for where it is not there. what : that happens then, as in "the map is left out"."""
+    return (
+        f"{what}: matplotlib is not there, and Blender does not bring it. "
+        f'To have it, type once: "{sys.executable}" -m pip install {_where()}matplotlib'
+    )
+
+
+def _where() -> str:
+    """Blender finds packages of a user beside his add-ons; a plain Python knows where."""
+    import bpy  # here: planning a stand needs no Blender
+
+    if not bpy.app.binary_path:
+        return ""
+    folder = bpy.utils.user_resource("SCRIPTS", path="addons")
+    return f'--target "{folder}/modules" '

@@ -1,0 +1,83 @@
+"""Pictures of species: all of them on a contact sheet, and a small one of each."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+from matplotlib.patches import Rectangle
+
+from forest_addon.formats.atomic import replacing
+from forest_addon.growth.tree import Tree
+from forest_addon.spec import Species
+
+from .pictures import FAINT, INK, STYLE, save_figure
+
+PAPER = "#f4f2ec"
+WIDTH = 1500  # pixels
+ICON = 192  # pixels along a side of a small picture
+
+
+def draw_sheet(grown: Sequence[tuple[Species, Tree]], path: Path) -> Path:
+    """The contact sheet: a render of all trees with a name and a scale below each."""
+    from forest_addon.blender.sheet import FIELD, FOOT, render_sheet
+
+    columns = max(1, min(6, math.ceil(math.sqrt(1.6 * len(grown)))))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        trees = [(species.name, species.look, tree) for species, tree in grown]
+        rendered = Path(folder) / "trees.png"
+        cells = render_sheet(trees, columns, WIDTH, rendered)
+        image = imread(rendered)
+    matplotlib.rcParams.update(STYLE)
+    high, wide = image.shape[:2]
+    figure = Figure(figsize=(wide / 100, high / 100), dpi=100, facecolor=PAPER)
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.imshow(image)
+    axes.set_axis_off()
+    reach, below = 0.42 * wide / columns, FOOT / FIELD[0] * wide / columns
+    for cell in cells:  # the sunk foot of a trunk is no part of the picture
+        ground = Rectangle((cell.x - reach, cell.y), 2 * reach, below, color=PAPER, linewidth=0)
+        axes.add_patch(ground).set_zorder(1.5)
+    for (species, tree), cell in zip(grown, cells, strict=True):
+        axes.plot([cell.x - reach, cell.x + reach], [cell.y, cell.y], color=FAINT, linewidth=1.0)
+        axes.text(cell.x, cell.y + 10, species.name, ha="center", va="top", color=INK, fontsize=11)
+        detail = f"{tree.height:.1f} m"
+        if len(tree.leaves):
+            detail += f", {len(tree.leaves):,} leaves"
+        axes.text(cell.x, cell.y + 28, detail, ha="center", va="top", color=INK, fontsize=8.5)
+    axes.set_xlim(0, wide)
+    axes.set_ylim(high, 0)
+    return save_figure(figure, path)
+
+
+def draw_pictures(grown: Sequence[tuple[Species, Tree]], folder: Path) -> None:
+    """A square JPEG of each tree, cut from one render at twice its size."""
+    from PIL import Image
+
+    from forest_addon.blender.sheet import FIELD, FOOT, render_sheet
+
+    columns = math.ceil(math.sqrt(len(grown)))
+    wide = 2 * ICON
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as held:
+        rendered = Path(held) / "trees.png"
+        trees = [(species.name, species.look, tree) for species, tree in grown]
+        cells = render_sheet(trees, columns, columns * wide, rendered)
+        with Image.open(rendered) as image:
+            whole = image.convert("RGBA")
+    above, below = round((FIELD[1] - FOOT) * wide), round(0.03 * wide)
+    side = above + below
+    for (species, _), cell in zip(grown, cells, strict=True):
+        left, foot = round(cell.x) - wide // 2, round(cell.y)
+        tree_alone = whole.crop((left, foot - above, left + wide, foot))  # without its sunk foot
+        paper = Image.new("RGBA", (side, side), PAPER)
+        paper.alpha_composite(tree_alone, ((side - wide) // 2, 0))
+        small = paper.convert("RGB").resize((ICON, ICON), Image.Resampling.LANCZOS)
+        with replacing(folder / f"{species.name}.jpg") as partial:
+            small.save(partial, quality=85, optimize=True)

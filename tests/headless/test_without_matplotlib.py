@@ -1,0 +1,98 @@
+"""Where there is no matplotlib, as in Blender: data are written, pictures are plain, a sentence says so."""
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon.formats.png import read_png
+from forest_addon.spec import Forest, Planting, Scene
+from forest_addon.stand.inputs import Inputs
+from forest_addon.ui.results.images import ABOVE, BELOW, LEFT
+from headless.report import drawing, plain
+
+SPECIES = '[[plantings]]\nspecies = "{}"\nexpected = 20\nexact = true\n'
+
+
+@pytest.fixture
+def no_matplotlib(monkeypatch):
+    """As if neither were installed; what was imported before is forgotten meanwhile."""
+    for name in list(sys.modules):
+        if name.split(".")[0] in drawing.DRAWERS or name.startswith("headless.report."):
+            monkeypatch.delitem(sys.modules, name)
+    for name in drawing.DRAWERS:
+        monkeypatch.setitem(sys.modules, name, None)
+
+
+def test_the_map_of_a_stand_is_drawn_all_the_same(tmp_path, headless, no_matplotlib):
+    scene = tmp_path / "scene.toml"
+    scene.write_text("[forest]\nsize = [40, 20]\n" + SPECIES.format("maple"))
+    ended = headless("stand", scene, "--out", tmp_path / "points.csv")
+    assert ended.returncode == 0
+    assert "The map is plain: matplotlib is not there" in ended.stdout
+    assert len((tmp_path / "points.csv").read_text().splitlines()) == 21
+    pixels, _ = read_png((tmp_path / "points.png").read_bytes())
+    green = np.abs(pixels / 255 - plain.COLOURS["green"]).max(axis=2) < 0.12
+    assert green.sum() > 20 * 50
+
+
+def test_an_estimate_is_written_without_its_picture(tmp_path, headless, no_matplotlib):
+    trees = np.random.default_rng(1).uniform(0, 60, (80, 2))
+    np.savetxt(tmp_path / "t.csv", trees, delimiter=",", header="x,y", comments="")
+    words = ("--window", 0, 0, 60, 60, "--species", "maple", "--out", tmp_path / "site.toml")
+    ended = headless("estimate", tmp_path / "t.csv", *words)
+    assert ended.returncode == 0, ended.stderr
+    assert (tmp_path / "site.toml").exists()
+    assert "The picture is left out: matplotlib is not there" in ended.stdout
+    assert not list(tmp_path.glob("*.png"))
+
+
+def test_what_was_asked_to_be_drawn_is_refused_in_a_sentence(tmp_path, headless, no_matplotlib):
+    ended = headless("species", "hazelnut", "--sheet", tmp_path / "a.png")
+    assert ended.returncode == 2
+    assert "hazelnut" in ended.stdout  # the table comes first
+    assert "--sheet" in ended.stderr
+    assert "pip install matplotlib" in ended.stderr
+
+
+def test_a_command_that_only_draws_says_what_it_lacks(tmp_path, headless, no_matplotlib):
+    ended = headless("reverb-figures", "--out", tmp_path / "figures")
+    assert ended.returncode == 2
+    assert "reverb-figures cannot draw its pictures: matplotlib is not there" in ended.stderr
+
+
+def test_blender_is_told_where_it_looks_for_packages(monkeypatch, tmp_path):
+    """The folder is on its path; a plain Python's pip knows its own."""
+    assert "--target" not in drawing.without("Nothing is drawn")
+    app = SimpleNamespace(binary_path="/opt/blender/blender")
+    there = SimpleNamespace(app=app, utils=bpy.utils)
+    monkeypatch.setitem(sys.modules, "bpy", there)
+    folder = drawing.without("Nothing is drawn").split('--target "')[1].split('"')[0]
+    assert Path(folder) in map(Path, sys.path)
+
+
+def test_trees_stand_in_the_plain_map_where_they_stand(tmp_path):
+    settings = Scene(
+        forest=Forest(size=(100, 50)),
+        plantings=(Planting(species="a", crown=3.0, expected=1), Planting(species="b", expected=1)),
+    )
+    stand = SimpleNamespace(
+        position=np.array([[25.0, 10.0, 0.0], [80.0, 40.0, 0.0]]),
+        species=np.array([0, 1]),
+        scale=np.ones(2),
+        area=5000.0,
+    )
+    stand = type("Stand", (), {**vars(stand), "__len__": lambda self: 2})()
+    path = plain.draw_stand(stand, ("a", "b"), settings, Inputs(), tmp_path / "map.png")
+    pixels = read_png(path.read_bytes())[0][ABOVE:-BELOW, LEFT:] / 255
+    for name, place in (("green", (25, 10)), ("orange", (80, 40))):
+        rows, columns = np.nonzero(np.abs(pixels - plain.COLOURS[name]).max(axis=2) < 0.12)
+        metres = np.array([columns.mean(), len(pixels) - 1 - rows.mean()]) / plain.WIDE * 100
+        assert metres == pytest.approx(place, abs=0.3)
+        if name == "green":  # as wide as its crown
+            assert np.ptp(columns) / plain.WIDE * 100 == pytest.approx(6.0, abs=0.3)
+    assert plain.colours_in_words(("a", "b")) == "In the map: a green, b orange."
