@@ -9,12 +9,15 @@ object can be appended or linked by itself. What sensors know of the tree lies o
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ..formats.asset_catalogs import ROOT, add_catalogs, catalog_id, catalog_of
 from ..formats.atomic import replacing
@@ -31,67 +34,78 @@ Progress = Callable[[int, int], None]
 AUTHOR = ROOT
 
 
-def write_species(
-    folder: Path,
-    species: Species,
-    template: Any,
-    variants: int,
-    seed: int,
-    progress: Progress | None = None,
-) -> tuple[Path, list[dict[str, float]]]:
-    """Grow trees of a species and write them as assets; returns the file and what each tree measures.
+@dataclass(frozen=True)
+class Exhibit:
+    """A grown tree, what it measures (by name and unit), and its picture (P, P, 4)."""
 
-    The file that is open stays as it is.
+    tree: Tree
+    truth: dict[str, float]
+    picture: np.ndarray
+
+
+def grow_exhibits(
+    species: Species, template: Any, variants: int, seed: int, progress: Progress | None = None
+) -> list[Exhibit]:
+    """Grow trees of a species and draw them; touches no Blender data.
+
+    Raises
+    ------
+    SpecError : the species cannot be grown.
+    """
+    made = []
+    for variant in range(variants):
+        tree = grow(species, template, stream(seed, "library", species.name, variant))
+        made.append(Exhibit(tree, tree_truth(tree), asset_picture.picture(tree.mesh, species.look)))
+        if progress:
+            progress(variant + 1, variants)
+    return made
+
+
+def write_species(folder: Path, species: Species, exhibits: Sequence[Exhibit]) -> Path:
+    """Write trees of a species as assets; returns the file. The file that is open stays as it is.
 
     Raises
     ------
     OSError : the folder or the file cannot be written to.
-    SpecError : the species cannot be grown.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"{species.name}.blend"
-    made, truths = set(), []
+    safe = re.sub(r"[^\w .-]", "_", species.name)
+    file = folder / f"{safe}.blend"
+    x, made, paths = 0.0, set(), set()
     with _taken_back():
         coats = (
             materials.bark(f"{species.name} bark", species.look.bark),
             materials.leaf(f"{species.name} leaf", species.look.foliage()),
         )
-        x = 0.0
-        paths = set()
-        for variant in range(variants):
-            tree = grow(species, template, stream(seed, "library", species.name, variant))
-            truth = tree_truth(tree)
+        for variant, exhibit in enumerate(exhibits):
+            truth = exhibit.truth
             half = 0.55 * max(truth["crown_width_m"], 0.3 * truth["height_m"])
             x += half if variant else 0.0
             path = catalog_of(species, truth["height_m"])
-            made.add(_asset(species, tree, truth, variant, x, path, coats))
+            made.add(_asset(species.name, exhibit, variant, x, path, coats))
             x += half
             paths.add(path)
-            truths.append(truth)
-            if progress:
-                progress(variant + 1, variants)
         with replacing(file) as partial:
             bpy.data.libraries.write(os.fspath(partial), made, fake_user=True, compress=True)
     add_catalogs(folder, paths)
-    return file, truths
+    return file
 
 
 def _asset(
-    species: Species,
-    tree: Tree,
-    truth: dict[str, float],
+    species: str,
+    exhibit: Exhibit,
     variant: int,
     x: float,
     path: str,
     coats: Sequence[bpy.types.Material],
 ) -> bpy.types.Collection:
     """A collection with one tree, marked as an asset."""
-    name = f"{species.name.replace('-', ' ').capitalize()} {variant + 1}"
-    mesh = to_mesh(name, tree.mesh)
+    name = f"{species.replace('-', ' ').capitalize()} {variant + 1}"
+    mesh = to_mesh(name, exhibit.tree.mesh)
     for coat in coats:
         mesh.materials.append(coat)
-    digest = fingerprint(tree.mesh)
-    write_truth(mesh, f"{species.name}#{variant + 1} {digest}", species.name, tree)
+    digest = fingerprint(exhibit.tree.mesh)
+    write_truth(mesh, f"{species}#{variant + 1} {digest}", species, exhibit.tree)
     thing = bpy.data.objects.new(name, mesh)
     home = bpy.data.collections.new(name)
     home.objects.link(thing)
@@ -99,13 +113,12 @@ def _asset(
     home.asset_mark()
     about = home.asset_data
     about.author, about.catalog_id = AUTHOR, catalog_id(path)
-    about.description = describe(species.name, truth)
-    for tag in ("tree", species.name, path.rpartition("/")[2].lower()):
+    about.description = describe(species, exhibit.truth)
+    for tag in ("tree", species, path.rpartition("/")[2].lower()):
         about.tags.new(tag, skip_if_exists=True)
     preview = home.preview_ensure()
-    pixels = asset_picture.picture(tree.mesh, species.look)
-    preview.image_size = pixels.shape[:2]
-    preview.image_pixels_float.foreach_set(pixels.ravel())
+    preview.image_size = exhibit.picture.shape[:2]
+    preview.image_pixels_float.foreach_set(exhibit.picture.ravel())
     return home
 
 

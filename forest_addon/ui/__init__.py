@@ -83,7 +83,7 @@ def _rooms() -> tuple[ModuleType, ...]:
     from .sensors import add, flight, run, things
     from .sensors import lists as sensors_lists
     from .sensors import panels as sensors_panels
-    from .species import edit, import_stl, pictures
+    from .species import edit, import_stl, library, pictures
     from .species import panel as species_panel
 
     return (
@@ -91,6 +91,6 @@ def _rooms() -> tuple[ModuleType, ...]:
         *(sensors_lists, forest_lists, build, scene_file, add, run, show, export, frames, swatches),
         preferences,
         *(forest_panels, sensors_panels, flight, results_panel),
-        *(overlay, edit, import_stl, species_panel),
+        *(overlay, edit, import_stl, library, species_panel),
         *(chosen, hills, painting, live, command, migration),
     )

@@ -53,6 +53,10 @@ class FOREST_AP_preferences(bpy.types.AddonPreferences):
             text=label("Clear {size}", size=_megabytes(_recently())),
             icon="TRASH",
         )
+        column.label(text="Asset Library")
+        row = column.row()
+        row.label(text=str(library_folder()))
+        row.operator("forest.add_library", icon="ASSET_MANAGER")
 
 
 class FOREST_OT_clear_cache(bpy.types.Operator):
@@ -99,6 +103,11 @@ def cache_folder() -> Path:
 def species_folder() -> Path:
     """Where one's own species are kept; it need not exist."""
     return _home() / "species"
+
+
+def library_folder() -> Path:
+    """Where trees are written as assets; it need not exist."""
+    return _home() / "library"
 
 
 def _home() -> Path:

@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from forest_addon.blender.library import write_species
+from forest_addon.blender.library import grow_exhibits, write_species
 from forest_addon.formats.asset_catalogs import FILE
 from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.spec import SpecError
@@ -18,6 +18,7 @@ from .species import preset_names
 
 Say = Callable[[str], None]
 MOST = 200  # trees of a species
+COLUMNS = (("height_m", ".1f"), ("dbh_m", ".2f"), ("leaves", ",.0f"))
 CELL, LABEL = 256, 34  # pixels of a picture, and of the words below it
 
 
@@ -42,16 +43,14 @@ def make_library(
     say(f"{'species':<20}{'trees':>6}{'height':>14}{'DBH':>16}{'leaves':>20}{'file':>10}")
     files = []
     for species, template in loaded:
-        file, truths = write_species(out, species, template, variants, seed)
+        exhibits = grow_exhibits(species, template, variants, seed)
+        file = write_species(out, species, exhibits)
         files.append(file)
-
-        def span(key: str, digits: str, of: list[dict[str, float]] = truths) -> str:
-            values = sorted(truth[key] for truth in of)
-            return f"{values[0]:{digits}}-{values[-1]:{digits}}"
-
+        truths = [exhibit.truth for exhibit in exhibits]
+        spans = [_span([t[k] for t in truths], f) for k, f in COLUMNS]
         say(
-            f"{species.name:<20}{variants:>6}{span('height_m', '.1f'):>12} m{span('dbh_m', '.2f'):>14} m"
-            f"{span('leaves', ',.0f'):>20}{file.stat().st_size / 1e6:>7.1f} MB"
+            f"{species.name:<20}{variants:>6}{spans[0]:>12} m{spans[1]:>14} m"
+            f"{spans[2]:>20}{file.stat().st_size / 1e6:>7.1f} MB"
         )
     if sheet:
         draw_sheet(files, sheet)
@@ -60,6 +59,10 @@ def make_library(
         f"Done: {len(files)} files and {FILE} in {out}. Add the folder to Blender's asset libraries:"
     )
     say("  Preferences > File Paths > Asset Libraries, or the add-on's preferences")
+
+
+def _span(values: list[float], digits: str) -> str:
+    return f"{min(values):{digits}}-{max(values):{digits}}"
 
 
 def pictures_of(file: Path) -> dict[str, np.ndarray]:
@@ -83,7 +86,7 @@ def draw_sheet(files: Sequence[Path], path: Path) -> Path:
 
     from ..report.pictures import INK, STYLE, save_figure
 
-    shown = [pair for file in files for pair in pictures_of(file).items()]
+    shown = [pair for file in files for pair in sorted(pictures_of(file).items())]
     columns = max(1, min(8, math.ceil(math.sqrt(1.6 * len(shown)))))
     rows = math.ceil(len(shown) / columns)
     wide, high = columns * CELL, rows * (CELL + LABEL)

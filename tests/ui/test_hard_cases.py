@@ -43,7 +43,7 @@ WEDGE = "solid w\n" + "".join(
 # After these a situation is still what it was.
 HARMLESS = {
     *("add_distance", "add_gaussian", "add_raster", "add_stems", "new_seed", "remove_distance"),
-    *("remove_raster", "remove_stems", "save_scene"),
+    *("remove_raster", "remove_stems", "save_scene", "make_library", "add_library"),
 }
 READING = {"save_scene", "select_result", "show_picture", "play", "clear_cache"}
 LONG = "Wäldchen-森-" * 20  # more than the 63 bytes of a name, or 255 in Blender 5
@@ -71,6 +71,7 @@ def arguments(name, folder):
         "import_tree": {"filepath": str(folder / "wedge.stl"), "title": "wedge"},
         "make_species": {"wood": str(folder / "wedge.stl"), "title": "wedge"},
         "start": {"preset": "demo"},
+        "make_library": {"variants": 1},
         "add_tree": {"species": "abop-monopodial-a", "generations": 2},
         "play": {"sensor": "reverb"},
         "select_result": {"shown": "cloud points"},
