@@ -22,7 +22,8 @@ from .atomic import replacing
 
 RESOLUTION = 1e-4  # metres
 REACH = 2**31  # steps to each side of the offset
-ROWS_AT_ONCE = 50_000  # what stays in the cache while its fields are copied
+ROWS_AT_ONCE = 50_000  # a chunk of LAZ
+FILLED_AT_ONCE = 5_000  # what stays in the cache while its fields are copied
 CLASS_OF_ORGAN = np.ones(128, dtype=np.uint8)  # ASPRS: unclassified, high vegetation, ground
 CLASS_OF_ORGAN[[WOOD, LEAF, GROUND]] = 5, 5, 2
 EXTRA = {
@@ -102,7 +103,13 @@ def _each_axis(rows: np.ndarray, reduce: Callable[[Any], Any]) -> np.ndarray:
 
 def _las_points(rows: np.ndarray, header: laspy.LasHeader) -> laspy.ScaleAwarePointRecord:
     points = laspy.ScaleAwarePointRecord.zeros(len(rows), header=header)
-    raw = points.array
+    for first in range(0, len(rows), FILLED_AT_ONCE):
+        some = slice(first, first + FILLED_AT_ONCE)
+        _fill(points.array[some], rows[some], header)
+    return points
+
+
+def _fill(raw: np.ndarray, rows: np.ndarray, header: laspy.LasHeader) -> None:
     for axis, name in enumerate("xyz"):
         steps = (rows[name] - header.offsets[axis]) / header.scales[axis]
         raw[name.upper()] = np.rint(steps)
@@ -113,4 +120,3 @@ def _las_points(rows: np.ndarray, header: laspy.LasHeader) -> laspy.ScaleAwarePo
     raw["gps_time"] = rows["time"]
     for name in EXTRA:
         raw[name] = rows[name]
-    return points

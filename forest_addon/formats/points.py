@@ -33,6 +33,7 @@ POINT = np.dtype(
         ("number_of_returns", "u1"),
     ]
 )
+ROWS_AT_ONCE = 5_000  # what stays in the cache while its fields are copied
 UNITS = {
     **dict.fromkeys(("x", "y", "z", "range", "true_range"), "m"),
     "time": "s",
@@ -46,17 +47,24 @@ UNITS = {
 def records(cloud: Cloud, offset: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
     """(P,) array of ``POINT``; ``offset`` metres are added to positions."""
     rows = np.empty(len(cloud), dtype=POINT)
-    for axis, name in enumerate("xyz"):
-        rows[name] = cloud.position[:, axis] + offset[axis]
-    for axis, name in enumerate(("nx", "ny", "nz")):
-        rows[name] = cloud.returns.normal[:, axis]
-    rows["time"], rows["pulse"] = cloud.time, cloud.pulse
-    rows["range"], rows["true_range"] = cloud.returns.distance, cloud.true_range
-    rows["amplitude"], rows["width"] = cloud.intensity, cloud.width * 1e9
-    rows["incidence"] = np.rad2deg(np.arccos(np.minimum(cloud.returns.cos_incidence, 1.0)))
-    rows["scan_angle"] = np.rad2deg(cloud.scan_angle)
-    rows["return_number"], rows["number_of_returns"] = cloud.number, cloud.count
-    for name in ("tree", "leaf", "species", "organ"):
-        rows[name] = getattr(cloud.returns, name)
-    rows["object"] = cloud.returns.instance
+    for first in range(0, len(cloud), ROWS_AT_ONCE):
+        _fill(rows, cloud, slice(first, first + ROWS_AT_ONCE), offset)
     return rows
+
+
+def _fill(rows: np.ndarray, cloud: Cloud, some: slice, offset: tuple[float, float, float]) -> None:
+    """Write some of the rows."""
+    part, returns = rows[some], cloud.returns
+    for axis, name in enumerate("xyz"):
+        part[name] = cloud.position[some, axis] + offset[axis]
+    for axis, name in enumerate(("nx", "ny", "nz")):
+        part[name] = returns.normal[some, axis]
+    part["time"], part["pulse"] = cloud.time[some], cloud.pulse[some]
+    part["range"], part["true_range"] = returns.distance[some], cloud.true_range[some]
+    part["amplitude"], part["width"] = cloud.intensity[some], cloud.width[some] * 1e9
+    part["incidence"] = np.rad2deg(np.arccos(np.minimum(returns.cos_incidence[some], 1.0)))
+    part["scan_angle"] = np.rad2deg(cloud.scan_angle[some])
+    part["return_number"], part["number_of_returns"] = cloud.number[some], cloud.count[some]
+    for name in ("tree", "leaf", "species", "organ"):
+        part[name] = getattr(returns, name)[some]
+    part["object"] = returns.instance[some]

@@ -30,8 +30,8 @@ def refuse_without_chance(species: Iterable[tuple[str, Path, set[str]]]) -> None
         if len(splits) > 1 and not knows_chance(name, folder):
             raise SpecError(
                 "splits",
-                f'"{name}" knows no chance, so {" and ".join(sorted(splits))} would share its one tree; choose '
-                'another species, splits.by = "species", or splits.share_trees = true',
+                f'"{name}" knows no chance, so {" and ".join(sorted(splits))} would share its one tree; '
+                'choose another species, splits.by = "species", or splits.share_trees = true',
             )
 
 

@@ -69,7 +69,7 @@ def _make_here(jobs: Sequence[dict[str, Any]], report: Report) -> None:
         for job in jobs:
             _take(worker.make(job), report)
     finally:
-        worker.child.end()
+        worker.end()
 
 
 def _take(result: dict[str, Any], report: Report) -> None:

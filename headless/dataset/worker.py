@@ -7,6 +7,7 @@ Everything that matters is on the disk before the result is given, so a lost res
 from __future__ import annotations
 
 import atexit
+import threading
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,7 @@ class Worker:
         root, recipe, running = Path(job["root"]), job["recipe"], Running(**job["running"])
         number, threads = int(recipe["number"]), int(job["threads"])
         if threads != self.child.threads:
-            self.child.end()
+            self.end()
             self.child = Child(threads)
         there = disk.read_scene(root / disk.SCENES / disk.scene_name(number))
         if there is not None and there.record.get("settings") == recipe["digest"]:
@@ -61,8 +62,12 @@ class Worker:
         told["result"] = status["status"]
         return told | {"seconds": outcome.wall, "cpu": sum(outcome.seconds.values())}
 
-    def _renew(self) -> None:
+    def end(self) -> None:
+        """End its Blender."""
         self.child.end()
+
+    def _renew(self) -> None:
+        self.end()
         self.renewed += 1
 
 
@@ -79,13 +84,13 @@ def job_of(
     }
 
 
-_worker: Worker | None = None
+_own = threading.local()
 
 
 def work(job: dict[str, Any]) -> dict[str, Any]:
-    """``Worker.make`` by the one worker of this process; what a scheduler calls."""
-    global _worker
-    if _worker is None:
-        _worker = Worker()
-        atexit.register(_worker.child.end)
-    return _worker.make(job)
+    """``Worker.make`` by the one worker of this thread; what a scheduler calls."""
+    if not hasattr(_own, "worker"):
+        _own.worker = Worker()
+        atexit.register(_own.worker.end)
+    made: dict[str, Any] = _own.worker.make(job)
+    return made

@@ -15,7 +15,8 @@ from .cloud import Cloud
 from .returns import organs
 from .scan import Scan
 
-AT_ONCE = 50_000
+AT_ONCE = 8192  # lines: what is in work stays in the cache
+MANY = 1_000_000  # names of cells that are counted at once
 MOST_SURFACES = 10_000  # on one line
 GROUND = 3
 
@@ -32,15 +33,17 @@ def occlusion(scan: Scan, cloud: Cloud, cells: Cells, every: int) -> dict[str, n
     farthest = np.zeros(len(number))
     np.maximum.at(farthest, slot, cloud.true_range[mine])
     last = np.where(farthest > 0, farthest, last)
-    found = {name: np.zeros(cells.size, np.int32) for name in ("pulses_in", "pulses_blocked")}
+    passed, blocked = _Tally(cells), _Tally(cells)
     for first in range(0, len(number), AT_ONCE):
         rows = slice(first, first + AT_ONCE)
         pulses = scan.pattern.pulses(number[rows])
         reach = np.full(len(pulses), scan.scanner.max_range)
         stop = last[rows]
-        steps = list(walk(cells, np.asarray(pulses.origin), pulses.direction, reach))
-        found["pulses_in"] += counts(cells, [s.cell[s.enter < stop[s.line]] for s in steps])
-        found["pulses_blocked"] += counts(cells, [s.cell[s.enter >= stop[s.line]] for s in steps])
+        for step in walk(cells, np.asarray(pulses.origin), pulses.direction, reach):
+            before = step.enter < stop[step.line]
+            passed.add(step.cell[before])
+            blocked.add(step.cell[~before])
+    found = {"pulses_in": passed.counts(), "pulses_blocked": blocked.counts()}
     pulses = scan.pattern.pulses(cloud.pulse[mine])
     place = pulses.origin + cloud.true_range[mine, None] * pulses.direction
     where = cells.at(place)
@@ -54,6 +57,30 @@ def occlusion(scan: Scan, cloud: Cloud, cells: Cells, every: int) -> dict[str, n
         "every": np.array(every),
         "pulses": np.array(len(number)),
     }
+
+
+class _Tally:
+    """How often cells are named; names are collected until they are as many as cells."""
+
+    def __init__(self, cells: Cells) -> None:
+        self._cells, self._total = cells, counts(cells, [])
+        self._names: list[np.ndarray] = []
+        self._collected = 0
+
+    def add(self, names: np.ndarray) -> None:
+        self._names.append(names)
+        self._collected += len(names)
+        if self._collected > max(self._cells.count, MANY):
+            self._sum()
+
+    def counts(self) -> np.ndarray:
+        """(X, Y, Z) int32."""
+        self._sum()
+        return self._total
+
+    def _sum(self) -> None:
+        self._total += counts(self._cells, self._names)
+        self._names, self._collected = [], 0
 
 
 def on_the_line(scan: Scan, caster: RayCaster, cloud: Cloud, every: int) -> dict[str, np.ndarray]:

@@ -78,36 +78,46 @@ def walk(
     end = np.minimum(far.min(axis=1), reach)
     line = np.flatnonzero(enter < end)
     enter, end = enter[line], end[line]
-    origin, way = origins[line].T.copy(), directions[line].T.copy()
+    origin, way = origins[line].T, directions[line].T
+    low, most = cells.low[:, None], cells.size[:, None] - 1
+    first, last = (
+        np.clip(np.floor((origin + t * way) / cells.edge).astype(np.int64) - low, 0, most)
+        for t in (enter, end)
+    )
+    # Longest ways first: the lines that still go on are then the first ones, step after step.
+    steps = np.abs(last - first).sum(axis=0)
+    order = np.argsort(-steps, kind="stable")
+    line, enter, end, steps = line[order], enter[order], end[order], steps[order]
+    origin, way, first = origin[:, order], way[:, order], first[:, order]
     sign = np.sign(way).astype(np.int64)
-    cell = np.floor((origin + enter * way) / cells.edge).astype(np.int64) - cells.low[:, None]
-    cell = np.clip(cell, 0, cells.size[:, None] - 1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        wall = (cells.low[:, None] + cell + (sign > 0)) * cells.edge
-        following = np.where(sign == 0, np.inf, (wall - origin) / way)
-        across = np.where(sign == 0, np.inf, cells.edge / np.abs(way))
-    strides = np.array([cells.size[1] * cells.size[2], cells.size[2], 1], np.int64)
-    number = cells.number(cell.T)
-    while len(line):
-        axis = np.argmin(following, axis=0)
-        rows = np.arange(len(line))
-        leave = np.minimum(following[axis, rows], end)
-        yield Step(line, number, enter, np.maximum(leave, enter))
-        cell[axis, rows] += sign[axis, rows]
-        inside = (cell[axis, rows] >= 0) & (cell[axis, rows] < cells.size[axis])
-        number = number + sign[axis, rows] * strides[axis]
-        enter = np.maximum(leave, enter)
-        following[axis, rows] += across[axis, rows]
-        goes_on = np.flatnonzero(inside & (enter < end))
-        if len(goes_on) < len(line):
-            line, number, enter, end = (a[goes_on] for a in (line, number, enter, end))
-            cell, following = cell[:, goes_on], following[:, goes_on]
-            sign, across = sign[:, goes_on], across[:, goes_on]
+        wall = (low + first + (sign > 0)) * cells.edge
+        x, y, z = np.where(
+            sign == 0, np.inf, (wall - origin) / way
+        )  # where each axis has its next wall
+        across = np.where(sign == 0, 0.0, cells.edge / np.abs(way))
+    strides = np.array([[cells.size[1] * cells.size[2]], [cells.size[2]], [1]], np.int64)
+    onward = sign * strides
+    number = cells.number(first.T)
+    going = len(line) - np.searchsorted(steps[::-1], np.arange(int(steps.max(initial=0)) + 1))
+    for count in going.tolist():
+        number, enter, x, y, z = number[:count], enter[:count], x[:count], y[:count], z[:count]
+        over_x, over_y = (x <= y) & (x <= z), y <= z
+        over_y &= ~over_x
+        over_z = ~(over_x | over_y)
+        leave = np.minimum(np.minimum(np.minimum(x, y), z), end[:count])
+        leave = np.maximum(leave, enter)
+        yield Step(line[:count], number, enter, leave)
+        for nearest, over, step in zip((x, y, z), (over_x, over_y, over_z), across, strict=True):
+            np.add(nearest, step[:count], out=nearest, where=over)
+        move = np.where(
+            over_x, onward[0, :count], np.where(over_y, onward[1, :count], onward[2, :count])
+        )
+        # Beyond the box comes no line but by rounding, at its very end.
+        number, enter = np.clip(number + move, 0, cells.count - 1), leave
 
 
 def counts(cells: Cells, numbers: Sequence[np.ndarray]) -> np.ndarray:
     """(X, Y, Z) int32, how often each cell is named."""
-    total = np.zeros(cells.count, np.int64)
-    for number in numbers:
-        total += np.bincount(number, minlength=cells.count)
-    return total.astype(np.int32).reshape(cells.size)
+    named = np.concatenate([*numbers, np.empty(0, np.int64)])
+    return np.bincount(named, minlength=cells.count).astype(np.int32).reshape(cells.size)

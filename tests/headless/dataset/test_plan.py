@@ -157,3 +157,36 @@ def test_libraries_are_a_splits_own_unless_told_otherwise(tmp_path):
 def test_shipped_plans_can_be_used(name):
     plan = read_plan(PLANS / f"{name}.toml", ["count=5"])
     assert len({recipe.digest for recipe in recipes(plan)}) == 5
+
+
+CHANCELESS = """
+count = 20
+[scene]
+[mix]
+species = ["abop-ternary-a", "apple-stochastic"]
+kinds = [2, 2]
+"""
+
+
+@pytest.mark.parametrize(
+    "more",
+    ["[splits]\nshare_trees = true\n", "[splits]\ntrain = 1.0\nvalidation = 0.0\ntest = 0.0\n"],
+)
+def test_species_that_know_no_chance_are_refused_where_splits_would_share_their_tree(
+    tmp_path, more
+):
+    path = tmp_path / "plan.toml"
+    path.write_text(CHANCELESS)
+    with pytest.raises(SpecError, match='splits: "abop-ternary-a" knows no chance') as problem:
+        recipes(read_plan(path))
+    assert "plan.toml" in str(problem.value)
+    assert "\n" not in str(problem.value)
+    path.write_text(CHANCELESS + more)
+    assert len(recipes(read_plan(path))) == 20
+
+
+def test_a_species_of_one_split_may_know_no_chance(tmp_path):
+    species = '["abop-ternary-a", "apple-stochastic", "maple"]'
+    text = CHANCELESS.replace('["abop-ternary-a", "apple-stochastic"]', species)
+    (tmp_path / "plan.toml").write_text(text + '[splits]\nby = "species"\n')
+    assert len(recipes(read_plan(tmp_path / "plan.toml"))) == 20
