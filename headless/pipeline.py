@@ -110,8 +110,23 @@ def run_scene(
         for sensor in settings.sensors:
             with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
                 _take(run, world, world.look(sensor, progress), sound)
+        _write_scene(run)
+        made = (run.findings, run.trees, run.results, stages.seconds, run.files)
+        write_record(run.path("run.json"), settings, world, *made)
+    if wanted.report:
+        with stages.stage("write report.html"):
+            page.write(out / "report.html", settings, run.findings, stages.seconds, run.files)
+    where = f". Open {out / 'report.html'}" if wanted.report else ""
+    stages.say(f"Done: {len(run.files) + wanted.report} files in {out}{where}")
+    audits = [*run.trees.items(), *((name, r.audit) for name, r in run.results.items())]
+    doubtful = [f"{name}: {audit}" for name, audit in audits if audit and not audit.kept]
+    if doubtful:
+        raise DoubtfulError("; ".join(doubtful) + f"; the results are kept in {out}")
 
-    scene = bpy.context.scene
+
+def _write_scene(run: Run) -> None:
+    """Write Blender's scene as files and as a picture, as far as they are wanted."""
+    scene, wanted, stages = bpy.context.scene, run.settings.output, run.stages
     set_stage(scene, wanted.preview_size)
     if wanted.blend:
         with stages.stage("write forest.blend"), hushed(errors=True):
@@ -122,17 +137,6 @@ def run_scene(
     if wanted.preview:
         with stages.stage("render preview.png") as progress, hushed():
             render(scene, wanted, run.path("preview.png"), progress)
-    made = (run.findings, run.trees, run.results, stages.seconds, run.files)
-    write_record(run.path("run.json"), settings, observer, *made)
-    if wanted.report:
-        with stages.stage("write report.html"):
-            page.write(out / "report.html", settings, run.findings, stages.seconds, run.files)
-    where = f". Open {out / 'report.html'}" if wanted.report else ""
-    stages.say(f"Done: {len(run.files) + wanted.report} files in {out}{where}")
-    audits = [*run.trees.items(), *((name, r.audit) for name, r in run.results.items())]
-    doubtful = [f"{name}: {audit}" for name, audit in audits if audit and not audit.kept]
-    if doubtful:
-        raise DoubtfulError("; ".join(doubtful) + f"; the results are kept in {out}")
 
 
 def _take(run: Run, world: World, result: Result, sound: Dry | None) -> None:
@@ -225,12 +229,16 @@ def _say_what_is_lacking(run: Run) -> None:
 
 
 def _audit_trees(run: Run, world: World) -> None:
-    """Hold branches and leaves against their truth; the forest's finding says what came out."""
+    """Hold branches and leaves against their truth; the forest's finding says what came out, and what
+    was left to the scene's sensors.
+    """
     if run.settings.accuracy.audit:
         run.trees = world.audit
     for audit in run.trees.values():
         run.stages.say(f"  {audit}")
-    run.findings[0] = dataclasses.replace(run.findings[0], audits=tuple(run.trees.values()))
+    stand = run.findings[0]
+    notes = (*stand.notes, *map(str, world.chosen))
+    run.findings[0] = dataclasses.replace(stand, audits=tuple(run.trees.values()), notes=notes)
 
 
 def _make_writable(out: Path) -> None:

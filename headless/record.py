@@ -12,8 +12,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from forest_addon.api import Result
-from forest_addon.blender.observe import Observer
+from forest_addon.api import Result, World
 from forest_addon.formats.atomic import replacing
 from forest_addon.sensing.audit import Audit
 from forest_addon.spec import Scene
@@ -25,7 +24,7 @@ from .report import page
 def write_record(
     path: Path,
     settings: Scene,
-    observer: Observer,
+    world: World,
     findings: Sequence[page.Finding],
     trees: Mapping[str, Audit],
     results: Mapping[str, Result],
@@ -38,6 +37,7 @@ def write_record(
     """
     import scipy
 
+    observer = world.observer
     geometry = observer.geometry
     unique = sum(len(mesh.triangles) for mesh in geometry.meshes)
     shown = sum(len(geometry.meshes[m].triangles) for m in geometry.mesh_index)
@@ -63,5 +63,7 @@ def write_record(
         "sensors": {name: result.record() for name, result in results.items()},
         "files": files,
     }
+    if world.chosen:
+        record["chosen"] = [choice.record() for choice in world.chosen]
     with replacing(path) as partial:
         partial.write_text(json.dumps(record, indent=2, default=str) + "\n", encoding="utf-8")

@@ -16,6 +16,7 @@ from ..spec import Scene, SpecError, with_files
 from .world import World, import_blender
 
 if TYPE_CHECKING:
+    from ..sensing.choice import Choice
     from ..stand.forest import Forest
     from ..stand.inputs import Inputs
 
@@ -91,7 +92,7 @@ class Site:
     """A scene whose files are read, in Blender with the file open that it starts from; nothing has grown.
 
     species : what each planting plants, with its templates. inputs : rasters, lists and terrain.
-    seconds : that growing and building took so far.
+    seconds : that growing and building took so far. chosen : what was left to the scene's sensors.
     """
 
     scene: Scene
@@ -99,6 +100,7 @@ class Site:
     species: list[Any]
     inputs: Inputs
     seconds: float = 0.0
+    chosen: tuple[Choice, ...] = ()
 
     @classmethod
     def of(cls, scene: Scene, folder: str | Path = ".") -> Site:
@@ -127,10 +129,10 @@ class Site:
 
         progress : called as progress(done, total).
         """
-        from ..stand.forest import grow_forest
+        from ..sensing.needs import grow_needed
 
         started = time.perf_counter()
-        forest = grow_forest(self.scene, self.species, progress, self.inputs)
+        forest, self.chosen = grow_needed(self.scene, self.species, progress, self.inputs)
         self.seconds += time.perf_counter() - started
         return forest
 
@@ -155,4 +157,4 @@ class Site:
         for sensor in self.scene.sensors:
             put_sensor(place, sensor)
         self.seconds += time.perf_counter() - started
-        return World(self.scene, self.folder, forest, place, self.seconds)
+        return World(self.scene, self.folder, forest, place, self.seconds, self.chosen)

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from ..blender.observe import Observer
     from ..sensing.audit import Audit
     from ..sensing.canopy import Canopy
+    from ..sensing.choice import Choice
     from ..stand.forest import Forest
     from ..stand.placed import PlacedTrees
 
@@ -47,7 +48,7 @@ class World:
 
     scene : its settings. folder : that relative paths in settings start from.
     forest : stand and variants as they were grown; None for a scene that was not grown here.
-    seconds : that growing and building took.
+    seconds : that growing and building took. chosen : what of it was left to the scene's sensors.
     """
 
     scene: Scene
@@ -55,6 +56,7 @@ class World:
     forest: Forest | None
     _place: Any
     seconds: float = 1.0
+    chosen: tuple[Choice, ...] = ()
     _taken: Observer | None = None
 
     def __repr__(self) -> str:
@@ -99,7 +101,7 @@ class World:
         ------
         SpecError : this is no sensor, or one that this scene cannot serve.
         """
-        from ..sensing.choice import choose
+        from ..sensing.choice import choose, left_out
 
         if not isinstance(sensor, Settings) or not hasattr(sensor, "kind"):
             raise SpecError("look", f"takes a sensor, such as Terrestrial(), not {_called(sensor)}")
@@ -117,6 +119,7 @@ class World:
         except ValueError as problem:
             raise SpecError(sensor.name, str(problem)) from None
         offset = self.scene.offset
+        chosen = (*chosen, *left_out(found))
         return result_of(sensor, found, seconds, audit, offset, chosen, warnings)
 
     @property

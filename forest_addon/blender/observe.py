@@ -222,6 +222,7 @@ class Observer:
             progress=progress,
             canopy=self._canopy(sensor, settings),
             key=(settings.seed, "reverb", sensor.name),
+            all_trunks=settings.accuracy.detail == "full",
         )
 
     def _around(self, trunks: slices.Trunks, sensor: Reverb, settings: Scene) -> Stand | None:

@@ -31,7 +31,7 @@ from .mesh.edges import repeated_edges
 from .mesh.incline import incline_leaves, incline_sites
 from .mesh.leaves import Leaves, join_leaves
 from .mesh.meshing import mesh_wood
-from .mesh.trimesh import WOOD, TriMesh, join
+from .mesh.trimesh import LEAF, WOOD, TriMesh, join
 from .mesh.tubes import sides_for, tube
 from .skeleton import Skeleton
 from .species import skeleton_of
@@ -90,11 +90,26 @@ def grow(
             tree = _sibling(asked, template, rng)
         else:
             tree = _grafted(asked, template, rng)
-        return replace(tree, wanted=wanted)
+        tree = replace(tree, wanted=wanted)
+        return tree if species.detail.leaves else without_leaves(tree)
     kind = template if isinstance(template, Kind) else Kind(None, template)
     if wanted is None and species.targets is not None:
         wanted = one_tree(species.targets, kind.allometry, species.name, rng)
     return _whole(species, blade_of(species, kind.blade), rng, wanted)
+
+
+def without_leaves(tree: Tree) -> Tree:
+    """The same tree, bare."""
+    none = np.empty((0, 3))
+    size = np.empty(0)
+    leaves = Leaves(none, none, none, size, size, size, np.empty(0, np.int32))
+    return replace(tree, mesh=tree.mesh.select(tree.mesh.part != LEAF), leaves=leaves)
+
+
+def with_tolerance(tree: Tree, tolerance: float) -> Tree:
+    """The same tree, whose wood is all in its skeleton, meshed to another tolerance."""
+    wood = mesh_wood(tree.skeleton, tolerance, sunk=SUNK)
+    return replace(tree, mesh=join([wood, tree.mesh.select(tree.mesh.part == LEAF)]))
 
 
 def blade_of(species: Species, own: Blade | None) -> Blade:
@@ -126,7 +141,9 @@ def _whole(
     if species.inclination is not None and len(sites):
         angle = draw_inclination(species.inclination, _leaf_keys(len(sites), rng))
         sites = incline_sites(sites, angle)
-    sites = thin_leaves(sites, species.detail.leaves, rng)
+    sites = (
+        thin_leaves(sites, species.detail.leaves, rng) if species.detail.leaves else sites.none()
+    )
     bearer = np.maximum(sites.segment, 0)
     known = sites.segment >= 0
     branch = np.where(known, first_level(skeleton)[bearer], -1) if len(sites) else sites.segment

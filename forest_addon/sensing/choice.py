@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from typing import TypeVar
 
 from ..spec import AUTO, Reverb, Settings, Sonar
+from .reverb.response import ImpulseResponse
 
 S = TypeVar("S", bound=Settings)
 
@@ -23,7 +24,8 @@ END = 10 ** (-75 / 20)  # a record ends where that is left of it
 
 @dataclass(frozen=True)
 class Choice:
-    """A value that was left to "auto". bound : on the error that it makes, as a share. why : in words.
+    """A value that was left to "auto". bound : on the error that it makes, as a share, or in ``unit``, that
+    of the value. why : in words.
 
     asked : what was set, where that was not "auto" but can only be had otherwise.
     """
@@ -33,11 +35,15 @@ class Choice:
     bound: float
     why: str
     asked: float | str = AUTO
+    unit: str = ""
 
     def __str__(self) -> str:
         if self.asked != AUTO:
             return f"{self.key} {self.asked:.0e} is kept {self.why}."
-        return f"{self.key} was left to auto: {self.value:.1e}, off by at most {self.bound:.1e} {self.why}."
+        unit = f" {self.unit}" if self.unit else ""
+        value = f"{self.value:.1e}{unit}" if self.value else "none"
+        bound = f"off by at most {self.bound:.1e}{unit}" if self.bound else "no change"
+        return f"{self.key} was left to auto: {value}, {bound} {self.why}."
 
     def record(self) -> dict[str, float | str]:
         """What stands in run.json."""
@@ -56,6 +62,17 @@ def choose(sensor: S) -> tuple[S, tuple[Choice, ...]]:
         why = f"by the direct sum over every trunk and frequency; the fast one ends at {FINEST:.0e}"
         made = (Choice("tolerance", 0.0, sensor.tolerance, why, sensor.tolerance),)
     return sensor.changed(**{choice.key: choice.value for choice in made}), made
+
+
+def left_out(found: object) -> tuple[Choice, ...]:
+    """What a response left out as too weak."""
+    if not isinstance(found, ImpulseResponse) or not found.weak:
+        return ()
+    why = (
+        f"of any octave: {found.weak:,} trunks are left out that add less than the end of a record, "
+        "75 dB down, were they all in phase"
+    )
+    return (Choice("weakest trunks", END, found.weak_bound, why),)
 
 
 def _of_sonar(sonar: Sonar) -> tuple[Choice, ...]:

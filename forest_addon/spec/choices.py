@@ -86,6 +86,10 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "bvhtree": ("BVHTree", "Blender's Python rays: slower, on every system"),
         "embree": ("Embree", "The rays of Blender's Cycles: fastest"),
     },
+    "detail": {
+        "full": ("All", "Branches, leaves and trunks as they are set"),
+        "auto": ("What Matters", "Only what the scene's sensors can tell apart"),
+    },
     "side": {
         "left": ("Left", "It looks to the left of where it drives"),
         "right": ("Right", "It looks to the right of where it drives"),

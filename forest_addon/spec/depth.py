@@ -30,7 +30,7 @@ ADVANCED: dict[str, frozenset[str]] = {
     "surfaces": frozenset({"leaf_transmittance", "passing"}),
     "noise": frozenset({"range_ppm", "incidence_sd"}),
     "rays": frozenset({"threads"}),
-    "accuracy": frozenset({"audit"}),
+    "accuracy": frozenset({"audit", "detail"}),
     "forest": frozenset({"spacing_rule"}),
 }
 

@@ -36,10 +36,16 @@ class Rays(Settings):
 
 
 class Accuracy(Settings):
-    """How results are checked: a random sample of each is computed again by the exact way."""
+    """How results are checked, and how much of a forest is modelled for them."""
 
     audit: float = param(
         0.05, help="time for it, as a share of the time that each result took; 0: none", ge=0, le=10
+    )
+    detail: str = param(
+        "full",
+        help="what is modelled: all as it is set, or of that what the scene's sensors can tell apart; what "
+        "that leaves out is counted and bounded in the report",
+        choices=("full", "auto"),
     )
 
 
@@ -89,7 +95,7 @@ class Scene(Settings):
     rays: Rays = param(Rays(), help="how rays are cast")
     sensors: tuple[Sensor, ...] = param((), help="what looks at the forest")
     flight: Flight = param(Flight(), help="a flyer that finds its way")
-    accuracy: Accuracy = param(Accuracy(), help="how results are checked")
+    accuracy: Accuracy = param(Accuracy(), help="how results are checked, and what is modelled")
     output: Output = param(Output(), help="what is written")
 
     def check(self) -> None:

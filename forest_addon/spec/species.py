@@ -304,7 +304,11 @@ class Detail(Settings):
         0.002, unit="m", help="largest distance between a branch and its mesh", gt=0, le=1
     )
     leaves: float = param(
-        1.0, help="share of the leaves that is made, each enlarged to keep their area", gt=0, le=1
+        1.0,
+        help="share of the leaves that is made, each enlarged to keep their area; 0: none, also of a "
+        "template's",
+        ge=0,
+        le=1,
     )
 
 

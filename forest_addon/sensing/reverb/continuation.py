@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...spec import Reverb
 from .slices import Trunks
 
 MOST = 20_000_000  # expected trunks; more than memory would like
@@ -50,3 +51,18 @@ def continue_trunks(
     keep = outside & near
     beyond = Trunks(position[keep], radius[keep], np.full(int(keep.sum()), -1, dtype=np.int64))
     return beyond if clear is None else beyond.clear_of(clear)
+
+
+def continuation(
+    trunks: Trunks,
+    reverb: Reverb,
+    ends: np.ndarray,
+    rng: np.random.Generator | None,
+    field: Field | None,
+) -> Trunks:
+    """The trunks of the forest beyond the field, none of them over the ends (P, 2)."""
+    if reverb.continue_to <= 0:
+        return trunks.select(np.empty(0, np.int64))
+    if rng is None or field is None:
+        raise ValueError("continue_to needs a random stream and the field's corner and extent")
+    return continue_trunks(trunks, field, ends.mean(axis=0), reverb.continue_to, rng, clear=ends)

@@ -39,7 +39,7 @@ from ...rng import stream
 from ...spec import Air, Reverb
 from ..rays.caster import RayCaster
 from .arrivals import Gain, arrival, lines_of_sight
-from .continuation import Field, continue_trunks
+from .continuation import Field, continuation
 from .directivity import OMNI, Directivity, Term
 from .ends import Ends, ends_of
 from .fast_scattering import Expansions
@@ -51,6 +51,7 @@ from .slices import Trunks
 from .surroundings import BARE, Canopy, Surroundings, surroundings
 from .tail import FADE, tail_of
 from .tree_response import NEAREST, TreeResponse, tree_response
+from .weak import weak_between
 
 Progress = Callable[[int, int], None]
 TrunksBetween = Callable[[np.ndarray, np.ndarray], Trunks]  # by source and receiver
@@ -74,6 +75,8 @@ class ImpulseResponse:
     tail : (N,) noise of sound scattered more than once, part of ``trees``; None where there is none.
     joint : seconds from when all of the trunks' sound is noise; inf: never.
     channel : which source and which receiver. further : the responses of further pairs.
+    weak : trunks that are left out because they add next to nothing. weak_bound : what they add to any
+    octave at most, as a share of it.
     """
 
     sample_rate: float
@@ -95,6 +98,8 @@ class ImpulseResponse:
     joint: float = math.inf
     channel: str = "source to receiver"
     further: tuple[ImpulseResponse, ...] = ()
+    weak: int = 0
+    weak_bound: float = 0.0
 
     @property
     def channels(self) -> tuple[ImpulseResponse, ...]:
@@ -127,6 +132,7 @@ def impulse_response(
     progress: Progress | None = None,
     canopy: Canopy = BARE,
     key: tuple[int | str, ...] = (0, "reverb"),
+    all_trunks: bool = True,
 ) -> ImpulseResponse:
     """The impulse responses of a forest: that of the first channel, with the ``further`` ones in it.
 
@@ -138,6 +144,7 @@ def impulse_response(
     expansions : what the fast sum set up for other responses; None: it is set up for this one.
     progress : called as progress(done, total).
     canopy : leaves and tops of the scene, for a model ``forest``. key : of its noise's random streams.
+    all_trunks : also those that add nothing above the end of a record (``weak``).
 
     Raises
     ------
@@ -166,6 +173,7 @@ def impulse_response(
             lines_of_sight(source, receiver, wood),
             around,
             (*key, number),
+            all_trunks,
         )
         found.append(
             hears.response(
@@ -217,6 +225,7 @@ class _Pair:
     clear: tuple[bool, bool]
     around: Surroundings | None
     key: tuple[int | str, ...]
+    all_trunks: bool
 
     @cached_property
     def losses(self) -> Losses | None:
@@ -235,8 +244,13 @@ class _Pair:
         progress: Progress | None,
     ) -> ImpulseResponse:
         """The response with trunks of the field and those beyond it."""
-        forest = trunks.joined(beyond)
+        forest, ours = trunks.joined(beyond), len(trunks)
         rate, air = self.reverb.sample_rate, self.air
+        weak = None
+        if not self.all_trunks:
+            given = self.reverb, air, self.losses, self.directivity, self.clear[0]
+            weak = weak_between(forest, self.source, self.receiver, *given)
+            forest, ours = forest.select(~weak.rows), ours - int(weak.rows[:ours].sum())
         tail = None
         if self.losses and self.around and self.reverb.tail == "transport":
             ends, length = (self.source, self.receiver), self.reverb.duration
@@ -262,7 +276,7 @@ class _Pair:
             max(math.dist(self.source, end), NEAREST) for end in (self.receiver, mirrored)
         )
         direct, ground = self.clear
-        return ImpulseResponse(
+        found = ImpulseResponse(
             sample_rate=rate,
             direct=arrival(straight, self._sent_to(self.receiver), rate, count, air)
             if direct
@@ -275,7 +289,7 @@ class _Pair:
             direct_clear=direct,
             ground_clear=ground,
             trunks=int(trees.heard.sum()),
-            continued=int(trees.heard[len(trunks) :].sum()),
+            continued=int(trees.heard[ours:].sum()),
             late=int((~trees.heard).sum()),
             clamped=trees.clamped,
             exact=trees.exact,
@@ -288,6 +302,7 @@ class _Pair:
             joint=tail.joint / air.speed() if tail else math.inf,
             channel=channel,
         )
+        return found if weak is None else replace(found, **weak.told(found.samples, rate))
 
     def _all_round(self) -> float:
         """Root mean square of what a directed source sends level, at 1 kHz."""
@@ -382,18 +397,3 @@ def _share_of(progress: Progress | None, number: int, count: int) -> Progress | 
     if progress is None:
         return None
     return lambda done, total: progress(done + number * total, count * total)
-
-
-def continuation(
-    trunks: Trunks,
-    reverb: Reverb,
-    ends: np.ndarray,
-    rng: np.random.Generator | None,
-    field: Field | None,
-) -> Trunks:
-    """The trunks of the forest beyond the field, none of them over the ends (P, 2)."""
-    if reverb.continue_to <= 0:
-        return trunks.select(np.empty(0, np.int64))
-    if rng is None or field is None:
-        raise ValueError("continue_to needs a random stream and the field's corner and extent")
-    return continue_trunks(trunks, field, ends.mean(axis=0), reverb.continue_to, rng, clear=ends)
