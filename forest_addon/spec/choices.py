@@ -41,6 +41,10 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "objects": ("Objects", "Every tree is an object that can be moved and removed"),
         "points": ("Points", "One object with a point a tree: a hundred thousand stay light"),
     },
+    "detail": {
+        "full": ("Full", "Every leaf is made, wherever a tree stands"),
+        "auto": ("By Distance", "Trees that are far from every sensor have fewer, larger leaves"),
+    },
     "sprouting": {
         "apex": ("At the Tip", "Daughters fork where their mother ends"),
         "along": ("Along", "Daughters leave their mother at random places along it"),

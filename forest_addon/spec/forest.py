@@ -282,6 +282,12 @@ class Forest(Settings):
         "nodes put trees on (a hundred thousand stay light), or points from 1001 trees on",
         choices=("auto", "objects", "points"),
     )
+    detail: str = param(
+        "full",
+        help="leaves of trees that grow without a template: all of them, or (auto) fewer and larger ones "
+        "where a tree stands so far from every sensor that none can tell",
+        choices=("full", "auto"),
+    )
 
     def check(self) -> None:
         _check_rings(self.polygon, self.holes)

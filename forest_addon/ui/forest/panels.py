@@ -58,6 +58,7 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
         seed.operator("forest.new_seed", text="", icon="FILE_REFRESH")
         draw_field(column, props.forest, "size")
         draw_field(column, props.forest, "instancing")
+        draw_field(column, props.forest, "detail")
 
 
 class FOREST_PT_plantings(WithForest, bpy.types.Panel):
