@@ -22,7 +22,7 @@ from .draw import draw_inclination
 from .lsystem.grammar import string_of
 from .lsystem.turtle import interpret
 from .measured.meet import grow_measured
-from .measured.needles import shoot_of
+from .measured.needles import coarse_shoot, shoot_of
 from .measured.templates import fitted_template
 from .measured.wanted import Kind, Wanted, one_tree
 from .mesh.axes import first_level
@@ -42,6 +42,7 @@ from .template.relay import mesh_of, skeleton_of_grown
 from .template.sibling import grow_sibling
 
 TOLERANCE = 0.002  # metres between a trunk's polygon and its circle
+FEWEST = 7  # blades of a shoot
 SUNK = 0.15  # metres the trunk goes on below the ground, so that no gap shows
 
 
@@ -114,9 +115,27 @@ def with_tolerance(tree: Tree, tolerance: float) -> Tree:
 
 def blade_of(species: Species, own: Blade | None) -> Blade:
     """The leaf of a species: its own, a shoot of needles, or a shape."""
-    if own is None and species.needles is not None:
-        return shoot_of(species.needles, species.leaf.length.mean)
+    needles = species.needles
+    if own is None and needles is not None:
+        length, blades = species.leaf.length.mean, blades_left(species)
+        fewer = blades < (needles.blades or needles.count)
+        return coarse_shoot(needles, length, blades) if fewer else shoot_of(needles, length)
     return own or SHAPES[species.leaf.shape]()
+
+
+def blades_left(species: Species) -> int:
+    """Blades of a shoot that the level of detail leaves: first these become fewer, then the shoots."""
+    all_of_them = species.needles.blades or species.needles.count if species.needles else 1
+    share = species.detail.leaves
+    return all_of_them if share == 1 else min(all_of_them, max(FEWEST, round(share * all_of_them)))
+
+
+def leaves_left(species: Species) -> float:
+    """The share of leaves, or of shoots, that the level of detail leaves."""
+    needles, share = species.needles, species.detail.leaves
+    if needles is None or share == 1:
+        return share
+    return min(1.0, share * (needles.blades or needles.count) / blades_left(species))
 
 
 def _sibling(species: Species, habit: Habit, rng: np.random.Generator) -> Tree:
@@ -141,15 +160,14 @@ def _whole(
     if species.inclination is not None and len(sites):
         angle = draw_inclination(species.inclination, _leaf_keys(len(sites), rng))
         sites = incline_sites(sites, angle)
-    sites = (
-        thin_leaves(sites, species.detail.leaves, rng) if species.detail.leaves else sites.none()
-    )
+    left = leaves_left(species)
+    sites = thin_leaves(sites, left, rng, blade.middle[0]) if left else sites.none()
     bearer = np.maximum(sites.segment, 0)
     known = sites.segment >= 0
     branch = np.where(known, first_level(skeleton)[bearer], -1) if len(sites) else sites.segment
     order = np.where(known, skeleton.order[bearer], 0) if len(sites) else sites.segment
     wood = mesh_wood(skeleton, species.detail.tolerance, sunk=SUNK)
-    mesh = join([wood, lay(sites, blade, order=order)])
+    mesh = lay(sites, blade, order=order, wood=wood)
     leaves = truth_of(sites, blade, branch)
     return Tree(mesh, leaves, skeleton, grafted=False, wanted=wanted, missed=missed)
 

@@ -43,8 +43,8 @@ class Accuracy(Settings):
     )
     detail: str = param(
         "full",
-        help="what is modelled: all as it is set, or of that what the scene's sensors can tell apart; what "
-        "that leaves out is counted and bounded in the report",
+        help="what is modelled: all as it is set, or (auto) of that what the scene's sensors can tell apart: "
+        "far trees have fewer, larger leaves, thin beams finer branches; each with its bound in the report",
         choices=("full", "auto"),
     )
 

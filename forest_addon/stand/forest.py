@@ -16,6 +16,7 @@ from ..growth.tree import Tree, grow
 from ..growth.truth import crown_base, crown_width, leaf_angles, wood_of_tree
 from ..rng import stream
 from ..spec import Scene, Species
+from .detail import Detail, with_coarse
 from .inputs import Inputs
 from .intensity.terrain import Terrain, sink
 from .measured import dbh_at, scales_for, with_targets
@@ -31,6 +32,7 @@ class Forest:
     labels : a name for every planting. species : what each plants.
     variants : grown trees by (planting, variant).
     wanted : (N, 5) what trees were to measure, NaN where nothing was said; None where of none.
+    detail : which trees have coarser leaves, where that was left to "auto".
     """
 
     stand: Stand
@@ -38,6 +40,7 @@ class Forest:
     species: tuple[Species, ...]
     variants: dict[tuple[int, int], Tree]
     wanted: np.ndarray | None = None
+    detail: Detail | None = None
 
     def variant_of(self, tree: int) -> Tree:
         """The grown tree that stands as tree number ``tree``."""
@@ -79,19 +82,26 @@ def grow_forest(
     stand = measured.stand
     wanted = sorted({(int(s), int(v)) for s, v in zip(stand.species, stand.variant, strict=True)})
     variants: dict[tuple[int, int], Tree] = {}
-    for done, (planting, variant) in enumerate(wanted):
+
+    def fresh(planting: int, variant: int, kind: Species) -> Tree:
+        rng = stream(scene.seed, "tree", names[planting], variant)
         target = measured.variants.get((planting, variant))
-        if grown and target is None:
+        return grow(kind, species[planting][1], rng, target)
+
+    for done, (planting, variant) in enumerate(wanted):
+        if grown and (planting, variant) not in measured.variants:
             variants[planting, variant] = grown(planting, variant)
         else:
-            rng = stream(scene.seed, "tree", names[planting], variant)
-            variants[planting, variant] = grow(*species[planting], rng, target)
+            variants[planting, variant] = fresh(planting, variant, species[planting][0])
         if progress:
             progress(done + 1, len(wanted))
     stand = _sized(stand, variants, measured.trees)
     sunk = sunk_stand(stand, variants, inputs.ground(scene.forest.terrain.base))
     asked = measured.trees if measured.variants else None
-    return Forest(sunk, tuple(names), tuple(s for s, _ in species), variants, asked)
+    kinds, detail = tuple(kind for kind, _ in species), None
+    if scene.accuracy.detail == "auto":
+        sunk, variants, detail = with_coarse(scene, kinds, sunk, variants, fresh)
+    return Forest(sunk, tuple(names), kinds, variants, asked, detail)
 
 
 def _sized(stand: Stand, variants: dict[tuple[int, int], Tree], wanted: np.ndarray) -> Stand:

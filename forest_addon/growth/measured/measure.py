@@ -41,8 +41,10 @@ def stem_profile(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
 
 def crown_base_of(skeleton: Skeleton, segment: np.ndarray) -> float:
     """Height of the lowest first-level branch that bears leaves, on segments (L,), metres."""
-    known = segment[segment >= 0]
-    return lowest_branch(skeleton, first_level(skeleton)[known]) if len(known) else 0.0
+    bears = np.zeros(len(skeleton) + 1, dtype=bool)  # the last for leaves that nothing bears
+    bears[segment] = True
+    bears = bears[:-1]
+    return lowest_branch(skeleton, first_level(skeleton)[bears]) if bears.any() else 0.0
 
 
 def lowest_branch(skeleton: Skeleton, branch: np.ndarray) -> float:
@@ -67,8 +69,8 @@ def width_of(points: np.ndarray) -> float:
             some = ConvexHull(flat[:: len(flat) // MANY])
             middle = some.points[some.vertices].mean(axis=0)
             inner = -float((some.equations[:, :2] @ middle + some.equations[:, 2]).max())
-            away = flat - middle
-            flat = flat[np.einsum("ni,ni->n", away, away) >= (0.999 * inner) ** 2]
+            x, y = flat[:, 0] - middle[0], flat[:, 1] - middle[1]
+            flat = flat[x * x + y * y >= (0.999 * inner) ** 2]
         return float(ConvexHull(flat).area) / np.pi  # in the plane "area" is the perimeter
     except QhullError:  # all in a line
         return 2 * float(np.linalg.norm(np.ptp(flat, axis=0))) / np.pi

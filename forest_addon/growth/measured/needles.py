@@ -19,6 +19,7 @@ from ..mesh.blades import Blade
 
 GOLDEN = np.pi * (3 - np.sqrt(5))
 DIRECTIONS, PIXELS = 16, 256
+CLOSELY = 150, 128  # directions and pixels
 BARE = 0.06  # of a shoot's foot without needles
 
 
@@ -63,24 +64,47 @@ def shoot_of(needles: Needles, length: float) -> Shoot:
     return Shoot(*_strips(count, reach, width, needles.angle_deg), area, shadow)
 
 
-def mean_shadow(vertices: np.ndarray, triangles: np.ndarray) -> float:
+@lru_cache(maxsize=32)
+def coarse_shoot(needles: Needles, length: float, blades: int) -> Shoot:
+    """A shoot of fewer blades in place of ``shoot_of``: the same needles, and the same mean shadow.
+
+    Few blades hide much more from some sides than from others, so that both are seen from many.
+    """
+    fine = shoot_of(needles, length)
+    wanted = mean_shadow(fine.vertices, fine.triangles, *CLOSELY)
+    reach = needles.length / length
+    width = np.pi / 2 * needles.diameter / length * needles.count / blades
+    for _ in range(6):
+        strips = _strips(blades, reach, width, needles.angle_deg)
+        width *= (wanted / mean_shadow(*strips, *CLOSELY)) ** 1.2
+    return Shoot(*_strips(blades, reach, width, needles.angle_deg), fine.needle_area, fine.shadow)
+
+
+def mean_shadow(
+    vertices: np.ndarray,
+    triangles: np.ndarray,
+    directions: int = DIRECTIONS,
+    pixels: int = PIXELS,
+) -> float:
     """Mean over directions of the area that triangles hide, by drawing them."""
     total = 0.0
-    k = np.arange(DIRECTIONS) + 0.5
-    z, azimuth = 1 - k / DIRECTIONS, GOLDEN * k  # half a sphere: both ways hide the same
+    k = np.arange(directions) + 0.5
+    z, azimuth = 1 - k / directions, GOLDEN * k  # half a sphere: both ways hide the same
     for dz, turn in zip(z, azimuth, strict=True):
         flat = np.sqrt(1 - dz * dz)
         right = np.array([-np.sin(turn), np.cos(turn), 0.0])
         up = np.array([-dz * np.cos(turn), -dz * np.sin(turn), flat])
         seen = np.stack([vertices @ right, vertices @ up], axis=1)
         low, size = seen.min(axis=0), float(np.ptp(seen, axis=0).max())
-        total += _drawn((seen - low) / size * (PIXELS - 1), triangles) * (size / (PIXELS - 1)) ** 2
-    return total / DIRECTIONS
+        last = pixels - 1
+        drawn = _drawn((seen - low) / size * last, triangles, pixels)
+        total += drawn * (size / last) ** 2
+    return total / directions
 
 
-def _drawn(corners: np.ndarray, triangles: np.ndarray) -> float:
+def _drawn(corners: np.ndarray, triangles: np.ndarray, pixels: int) -> float:
     """Pixels whose middle lies in any of the triangles."""
-    picture = np.zeros((PIXELS, PIXELS), dtype=bool)
+    picture = np.zeros((pixels, pixels), dtype=bool)
     for a, b, c in corners[triangles]:
         x0, y0 = np.floor(np.minimum(np.minimum(a, b), c)).astype(int)
         x1, y1 = np.ceil(np.maximum(np.maximum(a, b), c)).astype(int) + 1

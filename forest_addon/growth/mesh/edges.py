@@ -57,15 +57,31 @@ def tube_edges(
     return Edges(ends.reshape(-1, 2), of_corner)
 
 
-def repeated_edges(triangles: np.ndarray, corners: int, times: int) -> Edges:
-    """Edges of a shape (F, 3) with so many corners that is there so many times, one after the other."""
+def repeated_edges(
+    triangles: np.ndarray, corners: int, times: int, first: Edges | None = None, vertex: int = 0
+) -> Edges:
+    """Edges of a shape (F, 3) with so many corners that is there so many times, one after the other.
+
+    first : edges that come before them, of ``vertex`` vertices.
+    """
     ahead = np.stack([triangles, triangles[:, [1, 2, 0]]], axis=2).reshape(-1, 2)  # (3F, 2)
     low, high = ahead.min(axis=1).astype(np.int64), ahead.max(axis=1)
     base = int(high.max(initial=0)) + 1
     keys, index = np.unique(low * base + high, return_inverse=True)  # quicker than unique rows
-    ends = np.stack(np.divmod(keys, base), axis=1)
-    copy = np.arange(times, dtype=np.int32)[:, None, None]
+    ends = np.stack(np.divmod(keys, base), axis=1).reshape(-1).astype(np.int32)
+    before = np.empty((0, 2), np.int32) if first is None else first.ends
+    turns = np.empty((0, 3), np.int32) if first is None else first.of_corner
+    copy = np.arange(times, dtype=np.int32)[:, None]
     return Edges(
-        (ends.astype(np.int32) + corners * copy).reshape(-1, 2),
-        (index.reshape(-1, 3).astype(np.int32) + len(ends) * copy).reshape(-1, 3),
+        _behind(before, ends, vertex + corners * copy),
+        _behind(turns, index.reshape(-1).astype(np.int32), len(before) + len(keys) * copy),
     )
+
+
+def _behind(first: np.ndarray, pattern: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Rows (N, C), and behind them a flat pattern of such rows once for each shift (L, 1)."""
+    wide = first.shape[1]
+    out = np.empty((len(first) + len(shift) * len(pattern) // wide, wide), dtype=np.int32)
+    out[: len(first)] = first
+    np.add(pattern, shift, out=out[len(first) :].reshape(len(shift), len(pattern)))
+    return out

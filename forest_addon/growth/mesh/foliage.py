@@ -7,6 +7,7 @@ import numpy as np
 from ...spec import Leaf
 from ..draw import draw_normal
 from ..skeleton import LeafSites
+from .vectors import cross_rows
 
 
 def set_leaves(
@@ -26,7 +27,7 @@ def set_leaves(
     """
     angle = np.deg2rad(draw_normal(leaf.angle_deg, keys, "leaf angle"))[:, None]
     around = np.cos(azimuth)[:, None] * across
-    around = around + np.sin(azimuth)[:, None] * np.cross(heading, across)
+    around = around + np.sin(azimuth)[:, None] * cross_rows(heading, across)
     direction = np.cos(angle) * heading + np.sin(angle) * around
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     length = draw_normal(leaf.length, keys, "leaf length")

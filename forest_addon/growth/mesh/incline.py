@@ -30,9 +30,17 @@ def turns(normal: np.ndarray, axis: np.ndarray, wanted: np.ndarray) -> np.ndarra
     cos, sin = np.cos(by), np.sin(by)
     x, y = -side[:, 1], side[:, 0]  # k, which turns +Z towards the side
     turn = np.empty((len(normal), 3, 3))
-    turn[:, 0] = np.stack([cos + x * x * (1 - cos), x * y * (1 - cos), y * sin], axis=1)
-    turn[:, 1] = np.stack([x * y * (1 - cos), cos + y * y * (1 - cos), -x * sin], axis=1)
-    turn[:, 2] = np.stack([-y * sin, x * sin, cos], axis=1)
+    turn[:, 0, 0], turn[:, 0, 1], turn[:, 0, 2] = (
+        cos + x * x * (1 - cos),
+        x * y * (1 - cos),
+        y * sin,
+    )
+    turn[:, 1, 0], turn[:, 1, 1], turn[:, 1, 2] = (
+        x * y * (1 - cos),
+        cos + y * y * (1 - cos),
+        -x * sin,
+    )
+    turn[:, 2, 0], turn[:, 2, 1], turn[:, 2, 2] = -y * sin, x * sin, cos
     return turn
 
 

@@ -79,7 +79,7 @@ def test_thinning_keeps_the_total_area(share):
     kept = np.linalg.norm(lay(few, blade).area_vectors(), axis=1).sum()
     assert kept == pytest.approx(whole, rel=1e-9)
     more = thin_leaves(sites, min(1, 2 * share), np.random.default_rng(4))
-    assert {tuple(f) for f in few.foot} <= {tuple(f) for f in more.foot}
+    assert {tuple(f) for f in few.direction} <= {tuple(f) for f in more.direction}
 
 
 def test_thinning_nothing_and_everything():
@@ -106,3 +106,29 @@ def test_a_leaf_of_the_users_own():
     assert np.ptp(blade.vertices, axis=0)[:2] == pytest.approx([1, 1])
     with pytest.raises(BladeError, match="no area"):
         blade_from(np.zeros((1, 3, 3)) + np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0]]))
+
+
+def test_leaves_laid_behind_wood_are_the_joined_mesh():
+    """To the last bit, with all that both know: coordinates, numbers, texture, orders and edges."""
+    from forest_addon.growth.mesh.meshing import mesh_wood
+    from forest_addon.growth.mesh.trimesh import join
+    from forest_addon.growth.species import skeleton_of
+    from forest_addon.rng import stream
+    from forest_addon.spec import Honda, Species
+
+    skeleton, sites = skeleton_of(Species(name="one", honda=Honda()), stream(1, "laid"))
+    wood, blade, order = mesh_wood(skeleton), SHAPES["oval"](), skeleton.order[sites.segment]
+    many = replace(
+        sites, **{n: np.repeat(getattr(sites, n), 9, axis=0) for n in sites.__dataclass_fields__}
+    )
+    order = np.repeat(order, 9)
+    assert len(many) > 5000
+    at_once, joined = (
+        lay(many, blade, order=order, wood=wood),
+        join([wood, lay(many, blade, order=order)]),
+    )
+    for name in ("vertices", "triangles", "part", "leaf", "material", "uv", "order"):
+        assert np.array_equal(getattr(at_once, name), getattr(joined, name)), name
+        assert getattr(at_once, name).dtype == getattr(joined, name).dtype
+    for name in ("ends", "of_corner"):
+        assert np.array_equal(getattr(at_once.edges, name), getattr(joined.edges, name))
