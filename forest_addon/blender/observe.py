@@ -190,7 +190,7 @@ class Observer:
             )
         between = ends.ends_of(sensor, self.places)
         pair = between.pairs[0]
-        trunks = self._trunks_between(sensor, settings, between)(*pair)
+        trunks = self.trunks_between(sensor, settings, between)(*pair)
         return audit_response(
             found,
             trunks,
@@ -210,7 +210,7 @@ class Observer:
         """Impulse responses between all ends."""
         between = ends.ends_of(sensor, self.places)
         return reverb.impulse_response(
-            self._trunks_between(sensor, settings, between),
+            self.trunks_between(sensor, settings, between),
             sensor,
             settings.air,
             ends=between,
@@ -240,7 +240,7 @@ class Observer:
         area = float(np.prod(settings.forest.size))
         return canopy_of(self.geometry, (float(source[2]), float(receiver[2])), area)
 
-    def _trunks_between(
+    def trunks_between(
         self, sensor: Reverb, settings: Scene, between: ends.Ends
     ) -> reverb.TrunksBetween:
         """Trunks of the scene, by source and receiver, and those that are stems only."""

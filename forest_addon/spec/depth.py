@@ -16,7 +16,7 @@ ADVANCED: dict[str, frozenset[str]] = {
     "sonar": frozenset(
         {
             *("doppler", "record", "facets", "leaf_model", "absorption", "near_limit"),
-            *("cull", "tolerance", "contributions"),
+            *("cull", "tolerance", "contributions", "shading_rays"),
         }
     ),
     "reverb": frozenset(
@@ -45,6 +45,7 @@ APPLIES: dict[str, tuple[str, tuple[str, ...]]] = {
     "ear_turn_deg": ("ears", (MORE_THAN_ONE,)),
     "call_file": ("call", ("file",)),
     "call_duration": ("call", ("fm", "cf-fm")),
+    "shading_rays": ("shading", ("extinction", "trunks+extinction")),
     "directivity_file": ("directivity", ("measured",)),
     "array_spacing": ("array", (MORE_THAN_ONE,)),
     "array_azimuth_deg": ("array", (MORE_THAN_ONE,)),

@@ -105,6 +105,12 @@ class Sonar(Settings):
         "(extinction; large ones hide), or both",
         choices=("none", "trunks", "extinction", "trunks+extinction"),
     )
+    shading_rays: int = param(
+        4,
+        help="rays along each side of a cell 4° wide that look for leaves in the way (extinction)",
+        ge=1,
+        le=32,
+    )
     absorption: bool = param(True, help="let the air absorb sound")
     near_limit: float = param(
         0.05, unit="m", help="what is nearer is left out, and counted", gt=0, le=100

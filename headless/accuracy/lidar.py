@@ -1,23 +1,31 @@
-"""LiDAR: how many sub-rays a beam needs; too few see too little of its footprint.
+"""LiDAR: sub-rays of a beam, tubes and leaves of the trees' meshes, and engines.
 
-Blocks of pulses, drawn evenly over the scan, are sent with each number of sub-rays and with many; the error
-is the difference of the first return's range, metres, root mean square over pulses that both saw. The
-tractor's beams are swept likewise. Rays themselves are exact to 1e-12 m with either engine.
+Blocks of pulses, drawn evenly over the scan, are sent with each number of sub-rays and with many, which
+meet the finest tubes too where trees have tubes. The error is the difference of the first return's range,
+metres, root mean square over pulses that both saw. The tractor's beams are swept likewise, by the splits of
+its sector. Rays themselves are held against brute force in float64.
 """
 
 from __future__ import annotations
 
+import math
 import time
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from forest_addon.blender.observe import Observer
 from forest_addon.rng import stream
+from forest_addon.sensing.audit import Audit
+from forest_addon.sensing.lidar.audit import audit_drive, audit_scan
 from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.sensing.lidar.tractor import drive, fan, positions
+from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.spec import Scanner, Scene, Tractor
 
+from .meshes import ENGINES, Meshes
 from .sweep import Point, Sweep, mean_and_spread
 
 SUBRAYS = (1, 3, 7, 19, 37, 61)
@@ -26,59 +34,174 @@ SPLITS = (0, 1, 2, 4)
 FINE = 12
 BLOCKS, BLOCK = 24, 32  # pulses
 LINES = 6  # scans of a tractor
-RAYS = 1e-12  # m, of rays, as their audits say
 JUMP = 0.1  # m, and more: another surface
+TUBES = (0.25, 4.0, 16.0)  # times today's tolerance
+FINEST = 1 / 16
+LEAVES = (1 / 4, 1 / 16)  # of today's
+EXACTLY = 1.5  # CPU seconds of brute force
+
+Look = Callable[[RayCaster, int], tuple[np.ndarray, float]]  # ranges, seconds of the whole sensor
 
 
-def sweep_scanner(sensor: Scanner, observer: Observer, settings: Scene, way: object) -> Sweep:
-    """Errors and seconds of a scanner by sub-rays."""
-    today = sensor.beam.subrays
+@dataclass(frozen=True)
+class _Beams:
+    """What the sweeps of all LiDARs share.
+
+    look : ranges (P,) of the same beams by a caster and a number of rays, NaN where there is none, and
+    seconds. today : the number of rays; fine : one that is as good as all; tried : others. changes, label :
+    of a number. exactly : an audit by brute force.
+    """
+
+    what: str
+    look: Look
+    today: int
+    fine: int
+    tried: tuple[int, ...]
+    changes: Callable[[int], dict[str, Any]]
+    label: Callable[[int], str]
+    exactly: Callable[[RayCaster], Audit]
+    notes: tuple[str, ...] = ()
+
+
+def sweep_scanner(
+    sensor: Scanner, observer: Observer, settings: Scene, meshes: Meshes, way: object
+) -> Sweep:
+    """Errors and seconds of a scanner."""
     wide = max(sensor.beam.divergence_mrad) > 0 or sensor.beam.exit_diameter > 0
-    tried = sorted({today, *(SUBRAYS if wide else ())})
-    starts = None
-    first: dict[int, np.ndarray] = {}
-    seconds: dict[int, float] = {}
-    pulses = 0
-    for subrays in (*tried, *((MANY,) if wide else ())):
+    today = sensor.beam.subrays
+    whole = Scan(sensor, observer.caster, settings.seed, way)
+    key = settings.seed, "accuracy", sensor.name
+    rng = stream(*key)
+    starts = np.sort(rng.integers(0, max(whole.pulses - BLOCK, 1), BLOCKS))
+
+    def look(caster: RayCaster, subrays: int) -> tuple[np.ndarray, float]:
         beam = replace(sensor.beam, subrays=subrays)
-        scan = Scan(replace(sensor, beam=beam), observer.caster, settings.seed, way)
-        pulses = scan.pulses
-        if starts is None:
-            rng = stream(settings.seed, "accuracy", sensor.name)
-            starts = np.sort(rng.integers(0, max(pulses - BLOCK, 1), BLOCKS))
-            scan.look(int(starts[0]), min(int(starts[0]) + BLOCK, pulses))  # build trees of boxes
+        scan = Scan(replace(sensor, beam=beam), caster, settings.seed, way)
+        scan.look(int(starts[0]), min(int(starts[0]) + BLOCK, scan.pulses))  # build trees of boxes
         begin = time.process_time()
-        first[subrays] = np.concatenate([_first_ranges(scan, int(start)) for start in starts])
-        seconds[subrays] = (time.process_time() - begin) * pulses / len(first[subrays])
+        found = np.concatenate([_first_ranges(scan, int(start)) for start in starts])
+        return found, (time.process_time() - begin) * scan.pulses / len(found)
 
-    def point(subrays: int) -> Point:
-        error, spread = 0.0, 0.0
-        if wide:
-            apart = first[subrays] - first[MANY]
-            error, spread = mean_and_spread(apart[np.isfinite(apart)])
-        changes = {"beam": replace(sensor.beam, subrays=subrays)}
-        label = f"{subrays} sub-ray{'s' * (subrays > 1)}"
-        return Point(changes, label, error, spread, seconds[subrays])
-
-    notes, terms = [], {"numerics": RAYS}
-    if wide:
-        terms["sampling"] = point(today).error
-        notes.append(_jumps(first[today] - first[MANY]))
-        lost = np.isfinite(first[MANY]) & ~np.isfinite(first[today])
-        notes.append(
-            f"{lost.mean():.1%} of pulses return only with more sub-rays than today's {today}"
-        )
-    else:
-        notes.append("the beam has no width: one ray is all of it, exact to 1e-12 m")
-    return Sweep(
+    return _sweep(
         sensor,
-        "range of the first return, sampling of the footprint",
-        "m",
-        point(today),
-        tuple(point(subrays) for subrays in tried if subrays != today),
-        notes=tuple(notes),
-        terms=terms,
+        observer,
+        meshes,
+        _Beams(
+            "range of the first return",
+            look,
+            today,
+            MANY if wide else today,
+            SUBRAYS if wide else (),
+            lambda n: {"beam": replace(sensor.beam, subrays=n)},
+            lambda n: f"{n} sub-ray{'s' * (n > 1)}",
+            lambda c: audit_scan(Scan(sensor, c, settings.seed, way), stream(*key), EXACTLY, 1.0),
+            () if wide else ("the beam has no width: one ray is all of it",),
+        ),
     )
+
+
+def sweep_tractor(sensor: Tractor, observer: Observer, settings: Scene, meshes: Meshes) -> Sweep:
+    """Errors and seconds of a tractor."""
+    along, angles = positions(sensor), len(fan(sensor))
+    key = settings.seed, "accuracy", sensor.name
+    rng = stream(*key)
+    chosen = along[np.sort(rng.integers(0, len(along), min(LINES, len(along))))]
+    heading = np.deg2rad(sensor.heading_deg)
+    forward = np.array([np.cos(heading), np.sin(heading), 0.0])
+
+    def look(caster: RayCaster, splits: int) -> tuple[np.ndarray, float]:
+        found, spent = [], 0.0
+        for metres in (chosen[0], *chosen):  # the first twice: trees of boxes are built
+            place = tuple(float(v) for v in np.array(sensor.position) + metres * forward)
+            one = replace(sensor, position=place, track=sensor.step / 2, splits=splits)
+            begin = time.process_time()
+            found.append(drive(one, caster).distance.ravel())
+            spent += (time.process_time() - begin) * (len(found) > 1)
+        distance = np.concatenate(found[1:])
+        distance = np.where(np.isfinite(distance), distance, np.nan)
+        return distance, spent * len(along) / len(chosen)
+
+    def label(splits: int) -> str:
+        rays = (splits + 1) ** 2
+        return f"{rays} ray{'s' * (rays > 1)} a beam"
+
+    note = f"{len(along) * angles:,} beams; S's beam is a solid sector whose nearest hit counts"
+    return _sweep(
+        sensor,
+        observer,
+        meshes,
+        _Beams(
+            "distance of a beam",
+            look,
+            sensor.splits,
+            FINE,
+            SPLITS,
+            lambda n: {"splits": n},
+            label,
+            lambda c: audit_drive(sensor, c, stream(*key), EXACTLY, 1.0),
+            (note,),
+        ),
+    )
+
+
+def _sweep(sensor: Scanner | Tractor, observer: Observer, meshes: Meshes, beams: _Beams) -> Sweep:
+    """Rays, meshes and engines, each against the finest of all."""
+    tubes = meshes.tubes(FINEST) if meshes.tolerance else None
+    many, _ = beams.look(observer.caster, beams.fine)
+    truth = many if tubes is None else beams.look(tubes, beams.fine)[0]
+    today_found = beams.look(observer.caster, beams.today)
+
+    audit = beams.exactly(observer.caster)
+
+    def point(
+        found: tuple[np.ndarray, float], label: str, numerics: float = audit.rms, **given: Any
+    ) -> Point:
+        error, spread = _rms(found[0] - truth)
+        return Point({}, label, math.hypot(error, numerics), spread, found[1], **given)
+
+    seen = today_found[0]
+    today = point(today_found, beams.label(beams.today))
+    others = []
+    for number in beams.tried:
+        if number != beams.today:
+            tried = point(beams.look(observer.caster, number), beams.label(number))
+            others.append(replace(tried, changes=beams.changes(number)))
+    for name, title in ENGINES.items():
+        caster = meshes.engine(name)
+        if caster is not None:
+            exact = beams.exactly(caster).rms
+            found = beams.look(caster, beams.today)
+            others.append(point(found, f"rays by {title}", exact, engine=name))
+    slow = seen, audit.exact_seconds
+    others.append(point(slow, "float64 brute force", 0.0, elsewhere="as audits do"))
+    terms = {"sampling": _rms(seen - many)[0], "numerics": audit.rms}
+    if tubes is not None:
+        terms["mesh"] = _rms(many - truth)[0]
+        for times in TUBES:
+            caster = meshes.tubes(times)
+            if caster is not None:
+                label = f"tubes within {1000 * times * meshes.tolerance:.2g} mm"
+                found = beams.look(caster, beams.today)
+                others.append(point(found, label, elsewhere="the species' detail.tolerance"))
+        for share in LEAVES if meshes.leafy else ():
+            label = f"{share:.2g} of the leaves, enlarged"
+            found = beams.look(meshes.leaves(share), beams.today)
+            others.append(point(found, label, elsewhere="the species' detail.leaves"))
+    notes = [*beams.notes]
+    if truth is not seen and (tubes is not None or beams.fine != beams.today):
+        notes.append(_jumps(seen - truth))
+    lost = np.isfinite(truth) & ~np.isfinite(seen)
+    if lost.any():
+        notes.append(f"{lost.mean():.1%} return only with the finest of all that was tried")
+    if meshes.tolerance and tubes is None:
+        notes.append("finer tubes would not fit into memory: the mesh's part is not known")
+    if not meshes.tolerance:
+        notes.append("trees are their templates' own meshes: nothing of them can be set")
+    return Sweep(sensor, beams.what, "m", today, tuple(others), notes=tuple(notes), terms=terms)
+
+
+def _rms(apart: np.ndarray) -> tuple[float, float]:
+    return mean_and_spread(apart[np.isfinite(apart)])
 
 
 def _jumps(apart: np.ndarray) -> str:
@@ -102,48 +225,3 @@ def _first_ranges(scan: Scan, start: int) -> np.ndarray:
     first = cloud.number == 1
     found[cloud.pulse[first] - start] = cloud.true_range[first]
     return found
-
-
-def sweep_tractor(sensor: Tractor, observer: Observer, settings: Scene) -> Sweep:
-    """Errors and seconds of a tractor by the splits of its beam."""
-    tried = sorted({sensor.splits, *SPLITS})
-    along, angles = positions(sensor), len(fan(sensor))
-    rng = stream(settings.seed, "accuracy", sensor.name)
-    chosen = along[np.sort(rng.integers(0, len(along), min(LINES, len(along))))]
-    heading = np.deg2rad(sensor.heading_deg)
-    forward = np.array([np.cos(heading), np.sin(heading), 0.0])
-
-    def lines(splits: int) -> tuple[np.ndarray, float]:
-        begin, found = time.process_time(), []
-        for metres in chosen:
-            place = tuple(float(v) for v in np.array(sensor.position) + metres * forward)
-            one = replace(sensor, position=place, track=sensor.step / 2, splits=splits)
-            found.append(drive(one, observer.caster).distance.ravel())
-        spent = time.process_time() - begin
-        return np.concatenate(found), spent * len(along) / len(chosen)
-
-    lines(0)  # build trees of boxes
-    many, _ = lines(FINE)
-
-    def point(splits: int) -> Point:
-        distance, seconds = lines(splits)
-        with np.errstate(invalid="ignore"):
-            apart = distance - many
-        error, spread = mean_and_spread(apart[np.isfinite(apart)])
-        rays = (splits + 1) ** 2
-        label = f"{rays} ray{'s' * (rays > 1)} a beam"
-        return Point({"splits": splits}, label, error, spread, seconds)
-
-    today = point(sensor.splits)
-    with np.errstate(invalid="ignore"):
-        jumps = _jumps(lines(sensor.splits)[0] - many)
-    note = f"{len(along) * angles:,} beams; S's beam is a solid sector whose nearest hit counts"
-    return Sweep(
-        sensor,
-        "distance of a beam, sampling of its sector",
-        "m",
-        today,
-        tuple(point(splits) for splits in tried if splits != sensor.splits),
-        notes=(note, jumps),
-        terms={"sampling": today.error, "numerics": RAYS},
-    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from pathlib import Path
 
 from matplotlib.axes import Axes
@@ -12,8 +13,10 @@ from matplotlib.ticker import NullFormatter
 from ..report.pictures import FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
 from .sweep import Point, Sweep
 
-FLOOR = 1e-13  # an error of 0 is drawn here
+FLOOR = 1e-16  # an error of 0 is drawn here
 COLUMNS = 2
+WIDE = 34  # letters of a line of the key
+ROOM, LEAST = 0.08, 1.3  # share of the decades, and decades
 
 
 def draw_sweeps(sweeps: list[Sweep], chosen: list[Point], path: Path) -> Path:
@@ -36,11 +39,14 @@ def _draw(axes: Axes, sweep: Sweep, best: Point) -> None:
         low = min(point.spread, 0.9 * _height(point)) or None
         axes.errorbar(point.seconds, _height(point), yerr=low, fmt="none", ecolor=colour, zorder=2)
         ring = {"mec": LEAF_GREEN, "mew": 2.5} if point is best else {"mec": "white", "mew": 0.8}
+        inner = "white"
+        if point.elsewhere:  # hollow: no setting of the scene file
+            ring, inner, colour = {"mec": INK, "mew": 1.2}, INK, "white"
         axes.plot(point.seconds, _height(point), "o", ms=12, color=colour, zorder=3, **ring)
         axes.annotate(
             str(number),
             (point.seconds, _height(point)),
-            color="white",
+            color=inner,
             fontsize=8,
             ha="center",
             va="center_baseline",
@@ -49,16 +55,18 @@ def _draw(axes: Axes, sweep: Sweep, best: Point) -> None:
         said = "today" if point is sweep.today else ""
         said += " and " if said and point is best else ""
         said += "recommended" if point is best else ""
+        said = said or (point.elsewhere and f"hollow: {point.elsewhere}")
         words = f"{number}  {point.label}" + (f"\n    ({said})" if said else "")
         key.append(Line2D([], [], marker="o", ls="", ms=8, color=colour, label=words, **ring))
     heights, seconds = [_height(p) for p in sweep.all], [p.seconds for p in sweep.all]
     if sweep.model is not None and sweep.model[0] > 0:
         axes.axhline(sweep.model[0], color=RED, ls=":", lw=1)
         heights.append(sweep.model[0])
-        key.append(Line2D([], [], color=RED, ls=":", label="the model itself"))
+        words = textwrap.fill(f"the model itself: {sweep.model[1]}", WIDE, subsequent_indent="    ")
+        key.append(Line2D([], [], color=RED, ls=":", label=words))
     axes.set(xscale="log", yscale="log", xlabel="CPU seconds")
-    axes.set_xlim(*_decades(seconds))
-    axes.set_ylim(*_decades(heights))
+    axes.set_xlim(*_around(seconds))
+    axes.set_ylim(*_around(heights))
     axes.set_title(f"{sweep.sensor.name}: {sweep.what}")
     axes.set_ylabel("error" + (f", {sweep.unit}" if sweep.unit else ", share"))
     for axis in (axes.xaxis, axes.yaxis):
@@ -70,7 +78,8 @@ def _height(point: Point) -> float:
     return max(point.error, FLOOR) if math.isfinite(point.error) else FLOOR
 
 
-def _decades(values: list[float]) -> tuple[float, float]:
-    """Whole powers of ten around values, with room for a mark."""
+def _around(values: list[float]) -> tuple[float, float]:
+    """Limits around values with room for a mark, at least LEAST decades apart."""
     low, high = math.log10(min(values)), math.log10(max(values))
-    return 10.0 ** math.floor(low - 0.1), 10.0 ** math.ceil(high + 0.1)
+    more = max(ROOM * (high - low), (LEAST - (high - low)) / 2)
+    return 10.0 ** (low - more), 10.0 ** (high + more)

@@ -14,6 +14,7 @@ from forest_addon.spec import Reverb, Scanner, Scene, Sensor, Sonar, SpecError, 
 
 from ..progress import Stages, hushed
 from .lidar import sweep_scanner, sweep_tractor
+from .meshes import Meshes
 from .picture import draw_sweeps
 from .reverb import sweep_reverb
 from .sonar import sweep_sonar
@@ -36,11 +37,14 @@ def sweep_scene(path: Path, out: Path, error: float, seconds: float, say: Say = 
     out.mkdir(parents=True, exist_ok=True)
     stages = Stages(quiet=False)
     with stages.stage("grow and build the forest"), hushed():
-        observer = forest.build(scene).observer
+        site = forest.Site.of(scene)
+        world = site.build(site.grow(), as_assets=False)
+        meshes = Meshes(site, world)
     sweeps = []
-    for sensor in scene.sensors:
-        with stages.stage(f"try settings of {sensor.name}"):
-            sweeps.append(sweep_sensor(sensor, observer, scene))
+    with world.still() as observer:
+        for sensor in scene.sensors:
+            with stages.stage(f"try settings of {sensor.name}"):
+                sweeps.append(sweep_sensor(sensor, observer, scene, meshes))
     chosen = [sweep.choice(error, seconds) for sweep in sweeps]
     for sweep in sweeps:
         _tell(sweep, error, seconds, say)
@@ -49,18 +53,22 @@ def sweep_scene(path: Path, out: Path, error: float, seconds: float, say: Say = 
     better = tuple(
         replace(sweep.sensor, **point.changes) for sweep, point in zip(sweeps, chosen, strict=True)
     )
-    write_settings(out / "recommended.toml", scene.changed(sensors=better))
+    engines = {point.engine for point in chosen if point.engine}
+    rays = replace(scene.rays, engine=engines.pop()) if len(engines) == 1 else scene.rays
+    write_settings(out / "recommended.toml", scene.changed(sensors=better, rays=rays))
     say(f"\nWrote {out / 'accuracy.png'}, accuracy.csv and recommended.toml.")
 
 
-def sweep_sensor(sensor: Sensor, observer: Observer, scene: Scene, folder: Path = Path()) -> Sweep:
+def sweep_sensor(
+    sensor: Sensor, observer: Observer, scene: Scene, meshes: Meshes, folder: Path = Path()
+) -> Sweep:
     """The sweep of one sensor."""
     sensor, _ = choose(sensor)
     way = observer.way(sensor, folder)
     if isinstance(sensor, Tractor):
-        return sweep_tractor(sensor, observer, scene)
+        return sweep_tractor(sensor, observer, scene, meshes)
     if isinstance(sensor, Scanner):
-        return sweep_scanner(sensor, observer, scene, way)
+        return sweep_scanner(sensor, observer, scene, meshes, way)
     if isinstance(sensor, Sonar):
         return sweep_sonar(sensor, observer, scene, way, folder)
     assert isinstance(sensor, Reverb)
@@ -74,6 +82,7 @@ def _tell(sweep: Sweep, error: float, seconds: float, say: Say) -> None:
     for point in sorted(sweep.all, key=lambda p: p.seconds):
         mark = "*" if point in front else " "
         now = "  <- today" if point is sweep.today else ""
+        now += f"  ({point.elsewhere})" if point.elsewhere else ""
         spread = f" ± {point.spread:.0e}" if point.spread else ""
         say(
             f" {mark} {point.label:34} {point.seconds:9.3g} s  {point.error:.1e}{spread}{unit}{now}"
@@ -94,6 +103,7 @@ def _write(sweeps: list[Sweep], path: Path) -> None:
         {
             "sensor": [sweep.sensor.name for sweep, _ in rows],
             "settings": [point.label for _, point in rows],
+            "set_elsewhere": [point.elsewhere for _, point in rows],
             "today": [int(point is sweep.today) for sweep, point in rows],
             "cpu_seconds": [point.seconds for _, point in rows],
             "error": [point.error for _, point in rows],

@@ -1,7 +1,9 @@
-"""Sonar: the tolerance of the sum and what is culled, against the direct sum over everything in range.
+"""Sonar: the tolerance of the sum, what is culled and the rays that look for leaves in the way, against the
+direct sum over everything in range with many such rays.
 
 A few poses are heard with each setting and exactly; the error is that of the spectrum at all ears, L2,
-as a share of the exact one. The leaf's model is compared too: it is often the larger error.
+as a share of the exact one. What the model leaves out is compared too, and is often the larger error: the
+exact disc for another leaf, and leaves that stand in the way.
 """
 
 from __future__ import annotations
@@ -20,10 +22,11 @@ from forest_addon.spec import Scene, Sonar
 from .sweep import Point, Sweep, mean_and_spread, timed
 
 TRIED = (
-    *({"tolerance": t, "cull": t} for t in (1e-2, 1e-3, 1e-4, 1e-6)),
+    *({"tolerance": t, "cull": t} for t in (1e-2, 1e-3, 1e-4)),
     {"tolerance": 1e-6, "cull": 0.0},
 )
 POSES = 2
+RAYS, MANY_RAYS = (2, 8), 16  # along each side of a cell
 MOST_EXACTLY = (
     60_000  # scatterers that are summed one by one; beyond, a tolerance of 1e-9 is exact enough
 )
@@ -45,45 +48,70 @@ def sweep_sonar(
         found, seconds = timed(lambda: observer.observe(one, settings, None, folder, some))
         return list(found.echoes), seconds * len(given) / len(some)
 
-    everything, _ = listen({"cull": 0.0, "tolerance": 1e-9})  # also makes what is made once
+    def once(changes: dict[str, object]) -> list[Echo]:
+        one = replace(sensor, **changes, **fixed)
+        return list(observer.observe(one, settings, None, folder, some).echoes)
+
+    shaded = "extinction" in sensor.shading
+    exact: dict[str, object] = {"cull": 0.0, "tolerance": 1e-9}
+    exact |= {"shading_rays": MANY_RAYS} if shaded else {}
+    everything = once(exact)  # also makes what is made once
+    heard = sum(len(echo.heard) for echo in everything) / len(some)
     if not sensor.record:
         longest = max(len(echo.time) for echo in everything)
         fixed["record"] = min(longest / sensor.sample_rate, 60.0)
-        everything, _ = listen({"cull": 0.0, "tolerance": 1e-9})
-    heard = sum(len(echo.heard) for echo in everything) / len(some)
     note = "exact: everything in range, tolerance 1e-9"
     if heard <= MOST_EXACTLY:
-        everything, _ = listen({"cull": 0.0, "tolerance": 0.0})
+        exact["tolerance"] = 0.0
         note = "exact: the direct sum over everything in range"
+    everything = once(exact)
+    if shaded:
+        note += f", {MANY_RAYS}² rays a cell for leaves in the way"
+
+    def off(echoes: list[Echo], truth: list[Echo]) -> tuple[float, float]:
+        pairs = zip(echoes, truth, strict=True)
+        return mean_and_spread([_apart(e.spectra, x.spectra) for e, x in pairs])
 
     def point(changes: dict[str, object], label: str) -> Point:
         echoes, seconds = listen(changes)
-        error, spread = mean_and_spread(
-            [_apart(e.spectra, x.spectra) for e, x in zip(echoes, everything, strict=True)]
-        )
-        return Point(changes, label, error, spread, seconds)
+        return Point(changes, label, *off(echoes, everything), seconds)
 
     today = point({}, f"tolerance {sensor.tolerance:g}, cull {sensor.cull:g}")
     points = [point(c, f"tolerance {c['tolerance']:g}, cull {c['cull']:g}") for c in TRIED]
-    numerics = point({"cull": 0.0}, "").error
-    culling = math.sqrt(max(today.error**2 - numerics**2, 0.0))
-    model = None
-    if sensor.leaf_model != "exact" and sensor.leaves:
-        hard, _ = listen({"leaf_model": "exact"})
-        ours, _ = listen({})
-        apart = [_apart(e.spectra, x.spectra) for e, x in zip(ours, hard, strict=True)]
-        words = f'the "{sensor.leaf_model}" leaf against the exact disc'
-        model = (mean_and_spread(apart)[0], words)
+    ours = once({})
+    alike = everything  # but with today's rays for leaves in the way
+    terms = {}
+    if shaded:
+        points += [point({"shading_rays": n}, f"{n}² shading rays a cell") for n in RAYS]
+        alike = once(exact | {"shading_rays": sensor.shading_rays})
+        terms["shading rays"] = off(alike, everything)[0]
+    terms["numerics"] = off(once({"cull": 0.0}), alike)[0]
+    rest = off(ours, alike)[0] ** 2 - terms["numerics"] ** 2
+    terms["culling"] = math.sqrt(max(rest, 0.0))
+    models = [(off(ours, once(changes))[0], words) for changes, words in _models(sensor)]
     return Sweep(
         sensor,
         "spectrum of the echo",
         "",
         today,
         tuple(points),
-        model,
+        max(models, default=None),
         (note, f"{heard:,.0f} scatterers in range of a ping"),
-        {"numerics": numerics, "culling": culling},
+        terms,
     )
+
+
+def _models(sensor: Sonar) -> list[tuple[dict[str, object], str]]:
+    """What the model leaves out, as settings that have it: an exact disc, leaves in the way."""
+    other: list[tuple[dict[str, object], str]] = []
+    if sensor.leaves and sensor.leaf_model != "exact":
+        words = f'the "{sensor.leaf_model}" leaf against the exact disc'
+        other.append(({"leaf_model": "exact"}, words))
+    if sensor.leaves and "extinction" not in sensor.shading:
+        with_wood = "trunks+" * ("trunks" in sensor.shading)
+        words = "leaves hide nothing behind them"
+        other.append(({"shading": f"{with_wood}extinction"}, words))
+    return other
 
 
 def _apart(found: np.ndarray, exact: np.ndarray) -> float:

@@ -19,6 +19,7 @@ from forest_addon.spec import Settings
 
 Say = Callable[[str], None]
 T = TypeVar("T")
+NOTABLY = 0.95  # of the error: settings that gain less are not worth their seconds
 SOME, ENOUGH = 0.3, 3.0  # s of several runs, and of one, that tell how long it takes
 
 
@@ -28,6 +29,8 @@ class Point:
 
     changes : of the sensor, empty for today's. label : in words. error, spread : against the exact way, and
     the standard error of that estimate. seconds : for the whole sensor.
+    engine : of rays, where another is tried. elsewhere : what has to be set in place of the scene file, as a
+    species' mesh; empty: the sensor, or the engine.
     """
 
     changes: dict[str, Any]
@@ -35,6 +38,8 @@ class Point:
     error: float
     spread: float
     seconds: float
+    engine: str = ""
+    elsewhere: str = ""
 
 
 @dataclass(frozen=True)
@@ -62,10 +67,14 @@ class Sweep:
         return (self.today, *self.points)
 
     def frontier(self) -> list[Point]:
-        """Settings that none beats in both error and seconds, the fastest first."""
+        """Settings of a scene file that none beats in both error and seconds, the fastest first; a slower
+        one is notably more exact.
+        """
         best: list[Point] = []
         for point in sorted(self.all, key=lambda p: (p.seconds, p.error)):
-            if math.isfinite(point.error) and (not best or point.error < best[-1].error):
+            if point.elsewhere:
+                continue
+            if math.isfinite(point.error) and (not best or point.error < NOTABLY * best[-1].error):
                 best.append(point)
         return best
 

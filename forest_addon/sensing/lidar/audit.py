@@ -2,7 +2,9 @@
 
 Both engines search in float32 and refine what they find; here the first surface of a ray is found again
 over all triangles that it may meet (``rays/exact``). Where the two part, the ray may pass an edge so
-closely that either is right: then a ray that is moved aside by ``EDGE`` finds what the engine found.
+closely that either is right: then a ray that is moved aside by ``EDGE`` finds what the engine found. And two
+surfaces may lie so closely behind one another, as the front and the back beside an outer edge do, that
+single precision does not tell which is first: then the distance to the triangle that the engine named counts.
 """
 
 from __future__ import annotations
@@ -14,13 +16,14 @@ import numpy as np
 from ...spec import Tractor
 from ..audit import Audit, sample
 from ..rays.caster import RayCaster
-from ..rays.exact import cast_exactly
+from ..rays.exact import cast_exactly, meet_exactly
 from .footprint import spread
 from .scan import Scan
 from .tractor import axes, fan, positions
 
 BATCH = 8  # rays
 EDGE = 2e-5  # m; engines search in float32, whose steps are so large 100 m away
+SURE = 1e-10  # m; where an engine is off by more, it may have named another triangle
 SAME = 1e-3  # m; nearer surfaces count as the same one when a ray is moved aside
 ALLOWED = 1e-9  # m, and rounding of the coordinates
 
@@ -85,9 +88,14 @@ def ray_errors(
     caster: RayCaster, origins: np.ndarray, directions: np.ndarray, reach: float
 ) -> np.ndarray:
     """(R,) metres between what an engine and brute force find; a miss counts as a hit at ``reach``."""
-    ours = np.minimum(caster.cast(origins, directions, reach).distance, reach)
+    found = caster.cast(origins, directions, reach)
+    ours = np.minimum(found.distance, reach)
     exact = np.minimum(cast_exactly(caster.scene, origins, directions).distance, reach)
     errors = np.abs(ours - exact)
+    for row in np.flatnonzero((errors > SURE) & (errors <= EDGE) & found.found):
+        named = int(found.instance[row]), int(found.triangle[row])
+        there = meet_exactly(caster.scene, origins[row], directions[row], *named)
+        errors[row] = min(errors[row], abs(ours[row] - there))
     for row in np.flatnonzero(errors > SAME):
         if _at_an_edge(caster, origins[row], directions[row], float(ours[row]), reach):
             errors[row] = 0.0

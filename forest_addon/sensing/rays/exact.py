@@ -46,6 +46,17 @@ def cast_exactly(scene: SceneGeometry, origins: np.ndarray, directions: np.ndarr
     return hits
 
 
+def meet_exactly(
+    scene: SceneGeometry, origin: np.ndarray, direction: np.ndarray, instance: int, triangle: int
+) -> float:
+    """Metres along a ray (3,), (3,) to one triangle of an instance; inf where it passes it by."""
+    matrix = scene.transform[instance]
+    way = direction / np.linalg.norm(direction)
+    local = np.linalg.solve(matrix[:, :3], np.stack([origin - matrix[:, 3], way], axis=1)).T
+    mesh = scene.meshes[int(scene.mesh_index[instance])]
+    return _Groups(mesh.vertices[mesh.triangles[[triangle]]]).nearest(*local)[0]
+
+
 class _Groups:
     """The triangles (T, 3, 3) of a mesh in groups of neighbours."""
 

@@ -3,14 +3,14 @@
 ``BehindWood`` asks one ray a scatterer whether trunks, branches or ground stand before it.
 
 ``Extinction`` is what leaves take on the way. The directions around the sonar are cut into cells ``CELL``
-wide; through each go ``RAYS`` rays, from leaf to leaf. A leaf of radius a at the distance s on the way to a
-place at d is set against the Fresnel zone there, F² = λ·s·(d - s)/d, q = (a/F)². A small one (a few
-centimetres at a few metres) casts no shadow of its own: it takes its part of the mean number of leaves that
-rays meet, the optical depth of Beer-Lambert (a point quadrat, Warren Wilson 1960: it takes the projected
-area of the leaves as they are turned). A large one shades the rays that meet it and no others. With both in
-proportion, each way leaves of the intensity
+wide; through each go N = ``shading_rays``² rays, from leaf to leaf. A leaf of radius a at the distance s
+on the way to a place at d is set against the Fresnel zone there, F² = λ·s·(d - s)/d, q = (a/F)². A small
+one (a few centimetres at a few metres) casts no shadow of its own: it takes its part of the mean number of
+leaves that rays meet, the optical depth of Beer-Lambert (a point quadrat, Warren Wilson 1960: it takes the
+projected area of the leaves as they are turned). A large one shades the rays that meet it and no others.
+With both in proportion, each way leaves of the intensity
 
-    mean over rays of e^{-Σq} · e^{-Σe^{-q}/RAYS},
+    mean over rays of e^{-Σq} · e^{-Σe^{-q}/N},
 
 sums over the leaves that a ray and all rays of the cell met. Of leaves that stand at random that is
 e^{-τ} whatever their size; of one opaque leaf before everything e^{-q}, next to nothing. Both ways leave as
@@ -32,8 +32,6 @@ from .search import Group
 from .station import Station
 
 CELL = math.radians(4.0)
-SIDE = 4  # rays along each side of a cell
-RAYS = SIDE * SIDE
 STEP = 1e-4  # m beyond a leaf from where a ray goes on
 MOST_LEAVES = 64  # on one ray; nothing is heard behind
 FARTHER = 1.25  # times what is asked for, that rays look ahead
@@ -85,6 +83,7 @@ class Extinction:
 
     def __init__(self, rays: RayCaster, station: Station) -> None:
         self._rays, self._station = rays, station
+        self._side = station.sonar.shading_rays  # rays along each side of a cell
         self._wavelength = 4.0 * math.pi / sum(station.wavenumbers)
         self._leaves = [_leaf_radii(mesh) for mesh in rays.scene.meshes]
         linear = rays.scene.transform[:, :, :3]
@@ -135,8 +134,8 @@ class Extinction:
         there = np.where(before, distance[:, None] - met.distance, np.inf)
         zone = self._wavelength * met.distance / np.maximum(distance[:, None], 1e-9) * there
         size = met.radius**2 / np.maximum(zone, 1e-12)
-        haze = np.where(before, np.exp(-size), 0.0).sum(axis=1) / RAYS
-        block = np.where(before, size, 0.0) @ (met.ray[:, None] == np.arange(RAYS))
+        haze = np.where(before, np.exp(-size), 0.0).sum(axis=1) / self._side**2
+        block = np.where(before, size, 0.0) @ (met.ray[:, None] == np.arange(self._side**2))
         left: np.ndarray = np.exp(-block).mean(axis=1) * np.exp(-haze)
         return left
 
@@ -156,10 +155,10 @@ class Extinction:
 
     def _meet(self, cells: np.ndarray, farthest: np.ndarray) -> tuple[np.ndarray, ...]:
         """Every leaf that the rays of the cells meet: number of the cell, and the fields of ``_Met``."""
-        inner = (np.arange(SIDE) + 0.5) / SIDE
+        inner = (np.arange(self._side) + 0.5) / self._side
         grid = np.stack(np.meshgrid(inner, inner, indexing="ij"), axis=-1).reshape(-1, 2)
         offset = (cells[:, None] + grid).reshape(-1, 2) * CELL
-        ray_cell = np.repeat(np.arange(len(cells)), RAYS)
+        ray_cell = np.repeat(np.arange(len(cells)), self._side**2)
         angle = np.hypot(*offset.T)
         side = offset * np.sinc(angle / math.pi)[:, None]
         forward, left, up = self._station.pose.frame
@@ -189,7 +188,7 @@ class Extinction:
             radius = radius[leaf] * self._scale[instance[leaf]]
             distance = travelled[ray] - STEP
             found.append(
-                (ray_cell[ray], distance, ray % RAYS, radius, instance[leaf], number[leaf])
+                (ray_cell[ray], distance, ray % self._side**2, radius, instance[leaf], number[leaf])
             )
             alive = alive[travelled[alive] < farthest[ray_cell[alive]]]
         none = (np.empty(0, np.int64), np.empty(0), np.empty(0, np.int64), np.empty(0))

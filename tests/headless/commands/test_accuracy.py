@@ -50,6 +50,21 @@ def test_the_largest_term_is_named():
     assert sweep().dominant() == ""
 
 
+def test_what_no_scene_file_can_set_is_shown_and_never_chosen():
+    free = Point({}, "brute force", 0.0, 0.0, 0.01, elsewhere="as audits do")
+    found = Sweep(Sonar(), "spectrum", "", TODAY, (free, FAST))
+    assert free in found.all
+    assert free not in found.frontier()
+    assert found.choice(1e-3, 60) is FAST
+
+
+def test_what_is_hardly_more_exact_is_not_worth_its_seconds():
+    slower = Point({"cull": 1e-9}, "slower", 0.99e-4, 0.0, 9.0)
+    found = Sweep(Sonar(), "spectrum", "", TODAY, (slower,))
+    assert found.frontier() == [TODAY]
+    assert found.choice(1e-6, 60) is TODAY
+
+
 def test_what_has_no_values_is_never_chosen():
     assert math.isnan(mean_and_spread([])[0])
     lost = Sweep(Sonar(), "x", "", Point({}, "nothing", math.nan, math.nan, 1.0), ())
@@ -76,6 +91,12 @@ variants = 1
 expected = 2
 exact = true
 
+[[plantings]]
+species = "honda-willow"
+variants = 1
+expected = 1
+exact = true
+
 [[sensors]]
 kind = "terrestrial"
 position = [-2.0, 3.0, 1.5]
@@ -93,6 +114,7 @@ angle_step_deg = 4.0
 kind = "sonar"
 position = [-2.0, 3.0, 1.5]
 leaf_model = "paper"
+shading = "extinction"
 max_range = 5.0
 
 [[sensors]]
@@ -101,6 +123,7 @@ source = [-3.0, 3.0, 0.2]
 receiver = [9.0, 3.0, 0.2]
 sample_rate = 8000.0
 duration = 0.1
+continue_to = 12.0
 
 [output]
 blend = false
@@ -122,6 +145,10 @@ def test_a_scene_gets_a_picture_and_settings_that_run(tmp_path):
     for name in ("cloud", "scan", "echo", "reverb"):
         assert f"\n{name} (" in f"\n{words}"
     assert "dominates" in words
+    for knob in ("rays by BVHTree", "brute force", "tubes within", "of the leaves", "mesh "):
+        assert knob in words, knob
+    for knob in ("shading rays", "forest as far as 6 m", "extent "):
+        assert knob in words, knob
     assert (tmp_path / "out" / "accuracy.png").stat().st_size > 10_000
     rows = (tmp_path / "out" / "accuracy.csv").read_text().splitlines()
     assert len(rows) > 15

@@ -81,6 +81,37 @@ def test_either_side_of_an_edge_is_right():
     assert ray_errors(caster, np.zeros((1, 3)), np.array([[1.0, 0.3, 0.3]]), 50.0) > 40.0
 
 
+def test_of_two_surfaces_that_single_precision_cannot_part_either_is_right():
+    """A ray 1e-7 m inside of an outer edge meets the front, and the back 2e-7 m behind it."""
+    place = np.array([[1.0, 0, 0], [2.0, 1, 0], [2.0, -1, 0], [1.0, 0, 1]])
+    both = TriMesh.of_part(place, np.array([[0, 1, 3], [0, 3, 2]]), LEAF)
+    none = np.full(1, -1)
+    wedge = SceneGeometry((both,), np.eye(3, 4)[None], np.zeros(1, int), ("wedge",), none, none)
+    origin, way = np.array([[1.0 + 1e-7, -5.0, 0.3]]), np.array([[0.0, 1.0, 0.0]])
+    behind = both.select(np.array([True, False]))
+
+    class Later(BruteCaster):
+        """Finds the back."""
+
+        def __init__(self, factor=1.0):
+            super().__init__(wedge)
+            self._back = BruteCaster(SceneGeometry((behind,), *vars_of(wedge)))
+            self._factor = factor
+
+        def cast(self, *rays, **limits):
+            found = self._back.cast(*rays, **limits)
+            return Hits(found.distance * self._factor, found.instance, found.triangle)
+
+    first = BruteCaster(wedge).cast(origin, way, 50.0).distance
+    assert 1e-8 < Later().cast(origin, way, 50.0).distance - first < 1e-6
+    assert ray_errors(Later(), origin, way, 50.0) < 1e-12
+    assert ray_errors(Later(1 + 1e-8), origin, way, 50.0) > 1e-9
+
+
+def vars_of(scene):
+    return scene.transform, scene.mesh_index, scene.object_name, scene.tree, scene.species
+
+
 def test_the_sample_takes_its_share_and_at_least_one():
     batches = iter([np.array([1e-3, 2e-3]), np.array([9.0])])
     found = sample(batches, seconds=0.0)
