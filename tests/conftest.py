@@ -10,6 +10,7 @@ from pathlib import Path
 # most of its time waiting for its threads (7 times the CPU was measured). Before numpy is loaded; the
 # processes that tests start inherit it.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("FOREST_SENSING_CACHE", "off")  # tests leave nothing with the user
 
 import pytest
 from hypothesis import HealthCheck, settings

@@ -3,7 +3,8 @@
 ``hard_disc.npz`` holds, for each tabulated ka, the cosine series of k·f over the incidence;
 ``packaging/make_disc_table.py`` makes it. Unfolded at first use, it becomes a grid that is even in
 √(ka + 1) and in √(β + 0.03), which puts the points where k·f oscillates and is large. What is
-interpolated is k·f over ``level``, which rises like k·f at normal incidence: as (ka)³, then as (ka)².
+interpolated is k·f over ``level``, which rises like k·f at normal incidence: as (ka)³, then as (ka)². What is
+unfolded is kept on the disk (``kept_tables``).
 
 Up to ka = ``LAST`` the error is below ``ERROR`` of |k·f| at normal incidence; what it is at most for a
 size and an incidence says ``table_error``.
@@ -12,10 +13,14 @@ size and an incidence says ``table_error``.
 from __future__ import annotations
 
 import math
+import platform
 from functools import lru_cache
+from hashlib import blake2b
 from pathlib import Path
 
 import numpy as np
+
+from .kept_tables import kept_table
 
 FILE = Path(__file__).with_name("hard_disc.npz")
 LAST = 128.0  # ka
@@ -124,6 +129,21 @@ def _many_sizes(ka: tuple[int, ...], angle: tuple[int, ...], rows: int) -> bool:
 @lru_cache(maxsize=1)
 def _splines() -> np.ndarray:
     """(U, V) complex64, coefficients of cardinal cubic splines over both axes."""
+    return kept_table("disc-splines", _version(), _make_splines)
+
+
+@lru_cache(maxsize=1)
+def _version() -> str:
+    """What the tables depend on: this file, its data, and what computes them."""
+    import scipy
+
+    total = blake2b(Path(__file__).read_bytes(), digest_size=8)
+    total.update(FILE.read_bytes())
+    total.update(f"{np.__version__} {scipy.__version__} {platform.machine()}".encode())
+    return total.hexdigest()
+
+
+def _make_splines() -> np.ndarray:
     from scipy.ndimage import spline_filter1d  # here: few runs need what it takes to import
 
     with np.load(FILE) as data:
@@ -144,6 +164,10 @@ def _splines() -> np.ndarray:
 def _maxima() -> np.ndarray:
     """(D, U - 3, V/2) float32: no |k·f|/ka over 1, 2, 4, … cells of ka, from each on, and two of the
     incidence, is larger."""
+    return kept_table("disc-maxima", _version(), _make_maxima)
+
+
+def _make_maxima() -> np.ndarray:
     size = np.abs(_splines())
     for axis in (0, 1):  # the four that matter in each cell
         size = np.lib.stride_tricks.sliding_window_view(size, 4, axis).max(axis=-1)

@@ -88,6 +88,7 @@ def _serve(job: dict[str, Any], session: Any) -> dict[str, Any]:
             shutil.rmtree(partial, ignore_errors=True)
         return {"failed": _kind(problem), "why": _words(problem)}
     finally:
+        session.clear()
         gc.collect()
         _give_back()
 

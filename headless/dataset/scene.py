@@ -70,6 +70,11 @@ class Session:
         self._trees: OrderedDict[tuple[Any, ...], Tree] = OrderedDict()
         self._bytes = 0
 
+    def clear(self) -> None:
+        """Have Blender forget the scene; what it held would else stay until the next one is opened."""
+        with hushed():
+            empty_file()
+
     def tree(self, key: tuple[Any, ...], species: tuple[Any, Any], seed: int) -> Tree:
         """A tree of a library, grown where it is not kept."""
         if key in self._trees:
