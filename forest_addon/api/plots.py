@@ -106,6 +106,10 @@ def _figure(rows: int, columns: int, size: tuple[float, float]) -> Any:
     try:
         from matplotlib.figure import Figure
     except ImportError:
-        raise SpecError("plot", "needs matplotlib; pip install matplotlib") from None
+        from ..blender.packages import to_install
+
+        raise SpecError(
+            "plot", f"needs matplotlib; type once: {to_install('matplotlib')}"
+        ) from None
     figure = Figure(figsize=size, layout="constrained")
     return figure, figure.subplots(rows, columns)

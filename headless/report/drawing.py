@@ -7,7 +7,6 @@ sentence says what is left out and how to get it.
 from __future__ import annotations
 
 import importlib.util
-import sys
 
 DRAWERS = ("matplotlib", "PIL")
 
@@ -19,17 +18,9 @@ def can_draw() -> bool:
 
 def without(what: str) -> str:
     """A sentence for where it is not there. what : that happens then, as in "the map is left out"."""
+    from forest_addon.blender.packages import to_install  # here: planning a stand needs no Blender
+
     return (
         f"{what}: matplotlib is not there, and Blender does not bring it. "
-        f'To have it, type once: "{sys.executable}" -m pip install {_where()}matplotlib'
+        f"To have it, type once: {to_install('matplotlib')}"
     )
-
-
-def _where() -> str:
-    """Blender finds packages of a user beside his add-ons; a plain Python knows where."""
-    import bpy  # here: planning a stand needs no Blender
-
-    if not bpy.app.binary_path:
-        return ""
-    folder = bpy.utils.user_resource("SCRIPTS", path="addons")
-    return f'--target "{folder}/modules" '

@@ -9,8 +9,11 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from forest_addon.api import plots
+from forest_addon.blender import packages
 from forest_addon.formats.png import read_png
-from forest_addon.spec import Forest, Planting, Scene
+from forest_addon.sensing.reverb.response import ImpulseResponse
+from forest_addon.spec import Forest, Planting, Scene, SpecError
 from forest_addon.stand.inputs import Inputs
 from forest_addon.ui.results.images import ABOVE, BELOW, LEFT
 from headless.report import drawing, plain
@@ -69,10 +72,14 @@ def test_blender_is_told_where_it_looks_for_packages(monkeypatch, tmp_path):
     """The folder is on its path; a plain Python's pip knows its own."""
     assert "--target" not in drawing.without("Nothing is drawn")
     app = SimpleNamespace(binary_path="/opt/blender/blender")
-    there = SimpleNamespace(app=app, utils=bpy.utils)
-    monkeypatch.setitem(sys.modules, "bpy", there)
+    monkeypatch.setattr(packages, "bpy", SimpleNamespace(app=app, utils=bpy.utils))
     folder = drawing.without("Nothing is drawn").split('--target "')[1].split('"')[0]
     assert Path(folder) in map(Path, sys.path)
+
+
+def test_a_figure_that_a_notebook_asks_for_says_what_it_lacks(no_matplotlib):
+    with pytest.raises(SpecError, match=r'plot.*needs matplotlib; type once: ".*" -m pip install'):
+        plots.draw_response(ImpulseResponse)
 
 
 def test_trees_stand_in_the_plain_map_where_they_stand(tmp_path):
