@@ -114,6 +114,7 @@ class FOREST_PG_frame(bpy.types.PropertyGroup):
     """What is kept of a result for one frame."""
 
     frame: IntProperty()
+    said: StringProperty(description="Figures and legend")
     points: PointerProperty(type=bpy.types.Mesh)
     picture: PointerProperty(type=bpy.types.Image)
 

@@ -153,8 +153,10 @@ def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:
     words = keep("{off} off, {count} checked", off=off, count=f"{audit.checked:,}")
     if not audit.kept:
         words = keep("{off} off: MORE than {allowed}", off=off, allowed=f"{audit.allowed:.0e}")
-    figure = context.scene.forest_sensing.results[name].figures.add()
+    result = context.scene.forest_sensing.results[name]
+    figure = result.figures.add()
     figure.name, figure.value, figure.made_of = keep("Audit"), words, words.made_of
+    frames.tell_again(result, context.scene.frame_current)
 
 
 def _explain(result: Any, legend: Iterable[Entry]) -> None:

@@ -1,11 +1,13 @@
 """Results of a frame range that are kept in the file: the timeline shows each frame's points and picture.
 
-A result holds a mesh and a picture of every frame that ran. When Blender goes to a frame, the object of the
-points is given the mesh of that frame, or of the last one before it that ran.
+A result holds a mesh, a picture, figures and a legend of every frame that ran. When Blender goes to a frame,
+the object of the points is given the mesh of that frame, or of the last one before it that ran, and the panel
+says what was found there.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from typing import Any
 
@@ -13,17 +15,17 @@ import bpy
 
 from ...blender.layout import CLOUD_KEY, FRAME_KEY
 
-Kept = tuple[int, bpy.types.Mesh | None, bpy.types.Image | None]
+Kept = tuple[int, bpy.types.Mesh | None, bpy.types.Image | None, str]
 
 
 def of_result(result: Any) -> list[Kept]:
-    """What is kept of each frame: its number, points, picture."""
-    return [(each.frame, each.points, each.picture) for each in result.frames]
+    """What is kept of each frame: its number, points, picture, what is said of it."""
+    return [(each.frame, each.points, each.picture, each.said) for each in result.frames]
 
 
 def blocks_of(result: Any) -> list[bpy.types.ID | None]:
     """The points and pictures that a result holds."""
-    return [result.picture, *(block for each in of_result(result) for block in each[1:])]
+    return [result.picture, *(block for each in of_result(result) for block in each[1:3])]
 
 
 def hold(result: Any, earlier: Iterable[Kept], frame: int) -> None:
@@ -32,11 +34,39 @@ def hold(result: Any, earlier: Iterable[Kept], frame: int) -> None:
     points = shown.data if shown is not None else None
     if points is not None:
         points[FRAME_KEY] = frame
-    ours = [each for each in earlier if each[0] != frame] + [(frame, points, result.picture)]
+    ours = [each for each in earlier if each[0] != frame]
+    ours.append((frame, points, result.picture, _said_of(result)))
     result.frames.clear()
-    for number, data, picture in sorted(ours, key=lambda each: each[0]):
+    for number, data, picture, said in sorted(ours, key=lambda each: each[0]):
         item = result.frames.add()
-        item.frame, item.points, item.picture = number, data, picture
+        item.frame, item.points, item.picture, item.said = number, data, picture, said
+
+
+def tell_again(result: Any, frame: int) -> None:
+    """Note what a result says by now, where it is kept for this frame."""
+    for each in result.frames:
+        if each.frame == frame:
+            each.said = _said_of(result)
+
+
+def _said_of(result: Any) -> str:
+    """Figures and legend of a result as one text: hundreds of frames have hundreds of lines each."""
+    figures = [(each.name, each.value, each.made_of) for each in result.figures]
+    legend = [(each.name, each.choice, *each.colour) for each in result.legend]
+    return json.dumps((figures, legend))
+
+
+def _say(result: Any, said: str) -> None:
+    """Have a result say what was noted of a frame."""
+    figures, legend = json.loads(said)
+    result.figures.clear()
+    result.legend.clear()
+    for name, value, made_of in figures:
+        item = result.figures.add()
+        item.name, item.value, item.made_of = name, value, made_of
+    for name, choice, *colour in legend:
+        item = result.legend.add()
+        item.name, item.choice, item.colour = name, choice, colour
 
 
 def begin(scene: bpy.types.Scene, name: str) -> None:
@@ -72,6 +102,8 @@ def show_frame(scene: bpy.types.Scene) -> None:
             thing.data = each.points
         if each.picture is not None and result.picture != each.picture:
             result.picture = each.picture
+        if each.said and each.said != _said_of(result):  # nothing, in files of before
+            _say(result, each.said)
 
 
 def register() -> None:

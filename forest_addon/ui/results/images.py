@@ -37,6 +37,7 @@ def show(name: str, plot: Plot) -> bpy.types.Image:
     image.pixels.foreach_set(_with_alpha(canvas).ravel())
     image.update()
     image.pack()  # a drawn image would be lost when the file is saved
+    image.buffers_free()  # 3 MB; what shows it reads the packed file, of some 20 KB
     preview = image.preview_ensure()
     preview.image_size = (ICON, ICON)
     preview.image_pixels_float.foreach_set(_with_alpha(_small(plot)).ravel())

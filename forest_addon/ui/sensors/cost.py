@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 LONG = 60.0  # s; what takes longer is asked about
 LARGE = 2e9  # bytes; the same
+KEPT = 1 / 3  # of a run's memory: 100 bytes a point, which is what Blender keeps of it
+PICTURE = 1e6  # bytes of a picture that is kept, as measured
 
 
 def costs(context: bpy.types.Context, things: Iterable[bpy.types.Object]) -> list[Cost]:
@@ -45,13 +47,18 @@ def chosen_things(scene: bpy.types.Scene, name: str) -> list[bpy.types.Object]:
     return [thing for thing in sensors.sensors_of(scene) if name in ("", thing.name)]
 
 
-def is_large(found: list[Cost], frames: int = 1) -> bool:
-    """Whether one should be asked before this runs."""
+def is_large(found: list[Cost], frames: int = 1, keep: bool = False) -> bool:
+    """Whether one should be asked before this runs. keep : what all frames find stays in the file."""
     seconds = frames * sum(cost.seconds for cost in found)
-    return seconds > LONG or sum(cost.memory for cost in found) > LARGE
+    return seconds > LONG or memory_of(found, frames if keep else 1) > LARGE
 
 
-def in_words(found: list[Cost], frames: int = 1) -> str:
+def memory_of(found: list[Cost], kept: int = 1) -> float:
+    """Bytes of a run whose points and pictures stay for so many frames."""
+    return sum(cost.memory + (kept - 1) * (KEPT * cost.memory + PICTURE) for cost in found)
+
+
+def in_words(found: list[Cost], frames: int = 1, keep: bool = False) -> str:
     """22.5 M pulses, about 5 min, 1.8 GB."""
 
     def count(what: str) -> str:
@@ -66,7 +73,7 @@ def in_words(found: list[Cost], frames: int = 1) -> str:
     if "channels" in there:
         parts.append(label("{count} channels", count=count("channels")))
     parts.append(label("about {time}", time=duration(frames * sum(c.seconds for c in found))))
-    memory = sum(cost.memory for cost in found)
+    memory = memory_of(found, frames if keep else 1)
     if memory >= 5e7:
         parts.append(label("{size:.1f} GB", size=memory / 1e9))
     return ", ".join(parts)

@@ -106,7 +106,8 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         if not (self.sure or bpy.app.background):
             frames = len(frames_of(context.scene)) if self.frames == "RANGE" else 1
             try:
-                large = is_large(costs(context, chosen_things(context.scene, self.sensor)), frames)
+                found = costs(context, chosen_things(context.scene, self.sensor))
+                large = is_large(found, frames, self.keep)
             except PROBLEMS:
                 large = False  # running it says what is wrong
             if large:
@@ -236,7 +237,7 @@ class FOREST_OT_run_large(bpy.types.Operator):
     def draw(self, context: bpy.types.Context) -> None:
         frames = len(frames_of(context.scene)) if self.frames == "RANGE" else 1
         found = costs(context, chosen_things(context.scene, self.sensor))
-        self.layout.label(text=in_short(found, frames), icon="INFO")
+        self.layout.label(text=in_short(found, frames, self.keep), icon="INFO")
         self.layout.label(text="Esc stops it; what was found until then stays.")
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
@@ -304,7 +305,7 @@ class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
             found = costs(bpy.context, chosen_things(scene, self.sensor if one else ""))
         except PROBLEMS:
             return runs  # running it says what is wrong
-        return f"{runs}, {in_short(found, frames)}"
+        return f"{runs}, {in_short(found, frames, self.keep)}"
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
         how = "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT"

@@ -103,3 +103,39 @@ def test_frames_live_through_a_saved_file(moving, tmp_path):
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "kept.blend"))
     bpy.context.scene.frame_set(1)
     assert there - middle() == pytest.approx(2, abs=0.35)
+
+
+def test_each_frame_says_its_own_figures_and_legend(moving):
+    """What the panel says at a frame is what a run of that frame alone says."""
+    moving.accuracy.audit = 0.01
+    run("cloud", frames="RANGE", keep=True)
+    result = moving.results["cloud"]
+
+    def said():
+        figures = {f.name: f.value for f in result.figures if f.name not in ("Time", "Audit")}
+        assert "Audit" in {f.name for f in result.figures}
+        return figures, [(e.name, e.choice, tuple(e.colour)) for e in result.legend]
+
+    kept = {}
+    for frame in (3, 1, 2):
+        bpy.context.scene.frame_set(frame)
+        kept[frame] = said()
+    assert kept[1] != kept[3]
+    assert len({len(legend) for _, legend in kept.values()}) == 1
+    for frame in (1, 3):
+        bpy.context.scene.frame_set(frame)
+        run("cloud")
+        result = moving.results["cloud"]
+        assert said() == kept[frame]
+
+
+def test_a_kept_frame_costs_little_beside_its_points(moving):
+    """The pixels of a picture, 3 MB, are in memory only while they are looked at."""
+    run("cloud", frames="RANGE", keep=True)
+    pictures = [each.picture for each in moving.results["cloud"].frames]
+    assert len(set(pictures)) == 3
+    assert not any(picture.has_data for picture in pictures)
+    assert all(picture.packed_file.size < 1e5 for picture in pictures)
+    pixels = np.array(pictures[0].pixels[:])
+    assert 0.01 < pixels.mean() < 0.99
+    assert len(pixels) == 4 * np.prod(pictures[0].size)

@@ -60,6 +60,13 @@ def test_in_words(props, count, seconds, memory, words):
     assert cost.is_large([one]) == (seconds > 60)
 
 
+def test_what_all_frames_keep_counts_too(props):
+    one = costs_of.Cost("pulses", 1000, 1000, 0.01, 30_000_000)
+    assert not cost.is_large([one], 250)
+    assert cost.is_large([one], 250, keep=True)
+    assert cost.in_words([one], 250, keep=True).endswith("2.8 GB")  # 30 MB + 249 x (10 + 1) MB
+
+
 def test_what_is_large_is_asked_about_before(built):
     for thing in things():
         if thing.name == "cloud":
