@@ -23,6 +23,8 @@ from collections.abc import Sequence
 from fnmatch import fnmatch
 from pathlib import Path
 
+from write_manual import write_manual
+
 ROOT = Path(__file__).resolve().parent.parent
 WHEELS = ROOT / "wheels"
 # Blender's name of a platform -> how the platform tags of its wheels look.
@@ -85,6 +87,7 @@ def build(platform: str, out: Path, python: str) -> Path:
     with tempfile.TemporaryDirectory(prefix="extension-") as folder:
         stage = Path(folder) / "stage"
         copy_repository(stage)
+        write_manual(stage / "manual")
         (stage / "wheels").mkdir()
         for wheel in wheels:
             shutil.copy2(lean(WHEELS / Path(wheel).name), stage / "wheels")

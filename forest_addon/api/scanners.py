@@ -19,7 +19,7 @@ def instruments() -> tuple[str, ...]:
     return tuple(scanner_names())
 
 
-def instrument(name: str, kind: str = "", **settings: Any) -> Scanner:
+def instrument(name: str, kind: str = "", /, **settings: Any) -> Scanner:
     """A LiDAR sensor with the figures of an instrument of ``assets/scanners``, or of a .toml file like those.
 
     kind : "terrestrial", "mobile" or "airborne": what carries it; left out, the first of these that it is

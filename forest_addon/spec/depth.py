@@ -10,9 +10,9 @@ from typing import Any
 
 ADVANCED: dict[str, frozenset[str]] = {
     "tractor": frozenset({"gap", "splits", "escape"}),
-    "terrestrial": frozenset({"faintest", "line_step_deg"}),
-    "mobile": frozenset({"faintest", "mount_deg"}),
-    "airborne": frozenset({"faintest", "mount_deg"}),
+    "terrestrial": frozenset({"scanner", "faintest", "line_step_deg"}),
+    "mobile": frozenset({"scanner", "faintest", "mount_deg"}),
+    "airborne": frozenset({"scanner", "faintest", "mount_deg"}),
     "sonar": frozenset(
         {
             *("doppler", "record", "facets", "leaf_model", "absorption", "near_limit"),

@@ -68,6 +68,7 @@ def _rooms() -> tuple[ModuleType, ...]:
         chosen,
         command,
         languages,
+        manual,
         migration,
         overlay,
         preferences,
@@ -80,7 +81,7 @@ def _rooms() -> tuple[ModuleType, ...]:
     from .forest import panels as forest_panels
     from .results import export, frames, show, swatches
     from .results import panel as results_panel
-    from .sensors import add, flight, run, things
+    from .sensors import add, flight, instruments, run, things
     from .sensors import lists as sensors_lists
     from .sensors import panels as sensors_panels
     from .species import edit, import_stl, library, pictures
@@ -88,9 +89,21 @@ def _rooms() -> tuple[ModuleType, ...]:
 
     return (
         *(properties, pictures, languages, running, things, tree, gallery, start, new_file),
-        *(sensors_lists, forest_lists, build, scene_file, add, run, show, export, frames, swatches),
+        *(
+            sensors_lists,
+            forest_lists,
+            build,
+            scene_file,
+            add,
+            instruments,
+            run,
+            show,
+            export,
+            frames,
+            swatches,
+        ),
         preferences,
         *(forest_panels, sensors_panels, flight, results_panel),
         *(overlay, edit, import_stl, library, species_panel),
-        *(chosen, hills, painting, live, command, migration),
+        *(chosen, hills, painting, live, command, manual, migration),
     )

@@ -23,11 +23,11 @@ def test_archive_holds_the_extension_and_nothing_else(archive):
     assert {"__init__.py", "blender_manifest.toml", "LICENSE", "forest_addon/__init__.py"} <= set(
         names
     )
-    assert "forest_addon/acoustics/hard_disc.npz" in names
+    assert {"forest_addon/acoustics/hard_disc.npz", "manual/scene-file.html"} <= set(names)
     tops = {name.split("/")[0] for name in names}
     assert tops <= {
         *("__init__.py", "blender_manifest.toml", "LICENSE", "README.md", "CHANGELOG.md"),
-        *("wheels", "forest_addon", "headless", "assets"),
+        *("wheels", "forest_addon", "headless", "assets", "manual"),
     }
     assert not [name for name in names if "__pycache__" in name or "/." in name]
     assert not [name for name in names if name.startswith("wheels/numpy")]

@@ -13,6 +13,7 @@ from ..chosen import chosen, chosen_sensor
 from ..drawing import BIG, OnceStarted, draw_settings, split
 from ..lists import draw_list
 from ..words import keep, label
+from .instruments import draw_instrument
 from .things import seen_thing
 
 AXES = (keep("Rotation X"), keep("Rotation Y"), keep("Rotation Z"))
@@ -107,6 +108,8 @@ def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
     if fixed:
         column.label(text=fixed, icon="INFO")
     hidden = {"name", *sensors.POSED.get(kind, ()), *references.HEARD_TYPES}
+    if "scanner" in group.shown:
+        draw_instrument(split(layout), group)
     draw_settings(split(layout), group, hidden)
     for part in group.nested:
         header, body = layout.panel(f"FOREST_{kind}_{part}", default_closed=True)
