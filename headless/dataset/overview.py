@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,13 +13,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from forest_addon.formats.atomic import replacing
+from forest_addon.formats.toml_file import structure
 from forest_addon.rng import stream
+from forest_addon.spec import Forest
 
 from .disk import Done
 
 SHOWN = 12  # scenes
 COLUMNS = 4
-POINTS = 30_000  # of a scene
+POINTS = 60_000  # of a scene
+ENOUGH = 2  # times so many are looked for: a sample of those is spread evenly
+BESIDE = 3.0  # m of the slice on both sides of the field
 SLICE = 8.0  # m of a plot's depth that a side view shows
 ORGAN = np.array(["#8a8a8a", "#6b4a2b", "#3f8f3f", "#c9b48a"])  # other, wood, leaf, ground
 INK = "#24302a"
@@ -82,8 +87,6 @@ def _draw_map(axes: Axes, one: Done, colour: dict[str, str]) -> None:
 
 def _standing(path: Path) -> list[tuple[float, float]]:
     """Where sensors stand that do not move."""
-    import tomllib
-
     found = []
     for sensor in tomllib.loads(path.read_text(encoding="utf-8")).get("sensors", []):
         for key in ("position", "source", "receiver"):
@@ -93,13 +96,12 @@ def _standing(path: Path) -> list[tuple[float, float]]:
 
 
 def _draw_found(axes: Axes, one: Done) -> None:
-    """The largest cloud from the side, else the first echo or response."""
+    """The scene's clouds from the side, else the first echo or response."""
     axes.tick_params(labelsize=6)
     files = one.record["files"]
     clouds = {name: count for name, count in one.record["points"].items() if count}
     if clouds:
-        name = max(clouds, key=lambda key: clouds[key])
-        _draw_cloud(axes, one.folder, name)
+        _draw_clouds(axes, one.folder, clouds)
         return
     sounds = sorted(name for name in files if name.endswith(".wav"))
     if not sounds:
@@ -120,17 +122,47 @@ def _draw_found(axes: Axes, one: Done) -> None:
     axes.set_yticks([])
 
 
-def _draw_cloud(axes: Axes, folder: Path, name: str) -> None:
-    place, organ = read_points(folder, name)
-    x, y, z = place.T
-    middle = float(np.median(y))
-    low, high = np.percentile(x, (1, 99))
-    near = np.flatnonzero((np.abs(y - middle) < SLICE / 2) & (x >= low) & (x <= high))
-    near = near[:: max(1, len(near) // POINTS)]
-    shade = ORGAN[np.clip(organ[near], 0, 3)]
-    axes.scatter(x[near], z[near], s=0.3, c=shade, lw=0, rasterized=True)
+def _draw_clouds(axes: Axes, folder: Path, clouds: dict[str, int]) -> None:
+    """A slice of the field where most trees stand, of the largest clouds that have points enough for it;
+    far points first.
+    """
+    low, high = _field(folder / "scene.toml")
+    middle = _most_trees(folder, (low[1] + high[1]) / 2)
+    some, shades, drawn = [], [], []
+    for name in sorted(clouds, key=lambda key: -clouds[key]):
+        place, organ = read_points(folder, name)
+        x, y, _ = place.T
+        near = (np.abs(y - middle) < SLICE / 2) & (x > low[0] - BESIDE) & (x < high[0] + BESIDE)
+        some.append(place[near])
+        shades.append(organ[near])
+        drawn.append(name)
+        if sum(map(len, some)) > ENOUGH * POINTS:
+            break
+    place, organ = np.concatenate(some), np.concatenate(shades)
+    rows = stream(0, "overview", "points").permutation(len(place))[:POINTS]
+    rows = rows[np.argsort(-place[rows, 1])]
+    shade = ORGAN[np.clip(organ[rows], 0, 3)]
+    axes.scatter(place[rows, 0], place[rows, 2], s=0.35, c=shade, lw=0, rasterized=True)
     axes.set_aspect("equal")
-    axes.set_title(f"{name}: {len(x):,} points, a slice of {SLICE:g} m", fontsize=7, color=INK)
+    title = f"{', '.join(drawn)}: a slice of {SLICE:g} m; {sum(clouds.values()):,} points in all"
+    axes.set_title(title, fontsize=7, color=INK)
+
+
+def _most_trees(folder: Path, otherwise: float) -> float:
+    """The y about which a slice holds most trunks."""
+    y = np.array([float(tree["y_m"]) for tree in _table(folder / "trees.csv")])
+    if not len(y):
+        return otherwise
+    near = np.abs(y[:, None] - y) < SLICE / 2
+    return float(y[near[np.argmax(near.sum(axis=1))]].mean())
+
+
+def _field(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """(2,) lowest and (2,) highest corner of a scene's field."""
+    table = tomllib.loads(path.read_text(encoding="utf-8")).get("forest", {})
+    forest = structure(table, Forest)
+    low = np.array(forest.origin)
+    return low, low + forest.size
 
 
 def read_points(folder: Path, name: str) -> tuple[np.ndarray, np.ndarray]:

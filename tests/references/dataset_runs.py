@@ -1,9 +1,14 @@
-"""The command ``dataset`` in a process of its own, what it wrote, and which processes it started."""
+"""The command ``dataset``, here or in a process of its own, what it wrote, and which processes it started."""
 
+import contextlib
 import hashlib
+import io
 import subprocess
 import sys
 from pathlib import Path
+
+from headless.cli import main
+from headless.dataset import engine, estimate
 
 ROOT = Path(__file__).resolve().parents[2]
 PLAN = ROOT / "tests/headless/dataset/small.toml"
@@ -16,6 +21,43 @@ def command(*words):
 
 def run(*words, **more):
     return subprocess.run(command(*words), cwd=ROOT, capture_output=True, text=True, **more)
+
+
+class _Lent:
+    """A Blender that does not end with who used it."""
+
+    def __init__(self, child):
+        self.make = child.make
+
+    def end(self):
+        pass
+
+
+class Warm:
+    """A worker whose Blender goes on from one command to the next; ``renew`` gives it a fresh one."""
+
+    def __init__(self):
+        self.worker = engine.Worker()
+
+    def make(self, job):
+        return self.worker.make(job)
+
+    def end(self):
+        """Of a command: nothing ends."""
+
+    def renew(self):
+        self.worker.end()
+
+    def run(self, *words):
+        """The command in this process, its scenes made by this worker."""
+        said, before = io.StringIO(), (engine.Worker, estimate.Child)
+        engine.Worker, estimate.Child = lambda: self, lambda threads: _Lent(self.worker.child)
+        try:
+            with contextlib.redirect_stderr(said):
+                code = main(["dataset", *map(str, words)])
+        finally:
+            engine.Worker, estimate.Child = before
+        return subprocess.CompletedProcess(words, code, "", said.getvalue())
 
 
 def bytes_of(out):

@@ -4,14 +4,21 @@ import os
 
 import pytest
 
-from tests.references.dataset_runs import PLAN, run
+from tests.references.dataset_runs import PLAN, Warm
 
 
 @pytest.fixture(scope="session")
-def undisturbed(tmp_path_factory):
+def warm():
     pytest.importorskip("bpy")
+    warm = Warm()
+    yield warm
+    warm.renew()
+
+
+@pytest.fixture(scope="session")
+def undisturbed(warm, tmp_path_factory):
     out = tmp_path_factory.mktemp("dataset") / "data"
-    ended = run(PLAN, "--out", out, "--workers", "1", "--quiet")
+    ended = warm.run(PLAN, "--out", out, "--workers", "1", "--quiet")
     assert ended.returncode == 0, ended.stderr
     return out
 
