@@ -51,10 +51,12 @@ from forest_addon.stand.forest import (
     grow_forest,
     leaf_count,
     leaf_table,
+    met_targets,
     tree_table,
     variant_leaf_table,
 )
 from forest_addon.stand.inputs import Inputs
+from forest_addon.stand.targets import record
 
 from .command import DoubtfulError
 from .progress import Stages, hushed
@@ -76,6 +78,7 @@ class Run:
     audits: dict[str, Audit] = field(default_factory=dict)  # by sensor
     chosen: dict[str, tuple[Choice, ...]] = field(default_factory=dict)  # by sensor
     trees: dict[str, Audit] = field(default_factory=dict)  # of branches and leaves
+    targets: dict[str, Any] = field(default_factory=dict)  # by planting
 
     def path(self, name: str) -> Path:
         """Where a file of this name goes; it is listed in the report."""
@@ -119,6 +122,12 @@ def run_scene(
         with stages.stage("draw the stand"):
             drawn = _draw_stand(run, inputs)
     run.findings.append(findings.forest_finding(settings, forest, drawn))
+    for note in forest.notes:
+        stages.say(f"  Warning: {note}")
+    met = met_targets(forest)
+    told = findings.targets_finding(met)
+    run.findings += [told] if told else []
+    run.targets = {one.label: record(one) for one in met}
     if settings.output.goodness:
         with stages.stage("test where trees stand"):
             _test_stand(run, inputs)
@@ -327,6 +336,7 @@ def _write_record(run: Run, geometry: SceneGeometry, engine: str) -> None:
         "peak_memory_mb": _peak_memory_mb(),
         "results": {finding.title: finding.facts for finding in run.findings},
         "trees": {name: {"audit": audit.record()} for name, audit in run.trees.items()},
+        "targets": run.targets,
         "sensors": {name: _record_of(run, name) for name in run.chosen},
         "files": run.files,
     }
