@@ -35,10 +35,12 @@ from forest_addon.stand.forest import (
     angle_table,
     leaf_count,
     leaf_table,
+    met_targets,
     tree_table,
     variant_leaf_table,
 )
 from forest_addon.stand.inputs import Inputs
+from forest_addon.stand.targets import record
 
 from .command import DoubtfulError
 from .progress import Stages, hushed
@@ -62,6 +64,7 @@ class Run:
     files: list[str] = field(default_factory=list)
     results: dict[str, Result] = field(default_factory=dict)  # by sensor
     trees: dict[str, Audit] = field(default_factory=dict)  # of branches and leaves
+    targets: dict[str, Any] = field(default_factory=dict)  # by planting
 
     def path(self, name: str) -> Path:
         """Where a file of this name goes; it is listed in the report."""
@@ -111,7 +114,7 @@ def run_scene(
             with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
                 _take(run, world, world.look(sensor, progress), sound)
         _write_scene(run)
-        made = (run.findings, run.trees, run.results, stages.seconds, run.files)
+        made = (run.findings, run.trees, run.targets, run.results, stages.seconds, run.files)
         write_record(run.path("run.json"), settings, world, *made)
     if wanted.report:
         with stages.stage("write report.html"):
@@ -200,6 +203,12 @@ def _describe_stand(run: Run, inputs: Inputs) -> None:
     run.findings.append(findings.forest_finding(settings, run.forest, drawn))
     if wanted.pictures and not can_draw():
         _say_what_is_lacking(run)
+    for note in run.forest.notes:
+        run.warn(note)
+    met = met_targets(run.forest)
+    told = findings.targets_finding(met)
+    run.findings += [told] if told else []
+    run.targets = {one.label: record(one) for one in met}
     if not wanted.goodness:
         return
     from forest_addon.stand.statistics import goodness

@@ -8,6 +8,7 @@ import os
 import platform
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -27,13 +28,14 @@ def write_record(
     world: World,
     findings: Sequence[page.Finding],
     trees: Mapping[str, Audit],
+    targets: Mapping[str, Any],
     results: Mapping[str, Result],
     seconds: Mapping[str, float],
     files: Sequence[str],
 ) -> None:
     """Write run.json.
 
-    trees : audits of what grew. results : of sensors, by their names. seconds : of stages.
+    trees : audits of what grew. targets : what was reached of them, by planting. results : of sensors, by their names. seconds : of stages.
     """
     import scipy
 
@@ -60,6 +62,7 @@ def write_record(
         "peak_memory_mb": peak_memory_mb(),
         "results": {finding.title: finding.facts for finding in findings},
         "trees": {name: {"audit": audit.record()} for name, audit in trees.items()},
+        "targets": targets,
         "sensors": {name: result.record() for name, result in results.items()},
         "files": files,
     }

@@ -21,7 +21,9 @@ def trees(forest: Forest | None, placed: PlacedTrees) -> Table:
     from ..stand.forest import tree_table
     from ..stand.placed import placed_table
 
-    return _both(forest, placed, tree_table, placed_table)
+    table = _both(forest, placed, tree_table, placed_table)
+    numbers = [name for name in table if name.startswith("target_") or name == "in_band"]
+    return table | {name: _numbers(table[name]) for name in numbers}
 
 
 def leaves(forest: Forest | None, placed: PlacedTrees) -> Table:
@@ -86,6 +88,11 @@ def _both(
         name: np.concatenate([values, second.get(name, _nothing(values, count))])
         for name, values in first.items()
     }
+
+
+def _numbers(column: np.ndarray) -> np.ndarray:
+    """A column with gaps as float64, NaN in the gaps."""
+    return np.array([np.nan if value == "" else float(value) for value in column.tolist()])
 
 
 def _nothing(like: np.ndarray, count: int) -> np.ndarray:

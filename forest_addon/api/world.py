@@ -213,6 +213,24 @@ class World:
 
         return look_up(self.observer.caster, points, stream(self.scene.seed, "canopy"))
 
+    def hemisphere(self, point: np.ndarray, pixels: int = 512) -> np.ndarray:
+        """A hemispherical picture upwards from a point (3,), equidistant: (pixels, pixels) int8, 1 wood,
+        2 leaf, 3 ground, 0 other, -1 sky, -2 beyond the horizon; first row north, first column east.
+        """
+        from ..sensing.canopy import hemisphere
+
+        return hemisphere(self.observer.caster, point, pixels)
+
+    @property
+    def wood_area_index(self) -> float:
+        """Half of the wood's surface over the area of the field, m²/m²; twigs of templates counted by mesh.
+
+        Raises
+        ------
+        SpecError : the world was not grown here.
+        """
+        return float(self.trees["wood_area_m2"].sum() / 2 / self._grown().stand.area)
+
     @property
     def leaf_area_index(self) -> float:
         """One-sided leaf area of all trees over the area of the field, m²/m².

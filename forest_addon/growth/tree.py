@@ -23,6 +23,7 @@ from .lsystem.grammar import string_of
 from .lsystem.turtle import interpret
 from .measured.meet import grow_measured
 from .measured.needles import coarse_shoot, shoot_of
+from .measured.reshape import Parts, lowest_kept, reshaped
 from .measured.templates import fitted_template
 from .measured.wanted import Kind, Wanted, one_tree
 from .mesh.axes import first_level
@@ -88,10 +89,9 @@ def grow(
     if isinstance(template, Habit | TreeTemplate):
         asked = fitted_template(species, wanted) if wanted else species
         if isinstance(template, Habit):
-            tree = _sibling(asked, template, rng)
+            tree = _sibling(asked, template, rng, wanted)
         else:
-            tree = _grafted(asked, template, rng)
-        tree = replace(tree, wanted=wanted)
+            tree = _grafted(asked, template, rng, wanted)
         return tree if species.detail.leaves else without_leaves(tree)
     kind = template if isinstance(template, Kind) else Kind(None, template)
     if wanted is None and species.targets is not None:
@@ -138,13 +138,26 @@ def leaves_left(species: Species) -> float:
     return min(1.0, share * (needles.blades or needles.count) / blades_left(species))
 
 
-def _sibling(species: Species, habit: Habit, rng: np.random.Generator) -> Tree:
+def _sibling(
+    species: Species, habit: Habit, rng: np.random.Generator, wanted: Wanted | None
+) -> Tree:
     """A tree like the template's, of its own pieces."""
     siblings = species.siblings or Siblings()
     grown = grow_sibling(habit, siblings, int(rng.integers(2**63)))
-    hung = mesh_of(habit.anatomy, grown, siblings.variety)
-    mesh, leaves = _inclined(species, *hung, rng)
-    return Tree(mesh, leaves, skeleton_of_grown(grown))
+    mesh, leaves, foot = mesh_of(habit.anatomy, grown, siblings.variety)
+    parts = Parts(mesh, leaves, foot, skeleton_of_grown(grown), grafted=True)
+    return _of_parts(species, parts, rng, wanted)
+
+
+def _of_parts(
+    species: Species, parts: Parts, rng: np.random.Generator, wanted: Wanted | None
+) -> Tree:
+    """A tree of a template's parts, brought to its targets where it has some."""
+    missed: tuple[str, ...] = ()
+    if wanted is not None:
+        parts, missed = reshaped(parts, wanted, int(rng.integers(2**63)), species.name)
+    mesh, leaves = _inclined(species, parts.mesh, parts.leaves, parts.foot, rng)
+    return Tree(mesh, leaves, parts.skeleton, wanted=wanted, missed=missed)
 
 
 def _whole(
@@ -172,7 +185,9 @@ def _whole(
     return Tree(mesh, leaves, skeleton, grafted=False, wanted=wanted, missed=missed)
 
 
-def _grafted(species: Species, template: TreeTemplate, rng: np.random.Generator) -> Tree:
+def _grafted(
+    species: Species, template: TreeTemplate, rng: np.random.Generator, wanted: Wanted | None
+) -> Tree:
     """A tree of a trunk and branch templates."""
     symbols = string_of(species.grammar)
     skeleton = interpret(symbols, species.grammar, species.jitter, rng)
@@ -187,9 +202,17 @@ def _grafted(species: Species, template: TreeTemplate, rng: np.random.Generator)
         branches.append(branch)
         feet.append(foot)
         truths.append(replace(truth, branch=np.full(len(truth), number, dtype=np.int32)))
-    mesh = join([_trunk_mesh(skeleton, trunk), *branches])
-    mesh, leaves = _inclined(species, mesh, join_leaves(truths), np.concatenate(feet), rng)
-    return Tree(mesh, leaves, _first_levels(skeleton))
+    kept, wood = list(range(len(sites))), _first_levels(skeleton)
+    if wanted is not None:
+        start = np.array([site.foot[2] for site in sites])
+        leaf = np.array([truth.centre[:, 2].min(initial=np.inf) for truth in truths])
+        top = max(float(branch.vertices[:, 2].max()) for branch in branches)
+        lowest = lowest_kept(start, leaf, top, wanted)
+        kept, wood = np.flatnonzero(start >= lowest).tolist(), _above(wood, lowest)
+    mesh = join([_trunk_mesh(skeleton, trunk), *(branches[k] for k in kept)])
+    leaves, foot = join_leaves([truths[k] for k in kept]), np.concatenate([feet[k] for k in kept])
+    parts = Parts(mesh, leaves, foot, wood, grafted=True)
+    return _of_parts(species, parts, rng, wanted)
 
 
 def _inclined(
@@ -280,9 +303,22 @@ def _smooth(along: np.ndarray, nodes: np.ndarray, fine: np.ndarray) -> np.ndarra
     return np.asarray(PchipInterpolator(along, nodes)(fine))
 
 
+def _above(skeleton: Skeleton, lowest: float) -> Skeleton:
+    """A trunk with those of its first-level axes that start at this height or above."""
+    foot = np.arange(len(skeleton))
+    for segment in np.flatnonzero(skeleton.order == 1).tolist():
+        if skeleton.order[skeleton.parent[segment]] == 1:
+            foot[segment] = foot[skeleton.parent[segment]]
+    return _some(skeleton, (skeleton.order == 0) | (skeleton.start[foot, 2] >= lowest))
+
+
 def _first_levels(skeleton: Skeleton) -> Skeleton:
     """Trunk and first-level axes only; what branches further comes from the templates."""
-    keep = skeleton.order <= 1
+    return _some(skeleton, skeleton.order <= 1)
+
+
+def _some(skeleton: Skeleton, keep: np.ndarray) -> Skeleton:
+    """Some segments (S,) of a skeleton, each with its mother."""
     renumbered = np.cumsum(keep) - 1
     parent = skeleton.parent[keep]
     return Skeleton(

@@ -12,9 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..growth.mesh.trimesh import OTHER
 from .rays.caster import RayCaster
 
 REACH = np.deg2rad(75.0)
+SKY, OUTSIDE = -1, -2  # of a hemispherical picture: what is open, what is beyond its circle
 FEWEST = 0.5  # of a ray: a ring without a gap has at most one in twice its rays
 
 
@@ -65,3 +67,30 @@ def look_up(
     effective = 2 * float((contact * horizon).sum())
     sky = float((gap * ring).sum() / ring.sum())
     return Canopy(middle, gap, sky, effective, len(points), hidden.size)
+
+
+def hemisphere(caster: RayCaster, point: np.ndarray, pixels: int = 512) -> np.ndarray:
+    """(pixels, pixels) int8, a hemispherical picture upwards from a point (3,): the part of what is seen
+    (``PART_NAMES``), ``SKY``, or ``OUTSIDE`` of its circle.
+
+    Equidistant: the zenith angle is in proportion to the distance from the middle, the horizon the circle. As
+    one sees it lying on one's back with the head to the north: the first row is north, the first column east.
+    """
+    middle = (np.arange(pixels) + 0.5) / pixels * 2 - 1
+    east, north = -middle[None, :], -middle[:, None]
+    away = np.hypot(east, north)
+    inside = away <= 1
+    zenith, azimuth = away * np.pi / 2, np.arctan2(north, east)
+    way = np.stack(
+        [np.sin(zenith) * np.cos(azimuth), np.sin(zenith) * np.sin(azimuth), np.cos(zenith)],
+        axis=-1,
+    )[inside]
+    hits = caster.cast(np.broadcast_to(np.asarray(point, dtype=float), way.shape), way)
+    seen = np.full(len(way), SKY, dtype=np.int8)
+    mesh_of = np.where(hits.found, np.append(caster.scene.mesh_index, -1)[hits.instance], -1)
+    for index, mesh in enumerate(caster.scene.meshes):
+        rows = np.flatnonzero(mesh_of == index)
+        seen[rows] = mesh.part[hits.triangle[rows]] if len(mesh.part) else OTHER
+    image = np.full((pixels, pixels), OUTSIDE, dtype=np.int8)
+    image[inside] = seen
+    return image

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -15,12 +16,13 @@ from ..growth.template.fitted import Habit
 from ..growth.tree import Tree, grow
 from ..growth.truth import crown_base, crown_width, leaf_angles, wood_of_tree
 from ..rng import stream
-from ..spec import Scene, Species
+from ..spec import Allometry, Scene, Species
 from .detail import Detail, with_coarse
 from .inputs import Inputs
 from .intensity.terrain import Terrain, sink
 from .measured import dbh_at, scales_for, with_targets
 from .plan import Stand, labels, plan_stand
+from .targets import Met, found_in, in_band, not_met, targets_met
 
 Progress = Callable[[int, int], None]
 
@@ -33,6 +35,7 @@ class Forest:
     variants : grown trees by (planting, variant).
     wanted : (N, 5) what trees were to measure, NaN where nothing was said; None where of none.
     detail : which trees have coarser leaves, where that was left to "auto".
+    laws : the allometry of each planting with targets. notes : sentences about what a list says in vain.
     """
 
     stand: Stand
@@ -41,6 +44,13 @@ class Forest:
     variants: dict[tuple[int, int], Tree]
     wanted: np.ndarray | None = None
     detail: Detail | None = None
+    laws: tuple[Allometry | None, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def truth(self) -> dict[tuple[int, int], dict[str, float]]:
+        """What each variant measures in its own size."""
+        return {key: _truth_of(tree) for key, tree in self.variants.items()}
 
     def variant_of(self, tree: int) -> Tree:
         """The grown tree that stands as tree number ``tree``."""
@@ -101,7 +111,9 @@ def grow_forest(
     kinds, detail = tuple(kind for kind, _ in species), None
     if scene.accuracy.detail == "auto":
         sunk, variants, detail = with_coarse(scene, kinds, sunk, variants, fresh)
-    return Forest(sunk, tuple(names), kinds, variants, asked, detail)
+    return Forest(
+        sunk, tuple(names), kinds, variants, asked, detail, measured.laws, measured.ignored
+    )
 
 
 def _sized(stand: Stand, variants: dict[tuple[int, int], Tree], wanted: np.ndarray) -> Stand:
@@ -200,10 +212,11 @@ def angle_table(forest: Forest) -> dict[str, np.ndarray]:
 def tree_table(forest: Forest) -> dict[str, list[object]]:
     """One row a tree: place, turn, size, height, crown, trunk, leaves and wood, metres.
 
-    Of trees that were to measure something also what: ``target_dbh_m`` and so on.
+    Of trees that were to measure something also what: ``target_dbh_m`` and so on; ``in_band``, 1 where all
+    of it is as measured trees have it; ``not_met``, the names of targets that are not reached.
     """
     stand = forest.stand
-    truth = {key: _truth_of(tree) for key, tree in forest.variants.items()}
+    truth = forest.truth
     keys = list(zip(stand.species.tolist(), stand.variant.tolist(), strict=True))
     dbh = np.zeros(len(stand))
     for (planting, variant), grown in forest.variants.items():
@@ -238,7 +251,33 @@ def tree_table(forest: Forest) -> dict[str, list[object]]:
             unit = "m2" if name == "leaf_area" else "m"
             values = forest.wanted[:, column]
             table[f"target_{name}_{unit}"] = ["" if np.isnan(v) else float(v) for v in values]
+        found = found_in(table)
+        table["in_band"] = _in_band(forest, found)
+        table["not_met"] = list(not_met(forest.wanted, found))
     return table
+
+
+def _in_band(forest: Forest, found: np.ndarray) -> list[object]:
+    """Of each tree whether all that it measures is as measured trees are: 1, 0, or empty."""
+    told: list[object] = [""] * len(found)
+    for planting, law in enumerate(forest.laws):
+        rows = np.flatnonzero(forest.stand.species == planting) if law is not None else ()
+        if law is not None and len(rows):
+            inside = in_band(law, found[rows]).all(axis=1)
+            for row, value in zip(rows, inside.tolist(), strict=True):
+                told[row] = int(value)
+    return told
+
+
+def met_targets(forest: Forest) -> list[Met]:
+    """Of each planting with targets: wanted, reached, in the measured band, and what could not be."""
+    if forest.wanted is None:
+        return []
+    missed = [forest.variant_of(row).missed for row in range(len(forest.stand))]
+    stand = forest.stand
+    return targets_met(
+        tree_table(forest), stand.species, forest.labels, forest.wanted, forest.laws, missed
+    )
 
 
 def _truth_of(tree: Tree) -> dict[str, float]:

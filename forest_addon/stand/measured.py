@@ -16,7 +16,7 @@ import numpy as np
 
 from ..growth.measured.allometry import MEASURES, Z90
 from ..growth.measured.measure import BREAST, stem_profile
-from ..growth.measured.wanted import Kind, Wanted, draw_dbh, drawn, given_by
+from ..growth.measured.wanted import TARGETS, Kind, Wanted, draw_dbh, drawn, given_by
 from ..growth.skeleton import Skeleton
 from ..rng import daughter_keys, first_key, keyed_uniform, stream
 from ..spec import Allometry, Planting, Species
@@ -33,11 +33,15 @@ class Measured:
     """The stand with its variants chosen, and what is wanted.
 
     trees : (N, 5) targets, NaN of trees that have none. variants : by (planting, variant).
+    laws : the allometry of each planting that has targets, None of others. ignored : sentences about
+    measures that a list gives and nobody asked for.
     """
 
     stand: Stand
     trees: np.ndarray
     variants: dict[tuple[int, int], Wanted]
+    laws: tuple[Allometry | None, ...] = ()
+    ignored: tuple[str, ...] = ()
 
 
 def with_targets(
@@ -57,15 +61,20 @@ def with_targets(
     wanted = np.full((len(stand), 5), np.nan)
     variant, scale = stand.variant.copy(), stand.scale.copy()
     variants: dict[tuple[int, int], Wanted] = {}
+    laws: list[Allometry | None] = [None] * len(plantings)
+    ignored: list[str] = []
     for number, planting in enumerate(plantings):
         kind, own = species[number][1], species[number][0].targets
         targets = planting.targets or own
         rows = np.flatnonzero(stand.species == number)
+        if targets is None:
+            ignored += _ignored(number, names, plantings, inputs)
         if targets is None or not len(rows):
             continue
         law = inputs.allometries.get(planting.targets.allometry) if planting.targets else None
         if law is None and isinstance(kind, Kind):
             law = kind.allometry
+        laws[number] = law
         key = first_key(seed, "stand", names[number], "measures")
         keys = daughter_keys(np.repeat(key, len(rows)), stand.number[rows])
         given = np.tile(given_by(targets), (len(rows), 1))
@@ -84,7 +93,8 @@ def with_targets(
         variants |= {
             (number, k): Wanted(*wanted[rows[model]].tolist()) for k, model in enumerate(models)
         }
-    return Measured(replace(stand, variant=variant, scale=scale), wanted, variants)
+    sized = replace(stand, variant=variant, scale=scale)
+    return Measured(sized, wanted, variants, tuple(laws), tuple(ignored))
 
 
 def groups_of(
@@ -130,6 +140,24 @@ def dbh_at(skeleton: Skeleton, scale: np.ndarray) -> np.ndarray:
         return np.zeros(len(scale))
     height = BREAST / scale
     return np.asarray(np.where(height <= z[-1], scale * np.interp(height, z, d), 0.0))
+
+
+def _ignored(
+    number: int, names: Sequence[str], plantings: Sequence[Planting], inputs: Inputs
+) -> list[str]:
+    """A sentence if the list of a planting without targets says what its trees measure."""
+    listed = _listed(number, names, plantings, inputs)
+    if listed is None or not len(listed):
+        return []
+    told = [
+        name for name, column in zip(TARGETS, listed.T, strict=True) if np.isfinite(column).any()
+    ]
+    if not told:
+        return []
+    return [
+        f"{names[number]}: its list gives {' and '.join(told)}, which count only with "
+        "[plantings.targets]; the trees have the sizes of their species"
+    ]
 
 
 def _listed(

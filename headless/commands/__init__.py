@@ -4,6 +4,7 @@ from .accuracy import Accuracy
 from .allometry import Allometry
 from .assets import Assets
 from .bench import Bench
+from .canopy import Canopy
 from .convolve import Convolve
 from .dataset import Dataset
 from .demo import Demo
@@ -22,7 +23,7 @@ from .validate import Validate
 
 COMMANDS = (
     *(Run(), Demo(), Dataset(), Accuracy(), Validate(), Bench()),
-    *(Derive(), Template(), Species(), Stand(), Estimate(), Allometry(), Assets()),
+    *(Derive(), Template(), Species(), Stand(), Estimate(), Allometry(), Assets(), Canopy()),
     *(Lidar(), Simlidar(), Convolve(), ReverbFigures()),
     *(Fly(), Flight()),
 )

@@ -17,6 +17,7 @@ from forest_addon.sensing.sonar.flight import Flight
 from forest_addon.sensing.sonar.ping import Echo
 from forest_addon.spec import Reverb, Scanner, Scene, Sonar, Terrestrial, Tractor
 from forest_addon.stand.forest import Forest
+from forest_addon.stand.targets import Met, facts_of, sentences
 
 from .page import Finding
 
@@ -56,12 +57,38 @@ def _stand_notes(settings: Scene, forest: Forest) -> Iterator[str]:
             + ", ".join(f"{label} {count:,}" for label, count in lost if count)
             + "."
         )
+    for note in forest.notes:
+        yield f"{note}."
     if stand.off_ground.any():
         yield f"{stand.off_ground.sum():,} trees were left out where the terrain has no ground."
     if stand.off_field.any():
         yield f"{stand.off_field.sum():,} places of rows or lists lie beyond the field."
     if forest.detail is not None:
         yield from forest.detail.notes
+
+
+def targets_finding(met: Sequence[Met]) -> Finding | None:
+    """What trees were to measure and what they do; None where nobody asked."""
+    if not met:
+        return None
+    told: dict[str, str] = {}
+    notes: list[str] = []
+    for one in met:
+        told |= facts_of(one)
+        notes += sentences(one)
+    kinds = sorted({one.kind for one in met if one.kind})
+    band = (
+        f" The band holds nine of ten measured trees of the same diameter ({', '.join(kinds)})."
+        if kinds
+        else ""
+    )
+    return Finding(
+        "What the trees were to measure",
+        "Target and reached; each tree is its variant in the size at which its stem has its diameter 1.3 m "
+        "up." + band,
+        told,
+        tuple(notes) or ("Every target is met.",),
+    )
 
 
 def goodness_finding(found: Goodness, picture: Path | None) -> Finding:

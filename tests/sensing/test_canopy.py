@@ -5,7 +5,7 @@ import pytest
 
 from forest_addon.growth.mesh.trimesh import LEAF, TriMesh
 from forest_addon.rng import stream
-from forest_addon.sensing.canopy import REACH, look_up
+from forest_addon.sensing.canopy import OUTSIDE, REACH, SKY, hemisphere, look_up
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from tests.references.rays_brute import BruteCaster
 
@@ -49,3 +49,21 @@ def test_an_open_sky_has_no_leaves():
     assert (seen.gap == 1).all()
     assert seen.effective == 0
     assert seen.open == 1
+
+
+def test_a_hemispherical_picture_shows_a_ceiling_where_it_is():
+    """A square at height 1 from x 0 to 2 and y 0 to 1, east and north of the point: tan z (cos a, sin a)."""
+    corners = np.array([[0, 0, 1], [2, 0, 1], [2, 1, 1], [0, 1, 1.0]])
+    mesh = TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), LEAF)
+    one = np.zeros(1, dtype=np.int64)
+    scene = SceneGeometry((mesh,), np.eye(4)[None, :3], one, ("ceiling",), one, one)
+    seen = hemisphere(BruteCaster(scene), np.zeros(3), 40)
+    row, column = np.indices((40, 40))
+    east, north = 1 - (column + 0.5) / 20, 1 - (row + 0.5) / 20  # the head lies north: east is left
+    away = np.hypot(east, north)
+    reach = np.tan(np.minimum(away, 0.999) * np.pi / 2) / away
+    x, y = east * reach, north * reach
+    covered = (x > 0) & (x < 2) & (y > 0) & (y < 1) & (away < 1)
+    assert np.array_equal(seen == LEAF, covered)
+    assert np.array_equal(seen == OUTSIDE, away > 1)
+    assert np.array_equal(seen == SKY, (away <= 1) & ~covered)

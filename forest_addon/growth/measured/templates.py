@@ -1,7 +1,7 @@
 """Trees from templates that are to measure something: what of it their settings can be asked for.
 
-A sibling takes height and diameter. T20's grammar takes the length of its first internode and the radius of
-its foot, which height and diameter are in proportion to; crown and leaves are those of the template.
+A sibling takes height and diameter, so that its fitted grammar grows a tree of that size; what is over, and
+crown and leaves of all trees of template parts, ``reshape`` brings to the targets.
 """
 
 from __future__ import annotations

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..mesh.leaves import Leaves, measure_leaves
+from ..mesh.runs import Runs, bounds
 from ..mesh.trimesh import LEAF, WOOD, TriMesh
 from .bones import find_bones
 from .copies import Stock
@@ -22,7 +23,6 @@ from .hierarchy import CLOSER
 from .lines import Lines, Seats, nearest, seats_on, share_of
 from .pieces import lengths
 from .recognise import Recognition
-from .runs import Runs, bounds
 
 GROUND = np.eye(3)  # the frame that a trunk stands in
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..mesh.runs import bounds
 from .lines import Lines, nearest
 from .recognise import Recognition
-from .runs import bounds
 
 STRAIGHT = np.deg2rad(12.0)  # of bend that one stretch stands for
 OFF_AXIS = 0.1  # radii that a chord may be off its line

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..mesh.edges import repeated_edges
+from ..mesh.runs import Runs
 from ..mesh.trimesh import Edges, TriMesh
-from .runs import Runs
 
 
 @dataclass(frozen=True, eq=False)

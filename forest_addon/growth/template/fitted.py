@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..mesh.runs import Runs
 from .anatomy import Anatomy
-from .runs import Runs
 
 NODE = 0.25  # mean spacings within which daughters share a node
 LIMB = (

@@ -16,9 +16,9 @@ from scipy.spatial import cKDTree
 from ...rng import truncated_normal
 from ..mesh.edges import repeated_edges
 from ..mesh.leaves import Leaves
+from ..mesh.runs import Runs
 from ..mesh.trimesh import LEAF, WOOD, Edges, TriMesh, join_edges
 from .cut import BranchTemplate, canonical_frame
-from .runs import Runs
 
 MOST_LEAVES_A_FOOT = 3.0
 

@@ -19,12 +19,12 @@ import numpy as np
 
 from ...rng import daughter_keys, keyed_normal, keyed_uniform
 from ...spec import Siblings
+from ..mesh.runs import Runs, bounds
 from .anatomy import GROUND
 from .courses import foot_frames, lay, lay_sloping, slopes, walk
 from .fitted import Habit, radius_at_seat
 from .lines import Lines, Seats, seat_at, stand_on
 from .nodes import Placed, place_daughters
-from .runs import Runs, bounds
 from .size import Size, size_of, trunk_girth
 
 MOST_SCALE = 1.5  # of a piece's length
