@@ -21,6 +21,7 @@ import numpy as np
 from forest_addon.blender.cloud import show_cloud
 from forest_addon.blender.export import export_glb, save_blend
 from forest_addon.blender.forest import build
+from forest_addon.blender.horizon import lay_horizon
 from forest_addon.blender.inputs import inputs_from_scene
 from forest_addon.blender.layout import RESULTS, part
 from forest_addon.blender.observe import Observer
@@ -170,6 +171,10 @@ def run_scene(
             export_glb(scene, run.path("forest.glb"))
     if settings.output.preview:
         with stages.stage("render preview.png") as progress, hushed():
+            field = settings.forest
+            middle = np.array(field.origin) + np.array(field.size) / 2
+            reach = max(field.size) / 2
+            lay_horizon(scene, middle, reach, field.terrain.base)
             render(scene, settings.output, run.path("preview.png"), progress)
     _write_record(run, observer.geometry, engine)
     if settings.output.report:
