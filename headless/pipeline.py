@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from forest_addon.api import Result, Site, World
 from forest_addon.blender.cloud import show_cloud
 from forest_addon.blender.export import export_glb, save_blend
+from forest_addon.blender.horizon import lay_horizon
 from forest_addon.blender.layout import RESULTS, part
 from forest_addon.blender.opening import empty_file
 from forest_addon.blender.preview import render, set_stage
@@ -139,6 +141,9 @@ def _write_scene(run: Run) -> None:
             export_glb(scene, run.path("forest.glb"))
     if wanted.preview:
         with stages.stage("render preview.png") as progress, hushed():
+            field = run.settings.forest
+            middle = np.array(field.origin) + np.array(field.size) / 2
+            lay_horizon(scene, middle, max(field.size) / 2, field.terrain.base)
             render(scene, wanted, run.path("preview.png"), progress)
 
 

@@ -35,7 +35,8 @@ def write_record(
 ) -> None:
     """Write run.json.
 
-    trees : audits of what grew. targets : what was reached of them, by planting. results : of sensors, by their names. seconds : of stages.
+    trees : audits of what grew. targets : what was reached of them, by planting.
+    results : of sensors, by their names. seconds : of stages.
     """
     import scipy
 

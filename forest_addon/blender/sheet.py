@@ -102,7 +102,7 @@ def _hang(
     middle = (low[0] + top[0]) / 2
     mesh = to_mesh(name, tree.mesh)
     mesh.materials.append(materials.bark(f"{name} bark", look.bark))
-    mesh.materials.append(materials.leaf(f"{name} leaf", look.leaf))
+    mesh.materials.append(materials.leaf(f"{name} leaf", look.foliage()))
     thing = bpy.data.objects.new(name, mesh)
     thing.scale = (size, size, size)
     thing.location = (x - middle * size, 0.0, z)

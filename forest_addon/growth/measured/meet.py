@@ -18,7 +18,7 @@ from ..mesh.blades import Blade
 from ..skeleton import LeafSites, Skeleton
 from ..species import skeleton_of
 from .colonise import colonise
-from .measure import crown_base_of, dbh_of, leaf_tips, width_of
+from .measure import BREAST, crown_base_of, dbh_of, leaf_tips, width_of
 from .pipes import borne, scaled_to, skeleton_of_nodes, with_radii
 from .twigs import leaves_on, seat_twigs, with_twigs
 from .wanted import Wanted
@@ -94,9 +94,26 @@ def grow_crown(species: Species, wanted: Wanted, blade: Blade, key: int) -> Met:
     sites = leaves_on(species.leaf, twigs, len(bare), count, species.needles is not None)
     sites = _with_area(sites, blade, wanted.leaf_area)
     drawn, sites = stretched(drawn, sites, wanted)
+    drawn = to_breast_height(drawn, wanted.height)
     radius = drawn.radius.copy()
     radius[: len(bare)] = with_radii(_first(drawn, len(bare)), pipes, crown, wanted.dbh).radius
     return Met(replace(drawn, radius=radius), sites if species.leaf.on else LeafSites.none())
+
+
+def to_breast_height(skeleton: Skeleton, height: float) -> Skeleton:
+    """The tree with a stem that passes 1.3 m: of a seedling only leaves may reach higher, and without a stem
+    there it has no diameter.
+    """
+    stem = np.flatnonzero(skeleton.order == 0)
+    top = stem[np.argmax(skeleton.end[stem, 2])]
+    if skeleton.end[top, 2] > BREAST or height <= BREAST:
+        return skeleton
+    tip = skeleton.end[top].copy()
+    tip[2] = BREAST + min(0.01, (height - BREAST) / 2)
+    start, end = skeleton.start.copy(), skeleton.end.copy()
+    start[(skeleton.parent == top) & (start == end[top]).all(axis=1)] = tip
+    end[top] = tip
+    return replace(skeleton, start=start, end=end)
 
 
 def _first(skeleton: Skeleton, count: int) -> Skeleton:

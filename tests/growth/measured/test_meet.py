@@ -8,7 +8,7 @@ import pytest
 from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.growth.measured.colonise import colonise
 from forest_addon.growth.measured.measure import crown_base_of, dbh_of, width_of
-from forest_addon.growth.measured.meet import leaves_needed
+from forest_addon.growth.measured.meet import grow_measured, leaves_needed
 from forest_addon.growth.measured.pipes import borne
 from forest_addon.growth.measured.wanted import Wanted
 from forest_addon.growth.mesh.trimesh import WOOD
@@ -37,6 +37,18 @@ def test_a_tree_measures_what_it_is_to(name):
     if name in ("scots-pine", "silver-birch"):
         assert truth["crown_base_m"] == pytest.approx(SMALL.crown_base, abs=0.02)
     assert tree.wanted == SMALL
+
+
+def test_a_seedling_whose_leaves_alone_pass_breast_height_has_its_diameter():
+    """A spruce of 1.5 m: its stem used to end at 1.297 m, below the top shoot."""
+    species, kind = species_of("norway-spruce")
+    small = Wanted(0.023108107160540136, 1.49987968, 1.45672797, 0.32682055, 3.60500059)
+    met = grow_measured(
+        species, small, blade_of(species, kind.blade), stream(0, "check", "norway-spruce", 275)
+    )
+    assert dbh_of(met.skeleton) == pytest.approx(small.dbh, abs=1e-6)
+    tips = met.sites.foot + met.sites.length[:, None] * met.sites.direction
+    assert max(met.skeleton.end[:, 2].max(), tips[:, 2].max()) == pytest.approx(1.5, abs=0.01)
 
 
 def test_the_mesh_of_a_stem_is_as_thick_as_its_skeleton():
