@@ -95,6 +95,7 @@ class _Found:
         self._number_of: dict[int, int] = {}
         self._meshes: list[TriMesh] = []
         self._slots: list[np.ndarray] = []
+        self._materials: list[tuple[str, ...]] = []
         self._names: dict[str, int] = {}
         self._single: list[tuple] = []
         self._many: list[tuple] = []
@@ -165,6 +166,7 @@ class _Found:
             object_index=name,
             reflectance=reflectance,
             slot_reflectance=tuple(self._slots),
+            slot_names=tuple(self._materials),
         )
 
     def _number(self, mesh: bpy.types.Mesh) -> int:
@@ -176,6 +178,7 @@ class _Found:
             if not empty:
                 self._meshes.append(separate_leaves(from_mesh(mesh)))
                 self._slots.append(_slot_reflectance(mesh))
+                self._materials.append(tuple(m.name if m else "" for m in mesh.materials) or ("",))
         return self._number_of[key]
 
     def _name(self, thing: bpy.types.Object) -> int:

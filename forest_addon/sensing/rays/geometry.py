@@ -31,6 +31,7 @@ class SceneGeometry:
     object_index : (I,) int64, which of ``object_name``; left out: each instance has a name of its own.
     reflectance : (I,) of the object, NaN where it says nothing; left out: nowhere.
     slot_reflectance : for each mesh (S,) of its material slots, NaN likewise; left out: nowhere.
+    slot_names : for each mesh the names of its materials, empty where a slot is; left out: unknown.
     """
 
     meshes: tuple[TriMesh, ...]
@@ -42,6 +43,7 @@ class SceneGeometry:
     object_index: np.ndarray = None  # type: ignore[assignment]  # filled in by __post_init__
     reflectance: np.ndarray = None  # type: ignore[assignment]
     slot_reflectance: tuple[np.ndarray, ...] = ()
+    slot_names: tuple[tuple[str, ...], ...] = ()
 
     def __post_init__(self) -> None:
         if self.object_index is None:
