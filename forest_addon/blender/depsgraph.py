@@ -98,6 +98,7 @@ class _Found:
         self._meshes: list[TriMesh] = []
         self._slots: list[np.ndarray] = []
         self._assets: list[str] = []
+        self._materials: list[tuple[str, ...]] = []
         self._names: dict[str, int] = {}
         self._single: list[tuple] = []
         self._many: list[tuple] = []
@@ -171,6 +172,7 @@ class _Found:
             reflectance=reflectance,
             slot_reflectance=tuple(self._slots),
             asset=tuple(self._assets),
+            slot_names=tuple(self._materials),
         )
 
     def _number_trees(
@@ -198,6 +200,7 @@ class _Found:
                 self._meshes.append(separate_leaves(from_mesh(mesh)))
                 self._slots.append(_slot_reflectance(mesh))
                 self._assets.append(_asset_of(mesh, thing))
+                self._materials.append(tuple(m.name if m else "" for m in mesh.materials) or ("",))
         return self._number_of[key]
 
     def _name(self, thing: bpy.types.Object) -> int:

@@ -24,6 +24,11 @@ WHOLE = 1.06  # of the picture for what is seen from above: all of it, with an e
 CAMERA, SUN, SKY = "Forest camera", "Forest sun", "Forest sky"
 LAWN, SUNK, FAR = "Forest lawn", 0.03, 3000.0  # m below the ground, m to each side
 FAR_CORNERS = ((-FAR, -FAR), (FAR, -FAR), (FAR, FAR), (-FAR, FAR))
+HAZE, WARM = (
+    (0.78, 0.87, 0.94),
+    (0.95, 0.78, 0.60),
+)  # of the sky at the horizon, by day, in the evening
+EVENING = 1.0  # stops that a picture is brighter when the sun is low
 FILL = 0.80  # of the picture; boxes are larger than crowns, so below 1 nothing is cut
 
 
@@ -174,6 +179,9 @@ def _light(scene: bpy.types.Scene, golden: bool) -> None:
     if golden:
         sun_data.energy, sun_data.color = 7.5, (1.0, 0.74, 0.42)
         sun.rotation_euler.x = math.radians(75)
+        scene.view_settings.view_transform = "AgX"
+        scene.view_settings.look = "AgX - Medium High Contrast"
+        scene.view_settings.exposure = EVENING
     _replace(scene, sun)
 
     world = bpy.data.worlds.get(SKY) or bpy.data.worlds.new(SKY)
@@ -187,7 +195,7 @@ def _light(scene: bpy.types.Scene, golden: bool) -> None:
     ramp = nodes.new("ShaderNodeValToRGB")
     sky, output = nodes.new("ShaderNodeBackground"), nodes.new("ShaderNodeOutputWorld")
     first, last = ramp.color_ramp.elements
-    first.position, first.color = 0.0, (0.78, 0.87, 0.94, 1.0)
+    first.position, first.color = 0.0, (*(WARM if golden else HAZE), 1.0)
     last.position, last.color = 0.30, (0.16, 0.38, 0.78, 1.0)
     sky.inputs["Strength"].default_value = 1.1
     links.new(place.outputs["Generated"], split.inputs["Vector"])

@@ -22,6 +22,7 @@ from ..spec import Sensor, SpecError, Tractor
 from .atomic import replacing
 from .figures import Finding
 from .findings import write_finding
+from .labels import Labels
 from .las import write_las
 from .npz import write_npz
 from .ply import header_of
@@ -42,10 +43,12 @@ def write_as(
     sensor: Sensor,
     found: Finding,
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    labels: Labels | None = None,
 ) -> None:
     """Write a result; the ending of the path says how.
 
-    offset : metres added to the positions of points, the scene's ``offset``.
+    offset : metres added to the positions of points, the scene's ``offset``. labels : of points, beside
+        those that every file has, with their names.
 
     Raises
     ------
@@ -58,7 +61,7 @@ def write_as(
         raise SpecError(path.name, f'cannot be written as "{ending}"; use {allowed}')
     if isinstance(found, Cloud | TractorScan):
         cloud = to_cloud(found, _tractor(sensor)) if isinstance(found, TractorScan) else found
-        _WRITERS[ending](path, records(cloud, offset))
+        _WRITERS[ending](path, records(cloud, offset), labels)
     elif ending == ".csv":
         write_csv(path, _columns(found))
     else:
@@ -70,24 +73,40 @@ def _tractor(sensor: Sensor) -> Tractor:
     return sensor
 
 
-def _write_ply(path: Path, rows: np.ndarray) -> None:
+def _write_las(path: Path, rows: np.ndarray, labels: Labels | None) -> None:
+    write_las(path, rows, labels=labels)
+
+
+def _write_ply(path: Path, rows: np.ndarray, labels: Labels | None) -> None:
+    """Labels are one property more; comments say what each number is called."""
+    says = []
+    if labels is not None:
+        wider = np.empty(len(rows), dtype=[*rows.dtype.descr, ("label", "<i4")])
+        for name in rows.dtype.names or ():
+            wider[name] = rows[name]
+        wider["label"], rows = labels.number, wider
+        says = [f"label {number} {name}" for number, name in enumerate(labels.names)]
     with replacing(path) as partial, open(partial, "wb") as file:
-        file.write(header_of(rows.dtype, len(rows)))
+        file.write(header_of(rows.dtype, len(rows), says))
         file.write(rows.tobytes())
 
 
-def _write_columns(path: Path, rows: np.ndarray) -> None:
-    write_npz(path, {name: rows[name] for name in rows.dtype.names or ()}, UNITS)
+def _write_columns(path: Path, rows: np.ndarray, labels: Labels | None) -> None:
+    columns = {name: rows[name] for name in rows.dtype.names or ()}
+    if labels is not None:
+        columns |= {"label": labels.number, "label_name": np.array(labels.names, dtype=np.str_)}
+    write_npz(path, columns, UNITS)
 
 
-def _write_table(path: Path, rows: np.ndarray) -> None:
+def _write_table(path: Path, rows: np.ndarray, labels: Labels | None) -> None:
     units = {name: f"{name}_{unit}".replace("/", "_") for name, unit in UNITS.items()}
-    write_csv(path, {units.get(n, n): rows[n].tolist() for n in rows.dtype.names or ()})
+    columns = {units.get(n, n): rows[n].tolist() for n in rows.dtype.names or ()}
+    write_csv(path, columns | ({} if labels is None else {"label": labels.words()}))
 
 
-_WRITERS: dict[str, Callable[[Path, np.ndarray], None]] = {
-    ".laz": write_las,
-    ".las": write_las,
+_WRITERS: dict[str, Callable[[Path, np.ndarray, Labels | None], None]] = {
+    ".laz": _write_las,
+    ".las": _write_las,
     ".ply": _write_ply,
     ".npz": _write_columns,
     ".csv": _write_table,

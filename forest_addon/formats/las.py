@@ -9,7 +9,8 @@ the same scale for every scan; the extra bytes ``amplitude`` hold it as it is. L
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import struct
+from collections.abc import Callable, Sequence
 from datetime import date
 from typing import Any
 
@@ -19,11 +20,13 @@ import numpy as np
 
 from ..growth.mesh.trimesh import GROUND, LEAF, WOOD
 from .atomic import replacing
+from .labels import Labels
 
 RESOLUTION = 1e-4  # metres
 REACH = 2**31  # steps to each side of the offset
 ROWS_AT_ONCE = 50_000  # a chunk of LAZ
 FILLED_AT_ONCE = 5_000  # what stays in the cache while its fields are copied
+OWN_CLASSES, CLASSES = 64, 192  # the first class that is the user's, and how many there are
 CLASS_OF_ORGAN = np.ones(128, dtype=np.uint8)  # ASPRS: unclassified, high vegetation, ground
 CLASS_OF_ORGAN[[WOOD, LEAF, GROUND]] = 5, 5, 2
 EXTRA = {
@@ -43,24 +46,49 @@ EXTRA = {
 }
 
 
-def write_las(path: str | os.PathLike[str], rows: np.ndarray, written: date | None = None) -> None:
+def write_las(
+    path: str | os.PathLike[str],
+    rows: np.ndarray,
+    written: date | None = None,
+    labels: Labels | None = None,
+) -> None:
     """Write rows (P,) of ``points.POINT``, also of a memory map; a name ending in .laz is compressed.
 
     written : creation date in the header, 1 January 1980 unless given, so that equal clouds are equal
         files.
+    labels : what points are classed by instead of by organ, from class 64 on, which LAS leaves to users;
+        the header names the classes. What comes after the 192 most frequent is class 1.
 
     Raises
     ------
     OSError : it cannot be written.
     """
     header = _header(rows, written)
+    own = None if labels is None else _classes(labels)
+    if labels is not None:
+        header.vlrs.append(_lookup(labels.names[:CLASSES]))
     try:
         with replacing(path) as partial, laspy.open(str(partial), mode="w", header=header) as file:
             for first in range(0, len(rows), ROWS_AT_ONCE):
-                file.write_points(_las_points(rows[first : first + ROWS_AT_ONCE], header))
+                some = slice(first, first + ROWS_AT_ONCE)
+                classes = CLASS_OF_ORGAN[rows["organ"][some]] if own is None else own[some]
+                file.write_points(_las_points(rows[some], classes, header))
     except lazrs.LazrsError as problem:  # what its compressor makes of a full disk
         name = os.path.basename(path)
         raise OSError(f"{name} could not be written ({problem}); is the disk full?") from None
+
+
+def _classes(labels: Labels) -> np.ndarray:
+    """(P,) uint8 classes of points."""
+    known = (labels.number >= 0) & (labels.number < CLASSES)
+    return np.where(known, OWN_CLASSES + labels.number, 1).astype(np.uint8)
+
+
+def _lookup(names: Sequence[str]) -> laspy.VLR:
+    """The record of the names of classes: 256 times a number and 15 letters (LAS 1.4, table 29)."""
+    lines = [(OWN_CLASSES + k, name.encode("ascii", "replace")) for k, name in enumerate(names)]
+    body = b"".join(struct.pack("<B15s", number, name[:15]) for number, name in lines)
+    return laspy.VLR("LASF_Spec", 0, "Classification Lookup", body.ljust(256 * 16, b"\0"))
 
 
 def intensity_level(amplitude: np.ndarray) -> np.ndarray:
@@ -101,21 +129,23 @@ def _each_axis(rows: np.ndarray, reduce: Callable[[Any], Any]) -> np.ndarray:
     )
 
 
-def _las_points(rows: np.ndarray, header: laspy.LasHeader) -> laspy.ScaleAwarePointRecord:
+def _las_points(
+    rows: np.ndarray, classes: np.ndarray, header: laspy.LasHeader
+) -> laspy.ScaleAwarePointRecord:
     points = laspy.ScaleAwarePointRecord.zeros(len(rows), header=header)
     for first in range(0, len(rows), FILLED_AT_ONCE):
         some = slice(first, first + FILLED_AT_ONCE)
-        _fill(points.array[some], rows[some], header)
+        _fill(points.array[some], rows[some], classes[some], header)
     return points
 
 
-def _fill(raw: np.ndarray, rows: np.ndarray, header: laspy.LasHeader) -> None:
+def _fill(raw: np.ndarray, rows: np.ndarray, classes: np.ndarray, header: laspy.LasHeader) -> None:
     for axis, name in enumerate("xyz"):
         steps = (rows[name] - header.offsets[axis]) / header.scales[axis]
         raw[name.upper()] = np.rint(steps)
     raw["intensity"] = intensity_level(rows["amplitude"])
     raw["bit_fields"] = rows["return_number"] | (rows["number_of_returns"] << 4)
-    raw["classification"] = CLASS_OF_ORGAN[rows["organ"]]
+    raw["classification"] = classes
     raw["scan_angle"] = np.rint(rows["scan_angle"] / 0.006)
     raw["gps_time"] = rows["time"]
     for name in EXTRA:

@@ -30,6 +30,7 @@ def cloud(count=500):
         tree=rng.integers(-1, 300, count),
         species=rng.integers(-1, 4, count),
         instance=rng.integers(0, 40, count),
+        triangle=rng.integers(0, 9, count).astype(np.int32),
     )
     return Cloud(
         position=rng.uniform(-50, 50, (count, 3)),

@@ -22,6 +22,7 @@ class Returns:
     distance : (R,) metres. normal : (R, 3) unit normal of the triangle, as it was made, in the world.
     cos_incidence : (R,) |cos| between ray and surface normal.
     organ : (R,) int8, ``trimesh.PART_NAMES`` or ``ESCAPED``. leaf, tree, species, instance : (R,).
+    triangle : (R,) int32, which one of the instance's mesh.
     """
 
     distance: np.ndarray
@@ -32,6 +33,7 @@ class Returns:
     tree: np.ndarray
     species: np.ndarray
     instance: np.ndarray
+    triangle: np.ndarray
 
 
 def label(
@@ -53,6 +55,7 @@ def label(
         tree=of_tree[hits.instance],
         species=of_species[hits.instance],
         instance=hits.instance,
+        triangle=hits.triangle.astype(np.int32, copy=False),
     )
 
 

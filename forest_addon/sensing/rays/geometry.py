@@ -32,6 +32,7 @@ class SceneGeometry:
     reflectance : (I,) of the object, NaN where it says nothing; left out: nowhere.
     slot_reflectance : for each mesh (S,) of its material slots, NaN likewise; left out: nowhere.
     asset : for each mesh which tree of a library it is, empty for others; left out: none is.
+    slot_names : for each mesh the names of its materials, empty where a slot is; left out: unknown.
     """
 
     meshes: tuple[TriMesh, ...]
@@ -44,6 +45,7 @@ class SceneGeometry:
     reflectance: np.ndarray = None  # type: ignore[assignment]
     slot_reflectance: tuple[np.ndarray, ...] = ()
     asset: tuple[str, ...] = ()
+    slot_names: tuple[tuple[str, ...], ...] = ()
 
     def __post_init__(self) -> None:
         if self.object_index is None:

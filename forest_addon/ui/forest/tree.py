@@ -125,6 +125,9 @@ class FOREST_OT_grow_again(WhenReady, bpy.types.Operator):
         if not _is_grown(context.object):
             cls.poll_message_set(say("This is no tree of Add > Mesh > L-system Tree"))
             return False
+        if not context.object.data.is_editable:
+            cls.poll_message_set(say("This tree is of another file: grow it there"))
+            return False
         return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -143,6 +146,9 @@ class FOREST_OT_grow_again(WhenReady, bpy.types.Operator):
                 data.materials.append(material)
             bpy.data.batch_remove([material for material in made if not material.users])
         name = old.name
+        for key, value in old.items():  # what the user has noted on it
+            if key not in data:
+                data[key] = value
         old.user_remap(data)
         bpy.data.meshes.remove(old)
         data.name = name

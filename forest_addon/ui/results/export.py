@@ -14,7 +14,7 @@ from ...blender.sensors import file_name
 from ..running import PROBLEMS, in_words
 from ..words import say
 from . import frames
-from .held import find, let_go
+from .held import find, labels_of, let_go
 from .show import heard_of
 
 WORDS = {
@@ -50,6 +50,16 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
         items=[(ending[1:].upper(), name, words) for ending, (name, words) in WORDS.items()],
         options={"SKIP_SAVE"},
     )
+    labels: bpy.props.EnumProperty(
+        name="Labels",
+        description="What points are classed by; the file holds the names",
+        items=[
+            ("CLASS", "Class", "Other, wood, leaf, ground"),
+            ("OBJECT", "Object", "The object that was hit, by its name"),
+            ("SPECIES", "Species", "The species of the tree, by its name"),
+            ("MATERIAL", "Material", "The material that was hit, by its name"),
+        ],
+    )
     heard: bpy.props.BoolProperty(
         name="As It Is Played",
         description="The chosen sound as it is heard in the forest, not the impulse response",
@@ -78,6 +88,8 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
         column = self.layout.column(align=True)
         for ending in _endings(found[1]) if found is not None else ():
             column.prop_enum(self, "ending", ending[1:].upper())
+        if labels_of(context.scene, self.result):
+            self.layout.prop(self, "labels")
         if self._has_sounds(context):
             self.layout.prop(self, "heard")
             props = context.scene.forest_sensing
@@ -96,7 +108,8 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
             if self.heard and found[0].kind == "reverb" and path.suffix.lower() == ".wav":
                 write_wav(path, *heard_of(context.scene, self.result))
             else:
-                write_as(path, *found)
+                labels = labels_of(context.scene, self.result).get(self.labels)
+                write_as(path, *found, labels)
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}

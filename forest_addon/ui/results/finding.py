@@ -17,13 +17,15 @@ from ...blender.layout import RESULTS, part
 from ...blender.legend import Entry, legend_of, legend_of_heard
 from ...blender.sound import give_sound
 from ...formats.figures import Figure, Finding, figures_of, loudest, of_forest, strongest
+from ...formats.labels import Labels, labels_by_material, labels_by_object, labels_by_species
 from ...sensing.audit import Audit
 from ...sensing.lidar.cloud import Cloud
 from ...sensing.lidar.tractor import TractorScan, to_cloud
+from ...sensing.rays.geometry import SceneGeometry
 from ...sensing.reverb.response import ImpulseResponse, channels_of
 from ...sensing.sonar.flight import Flight
 from ...sensing.sonar.ping import Echo
-from ...spec import Scene, Sensor, Tractor
+from ...spec import Scene, Sensor
 from ...stand.forest import Forest
 from ..selection import show
 from ..words import Kept, keep, say
@@ -62,11 +64,13 @@ def keep_finding(
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
     names: Names = ((), ()),
     frame: int | None = None,
+    geometry: SceneGeometry | None = None,
 ) -> str:
     """Show, note and draw what a sensor found. Returns the key figures in a sentence.
 
     offset : of the scene; what is exported later is moved by it. names : of objects and of species, by
     their numbers. frame : that it is kept for, beside what was kept for other frames; None: it alone.
+    geometry : of the scene, which says what points are of; without it they are exported by class alone.
     """
     props = context.scene.forest_sensing
     figures, sentence = in_words(figures_of(sensor, found)), sentence_of(found)
@@ -82,9 +86,12 @@ def keep_finding(
         props, thing.name, sensor.kind, thing.name, figures | {keep("Time"): f"{seconds:.1f} s"}
     )
     result.picture, result.caption = picture, plot.caption if plot else ""
-    hold(context.scene, thing.name, (sensor, found, offset))
-    if isinstance(found, TractorScan | Cloud):
-        cloud = to_cloud(found, sensor) if isinstance(sensor, Tractor) else found
+    cloud = to_cloud(found, sensor) if isinstance(found, TractorScan) else found
+    labels = {}
+    if isinstance(cloud, Cloud) and geometry is not None:
+        labels = _labels(cloud, geometry, names[1])
+    hold(context.scene, thing.name, (sensor, found, offset), labels)
+    if isinstance(cloud, Cloud):
         points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
         show(context, points)  # selected, all points would be orange
         result.shown = points.name
@@ -157,6 +164,15 @@ def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:
     figure = result.figures.add()
     figure.name, figure.value, figure.made_of = keep("Audit"), words, words.made_of
     frames.tell_again(result, context.scene.frame_current)
+
+
+def _labels(cloud: Cloud, geometry: SceneGeometry, species: Sequence[str]) -> dict[str, Labels]:
+    """What the points of a cloud can be labelled by when they are exported."""
+    return {
+        "OBJECT": labels_by_object(cloud.returns, geometry),
+        "SPECIES": labels_by_species(cloud.returns, species),
+        "MATERIAL": labels_by_material(cloud.returns, geometry),
+    }
 
 
 def _explain(result: Any, legend: Iterable[Entry]) -> None:

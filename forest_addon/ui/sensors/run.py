@@ -195,7 +195,15 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             if self.keep and thing.name not in self._job.kept:
                 frames.begin(context.scene, thing.name)
             sentence = keep_finding(
-                context, thing, sensor, found, took, settings.offset, names, kept
+                context,
+                thing,
+                sensor,
+                found,
+                took,
+                settings.offset,
+                names,
+                kept,
+                observer.geometry,
             )
             self._job.kept.append(thing.name)
             if folder is not None:

@@ -51,6 +51,7 @@ def test_a_start_scene_stands_built_and_lit(props, preset, trees):
     assert scene.forest_sensing.name == read_settings(SCENES / f"{preset}.toml", Scene).name
     assert scene.world is not None
     assert [thing.data.type for thing in scene.objects if thing.type == "LIGHT"] == ["SUN"]
+    assert scene.view_settings.exposure > 0.5  # the evening's sun is weak
     for place in in_picture(scene, crowns_of(scene) if trees else ground_of(scene)):
         assert min(place) >= -0.15  # boxes are larger than crowns
         assert max(place) <= 1.15

@@ -68,11 +68,11 @@ def test_a_tree_is_grown_again_from_the_settings_that_it_keeps(props):
     thing.modifiers.new("mine", "DISPLACE")
     other = bpy.data.objects.new("other", thing.data)
     bpy.context.scene.collection.objects.link(other)
-    meshes = len(bpy.data.meshes)
+    meshes, thing.data["plot"] = len(bpy.data.meshes), "B7"
     assert bpy.ops.forest.grow_again() == {"FINISHED"}
     np.testing.assert_array_equal(from_mesh(thing.data).vertices, grown.vertices)
     assert bpy.ops.forest.grow_again(new_seed=True) == {"FINISHED"}
-    assert thing.data.forest_grown.seed == 4
+    assert (thing.data.forest_grown.seed, thing.data["plot"]) == (4, "B7")
     assert not np.array_equal(from_mesh(thing.data).vertices, grown.vertices)
     assert thing.data.materials[0] == mine
     assert (other.data, len(thing.modifiers), len(bpy.data.meshes)) == (thing.data, 1, meshes)
@@ -80,6 +80,27 @@ def test_a_tree_is_grown_again_from_the_settings_that_it_keeps(props):
     thing.data.forest_grown.generations = 0
     assert bpy.ops.forest.grow_again() == {"FINISHED"}
     assert thing.data.materials[0].name == "hazelnut bark"
+
+
+def test_a_tree_of_another_file_is_left_to_that(props, tmp_path):
+    add(species="hazelnut")
+    path = str(tmp_path / "library.blend")
+    bpy.data.libraries.write(path, {bpy.context.active_object})
+    with bpy.data.libraries.load(path, link=True) as (source, target):
+        target.objects = source.objects
+    bpy.context.scene.collection.objects.link(target.objects[0])
+    bpy.context.view_layer.objects.active = target.objects[0]
+    with pytest.raises(RuntimeError, match="another file"):
+        bpy.ops.forest.grow_again()
+
+
+def test_a_tree_that_was_saved_is_grown_again(props, tmp_path):
+    grown = add(species="ginkgo", generations=4, seed=3)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "tree.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "tree.blend"))
+    assert bpy.ops.forest.grow_again() == {"FINISHED"}
+    again = from_mesh(bpy.context.object.data)
+    np.testing.assert_array_equal(again.vertices, grown.vertices)
 
 
 def test_another_mesh_is_not_grown(props):

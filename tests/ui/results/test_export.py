@@ -1,5 +1,7 @@
 """Results are written in a format of one's choice, called otherwise, removed with their points."""
 
+import csv
+
 import laspy
 import numpy as np
 import pytest
@@ -10,11 +12,12 @@ from forest_addon.blender.cloud_nodes import GROUP
 from forest_addon.blender.layout import RADIUS
 from forest_addon.blender.nodes import has_input
 from forest_addon.formats.dry_sounds import wet_sound
+from forest_addon.formats.points import POINT
 from forest_addon.formats.wav import read_wav
 from forest_addon.sensing.reverb.response import channels_of
 from forest_addon.ui.results import held, show
 
-from ..pressing import press, run
+from ..pressing import add_cube, press, run
 
 
 def test_a_cloud_is_exported_as_one_chooses(built, tmp_path):
@@ -112,3 +115,86 @@ def test_a_reverb_of_an_earlier_session_is_taken_from_its_speaker(built):
     kept, same = show.heard_of(bpy.context.scene, "reverb")
     assert (same, kept.shape) == (rate, fresh.shape)
     assert np.abs(kept - fresh).max() < 1e-5
+
+
+@pytest.fixture
+def painted(props, sensor):
+    """A cube with two materials, an object without one, and what a scanner found of them."""
+    add_cube().name = "my house"
+    house = bpy.data.objects["my house"]
+    for name in ("brick", "glass"):
+        house.data.materials.append(bpy.data.materials.new(name))
+    for face in house.data.polygons:
+        face.material_index = face.index % 2
+    bpy.ops.mesh.primitive_plane_add(size=20)
+    sensor("terrestrial", name="cloud", position=(4, -3, 2), angle_step_deg=2)
+    run("cloud")
+    return props
+
+
+def classes(path):
+    las = laspy.read(path)
+    (lookup,) = (vlr for vlr in las.vlrs if vlr.record_id == 0 and vlr.user_id == "LASF_Spec")
+    return las, np.asarray(las.classification), lookup.lookups
+
+
+def nearest_face(point):
+    """The material of the cube's face that a point lies on, by brute force; None: of the plane."""
+    house = bpy.data.objects["my house"]
+    for face in house.data.polygons:
+        corner = house.data.vertices[face.vertices[0]].co
+        low = np.min([house.data.vertices[v].co for v in face.vertices], axis=0)
+        high = np.max([house.data.vertices[v].co for v in face.vertices], axis=0)
+        off = abs(np.dot(point - np.array(corner), face.normal))
+        if off < 2e-4 and (point > low - 2e-4).all() and (point < high + 2e-4).all():
+            return house.data.materials[face.material_index].name
+    return None
+
+
+def test_points_are_labelled_by_material_with_names(painted, tmp_path):
+    path = str(tmp_path / "a.laz")
+    press("export_result", result="cloud", filepath=path, labels="MATERIAL")
+    las, number, names = classes(path)
+    assert {names[64], names[65]} == {"brick", "glass"}
+    where = np.column_stack([las.x, las.y, las.z])
+    found = [names.get(n) if n >= 64 else None for n in number.tolist()]
+    assert {"brick", "glass", None} == set(found)
+    edge = (np.abs(where - np.round(where)) < 1e-3).sum(axis=1) > 1  # of two faces
+    for place, name in zip(where[~edge], np.array(found)[~edge], strict=True):
+        assert name == nearest_face(place)
+
+
+@pytest.mark.parametrize("ending", ["las", "ply", "npz", "csv"])
+def test_points_are_labelled_by_object_with_names(painted, tmp_path, ending):
+    path = tmp_path / f"a.{ending}"
+    press("export_result", result="cloud", filepath=str(path), labels="OBJECT")
+    if ending == "las":
+        las, number, lookup = classes(path)
+        found, height = [lookup[n] for n in number.tolist()], np.asarray(las.z)
+    elif ending == "npz":
+        data = np.load(path)
+        found, height = data["label_name"][data["label"]].tolist(), data["z"]
+    elif ending == "csv":
+        rows = list(csv.DictReader(path.open(encoding="utf-8")))
+        found, height = [row["label"] for row in rows], np.array([float(r["z_m"]) for r in rows])
+    else:
+        head, _, body = path.read_bytes().partition(b"end_header\n")
+        lines = [line.split(maxsplit=3) for line in head.decode().splitlines()]
+        names = {int(line[2]): line[3] for line in lines if line[:2] == ["comment", "label"]}
+        rows = np.frombuffer(body, [*POINT.descr, ("label", "<i4")])
+        found, height = [names[n] for n in rows["label"].tolist()], rows["z"]
+    assert set(found) == {"my house", "Plane"}
+    assert {name for name, z in zip(found, height, strict=True) if z > 1e-3} == {"my house"}
+
+
+def test_species_have_their_names_and_class_stays_as_it_was(built, tmp_path):
+    run("cloud")
+    press("export_result", result="cloud", filepath=str(tmp_path / "a.laz"), labels="SPECIES")
+    las, number, names = classes(tmp_path / "a.laz")
+    assert names[64] == "hazelnut"
+    np.testing.assert_array_equal(number == 64, np.asarray(las["species"]) == 0)
+    assert set(number.tolist()) == {1, 64}
+    press("export_result", result="cloud", filepath=str(tmp_path / "b.laz"))
+    las = laspy.read(tmp_path / "b.laz")
+    assert set(np.asarray(las.classification).tolist()) <= {1, 2, 5}
+    assert not [vlr for vlr in las.vlrs if vlr.record_id == 0 and vlr.user_id == "LASF_Spec"]
