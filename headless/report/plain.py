@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import bpy  # noqa: F401  where Blender is a module, it brings blf and imbuf
 import numpy as np
 
 from forest_addon.formats.atomic import replacing

@@ -84,7 +84,7 @@ def _compose(plot: Plot) -> tuple[np.ndarray, list[Label]]:
     for strip in plot.strips:
         labels.extend(_draw_strip(canvas, strip, plot.across, bottom))
         bottom += len(strip.pixels) + ABOVE
-    for value, column in _places(plot.across, wide, 10):
+    for value, column in _places(plot.across, wide, 10, 80):
         labels.append((f"{value:g}", LEFT + column, BELOW - TICK - 4, 0.5, 1.0))
     labels.append((plot.across.label, LEFT + wide / 2, 10, 0.5, 0.0))
     return canvas, labels
@@ -95,19 +95,19 @@ def _draw_strip(canvas: np.ndarray, strip: Strip, across: Axis, bottom: int) -> 
     top, right = bottom + high, LEFT + wide
     canvas[bottom - 1 : top + 1, LEFT - 1 : right + 1] = LINE
     canvas[bottom:top, LEFT:right] = strip.pixels
-    for _, column in _places(across, wide, 10):
+    for _, column in _places(across, wide, 10, 80):
         canvas[bottom - TICK : bottom, LEFT + column] = LINE
     yield (strip.title, LEFT, top + 10, 0.0, 0.0)
     yield (strip.up.label, right, top + 10, 1.0, 0.0)
-    for value, row in _places(strip.up, high, 6):
+    for value, row in _places(strip.up, high, 6, 30):
         canvas[bottom + row, LEFT - TICK : LEFT] = LINE
         yield (f"{value:g}", LEFT - TICK - 6, bottom + row, 1.0, 0.5)
 
 
-def _places(axis: Axis, pixels: int, most: int) -> Iterator[tuple[float, int]]:
-    """Ticks of an axis and the pixels that they are at."""
+def _places(axis: Axis, pixels: int, most: int, apart: int) -> Iterator[tuple[float, int]]:
+    """Ticks of an axis and the pixels that they are at, so far apart that their numbers have room."""
     span = (axis.high - axis.low) or 1.0
-    for value in ticks(axis, most):
+    for value in ticks(axis, max(1, min(most, pixels // apart))):
         yield round(value, 9), round((value - axis.low) / span * (pixels - 1))
 
 

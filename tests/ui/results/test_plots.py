@@ -105,6 +105,20 @@ def test_from_above_the_highest_point_is_the_brightest():
     assert wide / high == pytest.approx(50 / 20, rel=0.1)
 
 
+@pytest.mark.parametrize(("east", "north"), [(300.0, 4.0), (4.0, 300.0), (30.0, 30.0)])
+def test_numbers_of_a_narrow_picture_have_room(east, north):
+    x, y = np.meshgrid(np.linspace(0, east, 200), np.linspace(0, north, 200))
+    position = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    plot = plots.cloud_plot(Points(position=position), spec.Airborne())
+    _, labels = images._compose(plot)
+    at_left = sorted(y for text, x, y, *_ in labels if x < images.LEFT - images.TICK)
+    below = sorted(x for text, x, y, left, under in labels if (left, under) == (0.5, 1.0))
+    assert (np.diff(at_left) >= 20).all()
+    assert (np.diff(below) >= 40).all()
+    assert at_left
+    assert below
+
+
 def test_no_points_no_picture():
     assert plots.cloud_plot(Points(position=np.empty((0, 3))), spec.Airborne()) is None
 
