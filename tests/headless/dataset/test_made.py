@@ -23,18 +23,14 @@ def copy(undisturbed, tmp_path):
     return out
 
 
-def headless_check(out):
-    return run("--check", out)
-
-
-def test_every_hash_and_label_is_right_and_a_wrong_one_is_named(copy):
-    ended = headless_check(copy)
+def test_every_hash_and_label_is_right_and_a_wrong_one_is_named(here, copy):
+    ended = here("--check", copy)
     assert ended.returncode == 0, ended.stderr
     path = copy / "scenes" / "000001" / "tls.laz"
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
-    ended = headless_check(copy)
+    ended = here("--check", copy)
     assert ended.returncode == 4
     assert "000001: tls.laz has another SHA-256" in ended.stderr
 
@@ -98,24 +94,24 @@ def test_two_workers_of_a_cluster_make_the_same_bytes(undisturbed, tmp_path):
     assert bytes_of(tmp_path / "two") == bytes_of(undisturbed)
 
 
-def test_a_changed_plan_is_noticed_and_nothing_is_overwritten(copy, undisturbed):
-    ended = run(PLAN, "--out", copy, "--workers", "1", "--set", "keep.voxels=2.0")
+def test_a_changed_plan_is_noticed_and_nothing_is_overwritten(here, copy, undisturbed):
+    ended = here(PLAN, "--out", copy, "--workers", "1", "--set", "keep.voxels=2.0")
     assert ended.returncode == 2
     assert "scenes 000000, 000001, 000002, 000003" in ended.stderr
     assert "--replace" in ended.stderr
     assert bytes_of(copy) == bytes_of(undisturbed)
     more = ("--set", "keep.voxels=2.0", "--set", "count=1", "--replace", "--quiet")
-    ended = run(PLAN, "--out", copy, "--workers", "1", *more)
+    ended = here(PLAN, "--out", copy, "--workers", "1", *more)
     assert ended.returncode == 0, ended.stderr
     assert sorted(os.listdir(copy / "scenes")) == ["000000"]
     with np.load(copy / "scenes" / "000000" / "voxels.npz") as data:
         assert data["edge"] == 2.0
 
 
-def test_done_scenes_are_not_made_again_and_lost_ones_come_back_the_same(copy, undisturbed):
+def test_done_scenes_are_not_made_again_and_lost_ones_come_back_the_same(here, copy, undisturbed):
     shutil.rmtree(copy / "scenes" / "000002")
     kept = (copy / "scenes" / "000001" / "scene.json").stat().st_mtime_ns
-    ended = run(PLAN, "--out", copy, "--workers", "1", "--shards", "1", "--quiet")
+    ended = here(PLAN, "--out", copy, "--workers", "1", "--shards", "1", "--quiet")
     assert ended.returncode == 0, ended.stderr
     assert bytes_of(copy) == bytes_of(undisturbed)
     assert (copy / "scenes" / "000001" / "scene.json").stat().st_mtime_ns == kept
@@ -126,10 +122,10 @@ def test_done_scenes_are_not_made_again_and_lost_ones_come_back_the_same(copy, u
     assert sorted(names) == sorted(name.replace("/", ".", 1) for name in bytes_of(copy))
 
 
-def test_shared_trees_are_the_same_as_each_grown_alone(tmp_path):
-    """Scene 2 of a library, alone in its process and after others."""
+def test_shared_trees_are_the_same_as_each_grown_alone(here, tmp_path):
+    """A scene of a library, alone in its process and after others."""
     shared = ("--set", 'trees="shared library of 2"', "--workers", "1", "--quiet")
-    ended = run(PLAN, "--out", tmp_path / "all", *shared)
+    ended = here(PLAN, "--out", tmp_path / "all", *shared)
     assert ended.returncode == 0, ended.stderr
     shutil.copytree(tmp_path / "all", tmp_path / "alone")
     shutil.rmtree(tmp_path / "alone" / "scenes" / "000003")
@@ -147,8 +143,8 @@ def test_shared_trees_are_the_same_as_each_grown_alone(tmp_path):
     assert all(len(splits) == 1 for splits in seen.values())
 
 
-def test_a_dry_run_says_what_it_costs_and_writes_nothing(tmp_path):
-    ended = run(PLAN, "--out", tmp_path / "none", "--dry-run", "--set", "count=1")
+def test_a_dry_run_says_what_it_costs_and_writes_nothing(here, tmp_path):
+    ended = here(PLAN, "--out", tmp_path / "none", "--dry-run", "--set", "count=1")
     assert ended.returncode == 0, ended.stderr
     for word in ("1 scenes", "core-hours", "GB", "Boreal3D"):
         assert word in ended.stderr

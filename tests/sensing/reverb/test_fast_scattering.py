@@ -94,7 +94,7 @@ def compare(
 @st.composite
 def stands(draw: st.DrawFn) -> tuple[TrunkPaths, float]:
     """Trunks of every kind of radius between 1 mm and 2 m, and a sampling rate."""
-    rate = draw(st.sampled_from([6e3, 8e3, 16e3, 24e3, 48e3, 96e3]))
+    rate = draw(st.sampled_from([6e3, 8e3, 16e3, 24e3, 48e3]))
     count = draw(st.integers(1, int(min(60, 6e5 / rate))))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     kind = draw(st.sampled_from(["equal", "two", "uniform", "lognormal", "log-uniform"]))
@@ -112,7 +112,7 @@ def stands(draw: st.DrawFn) -> tuple[TrunkPaths, float]:
 
 
 @pytest.mark.slow
-@settings(max_examples=8, deadline=None, derandomize=True, phases=[Phase.explicit, Phase.generate])
+@settings(max_examples=6, deadline=None, derandomize=True, phases=[Phase.explicit, Phase.generate])
 @given(stand=stands(), tolerance=st.sampled_from([1e-3, 1e-4, 1e-5]))
 def test_tolerance_is_kept_in_every_band_and_at_every_time(
     stand: tuple[TrunkPaths, float], tolerance: float
