@@ -125,10 +125,11 @@ def test_done_scenes_are_not_made_again_and_lost_ones_come_back_the_same(here, c
 def test_shared_trees_are_the_same_as_each_grown_alone(here, tmp_path):
     """A scene of a library, alone in its process and after others."""
     shared = ("--set", 'trees="shared library of 2"', "--workers", "1", "--quiet")
+    shared += ("--set", "count=3")
     ended = here(PLAN, "--out", tmp_path / "all", *shared)
     assert ended.returncode == 0, ended.stderr
     shutil.copytree(tmp_path / "all", tmp_path / "alone")
-    shutil.rmtree(tmp_path / "alone" / "scenes" / "000003")
+    shutil.rmtree(tmp_path / "alone" / "scenes" / "000002")
     assert run(PLAN, "--out", tmp_path / "alone", *shared).returncode == 0
     assert bytes_of(tmp_path / "alone") == bytes_of(tmp_path / "all")
     records = [
