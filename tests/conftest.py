@@ -6,6 +6,11 @@ import sys
 import tempfile
 from pathlib import Path
 
+try:
+    import fcntl
+except ImportError:  # Windows: each process makes its own
+    fcntl = None
+
 # Small matrices need no threads of their own: with several processes on the machine, OpenBLAS spends
 # most of its time waiting for its threads (7 times the CPU was measured). Before numpy is loaded; the
 # processes that tests start inherit it.
@@ -58,6 +63,31 @@ def empty_blender(blender):
     """Blender with nothing in it. Preferences are not read again, which takes four times as long."""
     blender.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     return blender
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory):
+    """``once(name, make)``: a folder that ``make(folder)`` has filled, in the first process that asks for it.
+
+    Every process of xdist makes its own fixtures; what takes seconds to make they share. Nobody writes to it.
+    """
+    base = tmp_path_factory.getbasetemp()
+    if fcntl and "PYTEST_XDIST_WORKER" in os.environ:
+        base = base.parent
+
+    def share(name, make):
+        folder, made = base / f"once-{name}", base / f"once-{name}.made"
+        with open(base / f"once-{name}.lock", "w") as lock:
+            if fcntl:
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            if not made.exists():
+                shutil.rmtree(folder, ignore_errors=True)
+                folder.mkdir()
+                make(folder)
+                made.touch()
+        return folder
+
+    return share
 
 
 def pytest_configure(config):

@@ -60,9 +60,16 @@ def tree_of(path):
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
+@cache
+def import_nodes(path):
+    """Every import anywhere in a file, also within functions."""
+    kinds = ast.Import | ast.ImportFrom
+    return [node for node in ast.walk(tree_of(path)) if isinstance(node, kinds)]
+
+
 def imports_of(path):
-    """(module, level) of every import anywhere in a file, also within functions."""
-    for node in ast.walk(tree_of(path)):
+    """(module, level) of every import of a file."""
+    for node in import_nodes(path):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield alias.name, 0
@@ -89,7 +96,7 @@ def project_imports():
         name = name_of(path)
         package = path.relative_to(ROOT).parts[:-1]
         targets = set()
-        for node in ast.walk(tree_of(path)):
+        for node in import_nodes(path):
             if isinstance(node, ast.Import):
                 targets |= {alias.name for alias in node.names} & known
             if not isinstance(node, ast.ImportFrom):

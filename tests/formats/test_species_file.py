@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+from references.model_tree import tree
 
 from forest_addon.formats.species_file import ASSETS, KEPT, find_species, load_species
 from forest_addon.formats.stl import read_stl, write_stl
@@ -62,7 +63,7 @@ def test_a_tree_is_recognised_once_as_long_as_its_files_stay_the_same(tmp_path):
         )
         return load_species(tmp_path / "mine.toml")[1]
 
-    wood = read_stl(ASSETS / "templates" / "apple" / "wood.stl")
+    wood = tree().wood()
     write_stl(tmp_path / "wood.stl", wood)
     first = load(5.0)
     assert load(5.0) is first

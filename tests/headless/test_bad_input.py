@@ -124,9 +124,11 @@ def no_half_written_files(out):
     assert not [p.name for p in out.iterdir() if "partial" in p.name]
 
 
-def without_sensors(tmp_path):
-    text = SMALL.read_text()
-    return scene_with(tmp_path, text.split("[[sensors]]")[0] + "[output]\npreview = false\n")
+def without_sensors(tmp_path, output="preview = false\n"):
+    """A forest and its files, without pictures: what matters here is how writing ends."""
+    text = SMALL.read_text().split("[[sensors]]")[0]
+    off = "pictures = false\ngoodness = false\nreport = false\n"
+    return scene_with(tmp_path, text + "[output]\n" + off + output)
 
 
 @pytest.mark.slow
@@ -189,22 +191,21 @@ def interrupt_when(process, ready, patience=900):
 
 @pytest.mark.slow
 def test_ctrl_c_between_sensors_keeps_finished_files(tmp_path):
-    process = start("run", SMALL, "--out", tmp_path)
-    code, said = interrupt_when(process, (tmp_path / "trees.csv").exists)
+    text = SMALL.read_text().replace("variants = 2", "variants = 1")
+    out = tmp_path / "o"
+    process = start("run", scene_with(tmp_path, text), "--out", out)
+    code, said = interrupt_when(process, (out / "trees.csv").exists)
     assert code == 130
     assert "interrupted; finished files are kept" in said
-    assert (tmp_path / "trees.csv").exists()
-    assert not (tmp_path / "run.json").exists()
-    no_half_written_files(tmp_path)
+    assert (out / "trees.csv").exists()
+    assert not (out / "run.json").exists()
+    no_half_written_files(out)
 
 
 @pytest.mark.slow
 def test_ctrl_c_ends_a_long_render(tmp_path):
     """The render would take an hour, longer than a test waits for a process to end."""
-    text = SMALL.read_text().split("[output]")[0]
-    scene = scene_with(
-        tmp_path, text + "[output]\npreview_size = [1600, 1200]\npreview_samples = 4000\n"
-    )
+    scene = without_sensors(tmp_path, "preview_size = [800, 600]\npreview_samples = 65536\n")
     out = tmp_path / "o"
     process = start("run", scene, "--out", out)
 

@@ -33,7 +33,10 @@ RESULTS = [
 ]
 
 
-BARE = "[output]\nblend = false\nglb = false\npreview = false\n"
+BARE = (
+    "[output]\nblend = false\nglb = false\npreview = false\n"
+    "pictures = false\ngoodness = false\nreport = false\n"
+)
 
 
 def process(*words, **options):
@@ -49,21 +52,25 @@ def process(*words, **options):
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory):
-    """One run of the small scene."""
-    out = tmp_path_factory.mktemp("run")
-    ended = process("run", SMALL, "--out", out)
-    assert ended.returncode == 0, ended.stderr
-    return out, ended
+def done(once):
+    """One run of the small scene: its folder, and what it said on its two streams."""
+
+    def make(folder):
+        ended = process("run", SMALL, "--out", folder / "out")
+        assert ended.returncode == 0, ended.stderr
+        (folder / "said.json").write_text(json.dumps([ended.stdout, ended.stderr]))
+
+    folder = once("run", make)
+    return folder / "out", *json.loads((folder / "said.json").read_text())
 
 
 @pytest.mark.slow
 def test_every_result_is_there_and_nothing_else(done):
-    out, ended = done
+    out, said, told = done
     assert sorted(p.name for p in out.iterdir()) == RESULTS
     assert all((out / name).stat().st_size > 100 for name in RESULTS)
-    assert ended.stdout == ""  # Blender's chatter is kept away
-    assert "report.html" in ended.stderr.splitlines()[-1]
+    assert said == ""  # Blender's chatter is kept away
+    assert "report.html" in told.splitlines()[-1]
 
 
 def test_the_record_tells_how_to_run_it_again(done):
@@ -154,7 +161,7 @@ def test_the_same_seed_gives_the_same_results_in_another_process(done, tmp_path)
 def test_another_seed_gives_another_forest(headless, done, tmp_path):
     bare = tmp_path / "bare.toml"
     text = SMALL.read_text().split("[[sensors]]")[0]
-    bare.write_text(text + "[output]\nblend = false\nglb = false\npreview = false\n")
+    bare.write_text(text + BARE)
     assert headless("run", bare, "--out", tmp_path / "o", "--seed", 4).returncode == 0
     assert (tmp_path / "o" / "trees.csv").read_bytes() != (done[0] / "trees.csv").read_bytes()
 
@@ -185,10 +192,7 @@ def test_a_species_file_and_stl_files_of_ones_own(headless, tmp_path):
         "[grammar]\ngenerations = 4\n"
     )
     scene = tmp_path / "scene.toml"
-    scene.write_text(
-        '[[plantings]]\nspecies = "mine.toml"\nexpected = 3\n'
-        "[output]\nblend = false\nglb = false\npreview = false\n"
-    )
+    scene.write_text('[[plantings]]\nspecies = "mine.toml"\nexpected = 3\n' + BARE)
     assert headless("run", scene, "--out", tmp_path / "o").returncode == 0
     assert "mine" in (tmp_path / "o" / "trees.csv").read_text()
 
@@ -197,7 +201,7 @@ def test_a_species_file_and_stl_files_of_ones_own(headless, tmp_path):
 def test_the_script_for_blender_itself(tmp_path):
     bare = tmp_path / "bare.toml"
     text = SMALL.read_text().split("[[sensors]]")[0]
-    bare.write_text(text + "[output]\nblend = false\nglb = false\npreview = false\n")
+    bare.write_text(text + BARE)
     script = ROOT / "headless" / "in_blender.py"
     words = [sys.executable, script, "--", bare, "--out", tmp_path / "o"]
     ended = subprocess.run([*map(str, words)], cwd=tmp_path, capture_output=True, text=True)
@@ -218,8 +222,7 @@ def test_a_run_starts_from_a_blend_file_and_stands_on_what_is_in_it(headless, tm
     scene.write_text(
         'blend = "site.blend"\n[forest]\nsize = [10, 10]\ninstancing = "points"\n'
         '[forest.terrain]\nobject = "hill"\n'
-        '[[plantings]]\nspecies = "apple"\nvariants = 1\nexpected = 4\nexact = true\n'
-        "[output]\nblend = false\nglb = false\npreview = false\n"
+        '[[plantings]]\nspecies = "apple"\nvariants = 1\nexpected = 4\nexact = true\n' + BARE
     )
     ended = headless("run", scene, "--out", tmp_path / "o", "--quiet")
     assert ended.returncode == 0, ended.stderr

@@ -16,33 +16,37 @@ NO_NETWORK = 75  # build_extension.py's exit code
 
 
 @pytest.fixture(scope="session")
-def archive(tmp_path_factory):
+def archive(once):
+    (file,) = once("extension", build).glob("*.zip")
+    return file
+
+
+def build(out):
     """What `make extension` builds for this platform and the Blender of this Python."""
-    out = tmp_path_factory.mktemp("extension")
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
-    build = subprocess.run(
+    done = subprocess.run(
         [sys.executable, ROOT / "packaging/build_extension.py", "--out", out, "--python", python],
         capture_output=True,
         text=True,
         timeout=900,
     )
-    if build.returncode == NO_NETWORK:
+    if done.returncode == NO_NETWORK:
         pytest.skip(
-            f"the wheels are not in wheels/ and cannot be downloaded: {build.stderr.strip()}"
+            f"the wheels are not in wheels/ and cannot be downloaded: {done.stderr.strip()}"
         )
-    assert build.returncode == 0, build.stderr
-    (file,) = out.glob("*.zip")
-    return file
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.fixture(scope="session")
-def session(archive, tmp_path_factory):
+def session(archive, once):
     """What extension_session.py saw."""
-    folder = tmp_path_factory.mktemp("session")
-    answer = folder / "answer.json"
-    run = run_in_clean_blender(folder, SESSION, archive, answer)
-    assert run.returncode == 0, run.stdout + run.stderr
-    return json.loads(answer.read_text()) | {"resources": folder / "resources"}
+
+    def look(folder):
+        run = run_in_clean_blender(folder, SESSION, archive, folder / "answer.json")
+        assert run.returncode == 0, run.stdout + run.stderr
+
+    folder = once("session", look)
+    return json.loads((folder / "answer.json").read_text()) | {"resources": folder / "resources"}
 
 
 @pytest.fixture(scope="session")

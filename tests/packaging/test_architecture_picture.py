@@ -21,10 +21,16 @@ def drawing():
     return module
 
 
-def test_the_picture_is_current(drawing):
+@pytest.fixture(scope="module")
+def project(drawing):
+    """Which box imports from which: every file is read."""
+    return drawing.project_arrows()
+
+
+def test_the_picture_is_current(drawing, project):
     with Image.open(drawing.PICTURE) as image:
         shown = json.loads(image.info[drawing.SHOWN])
-    assert shown == drawing.shown_of(drawing.project_arrows()), "run: make architecture"
+    assert shown == drawing.shown_of(project), "run: make architecture"
 
 
 def reachable(arrows, start):
@@ -38,22 +44,28 @@ def reachable(arrows, start):
     return found
 
 
+LOADS = """
+import importlib, sys
+for module in sys.argv[1:]:
+    importlib.import_module(f"forest_addon.{module}")
+    ours = [name for name in sys.modules if name.startswith("forest_addon.")]
+    print(*ours)
+    for name in ours:  # the next finds none of ours there
+        del sys.modules[name]
+"""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "module", ["sensing.lidar.scan", "sensing.reverb.response", "stand.plan", "formats.las"]
-)
-def test_what_python_really_loads_is_below_in_the_picture(drawing, module):
+def test_what_python_really_loads_is_below_in_the_picture(drawing, project):
     """The arrows are read from the text; here Python says what an import brought in."""
-    code = f"import sys, forest_addon.{module}; print(*sys.modules)"
-    loaded = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
-    )
-    ours = [name for name in loaded.stdout.split() if name.startswith("forest_addon.")]
-    boxes = {drawing.box_of(name) for name in ours}
-    arrows = drawing.project_arrows()
-    arrows += [(wing, wing.split("/")[0]) for wing in drawing.WINGS]  # a package loads its own file
-    assert len(boxes) > 2
-    assert boxes <= reachable(arrows, drawing.box_of(f"forest_addon.{module}"))
+    modules = ["sensing.lidar.scan", "sensing.reverb.response", "stand.plan", "formats.las"]
+    words = [sys.executable, "-c", LOADS, *modules]
+    loaded = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
+    wings = [(wing, wing.split("/")[0]) for wing in drawing.WINGS]  # a package loads its own file
+    for module, names in zip(modules, loaded.stdout.splitlines(), strict=True):
+        boxes = {drawing.box_of(name) for name in names.split()}
+        assert len(boxes) > 2
+        assert boxes <= reachable(project + wings, drawing.box_of(f"forest_addon.{module}"))
 
 
 def test_arrows_that_follow_are_left_out(drawing):
@@ -63,9 +75,8 @@ def test_arrows_that_follow_are_left_out(drawing):
     assert drawing.reduced(arrows) == expected
 
 
-@pytest.mark.slow
-def test_every_arrow_drawn_has_its_boxes(drawing):
+def test_every_arrow_drawn_has_its_boxes(drawing, project):
     rooms = {room for _, row in drawing.ROWS for room in row}
-    for arrow in drawing.reduced(drawing.project_arrows()):
+    for arrow in drawing.reduced(project):
         for box in arrow:
             assert box in rooms or box in drawing.WINGS, f"{box} has no place in the picture"

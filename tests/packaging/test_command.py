@@ -14,7 +14,11 @@ def test_jobs_leave_the_extension_as_it_was(archive, in_clean_blender, tmp_path)
     """Factory settings in a user's Blender would switch it off and remove scipy and the rest."""
     out = tmp_path / "out"
     out.mkdir()
-    run = in_clean_blender(tmp_path, SESSION, archive, SMALL, out)
+    scene = tmp_path / "scene.toml"
+    off = ("preview", "pictures", "goodness", "leaves")
+    text = SMALL.read_text().split("[output]")[0] + "[output]\n"
+    scene.write_text(text + "".join(f"{name} = false\n" for name in off))
+    run = in_clean_blender(tmp_path, SESSION, archive, scene, out)
     assert run.returncode == 0, run.stdout + run.stderr
     answer = json.loads((out / "answer.json").read_text())
     assert answer["codes"] == [0, 0, 0], run.stderr

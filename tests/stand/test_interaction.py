@@ -91,20 +91,20 @@ def test_where_all_trees_see_each_other_their_number_is_known(gamma):
 @pytest.mark.slow
 @pytest.mark.parametrize(("gamma", "allowed"), [(0.5, 0.02), (0.0, 0.03)])
 def test_the_mean_number_is_that_asked_for_and_births_balance_deaths(gamma, allowed):
-    """0.05 trees/m², R = 3 m, 8 stands; ``allowed``: error of β from λ, and 4 standard errors. Georgii,
-    Nguyen & Zessin: E n = E ∫ β γ^t(u) du, whatever the approximation."""
+    """0.05 trees/m², R = 3 m, 8 stands of 0.3 ha; ``allowed``: error of β from λ, and 4 standard errors.
+    Georgii, Nguyen & Zessin: E n = E ∫ β γ^t(u) du, whatever the approximation."""
     strauss = Strauss(radius=3.0, gamma=gamma)
-    beta = float(activity_of(np.array([0.05]), strauss)[0])
+    beta, high = float(activity_of(np.array([0.05]), strauss)[0]), np.array([60.0, 50.0])
     counts, apart = [], []
     for k in range(8):
         rng = stream(k, "n")
-        trees = sample_strauss(even(0.05), strauss, rng)
-        places = HIGH * rng.random((2000, 2))
+        trees = sample_strauss(even(0.05, high=high), strauss, rng)
+        places = high * rng.random((2000, 2))
         near = np.linalg.norm(places[:, None] - trees, axis=2) < strauss.radius
         counts.append(len(trees))
-        apart.append(len(trees) - beta * WINDOW.area * (gamma ** near.sum(axis=1)).mean())
+        apart.append(len(trees) - beta * high.prod() * (gamma ** near.sum(axis=1)).mean())
     errors = np.std([counts, apart], axis=1, ddof=1) / np.sqrt(8)
-    assert abs(np.mean(counts) - 400) < 400 * allowed + 4 * errors[0]
+    assert abs(np.mean(counts) - 150) < 150 * allowed + 4 * errors[0]
     assert abs(np.mean(apart)) < 6 * errors[1]  # 8 stands: once in 1,800
 
 

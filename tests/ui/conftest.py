@@ -7,6 +7,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import ui
+from forest_addon.ui.results import plots
 
 
 @pytest.fixture(scope="session")
@@ -41,8 +42,12 @@ def sensor(props):
 
 
 @pytest.fixture
-def small(props, sensor):
+def small(props, sensor, monkeypatch):
     """The panel filled with a forest of about three hazels and coarse sensors in their midst."""
+    monkeypatch.setattr(
+        plots, "WIDE", 220
+    )  # each result is drawn, which takes longer than most sensors
+    monkeypatch.setattr(plots, "HIGH", 60)
     props.seed = 3
     props.forest.size = (6, 6)
     props.forest.margin = 2

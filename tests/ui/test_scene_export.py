@@ -91,7 +91,8 @@ def test_with_its_blend_file_the_scene_gives_the_same_bytes(slope, tmp_path):
     path = tmp_path / "scenes" / "mine.toml"
     path.parent.mkdir()
     assert bpy.ops.forest.save_scene(filepath=str(path)) == {"FINISHED"}
-    text = path.read_text() + "\n[output]\nglb = false\npreview = false\n"
+    off = ("glb", "preview", "pictures", "goodness", "leaves", "report")
+    text = path.read_text() + "\n[output]\n" + "".join(f"{name} = false\n" for name in off)
     path.write_text(text)
     out = tmp_path / "headless"
     done = subprocess.run(

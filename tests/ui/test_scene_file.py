@@ -22,6 +22,11 @@ from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Scene
 from forest_addon.ui import exchange
 
+BARE = "\n[output]\n" + "".join(
+    f"{name} = false\n"
+    for name in ("blend", "glb", "preview", "pictures", "goodness", "leaves", "report")
+)
+
 
 def test_an_exported_scene_file_says_the_same(built, tmp_path):
     path = tmp_path / "mine.toml"
@@ -39,7 +44,7 @@ def test_without_a_window_the_exported_scene_gives_the_same_bytes(built, tmp_pat
     assert press("run") == {"FINISHED"}
     path = tmp_path / "mine.toml"
     press("save_scene", filepath=str(path))
-    path.write_text(path.read_text() + "\n[output]\nblend = false\nglb = false\npreview = false\n")
+    path.write_text(path.read_text() + BARE)
     out = tmp_path / "headless"
     done = subprocess.run(
         [sys.executable, "-m", "headless", "run", str(path), "--out", str(out), "--quiet"],

@@ -16,11 +16,12 @@ def warm():
 
 
 @pytest.fixture(scope="session")
-def undisturbed(warm, tmp_path_factory):
-    out = tmp_path_factory.mktemp("dataset") / "data"
-    ended = warm.run(PLAN, "--out", out, "--workers", "1", "--quiet")
-    assert ended.returncode == 0, ended.stderr
-    return out
+def undisturbed(warm, once):
+    def make(folder):
+        ended = warm.run(PLAN, "--out", folder / "data", "--workers", "1", "--quiet")
+        assert ended.returncode == 0, ended.stderr
+
+    return once("dataset", make) / "data"
 
 
 @pytest.fixture(autouse=True)

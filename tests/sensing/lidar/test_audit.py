@@ -55,7 +55,7 @@ def test_a_right_scan_passes_and_says_what_it_took(shift):
 def test_a_wrong_engine_is_found(wrong):
     caster = Off(scene(), **wrong)
     looks = Terrestrial(position=(0, 0, 0), angle_step_deg=5)
-    found = audit_scan(Scan(looks, caster), stream(1, "audit"), seconds=20.0, share=0.05)
+    found = audit_scan(Scan(looks, caster), stream(1, "audit"), seconds=6.0, share=0.05)
     assert not found.kept
     assert "MORE than" in str(found)
 

@@ -94,8 +94,8 @@ def compare(
 @st.composite
 def stands(draw: st.DrawFn) -> tuple[TrunkPaths, float]:
     """Trunks of every kind of radius between 1 mm and 2 m, and a sampling rate."""
-    rate = draw(st.sampled_from([6e3, 8e3, 16e3, 24e3, 48e3, 96e3]))
-    count = draw(st.integers(1, int(min(150, 1e6 / rate))))
+    rate = draw(st.sampled_from([6e3, 8e3, 16e3, 24e3, 48e3]))
+    count = draw(st.integers(1, int(min(60, 6e5 / rate))))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     kind = draw(st.sampled_from(["equal", "two", "uniform", "lognormal", "log-uniform"]))
     low, high = sorted(10.0 ** np.array(draw(st.tuples(*[st.floats(-3.0, math.log10(2.0))] * 2))))
@@ -112,7 +112,7 @@ def stands(draw: st.DrawFn) -> tuple[TrunkPaths, float]:
 
 
 @pytest.mark.slow
-@settings(max_examples=8, deadline=None, derandomize=True, phases=[Phase.explicit, Phase.generate])
+@settings(max_examples=6, deadline=None, derandomize=True, phases=[Phase.explicit, Phase.generate])
 @given(stand=stands(), tolerance=st.sampled_from([1e-3, 1e-4, 1e-5]))
 def test_tolerance_is_kept_in_every_band_and_at_every_time(
     stand: tuple[TrunkPaths, float], tolerance: float
@@ -126,8 +126,8 @@ def test_tolerance_is_kept_in_every_band_and_at_every_time(
 @pytest.mark.parametrize(
     ("rate", "count", "radius"),
     [
-        (8e3, 300, (0.01, 0.5)),  # above the tolerance before, as were the next two
-        (24e3, 60, (0.01, 0.5)),
+        (8e3, 120, (0.01, 0.5)),  # above the tolerance before, as were the next two
+        (24e3, 25, (0.01, 0.5)),
         (24e3, 60, 0.01),
         (24e3, 60, 0.25),
     ],
@@ -185,7 +185,7 @@ def test_extreme_air(radius: float | tuple[float, float], air: dict[str, float])
 @pytest.mark.slow
 def test_192_khz() -> None:
     """ka to 176; the air takes 3 dB a metre at the band's end."""
-    worst, _ = compare(paths(15, 5.0, 10.0, 0.1), 192e3, 1e-4)
+    worst, _ = compare(paths(5, 5.0, 10.0, 0.1), 192e3, 1e-4)
     assert worst < 1.0
 
 

@@ -66,11 +66,11 @@ def test_what_is_right_is_kept(tolerance, cull, model):
 
 
 @pytest.mark.slow
-@example(seed=1, count=1000, tolerance=1e-8, model="exact")
-@examples(8, deadline=None, derandomize=True)
+@example(seed=1, count=400, tolerance=1e-8, model="exact")
+@examples(4, deadline=None, derandomize=True)
 @given(
     seed=st.integers(0, 10**6),
-    count=st.sampled_from([1, 30, 300, 1000]),
+    count=st.sampled_from([1, 30, 200]),
     tolerance=st.floats(-8, -2).map(lambda power: 10**power),
     model=st.sampled_from(["exact", "piston", "paper"]),
 )

@@ -85,8 +85,8 @@ def test_equal_leaves(model, radius, incidence, low, width, distance, absorption
         tolerance=10.0**-digits,
         **QUIET,
     )
-    leaves = equal_leaves(400, distance, incidence, radius)
-    check(leaves, equal_leaves(1, distance, incidence, radius), 400, sonar)
+    leaves = equal_leaves(150, distance, incidence, radius)
+    check(leaves, equal_leaves(1, distance, incidence, radius), 150, sonar)
 
 
 @pytest.mark.parametrize("model", MODELS)

@@ -96,7 +96,7 @@ def test_blocks_do_not_matter(monkeypatch):
 def test_k_of_a_poisson_forest_is_pi_r_squared(window, renormalise):
     radius = np.array([2.0, 5.0, 12.0])
     found = []
-    for seed in range(150):
+    for seed in range(100):
         points = forest("law", seed, window=window)
         k = inhomogeneous_k(points, slope(points), window, radius, renormalise=renormalise)
         found.append(k.value / (np.pi * radius**2))
@@ -264,9 +264,9 @@ def test_an_estimate_is_tested_fairly():
     # than 3 have p at most 0.1 with probability 0.98, more than 4 with 6e-5.
     found = []
     for seed in range(6):
-        points = forest("fair", seed)
+        points = forest("fair", seed, factor=0.35)
         fit = fit_mixture(points, FIELD)
-        simulate = [forest("fair simulation", seed, k) for k in range(19)]
+        simulate = [forest("fair simulation", seed, k, factor=0.35) for k in range(19)]
         law = law_of(fit, simulate.__getitem__)
         found.append(examine(points, FIELD, law, simulations=19).excess.p_value)
     assert sum(p <= 0.1 for p in found) <= 4
