@@ -12,7 +12,7 @@ import bpy
 
 from ..spec.depth import applies, is_advanced
 from .exchange import forestless, untouched
-from .groups import PARTS
+from .groups import FACE, PARTS
 from .references import is_lost
 from .words import label
 
@@ -81,7 +81,8 @@ def is_shown(group: Any, name: str) -> bool:
 
 def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
     """One setting: pairs as two rows, a value that may be left out behind its switch."""
-    known = group.bl_rna.properties[name]
+    face = f"{name}{FACE}" if f"{name}{FACE}" in group.bl_rna.properties else name
+    known = group.bl_rna.properties[face]
     if f"{name}_pointer" in group.bl_rna.properties:
         draw_reference(layout, group, name)
     elif f"use_{name}" in group.bl_rna.properties:
@@ -89,17 +90,17 @@ def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
         row.prop(group, f"use_{name}", text="")
         value = row.row(align=True)
         value.active = getattr(group, f"use_{name}")
-        value.prop(group, name, text="")
+        value.prop(group, face, text="")
     elif name in PARTS and getattr(known, "is_array", False):
         column = layout.column(align=True)
         first, second = PARTS[name]
         words, space, unit = label(known.name).partition(" (")
         column.prop(
-            group, name, index=0, text=label("{setting} {end}", setting=words, end=label(first))
+            group, face, index=0, text=label("{setting} {end}", setting=words, end=label(first))
         )
-        column.prop(group, name, index=1, text=f"{label(second)}{space}{unit}")
+        column.prop(group, face, index=1, text=f"{label(second)}{space}{unit}")
     else:
-        layout.prop(group, name)
+        layout.prop(group, face)
 
 
 def draw_reference(layout: bpy.types.UILayout, group: Any, name: str) -> None:

@@ -45,6 +45,8 @@ from .words import keep
 
 Update = Callable[[Any, Any], None]  # told of a group and the context when a setting changed
 
+FACE = "_shown"  # ends the names of what is shown in place of a setting
+KILO = ("band", "sample_rate", "pulse_rate")  # frequencies that people say in kHz
 UNITS = {"m": "LENGTH", "s": "TIME_ABSOLUTE", "Hz": "FREQUENCY", "m/s": "VELOCITY"}
 SUFFIXES = (
     "_deg",
@@ -122,6 +124,7 @@ def make_group(
     annotations: dict[str, Any] = {}
     lists: dict[str, Any] = {}
     parts: dict[str, Any] = {}
+    faces: dict[str, Any] = {}
     for name, kind, known, default in fields_of(settings):
         many = items_of(kind)
         part = without_none(kind) or kind
@@ -137,10 +140,48 @@ def make_group(
                 annotations[f"use_{name}"] = _switch(name, known, default)
         elif not is_sensor_kind(name, known):
             annotations |= _properties(name, kind, known, default, when_set.get(name, _noticed))
-    group = group_class(settings.__name__.lower(), annotations | parts | lists | dict(besides))
+            faces |= _face_of(name, kind, known, default)
+    others = parts | lists | faces | dict(besides)
+    group = group_class(settings.__name__.lower(), annotations | others)
     group.shown = tuple(name for name in annotations if not name.startswith("use_"))
     group.nested = tuple(parts)
     return group
+
+
+def _face_of(name: str, kind: Any, known: Param, default: Any) -> dict[str, Any]:
+    """What a panel shows for a setting that people say in another unit than files do: NAME_shown.
+
+    Frequencies of sounds and pulses in kHz, angles as Blender's own. The setting itself is what is stored.
+    """
+    part = without_none(kind) or kind
+    size = len(typing.get_args(part)) if typing.get_origin(part) is tuple else 0
+    if (typing.get_args(part)[0] if size else part) is not float:
+        return {}
+    if known.unit == "deg":
+        one, words = math.radians(1.0), {"unit": "ROTATION", "precision": 4}
+        words |= {"subtype": "EULER"} if size == 3 else {}
+        title = label_of(name, known).removesuffix(" (°)").removesuffix("(°)")
+    elif name in KILO:
+        one, words = 1e-3, {"precision": 2}
+        title = label_of(name, dataclasses.replace(known, unit="kHz"))
+    else:
+        return {}
+    words |= {"name": title, "description": help_of(known), "options": {"ANIMATABLE", "SKIP_SAVE"}}
+    limits = _limits(float, known)
+    words |= {key: one * limit for key, limit in limits.items()}
+
+    def get(group: Any) -> Any:
+        value = getattr(group, name)
+        return [one * v for v in value] if size else one * value
+
+    def put(group: Any, value: Any) -> None:
+        whole = [float(f"{v / one:.6g}") for v in (value if size else (value,))]  # as it was typed
+        setattr(group, name, whole if size else whole[0])
+
+    make = FloatVectorProperty if size else FloatProperty
+    if size:
+        words["size"] = size
+    return {f"{name}{FACE}": make(get=get, set=put, **words)}
 
 
 def label_of(name: str, known: Param) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 import bpy
 
 from ..spec import Settings
+from .groups import FACE
 
 ROOT = Path(__file__).resolve().parents[2]
 CARRIED, DOCS = ROOT / "manual", ROOT / "docs"
@@ -70,6 +71,7 @@ def _pages() -> Iterator[tuple[str, str]]:
         for field in (field.name for field in dataclasses.fields(group)):  # type: ignore[arg-type]
             yield f"bpy.types.forest_pg_{name}.{field}", f"scene-file.html#{name}.{field}"
             yield f"bpy.types.forest_pg_{name}.use_{field}", f"scene-file.html#{name}.{field}"
+            yield f"bpy.types.forest_pg_{name}.{field}{FACE}", f"scene-file.html#{name}.{field}"
     yield "bpy.ops.forest.*", "panel.html"
     yield "bpy.types.forest_*", "panel.html"
 

@@ -1,12 +1,14 @@
 """Instruments by their makers' names, what choosing one sets, and frequencies as people say them."""
 
+import math
+
 import pytest
 
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import api as forest
 from forest_addon.formats.scanner_file import read_scanner, scanner_names
-from forest_addon.ui import exchange
+from forest_addon.ui import exchange, properties
 from forest_addon.ui.sensors import instruments
 
 
@@ -63,3 +65,39 @@ def test_a_tooltip_says_range_rate_and_spread(sensor):
 def test_a_sonar_has_no_instruments(sensor):
     sensor("sonar")
     assert not bpy.ops.forest.choose_instrument.poll()
+
+
+def test_a_band_is_shown_in_khz_and_stored_in_hz(sensor):
+    thing = sensor("sonar", band=(60e3, 80e3), sample_rate=400e3)
+    group = thing.forest_sensor.sonar
+    assert list(group.band_shown) == pytest.approx([60.0, 80.0])
+    group.band_shown = (38.4, 81.25)
+    group.sample_rate_shown = 441.0
+    found = exchange.sensor_of(thing)
+    assert found.band == (38400.0, 81250.0)
+    assert found.sample_rate == 441000.0
+
+
+@pytest.mark.parametrize("degrees", [(-40.0, 60.0), (0.1, 0.2), (-12.3456, 89.9999)])
+def test_angles_are_blenders_own_and_stored_in_degrees(sensor, degrees):
+    thing = sensor("terrestrial")
+    group = thing.forest_sensor.terrestrial
+    group.elevation_deg_shown = [math.radians(angle) for angle in degrees]
+    assert exchange.sensor_of(thing).elevation_deg == degrees
+    assert group.bl_rna.properties["elevation_deg_shown"].unit == "ROTATION"
+
+
+def test_what_is_shown_in_another_unit_keeps_its_limits_and_says_so(registered):
+    shown = 0
+    for group in properties.GROUPS.values():
+        known = group.bl_rna.properties
+        for name in [key for key in known.keys() if key.endswith("_shown")]:  # noqa: SIM118
+            base, face = known[name.removesuffix("_shown")], known[name]
+            one = math.radians(1) if face.unit == "ROTATION" else 1e-3
+            assert face.description == base.description
+            for limit in ("hard_min", "hard_max"):
+                bound = getattr(base, limit)
+                if abs(bound) < 1e30:
+                    assert getattr(face, limit) == pytest.approx(one * bound, rel=1e-6)
+            shown += 1
+    assert shown > 20
