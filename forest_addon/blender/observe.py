@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
@@ -170,11 +172,24 @@ class Observer:
 
         seconds : that the finding took; the audit takes ``settings.accuracy.audit`` of it.
         """
-        share = settings.accuracy.audit
-        if share == 0:
+        if settings.accuracy.audit == 0:
             return None
         sensor, _ = choose(sensor)
         way = self.way(sensor, folder) if way is None else way
+        begin = time.perf_counter()
+        made = self._audit(sensor, settings, found, seconds, folder, way)
+        return replace(made, audit_seconds=time.perf_counter() - begin)
+
+    def _audit(
+        self,
+        sensor: Sensor,
+        settings: Scene,
+        found: Finding,
+        seconds: float,
+        folder: Path,
+        way: Way,
+    ) -> Audit:
+        share = settings.accuracy.audit
         rng = stream(settings.seed, "audit", sensor.name)
         if isinstance(sensor, Tractor):
             return audit_drive(sensor, self.caster, rng, seconds, share)

@@ -22,6 +22,7 @@ class Audit:
     what : what was compared, and with what. checked : how many values. error, rms : largest and root mean
     square difference, in ``unit``. allowed : the largest that was asked for. seconds : the fast way took for
     the whole result. exact_seconds : the exact way would take for it, estimated from the sample.
+    audit_seconds : the audit itself took.
     """
 
     what: str
@@ -32,6 +33,7 @@ class Audit:
     seconds: float
     exact_seconds: float
     unit: str = ""
+    audit_seconds: float = 0.0
 
     @property
     def kept(self) -> bool:
@@ -63,6 +65,8 @@ class Audit:
             "unit": self.unit,
             "seconds": self.seconds,
             "exact_seconds": self.exact_seconds,
+            "audit_seconds": self.audit_seconds,
+            "share": self.audit_seconds / self.seconds if self.seconds > 0 else 0.0,
         }
 
 

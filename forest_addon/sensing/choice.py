@@ -60,7 +60,8 @@ def choose(sensor: S) -> tuple[S, tuple[Choice, ...]]:
         made = (Choice("tolerance", END, END, why),)
     elif isinstance(sensor, Reverb) and 0 < sensor.tolerance < FINEST:
         why = f"by the direct sum over every trunk and frequency; the fast one ends at {FINEST:.0e}"
-        made = (Choice("tolerance", 0.0, sensor.tolerance, why, sensor.tolerance),)
+        asked = sensor.tolerance
+        made = (Choice("tolerance", asked, asked, why, asked),)
     return sensor.changed(**{choice.key: choice.value for choice in made}), made
 
 

@@ -21,7 +21,7 @@ from .footprint import spread
 from .scan import Scan
 from .tractor import axes, fan, positions
 
-BATCH = 8  # rays
+BATCH = 4  # rays
 EDGE = 2e-5  # m; engines search in float32, whose steps are so large 100 m away
 SURE = 1e-10  # m; where an engine is off by more, it may have named another triangle
 SAME = 1e-3  # m; nearer surfaces count as the same one when a ray is moved aside

@@ -2,7 +2,8 @@
 
 The fast sum is made again over some of the trunks that were heard, drawn at random, and beside it the direct
 sum over the same; the error of a draw is the largest of the whole and of each octave from 20 Hz, as a share
-of the exact one's norm there. That is what the tolerance is given in.
+of the exact one's norm there. That is what the tolerance is given in. A response that is the direct sum
+itself is held against one that lets trunks ring longer: what it cuts off is its error.
 """
 
 from __future__ import annotations
@@ -18,13 +19,15 @@ from ..audit import Audit, sample
 from .fast_scattering import Expansions
 from .losses import Losses, Stand
 from .response import ImpulseResponse
-from .scattering import SPREAD, trunk_paths
+from .scattering import RINGING, SPREAD, TrunkPaths, exact_ringing, transform_length, trunk_paths
 from .slices import Trunks
-from .tree_response import direct_sum
+from .tree_response import FINEST, THICK, direct_sum
 
-DRAWN = 200  # trunks at a time
-LONGEST = 24_000  # samples of the part of the record that is compared
+LEAST, MOST = 20, 200  # trunks at a time
+PACE = 2e-7  # s of a trunk at a frequency
+LONGEST = 12_000  # samples of the part of the record that is compared
 LOWEST = 20.0  # Hz
+CUT_OFF = 1e-6  # of an octave, that a direct sum to no tolerance cuts off, of thick trunks more
 QUIET = 1e-9  # of the whole: octaves below that are noise of float64
 
 
@@ -50,24 +53,37 @@ def audit_response(
     losses = Losses.of(reverb, air, stand, source, receiver) if stand else None
     upright = losses is not None
     paths = trunk_paths(trunks, *ends, reverb.strength, reverb.spreading, None, upright)
-    rate, allowed = reverb.sample_rate, max(reverb.tolerance, *found.errors.values(), 1e-12)
+    rate = reverb.sample_rate
+    thickest = float(paths.radius.max(initial=0.0))
+    cut_off = CUT_OFF * max(1.0, thickest / THICK)
+    allowed = max(reverb.tolerance or cut_off, *found.errors.values(), 1e-12)
+    fine = min(reverb.tolerance or CUT_OFF, CUT_OFF) / 10
     count = min(len(found.samples), LONGEST)
     heard = np.flatnonzero(paths.earliest <= count / rate * air.speed())
 
+    def direct(some: TrunkPaths, ringing: float) -> np.ndarray:
+        return direct_sum(some, rate, count + SPREAD, air, None, losses, ringing)
+
+    ringing = max(exact_ringing(paths, fine if found.exact and fine < FINEST else 0.0), RINGING)
+    frequencies = transform_length(paths, rate, count, air.speed(), ringing) / 2
+    drawn = int(np.clip(share * seconds / (PACE * frequencies), LEAST, MOST))
+
     def batches() -> Iterator[np.ndarray]:
         while len(heard):
-            some = paths.select(np.sort(rng.permutation(heard)[:DRAWN]))
-            exact = direct_sum(some, rate, count + SPREAD, air, None, losses)
+            some = paths.select(np.sort(rng.permutation(heard)[:drawn]))
+            exact = direct(some, ringing)
             if found.exact:
-                yield octave_errors(exact, exact, rate)  # it is the direct sum itself
+                yield octave_errors(
+                    direct(some, exact_ringing(some, reverb.tolerance)), exact, rate
+                )
                 continue
             fast = expansions.sum(some, rate, count + SPREAD, air, reverb.tolerance, losses).samples
             yield octave_errors(fast, exact, rate)
 
     checked = sample(batches(), share * seconds)
-    per_trunk = checked.seconds_each * max(len(checked.errors), 1) / DRAWN
+    per_trunk = checked.seconds_each * max(len(checked.errors), 1) / drawn
     return Audit(
-        what=f"octaves of {DRAWN} trunks at a time by the direct sum",
+        what=f"octaves of {drawn} trunks at a time by the direct sum",
         checked=len(checked.errors),
         error=checked.largest,
         rms=checked.rms,

@@ -128,9 +128,7 @@ def _by_panels(
     losses: Losses | None,
     gain: PathGain | None,
 ) -> FastSum:
-    # trunks ring on as t^-2.5, and must not be heard again in low octaves or at the record's faint end
-    thickest = float(paths.radius.max()) / air.speed()
-    ringing = min(LONGEST_RINGING, max(0.01, thickest * 10.0) * tolerance**-0.4 * RINGING_SHARE)
+    ringing = ringing_of(paths, air.speed(), tolerance)
     size = transform_length(paths, rate, count, air.speed(), ringing)
     frequency = np.arange(size // 2 + 1) * (rate / size)
     loss = loss_per_metre(frequency, air, losses)
@@ -143,6 +141,16 @@ def _by_panels(
             errors[octave] = max(check.error, errors.get(octave, 0.0))
     samples = fft.irfft(spectrum * roll_off(frequency / rate), size)[:count]
     return FastSum(samples, errors)
+
+
+def ringing_of(paths: TrunkPaths, sound_speed: float, tolerance: float) -> float:
+    """Seconds after the last path until nothing is left that a tolerance would notice.
+
+    Trunks ring on as t^-2.5, and must not be heard again in low octaves or at the record's faint end.
+    """
+    thickest = float(paths.radius.max(initial=0.0)) / sound_speed
+    longest = max(0.01, thickest * 10.0) * tolerance**-0.4 * RINGING_SHARE
+    return min(LONGEST_RINGING, longest)
 
 
 class _LayerSum:

@@ -20,8 +20,10 @@ from .fast_scattering import FEW_RADII, Expansions
 from .losses import Losses, loss_per_metre
 from .record import left_out_db, record_length
 from .scattering import (
+    RINGING,
     SPREAD,
     TrunkPaths,
+    exact_ringing,
     roll_off,
     scattered_spectrum,
     transform_length,
@@ -92,7 +94,8 @@ def tree_response(
     exact = exact or len(within.length) <= _soon_summed(within.radius, count)
     errors: dict[float, float] = {}
     if exact:
-        samples = direct_sum(within, rate, count, air, progress, losses)
+        ringing = exact_ringing(within, reverb.tolerance)
+        samples = direct_sum(within, rate, count, air, progress, losses, ringing)
     else:
         prepared = Expansions() if expansions is None else expansions
         found = prepared.sum(within, rate, count, air, reverb.tolerance, losses)
@@ -121,14 +124,17 @@ def direct_sum(
     air: Air,
     progress: Progress | None = None,
     losses: Losses | None = None,
+    ringing: float = RINGING,
 ) -> np.ndarray:
     """(count,) samples at ``rate`` Hz from every trunk at every frequency, in float64.
+
+    ringing : seconds after the last path that count.
 
     The transform is longer than the last path and its ringing: nothing wraps around.
     """
     if len(paths.length) == 0:
         return np.zeros(count)
-    size = transform_length(paths, rate, count, air.speed())
+    size = transform_length(paths, rate, count, air.speed(), ringing)
     frequency = np.arange(size // 2 + 1) * (rate / size)
     loss = loss_per_metre(frequency, air, losses)
     gain = None if losses is None or losses.passes else losses.gain
