@@ -64,13 +64,14 @@ class _Tally:
 
     def __init__(self, cells: Cells) -> None:
         self._cells, self._total = cells, counts(cells, [])
+        self._most = max(cells.count, MANY)
         self._names: list[np.ndarray] = []
         self._collected = 0
 
     def add(self, names: np.ndarray) -> None:
         self._names.append(names)
         self._collected += len(names)
-        if self._collected > max(self._cells.count, MANY):
+        if self._collected > self._most:
             self._sum()
 
     def counts(self) -> np.ndarray:
