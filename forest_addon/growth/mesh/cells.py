@@ -1,11 +1,11 @@
 """How much area of a mesh lies in each cell of a grid: triangles cut exactly at the cells' walls.
 
-Most triangles lie in one cell. A wall through a triangle cuts off the corner that stands alone on its side,
-with the share s·t of the area, s and t being the shares of its two edges that do. Of a triangle that
-reaches over one wall this is all that is asked. Any other is cut in three by a wall, (1 − s) and s(1 − t)
-being the shares of the others, again and again until each piece reaches over one wall at most; of the walls
-that it crosses the middle one comes first, so that n cells take log₂ n rounds. Shares add up to one, so
-sums over cells are the area of the mesh but for rounding, wherever it lies.
+Most triangles lie in one cell. A wall that passes through a triangle cuts off the corner that stands alone
+on its side, with the share s·t of the area, s and t being the shares of its two edges that do. Of a triangle
+that reaches over one wall this is all that is asked. Any other is cut in three by a wall, (1 − s) and
+s(1 − t) being the shares of the others, again and again until each piece reaches over one wall at most; of
+the walls that it crosses the middle one comes first, so that n cells take log₂ n rounds. Shares add up to
+one, so sums over cells are the area of the mesh but for rounding, wherever it lies.
 """
 
 from __future__ import annotations

@@ -33,24 +33,23 @@ def occlusion(scan: Scan, cloud: Cloud, cells: Cells, every: int) -> dict[str, n
     farthest = np.zeros(len(number))
     np.maximum.at(farthest, slot, cloud.true_range[mine])
     last = np.where(farthest > 0, farthest, last)
-    passed, blocked = _Tally(cells), _Tally(cells)
+    count = cells.count
+    tally = _Tally(2 * count)  # passed, then blocked
     for first in range(0, len(number), AT_ONCE):
         rows = slice(first, first + AT_ONCE)
         pulses = scan.pattern.pulses(number[rows])
         reach = np.full(len(pulses), scan.scanner.max_range)
         stop = last[rows]
         for step in walk(cells, np.asarray(pulses.origin), pulses.direction, reach):
-            before = step.enter < stop[step.line]
-            passed.add(step.cell[before])
-            blocked.add(step.cell[~before])
-    found = {"pulses_in": passed.counts(), "pulses_blocked": blocked.counts()}
+            tally.add(step.cell + count * (step.enter >= stop[step.line]))
+    passed, blocked = tally.counts().reshape(2, *cells.size)
+    found = {"pulses_in": passed, "pulses_blocked": blocked}
     pulses = scan.pattern.pulses(cloud.pulse[mine])
     place = pulses.origin + cloud.true_range[mine, None] * pulses.direction
     where = cells.at(place)
-    pairs = np.unique(
-        np.stack([slot, where], axis=1)[where >= 0], axis=0
-    )  # two returns in a cell: one pulse
-    found["pulses_hit"] = counts(cells, [pairs[:, 1]])
+    inside = where >= 0
+    pairs = np.unique(slot[inside] * count + where[inside])  # two returns in a cell: one pulse
+    found["pulses_hit"] = counts(cells, [pairs % max(count, 1)])
     return found | {
         "edge": np.array(cells.edge),
         "low": cells.low,
@@ -60,27 +59,28 @@ def occlusion(scan: Scan, cloud: Cloud, cells: Cells, every: int) -> dict[str, n
 
 
 class _Tally:
-    """How often cells are named; names are collected until they are as many as cells."""
+    """How often numbers below a limit are named; they are collected until there are as many."""
 
-    def __init__(self, cells: Cells) -> None:
-        self._cells, self._total = cells, counts(cells, [])
+    def __init__(self, limit: int) -> None:
+        self._total = np.zeros(limit, np.int64)
         self._names: list[np.ndarray] = []
-        self._collected = 0
+        self._room = self._most = max(limit, MANY)
 
     def add(self, names: np.ndarray) -> None:
         self._names.append(names)
-        self._collected += len(names)
-        if self._collected > max(self._cells.count, MANY):
+        self._room -= len(names)
+        if self._room < 0:
             self._sum()
 
     def counts(self) -> np.ndarray:
-        """(X, Y, Z) int32."""
+        """(N,) int32."""
         self._sum()
-        return self._total
+        return self._total.astype(np.int32)
 
     def _sum(self) -> None:
-        self._total += counts(self._cells, self._names)
-        self._names, self._collected = [], 0
+        if self._names:
+            self._total += np.bincount(np.concatenate(self._names), minlength=len(self._total))
+        self._names, self._room = [], self._most
 
 
 def on_the_line(scan: Scan, caster: RayCaster, cloud: Cloud, every: int) -> dict[str, np.ndarray]:

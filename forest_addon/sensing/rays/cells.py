@@ -98,23 +98,27 @@ def walk(
         across = np.where(sign == 0, 0.0, cells.edge / np.abs(way))
     strides = np.array([[cells.size[1] * cells.size[2]], [cells.size[2]], [1]], np.int64)
     onward = sign * strides
-    number = cells.number(first.T)
+    number, last_number = cells.number(first.T), cells.count - 1
     going = len(line) - np.searchsorted(steps[::-1], np.arange(int(steps.max(initial=0)) + 1))
     for count in going.tolist():
         number, enter, x, y, z = number[:count], enter[:count], x[:count], y[:count], z[:count]
-        over_x, over_y = (x <= y) & (x <= z), y <= z
+        leave = np.minimum(np.minimum(x, y), z)
+        over_x, over_y = leave == x, leave == y
         over_y &= ~over_x
         over_z = ~(over_x | over_y)
-        leave = np.minimum(np.minimum(np.minimum(x, y), z), end[:count])
-        leave = np.maximum(leave, enter)
+        # Products with truth values, since writing where something holds is several times slower.
+        move = onward[2, :count].copy()
+        for axis, (nearest, over) in enumerate(((x, over_x), (y, over_y), (z, over_z))):
+            nearest += across[axis, :count] * over
+            if axis < 2:
+                move += (onward[axis, :count] - move) * over
+        np.minimum(leave, end[:count], out=leave)
+        np.maximum(leave, enter, out=leave)
         yield Step(line[:count], number, enter, leave)
-        for nearest, over, step in zip((x, y, z), (over_x, over_y, over_z), across, strict=True):
-            np.add(nearest, step[:count], out=nearest, where=over)
-        move = np.where(
-            over_x, onward[0, :count], np.where(over_y, onward[1, :count], onward[2, :count])
-        )
         # Beyond the box comes no line but by rounding, at its very end.
-        number, enter = np.clip(number + move, 0, cells.count - 1), leave
+        move += number
+        np.maximum(move, 0, out=move)
+        number, enter = np.minimum(move, last_number, out=move), leave
 
 
 def counts(cells: Cells, numbers: Sequence[np.ndarray]) -> np.ndarray:
