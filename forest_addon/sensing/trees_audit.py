@@ -84,6 +84,7 @@ def audit_leaves(
         int(scene.mesh_index[instance]): forest.variant_of(rows[int(scene.tree[instance])])
         for instance in np.flatnonzero(scene.tree >= 0)
         if int(scene.tree[instance]) in rows
+        and not (scene.asset and scene.asset[scene.mesh_index[instance]])  # of a library, not ours
     }
     known = [(mesh, tree) for mesh, tree in pairs.items() if len(tree.leaves)]
     if not known:

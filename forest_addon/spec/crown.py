@@ -84,6 +84,12 @@ class Crown(Settings):
     flare: float = param(
         0.35, help="how much wider the stem is at the ground than above its roots", ge=0, le=2
     )
+    collar: float = param(
+        0.0,
+        help="how much thicker a branch is where it leaves its mother; 0: no collars",
+        ge=0,
+        le=2,
+    )
     twig: Normal = param(Normal(mean=0.25, sd=0.08), unit="m", help="length of a leaf-bearing twig")
     twig_leaves: int = param(12, help="leaves, or shoots of needles, of a twig", ge=1, le=1000)
     twig_angle_deg: Normal = param(
