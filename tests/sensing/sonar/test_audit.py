@@ -30,10 +30,10 @@ def targets(count=400):
     return Targets(scene_of(replace(mesh, leaf=np.arange(count, dtype=np.int32))))
 
 
-def audit(echo, sonar, share=0.3, things=None):
+def audit(echo, sonar, share=0.3, things=None, seconds=1.0):
     equipment, things = Equipment.of(sonar), things or targets()
     return audit_echoes(
-        [echo], things, sonar, AIR, None, None, equipment, stream(1, "a"), 1.0, share
+        [echo], things, sonar, AIR, None, None, equipment, stream(1, "a"), seconds, share
     )
 
 
@@ -118,7 +118,7 @@ def test_what_was_left_out_without_leave_is_found():
     sonar = BAT.changed(cull=0.1, beam_width_deg=(20, 20))
     echo = ping(targets(), sonar, AIR)
     assert echo.cull_bound > 1e-3
-    assert not audit(echo, sonar.changed(cull=1e-4), share=2.0).kept
+    assert not audit(echo, sonar.changed(cull=1e-4), share=2.0, seconds=0.1).kept
 
 
 def test_a_short_ping_is_not_looked_for_again():
