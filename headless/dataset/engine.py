@@ -102,7 +102,8 @@ def _client(cluster: Cluster, most: int) -> Iterator[Any]:
             return
         if cluster.slurm is not None:
             ours, jobs = slurm_cluster(cluster.slurm)
-            stack.enter_context(ours).scale(jobs=jobs)
+            # kept at that number: a job that ends by its walltime is followed by another
+            stack.enter_context(ours).adapt(minimum_jobs=jobs, maximum_jobs=jobs)
         else:
             folder = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
             ours = stack.enter_context(
