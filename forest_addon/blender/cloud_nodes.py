@@ -165,7 +165,7 @@ class _Drawing:
         """The colour of each point: what it brings along, a hue, or a place on a scale."""
         number, value = self._choice([first, *map(title_of, (*numbers, *measures))])
         for row, name in enumerate((*numbers, *measures), 1):
-            source = self._measure(name, -260 * row)
+            source = self._measure(name, -160 * row)
             self._link(source, value.inputs[1 + row])
         is_number = self._compare("Has a hue", number, "LESS_THAN", len(numbers) + 0.5, 520, 500)
         is_other = self._compare("Is a value", number, "GREATER_THAN", 0.5, 740, 500)
