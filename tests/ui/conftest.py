@@ -44,7 +44,9 @@ def sensor(props):
 @pytest.fixture
 def small(props, sensor, monkeypatch):
     """The panel filled with a forest of about three hazels and coarse sensors in their midst."""
-    monkeypatch.setattr(plots, "WIDE", 220)  # each result is drawn, which takes longer than most sensors
+    monkeypatch.setattr(
+        plots, "WIDE", 220
+    )  # each result is drawn, which takes longer than most sensors
     monkeypatch.setattr(plots, "HIGH", 60)
     props.seed = 3
     props.forest.size = (6, 6)
