@@ -36,6 +36,7 @@ name = "echo"
 position = [0, 0, 1]
 azimuth_deg = 45
 beam_width_deg = [60, 60]
+max_range = 4
 cull = 0.1
 [[sensors]]
 kind = "reverb"
