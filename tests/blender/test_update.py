@@ -131,7 +131,7 @@ def counts():
 
 
 def empty():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
 
 
 def collection(name, home=None):

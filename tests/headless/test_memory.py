@@ -15,7 +15,7 @@ import pytest
 pytest.importorskip("bpy")
 
 ROOT = Path(__file__).resolve().parents[2]
-FIRST, RUNS = 3, 8
+FIRST, RUNS = 3, 6
 LIMIT = 1.0  # MB a run
 SCENE = """
 [forest]
@@ -36,6 +36,7 @@ name = "echo"
 position = [0, 0, 1]
 azimuth_deg = 45
 beam_width_deg = [60, 60]
+max_range = 4
 cull = 0.1
 [[sensors]]
 kind = "reverb"

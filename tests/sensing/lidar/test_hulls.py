@@ -34,7 +34,10 @@ def through(mesh, count, seed):
     return start - 1.5 * way, way
 
 
-@pytest.mark.parametrize("size", [1e-3, 1.0, 1e4])
+@pytest.mark.parametrize(
+    "size",
+    [pytest.param(1e-3, marks=pytest.mark.slow), 1.0, pytest.param(1e4, marks=pytest.mark.slow)],
+)
 def test_no_ray_that_meets_a_triangle_is_lost_and_some_that_meet_none_are_left_out(size):
     meshes = [bare_tree(1, size), bare_tree(2, size)]
     hulls = Hulls(meshes)

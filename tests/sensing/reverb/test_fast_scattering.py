@@ -21,6 +21,7 @@ from forest_addon.sensing.reverb.tree_response import direct_sum, tree_response
 from forest_addon.spec import Air, Reverb
 
 AIR = Air(sound_speed=343.0)
+slow = pytest.mark.slow
 FAINTEST, FAINTEST_TENTH = 1e-6, 1e-5  # of the whole, in amplitude
 EXACT = 3e-12  # of the whole: what the exact sum is good for at any time
 
@@ -169,7 +170,7 @@ def test_below_20_hz() -> None:
     assert (error < [5e-4, 1e-4, 1e-4]).all()
 
 
-@pytest.mark.parametrize("radius", [0.1, (0.05, 0.2)])
+@pytest.mark.parametrize("radius", [0.1, pytest.param((0.05, 0.2), marks=slow)])
 @pytest.mark.parametrize(
     "air",
     [
@@ -190,7 +191,7 @@ def test_192_khz() -> None:
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, np.pi / 2, np.pi - 1e-6, np.pi])
-@pytest.mark.parametrize("different", [False, True])
+@pytest.mark.parametrize("different", [False, pytest.param(True, marks=slow)])
 def test_single_angles(angle: float, different: bool) -> None:
     """Straight on and straight back, where cos φ is at its ends."""
     radius = np.linspace(0.2, 0.25, 6) if different else np.full(6, 0.25)
@@ -207,7 +208,7 @@ def test_few_radii_and_one_of_none() -> None:
     assert compare(some, 8e3, 1e-4)[0] < 1.0
 
 
-@pytest.mark.parametrize("radius", [0.25, (0.05, 0.3)])
+@pytest.mark.parametrize("radius", [0.25, pytest.param((0.05, 0.3), marks=slow)])
 def test_nothing_wraps_and_short_records(radius: float | tuple[float, float]) -> None:
     some = paths(300, 10.0, 100.0, radius)
     prepared = Expansions()
@@ -261,7 +262,7 @@ def test_gain_of_each_path() -> None:
         ((8.0, 0.0), (8.0, 0.0)),  # both at a trunk's axis
     ],
 )
-@pytest.mark.parametrize("spread", [0.0, 0.1])
+@pytest.mark.parametrize("spread", [pytest.param(0.0, marks=slow), 0.1])
 def test_hard_places(
     source: tuple[float, float], receiver: tuple[float, float], spread: float
 ) -> None:
@@ -302,7 +303,7 @@ def test_sectors_cover_every_angle_once() -> None:
             assert before.high == after.low > before.low
 
 
-@pytest.mark.parametrize("radius", [0.25, (0.1, 0.2)])
+@pytest.mark.parametrize("radius", [0.25, pytest.param((0.1, 0.2), marks=slow)])
 def test_order_of_trunks_does_not_matter(radius: float | tuple[float, float]) -> None:
     some = paths(2000, 10.0, 150.0, radius)
     order = np.random.default_rng(3).permutation(2000)
