@@ -24,7 +24,7 @@ def test_the_report_says_target_and_reached(tmp_path, capsys):
         variants=2,
         targets=Targets(allometry="betula"),
     )
-    plain = Planting(species="fern", layout="list", trees="plot.csv", variants=1)
+    plain = Planting(species="grass", layout="list", trees="plot.csv", variants=1)
     scene = Scene(forest=Forest(size=(10, 10)), plantings=(measured, plain), output=OUTPUT)
     run_scene(scene, tmp_path, tmp_path / "out")
     told = json.loads((tmp_path / "out/run.json").read_text())
@@ -34,8 +34,8 @@ def test_the_report_says_target_and_reached(tmp_path, capsys):
     page = (tmp_path / "out/report.html").read_text()
     assert "What the trees were to measure" in page
     assert "honda-birch: leaf area" in page
-    assert "fern: its list gives dbh and height and leaf_area" in page
-    assert "Warning: fern: its list gives" in capsys.readouterr().err
+    assert "grass: its list gives dbh and height and leaf_area" in page
+    assert "Warning: grass: its list gives" in capsys.readouterr().err
     with open(tmp_path / "out/trees.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["target_leaf_area_m2"] for row in rows] == ["20.0", "25.0", "", ""]
