@@ -148,6 +148,8 @@ class Observer:
             points = np.unique(pairs, axis=0)
         elif isinstance(sensor, Sonar) and isinstance(way, list):
             points = np.array([pose.position for pose in way])
+        elif isinstance(way, Track):
+            points = way.position[:1]  # where it starts
         elif hasattr(sensor, "position"):
             points = np.array([sensor.position])
         else:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ..report.pictures import FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
 from .sweep import Point, Sweep
@@ -17,6 +17,7 @@ FLOOR = 1e-16  # an error of 0 is drawn here
 COLUMNS = 2
 WIDE = 34  # letters of a line of the key
 ROOM, LEAST = 0.08, 1.3  # share of the decades, and decades
+FEW = 100.0  # times
 
 
 def draw_sweeps(sweeps: list[Sweep], chosen: list[Point], path: Path) -> Path:
@@ -56,6 +57,8 @@ def _draw(axes: Axes, sweep: Sweep, best: Point) -> None:
         said += " and " if said and point is best else ""
         said += "recommended" if point is best else ""
         said = said or (point.elsewhere and f"hollow: {point.elsewhere}")
+        if point.error == 0:
+            said = f"{said}; off by 0" if said else "off by 0"
         words = f"{number}  {point.label}" + (f"\n    ({said})" if said else "")
         key.append(Line2D([], [], marker="o", ls="", ms=8, color=colour, label=words, **ring))
     heights, seconds = [_height(p) for p in sweep.all], [p.seconds for p in sweep.all]
@@ -69,8 +72,13 @@ def _draw(axes: Axes, sweep: Sweep, best: Point) -> None:
     axes.set_ylim(*_around(heights))
     axes.set_title(f"{sweep.sensor.name}: {sweep.what}")
     axes.set_ylabel("error" + (f", {sweep.unit}" if sweep.unit else ", share"))
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_minor_formatter(NullFormatter())
+    for axis, values in ((axes.xaxis, seconds), (axes.yaxis, heights)):
+        low, high = _around(values)
+        few = high / low < FEW  # decades: numbers between them too
+        axis.set_minor_locator(LogLocator(subs=(2.0, 5.0) if few else tuple(range(2, 10))))
+        axis.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:.1g}") if few else NullFormatter())
+        if few:
+            axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:.1g}"))
     axes.legend(handles=key, loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
 
 

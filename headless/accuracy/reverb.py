@@ -30,6 +30,7 @@ COARSE = 1e-3  # tolerance at which forests that end at different distances are 
 MOST = 5e7  # trunks by samples that are summed directly
 FARTHER, FARTHEST = 2.0, 2000.0  # times as far, and metres, that the forest goes on at most
 PARTS = (0.25, 0.5)  # of today's distance
+MANY_TRUNKS = 40_000
 NEAREST = 60  # trunks of the comparison with multiple scattering
 SHORTEST = 0.05  # s
 
@@ -88,7 +89,7 @@ def sweep_reverb(sensor: Reverb, observer: Observer, settings: Scene, folder: Pa
     terms = {"numerics": math.sqrt(max(now.error**2 - cut**2, 0.0))}
     if extents:
         terms["extent"] = cut
-        reach = FARTHER * one.continue_to
+        reach = max(extent.farthest for extent in extents)
         notes += (f"extent: against a forest drawn as far as {reach:g} m: at least so much",)
         rate = now.seconds / next(e.seconds for e in extents if e.metres == one.continue_to)
     for extent in extents:
@@ -103,21 +104,24 @@ def sweep_reverb(sensor: Reverb, observer: Observer, settings: Scene, folder: Pa
 
 @dataclass(frozen=True)
 class _Extent:
-    """A forest that ends at so many metres; its error, and CPU seconds of one pair."""
+    """A forest that ends at so many metres; its error against the farthest, and CPU seconds of one pair."""
 
     metres: float
     error: float
     seconds: float
+    farthest: float
 
 
 def _extents(one: Reverb, observer: Observer, settings: Scene, length: float) -> list[_Extent]:
     """Where the forest may end, each against the farthest; none where it does not go on."""
-    farthest = min(FARTHER * one.continue_to, FARTHEST)
-    if not one.continue_to or farthest <= one.continue_to:
-        return []
     ends = ends_of(one, observer.places)
     trunks = observer.trunks_between(one, settings, ends)(*ends.pairs[0])
     field = (settings.forest.origin, settings.forest.size)
+    density = len(trunks) / float(np.prod(settings.forest.size))
+    soon = math.sqrt(MANY_TRUNKS / (math.pi * density)) if density else FARTHEST
+    farthest = min(FARTHER * one.continue_to, FARTHEST, max(soon, 1.2 * one.continue_to))
+    if not one.continue_to or farthest <= one.continue_to:
+        return []
     rng = stream(settings.seed, "accuracy", one.name, "continuation")
     centre = ends.on_ground.mean(axis=0)
     beyond = continue_trunks(trunks, field, centre, farthest, rng, clear=ends.on_ground)
@@ -141,7 +145,7 @@ def _extents(one: Reverb, observer: Observer, settings: Scene, length: float) ->
     for metres in sorted({*(part * one.continue_to for part in PARTS), one.continue_to}):
         heard, seconds = sound(metres)
         apart = float(np.linalg.norm(heard - truth))
-        found.append(_Extent(metres, apart / whole if whole > 0 else 0.0, seconds))
+        found.append(_Extent(metres, apart / whole if whole > 0 else 0.0, seconds, farthest))
     return found
 
 

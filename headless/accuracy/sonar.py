@@ -27,9 +27,7 @@ TRIED = (
 )
 POSES = 2
 RAYS, MANY_RAYS = (2, 8), 16  # along each side of a cell
-MOST_EXACTLY = (
-    60_000  # scatterers that are summed one by one; beyond, a tolerance of 1e-9 is exact enough
-)
+MOST = 6e7  # scatterers by bins, ears and pings summed directly; beyond, a tolerance of 1e-9 does
 
 
 def sweep_sonar(
@@ -39,9 +37,8 @@ def sweep_sonar(
     given = poses or [posed(sensor)]
     some = [given[k] for k in np.unique(np.linspace(0, len(given) - 1, POSES).astype(int))]
 
-    fixed: dict[
-        str, object
-    ] = {}  # a record without what is culled would be shorter, its bins others
+    # a record without what is culled would be shorter, its bins others; the spectrum knows no Doppler
+    fixed: dict[str, object] = {"doppler": False}
 
     def listen(changes: dict[str, object]) -> tuple[list[Echo], float]:
         one = replace(sensor, **changes, **fixed)
@@ -61,7 +58,8 @@ def sweep_sonar(
         longest = max(len(echo.time) for echo in everything)
         fixed["record"] = min(longest / sensor.sample_rate, 60.0)
     note = "exact: everything in range, tolerance 1e-9"
-    if heard <= MOST_EXACTLY:
+    bins = sum(echo.spectra.size for echo in everything)
+    if heard * bins <= MOST:
         exact["tolerance"] = 0.0
         note = "exact: the direct sum over everything in range"
     everything = once(exact)

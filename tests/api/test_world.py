@@ -172,6 +172,7 @@ def test_a_sensor_inside_of_a_trunk_is_said(bare):
         TRIPOD.changed(position=inside, angle_step_deg=20),
         BAT.changed(position=inside, max_range=2.0),
         CLAP.changed(source=inside),
+        forest.Mobile(poses=(forest.Pose(position=inside), forest.Pose(time=0.01)), line_rate=200),
     ):
         assert "stands inside tree 0" in bare.look(sensor).warnings[0]
     assert bare.scan(TRIPOD.changed(angle_step_deg=20)).warnings == ()

@@ -112,3 +112,16 @@ def test_a_script_in_plain_python(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "rays by brute force in float64" in done.stdout
     assert (tmp_path / "cloud.laz").stat().st_size > 1000
+
+
+def test_pictures_of_the_landing_page_are_described():
+    page = (DOCS / "index.md").read_text(encoding="utf-8")
+    described = re.findall(r"!\[(.*?)\]\(", page)
+    assert len(described) >= 5
+    assert all(len(words) > 10 for words in described)
+
+
+def test_the_benchmarks_say_what_their_picture_assumes():
+    from headless.bench.frontier import ASSUMPTIONS
+
+    assert ASSUMPTIONS in (DOCS / "benchmarks.md").read_text(encoding="utf-8")
