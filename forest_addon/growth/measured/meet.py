@@ -14,7 +14,7 @@ import numpy as np
 from ...rng import daughter_keys, keyed_uniform
 from ...spec import SpecError, Species
 from ..mesh.axes import first_level
-from ..mesh.blades import Blade
+from ..mesh.blades import Blade, leaf_areas
 from ..skeleton import LeafSites, Skeleton
 from ..species import skeleton_of
 from .collars import collared
@@ -208,7 +208,7 @@ def _moved(p: np.ndarray, knots: np.ndarray, goals: np.ndarray, across: float) -
 
 def _with_area(sites: LeafSites, blade: Blade, area: float) -> LeafSites:
     """Leaves resized by the little that their number leaves over."""
-    found = blade.share * float(np.dot(sites.length, sites.width))
+    found = float(leaf_areas(sites, blade).sum())
     size = np.sqrt(area / found) if found > 0 else 1.0
     return replace(sites, length=sites.length * size, width=sites.width * size)
 

@@ -48,8 +48,13 @@ class Blade:
         return float(x), float(y)
 
     @cached_property
+    def curved(self) -> bool:
+        """Whether it leaves the plane."""
+        return bool(self.vertices[:, 2].any())
+
+    @cached_property
     def share(self) -> float:
-        """Area over length times width."""
+        """Area of the outline over length times width."""
         return float(self._areas().sum())
 
     def _areas(self) -> np.ndarray:
@@ -214,28 +219,65 @@ def _place(sites: LeafSites, blade: Blade, out: np.ndarray) -> None:
 
 
 def truth_of(sites: LeafSites, blade: Blade, branch: np.ndarray) -> Leaves:
-    """The truth of the leaves of ``lay``; of a curved leaf, that of its flat outline.
+    """The truth of the leaves of ``lay``; of a curved leaf, as its facets have it.
 
     branch : (L,) the branch that bears each leaf.
     """
-    x, y = blade.middle
     centre, normal = np.empty_like(sites.foot), np.empty_like(sites.up)
+    area = np.empty(len(sites))
+    x, y = blade.middle
     for part in _parts(len(sites)):
+        if blade.curved:
+            centre[part], normal[part], area[part] = _curved(sites, part, blade)
+            continue
         along, across, _ = _frame(sites, part)
         centre[part] = sites.foot[part] + x * along + y * across
         u, d = sites.up[part], sites.direction[part]
         facing = u - np.einsum("li,li->l", u, d)[:, None] * d
         facing /= np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), np.finfo(float).tiny)
         normal[part] = facing
+    if not blade.curved:
+        area = blade.share * sites.length * sites.width
     return Leaves(
         centre=centre,
         normal=normal,
         axis=sites.direction,
         length=sites.length,
         width=sites.width,
-        radius=np.sqrt(blade.share * sites.length * sites.width / np.pi),
+        radius=np.sqrt(area / np.pi),
         branch=branch.astype(np.int32),
     )
+
+
+def leaf_areas(sites: LeafSites, blade: Blade) -> np.ndarray:
+    """(L,) m² of one side of the leaves of ``lay``."""
+    if not blade.curved:
+        return np.asarray(blade.share * sites.length * sites.width)
+    found = [_curved(sites, part, blade)[2] for part in _parts(len(sites))]
+    return np.concatenate(found) if found else np.empty(0)
+
+
+def _curved(
+    sites: LeafSites, part: slice, blade: Blade
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centre (L, 3), normal (L, 3) and area (L,) of some of the leaves, from their facets' areas.
+
+    The images of the unit frame's axes, X, Y and Z, turn the edges e and f of a facet into the area vector
+    (e×f)ₓ Y×Z/2 + (e×f)ᵧ Z×X/2 + (e×f)_z X×Y/2.
+    """
+    x, y, z = _frame(sites, part)
+    a, b, c = (blade.vertices[blade.triangles[:, k]] for k in range(3))
+    half = 0.5 * np.cross(b - a, c - a)
+    pairs = np.stack([cross_rows(y, z), cross_rows(z, x), cross_rows(x, y)], axis=1)
+    vector = np.einsum("fk,lki->lfi", half, pairs)
+    size = np.sqrt(np.einsum("lfi,lfi->lf", vector, vector))
+    area = size.sum(axis=1)
+    weight = size / np.maximum(area, np.finfo(float).tiny)[:, None]
+    middle = np.einsum("lf,fk->lk", weight, (a + b + c) / 3)
+    centre = sites.foot[part] + middle[:, :1] * x + middle[:, 1:2] * y + middle[:, 2:] * z
+    normal = vector.sum(axis=1)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
+    return centre, normal, area
 
 
 def thin_leaves(
