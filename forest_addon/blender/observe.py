@@ -150,6 +150,8 @@ class Observer:
             points = np.array([pose.position for pose in way])
         elif isinstance(way, Track):
             points = way.position[:1]  # where it starts
+        elif isinstance(sensor, Mobile) and sensor.poses:
+            points = np.array([sensor.poses[0].position])
         elif hasattr(sensor, "position"):
             points = np.array([sensor.position])
         else:
