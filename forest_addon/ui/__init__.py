@@ -43,6 +43,7 @@ def _steps() -> Iterator[Step]:
     """What registering does, one by one, and how each is taken back."""
     import bpy
 
+    from . import manual
     from .properties import FOREST_PG_scene, FOREST_PG_sensor
 
     for cls in _classes():
@@ -56,6 +57,7 @@ def _steps() -> Iterator[Step]:
     for room in _rooms():
         if hasattr(room, "register"):
             yield room.register, room.unregister
+    yield partial(manual.cover, _classes()), manual.uncover
 
 
 def _classes() -> tuple[type, ...]:

@@ -91,7 +91,8 @@ def test_what_is_shown_is_put_together_by_the_catalogs(file):
 def test_no_sentence_is_put_together_elsewhere(file):
     """A sentence that is returned and reported by another: words and spaces in an f-string."""
     joined = [pattern_of(n) for n in ast.walk(CODE[file]) if isinstance(n, ast.JoinedStr)]
-    sentences = {text for text in joined if " " in text and has_words(text)}
+    markup = {text for text in joined if "<" in text}  # of the manual, which is English as the docs
+    sentences = {text for text in joined if " " in text and has_words(text)} - markup
     assert sentences - NAMES_OF_DATA - NAMES_OF_PROPERTIES == set()
 
 
