@@ -81,25 +81,30 @@ def is_shown(group: Any, name: str) -> bool:
 
 def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
     """One setting: pairs as two rows, a value that may be left out behind its switch."""
-    known = group.bl_rna.properties[name]
+    shown = f"{name}_shown" if f"{name}_shown" in group.bl_rna.properties else name
+    known = group.bl_rna.properties[shown]
     if f"{name}_pointer" in group.bl_rna.properties:
         draw_reference(layout, group, name)
+    elif f"{name}_menu" in group.bl_rna.properties:
+        layout.prop(group, f"{name}_menu")
+        if bpy.context.scene.forest_sensing.advanced:  # a file of one's own
+            layout.prop(group, name, text=label("Its File"))
     elif f"use_{name}" in group.bl_rna.properties:
         row = layout.row(align=True, heading=known.name)
         row.prop(group, f"use_{name}", text="")
         value = row.row(align=True)
         value.active = getattr(group, f"use_{name}")
-        value.prop(group, name, text="")
+        value.prop(group, shown, text="")
     elif name in PARTS and getattr(known, "is_array", False):
         column = layout.column(align=True)
         first, second = PARTS[name]
         words, space, unit = label(known.name).partition(" (")
         column.prop(
-            group, name, index=0, text=label("{setting} {end}", setting=words, end=label(first))
+            group, shown, index=0, text=label("{setting} {end}", setting=words, end=label(first))
         )
-        column.prop(group, name, index=1, text=f"{label(second)}{space}{unit}")
+        column.prop(group, shown, index=1, text=f"{label(second)}{space}{unit}")
     else:
-        layout.prop(group, name)
+        layout.prop(group, shown)
 
 
 def draw_reference(layout: bpy.types.UILayout, group: Any, name: str) -> None:

@@ -1,7 +1,8 @@
 """Settings as Blender properties: every property group is made from a dataclass of ``spec``.
 
 Name, unit, range, default and help come from ``param_of``, so a parameter is written once. Angles stay
-degrees, as in a scene file. A value that may be left out becomes a number with a switch beside it.
+degrees, as in a scene file, and are shown as Blender's (``shown``). A value that may be left out becomes a
+number with a switch beside it.
 ``exchange`` takes settings in and gives them back.
 """
 
@@ -41,6 +42,7 @@ from .fields import (
     without_none,
 )
 from .offers import offered
+from .shown import shown_property
 from .words import keep
 
 Update = Callable[[Any, Any], None]  # told of a group and the context when a setting changed
@@ -137,7 +139,8 @@ def make_group(
                 annotations[f"use_{name}"] = _switch(name, known, default)
         elif not is_sensor_kind(name, known):
             annotations |= _properties(name, kind, known, default, when_set.get(name, _noticed))
-    group = group_class(settings.__name__.lower(), annotations | parts | lists | dict(besides))
+    beside = dict(besides) | _shown_otherwise(annotations, settings)
+    group = group_class(settings.__name__.lower(), annotations | parts | lists | beside)
     group.shown = tuple(name for name in annotations if not name.startswith("use_"))
     group.nested = tuple(parts)
     return group
@@ -167,6 +170,18 @@ def _properties(name: str, kind: Any, known: Param, default: Any, update: Update
         name: property_of(name, optional, known, start, update),
         f"use_{name}": _switch(name, known, default),
     }
+
+
+def _shown_otherwise(annotations: Mapping[str, Any], settings: type[Settings]) -> dict[str, Any]:
+    """What stands beside settings whose unit is another in the panel than in a file."""
+    found = {}
+    for name, _, known, default in fields_of(settings):
+        start = WHEN_USED.get(name) if default is None else default
+        if name in annotations and start is not None:
+            title, words = label_of(name, known), help_of(known)
+            shown = shown_property(name, title, words, known, start)
+            found |= {f"{name}_shown": shown} if shown else {}
+    return found
 
 
 def _switch(name: str, known: Param, default: Any) -> Any:

@@ -26,6 +26,7 @@ from .chosen import choose_number, number_of_sensor
 from .fields import fields_of
 from .forest import hills, live
 from .groups import group_class, help_of, label_of, make_group, property_of
+from .sensors import instruments
 from .species import pictures
 
 # What follows when a setting changes, or an item of a list is chosen.
@@ -46,6 +47,8 @@ def _besides(settings: type[spec.Settings]) -> dict[str, Any]:
     else:
         held = {}
     for name, kind, known, _ in fields_of(settings):
+        if name == "scanner":
+            held["scanner_menu"] = instruments.menu(label_of(name, known), help_of(known))
         if name in references.REFERENCES and kind is str:
             held |= references.pointers(name, label_of(name, known), help_of(known))
     return held
@@ -168,7 +171,7 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
                 default=True,
             ),
             "show_intensity": BoolProperty(
-                name="Intensity", description="Draw where trees are likely to stand"
+                name="Tree Density", description="Draw where trees are likely to stand"
             ),
             "show_points": BoolProperty(
                 name="Points",
