@@ -75,6 +75,7 @@ LABELS = {
     "hearing_width_deg": "Hearing (°)",
     "temperature_c": "Temp. (°C)",
     "dbh": "DBH",
+    "sample_rate": "Sampling",
     "density": "Trees/m²",
     "painted_value": "Painted (/m²)",
     "divergence_mrad": "Spread (mrad)",
