@@ -12,8 +12,9 @@ import bpy
 
 from ..spec.depth import applies, is_advanced
 from .exchange import forestless, untouched
-from .groups import FACE, PARTS
+from .groups import PARTS
 from .references import is_lost
+from .shown import FACE
 from .words import label
 
 BIG = 1.4  # heights of a row: the buttons that start work

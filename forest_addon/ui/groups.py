@@ -1,7 +1,8 @@
 """Settings as Blender properties: every property group is made from a dataclass of ``spec``.
 
 Name, unit, range, default and help come from ``param_of``, so a parameter is written once. Angles stay
-degrees, as in a scene file. A value that may be left out becomes a number with a switch beside it.
+degrees, as in a scene file, and are shown as Blender's (``shown``). A value that may be left out becomes a
+number with a switch beside it.
 ``exchange`` takes settings in and gives them back.
 """
 
@@ -41,12 +42,11 @@ from .fields import (
     without_none,
 )
 from .offers import offered
+from .shown import FACE, shown_property
 from .words import keep
 
 Update = Callable[[Any, Any], None]  # told of a group and the context when a setting changed
 
-FACE = "_shown"  # ends the names of what is shown in place of a setting
-KILO = ("band", "sample_rate", "pulse_rate")  # frequencies that people say in kHz
 UNITS = {"m": "LENGTH", "s": "TIME_ABSOLUTE", "Hz": "FREQUENCY", "m/s": "VELOCITY"}
 SUFFIXES = (
     "_deg",
@@ -75,6 +75,7 @@ LABELS = {
     "hearing_width_deg": "Hearing (°)",
     "temperature_c": "Temp. (°C)",
     "dbh": "DBH",
+    "sample_rate": "Sampling",
     "density": "Trees/m²",
     "painted_value": "Painted (/m²)",
     "divergence_mrad": "Spread (mrad)",
@@ -124,7 +125,6 @@ def make_group(
     annotations: dict[str, Any] = {}
     lists: dict[str, Any] = {}
     parts: dict[str, Any] = {}
-    faces: dict[str, Any] = {}
     for name, kind, known, default in fields_of(settings):
         many = items_of(kind)
         part = without_none(kind) or kind
@@ -140,48 +140,11 @@ def make_group(
                 annotations[f"use_{name}"] = _switch(name, known, default)
         elif not is_sensor_kind(name, known):
             annotations |= _properties(name, kind, known, default, when_set.get(name, _noticed))
-            faces |= _face_of(name, kind, known, default)
-    others = parts | lists | faces | dict(besides)
-    group = group_class(settings.__name__.lower(), annotations | others)
+    beside = dict(besides) | _shown_otherwise(annotations, settings)
+    group = group_class(settings.__name__.lower(), annotations | parts | lists | beside)
     group.shown = tuple(name for name in annotations if not name.startswith("use_"))
     group.nested = tuple(parts)
     return group
-
-
-def _face_of(name: str, kind: Any, known: Param, default: Any) -> dict[str, Any]:
-    """What a panel shows for a setting that people say in another unit than files do: NAME_shown.
-
-    Frequencies of sounds and pulses in kHz, angles as Blender's own. The setting itself is what is stored.
-    """
-    part = without_none(kind) or kind
-    size = len(typing.get_args(part)) if typing.get_origin(part) is tuple else 0
-    if (typing.get_args(part)[0] if size else part) is not float:
-        return {}
-    if known.unit == "deg":
-        one, words = math.radians(1.0), {"unit": "ROTATION", "precision": 4}
-        words |= {"subtype": "EULER"} if size == 3 else {}
-        title = label_of(name, known).removesuffix(" (°)").removesuffix("(°)")
-    elif name in KILO:
-        one, words = 1e-3, {"precision": 2}
-        title = label_of(name, dataclasses.replace(known, unit="kHz"))
-    else:
-        return {}
-    words |= {"name": title, "description": help_of(known), "options": {"ANIMATABLE", "SKIP_SAVE"}}
-    limits = _limits(float, known)
-    words |= {key: one * limit for key, limit in limits.items()}
-
-    def get(group: Any) -> Any:
-        value = getattr(group, name)
-        return [one * v for v in value] if size else one * value
-
-    def put(group: Any, value: Any) -> None:
-        whole = [float(f"{v / one:.6g}") for v in (value if size else (value,))]  # as it was typed
-        setattr(group, name, whole if size else whole[0])
-
-    make = FloatVectorProperty if size else FloatProperty
-    if size:
-        words["size"] = size
-    return {f"{name}{FACE}": make(get=get, set=put, **words)}
 
 
 def label_of(name: str, known: Param) -> str:
@@ -208,6 +171,18 @@ def _properties(name: str, kind: Any, known: Param, default: Any, update: Update
         name: property_of(name, optional, known, start, update),
         f"use_{name}": _switch(name, known, default),
     }
+
+
+def _shown_otherwise(annotations: Mapping[str, Any], settings: type[Settings]) -> dict[str, Any]:
+    """What stands beside settings whose unit is another in the panel than in a file."""
+    found = {}
+    for name, _, known, default in fields_of(settings):
+        start = WHEN_USED.get(name) if default is None else default
+        if name in annotations and start is not None:
+            title, words = label_of(name, known), help_of(known)
+            shown = shown_property(name, title, words, known, start)
+            found |= {f"{name}{FACE}": shown} if shown else {}
+    return found
 
 
 def _switch(name: str, known: Param, default: Any) -> Any:

@@ -14,7 +14,7 @@ from pathlib import Path
 import bpy
 
 from ..spec import Settings
-from .groups import FACE
+from .shown import FACE
 
 ROOT = Path(__file__).resolve().parents[2]
 CARRIED, DOCS = ROOT / "manual", ROOT / "docs"

@@ -1,5 +1,6 @@
 """Files of older versions. data/first-panel.blend was saved by the first panel, in Blender 4.5."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -174,3 +175,20 @@ def test_handlers_go_with_the_add_on(registered):
         assert not bpy.app.timers.is_registered(migration._look_at_all)
     finally:
         ui.register()
+
+
+def test_what_is_shown_in_other_units_is_not_stored(first, tmp_path):
+    """Angles, kHz and the instruments' names convert what an older file has, and leave it in its units."""
+    before = exchange.to_spec(first)
+    bat = bpy.data.objects["echo"].forest_sensor.sonar
+    cloud = bpy.data.objects["cloud"].forest_sensor.terrestrial
+    assert list(bat.band_shown) == [60.0, 80.0]
+    assert cloud.angle_step_deg_shown == pytest.approx(math.radians(6))
+    for name in ("band_shown", "sample_rate_shown", "beam_width_deg_shown"):
+        setattr(bat, name, getattr(bat, name))
+    cloud.angle_step_deg_shown = cloud.angle_step_deg_shown
+    assert exchange.to_spec(first) == before
+    path = str(tmp_path / "today.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    assert exchange.to_spec(bpy.context.scene) == before

@@ -219,3 +219,38 @@ def test_what_is_missing_is_said_with_what_to_do(props, monkeypatch):
     seen = drawn()
     assert "scipy is missing in this Blender" in seen
     assert any("Install from Disk" in text for text in seen)
+
+
+def test_the_tab_is_three_blocks(registered):
+    """Every other panel of the sidebar is within one of them."""
+    every = [cls for cls in ui._classes() if issubclass(cls, bpy.types.Panel)]
+    tab = [cls for cls in every if cls.bl_space_type == "VIEW_3D"]
+    tops = sorted((c for c in tab if not hasattr(c, "bl_parent_id")), key=lambda c: c.bl_order)
+    assert [cls.bl_label for cls in tops] == ["Species and Forest", "Sensors", "Results"]
+
+
+def test_no_list_is_drawn_twice(small, monkeypatch):
+    """Nor does one name mean two things: a scan has an intensity, a forest a density."""
+    lists = []
+
+    def noted(self, kind, name, owner, items, *_, **__):
+        lists.append((kind, items))
+
+    monkeypatch.setattr(Layout, "template_list", noted)
+    small.plantings.add().species = "maple"
+    seen = drawn()
+    assert ("FOREST_UL_plantings", "plantings") in lists
+    assert len(lists) == len(set(lists))
+    assert "Intensity" not in seen
+
+
+def test_a_scene_without_a_forest_is_told_nothing_of_trees(props):
+    bpy.ops.mesh.primitive_plane_add(size=20)
+    bpy.context.scene.cursor.location = (0, 0, 0)
+    assert bpy.ops.forest.scan_here() == {"FINISHED"}
+    bpy.data.objects["Tripod LiDAR"].forest_sensor.terrestrial.angle_step_deg = 6
+    assert bpy.ops.forest.run(sensor="Tripod LiDAR") == {"FINISHED"}
+    figures = {figure.name for figure in props.results["Tripod LiDAR"].figures}
+    assert "Points" in figures
+    assert {"Trees Seen", "Wood", "Leaves", "Ground"}.isdisjoint(figures)
+    assert "Tree Density" not in drawn()

@@ -27,10 +27,13 @@ from ...sensing.sonar.flight import Flight
 from ...sensing.sonar.ping import Echo
 from ...spec import Scene, Sensor
 from ...stand.forest import Forest
+from ..exchange import forestless
 from ..selection import show
 from ..words import Kept, keep, say
 from . import frames, images, plots
 from .held import hold
+
+OF_A_FOREST = {"Trees Seen", "Wood", "Leaves", "Ground"}  # figures that say nothing of other scenes
 
 Words = dict[str, str]
 Names = tuple[Sequence[str], Sequence[str]]
@@ -74,6 +77,8 @@ def keep_finding(
     """
     props = context.scene.forest_sensing
     figures, sentence = in_words(figures_of(sensor, found)), sentence_of(found)
+    if forestless(props):
+        figures = {name: value for name, value in figures.items() if name not in OF_A_FOREST}
     plot = plots.plot_of(found, sensor)
     title = f"Forest {sensor.name}" + ("" if frame is None else f" {frame:04d}")
     picture = images.show(title, plot) if plot else None

@@ -6,6 +6,7 @@ What a scanner file says of ranges, pulses and beams stands in the tooltip of it
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import bpy
@@ -31,9 +32,15 @@ def instruments() -> dict[str, ScannerFile]:
 
 def draw_instrument(layout: bpy.types.UILayout, group: Any) -> None:
     """The menu, which shows the instrument that a scanner's settings started from."""
+    layout.row(heading="Instrument").menu(FOREST_MT_instruments.__name__, text=title_of(group))
+
+
+def title_of(group: Any) -> str:
+    """What the settings of a scanner started from: an instrument, a file of the user's, or nothing."""
     file = instruments().get(group.scanner)
-    row = layout.row(heading="Instrument")
-    row.menu(FOREST_MT_instruments.__name__, text=short(file.title) if file else label(OWN))
+    if file is not None:
+        return short(file.title)
+    return Path(group.scanner).name if group.scanner else label(OWN)
 
 
 def short(title: str) -> str:

@@ -1,4 +1,4 @@
-"""Instruments by their makers' names, what choosing one sets, and frequencies as people say them."""
+"""Instruments by their makers' names, what choosing one sets, and limits of what is shown otherwise."""
 
 import math
 
@@ -67,24 +67,13 @@ def test_a_sonar_has_no_instruments(sensor):
     assert not bpy.ops.forest.choose_instrument.poll()
 
 
-def test_a_band_is_shown_in_khz_and_stored_in_hz(sensor):
-    thing = sensor("sonar", band=(60e3, 80e3), sample_rate=400e3)
-    group = thing.forest_sensor.sonar
-    assert list(group.band_shown) == pytest.approx([60.0, 80.0])
-    group.band_shown = (38.4, 81.25)
-    group.sample_rate_shown = 441.0
-    found = exchange.sensor_of(thing)
-    assert found.band == (38400.0, 81250.0)
-    assert found.sample_rate == 441000.0
-
-
-@pytest.mark.parametrize("degrees", [(-40.0, 60.0), (0.1, 0.2), (-12.3456, 89.9999)])
-def test_angles_are_blenders_own_and_stored_in_degrees(sensor, degrees):
-    thing = sensor("terrestrial")
-    group = thing.forest_sensor.terrestrial
-    group.elevation_deg_shown = [math.radians(angle) for angle in degrees]
-    assert exchange.sensor_of(thing).elevation_deg == degrees
-    assert group.bl_rna.properties["elevation_deg_shown"].unit == "ROTATION"
+def test_a_file_of_ones_own_is_shown_by_its_name(sensor):
+    group = sensor("terrestrial").forest_sensor.terrestrial
+    assert instruments.title_of(group) == instruments.OWN
+    group.scanner = "riegl-vz-400i"
+    assert instruments.title_of(group) == "RIEGL VZ-400i"
+    group.scanner = "my/own.toml"
+    assert instruments.title_of(group) == "own.toml"
 
 
 def test_what_is_shown_in_another_unit_keeps_its_limits_and_says_so(registered):
