@@ -115,8 +115,13 @@ def _leaf_errors(tree: Tree, measured: Foliage) -> np.ndarray:
     there = measured.leaf < len(errors)
     number = measured.leaf[there]
     centre, _, radius = (value[there] for value in measured.local)
-    apart = np.linalg.norm(centre - tree.leaves.centre[number], axis=1)
-    errors[number] = np.maximum(apart, np.abs(radius - tree.leaves.radius[number]))
+    whole = np.bincount(number, radius**2, len(errors))  # of all pieces of a leaf
+    found = np.flatnonzero(whole > 0)
+    middle = np.stack([np.bincount(number, radius**2 * axis, len(errors)) for axis in centre.T])
+    apart = np.linalg.norm(
+        middle[:, found].T / whole[found, None] - tree.leaves.centre[found], axis=1
+    )
+    errors[found] = np.maximum(apart, np.abs(np.sqrt(whole[found]) - tree.leaves.radius[found]))
     return errors
 
 

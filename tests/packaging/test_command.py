@@ -15,9 +15,8 @@ def test_jobs_leave_the_extension_as_it_was(archive, in_clean_blender, tmp_path)
     out = tmp_path / "out"
     out.mkdir()
     scene = tmp_path / "scene.toml"
-    off = ("preview", "pictures", "goodness", "leaves")
     text = SMALL.read_text().split("[output]")[0] + "[output]\n"
-    scene.write_text(text + "".join(f"{name} = false\n" for name in off))
+    scene.write_text(text + "preview_size = [96, 54]\npreview_samples = 1\nleaves = false\n")
     run = in_clean_blender(tmp_path, SESSION, archive, scene, out)
     assert run.returncode == 0, run.stdout + run.stderr
     answer = json.loads((out / "answer.json").read_text())

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.growth.mesh.leaves import separate_leaves
 from forest_addon.growth.mesh.trimesh import WOOD
 from forest_addon.growth.tree import grow
 from forest_addon.rng import stream
@@ -18,11 +19,12 @@ from forest_addon.sensing.trees_audit import (
     audit_tubes,
     points_on_cones,
 )
-from forest_addon.spec import Planting, Scene
+from forest_addon.spec import Normal, Planting, Scene, Targets
 from forest_addon.stand.forest import grow_forest
 
 RNG = stream(1, "audit test")
 POINTS = 24
+SEEDLING = Targets(dbh=Normal(mean=0.03), height=3.0, leaf_area=1.0)
 
 
 @pytest.fixture
@@ -85,6 +87,23 @@ def test_metres_to_a_triangle():
         brute = [np.linalg.norm(share @ one - point, axis=1).min() for one in corners]
         assert (found <= np.array(brute) + 1e-12).all()
         assert np.allclose(found, brute, atol=0.03)
+
+
+@pytest.mark.parametrize("name", ["fern", "scots-pine"])
+def test_curved_leaves_and_shoots_are_where_their_truth_says(name):
+    """As they come out of Blender: in single precision, and numbered anew where they are in pieces."""
+    species, kind = load_species(find_species(name, Path()))
+    settings = Scene(plantings=(Planting(species=name, variants=1, expected=1, exact=True),))
+    small = species.changed(targets=SEEDLING) if species.needles else species
+    forest = grow_forest(settings, [(small, kind)])
+    mesh = forest.variant_of(0).mesh
+    single = replace(mesh, vertices=mesh.vertices.astype(np.float32).astype(np.float64))
+    none = np.zeros(1, np.int64)
+    meshes = (separate_leaves(single),)
+    scene = SceneGeometry(meshes, forest.transforms(), none, ("a",), forest.stand.id, none)
+    found = audit_leaves(forest, scene, RNG, 1.0, 1.0)
+    assert found.kept
+    assert found.checked == len(forest.variant_of(0).leaves)
 
 
 def test_leaves_are_where_their_truth_says():

@@ -232,10 +232,7 @@ def truth_of(sites: LeafSites, blade: Blade, branch: np.ndarray) -> Leaves:
             continue
         along, across, _ = _frame(sites, part)
         centre[part] = sites.foot[part] + x * along + y * across
-        u, d = sites.up[part], sites.direction[part]
-        facing = u - np.einsum("li,li->l", u, d)[:, None] * d
-        facing /= np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), np.finfo(float).tiny)
-        normal[part] = facing
+        normal[part] = _facing(sites, part)
     if not blade.curved:
         area = blade.share * sites.length * sites.width
     return Leaves(
@@ -276,8 +273,19 @@ def _curved(
     middle = np.einsum("lf,fk->lk", weight, (a + b + c) / 3)
     centre = sites.foot[part] + middle[:, :1] * x + middle[:, 1:2] * y + middle[:, 2:] * z
     normal = vector.sum(axis=1)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
+    length = np.linalg.norm(normal, axis=1)
+    normal /= np.maximum(length, np.finfo(float).tiny)[:, None]
+    all_round = length < 0.5 * area  # a shoot: it faces as what bears it has it
+    normal[all_round] = _facing(sites, part)[all_round]
     return centre, normal, area
+
+
+def _facing(sites: LeafSites, part: slice) -> np.ndarray:
+    """(L, 3) what is up of some leaves, across their direction."""
+    u, d = sites.up[part], sites.direction[part]
+    facing: np.ndarray = u - np.einsum("li,li->l", u, d)[:, None] * d
+    facing /= np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), np.finfo(float).tiny)
+    return facing
 
 
 def thin_leaves(

@@ -93,41 +93,58 @@ def measure_leaves(mesh: TriMesh, branch: np.ndarray | None = None) -> Leaves:
 
 
 def separate_leaves(mesh: TriMesh) -> TriMesh:
-    """Give leaves that share a number but do not hang together numbers of their own.
+    """Give leaves that share a number but are several ones numbers of their own.
 
-    An Array modifier, say, copies leaf numbers with the triangles. The first piece of each leaf keeps
-    its number; further pieces are numbered on from the largest.
+    An Array modifier, say, copies leaf numbers with the triangles. One leaf is what hangs together or is one
+    run of triangles, as a shoot of needles is; of a mesh whose leaves all have one number, what hangs
+    together. The first piece of each keeps its number; further pieces are numbered on from the largest.
     """
     is_leaf = np.flatnonzero(mesh.leaf >= 0)
-    if not len(is_leaf) or _plainly_one_piece_each(mesh.leaf[is_leaf], mesh.triangles[is_leaf]):
+    number = mesh.leaf[is_leaf]
+    if not len(is_leaf):
         return mesh
-    used, corner = np.unique(mesh.triangles[is_leaf], return_inverse=True)
-    corner = corner.reshape(-1, 3)
-    links = coo_matrix(
-        (np.ones(2 * len(corner)), (corner[:, [0, 0]].ravel(), corner[:, [1, 2]].ravel())),
-        shape=(len(used), len(used)),
-    )
-    piece = connected_components(links, directed=False)[1][corner[:, 0]]
-    pairs, pair = np.unique(np.stack([mesh.leaf[is_leaf], piece], 1), axis=0, return_inverse=True)
+    starts = np.concatenate([[True], number[1:] != number[:-1]])
+    runs = number[starts]
+    if len(runs) > 1 and len(np.unique(runs)) == len(runs):  # as we make them
+        return mesh
+    run = np.cumsum(starts) - 1 if len(runs) > 1 else None
+    piece = pieces_of(number, mesh.triangles[is_leaf], run)
+    if piece is None:
+        return mesh
+    pairs, pair = np.unique(np.stack([number, piece], 1), axis=0, return_inverse=True)
     pair = pair.ravel()
     first = np.concatenate([[True], pairs[1:, 0] != pairs[:-1, 0]])
     if first.all():
         return mesh
-    number = pairs[:, 0].copy()
-    number[~first] = pairs[:, 0].max() + 1 + np.arange(int((~first).sum()))
+    new = pairs[:, 0].copy()
+    new[~first] = pairs[:, 0].max() + 1 + np.arange(int((~first).sum()))
     leaf = mesh.leaf.copy()
-    leaf[is_leaf] = number[pair]
+    leaf[is_leaf] = new[pair]
     return replace(mesh, leaf=leaf)
 
 
-def _plainly_one_piece_each(leaf: np.ndarray, triangles: np.ndarray) -> bool:
-    """Whether each leaf is one run of triangles of which each touches the one before, as we make them."""
-    same = leaf[1:] == leaf[:-1]
+def pieces_of(
+    number: np.ndarray, triangles: np.ndarray, run: np.ndarray | None = None
+) -> np.ndarray | None:
+    """(F,) which piece each triangle (F, 3) is of; None where each leaf (F,) is plainly in one piece.
+
+    Pieces hang together by vertices, or by being in the same run (F,) of triangles.
+    """
+    same = number[1:] == number[:-1]
     touches = (triangles[1:, :, None] == triangles[:-1, None, :]).any(axis=(1, 2))
-    if not touches[same].all():
-        return False
-    runs = leaf[np.concatenate([[True], ~same])]
-    return len(np.unique(runs)) == len(runs)
+    if run is not None:
+        touches |= run[1:] == run[:-1]
+    if touches[same].all() and len(np.unique(number)) == 1 + int((~same).sum()):
+        return None
+    used, corner = np.unique(triangles, return_inverse=True)
+    corner = corner.reshape(-1, 3)
+    one, other = corner[:, [0, 0]].ravel(), corner[:, [1, 2]].ravel()
+    if run is not None:
+        on = run[1:] == run[:-1]
+        one, other = np.append(one, corner[:-1, 0][on]), np.append(other, corner[1:, 0][on])
+    links = coo_matrix((np.ones(len(one)), (one, other)), shape=(len(used), len(used)))
+    piece: np.ndarray = connected_components(links, directed=False)[1][corner[:, 0]]
+    return piece
 
 
 def join_leaves(parts: Sequence[Leaves]) -> Leaves:

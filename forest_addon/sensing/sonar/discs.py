@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...growth.mesh.leaves import pieces_of
 from ...growth.mesh.trimesh import TriMesh
 from ..rays.geometry import SceneGeometry, apply_transform
 
@@ -62,13 +63,16 @@ Measured = tuple[np.ndarray, np.ndarray, np.ndarray]  # centre (L, 3), normal (L
 class Foliage:
     """The leaves of one mesh: F facets, leaf by leaf, and what they measure in local space.
 
-    leaf : (L,) their numbers. local : centre, normal and radius of each.
+    What is in pieces, as a shoot of needles, is a disc for each of them: no wave knows that they grow on one.
+    leaf : (L,) their numbers, the same for pieces of one. local : centre, normal and radius of each.
     """
 
     def __init__(self, mesh: TriMesh) -> None:
         facets = np.flatnonzero(mesh.leaf >= 0)
         facets = facets[np.argsort(mesh.leaf[facets], kind="stable")]
-        self.leaf, owner = np.unique(mesh.leaf[facets], return_inverse=True)
+        owner, self.leaf = own_pieces(mesh.leaf[facets], mesh.triangles[facets])
+        order = np.argsort(owner, kind="stable")
+        facets, owner = facets[order], owner[order]
         self._first = np.searchsorted(owner, np.arange(len(self.leaf) + 1))
         corners = mesh.vertices[mesh.triangles[facets]]
         self._middle = corners.mean(axis=1)
@@ -99,6 +103,19 @@ class Foliage:
         facet = np.arange(len(owner)) + np.repeat(self._first[rows] - np.cumsum(size) + size, size)
         middle = apply_transform(transform, self._middle[facet])
         return _measure(middle, self._vector[facet] @ cofactor(linear).T, owner, len(rows))
+
+
+def own_pieces(number: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which piece of which leaf each triangle (F, 3) is: pieces counted on (F,), and their leaves (L,).
+
+    number : (F,) of the leaf, sorted.
+    """
+    leaf, owner = np.unique(number, return_inverse=True)
+    piece = pieces_of(number, triangles) if len(number) else None
+    if piece is None:
+        return owner, leaf
+    pairs, owner = np.unique(np.stack([number, piece], axis=1), axis=0, return_inverse=True)
+    return owner.ravel(), pairs[:, 0].astype(leaf.dtype)
 
 
 def similarity(linear: np.ndarray) -> float | None:

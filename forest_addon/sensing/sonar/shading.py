@@ -27,6 +27,7 @@ import numpy as np
 
 from ...growth.mesh.trimesh import TriMesh
 from ..rays.caster import RayCaster
+from .discs import own_pieces
 from .scatterers import LEAF, Rows
 from .search import Group
 from .station import Station
@@ -197,14 +198,15 @@ class Extinction:
 
 
 def _leaf_radii(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray]:
-    """(T,) number of each triangle's leaf, -1 where it is none, and radius of the leaf's disc."""
+    """(T,) number of each triangle's leaf, -1 where it is none, and radius of the disc of its piece."""
     radius = np.zeros(len(mesh.triangles))
     facets = np.flatnonzero(mesh.leaf >= 0)
     if len(facets):
+        facets = facets[np.argsort(mesh.leaf[facets], kind="stable")]
+        owner, _ = own_pieces(mesh.leaf[facets], mesh.triangles[facets])
         corners = mesh.vertices[mesh.triangles[facets]]
         area = 0.5 * np.linalg.norm(
             np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
         )
-        whole = np.bincount(mesh.leaf[facets], area)
-        radius[facets] = np.sqrt(whole[mesh.leaf[facets]] / math.pi)
+        radius[facets] = np.sqrt(np.bincount(owner, area)[owner] / math.pi)
     return mesh.leaf.astype(np.int64), radius

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from forest_addon.growth.mesh.blades import Blade, lay
 from forest_addon.growth.mesh.leaves import join_leaves, measure_leaves, no_leaves, separate_leaves
 from forest_addon.growth.mesh.trimesh import LEAF, TriMesh, join
+from forest_addon.growth.skeleton import LeafSites
+from forest_addon.sensing.sonar.discs import Foliage
 
 
 def rectangle(length, width, number=0):
@@ -87,3 +90,38 @@ def test_copies_that_share_a_number_become_leaves_of_their_own():
     )
     assert separate_leaves(both).leaf.tolist() == [0, 0, 1, 1]
     assert separate_leaves(a) is a
+
+
+def shoots(count=3, blades=4):
+    """Shoots of blades that do not touch each other."""
+    sites = LeafSites(
+        foot=np.arange(3.0 * count).reshape(count, 3),
+        direction=np.tile([1.0, 0, 0], (count, 1)),
+        up=np.tile([0, 0, 1.0], (count, 1)),
+        length=np.ones(count),
+        width=np.ones(count),
+        segment=np.zeros(count, dtype=np.int64),
+    )
+    one = np.array([[0, 0, 0], [0.2, 0.1, 0], [0.2, -0.1, 0]])
+    vertices = np.concatenate([one + np.array([0.2 * k, 0, 0.05 * k]) for k in range(blades)])
+    triangles = np.arange(3 * blades, dtype=np.int32).reshape(-1, 3)
+    return lay(sites, Blade(vertices, triangles))
+
+
+def test_a_shoot_in_pieces_is_one_leaf_and_its_copies_are_others():
+    mesh = shoots()
+    assert separate_leaves(mesh) is mesh
+    copied = join([mesh, moved(mesh, np.eye(3), np.array([50.0, 0, 0]))])
+    copied.leaf[len(mesh.leaf) :] -= 3  # as an Array modifier leaves it
+    assert separate_leaves(copied).leaf.tolist() == np.repeat([0, 1, 2, 3, 4, 5], 4).tolist()
+
+
+def test_to_sound_every_piece_of_a_shoot_is_a_disc():
+    mesh = shoots()
+    foliage = Foliage(mesh)
+    assert foliage.leaf.tolist() == np.repeat([0, 1, 2], 4).tolist()
+    centre, normal, radius = foliage.local
+    corners = mesh.vertices[mesh.triangles]
+    np.testing.assert_allclose(centre, corners.mean(axis=1), atol=1e-12)
+    np.testing.assert_allclose(np.pi * radius**2, 0.02, rtol=1e-12)
+    np.testing.assert_allclose(np.abs(normal[:, 2]), 1.0)
