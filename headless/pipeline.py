@@ -17,6 +17,7 @@ from forest_addon.api import Result, Site, World
 from forest_addon.blender.cloud import show_cloud
 from forest_addon.blender.export import export_glb, save_blend
 from forest_addon.blender.horizon import lay_horizon
+from forest_addon.blender.kept import forget
 from forest_addon.blender.layout import RESULTS, part
 from forest_addon.blender.opening import empty_file
 from forest_addon.blender.preview import render, set_stage
@@ -46,7 +47,7 @@ from forest_addon.stand.targets import record
 
 from .command import DoubtfulError
 from .progress import Stages, hushed
-from .record import write_record
+from .record import facts_of, write_record
 from .report import findings, page
 from .report.drawing import can_draw, without
 
@@ -115,9 +116,12 @@ def run_scene(
         for sensor in settings.sensors:
             with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
                 _take(run, world, world.look(sensor, progress), sound)
-        _write_scene(run)
-        made = (run.findings, run.trees, run.targets, run.results, stages.seconds, run.files)
-        write_record(run.path("run.json"), settings, world, *made)
+        facts = facts_of(world)
+    del observer
+    forget()  # a render needs the memory
+    _write_scene(run)
+    made = (run.findings, run.trees, run.targets, run.results, stages.seconds, run.files)
+    write_record(run.path("run.json"), settings, facts, *made)
     if wanted.report:
         with stages.stage("write report.html"):
             page.write(out / "report.html", settings, run.findings, stages.seconds, run.files)

@@ -22,10 +22,24 @@ from .memory import peak_memory_mb
 from .report import page
 
 
+def facts_of(world: World) -> dict[str, Any]:
+    """What run.json says of the evaluated scene: its size, the engine of its rays, what was chosen for it."""
+    observer = world.observer
+    geometry = observer.geometry
+    unique = sum(len(mesh.triangles) for mesh in geometry.meshes)
+    shown = sum(len(geometry.meshes[m].triangles) for m in geometry.mesh_index)
+    facts: dict[str, Any] = {
+        "ray_engine": observer.caster.engine,
+        "triangles": {"unique": unique, "instanced": shown},
+        "instances": len(geometry),
+    }
+    return facts | ({"chosen": [c.record() for c in world.chosen]} if world.chosen else {})
+
+
 def write_record(
     path: Path,
     settings: Scene,
-    world: World,
+    facts: Mapping[str, Any],
     findings: Sequence[page.Finding],
     trees: Mapping[str, Audit],
     targets: Mapping[str, Any],
@@ -35,15 +49,12 @@ def write_record(
 ) -> None:
     """Write run.json.
 
-    trees : audits of what grew. targets : what was reached of them, by planting.
+    facts : of the evaluated scene, see ``facts_of``. trees : audits of what grew.
+    targets : what was reached of them, by planting.
     results : of sensors, by their names. seconds : of stages.
     """
     import scipy
 
-    observer = world.observer
-    geometry = observer.geometry
-    unique = sum(len(mesh.triangles) for mesh in geometry.meshes)
-    shown = sum(len(geometry.meshes[m].triangles) for m in geometry.mesh_index)
     record = {
         "versions": {
             "forest_sensing": page.version(),
@@ -55,10 +66,10 @@ def write_record(
         "platform": platform.platform(),
         "cores": os.cpu_count(),
         "seed": settings.seed,
-        "ray_engine": observer.caster.engine,
+        "ray_engine": facts["ray_engine"],
         "settings": dataclasses.asdict(settings),
-        "triangles": {"unique": unique, "instanced": shown},
-        "instances": len(geometry),
+        "triangles": facts["triangles"],
+        "instances": facts["instances"],
         "stage_seconds": seconds,
         "peak_memory_mb": peak_memory_mb(),
         "results": {finding.title: finding.facts for finding in findings},
@@ -67,7 +78,7 @@ def write_record(
         "sensors": {name: result.record() for name, result in results.items()},
         "files": files,
     }
-    if world.chosen:
-        record["chosen"] = [choice.record() for choice in world.chosen]
+    if "chosen" in facts:
+        record["chosen"] = facts["chosen"]
     with replacing(path) as partial:
         partial.write_text(json.dumps(record, indent=2, default=str) + "\n", encoding="utf-8")
