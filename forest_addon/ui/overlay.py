@@ -15,6 +15,7 @@ import bpy
 import gpu
 
 from .drawing import OnceStarted, split
+from .exchange import forestless
 from .forest import intensity
 from .results import points
 from .sensors import outlines
@@ -42,12 +43,14 @@ class FOREST_PT_view(OnceStarted, bpy.types.Panel):
     """What is drawn over the 3D view."""
 
     bl_label = "Overlays"
-    bl_order = 3
+    bl_parent_id = "FOREST_PT_results"
 
     def draw(self, context: bpy.types.Context) -> None:
+        props = context.scene.forest_sensing
         row = self.layout.row(align=True)
         for name in ("show_sensors", "show_intensity", "show_points"):
-            row.prop(context.scene.forest_sensing, name, toggle=True)
+            if name != "show_intensity" or not forestless(props):
+                row.prop(props, name, toggle=True)
         if context.scene.forest_sensing.show_points:
             split(self.layout).prop(context.scene.forest_sensing, "point_size")
 

@@ -169,7 +169,7 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
                 default=True,
             ),
             "show_intensity": BoolProperty(
-                name="Intensity", description="Draw where trees are likely to stand"
+                name="Tree Density", description="Draw where trees are likely to stand"
             ),
             "show_points": BoolProperty(
                 name="Points",

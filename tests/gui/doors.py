@@ -8,7 +8,21 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 import bpy
-from drive import Scenario, Steps, key, open_tab, play, point_at, press, scroll, view, wait_for
+from drive import (
+    Scenario,
+    Steps,
+    in_panels,
+    key,
+    open_every_panel,
+    open_tab,
+    panels,
+    play,
+    point_at,
+    press,
+    scroll,
+    view,
+    wait_for,
+)
 
 OUT = Path(__file__).parent / "doors"
 
@@ -47,6 +61,31 @@ def rendered(engine: str) -> float:
     alpha = list(picture.pixels)[3::4]
     bpy.data.images.remove(picture)
     return sum(alpha) / len(alpha)
+
+
+def every_sensor(steps: Steps) -> Scenario:
+    """Each of the seven, its lines strong beside faint ones, its settings in the Properties editor."""
+    window = view()[0]
+    editor = next(area for area in window.screen.areas if area.type == "PROPERTIES")
+    for kind in ("terrestrial", "drone", "mobile", "airborne", "tractor", "sonar", "reverb"):
+        steps.step(f"a new sensor: {kind}")
+        bpy.context.scene.cursor.location = (-4, -4, 0)
+        assert press("forest.add_sensor", invoke=False, kind=kind) == {"FINISHED"}
+        yield 0.5
+        editor.spaces.active.context = "DATA"
+        props().advanced = kind in ("sonar", "reverb")
+        yield 1.5
+    for result in props().results:
+        result.opened = True
+    open_every_panel()
+    yield 1
+    milliseconds, drawn = in_panels(panels())
+    told = f"{milliseconds:.1f} ms of CPU for {drawn} panels, all open, with legends, Advanced"
+    print(f"FIGURE drawing the sidebar: {told}", flush=True)
+    assert milliseconds < 4
+    props().advanced = False
+    sensors = [thing for thing in bpy.data.objects if thing.name.endswith("LiDAR")]
+    assert len(sensors) >= 5
 
 
 def newcomer(steps: Steps) -> Scenario:
@@ -131,8 +170,9 @@ def newcomer(steps: Steps) -> Scenario:
     steps.step("a frame range asks first")
     press("forest.run_frames", sensor=name)
     yield 2
-    steps.step("a tree that can be grown again")
     yield from escape(middle)
+    yield from every_sensor(steps)
+    steps.step("a tree that can be grown again")
     if hasattr(bpy.types, "FOREST_OT_grow_again"):
         press("forest.add_tree", invoke=False)
         before = len(bpy.context.object.data.vertices)

@@ -23,7 +23,9 @@ from drive import (
     files_touched,
     in_panels,
     key,
+    open_every_panel,
     open_tab,
+    panels,
     play,
     point_at,
     press,
@@ -107,22 +109,6 @@ def stop(what: str) -> Scenario:
     yield from wait_for(lambda: ending.known and idle(), 60, "the end")
     told = f"{ending.over:.2f} s to the end, {ending.ended:.2f} s to that of its thread"
     print(f"FIGURE Escape in {what}: {told}", flush=True)
-
-
-def panels() -> list[type]:
-    """Our panels of the sidebar, those above before those within them."""
-    from bl_ext.user_default.forest_sensing.forest_addon import ui
-
-    return [cls for cls in ui._classes() if issubclass(cls, bpy.types.Panel)]
-
-
-def open_every_panel() -> None:
-    """Have every panel open where it was not shown yet."""
-    for cls in reversed(panels()):
-        bpy.utils.unregister_class(cls)
-    for cls in panels():
-        cls.bl_options = getattr(cls, "bl_options", set()) - {"DEFAULT_CLOSED"}
-        bpy.utils.register_class(cls)
 
 
 def enlarge(times: float) -> None:

@@ -8,6 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
+from forest_addon.blender import sensors
 from forest_addon.ui import overlay
 from forest_addon.ui.sensors import outlines
 
@@ -46,7 +47,7 @@ def test_a_scanner_that_follows_a_curve_has_no_lines_and_others_keep_theirs(prop
     sensor("terrestrial")
     bpy.context.view_layer.update()
     found = list(outlines.lines(bpy.context.scene))
-    assert [kind for kind, _ in found] == ["terrestrial", "sonar"]
+    assert [sensors.kind_of(thing) for thing, _ in found] == ["terrestrial", "sonar"]
     assert all(len(ends) for _, ends in found)
 
 
@@ -63,7 +64,7 @@ def test_a_sensor_whose_lines_cannot_be_made_takes_no_other_along(
         sensor(kind)
     bpy.context.view_layer.update()
     with caplog.at_level(logging.ERROR):
-        found = {kind for kind, _ in outlines.lines(bpy.context.scene)}
+        found = {sensors.kind_of(thing) for thing, _ in outlines.lines(bpy.context.scene)}
     assert found == set(spec.SENSORS) - {"sonar", "mobile"}  # which has no poses yet
     assert "where echo looks" in caplog.text
 
@@ -77,3 +78,11 @@ def test_lines_are_finite_wherever_a_sensor_is_put(props, sensor, kind, place):
     for _, ends in outlines.lines(bpy.context.scene):
         assert np.isfinite(ends).all()
         assert len(ends) > 0
+
+
+def test_the_chosen_sensor_is_drawn_strong_and_others_faint():
+    for colour in outlines.COLOURS.values():
+        (*_, strong), wide = outlines.strength(colour, True)
+        (*_, faint), narrow = outlines.strength(colour, False)
+        assert strong > 2 * faint
+        assert wide > narrow

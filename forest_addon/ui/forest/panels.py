@@ -32,7 +32,7 @@ def _planting(context: bpy.types.Context) -> Any:
 
 
 class FOREST_PT_forest(Tab, bpy.types.Panel):
-    bl_label = "Forest"
+    bl_label = "Species and Forest"
     bl_order = 0
 
     def draw_header_preset(self, context: bpy.types.Context) -> None:
@@ -61,18 +61,21 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
 
 
 class FOREST_PT_plantings(WithForest, bpy.types.Panel):
-    bl_label = "Plantings"
+    """Of the species that is chosen above: how many, and how they stand."""
+
+    bl_label = "Planting"
     bl_parent_id = "FOREST_PT_forest"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, props = self.layout, context.scene.forest_sensing
-        draw_list(layout, "FOREST_UL_plantings", props, "plantings", "planting")
         if not props.plantings:
             layout.label(text="No trees: add a planting", icon="INFO")
             return
         column, planting = split(layout), _planting(context)
-        for name in ("species", "variants", "layout", "expected", "density", "exact"):
+        if props.advanced:  # a species file that no folder of ours has
+            draw_field(column, planting, "species")
+        for name in ("variants", "layout", "expected", "density", "exact"):
             draw_field(column, planting, name)
         for name in ("scale", "crown"):
             draw_field(column, planting, name)

@@ -14,6 +14,7 @@ from gpu_extras.batch import batch_for_shader
 from ...blender.sensors import kind_of, sensors_of
 from ...spec import SpecError
 from .. import exchange
+from ..chosen import chosen_sensor
 
 LIDAR = (0.35, 0.75, 1.0, 0.8)
 COLOURS = {
@@ -24,12 +25,13 @@ COLOURS = {
     "sonar": (1.0, 0.75, 0.25, 0.8),
     "reverb": (0.75, 0.55, 1.0, 0.9),
 }
-WIDTH = 1.5  # pixels
+WIDTH, CHOSEN = 1.5, 2.5  # pixels, of the chosen sensor's lines
+FAINT = 0.3  # share of the strength of a line that the other sensors' have
 
 log = logging.getLogger(__name__)
 
 _drawn_for: int | None = None  # the scene that the batches are of; None: make them anew
-_batches: list[tuple[Any, tuple[float, ...]]] = []
+_batches: list[tuple[Any, tuple[float, ...], str]] = []
 
 
 def forget(_depsgraph: bpy.types.Depsgraph | None = None) -> None:
@@ -47,19 +49,27 @@ def draw(context: bpy.types.Context) -> None:
     if _drawn_for != context.scene.session_uid:
         _drawn_for = context.scene.session_uid
         _batches.clear()
-        for kind, ends in lines(context.scene):
+        for thing, ends in lines(context.scene):
             batch = batch_for_shader(shader, "LINES", {"pos": ends})
-            _batches.append((batch, COLOURS[kind]))
+            _batches.append((batch, COLOURS[kind_of(thing)], thing.name))
+    thing = chosen_sensor(context)
+    name = "" if thing is None else thing.name
     shader.bind()
-    for batch, colour in _batches:
-        shader.uniform_float("color", colour)
-        shader.uniform_float("lineWidth", WIDTH)
+    for batch, colour, of in sorted(_batches, key=lambda batch: batch[2] == name):
+        shown, width = strength(colour, of == name)
+        shader.uniform_float("color", shown)
+        shader.uniform_float("lineWidth", width)
         shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
         batch.draw(shader)
 
 
-def lines(scene: bpy.types.Scene) -> Iterator[tuple[str, np.ndarray]]:
-    """Kind and ends of lines, (2 N, 3) float32 with N > 0, of every sensor that has any."""
+def strength(colour: tuple[float, ...], chosen: bool) -> tuple[tuple[float, ...], float]:
+    """Colour and width of a sensor's lines: the chosen one's are strong, the others' faint."""
+    return (*colour[:3], 1.0 if chosen else FAINT * colour[3]), CHOSEN if chosen else WIDTH
+
+
+def lines(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Object, np.ndarray]]:
+    """Sensors and ends of their lines, (2 N, 3) float32 with N > 0, of every sensor that has any."""
     from ...sensing.outline import outline
 
     for thing in sensors_of(scene):
@@ -71,4 +81,4 @@ def lines(scene: bpy.types.Scene) -> Iterator[tuple[str, np.ndarray]]:
             log.exception("Forest Sensing cannot draw where %s looks", thing.name)
             continue
         if len(ends) and np.isfinite(ends).all():
-            yield kind_of(thing), ends
+            yield thing, ends

@@ -47,7 +47,9 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
             icon="PLAY",
         )
         this.sensor, this.frames = "" if thing is None else thing.name, "THIS"
-        run.operator("forest.run", text="All").frames = "THIS"
+        every = run.row(align=True)
+        every.ui_units_x = 3  # the rest is for the sensor's name
+        every.operator("forest.run", text="All").frames = "THIS"
         frames = run.operator("forest.run_frames", text="", icon="RENDER_ANIMATION")
         frames.sensor = "" if thing is None else thing.name
         split(layout).prop(props, "output", placeholder="In this file alone")
