@@ -16,6 +16,7 @@ from .groups import FACE, PARTS
 from .references import is_lost
 from .words import label
 
+FOLDED = True  # parts of settings are closed until someone opens them
 BIG = 1.4  # heights of a row: the buttons that start work
 ICONS = {
     "forest": "OUTLINER_OB_CURVES",
@@ -60,6 +61,11 @@ def split(layout: bpy.types.UILayout) -> bpy.types.UILayout:
     column.use_property_split = True
     column.use_property_decorate = False
     return column
+
+
+def folded(layout: bpy.types.UILayout, name: str) -> tuple[bpy.types.UILayout, Any]:
+    """Header and body of a part of a panel that is closed at first; None for a closed one's body."""
+    return layout.panel(name, default_closed=FOLDED)
 
 
 def draw_settings(

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ..chosen import chosen_planting
-from ..drawing import WithForest, draw_settings, split
+from ..drawing import WithForest, draw_settings, folded, split
 from ..lists import draw_list
 from ..words import label
 from .edit import edited_item
@@ -56,7 +56,7 @@ class FOREST_PT_edited(WithForest, bpy.types.Panel):
         group = edited_item(context.scene.forest_sensing).settings
         for part in group.nested:
             optional = f"use_{part}" in group.bl_rna.properties
-            header, body = self.layout.panel(f"FOREST_species_{part}", default_closed=True)
+            header, body = folded(self.layout, f"FOREST_species_{part}")
             if optional:
                 header.prop(group, f"use_{part}", text="")
             header.label(text=group.bl_rna.properties[part].name)
