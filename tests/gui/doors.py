@@ -94,12 +94,13 @@ def every_sensor(steps: Steps) -> Scenario:
 
     steps.step("a reverb is played")
     props().results["Reverb"].opened = True
+    told = "it sounds"
     try:
         press("forest.play", invoke=False, sensor="Reverb")
-        print("FIGURE Play: it sounds", flush=True)
     except RuntimeError as problem:  # a machine without sound says so
-        assert "No sound can be played here" in str(problem)
-        print(f"FIGURE Play: {problem}", flush=True)
+        told = str(problem)
+    assert told == "it sounds" or "No sound can be played here" in told
+    print(f"FIGURE Play: {told}", flush=True)
     scroll(view()[3], 40)
     yield from at_rest()
 

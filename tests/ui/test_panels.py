@@ -228,6 +228,8 @@ def test_the_tab_is_three_blocks(registered):
     tab = [cls for cls in every if cls.bl_space_type == "VIEW_3D"]
     tops = sorted((c for c in tab if not hasattr(c, "bl_parent_id")), key=lambda c: c.bl_order)
     assert [cls.bl_label for cls in tops] == ["Species and Forest", "Sensors", "Results"]
+    titles = [cls.bl_label for cls in tab]
+    assert len(titles) == len(set(titles))  # no name means two things
 
 
 def test_no_list_is_drawn_twice(small, monkeypatch):

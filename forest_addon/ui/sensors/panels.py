@@ -58,7 +58,7 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
 class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
     """Settings of the chosen sensor."""
 
-    bl_label = "Settings"
+    bl_label = "Sensor Settings"
     bl_parent_id = "FOREST_PT_sensors"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}  # results stay in sight
 

@@ -45,7 +45,7 @@ class FOREST_PT_species(WithForest, bpy.types.Panel):
 class FOREST_PT_edited(WithForest, bpy.types.Panel):
     """The settings of an edited species, part by part."""
 
-    bl_label = "Settings"
+    bl_label = "Species Settings"
     bl_parent_id = "FOREST_PT_species"
 
     @classmethod
