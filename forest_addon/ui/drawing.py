@@ -20,7 +20,7 @@ FOLDED = True  # parts of settings are closed until someone opens them
 BIG = 1.4  # heights of a row: the buttons that start work
 ICONS = {
     "forest": "OUTLINER_OB_CURVES",
-    "tractor": "AUTO",
+    "tractor": "MOD_ARRAY",
     "terrestrial": "OUTLINER_OB_POINTCLOUD",
     "mobile": "CURVE_PATH",
     "airborne": "OUTLINER_OB_LIGHTPROBE",

@@ -261,8 +261,10 @@ def newcomer(steps: Steps) -> Scenario:
     press("screen.animation_play", invoke=False)
 
     steps.step("a frame range asks first")
+    point_at(*middle)  # a dialog that the mouse is not over closes
+    yield 0.5
     press("forest.run_frames", sensor=name)
-    yield 2
+    yield from at_rest()
     yield from escape(middle)
     yield from a_large_run_asks(steps, name, middle)
     yield from every_sensor(steps)

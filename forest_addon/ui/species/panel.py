@@ -39,7 +39,7 @@ class FOREST_PT_species(WithForest, bpy.types.Panel):
             buttons.operator("forest.discard_species", icon="LOOP_BACK")
         buttons.separator()
         buttons.operator("forest.import_tree", icon="IMPORT")
-        buttons.operator("forest.make_library", icon="ASSET_MANAGER")
+        buttons.operator("forest.make_library", text="As Assets", icon="ASSET_MANAGER")
 
 
 class FOREST_PT_edited(WithForest, bpy.types.Panel):
