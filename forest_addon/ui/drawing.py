@@ -5,6 +5,7 @@ Drawing only reads properties; nothing is computed or loaded here.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Collection
 from typing import Any
 
@@ -17,10 +18,11 @@ from .references import is_lost
 from .shown import FACE
 from .words import label
 
+FOLDED = True  # parts of settings are closed until someone opens them
 BIG = 1.4  # heights of a row: the buttons that start work
 ICONS = {
     "forest": "OUTLINER_OB_CURVES",
-    "tractor": "AUTO",
+    "tractor": "MOD_ARRAY",
     "terrestrial": "OUTLINER_OB_POINTCLOUD",
     "mobile": "CURVE_PATH",
     "airborne": "OUTLINER_OB_LIGHTPROBE",
@@ -63,6 +65,11 @@ def split(layout: bpy.types.UILayout) -> bpy.types.UILayout:
     return column
 
 
+def folded(layout: bpy.types.UILayout, name: str) -> tuple[bpy.types.UILayout, Any]:
+    """Header and body of a part of a panel that is closed at first; None for a closed one's body."""
+    return layout.panel(name, default_closed=FOLDED)
+
+
 def draw_settings(
     layout: bpy.types.UILayout, group: Any, hidden: Collection[str] = frozenset()
 ) -> None:
@@ -77,31 +84,45 @@ def is_shown(group: Any, name: str) -> bool:
     if not applies(group, name):
         return False
     settings = type(group).__name__.removeprefix("FOREST_PG_")
-    return bpy.context.scene.forest_sensing.advanced or not is_advanced(settings, name)
+    return not is_advanced(settings, name) or bpy.context.scene.forest_sensing.advanced
+
+
+@functools.cache
+def _way(kind: type, name: str) -> tuple[str, str, str]:
+    """How a setting of a class is drawn, the property that shows it, and its name: looked up once."""
+    known = kind.bl_rna.properties  # type: ignore[attr-defined]
+    face = f"{name}{FACE}" if f"{name}{FACE}" in known else name
+    if f"{name}_pointer" in known:
+        way = "reference"
+    elif f"use_{name}" in known:
+        way = "optional"
+    else:
+        pair = name in PARTS and getattr(known[face], "is_array", False)
+        way = "pair" if pair else "plain"
+    return way, face, str(known[face].name)
 
 
 def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
     """One setting: pairs as two rows, a value that may be left out behind its switch."""
-    face = f"{name}{FACE}" if f"{name}{FACE}" in group.bl_rna.properties else name
-    known = group.bl_rna.properties[face]
-    if f"{name}_pointer" in group.bl_rna.properties:
+    way, face, title = _way(type(group), name)
+    if way == "plain":
+        layout.prop(group, face)
+    elif way == "reference":
         draw_reference(layout, group, name)
-    elif f"use_{name}" in group.bl_rna.properties:
-        row = layout.row(align=True, heading=known.name)
+    elif way == "optional":
+        row = layout.row(align=True, heading=title)
         row.prop(group, f"use_{name}", text="")
         value = row.row(align=True)
         value.active = getattr(group, f"use_{name}")
         value.prop(group, face, text="")
-    elif name in PARTS and getattr(known, "is_array", False):
+    else:
         column = layout.column(align=True)
         first, second = PARTS[name]
-        words, space, unit = label(known.name).partition(" (")
+        words, space, unit = label(title).partition(" (")
         column.prop(
             group, face, index=0, text=label("{setting} {end}", setting=words, end=label(first))
         )
         column.prop(group, face, index=1, text=f"{label(second)}{space}{unit}")
-    else:
-        layout.prop(group, face)
 
 
 def draw_reference(layout: bpy.types.UILayout, group: Any, name: str) -> None:

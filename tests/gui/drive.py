@@ -239,7 +239,10 @@ def panels() -> list[type]:
 
 
 def open_every_panel() -> None:
-    """Have every panel open where it was not shown yet."""
+    """Have every panel and every part of one open where it was not shown yet."""
+    from bl_ext.user_default.forest_sensing.forest_addon.ui import drawing
+
+    drawing.FOLDED = False
     for cls in reversed(panels()):
         bpy.utils.unregister_class(cls)
     for cls in panels():

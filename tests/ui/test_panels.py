@@ -14,6 +14,7 @@ from forest_addon.blender import sensors
 from forest_addon.spec.depth import ADVANCED, APPLIES
 from forest_addon.ui import exchange, properties, requirements
 from forest_addon.ui.fields import fields_of
+from forest_addon.ui.results.finding import OF_TREES
 from forest_addon.ui.species.panel import SPREADS
 
 
@@ -47,7 +48,7 @@ class Layout:
         assert index < 0 or known.is_array
         self.seen.append(known.name if text is None else text)
 
-    def operator(self, name, text=None, icon="NONE", emboss=True):
+    def operator(self, name, text=None, icon="NONE", emboss=True, icon_value=0):
         room, _, verb = name.partition(".")
         label = getattr(getattr(bpy.ops, room), verb).get_rna_type().name
         self._known_icon(icon)
@@ -227,6 +228,8 @@ def test_the_tab_is_three_blocks(registered):
     tab = [cls for cls in every if cls.bl_space_type == "VIEW_3D"]
     tops = sorted((c for c in tab if not hasattr(c, "bl_parent_id")), key=lambda c: c.bl_order)
     assert [cls.bl_label for cls in tops] == ["Species and Forest", "Sensors", "Results"]
+    titles = [cls.bl_label for cls in tab]
+    assert len(titles) == len(set(titles))  # no name means two things
 
 
 def test_no_list_is_drawn_twice(small, monkeypatch):
@@ -244,13 +247,50 @@ def test_no_list_is_drawn_twice(small, monkeypatch):
     assert "Intensity" not in seen
 
 
-def test_a_scene_without_a_forest_is_told_nothing_of_trees(props):
+def _own_scene():
+    """A ground and a box of one's own; nothing of it was grown."""
     bpy.ops.mesh.primitive_plane_add(size=20)
+    bpy.ops.mesh.primitive_cube_add(size=2, location=(4, 0, 1))
     bpy.context.scene.cursor.location = (0, 0, 0)
+
+
+def _figures(props, name):
+    return {figure.name for figure in props.results[name].figures}
+
+
+def test_a_scan_without_a_forest_is_told_nothing_of_trees(props):
+    _own_scene()
     assert bpy.ops.forest.scan_here() == {"FINISHED"}
     bpy.data.objects["Tripod LiDAR"].forest_sensor.terrestrial.angle_step_deg = 6
     assert bpy.ops.forest.run(sensor="Tripod LiDAR") == {"FINISHED"}
-    figures = {figure.name for figure in props.results["Tripod LiDAR"].figures}
-    assert "Points" in figures
-    assert {"Trees Seen", "Wood", "Leaves", "Ground"}.isdisjoint(figures)
+    assert "Points" in _figures(props, "Tripod LiDAR")
+    assert OF_TREES.isdisjoint(_figures(props, "Tripod LiDAR"))
     assert "Tree Density" not in drawn()
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "told"),
+    [
+        ("sonar", "Bat Sonar", "Glints Heard"),
+        ("reverb", "Reverb", "Direct Path"),
+    ],
+)
+def test_what_is_heard_without_a_forest_counts_no_leaves_and_no_trunks(props, kind, name, told):
+    _own_scene()
+    assert bpy.ops.forest.add_sensor(kind=kind) == {"FINISHED"}
+    assert bpy.ops.forest.run(sensor=name) == {"FINISHED"}
+    assert told in _figures(props, name)
+    assert (OF_TREES - {"Behind Wood"}).isdisjoint(_figures(props, name))  # a box hides too
+
+
+@pytest.mark.slow
+def test_a_tree_of_ones_own_is_seen_without_a_forest(props):
+    """Added as a mesh, it has wood and leaves: what was met is told."""
+    _own_scene()
+    assert bpy.ops.forest.add_tree() == {"FINISHED"}
+    bpy.context.scene.cursor.location = (6, 6, 0)
+    assert bpy.ops.forest.scan_here() == {"FINISHED"}
+    bpy.data.objects["Tripod LiDAR"].forest_sensor.terrestrial.angle_step_deg = 1
+    assert bpy.ops.forest.run(sensor="Tripod LiDAR") == {"FINISHED"}
+    print(_figures(props, "Tripod LiDAR"))
+    assert {"Wood", "Leaves"} <= _figures(props, "Tripod LiDAR")

@@ -90,6 +90,24 @@ class FOREST_MT_start(bpy.types.Menu):
         self.layout.operator("forest.add_flight", icon="EMPTY_SINGLE_ARROW")
 
 
+class FOREST_MT_more(bpy.types.Menu):
+    """Set-ups of published papers, and further forests"""
+
+    bl_label = "From Papers"
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        draw_others(self.layout, "forest.start")
+
+
+class FOREST_MT_more_new(bpy.types.Menu):
+    """Set-ups of published papers, and further forests"""
+
+    bl_label = "From Papers"
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        draw_others(self.layout, "forest.new")
+
+
 def take(scene: bpy.types.Scene, preset: str, keep_sensors: bool = False) -> str:
     """Put a preset into a scene, an empty forest where none is named; returns its name.
 
@@ -110,19 +128,24 @@ def take(scene: bpy.types.Scene, preset: str, keep_sensors: bool = False) -> str
 
 
 def draw_presets(layout: bpy.types.UILayout, operator: str) -> None:
-    """The gallery and what it shows, every other preset, and the empty one."""
+    """The gallery and what it shows, the menu of every other preset, and the empty one."""
     layout.operator("forest.gallery", icon="IMGDISPLAY").new = operator == "forest.new"
     layout.separator()
     for card in GALLERY:
         entry = layout.operator(operator, text=label(card.title), icon_value=icon_of(card.preset))
         entry.preset = card.preset
     layout.separator()
+    more = FOREST_MT_more_new if operator == "forest.new" else FOREST_MT_more
+    layout.menu(more.__name__, icon="DOCUMENTS")
+    layout.operator(operator, text="Empty", icon="FILE_NEW").preset = ""
+
+
+def draw_others(layout: bpy.types.UILayout, operator: str) -> None:
+    """Presets that the gallery does not show, by their titles."""
     shown = {card.preset for card in GALLERY}
     for file, title in presets():
         if file not in shown:
             layout.operator(operator, text=title).preset = file
-    layout.separator()
-    layout.operator(operator, text="Empty", icon="FILE_NEW").preset = ""
 
 
 def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
@@ -130,7 +153,7 @@ def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
     menu.layout.menu(FOREST_MT_start.bl_idname, icon="OUTLINER_OB_CURVES")
 
 
-CLASSES = (FOREST_OT_start, FOREST_MT_start)
+CLASSES = (FOREST_OT_start, FOREST_MT_more, FOREST_MT_more_new, FOREST_MT_start)
 
 
 def register() -> None:

@@ -33,7 +33,11 @@ from ..words import Kept, keep, say
 from . import frames, images, plots
 from .held import hold
 
-OF_A_FOREST = {"Trees Seen", "Wood", "Leaves", "Ground"}  # figures that say nothing of other scenes
+# What says nothing where no forest was asked for and none of it was met.
+OF_TREES = {
+    *("Trees Seen", "Wood", "Leaves", "Ground", "Leaves Heard", "Wood Heard", "Behind Wood"),
+    *("Trunks Heard", "Beyond Field", "Too Late"),
+}
 
 Words = dict[str, str]
 Names = tuple[Sequence[str], Sequence[str]]
@@ -76,9 +80,10 @@ def keep_finding(
     geometry : of the scene, which says what points are of; without it they are exported by class alone.
     """
     props = context.scene.forest_sensing
-    figures, sentence = in_words(figures_of(sensor, found)), sentence_of(found)
+    figured, sentence = figures_of(sensor, found), sentence_of(found)
     if forestless(props):
-        figures = {name: value for name, value in figures.items() if name not in OF_A_FOREST}
+        figured = [each for each in figured if each.short not in OF_TREES or _is_some(each)]
+    figures = in_words(figured)
     plot = plots.plot_of(found, sensor)
     title = f"Forest {sensor.name}" + ("" if frame is None else f" {frame:04d}")
     picture = images.show(title, plot) if plot else None
@@ -143,6 +148,11 @@ def in_words(figures: list[Figure]) -> Words:
     }
 
 
+def _is_some(figure: Figure) -> bool:
+    """Whether a count or a share is more than none."""
+    return any(digit in "123456789" for digit in figure.text)
+
+
 def sentence_of(found: Finding) -> str:
     """The most telling figure of a result in a few words."""
     if isinstance(found, TractorScan):
@@ -150,19 +160,24 @@ def sentence_of(found: Finding) -> str:
     if isinstance(found, Cloud):
         return say("{count:,} points", count=len(found))
     if isinstance(found, ImpulseResponse):
+        if not found.trunks:
+            return say("no trunks heard")
         return say("{count:,} trunks heard", count=found.trunks)
     if isinstance(found, Flight):
         sentence = sentence_of(loudest(found))
         return say("{count:,} pings, the loudest: {found}", count=len(found), found=sentence)
-    if strongest(found) is None:
+    peak = strongest(found)
+    if peak is None:
         return say("silence: nothing in the beam")
+    if not found.leaves_heard:
+        return say("strongest echo from {distance:.2f} m", distance=peak[0])
     return say("{count:,} leaves heard", count=found.leaves_heard)
 
 
 def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:
     """Add to a result how far off it is, and of how many values that was checked."""
     off = f"{audit.error:.0e} {audit.unit}".strip()
-    words = keep("{off} off, {count} checked", off=off, count=f"{audit.checked:,}")
+    words = keep("{off} off in {count}", off=off, count=f"{audit.checked:,}")
     if not audit.kept:
         words = keep("{off} off: MORE than {allowed}", off=off, allowed=f"{audit.allowed:.0e}")
     result = context.scene.forest_sensing.results[name]

@@ -19,7 +19,7 @@ from ..words import label, say
 if TYPE_CHECKING:
     from ...formats.scanner_file import ScannerFile
 
-OWN = "Settings of Your Own"
+OWN = "My Own"
 
 
 @cache

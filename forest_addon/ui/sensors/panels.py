@@ -10,7 +10,7 @@ from ... import spec
 from ...blender import sensors
 from .. import references
 from ..chosen import chosen, chosen_sensor
-from ..drawing import BIG, OnceStarted, draw_settings, split
+from ..drawing import BIG, OnceStarted, draw_settings, folded, split
 from ..lists import draw_list
 from ..words import keep, label
 from .instruments import draw_instrument
@@ -58,7 +58,7 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
 class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
     """Settings of the chosen sensor."""
 
-    bl_label = "Settings"
+    bl_label = "Sensor Settings"
     bl_parent_id = "FOREST_PT_sensors"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}  # results stay in sight
 
@@ -114,7 +114,7 @@ def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
         draw_instrument(split(layout), group)
     draw_settings(split(layout), group, hidden)
     for part in group.nested:
-        header, body = layout.panel(f"FOREST_{kind}_{part}", default_closed=True)
+        header, body = folded(layout, f"FOREST_{kind}_{part}")
         header.label(text=group.bl_rna.properties[part].name)
         if body is not None:
             draw_settings(split(body), getattr(group, part))

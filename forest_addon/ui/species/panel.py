@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ..chosen import chosen_planting
-from ..drawing import WithForest, draw_settings, split
+from ..drawing import WithForest, draw_settings, folded, split
 from ..lists import draw_list
 from ..words import label
 from .edit import edited_item
@@ -39,13 +39,13 @@ class FOREST_PT_species(WithForest, bpy.types.Panel):
             buttons.operator("forest.discard_species", icon="LOOP_BACK")
         buttons.separator()
         buttons.operator("forest.import_tree", icon="IMPORT")
-        buttons.operator("forest.make_library", icon="ASSET_MANAGER")
+        buttons.operator("forest.make_library", text="As Assets", icon="ASSET_MANAGER")
 
 
 class FOREST_PT_edited(WithForest, bpy.types.Panel):
     """The settings of an edited species, part by part."""
 
-    bl_label = "Settings"
+    bl_label = "Species Settings"
     bl_parent_id = "FOREST_PT_species"
 
     @classmethod
@@ -56,7 +56,7 @@ class FOREST_PT_edited(WithForest, bpy.types.Panel):
         group = edited_item(context.scene.forest_sensing).settings
         for part in group.nested:
             optional = f"use_{part}" in group.bl_rna.properties
-            header, body = self.layout.panel(f"FOREST_species_{part}", default_closed=True)
+            header, body = folded(self.layout, f"FOREST_species_{part}")
             if optional:
                 header.prop(group, f"use_{part}", text="")
             header.label(text=group.bl_rna.properties[part].name)

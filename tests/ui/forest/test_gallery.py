@@ -5,7 +5,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon.ui.forest.gallery import GALLERY, PREVIEWS, draw_gallery, words_of
-from forest_addon.ui.forest.start import SCENES
+from forest_addon.ui.forest.start import SCENES, draw_presets, presets
 
 from ..test_panels import Layout
 
@@ -39,3 +39,21 @@ def test_an_entry_says_what_it_is_for(props):
 def test_a_scene_of_the_gallery_is_taken(props, preset):
     assert bpy.ops.forest.start(preset=preset) == {"FINISHED"}
     assert len(props.plantings) == 1
+
+
+@pytest.mark.parametrize("operator", ["forest.start", "forest.new"])
+def test_the_menu_has_names_and_every_preset_once(registered, operator):
+    """A name of a paper's scene says what stands there before it says whose it is."""
+    seen, direct = [], []
+    draw_presets(Layout(seen), operator)
+    layout = Layout(direct)
+    layout.menu = lambda *_, **__: None
+    draw_presets(layout, operator)
+    assert len(direct) <= 10
+    others = {title for file, title in presets() if file not in {card.preset for card in GALLERY}}
+    assert others <= set(seen)
+    assert len(seen) == len(set(seen))
+    for title in others:
+        assert not title.startswith(("T20", "Fig", "Table")), title
+        assert title[0].isupper()
+        assert "-" not in title

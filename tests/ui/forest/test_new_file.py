@@ -95,6 +95,9 @@ def test_the_menu_is_there_and_offers_what_add_offers(registered):
         def separator(self):
             pass
 
+        def menu(self, name, **_):
+            getattr(bpy.types, name).draw(SimpleNamespace(layout=self), None)
+
     menu = type("Menu", (), {"layout": Layout()})
     new_file.FOREST_MT_new.draw(menu, None)
     presets_offered = [entry.preset for entry in offered if hasattr(entry, "preset")]
