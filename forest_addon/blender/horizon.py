@@ -1,4 +1,4 @@
-"""What lies beyond a forest in a picture: wooded hills, each the paler the farther they are.
+"""What lies beyond a forest in a picture: a plain, and wooded hills, each the paler the farther they are.
 
 For pictures alone: views do not show them, sensors do not meet them, and they are no trees. A ring is a
 strip of a few hundred triangles around the field, its upper edge a sum of sines as hills have and a fine
@@ -13,6 +13,7 @@ import bpy
 import numpy as np
 
 from ..rng import stream
+from . import materials
 from .standings import IGNORED_KEY
 
 HORIZON = "Forest horizon"
@@ -22,6 +23,8 @@ RINGS = (
     (1300.0, 70.0, 2.2),
 )  # beyond the field, height, crowns; m
 CORNERS = 1440
+PLAIN, PLAIN_CORNERS = f"{HORIZON} plain", 64
+BELOW = 0.3  # metres: the plain lies below the field's own ground
 VISIBILITY = 700.0  # m
 WOODED, AIR = (0.050, 0.085, 0.030), (0.62, 0.72, 0.80)  # colours
 
@@ -45,6 +48,15 @@ def lay_horizon(scene: bpy.types.Scene, middle: np.ndarray, reach: float, height
         ring[IGNORED_KEY] = ring.hide_viewport = ring.hide_select = True
         ring.visible_shadow = ring.visible_diffuse = ring.visible_glossy = False
         scene.collection.objects.link(ring)
+    data = bpy.data.meshes.new(HORIZON)
+    around = 2 * np.pi * np.arange(PLAIN_CORNERS) / PLAIN_CORNERS
+    rim = (reach + RINGS[-1][0]) * np.stack([np.cos(around), np.sin(around)], axis=1)
+    places = np.column_stack([rim + middle, np.full(PLAIN_CORNERS, height - BELOW)])
+    data.from_pydata(places.tolist(), [], [list(range(PLAIN_CORNERS))])
+    data.materials.append(bpy.data.materials.get(PLAIN) or materials.ground(PLAIN))
+    plain = bpy.data.objects.new(PLAIN, data)
+    plain[IGNORED_KEY] = plain.hide_viewport = plain.hide_select = True
+    scene.collection.objects.link(plain)
 
 
 def _ring(number: int, radius: float, high: float, jag: float) -> tuple[np.ndarray, np.ndarray]:
