@@ -27,7 +27,7 @@ from .measured.reshape import Parts, lowest_kept, reshaped
 from .measured.templates import fitted_template
 from .measured.wanted import Kind, Wanted, one_tree
 from .mesh.axes import first_level
-from .mesh.blades import SHAPES, Blade, lay, thin_leaves, truth_of
+from .mesh.blades import SHAPES, Blade, lay, leaf_areas, thin_leaves, truth_of
 from .mesh.edges import repeated_edges
 from .mesh.incline import incline_leaves, incline_sites
 from .mesh.leaves import Leaves, join_leaves
@@ -174,7 +174,8 @@ def _whole(
         angle = draw_inclination(species.inclination, _leaf_keys(len(sites), rng))
         sites = incline_sites(sites, angle)
     left = leaves_left(species)
-    sites = thin_leaves(sites, left, rng, blade.middle[0]) if left else sites.none()
+    area = leaf_areas(sites, blade) if blade.by_facets else None
+    sites = thin_leaves(sites, left, rng, blade.middle[0], area) if left else sites.none()
     bearer = np.maximum(sites.segment, 0)
     known = sites.segment >= 0
     branch = np.where(known, first_level(skeleton)[bearer], -1) if len(sites) else sites.segment

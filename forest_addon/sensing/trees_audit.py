@@ -81,22 +81,29 @@ def audit_leaves(
     """
     rows = {int(tree): row for row, tree in enumerate(forest.stand.id)}
     pairs = {
-        int(scene.mesh_index[instance]): forest.variant_of(rows[int(scene.tree[instance])])
+        int(scene.mesh_index[instance]): rows[int(scene.tree[instance])]
         for instance in np.flatnonzero(scene.tree >= 0)
         if int(scene.tree[instance]) in rows
         and not (scene.asset and scene.asset[scene.mesh_index[instance]])  # of a library, not ours
     }
-    known = [(mesh, tree) for mesh, tree in pairs.items() if len(tree.leaves)]
+    trees = [(mesh, row, forest.variant_of(row)) for mesh, row in pairs.items()]
+    needles = [species.needles is not None for species in forest.species]
+    known = [
+        (mesh, tree, needles[int(forest.stand.species[row])])
+        for mesh, row, tree in trees
+        if len(tree.leaves)
+    ]
     if not known:
         return None
 
     def batches() -> Iterator[np.ndarray]:
         for one in rng.permutation(len(known)).tolist():
-            yield _leaf_errors(known[one][1], Foliage(scene.meshes[known[one][0]]))
+            mesh, tree, shoots = known[one]
+            yield _leaf_errors(tree, Foliage(scene.meshes[mesh]), shoots)
 
     found = sample(batches(), share * seconds)
-    leaves = sum(len(tree.leaves) for _, tree in known)
-    far = max(float(np.abs(tree.leaves.centre).max()) for _, tree in known)
+    leaves = sum(len(tree.leaves) for _, tree, _ in known)
+    far = max(float(np.abs(tree.leaves.centre).max()) for _, tree, _ in known)
     return Audit(
         what="leaves' centres and sizes by the triangles in Blender",
         checked=len(found.errors),
@@ -109,8 +116,11 @@ def audit_leaves(
     )
 
 
-def _leaf_errors(tree: Tree, measured: Foliage) -> np.ndarray:
-    """(L,) metres between centres or radii, the larger of the two."""
+def _leaf_errors(tree: Tree, measured: Foliage, shoots: bool) -> np.ndarray:
+    """(L,) metres between centres or radii, the larger of the two.
+
+    shoots : whether facets stand for needles, all by the same share of their area.
+    """
     errors = np.full(len(tree.leaves), np.inf)
     there = measured.leaf < len(errors)
     number = measured.leaf[there]
@@ -121,7 +131,9 @@ def _leaf_errors(tree: Tree, measured: Foliage) -> np.ndarray:
     apart = np.linalg.norm(
         middle[:, found].T / whole[found, None] - tree.leaves.centre[found], axis=1
     )
-    errors[found] = np.maximum(apart, np.abs(np.sqrt(whole[found]) - tree.leaves.radius[found]))
+    size, truth = np.sqrt(whole[found]), tree.leaves.radius[found]
+    size = size * np.median(truth / size) if shoots else size
+    errors[found] = np.maximum(apart, np.abs(size - truth))
     return errors
 
 

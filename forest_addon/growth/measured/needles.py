@@ -35,6 +35,11 @@ class Shoot(Blade):
     shadow: float = 0.0
 
     @property
+    def by_facets(self) -> bool:
+        """No: they are as wide as their shadow wants."""
+        return False
+
+    @property
     def share(self) -> float:  # type: ignore[override]
         """One-sided needle area over length times width."""
         return self.needle_area

@@ -52,6 +52,11 @@ class Blade:
         """Whether it leaves the plane."""
         return bool(self.vertices[:, 2].any())
 
+    @property
+    def by_facets(self) -> bool:
+        """Whether its area is that of its facets: of a curved leaf, not of one that stands for more."""
+        return self.curved
+
     @cached_property
     def share(self) -> float:
         """Area of the outline over length times width."""
@@ -219,7 +224,8 @@ def _place(sites: LeafSites, blade: Blade, out: np.ndarray) -> None:
 
 
 def truth_of(sites: LeafSites, blade: Blade, branch: np.ndarray) -> Leaves:
-    """The truth of the leaves of ``lay``; of a curved leaf, as its facets have it.
+    """The truth of the leaves of ``lay``: of a curved leaf, as its facets have it; of a shoot, where they
+    are, and the area of the needles that they stand for.
 
     branch : (L,) the branch that bears each leaf.
     """
@@ -233,7 +239,7 @@ def truth_of(sites: LeafSites, blade: Blade, branch: np.ndarray) -> Leaves:
         along, across, _ = _frame(sites, part)
         centre[part] = sites.foot[part] + x * along + y * across
         normal[part] = _facing(sites, part)
-    if not blade.curved:
+    if not blade.by_facets:
         area = blade.share * sites.length * sites.width
     return Leaves(
         centre=centre,
@@ -248,7 +254,7 @@ def truth_of(sites: LeafSites, blade: Blade, branch: np.ndarray) -> Leaves:
 
 def leaf_areas(sites: LeafSites, blade: Blade) -> np.ndarray:
     """(L,) m² of one side of the leaves of ``lay``."""
-    if not blade.curved:
+    if not blade.by_facets:
         return np.asarray(blade.share * sites.length * sites.width)
     found = [_curved(sites, part, blade)[2] for part in _parts(len(sites))]
     return np.concatenate(found) if found else np.empty(0)
@@ -289,7 +295,11 @@ def _facing(sites: LeafSites, part: slice) -> np.ndarray:
 
 
 def thin_leaves(
-    sites: LeafSites, share: float, rng: np.random.Generator, middle: float = 0.5
+    sites: LeafSites,
+    share: float,
+    rng: np.random.Generator,
+    middle: float = 0.5,
+    area: np.ndarray | None = None,
 ) -> LeafSites:
     """Level of detail: keep this share of the leaves, enlarged so that the total area stays.
 
@@ -297,13 +307,15 @@ def thin_leaves(
     middle of its area, ``middle`` of its length from its foot: about its foot it would carry area out of the
     crown and out of the shade of its neighbours. Leaves left at random are more clumped than all of them, so
     that a little of that is right; how much was found by rays through trees of all measured species.
+
+    area : (L,) of the leaves; left out: as their lengths times widths.
     """
     count = len(sites)
     rank = rng.permutation(count)
     kept = np.flatnonzero(rank < max(round(share * count), min(count, 1)))
     if len(kept) == count:
         return sites
-    area = sites.length * sites.width
+    area = sites.length * sites.width if area is None else area
     size = np.sqrt(area.sum() / max(area[kept].sum(), np.finfo(float).tiny))
     thinned = {name: getattr(sites, name)[kept] for name in ("direction", "up", "segment")}
     length, width = sites.length[kept], sites.width[kept]
