@@ -62,6 +62,7 @@ def test_what_was_asked_to_be_drawn_is_refused_in_a_sentence(tmp_path, headless,
     assert "pip install matplotlib" in ended.stderr
 
 
+@pytest.mark.slow
 def test_a_command_that_only_draws_says_what_it_lacks(tmp_path, headless, no_matplotlib):
     ended = headless("reverb-figures", "--out", tmp_path / "figures")
     assert ended.returncode == 2

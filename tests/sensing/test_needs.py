@@ -52,6 +52,7 @@ def same_wood(some, full):
         assert np.array_equal(some.variants[key].skeleton.end, tree.skeleton.end)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("species", ["honda-birch", "hazelnut", "silver-birch"])
 def test_where_no_sensor_meets_a_leaf_none_grows_and_no_branch_moves(species):
     full, some, chosen = grown(scene(Reverb(), species=species))
