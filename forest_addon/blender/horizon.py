@@ -50,7 +50,7 @@ def lay_horizon(scene: bpy.types.Scene, middle: np.ndarray, reach: float, height
         scene.collection.objects.link(ring)
     data = bpy.data.meshes.new(HORIZON)
     around = 2 * np.pi * np.arange(PLAIN_CORNERS) / PLAIN_CORNERS
-    rim = (reach + RINGS[-1][0]) * np.stack([np.cos(around), np.sin(around)], axis=1)
+    rim = (reach + RINGS[0][0]) * np.stack([np.cos(around), np.sin(around)], axis=1)
     places = np.column_stack([rim + middle, np.full(PLAIN_CORNERS, height - BELOW)])
     data.from_pydata(places.tolist(), [], [list(range(PLAIN_CORNERS))])
     data.materials.append(bpy.data.materials.get(PLAIN) or materials.ground(PLAIN))
