@@ -66,10 +66,8 @@ def write_record(
         "platform": platform.platform(),
         "cores": os.cpu_count(),
         "seed": settings.seed,
-        "ray_engine": facts["ray_engine"],
         "settings": dataclasses.asdict(settings),
-        "triangles": facts["triangles"],
-        "instances": facts["instances"],
+        **facts,
         "stage_seconds": seconds,
         "peak_memory_mb": peak_memory_mb(),
         "results": {finding.title: finding.facts for finding in findings},
@@ -78,7 +76,5 @@ def write_record(
         "sensors": {name: result.record() for name, result in results.items()},
         "files": files,
     }
-    if "chosen" in facts:
-        record["chosen"] = facts["chosen"]
     with replacing(path) as partial:
         partial.write_text(json.dumps(record, indent=2, default=str) + "\n", encoding="utf-8")

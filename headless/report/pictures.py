@@ -37,6 +37,7 @@ ORGANS = {
     LEAF: ("leaf", LEAF_GREEN),
     GROUND: ("ground", SOIL),
 }
+PAPER = "#f4f2ec"
 STYLE = {
     "font.size": 9,
     "axes.edgecolor": FAINT,
@@ -247,6 +248,19 @@ def blank_figure(size: tuple[float, float]) -> Figure:
 
     matplotlib.rcParams.update(STYLE)
     return Figure(figsize=size, layout="constrained", dpi=110)
+
+
+def figure_on(rendered: np.ndarray) -> tuple[Figure, Axes]:
+    """A figure that is a render (H, W, 3), to write on in its pixels."""
+    import matplotlib
+
+    matplotlib.rcParams.update(STYLE)
+    high, wide = rendered.shape[:2]
+    figure = Figure(figsize=(wide / 100, high / 100), dpi=100, facecolor=PAPER)
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.imshow(rendered)
+    axes.set_axis_off()
+    return figure, axes
 
 
 def save_figure(figure: Figure, path: Path) -> Path:

@@ -7,8 +7,6 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
-from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.patches import Rectangle
 
@@ -16,9 +14,8 @@ from forest_addon.formats.atomic import replacing
 from forest_addon.growth.tree import Tree
 from forest_addon.spec import Species
 
-from .pictures import FAINT, INK, STYLE, save_figure
+from .pictures import FAINT, INK, PAPER, figure_on, save_figure
 
-PAPER = "#f4f2ec"
 WIDTH = 1500  # pixels
 ICON = 192  # pixels along a side of a small picture
 
@@ -34,12 +31,8 @@ def draw_sheet(grown: Sequence[tuple[Species, Tree]], path: Path) -> Path:
         rendered = Path(folder) / "trees.png"
         cells = render_sheet(trees, columns, WIDTH, rendered)
         image = imread(rendered)
-    matplotlib.rcParams.update(STYLE)
+    figure, axes = figure_on(image)
     high, wide = image.shape[:2]
-    figure = Figure(figsize=(wide / 100, high / 100), dpi=100, facecolor=PAPER)
-    axes = figure.add_axes((0, 0, 1, 1))
-    axes.imshow(image)
-    axes.set_axis_off()
     reach, below = 0.42 * wide / columns, FOOT / FIELD[0] * wide / columns
     for cell in cells:  # the sunk foot of a trunk is no part of the picture
         ground = Rectangle((cell.x - reach, cell.y), 2 * reach, below, color=PAPER, linewidth=0)

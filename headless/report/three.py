@@ -6,9 +6,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.patches import Rectangle
 
@@ -18,10 +16,9 @@ from forest_addon.growth.template.recognise import Recognition
 from forest_addon.growth.tree import Tree
 from forest_addon.spec import Look
 
-from .pictures import FAINT, INK, STYLE, save_figure
+from .pictures import FAINT, INK, PAPER, figure_on, save_figure
 
 WIDTH = 2100  # pixels
-PAPER = "#f4f2ec"
 
 
 def render_three(
@@ -52,12 +49,8 @@ def render_three(
             one_scale=True,
         )
         image = imread(rendered)
-    matplotlib.rcParams.update(STYLE)
+    figure, axes = figure_on(image)
     high, wide = image.shape[:2]
-    figure = Figure(figsize=(wide / 100, high / 100), dpi=100, facecolor=PAPER)
-    axes = figure.add_axes((0, 0, 1, 1))
-    axes.imshow(image)
-    axes.set_axis_off()
     reach, below = 0.44 * wide / len(trees), FOOT / FIELD[0] * wide / len(trees)
     for cell, (name, tree) in zip(cells, trees, strict=True):
         ground = Rectangle((cell.x - reach, cell.y + 2), 2 * reach, below, color=PAPER, linewidth=0)

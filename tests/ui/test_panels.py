@@ -292,5 +292,4 @@ def test_a_tree_of_ones_own_is_seen_without_a_forest(props):
     assert bpy.ops.forest.scan_here() == {"FINISHED"}
     bpy.data.objects["Tripod LiDAR"].forest_sensor.terrestrial.angle_step_deg = 1
     assert bpy.ops.forest.run(sensor="Tripod LiDAR") == {"FINISHED"}
-    print(_figures(props, "Tripod LiDAR"))
     assert {"Wood", "Leaves"} <= _figures(props, "Tripod LiDAR")
