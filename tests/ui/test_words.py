@@ -13,12 +13,12 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.ui import languages, words
+from forest_addon.ui.shell import languages, words
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted((ROOT / "forest_addon" / "ui").rglob("*.py"))
 CODE = {file.name: ast.parse(file.read_text(encoding="utf-8")) for file in FILES}
-FIGURES = ROOT / "forest_addon" / "formats" / "figures.py"
+FIGURES = ROOT / "forest_addon" / "results" / "figures.py"
 OURS = {"say", "label", "keep"}
 # Where a text is shown: the number of the argument, or its name.
 SHOWN = {"report": 1, "poll_message_set": 0, "status_text_set": 0, "SpecError": 1, "Task": 0}

@@ -16,9 +16,9 @@ from typing import Any
 import bpy
 from mathutils import Matrix
 
-from ...blender import handles
-from ...blender.layout import INTENSITY, find_part, part
-from ..selection import select_alone
+from ...blender.scene.layout import INTENSITY, find_part, part
+from ...blender.show import handles
+from ..shell.selection import select_alone
 from ..species.names import title_of
 
 SAME = 1e-6  # relative difference that is rounding: of a parent's matrix

@@ -13,10 +13,10 @@ from typing import Any
 import bpy
 import bpy.utils.previews
 
-from ..assets import ASSETS
-from ..chosen import chosen_planting
-from ..preferences import species_folder
-from ..words import label, language
+from ...base.places import ASSETS
+from ..shell.chosen import chosen_planting
+from ..shell.preferences import species_folder
+from ..shell.words import label, language
 from .names import title_of
 
 Choice = tuple[str, str, str, int, int]  # what a planting calls it, name, help, icon, number

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.sensing.reverb.losses import Losses, Stand
 from forest_addon.sensing.reverb.metrics import octave
 from forest_addon.sensing.reverb.response import impulse_response

@@ -1,0 +1,262 @@
+"""What Blender keeps of ours in a file: the settings of a scene, of its sensors and edited species, results.
+
+Each group of settings is made from its class of ``spec`` (``groups``); what follows when a setting changes is
+handed in here by those who do it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from ... import spec
+from ..forest import hills, live
+from ..shell.chosen import choose_number, number_of_sensor
+from ..species import pictures
+from . import references
+from .fields import fields_of
+from .groups import group_class, help_of, label_of, make_group, property_of
+
+# What follows when a setting changes, or an item of a list is chosen.
+WHEN_SET = {
+    **{name: references.resolver(name) for name in references.REFERENCES},
+    "centre": lambda hill, _: hills.place(hill),
+    "width": lambda hill, _: hills.place(hill),
+    "active_gaussians": hills.choose,
+}
+
+
+def _besides(settings: type[spec.Settings]) -> dict[str, Any]:
+    """What a group holds besides its settings."""
+    if settings is spec.Gaussian:
+        return {"handle": PointerProperty(type=bpy.types.Object)}
+    if settings is spec.Planting:
+        held: dict[str, Any] = {"standing": IntProperty(default=-1, options={"HIDDEN"})}
+    else:
+        held = {}
+    for name, kind, known, _ in fields_of(settings):
+        if name in references.REFERENCES and kind is str:
+            held |= references.pointers(name, label_of(name, known), help_of(known))
+    return held
+
+
+def _make_groups() -> dict[type, type]:
+    groups: dict[type, type] = {}
+    held = (
+        spec.Distance,
+        spec.Terrain,
+        spec.Gaussian,
+        spec.Raster,
+        spec.Rows,
+        spec.Clusters,
+        spec.Strauss,
+    )
+    of_species = (spec.Normal, spec.Discrete, spec.Grammar, spec.Jitter, spec.Template, spec.Look)
+    measured = (spec.Targets, spec.Crown, spec.Needles)
+    of_trees = (spec.Rules, spec.Honda, spec.Siblings, spec.Leaf, spec.Inclination, spec.Detail)
+    of_sensors = (spec.Beam, spec.Surfaces, spec.Noise, spec.Pose, spec.Place)
+    of_scene = (spec.Forest, spec.Planting, spec.Stems, spec.Air, spec.Rays, spec.Accuracy)
+    of_scene += (spec.Flight,)
+    plain = (*held, *of_species, *of_trees, *measured, spec.Species, *of_sensors, *of_scene)
+    for settings in (*plain, *spec.SENSORS.values()):
+        groups[settings] = make_group(settings, groups, WHEN_SET, _besides(settings))
+    return groups
+
+
+GROUPS = _make_groups()
+
+
+class FOREST_PG_sensor(bpy.types.PropertyGroup):
+    """The settings of a sensor, on its object: a group for each kind, of which that of its own is used."""
+
+    __annotations__ = {
+        kind: PointerProperty(type=GROUPS[cls]) for kind, cls in spec.SENSORS.items()
+    }
+
+
+class FOREST_PG_edited(bpy.types.PropertyGroup):
+    """A species that is edited in this file; ``name`` is what plantings call it."""
+
+    name: StringProperty()
+    origin: StringProperty(description="What it was made from, as a planting calls that")
+    folder: StringProperty(description="Folder that its STL files start from", subtype="DIR_PATH")
+    settings: PointerProperty(type=GROUPS[spec.Species])
+
+
+class FOREST_PG_figure(bpy.types.PropertyGroup):
+    """One line of a result: what, how much; in English, with what says it in another language."""
+
+    name: StringProperty()
+    value: StringProperty()
+    made_of: StringProperty()
+
+
+class FOREST_PG_legend(bpy.types.PropertyGroup):
+    """What a colour of a cloud means, where its menu is set to ``choice``."""
+
+    name: StringProperty()
+    choice: StringProperty()
+    colour: FloatVectorProperty(size=3)
+
+
+class FOREST_PG_frame(bpy.types.PropertyGroup):
+    """What is kept of a result for one frame."""
+
+    frame: IntProperty()
+    said: StringProperty(description="Figures and legend")
+    points: PointerProperty(type=bpy.types.Mesh)
+    picture: PointerProperty(type=bpy.types.Image)
+
+
+class FOREST_PG_result(bpy.types.PropertyGroup):
+    """What the last run of something found; ``name`` says what ran, ``kind`` which kind of thing it is."""
+
+    name: StringProperty()
+    kind: StringProperty()
+    title: StringProperty()
+    opened: BoolProperty(description="Show figures and picture; the newest result is", default=True)
+    figures: CollectionProperty(type=FOREST_PG_figure)
+    shown: StringProperty(description="Object with what was found")
+    file: StringProperty(subtype="FILE_PATH", description="File with what was found")
+    picture: PointerProperty(type=bpy.types.Image)
+    caption: StringProperty()
+    legend: CollectionProperty(type=FOREST_PG_legend)
+    frames: CollectionProperty(type=FOREST_PG_frame)
+
+
+def _renew_hills(props: Any, _context: Any) -> None:
+    hills.renew(props.id_data)
+
+
+def _begin_live(props: Any, _context: Any) -> None:
+    live.begin(props.id_data)
+
+
+def _scene_group() -> type[bpy.types.PropertyGroup]:
+    """Everything that a Blender scene holds of ours."""
+    plain = {name: (kind, known, default) for name, kind, known, default in fields_of(spec.Scene)}
+    return group_class(
+        "scene",
+        {
+            **{name: property_of(name, *plain[name]) for name in ("name", "seed", "offset", "crs")},
+            "forest": PointerProperty(type=GROUPS[spec.Forest]),
+            "plantings": CollectionProperty(type=GROUPS[spec.Planting]),
+            "active_plantings": IntProperty(options={"HIDDEN"}),
+            "stems": CollectionProperty(type=GROUPS[spec.Stems]),
+            "active_stems": IntProperty(options={"HIDDEN"}),
+            "air": PointerProperty(type=GROUPS[spec.Air]),
+            "rays": PointerProperty(type=GROUPS[spec.Rays]),
+            "accuracy": PointerProperty(type=GROUPS[spec.Accuracy]),
+            "flight": PointerProperty(type=GROUPS[spec.Flight]),
+            "active_sensor": IntProperty(
+                options={"HIDDEN", "SKIP_SAVE"}, get=number_of_sensor, set=choose_number
+            ),
+            "last_sensor": PointerProperty(type=bpy.types.Object),
+            "show_sensors": BoolProperty(
+                name="Sensors",
+                description="Draw where sensors look: beams to -3 dB, fans, paths of sound",
+                default=True,
+            ),
+            "show_intensity": BoolProperty(
+                name="Tree Density", description="Draw where trees are likely to stand"
+            ),
+            "show_points": BoolProperty(
+                name="Points",
+                description="Draw points of results large enough to be seen, in their colours",
+                default=True,
+            ),
+            "advanced": BoolProperty(
+                name="Advanced",
+                description="Show every setting, the papers' symbols too; what is hidden keeps its value",
+            ),
+            "point_size": FloatProperty(
+                name="Point Size",
+                description="Of points that are drawn over the view; renders have their Radius",
+                subtype="PIXEL",
+                default=2.5,
+                min=1.0,
+                max=30.0,
+                soft_max=10.0,
+                step=50,
+                precision=1,
+            ),
+            "drag_hills": BoolProperty(
+                name="Drag in View",
+                description="A circle in the view for every hill: move and scale it, copy it, delete it",
+                update=_renew_hills,
+            ),
+            "live": BoolProperty(
+                name="Live",
+                description="Build the forest anew whenever a setting, a hill, a painting or the terrain "
+                "has changed",
+                update=_begin_live,
+            ),
+            "built": StringProperty(
+                description="Fingerprint of what the forest was built from", options={"HIDDEN"}
+            ),
+            "folder": StringProperty(
+                name="Species Folder",
+                description="Folder that names of species files start from",
+                subtype="DIR_PATH",
+            ),
+            "output": StringProperty(
+                name="Save To",
+                description="Folder that results are written to; empty: they stay in this file alone",
+                subtype="DIR_PATH",
+                options={"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"},
+            ),
+            "edited": CollectionProperty(type=FOREST_PG_edited),
+            "species_picture": EnumProperty(
+                name="Species",
+                description="What the chosen planting plants",
+                items=lambda props, _: pictures.choices(props),
+                get=pictures.number_of,
+                set=pictures.choose,
+                options={"SKIP_SAVE"},
+            ),
+            "results": CollectionProperty(type=FOREST_PG_result),
+            "dry": EnumProperty(
+                name="Sound",
+                description="What is heard in the forest when a reverb is played",
+                items=[
+                    ("CLAP", "Clap", "Two hands, hollow palms"),
+                    ("CALL", "Bat Call", "A falling sweep, slowed down twenty times"),
+                    ("FILE", "File", "A WAV file of your own, recorded without echoes"),
+                    ("NONE", "Click", "The impulse response itself"),
+                ],
+            ),
+            "dry_file": StringProperty(
+                name="WAV File",
+                description="Sound that was recorded without echoes",
+                subtype="FILE_PATH",
+                options={"ANIMATABLE", "PATH_SUPPORTS_BLEND_RELATIVE"},
+            ),
+            "layout": IntProperty(options={"HIDDEN"}),  # of these settings in the file (migration)
+            "notice": StringProperty(options={"HIDDEN"}),
+        },
+    )
+
+
+FOREST_PG_scene = _scene_group()
+CLASSES = (
+    *references.CLASSES,
+    *GROUPS.values(),
+    FOREST_PG_sensor,
+    FOREST_PG_edited,
+    FOREST_PG_figure,
+    FOREST_PG_legend,
+    FOREST_PG_frame,
+    FOREST_PG_result,
+    FOREST_PG_scene,
+)
