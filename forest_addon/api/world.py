@@ -277,7 +277,7 @@ class World:
     def _standing(self) -> tuple[Forest | None, PlacedTrees]:
         """What was grown here, and trees of libraries; an error where there is neither."""
         import_blender()
-        from ..blender.library.asset_truth import has_assets
+        from ..blender.scene.asset_truth import has_assets
         from ..stand.placed import NONE
 
         placed = self.observer.placed_trees if has_assets() else NONE

@@ -243,7 +243,7 @@ class Stock:
 
     def _placed(self, forest: Forest) -> SceneGeometry:
         """The geometry that Blender's scene of this forest would be read as."""
-        from ..blender.read.turning import evaluated_transforms
+        from ..blender.scene.turning import evaluated_transforms
 
         stock, stand = self._geometry, forest.stand
         rest = np.flatnonzero(stock.tree < 0)

@@ -18,8 +18,8 @@ import laspy
 import lazrs
 import numpy as np
 
+from ..base.labels import Labels
 from ..base.trimesh import GROUND, LEAF, WOOD
-from ..results.labels import Labels
 from .atomic import replacing
 
 RESOLUTION = 1e-4  # metres

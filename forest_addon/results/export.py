@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..base.labels import Labels
 from ..formats.atomic import replacing
 from ..formats.las import write_las
 from ..formats.npz import write_npz
@@ -26,7 +27,6 @@ from ..sensing.sonar.ping import Echo
 from ..spec import Sensor, SpecError, Tractor
 from .figures import Finding
 from .findings import write_finding
-from .labels import Labels
 from .points import UNITS, records
 
 POINTS = (".laz", ".las", ".ply", ".npz", ".csv")

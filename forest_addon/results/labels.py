@@ -7,28 +7,12 @@ they are numbered from the most frequent on, so that a format with few classes k
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from ..base.labels import UNKNOWN, Labels
 from ..sensing.lidar.returns import Returns
 from ..sensing.rays.geometry import SceneGeometry
-
-UNKNOWN = -1
-
-
-@dataclass(frozen=True)
-class Labels:
-    """number : (P,) int32, ``UNKNOWN`` where there is none. names : of the numbers from 0 on."""
-
-    number: np.ndarray
-    names: tuple[str, ...]
-
-    def words(self) -> list[str]:
-        """The name of each point; empty where it has none."""
-        named = np.array([*self.names, ""], dtype=object)
-        found: list[str] = named[self.number].tolist()
-        return found
 
 
 def labels_by_object(returns: Returns, scene: SceneGeometry) -> Labels:

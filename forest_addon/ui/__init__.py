@@ -43,7 +43,7 @@ def _steps() -> Iterator[Step]:
     """What registering does, one by one, and how each is taken back."""
     import bpy
 
-    from .settings.properties import FOREST_PG_scene, FOREST_PG_sensor
+    from .properties import FOREST_PG_scene, FOREST_PG_sensor
 
     for cls in _classes():
         yield partial(bpy.utils.register_class, cls), partial(bpy.utils.unregister_class, cls)
@@ -64,7 +64,8 @@ def _classes() -> tuple[type, ...]:
 
 def _rooms() -> tuple[ModuleType, ...]:
     """What has classes, menus or handlers; panels in the order in which they stand."""
-    from .forest import build, gallery, hills, live, new_file, painting, start, tree
+    from . import overlay, properties
+    from .forest import build, gallery, live, new_file, painting, scene_file, start, tree
     from .forest import lists as forest_lists
     from .forest import panels as forest_panels
     from .results import export, frames, show, swatches
@@ -72,8 +73,8 @@ def _rooms() -> tuple[ModuleType, ...]:
     from .sensors import add, flight, instruments, run, things
     from .sensors import lists as sensors_lists
     from .sensors import panels as sensors_panels
-    from .settings import migration, properties, scene_file
-    from .shell import chosen, command, languages, manual, overlay, preferences, running
+    from .settings import command, hills, manual, migration, preferences
+    from .shell import chosen, languages, running
     from .species import edit, import_stl, library, pictures
     from .species import panel as species_panel
 

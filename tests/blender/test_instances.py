@@ -287,7 +287,7 @@ def test_variants_are_hidden_assets_with_a_picture(empty_blender, grown):
 
 
 def test_nobody_draws_variants_of_a_scene_that_is_not_kept(empty_blender, grown, monkeypatch):
-    monkeypatch.setattr("forest_addon.blender.library.assets.draw", None)
+    monkeypatch.setattr("forest_addon.blender.scene.assets.draw", None)
     build(bpy.context.scene, scene_of("points"), grown, as_assets=False)
     variants = part(bpy.context.scene, VARIANTS).objects
     assert len(variants) == len(grown.variants)

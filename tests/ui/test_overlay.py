@@ -9,8 +9,8 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
 from forest_addon.blender.sensors import objects as sensors
+from forest_addon.ui import overlay
 from forest_addon.ui.sensors import outlines
-from forest_addon.ui.shell import overlay
 
 
 class Sheet:

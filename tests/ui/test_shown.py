@@ -7,7 +7,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
-from forest_addon.ui.settings import exchange, properties
+from forest_addon.ui import properties
+from forest_addon.ui.settings import exchange
 from forest_addon.ui.settings.fields import fields_of
 
 

@@ -25,10 +25,10 @@ from ...growth.tree import Tree, grow
 from ...growth.truth import tree_truth
 from ...spec import Species
 from ..scene import materials
+from ..scene.asset_truth import write_truth
 from ..scene.meshes import to_mesh
 from ..scene.standing import fingerprint
 from . import asset_picture
-from .asset_truth import write_truth
 from .catalogs import ROOT, add_catalogs, catalog_id, catalog_of
 
 Progress = Callable[[int, int], None]

@@ -19,8 +19,7 @@ from ...base.trimesh import TriMesh
 from ...growth.mesh.leaves import separate_leaves
 from ...sensing.rays.geometry import SceneGeometry
 from ..scene.meshes import from_mesh
-from .kept import kept
-from .standings import (
+from ..scene.standings import (
     ASSET_KEY,
     IGNORED_KEY,
     REFLECTANCE_KEY,
@@ -33,6 +32,7 @@ from .standings import (
     has_nodes,
     standings,
 )
+from .kept import kept
 
 
 def read_scene(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:

@@ -22,11 +22,9 @@ from ...growth.tree import Tree
 from ...growth.truth import tree_truth
 from ...stand.forest import Forest
 from ...stand.intensity.terrain import Flat, Terrain
-from ..library import assets
-from ..read.depsgraph import SPECIES_KEY, TREE_KEY
-from ..show.ground_nodes import show_near
-from . import materials
+from . import assets, materials
 from .ground import ground_mesh
+from .ground_nodes import show_near
 from .instances import points_mesh, ranks
 from .layout import GROUND_NAME, OUTLINES, TREES, VARIANTS, find_part, part, root
 from .meshes import to_mesh
@@ -34,6 +32,7 @@ from .nodes import give_instancer, instancer_group
 from .ours import MADE_KEY, all_or_nothing, is_ours
 from .placing import Wanted, put
 from .standing import Coat, Standing, fingerprint, has_own_mesh
+from .standings import SPECIES_KEY, TREE_KEY
 
 MANY = 1000  # trees; where there are more, they are points unless the settings say otherwise
 SHOWN_IN_FULL = (

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..read.standings import SPECIES_KEY, TREE_KEY, has_nodes
 from .nodes import ROTATION, SCALE, VARIANT
+from .standings import SPECIES_KEY, TREE_KEY, has_nodes
 
 
 @dataclass(frozen=True)

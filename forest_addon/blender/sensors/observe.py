@@ -39,10 +39,10 @@ from ...sensing.sonar.poses import Pose
 from ...spec import Mobile, Rays, Reverb, Scanner, Scene, Sensor, Sonar, Tractor
 from ...stand.placed import PlacedTrees
 from ...stand.stems import plant_stems
-from ..library.asset_truth import placed_trees
 from ..rays.casters import make_caster
 from ..read.depsgraph import read_scene
 from ..read.kept import kept
+from ..scene.asset_truth import placed_trees
 from ..scene.nodes import in_full
 from .motion import follow
 from .platform import path_of_object

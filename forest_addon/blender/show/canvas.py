@@ -12,7 +12,7 @@ from mathutils import Matrix
 
 from ... import spec
 from ...stand.intensity.terrain import Terrain
-from ..read.standings import IGNORED_KEY
+from ..scene.standings import IGNORED_KEY
 
 CANVAS_KEY = "forest_canvas"  # custom property of a canvas
 CELLS = 100  # along each side: a brush is many of them wide, and a stroke is light

@@ -13,8 +13,8 @@ import bpy
 import numpy as np
 
 from ...base.rng import stream
-from ..read.standings import IGNORED_KEY
 from ..scene import materials
+from ..scene.standings import IGNORED_KEY
 
 HORIZON = "Forest horizon"
 RINGS = (

@@ -12,10 +12,10 @@ from mathutils import Vector
 
 from ... import spec
 from ...formats.atomic import replacing
-from ..read.standings import IGNORED_KEY
 from ..scene import materials
 from ..scene.instances import read_points
 from ..scene.layout import TREES, objects_in, part
+from ..scene.standings import IGNORED_KEY
 
 Progress = Callable[[int, int], None]
 Field = tuple[tuple[float, float], tuple[float, float]]

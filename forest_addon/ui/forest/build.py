@@ -19,12 +19,12 @@ from ...blender.jobs import Task, Work
 from ...blender.sensors.objects import sensors_of
 from ...spec import Scene
 from ..settings.exchange import forestless, to_spec
-from ..settings.scene_file import take_scene
 from ..shell.running import InOwnScene, Working, getting_ready
 from ..shell.views import look_at
 from ..shell.words import say
 from ..species.edit import edited_species, load
 from . import live
+from .scene_file import take_scene
 
 DEMO = ASSETS / "scenes" / "demo.toml"
 

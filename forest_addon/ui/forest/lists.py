@@ -7,10 +7,10 @@ from typing import Any
 
 import bpy
 
+from ..settings.lists import Listed, Row, buttons, rows
 from ..shell.chosen import chosen_planting
-from ..shell.lists import Listed, Row, buttons, rows
+from ..shell.names import EDITED, title_of
 from ..shell.words import keep, label
-from ..species.names import EDITED, title_of
 
 Context = bpy.types.Context
 

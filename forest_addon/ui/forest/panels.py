@@ -6,11 +6,7 @@ from typing import Any, ClassVar
 
 import bpy
 
-from ..settings.exchange import forestless
-from ..settings.migration import draw_notice
-from ..shell import requirements
-from ..shell.chosen import chosen
-from ..shell.drawing import (
+from ..settings.drawing import (
     BIG,
     Tab,
     WithForest,
@@ -20,7 +16,11 @@ from ..shell.drawing import (
     is_shown,
     split,
 )
-from ..shell.lists import draw_list
+from ..settings.exchange import forestless
+from ..settings.lists import draw_list
+from ..settings.migration import draw_notice
+from ..shell import requirements
+from ..shell.chosen import chosen
 from ..shell.running import current, how_far
 from ..shell.words import label
 from . import live

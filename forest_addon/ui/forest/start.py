@@ -119,7 +119,7 @@ def take(scene: bpy.types.Scene, preset: str, keep_sensors: bool = False) -> str
     """
     from ... import spec
     from ..settings.exchange import from_spec
-    from ..settings.scene_file import open_scene
+    from .scene_file import open_scene
 
     if preset:
         return open_scene(scene, SCENES / f"{preset}.toml", keep_sensors)

@@ -12,12 +12,13 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ...base.labels import Labels
 from ...blender.scene.layout import RESULTS, part
 from ...blender.show.cloud import show_cloud, show_heard
 from ...blender.show.legend import Entry, legend_of, legend_of_heard
 from ...blender.show.sound import give_sound
 from ...results.figures import Figure, Finding, figures_of, loudest, of_forest, strongest
-from ...results.labels import Labels, labels_by_material, labels_by_object, labels_by_species
+from ...results.labels import labels_by_material, labels_by_object, labels_by_species
 from ...sensing.audit import Audit
 from ...sensing.lidar.cloud import Cloud
 from ...sensing.lidar.tractor import TractorScan, to_cloud

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import bpy
 
 if TYPE_CHECKING:
+    from ...base.labels import Labels
     from ...results.figures import Finding
-    from ...results.labels import Labels
     from ...spec import Sensor
 
     Held = tuple[Sensor, Finding, tuple[float, float, float]]

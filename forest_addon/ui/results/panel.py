@@ -9,7 +9,7 @@ import bpy
 from ...blender.scene.layout import COLOUR_BY, COLOUR_MAP, RADIUS, SHARE
 from ...blender.scene.nodes import chosen_input, drawn_input, has_input
 from ...blender.show.cloud_nodes import is_measure
-from ..shell.drawing import ICONS, OnceStarted, split
+from ..settings.drawing import ICONS, OnceStarted, split
 from ..shell.words import label, label_of_kept
 from .swatches import draw_legend
 

@@ -14,9 +14,9 @@ import bpy
 from ... import spec
 from ...blender.jobs import Task, Work
 from ...blender.scene.layout import RESULTS, part
+from ..settings.drawing import BIG, OnceStarted, draw_settings, split
 from ..settings.exchange import add_sensor, to_spec
 from ..shell.chosen import choose_sensor
-from ..shell.drawing import BIG, OnceStarted, draw_settings, split
 from ..shell.running import InOwnScene, Working, getting_ready
 from ..shell.words import say
 

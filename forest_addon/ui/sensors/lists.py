@@ -11,9 +11,9 @@ import bpy
 
 from ...blender.sensors.objects import kind_of
 from ..settings import references
+from ..settings.drawing import ICONS
+from ..settings.lists import Listed, Row, buttons, rows
 from ..shell.chosen import chosen_sensor
-from ..shell.drawing import ICONS
-from ..shell.lists import Listed, Row, buttons, rows
 from ..shell.words import keep
 
 Context = bpy.types.Context

@@ -9,9 +9,9 @@ import bpy
 from ... import spec
 from ...blender.sensors import objects as sensors
 from ..settings import references
+from ..settings.drawing import BIG, OnceStarted, draw_settings, folded, split
+from ..settings.lists import draw_list
 from ..shell.chosen import chosen, chosen_sensor
-from ..shell.drawing import BIG, OnceStarted, draw_settings, folded, split
-from ..shell.lists import draw_list
 from ..shell.words import keep, label
 from .instruments import draw_instrument
 from .things import seen_thing

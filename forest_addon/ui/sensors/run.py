@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import bpy
 
 from ...blender.jobs import Task, Work
-from ...blender.read.standings import may_be_met
+from ...blender.scene.standings import may_be_met
 from ...blender.sensors import objects as sensors
 from ...spec import SpecError
 from ..settings.exchange import to_spec
-from ..shell.preferences import expansions, rays_of
+from ..settings.preferences import expansions, rays_of
 from ..shell.running import PROBLEMS, WhenReady, Working, getting_ready, in_words
 from ..shell.words import label, say
 from .cost import chosen_things, costs, is_large

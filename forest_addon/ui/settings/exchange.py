@@ -17,9 +17,8 @@ from ...blender.read.single import shortest
 from ...blender.sensors import objects as sensors
 from ...blender.sensors.objects import file_name
 from ...spec import Settings, SpecError
-from ..forest import hills
 from ..shell.words import say
-from . import references
+from . import hills, references
 from .fields import (
     LARGEST_INT,
     WHEN_USED,

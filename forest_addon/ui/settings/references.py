@@ -15,7 +15,7 @@ from typing import Any
 import bpy
 from bpy.props import CollectionProperty, IntProperty, PointerProperty, StringProperty
 
-from ...blender.read.standings import SOLID_TYPES, SPECIES_KEY
+from ...blender.scene.standings import SOLID_TYPES, SPECIES_KEY
 from ...blender.show.handles import HANDLE_KEY
 from ...spec import SpecError
 from ..shell.words import say

@@ -19,11 +19,11 @@ from bpy_extras.io_utils import ExportHelper
 from ... import spec
 from ...base.places import ASSETS
 from ..settings import exchange
+from ..settings.preferences import species_folder
 from ..shell.chosen import chosen_planting
-from ..shell.preferences import species_folder
+from ..shell.names import EDITED, title_of
 from ..shell.running import LINKED, PROBLEMS, in_words
 from ..shell.words import say
-from .names import EDITED, title_of
 from .pictures import refresh
 
 Edited = Mapping[str, tuple[spec.Species, Path]]  # by what plantings call it; where its files are

@@ -12,7 +12,7 @@ from bpy_extras.io_utils import ImportHelper
 from ...blender.jobs import Task, Work
 from ...blender.sensors.objects import file_name
 from ...spec import SpecError
-from ..shell.preferences import species_folder
+from ..settings.preferences import species_folder
 from ..shell.running import PROBLEMS, WhenReady, Working, in_words
 from ..shell.words import say
 from .pictures import refresh

@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 
 from ...blender.jobs import Task, Work
-from ..shell.preferences import library_folder
+from ..settings.preferences import library_folder
 from ..shell.running import Working, getting_ready
 from ..shell.words import say
 from .edit import edited_species, load

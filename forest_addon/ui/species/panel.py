@@ -6,9 +6,9 @@ from typing import Any
 
 import bpy
 
+from ..settings.drawing import WithForest, draw_settings, folded, split
+from ..settings.lists import draw_list
 from ..shell.chosen import chosen_planting
-from ..shell.drawing import WithForest, draw_settings, folded, split
-from ..shell.lists import draw_list
 from ..shell.words import label
 from .edit import edited_item
 

@@ -14,10 +14,10 @@ import bpy
 import bpy.utils.previews
 
 from ...base.places import ASSETS
+from ..settings.preferences import species_folder
 from ..shell.chosen import chosen_planting
-from ..shell.preferences import species_folder
+from ..shell.names import title_of
 from ..shell.words import label, language
-from .names import title_of
 
 Choice = tuple[str, str, str, int, int]  # what a planting calls it, name, help, icon, number
 

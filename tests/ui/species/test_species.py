@@ -20,8 +20,8 @@ from forest_addon.formats.toml_file import read_settings
 from forest_addon.growth.library.species_file import load_species
 from forest_addon.growth.library.template_library import make_library
 from forest_addon.spec import SpecError
+from forest_addon.ui.settings import preferences
 from forest_addon.ui.settings.exchange import to_spec
-from forest_addon.ui.shell import preferences
 from forest_addon.ui.species import edit as species_edit
 from forest_addon.ui.species import import_stl as species_import
 from forest_addon.ui.species import pictures as species_pictures

@@ -11,9 +11,9 @@ from typing import Any, ClassVar
 
 import bpy
 
-from ..forest import hills
-from .running import LINKED
-from .words import say
+from ..shell.running import LINKED
+from ..shell.words import say
+from . import hills
 
 Context = bpy.types.Context
 

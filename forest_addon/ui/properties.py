@@ -20,13 +20,13 @@ from bpy.props import (
     StringProperty,
 )
 
-from ... import spec
-from ..forest import hills, live
-from ..shell.chosen import choose_number, number_of_sensor
-from ..species import pictures
-from . import references
-from .fields import fields_of
-from .groups import group_class, help_of, label_of, make_group, property_of
+from .. import spec
+from .forest import live
+from .settings import hills, references
+from .settings.fields import fields_of
+from .settings.groups import group_class, help_of, label_of, make_group, property_of
+from .shell.chosen import choose_number, number_of_sensor
+from .species import pictures
 
 # What follows when a setting changes, or an item of a list is chosen.
 WHEN_SET = {

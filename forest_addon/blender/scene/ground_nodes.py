@@ -10,8 +10,8 @@ import bpy
 
 from ... import spec
 from ...stand.intensity.terrain import Terrain
-from ..scene.nodes import VIEW_KEY, set_input
-from ..scene.ours import is_local
+from .nodes import VIEW_KEY, set_input
+from .ours import is_local
 
 GROUP = "Forest Sensing Ground"
 LOW, HIGH = "Shown From", "Shown To"

@@ -14,11 +14,11 @@ from typing import Any, Protocol
 import bpy
 import gpu
 
-from ..forest import intensity
-from ..results import points
-from ..sensors import outlines
-from ..settings.exchange import forestless
-from .drawing import OnceStarted, split
+from .forest import intensity
+from .results import points
+from .sensors import outlines
+from .settings.drawing import OnceStarted, split
+from .settings.exchange import forestless
 
 
 class Drawing(Protocol):

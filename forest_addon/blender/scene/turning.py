@@ -10,8 +10,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..scene.instances import points_mesh, read_points
-from ..scene.nodes import give_instancer, instancer_group
+from .instances import points_mesh, read_points
+from .nodes import give_instancer, instancer_group
 
 NAME = "Forest Sensing, for a moment"
 

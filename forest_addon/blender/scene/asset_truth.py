@@ -21,7 +21,7 @@ from ...growth.tree import Tree
 from ...growth.truth import tree_truth
 from ...sensing.rays.geometry import SceneGeometry
 from ...stand.placed import Grown, PlacedTrees
-from ..read.standings import ASSET_KEY
+from .standings import ASSET_KEY
 
 SPECIES, WOOD, LEAVES = "forest_asset_species", "forest_skeleton", "forest_leaves"
 GRAFTED = "forest_grafted"

@@ -13,12 +13,12 @@ from pathlib import Path
 import bpy
 
 from ... import spec
-from ...blender.read.standings import IGNORED_KEY, may_be_met
 from ...blender.scene.ours import is_ours
+from ...blender.scene.standings import IGNORED_KEY, may_be_met
 from ...formats.toml_file import write_settings
+from ..settings.exchange import to_spec
 from ..shell.words import say
 from ..species.edit import Edited, edited_species, from_folder, relocated
-from .exchange import to_spec
 
 OF_OBJECTS = ("object", "painted", "collection", "follow", "source_objects", "receiver_objects")
 

@@ -12,11 +12,11 @@ from typing import Any
 import bpy
 
 from ...spec.depth import applies, is_advanced
-from ..settings.exchange import forestless, untouched
-from ..settings.groups import PARTS
-from ..settings.references import is_lost
-from ..settings.shown import FACE
-from .words import label
+from ..shell.words import label
+from .exchange import forestless, untouched
+from .groups import PARTS
+from .references import is_lost
+from .shown import FACE
 
 FOLDED = True  # parts of settings are closed until someone opens them
 BIG = 1.4  # heights of a row: the buttons that start work

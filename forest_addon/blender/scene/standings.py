@@ -14,7 +14,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..scene.layout import objects_in
+from .layout import objects_in
 
 TREE_KEY, SPECIES_KEY = "forest_tree", "forest_species"
 IGNORED_KEY, REFLECTANCE_KEY = "forest_ignored", "forest_reflectance"

@@ -16,9 +16,9 @@ from typing import Any
 import bpy
 
 from ... import spec
-from ..settings.fields import fields_of
-from ..settings.groups import property_of
-from .words import label, say
+from ..shell.words import label, say
+from .fields import fields_of
+from .groups import property_of
 
 ROOT = (__package__ or "").split(".forest_addon")[0].removesuffix(".ui")
 FRESH = 2.0  # s that the size of the cache is shown before it is looked up again

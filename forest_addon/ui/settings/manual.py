@@ -14,7 +14,7 @@ import bpy
 
 from ...base.places import ROOT
 from ...spec import Settings
-from ..settings.shown import FACE
+from .shown import FACE
 
 CARRIED, DOCS = ROOT / "manual", ROOT / "docs"
 START, FOREST, SENSORS = "from-nothing-to-results", "the-forest", "sensors"

@@ -10,10 +10,10 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ... import spec
 from ...blender.sensors.objects import file_name, sensors_of
+from ..settings.exchange import from_spec
 from ..shell.chosen import choose_sensor
 from ..shell.running import PROBLEMS, InOwnScene, in_words
 from ..shell.words import say
-from .exchange import from_spec
 
 
 def open_scene(scene: bpy.types.Scene, path: Path, keep_sensors: bool = False) -> str:
