@@ -16,17 +16,11 @@ from scipy import fft
 
 from ...spec import Air, Reverb
 from ..audit import Audit, sample
+from .band import SPREAD
 from .forest.losses import Losses, Stand
 from .response import ImpulseResponse
 from .sums.fast_scattering import Expansions
-from .sums.scattering import (
-    RINGING,
-    SPREAD,
-    TrunkPaths,
-    exact_ringing,
-    transform_length,
-    trunk_paths,
-)
+from .sums.scattering import RINGING, TrunkPaths, exact_ringing, transform_length, trunk_paths
 from .sums.tree_response import FINEST, THICK, direct_sum
 from .trunks.slices import Trunks
 

@@ -20,8 +20,8 @@ from scipy import fft
 
 from ....rng import stream
 from ....spec import Air, Reverb
+from ..band import roll_off
 from ..metrics import octave_bands
-from ..sums.scattering import roll_off
 from .losses import Losses
 from .transport import Density, Energy, PhaseFunction, transported
 

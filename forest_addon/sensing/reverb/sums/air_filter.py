@@ -19,9 +19,9 @@ from scipy import fft, special
 
 from ....acoustics.air import absorption, relaxation
 from ....spec import Air
+from ..band import roll_off
 from ..forest.losses import Losses
 from .field_table import polynomials
-from .scattering import roll_off
 
 SHORTEST = 1536  # samples of a block at least
 LONGEST_TAIL = 0.1  # s for which a filter of the air answers, at most

@@ -25,8 +25,8 @@ from scipy import fft, linalg
 from ....acoustics import chebyshev
 from ....acoustics.cylinder import order_count, partial_waves, transfer
 from ....rng import stream
+from ..band import SPREAD, roll_off
 from .field_table import polynomials, series
-from .scattering import SPREAD, roll_off
 
 FIRST_SECTOR, GROWTH = 9.0, 2.0  # ka times the angle of the first sector; of each next one
 WIDEST_FIRST = 1.0  # radians

@@ -21,13 +21,14 @@ from scipy import fft, sparse
 
 from ....acoustics.kaiser_bessel import OVERSAMPLING, Kernel
 from ....spec import Air
+from ..band import SPREAD, roll_off
 from ..forest.losses import Losses, loss_per_metre
 from ..forest.tail import Tail
 from .air_filter import AirFilter
 from .expansion import Layer, Sector, expand
 from .panel_sum import panel_spectrum
 from .path_gain import PathGain, Zone
-from .scattering import SPREAD, TrunkPaths, roll_off, transform_length
+from .scattering import TrunkPaths, transform_length
 
 TRUNKS_AT_ONCE = 65536
 GRID_AT_ONCE = 1 << 23  # values of the even grid, of as many terms as that allows

@@ -14,10 +14,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, special
+from scipy import fft
 
 from ....acoustics.cylinder import transfer
 from ....acoustics.spectrum import delay_factors, frequency_panels
+from ..band import SPREAD
 from ..trunks.slices import Trunks
 
 Progress = Callable[[int, int], None]
@@ -31,7 +32,6 @@ RUNG_WHOLE, RUNG_OCTAVE = (
     9e-8,
 )  # what is heard again then: of all, a metre thick; of 20 to 40 Hz
 LONGEST_RINGING = 40.0  # s
-SPREAD = 256  # samples; so far does the roll-off spread an arrival, to 1e-8 of its peak
 
 
 @dataclass(frozen=True)
@@ -169,13 +169,3 @@ def scattered_spectrum(
             if progress:
                 progress(done, len(paths.length))
     return spectrum
-
-
-def roll_off(share: np.ndarray) -> np.ndarray:
-    """Gain at a share of the sampling rate: 1 up to 0.45, a Gaussian step down to 0 at 0.5.
-
-    A band that ends at once gives every arrival that is not on a sample tails of 1/t.
-    """
-    step = 0.5 * special.erfc((share - 0.475) / 0.025 * 4.0)  # 8e-9 from 0 and 1 at the ends
-    gain: np.ndarray = np.where(share <= 0.45, 1.0, np.where(share >= 0.5, 0.0, step))
-    return gain

@@ -16,16 +16,15 @@ import numpy as np
 from scipy import fft
 
 from ....spec import Air, Reverb
+from ..band import SPREAD, roll_off
 from ..forest.losses import Losses, loss_per_metre
 from ..trunks.slices import Trunks
 from .fast_scattering import FEW_RADII, Expansions
 from .record import left_out_db, record_length
 from .scattering import (
     RINGING,
-    SPREAD,
     TrunkPaths,
     exact_ringing,
-    roll_off,
     scattered_spectrum,
     transform_length,
     trunk_paths,

@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 
 from forest_addon.acoustics.air import absorption
 from forest_addon.acoustics.cylinder import transfer
+from forest_addon.sensing.reverb.band import roll_off
 from forest_addon.sensing.reverb.sums.expansion import expand
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
-from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, roll_off, trunk_paths
+from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, trunk_paths
 from forest_addon.sensing.reverb.sums.tree_response import direct_sum, tree_response
 from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air, Reverb
