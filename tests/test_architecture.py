@@ -27,6 +27,11 @@ WINGS = {
         "sonar": {"rays"},
         "reverb": {"rays"},
     },
+    "sensing/reverb": {
+        "trunks": set(),
+        "forest": {"trunks"},
+        "sums": {"trunks", "forest"},
+    },
     "growth": {
         "mesh": set(),
         "lsystem": set(),
@@ -164,9 +169,9 @@ def test_wings_of_a_room_import_only_what_they_may(room):
     wings = WINGS[room]
 
     def wing(name):
-        parts = name.split(".")
-        inside = parts[:2] == ["forest_addon", room] and len(parts) > 2 and parts[2] in wings
-        return parts[2] if inside else None
+        parts, above = name.split("."), ["forest_addon", *room.split("/")]
+        inside = parts[: len(above)] == above and len(parts) > len(above)
+        return parts[len(above)] if inside and parts[len(above)] in wings else None
 
     none_of(
         f"{name} imports {target}"

@@ -37,7 +37,7 @@ from forest_addon.sensing.lidar import scan as lidar
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.occlusion import occlusion, on_the_line
 from forest_addon.sensing.rays.cells import Cells
-from forest_addon.sensing.reverb.fast_scattering import Expansions
+from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
 from forest_addon.sensing.sonar.flight import Flight
 from forest_addon.spec import Rays, Scanner, Scene, Terrain
 from forest_addon.stand.files import read_inputs

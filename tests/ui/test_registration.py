@@ -104,7 +104,7 @@ importlib.util.find_spec = lambda name: None if name == "scipy" else find(name)
 import forest_addon
 atexit.register(forest_addon.unregister)
 forest_addon.register()
-from forest_addon.ui import requirements
+from forest_addon.ui.shell import requirements
 print(requirements.missing())
 try:
     bpy.ops.forest.build()

@@ -27,7 +27,13 @@ OURS = {"say", "label", "keep"}
 SHOWN = {"report": 1, "poll_message_set": 0, "status_text_set": 0, "SpecError": 1, "Task": 0}
 SHOWN_BY_NAME = {"text", "heading", "placeholder"}
 UNITS = {"m", "s", "ms", "MB", "dB", "kHz"}
-NAMES_OF_DATA = {"{} hill", "{} bark", "{} leaf", "Forest {}"}  # things are found by these again
+NAMES_OF_DATA = {
+    "{} hill",
+    "{} bark",
+    "{} leaf",
+    "Forest {}",
+    "Remove the chosen {}",
+}  # things are found by these again
 NAMES_OF_PROPERTIES = {"Use {}"}  # the template has each of them, from Blender
 
 

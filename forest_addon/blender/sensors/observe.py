@@ -22,15 +22,16 @@ from ...sensing.lidar.trajectory import Path as Track
 from ...sensing.rays.caster import RayCaster
 from ...sensing.rays.inside import tree_around
 from ...sensing.rays.precision import rounding_warning
-from ...sensing.reverb import ends, slices
+from ...sensing.reverb import ends
 from ...sensing.reverb import response as reverb
 from ...sensing.reverb.audit import audit_response
-from ...sensing.reverb.canopy import canopy_of
 from ...sensing.reverb.directivity_file import directivity_of
-from ...sensing.reverb.fast_scattering import Expansions
-from ...sensing.reverb.losses import Stand
-from ...sensing.reverb.surroundings import BARE, Canopy, surroundings
-from ...sensing.reverb.trunk_cuts import TrunkCuts
+from ...sensing.reverb.forest.canopy import canopy_of
+from ...sensing.reverb.forest.losses import Stand
+from ...sensing.reverb.forest.surroundings import BARE, Canopy, surroundings
+from ...sensing.reverb.sums.fast_scattering import Expansions
+from ...sensing.reverb.trunks import slices
+from ...sensing.reverb.trunks.trunk_cuts import TrunkCuts
 from ...sensing.sonar import flight
 from ...sensing.sonar import ping as sonar
 from ...sensing.sonar.audit import audit_echoes

@@ -120,7 +120,7 @@ def _home() -> Path:
 @functools.cache
 def expansions() -> Any:
     """Expansions of trunk scattering, kept as long as Blender runs."""
-    from ...sensing.reverb.fast_scattering import Expansions
+    from ...sensing.reverb.sums.fast_scattering import Expansions
 
     return Expansions()
 

@@ -14,12 +14,13 @@ import numpy as np
 from forest_addon.acoustics.air import absorption
 from forest_addon.acoustics.cylinder import transfer
 from forest_addon.base.rng import stream
-from forest_addon.sensing.reverb.fast_scattering import Expansions
+from forest_addon.sensing.reverb.band import roll_off
 from forest_addon.sensing.reverb.metrics import clarity_db, energy_decay_db, reverberation_time
 from forest_addon.sensing.reverb.model_error import model_error
-from forest_addon.sensing.reverb.scattering import TrunkPaths, roll_off, trunk_paths
-from forest_addon.sensing.reverb.slices import Trunks
-from forest_addon.sensing.reverb.tree_response import direct_sum
+from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
+from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, trunk_paths
+from forest_addon.sensing.reverb.sums.tree_response import direct_sum
+from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air
 
 from ...memory import peak_memory_mb

@@ -19,9 +19,9 @@ from matplotlib.figure import Figure
 
 from forest_addon.formats.atomic import replacing
 from forest_addon.sensing.reverb import metrics
-from forest_addon.sensing.reverb.fast_scattering import Expansions
 from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
-from forest_addon.sensing.reverb.slices import Trunks
+from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
+from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air, Forest, Normal, Reverb, Stems
 from forest_addon.stand.stems import plant_stems
 

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.base.places import ASSETS
-from forest_addon.sensing.reverb.fast_scattering import Expansions
 from forest_addon.sensing.reverb.metrics import room_metrics
+from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
 from forest_addon.spec import Air
 
 from .comparison import Comparison, Interval, Picture

@@ -15,7 +15,7 @@ import numpy as np
 from forest_addon.acoustics.extinction import cross_sections
 from forest_addon.acoustics.multiple import scattered_fields
 from forest_addon.base.rng import stream
-from forest_addon.sensing.reverb.transport import Density, PhaseFunction, transported
+from forest_addon.sensing.reverb.forest.transport import Density, PhaseFunction, transported
 
 SPEED = 343.0
 BAND = 0.5  # width over the middle of the band of frequencies

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.base.rng import stream
-from forest_addon.sensing.reverb.fast_scattering import Expansions
 from forest_addon.sensing.reverb.metrics import octave_bands
 from forest_addon.sensing.reverb.response import impulse_response
-from forest_addon.sensing.reverb.slices import Trunks
+from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
+from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air, Reverb, SpecError
 
 from .comparison import Comparison, Interval, Picture

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from forest_addon.base.rng import stream
-from forest_addon.sensing.reverb.fast_scattering import Expansions
 from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
-from forest_addon.sensing.reverb.slices import Trunks
+from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
+from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air, Reverb
 
 FIELD = 120.0  # m; trunks go on around it with the same density
