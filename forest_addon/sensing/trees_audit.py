@@ -17,7 +17,7 @@ from ..base.trimesh import WOOD
 from ..growth.skeleton import Skeleton
 from ..growth.tree import Tree
 from ..stand.forest import Forest
-from .audit import Audit, sample
+from .audit import LEAST, Audit, Check, sample
 from .rays.geometry import SceneGeometry
 from .sonar.discs import Foliage
 
@@ -58,18 +58,12 @@ def audit_tubes(
             points = points_on_cones(known[one][0].skeleton, BATCH, rng)
             yield np.array([float(_to_triangles(p, meshed[one]).min()) for p in points])
 
-    found = sample(batches(), share * seconds)
+    found = sample(batches(), share * seconds, LEAST)
     cones = sum(len(tree.skeleton) for tree, _ in known)
-    return Audit(
-        what="points of branches by the nearest of all triangles",
-        checked=len(found.errors),
-        error=found.largest,
-        rms=found.rms,
-        allowed=max(allowed for _, allowed in known),
-        seconds=seconds,
-        exact_seconds=found.seconds_each * cones,
-        unit="m",
-    )
+    allowed = max(allowed for _, allowed in known)
+    what = "points of branches by the nearest of all triangles"
+    check = Check.on(what, found.errors, cones, allowed, "m")
+    return Audit((check,), seconds, found.seconds_each * cones)
 
 
 def audit_leaves(
@@ -104,16 +98,9 @@ def audit_leaves(
     found = sample(batches(), share * seconds)
     leaves = sum(len(tree.leaves) for _, tree, _ in known)
     far = max(float(np.abs(tree.leaves.centre).max()) for _, tree, _ in known)
-    return Audit(
-        what="leaves' centres and sizes by the triangles in Blender",
-        checked=len(found.errors),
-        error=found.largest,
-        rms=found.rms,
-        allowed=ROUNDING * max(far, 1.0),
-        seconds=seconds,
-        exact_seconds=found.seconds_each * leaves,
-        unit="m",
-    )
+    what = "leaves' centres and sizes by the triangles in Blender"
+    check = Check.on(what, found.errors, leaves, ROUNDING * max(far, 1.0), "m")
+    return Audit((check,), seconds, found.seconds_each * leaves)
 
 
 def _leaf_errors(tree: Tree, measured: Foliage, shoots: bool) -> np.ndarray:

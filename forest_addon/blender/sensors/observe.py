@@ -197,10 +197,10 @@ class Observer:
         share = settings.accuracy.audit
         rng = stream(settings.seed, "audit", sensor.name)
         if isinstance(sensor, Tractor):
-            return audit_drive(sensor, self.caster, rng, seconds, share)
+            return audit_drive(sensor, found, self.caster, rng, seconds, share, self.geometry)
         if isinstance(sensor, Scanner):
             work = lidar.Scan(sensor, self.caster, settings.seed, way)
-            return audit_scan(work, rng, seconds, share)
+            return audit_scan(work, found, rng, seconds, share, self.geometry)
         if isinstance(sensor, Sonar):
             echoes = found.echoes if isinstance(found, flight.Flight) else (found,)
             casters = self.wood, self.caster if "extinction" in sensor.shading else None

@@ -61,15 +61,15 @@ class Referee:
                 origins[gone], directions[gone], far[gone], min_distance=near[gone], leaving=left
             )
             exact.put(gone, again)
-        wrong = np.flatnonzero(self._differ(origins, directions, ours, exact))
+        differ, distance = self._compare(origins, directions, ours, exact)
+        wrong = np.flatnonzero(differ)
         wrong = wrong[~self._at_an_edge(origins[wrong], directions[wrong], ours.take(wrong), far[wrong])]
         if leaving is not None and len(wrong):
             blind = self._exact.cast(
                 origins[wrong], directions[wrong], far[wrong], min_distance=near[wrong] + BEHIND
             )
             wrong = wrong[~_alike(blind, ours.take(wrong))]
-        right = ours.take(slice(None))
-        right = Hits(right.distance.copy(), right.instance.copy(), right.triangle.copy())
+        right = Hits(distance, ours.instance.copy(), ours.triangle.copy())
         right.put(wrong, exact.take(wrong))
         return right
 
@@ -87,22 +87,27 @@ class Referee:
             origins, directions, max_distance, min_distance=min_distance, leaving=leaving
         ).found
 
-    def _differ(
+    def _compare(
         self, origins: np.ndarray, directions: np.ndarray, ours: Hits, exact: Hits
-    ) -> np.ndarray:
-        """(R,) bool: rays for which what the engine named is not there, or not the first."""
-        differ = ours.found != exact.found
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(R,) bool: rays for which what the engine named is not there, or not the first; (R,) metres to
+        what it named.
+        """
+        differ, distance = ours.found != exact.found, ours.distance.copy()
         both = np.flatnonzero(ours.found & exact.found)
         named = (ours.instance[both] == exact.instance[both]) & (
             ours.triangle[both] == exact.triangle[both]
         )
         apart = np.abs(ours.distance[both] - exact.distance[both])
         differ[both] = apart > SURE
+        same = both[apart <= SURE]
+        distance[same] = exact.distance[same]
         ask = both[~named & (apart <= EDGE)]
         if len(ask):
             there = self._exact.meets(origins[ask], directions[ask], ours.take(ask))
-            differ[ask] = ~(np.abs(there - ours.distance[ask]) <= SURE)
-        return differ
+            right = np.abs(there - ours.distance[ask]) <= SURE
+            differ[ask], distance[ask[right]] = ~right, there[right]
+        return differ, distance
 
     def _at_an_edge(
         self, origins: np.ndarray, directions: np.ndarray, ours: Hits, far: np.ndarray

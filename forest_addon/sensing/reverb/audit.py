@@ -15,7 +15,7 @@ import numpy as np
 from scipy import fft
 
 from ...spec import Air, Reverb
-from ..audit import Audit, sample
+from ..audit import Audit, Check, sample
 from .band import SPREAD
 from .forest.losses import Losses, Stand
 from .response import ImpulseResponse
@@ -83,16 +83,10 @@ def audit_response(
 
     checked = sample(batches(), share * seconds)
     per_trunk = checked.seconds_each * max(len(checked.errors), 1) / drawn
-    return Audit(
-        what=f"octaves of {drawn} trunks at a time by the direct sum",
-        checked=len(checked.errors),
-        error=checked.largest,
-        rms=checked.rms,
-        allowed=allowed,
-        seconds=seconds,
-        exact_seconds=per_trunk * found.trunks * len(found.channels) * len(found.samples) / count,
-        unit="of the octave",
-    )
+    what = f"octaves of {drawn} trunks at a time by the direct sum"
+    check = Check.on(what, checked.errors, len(checked.errors), allowed, "of the octave")
+    exactly = per_trunk * found.trunks * len(found.channels) * len(found.samples) / count
+    return Audit((check,), seconds, exactly)
 
 
 def octave_errors(fast: np.ndarray, exact: np.ndarray, rate: float) -> np.ndarray:
