@@ -1,9 +1,9 @@
 """What an audit says: parts of a result, held against the same computed again by the slow exact way.
 
 A sensor's own audit (``lidar/audit``, ``sonar/audit``, ``reverb/audit``) makes a ``Check`` of each kind of
-thing that its result holds. A check takes batches of errors in a seeded order, until they have cost their share
-of the time that the result took and are ``LEAST``, or until patience ends. So the sample does not depend on
-what it will find.
+thing that its result holds. A check takes batches of errors in a seeded order, until they have cost their
+share of the time that the result took and are ``LEAST``, or until patience ends. So the sample does not
+depend on what it will find.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 LEAST = 100  # values of each kind
-PATIENCE = 0.25  # s that a check may take beyond its share, to see as many
+PATIENCE = 0.1  # s that a check may take beyond its share, to see as many
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,7 @@ class Check:
     unit: str = ""
 
     @classmethod
-    def on(
-        cls, what: str, errors: np.ndarray, of: int, allowed: float, unit: str = ""
-    ) -> Check:
+    def on(cls, what: str, errors: np.ndarray, of: int, allowed: float, unit: str = "") -> Check:
         """Of errors (N,)."""
         errors = np.asarray(errors, dtype=np.float64)
         rms = float(np.sqrt(np.mean(errors**2))) if len(errors) else 0.0
@@ -66,7 +64,8 @@ class Check:
 
     def record(self) -> dict[str, float | int | str]:
         """What stands in run.json."""
-        return vars(self) | {"share": self.share, "kept": self.kept}
+        said = {name: _written(value) for name, value in vars(self).items()}
+        return said | {"share": self.share, "kept": self.kept}
 
 
 @dataclass(frozen=True)
@@ -127,7 +126,7 @@ class Audit:
         return {
             "kept": self.kept,
             "checked": self.checked,
-            "error": self.error,
+            "error": _written(self.error),
             "allowed": self.allowed,
             "unit": self.unit,
             "checks": [check.record() for check in self.checks],
@@ -170,6 +169,11 @@ def sample(
 def joined(checks: Sequence[Check | None]) -> tuple[Check, ...]:
     """Those there are."""
     return tuple(check for check in checks if check is not None)
+
+
+def _written(value: float | int | str) -> float | int | str:
+    """A number as a file of numbers has it, which knows none that is not finite."""
+    return value if isinstance(value, str) or math.isfinite(value) else str(value)
 
 
 def _used(check: Check) -> float:

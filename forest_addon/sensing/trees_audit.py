@@ -56,7 +56,7 @@ def audit_tubes(
         while True:
             one = int(rng.integers(len(known)))
             points = points_on_cones(known[one][0].skeleton, BATCH, rng)
-            yield np.array([float(_to_triangles(p, meshed[one]).min()) for p in points])
+            yield np.array([float(_to_triangles(p, _near(p, meshed[one])).min()) for p in points])
 
     found = sample(batches(), share * seconds, LEAST)
     cones = sum(len(tree.skeleton) for tree, _ in known)
@@ -156,6 +156,14 @@ def _solid(wood: Skeleton) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
     kept = (length > 1e-9) & (wood.radius.max(axis=1) > 0)
     axis = span[kept] / length[kept, None]
     return wood.start[kept], axis, length[kept], np.maximum(wood.radius[kept], 0.0)
+
+
+def _near(point: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Those of triangles (T, 3, 3) that may be the nearest to a point, by their first corners and sizes."""
+    first = corners[:, 0]
+    away = np.linalg.norm(first - point, axis=1)
+    size = np.linalg.norm(corners[:, 1:] - first[:, None], axis=2).max(axis=1)
+    return corners[away - size <= away.min(initial=np.inf)]
 
 
 def _to_triangles(point: np.ndarray, corners: np.ndarray) -> np.ndarray:

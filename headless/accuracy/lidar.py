@@ -86,7 +86,10 @@ def sweep_scanner(
         return found, (time.process_time() - begin) * scan.pulses / len(found)
 
     def rays(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
-        number, keys = rng.integers(0, whole.pulses, count), rng.integers(0, 2**63, count, np.uint64)
+        number, keys = (
+            rng.integers(0, whole.pulses, count),
+            rng.integers(0, 2**63, count, np.uint64),
+        )
         origins, ways = spread(whole.pattern.pulses(number), sensor.beam, keys)
         one = np.arange(count) * today + rng.integers(0, today, count)
         return origins[one], ways[one]

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -27,8 +28,7 @@ from ...sensing.reverb import response as reverb
 from ...sensing.reverb.audit import audit_response
 from ...sensing.reverb.directivity_file import directivity_of
 from ...sensing.reverb.forest.canopy import canopy_of
-from ...sensing.reverb.forest.losses import Stand
-from ...sensing.reverb.forest.surroundings import BARE, Canopy, surroundings
+from ...sensing.reverb.forest.surroundings import BARE, Canopy
 from ...sensing.reverb.sums.fast_scattering import Expansions
 from ...sensing.reverb.trunks import slices
 from ...sensing.reverb.trunks.trunk_cuts import TrunkCuts
@@ -208,49 +208,38 @@ class Observer:
             return audit_echoes(
                 echoes, self.targets, sensor, settings.air, *casters, equipment, rng, seconds, share
             )
-        between = ends.ends_of(sensor, self.places)
-        pair = between.pairs[0]
-        trunks = self.trunks_between(sensor, settings, between)(*pair)
-        return audit_response(
-            found,
-            trunks,
-            *pair,
-            sensor,
-            settings.air,
-            self.expansions,
-            rng,
-            seconds,
-            share,
-            self._around(trunks, sensor, settings),
-        )
+        as_heard = sensor
+        if sensor.model != "forest":  # whose noise depends on it
+            as_heard = sensor.changed(duration=len(found.samples) / found.sample_rate)
+        pairs = reverb.pairs_of(**self._given(as_heard, settings, folder))
+        return audit_response(found, pairs, self.expansions, rng, seconds, share)
 
     def _clap(
         self, sensor: Reverb, settings: Scene, progress: Progress | None, folder: Path
     ) -> reverb.ImpulseResponse:
         """Impulse responses between all ends."""
-        between = ends.ends_of(sensor, self.places)
         return reverb.impulse_response(
-            self.trunks_between(sensor, settings, between),
-            sensor,
-            settings.air,
-            ends=between,
-            directivity=directivity_of(sensor, folder),
-            wood=self.wood,
-            rng=stream(settings.seed, "reverb", sensor.name, "continuation"),
-            field=(settings.forest.origin, settings.forest.size),
+            **self._given(sensor, settings, folder),
             expansions=self.expansions,
             progress=progress,
-            canopy=self._canopy(sensor, settings),
-            key=(settings.seed, "reverb", sensor.name),
             all_trunks=settings.accuracy.detail == "full",
         )
 
-    def _around(self, trunks: slices.Trunks, sensor: Reverb, settings: Scene) -> Stand | None:
-        """The stand that paths lose to, of a model ``forest``."""
-        if sensor.model != "forest":
-            return None
-        field = (settings.forest.origin, settings.forest.size)
-        return surroundings(trunks, sensor, field, self._canopy(sensor, settings)).stand
+    def _given(self, sensor: Reverb, settings: Scene, folder: Path) -> dict[str, Any]:
+        """What responses are made of."""
+        between = ends.ends_of(sensor, self.places)
+        return {
+            "trunks": self.trunks_between(sensor, settings, between),
+            "reverb": sensor,
+            "air": settings.air,
+            "ends": between,
+            "directivity": directivity_of(sensor, folder),
+            "wood": self.wood,
+            "rng": stream(settings.seed, "reverb", sensor.name, "continuation"),
+            "field": (settings.forest.origin, settings.forest.size),
+            "canopy": self._canopy(sensor, settings),
+            "key": (settings.seed, "reverb", sensor.name),
+        }
 
     def _canopy(self, sensor: Reverb, settings: Scene) -> Canopy:
         """Leaves and tops, as a model ``forest`` needs them."""

@@ -113,9 +113,7 @@ def audit_drive(
     wanted, budget = ALLOWED + _rounding(caster), share * seconds
     begin = time.perf_counter()
 
-    def check(
-        again: RayCaster, among: np.ndarray, size: int, within: float, least: int
-    ) -> Sampled:
+    def check(again: RayCaster, among: np.ndarray, size: int, within: float, least: int) -> Sampled:
         def batches() -> Iterator[np.ndarray]:
             while True:
                 beam = among[rng.integers(0, len(among), size)]

@@ -67,9 +67,7 @@ class ExactCaster:
             origins, directions, max_distance, min_distance=min_distance, leaving=leaving
         ).found
 
-    def meets(
-        self, origins: np.ndarray, directions: np.ndarray, hits: Hits
-    ) -> np.ndarray:
+    def meets(self, origins: np.ndarray, directions: np.ndarray, hits: Hits) -> np.ndarray:
         """(R,) metres along rays to the triangles that hits name; inf where one passes its triangle by."""
         ways = directions / np.linalg.norm(directions, axis=1, keepdims=True)
         found = np.full(len(origins), np.inf)
@@ -182,9 +180,7 @@ def _levels(mesh: TriMesh) -> list[Level]:
     return kept
 
 
-def _meet(
-    mesh: TriMesh, triangle: np.ndarray, origin: np.ndarray, way: np.ndarray
-) -> np.ndarray:
+def _meet(mesh: TriMesh, triangle: np.ndarray, origin: np.ndarray, way: np.ndarray) -> np.ndarray:
     """(K,) metres along rays (K, 3), (K, 3) to triangles (K,); inf for a miss."""
     a, b, c = (mesh.vertices[mesh.triangles[triangle, k]] for k in range(3))
     u, v, s = b - a, c - a, origin - a

@@ -52,6 +52,10 @@ class Referee:
         ours = self._caster.cast(
             origins, directions, max_distance, min_distance=min_distance, leaving=leaving
         )
+        nothing = ~np.isfinite(ours.distance)
+        if (nothing & ours.found).any():
+            ours = Hits(ours.distance.copy(), ours.instance.copy(), ours.triangle.copy())
+            ours.put(nothing, Hits.misses(int(nothing.sum())))
         limit = np.where(ours.found, np.minimum(ours.distance + SAME, far), far)
         exact = self._exact.cast(origins, directions, limit, min_distance=near, leaving=leaving)
         gone = np.flatnonzero(ours.found & ~exact.found)
@@ -63,7 +67,10 @@ class Referee:
             exact.put(gone, again)
         differ, distance = self._compare(origins, directions, ours, exact)
         wrong = np.flatnonzero(differ)
-        wrong = wrong[~self._at_an_edge(origins[wrong], directions[wrong], ours.take(wrong), far[wrong])]
+        other = np.flatnonzero(~_alike(ours.take(wrong), exact.take(wrong)))
+        ask = wrong[other]
+        excused = self._at_an_edge(origins[ask], directions[ask], ours.take(ask), far[ask])
+        wrong = np.delete(wrong, other[excused])
         if leaving is not None and len(wrong):
             blind = self._exact.cast(
                 origins[wrong], directions[wrong], far[wrong], min_distance=near[wrong] + BEHIND

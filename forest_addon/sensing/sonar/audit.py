@@ -29,7 +29,7 @@ from .summation import sum_echoes
 from .targets import Targets
 
 MOST = 300_000  # scatterers in range that are all summed
-BINS = 32  # of a ping whose scatterers have to be looked for
+BINS = (4, 32)  # of a ping at a time; of one whose scatterers have to be looked for
 SAMPLES = 16  # of a ping at a time
 ROUNDING = 1e-12
 OF_SAMPLES = 1e-9  # of the largest
@@ -84,8 +84,11 @@ def audit_echoes(
             station, groups = pings.station(echo), echo.groups
             if culled:
                 groups = heard_from(station, targets, band, wood, everything).groups
-            bins = rng.integers(0, len(echo.frequency), BINS if culled else 1)
-            yield np.concatenate([_bin_errors(echo, int(k), groups, station) for k in bins])
+            count = min(BINS[culled], len(echo.frequency))
+            stride = int(rng.integers(1, max(len(echo.frequency) // count, 1) + 1))
+            first = int(rng.integers(0, len(echo.frequency) - (count - 1) * stride))
+            rows = first + stride * np.arange(count)
+            yield _bin_errors(echo, rows, groups, station)
 
     found = sample(batches(), PARTS[0] * share * seconds, LEAST)
     which = "everything heard" if sonar.cull > 0 and not culled else "everything in range"
@@ -107,10 +110,10 @@ def _affordable(echoes: Sequence[Echo], share: float) -> bool:
     return in_range <= MOST and in_range <= share * len(echoes) * max(heard, 1)
 
 
-def _bin_errors(echo: Echo, row: int, groups: list[Group], station: Station) -> np.ndarray:
-    """(E,) errors of one bin at the ears, as shares of Σ max|A|."""
-    exact = sum_echoes(groups, station, _bin(echo, row), 0.0).spectrum[:, 0]
-    return _shares(echo.spectra[:, row] - exact, echo)
+def _bin_errors(echo: Echo, rows: np.ndarray, groups: list[Group], station: Station) -> np.ndarray:
+    """(E·R,) errors of bins that are evenly apart, at the ears, as shares of Σ max|A|."""
+    exact = sum_echoes(groups, station, _bins(echo, rows), 0.0).spectrum
+    return _shares(echo.spectra[:, rows] - exact, echo).ravel()
 
 
 def _called(pings: _Pings, rng: np.random.Generator, seconds: float) -> Check | None:
@@ -188,7 +191,7 @@ def _spectrum(call: Call, frequency: np.ndarray) -> np.ndarray:
 
 def _played(echo: Echo, row: int, call: Call, station: Station) -> np.ndarray:
     """(E,) the echo of a call at one frequency, of a sonar that moves: every path at its own speed."""
-    one, frequency = _bin(echo, row), float(echo.frequency[row])
+    one, frequency = _bins(echo, np.array([row])), float(echo.frequency[row])
     total = np.zeros(len(station.ear), dtype=np.complex128)
     for group in echo.groups:
         alpha = factors(group, station, 0)
@@ -204,8 +207,13 @@ def _played(echo: Echo, row: int, call: Call, station: Station) -> np.ndarray:
     return total
 
 
-def _bin(echo: Echo, row: int) -> Grid:
-    return Grid(float(echo.frequency[row]), echo.sample_rate, 1, 1, 1)
+def _bins(echo: Echo, rows: np.ndarray) -> Grid:
+    """The grid of some of the bins, evenly apart."""
+    frequency = echo.frequency[rows]
+    spacing = echo.sample_rate
+    if len(rows) > 1:
+        spacing = float(frequency[-1] - frequency[0]) / (len(rows) - 1)
+    return Grid(float(frequency[0]), spacing, len(rows), 1, 1)
 
 
 def _shares(apart: np.ndarray, echo: Echo) -> np.ndarray:
