@@ -49,7 +49,8 @@ from .lidar import (
     Tractor,
 )
 from .reverb import Place, Reverb
-from .scene import SENSORS, Accuracy, Output, Rays, Scene, Sensor
+from .scene import SENSORS, Accuracy, Output, Rays, Scene
+from .sensor import Sensor
 from .sonar import HORSESHOE_BAND, Sonar
 from .species import (
     MAX_REACH,
