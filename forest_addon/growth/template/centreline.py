@@ -26,6 +26,7 @@ MOST_SAMPLES = 64  # of one edge
 NEAR = 2.0  # radii of a piece's end that tell where its middle is, and how thick it is
 SLAB = 0.5  # radii of it that are the end itself
 OFF = 0.42  # radii that their middle may be off the way inwards
+HOOK = 2.0  # radii that it is elsewhere than where it was taken to be, at most
 SURE = 3.0  # mean radii of it at least, as samples are no denser
 FAR = 2.5  # times that, from where on they tell which way it goes
 REGION = 4.0  # times that, which are looked at
@@ -311,6 +312,12 @@ def _find_end(
     middle -= np.einsum("ci,ci->c", middle, inwards)[:, None] * inwards
     whole = np.linalg.norm(middle, axis=1) <= OFF * thick
     foot[whole] += middle[whole]
+    # a hook is not seen from farther in: there the corners that are known to be the end's tell
+    known = _weighted(
+        corner, (depth[mine] <= SLAB * thick[of_corner]).astype(float), of_corner, count
+    )
+    hook = np.linalg.norm(foot - known, axis=1) > HOOK * thick
+    foot[hook], near = known[hook], np.where(hook, 0.0, near)
     inwards = there - foot
     inwards /= np.maximum(np.linalg.norm(inwards, axis=1, keepdims=True), np.finfo(float).tiny)
     return foot, inwards, near

@@ -21,16 +21,19 @@ from ...rng import daughter_keys, keyed_normal, keyed_uniform
 from ...spec import Siblings
 from ..mesh.runs import Runs, bounds
 from .anatomy import GROUND
-from .courses import foot_frames, lay, lay_sloping, slopes, walk
+from .courses import foot_frames, lay, lay_sloping, sloped, slopes, walk
 from .fitted import Habit, radius_at_seat
 from .lines import Lines, Seats, seat_at, stand_on
 from .nodes import Placed, place_daughters
 from .size import Size, size_of, trunk_girth
 
 MOST_SCALE = 1.5  # of a piece's length
+INSIDE = 0.6  # of the mother's radius: a foot this near to her axis is within her, whatever her section
 SWEEP = np.deg2rad(15.0)  # turn of a branch's bends about its line
-TRUNK_SWEEP = np.deg2rad(60.0)
-BEND_SPREAD, LEAN_SPREAD = 0.15, 0.3
+BEND_SPREAD = 0.15
+LEAN = np.deg2rad(2.5)  # of a trunk's slope, towards its tip
+MOST_LEAN = np.deg2rad(6.0)  # more than the template's, of a trunk from foot to tip
+CALMER = (1.0, 0.5, 0.25, 0.0)  # shares of a trunk's own bends that are tried
 SWAY = np.deg2rad(4.0)  # of a level branch's slope at its tip
 FADE = 4.0  # how fast a foot's other slope is made up for: e^-4 of it is left at the tip
 DAUGHTER_LENGTH = 0.5  # exponent: how daughters lengthen with their mother
@@ -100,26 +103,27 @@ def _grow(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Grown:
 
 
 def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> _Wanted:
+    """The trunks, turned about the vertical or mirrored: a base that lies flat on the ground still does."""
     anatomy = habit.anatomy
     piece = np.flatnonzero(anatomy.order == 0)
     key = daughter_keys(np.repeat(tree, len(piece)), np.arange(len(piece)))
-    lean = np.exp(variety * LEAN_SPREAD * keyed_normal(key, "lean"))
     turn = 2 * np.pi * variety * keyed_uniform(np.repeat(tree, len(piece)), "turn")
+    sign = np.repeat(_signs(tree, variety), len(piece))
     start = foot_frames(
         np.tile(GROUND, (len(piece), 1, 1)),
-        anatomy.azimuth[piece] + turn,
-        anatomy.angle[piece] * lean,
-        anatomy.roll[piece],
+        sign * anatomy.azimuth[piece] + turn,
+        anatomy.angle[piece],
+        sign * anatomy.roll[piece],
         anatomy.carried[piece],
     )
     seat = anatomy.seat.take(piece)
-    bearing = anatomy.azimuth[piece] + seat.aside + turn
+    bearing = sign * (anatomy.azimuth[piece] + seat.aside) + turn
     sideways = np.stack([np.cos(bearing), np.sin(bearing)], axis=1) * seat.away[:, None]
     scale = np.full(len(piece), size.stem)
     return _Wanted(
         piece=piece,
         mother=np.full(len(piece), -1),
-        sign=_signs(key, variety),
+        sign=sign,
         scale=scale,
         key=key,
         share=np.zeros(len(piece)),
@@ -159,7 +163,7 @@ def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: in
     inside = away <= radius
     away = np.where(inside, away / radius * thickness, away + thickness - radius)
     if variety > 0:
-        away = np.minimum(away, thickness)
+        away = np.minimum(away, INSIDE * thickness)
     around = bearing + below.sign[owner] * off
     foot = place + (away * np.cos(around))[:, None] * frame[:, :, 0]
     foot += (away * np.sin(around))[:, None] * frame[:, :, 1]
@@ -196,10 +200,21 @@ def _signs(key: np.ndarray, variety: float) -> np.ndarray:
 
 
 def _class_mates(habit: Habit, placed: Placed, variety: float) -> np.ndarray:
-    """(N,) for each slot itself, or with this chance any member of its class, itself included."""
+    """(N,) for each slot itself, or with this chance a member of its class, itself included.
+
+    Members are dealt out: of a class each comes as often as any other, but for what is left over, so that
+    what they bear comes as often as in the template.
+    """
     piece = placed.slot
     of_class = habit.kind[piece]
-    rank = (keyed_uniform(placed.key, "member") * habit.of_class.size[of_class]).astype(np.int64)
+    order = np.lexsort((keyed_uniform(placed.key, "member"), of_class))
+    size = np.bincount(of_class, minlength=len(habit.of_class.size))
+    dealt = np.empty(len(piece), np.int64)
+    dealt[order] = np.arange(len(piece)) - np.repeat(np.cumsum(size) - size, size)
+    last = np.zeros(len(size))  # what is left over goes to others each time
+    last[of_class[order]] = keyed_uniform(placed.key, "deal")[order]
+    begin = (last * habit.of_class.size).astype(np.int64)
+    rank = (dealt + begin[of_class]) % habit.of_class.size[of_class]
     mate = habit.member[habit.of_class.first[of_class] + rank]
     return np.where(keyed_uniform(placed.key, "mate") < variety, mate, piece)
 
@@ -232,15 +247,18 @@ def _lay(habit: Habit, variety: float, wanted: _Wanted, order: int) -> Grown:
     size = np.diff(lines.first)[wanted.piece]
     first = bounds(size)
     rank = np.arange(len(source)) - first[owner]
-    bend = habit.anatomy.bend[source] * np.stack([wanted.sign[owner], np.ones(len(owner))], axis=1)
-    if variety > 0:
-        bend = _bent_otherwise(bend, wanted.key[owner], rank / size[owner], variety, order)
-    if variety > 0 and order:
-        slope = _own_slopes(habit, wanted, source, owner, (rank + 0.5) / size[owner], variety)
-        frame = lay_sloping(bend, first, wanted.start, slope)
-    else:
-        frame = lay(bend, first, wanted.start)
     length = lines.length[source] * wanted.scale[owner]
+    bend = habit.anatomy.bend[source] * np.stack([wanted.sign[owner], np.ones(len(owner))], axis=1)
+    along = rank / size[owner]
+    if variety == 0:
+        frame = lay(bend, first, wanted.start)
+    elif order:
+        bend = _bent_otherwise(bend, wanted.key[owner], along, variety)
+        slope = _own_slopes(habit, wanted, source, owner, along + 0.5 / size[owner], variety)
+        slope, start = _above_ground(habit, wanted, slope, length, first)
+        frame = lay_sloping(bend, first, start, slope)
+    else:
+        bend, frame = _lay_trunks(habit, wanted, bend, length, first, along, variety)
     knot_source, knot_owner, _ = Runs.at(lines.first + np.arange(len(lines.first))).copy(
         wanted.piece
     )
@@ -273,16 +291,50 @@ def _lay(habit: Habit, variety: float, wanted: _Wanted, order: int) -> Grown:
 
 
 def _bent_otherwise(
-    bend: np.ndarray, key: np.ndarray, part: np.ndarray, variety: float, order: int
+    bend: np.ndarray, key: np.ndarray, part: np.ndarray, variety: float
 ) -> np.ndarray:
     """Bends (S, 2) turned about the line, by more or less along it, and more or less strong."""
-    most = variety * (SWEEP if order else TRUNK_SWEEP)
     turn = keyed_normal(key, "sweep") + 1.5 * (part - 0.5) * keyed_normal(key, "swerve")
-    cos, sin = np.cos(most * turn), np.sin(most * turn)
+    cos, sin = np.cos(variety * SWEEP * turn), np.sin(variety * SWEEP * turn)
     turned = np.stack(
         [cos * bend[:, 0] - sin * bend[:, 1], sin * bend[:, 0] + cos * bend[:, 1]], axis=1
     )
     return np.asarray(turned * np.exp(variety * BEND_SPREAD * keyed_normal(key, "bend"))[:, None])
+
+
+def _lay_trunks(
+    habit: Habit,
+    wanted: _Wanted,
+    bend: np.ndarray,
+    length: np.ndarray,
+    first: np.ndarray,
+    part: np.ndarray,
+    variety: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Bends (S, 2) and frames (S, 3, 3) of trunks: they leave the ground as in the template, and are bent
+    and lean otherwise towards the top, but not much more than it leans.
+    """
+    plain = lay(bend, first, wanted.start)
+    most = _leans(plain, length, first) + MOST_LEAN
+    owner = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    lean = np.clip(keyed_normal(wanted.key, "lean"), -2.0, 2.0)[owner] * part
+    chosen_bend, chosen = bend.copy(), plain.copy()
+    open_ones = np.ones(len(first) - 1, dtype=bool)
+    for calm in CALMER:
+        other = _bent_otherwise(bend, wanted.key[owner], part, calm * variety)
+        slope = np.clip(slopes(plain) + calm * variety * LEAN * lean, 0.0, np.pi)
+        frame = lay_sloping(other, first, wanted.start, slope)
+        fits = open_ones & (_leans(frame, length, first) <= most)
+        mine = fits[owner]
+        chosen_bend[mine], chosen[mine] = other[mine], frame[mine]
+        open_ones &= ~fits
+    return chosen_bend, chosen
+
+
+def _leans(frame: np.ndarray, length: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """(C,) radians from the vertical, from foot to tip."""
+    way = np.add.reduceat(frame[:, :, 2] * length[:, None], first[:-1], axis=0)
+    return np.arctan2(np.hypot(way[:, 0], way[:, 1]), way[:, 2])
 
 
 def _own_slopes(
@@ -299,6 +351,30 @@ def _own_slopes(
     at_foot = slopes(wanted.start) - slopes(lines.frame[lines.first[wanted.piece]])
     sway = variety * SWAY * keyed_normal(wanted.key, "sway")[owner] * part * np.sin(own)
     return np.asarray(np.clip(own + at_foot[owner] * np.exp(-FADE * part) + sway, 0.0, np.pi))
+
+
+def _above_ground(
+    habit: Habit, wanted: _Wanted, slope: np.ndarray, length: np.ndarray, first: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes (S,) and frames of the feet (C, 3, 3) of branches that go on level where they reach the ground."""
+    slope, start = slope.copy(), wanted.start
+    slope[first[:-1]] = slopes(start)
+    owner = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    rise = np.cumsum(length * np.cos(slope))
+    base = wanted.foot[:, 2] - (rise - length * np.cos(slope))[first[:-1]]
+    floor = np.minimum(habit.floor[wanted.piece], wanted.foot[:, 2])
+    if (rise + base[owner] >= floor[owner]).all():
+        return slope, start
+    height = np.maximum(rise + base[owner], floor[owner])
+    before = np.concatenate([[0.0], height[:-1]])
+    before[first[:-1]] = wanted.foot[:, 2]
+    level = np.arccos(np.clip((height - before) / np.maximum(length, 1e-12), -1.0, 1.0))
+    touched = np.abs(level - slope) > 1e-6
+    slope[touched] = level[touched]
+    low = np.flatnonzero(touched[first[:-1]])
+    start = start.copy()
+    start[low] = sloped(start[low], slope[first[:-1][low]])
+    return slope, start
 
 
 def _joined(levels: Sequence[Grown]) -> Grown:
