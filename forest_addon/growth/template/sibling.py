@@ -21,21 +21,17 @@ from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
 from ...base.runs import Runs, bounds
 from ...spec import Siblings
 from .anatomy import GROUND
-from .courses import foot_frames, lay, lay_sloping, sloped, slopes, walk
+from .courses import foot_frames, lay, walk
 from .fitted import Habit, radius_at_seat
+from .laying import Shoots, lay_branches, lay_trunks
 from .lines import Lines, Seats, seat_at, stand_on
 from .nodes import Placed, place_daughters
 from .size import Size, size_of, trunk_girth
 
 MOST_SCALE = 1.5  # of a piece's length
-INSIDE = 0.6  # of the mother's radius: a foot this near to her axis is within her, whatever her section
-SWEEP = np.deg2rad(15.0)  # turn of a branch's bends about its line
-BEND_SPREAD = 0.15
-LEAN = np.deg2rad(2.5)  # of a trunk's slope, towards its tip
-MOST_LEAN = np.deg2rad(6.0)  # more than the template's, of a trunk from foot to tip
-CALMER = (1.0, 0.5, 0.25, 0.0)  # shares of a trunk's own bends that are tried
-SWAY = np.deg2rad(4.0)  # of a level branch's slope at its tip
-FADE = 4.0  # how fast a foot's other slope is made up for: e^-4 of it is left at the tip
+INSIDE = (
+    0.6  # of the mother's radius: a foot this near to her axis is within her, whatever her section
+)
 DAUGHTER_LENGTH = 0.5  # exponent: how daughters lengthen with their mother
 THICKEST = 0.95  # of the mother there
 
@@ -63,21 +59,6 @@ class Grown:
     girth: np.ndarray
 
 
-@dataclass(frozen=True)
-class _Wanted:
-    """Branches of one order before they are laid."""
-
-    piece: np.ndarray
-    mother: np.ndarray  # row of the order below
-    sign: np.ndarray
-    scale: np.ndarray
-    key: np.ndarray
-    share: np.ndarray
-    start: np.ndarray  # (B, 3, 3) frames of the feet
-    foot: np.ndarray
-    girth: np.ndarray  # (B, 2) scale of thickness at foot and tip
-
-
 def grow_sibling(habit: Habit, siblings: Siblings, key: int) -> Grown:
     """The branches of one tree.
 
@@ -102,7 +83,7 @@ def _grow(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Grown:
     return _joined(levels)
 
 
-def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> _Wanted:
+def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Shoots:
     """The trunks, turned about the vertical or mirrored: a base that lies flat on the ground still does."""
     anatomy = habit.anatomy
     piece = np.flatnonzero(anatomy.order == 0)
@@ -120,7 +101,7 @@ def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> _Want
     bearing = sign * (anatomy.azimuth[piece] + seat.aside) + turn
     sideways = np.stack([np.cos(bearing), np.sin(bearing)], axis=1) * seat.away[:, None]
     scale = np.full(len(piece), size.stem)
-    return _Wanted(
+    return Shoots(
         piece=piece,
         mother=np.full(len(piece), -1),
         sign=sign,
@@ -133,7 +114,7 @@ def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> _Want
     )
 
 
-def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: int) -> _Wanted:
+def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: int) -> Shoots:
     """What the axes of the order below bear."""
     anatomy = habit.anatomy
     count = size.branches if order == 1 else below.scale**size.count_exponent
@@ -173,7 +154,7 @@ def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: in
     stout = anatomy.foot_radius()[piece]
     most = thickness * np.maximum(THICKEST, stout / radius) / stout
     base = np.minimum(scale, most)
-    return _Wanted(
+    return Shoots(
         piece=piece,
         mother=owner,
         sign=below.sign[owner] * _signs(key, variety),
@@ -240,7 +221,7 @@ def _fitting(
     return piece, scale
 
 
-def _lay(habit: Habit, variety: float, wanted: _Wanted, order: int) -> Grown:
+def _lay(habit: Habit, variety: float, wanted: Shoots, order: int) -> Grown:
     """Branches of one order along their courses."""
     lines = habit.anatomy.lines
     source, owner, _ = Runs.at(lines.first).copy(wanted.piece)
@@ -249,16 +230,12 @@ def _lay(habit: Habit, variety: float, wanted: _Wanted, order: int) -> Grown:
     rank = np.arange(len(source)) - first[owner]
     length = lines.length[source] * wanted.scale[owner]
     bend = habit.anatomy.bend[source] * np.stack([wanted.sign[owner], np.ones(len(owner))], axis=1)
-    along = rank / size[owner]
     if variety == 0:
         frame = lay(bend, first, wanted.start)
     elif order:
-        bend = _bent_otherwise(bend, wanted.key[owner], along, variety)
-        slope = _own_slopes(habit, wanted, source, owner, along + 0.5 / size[owner], variety)
-        slope, start = _above_ground(habit, wanted, slope, length, first)
-        frame = lay_sloping(bend, first, start, slope)
+        bend, frame = lay_branches(habit, wanted, bend, length, first, source, variety)
     else:
-        bend, frame = _lay_trunks(habit, wanted, bend, length, first, along, variety)
+        bend, frame = lay_trunks(wanted, bend, length, first, variety)
     knot_source, knot_owner, _ = Runs.at(lines.first + np.arange(len(lines.first))).copy(
         wanted.piece
     )
@@ -288,93 +265,6 @@ def _lay(habit: Habit, variety: float, wanted: _Wanted, order: int) -> Grown:
         source=source,
         girth=middle,
     )
-
-
-def _bent_otherwise(
-    bend: np.ndarray, key: np.ndarray, part: np.ndarray, variety: float
-) -> np.ndarray:
-    """Bends (S, 2) turned about the line, by more or less along it, and more or less strong."""
-    turn = keyed_normal(key, "sweep") + 1.5 * (part - 0.5) * keyed_normal(key, "swerve")
-    cos, sin = np.cos(variety * SWEEP * turn), np.sin(variety * SWEEP * turn)
-    turned = np.stack(
-        [cos * bend[:, 0] - sin * bend[:, 1], sin * bend[:, 0] + cos * bend[:, 1]], axis=1
-    )
-    return np.asarray(turned * np.exp(variety * BEND_SPREAD * keyed_normal(key, "bend"))[:, None])
-
-
-def _lay_trunks(
-    habit: Habit,
-    wanted: _Wanted,
-    bend: np.ndarray,
-    length: np.ndarray,
-    first: np.ndarray,
-    part: np.ndarray,
-    variety: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Bends (S, 2) and frames (S, 3, 3) of trunks: they leave the ground as in the template, and are bent
-    and lean otherwise towards the top, but not much more than it leans.
-    """
-    plain = lay(bend, first, wanted.start)
-    most = _leans(plain, length, first) + MOST_LEAN
-    owner = np.repeat(np.arange(len(first) - 1), np.diff(first))
-    lean = np.clip(keyed_normal(wanted.key, "lean"), -2.0, 2.0)[owner] * part
-    chosen_bend, chosen = bend.copy(), plain.copy()
-    open_ones = np.ones(len(first) - 1, dtype=bool)
-    for calm in CALMER:
-        other = _bent_otherwise(bend, wanted.key[owner], part, calm * variety)
-        slope = np.clip(slopes(plain) + calm * variety * LEAN * lean, 0.0, np.pi)
-        frame = lay_sloping(other, first, wanted.start, slope)
-        fits = open_ones & (_leans(frame, length, first) <= most)
-        mine = fits[owner]
-        chosen_bend[mine], chosen[mine] = other[mine], frame[mine]
-        open_ones &= ~fits
-    return chosen_bend, chosen
-
-
-def _leans(frame: np.ndarray, length: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """(C,) radians from the vertical, from foot to tip."""
-    way = np.add.reduceat(frame[:, :, 2] * length[:, None], first[:-1], axis=0)
-    return np.arctan2(np.hypot(way[:, 0], way[:, 1]), way[:, 2])
-
-
-def _own_slopes(
-    habit: Habit,
-    wanted: _Wanted,
-    source: np.ndarray,
-    owner: np.ndarray,
-    part: np.ndarray,
-    variety: float,
-) -> np.ndarray:
-    """(S,) slopes of stretches: the piece's own, but for how the foot's differs, which fades along it."""
-    lines = habit.anatomy.lines
-    own = slopes(lines.frame[source])
-    at_foot = slopes(wanted.start) - slopes(lines.frame[lines.first[wanted.piece]])
-    sway = variety * SWAY * keyed_normal(wanted.key, "sway")[owner] * part * np.sin(own)
-    return np.asarray(np.clip(own + at_foot[owner] * np.exp(-FADE * part) + sway, 0.0, np.pi))
-
-
-def _above_ground(
-    habit: Habit, wanted: _Wanted, slope: np.ndarray, length: np.ndarray, first: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes (S,) and frames of the feet (C, 3, 3) of branches that go on level where they reach the ground."""
-    slope, start = slope.copy(), wanted.start
-    slope[first[:-1]] = slopes(start)
-    owner = np.repeat(np.arange(len(first) - 1), np.diff(first))
-    rise = np.cumsum(length * np.cos(slope))
-    base = wanted.foot[:, 2] - (rise - length * np.cos(slope))[first[:-1]]
-    floor = np.minimum(habit.floor[wanted.piece], wanted.foot[:, 2])
-    if (rise + base[owner] >= floor[owner]).all():
-        return slope, start
-    height = np.maximum(rise + base[owner], floor[owner])
-    before = np.concatenate([[0.0], height[:-1]])
-    before[first[:-1]] = wanted.foot[:, 2]
-    level = np.arccos(np.clip((height - before) / np.maximum(length, 1e-12), -1.0, 1.0))
-    touched = np.abs(level - slope) > 1e-6
-    slope[touched] = level[touched]
-    low = np.flatnonzero(touched[first[:-1]])
-    start = start.copy()
-    start[low] = sloped(start[low], slope[first[:-1][low]])
-    return slope, start
 
 
 def _joined(levels: Sequence[Grown]) -> Grown:

@@ -76,9 +76,7 @@ def test_a_tree_in_centimetres_anywhere_is_rebuilt_in_metres():
     facets = mesh.vertices[mesh.triangles[mesh.part == WOOD]]
     plain = recognise(model.wood())
     assert len(leaves) == len(model.bearers)
-    gap = cKDTree((model.wood() - plain.origin).reshape(-1, 3)).query(
-        facets.reshape(-1, 3)
-    )[0]
+    gap = cKDTree((model.wood() - plain.origin).reshape(-1, 3)).query(facets.reshape(-1, 3))[0]
     assert gap.max() < 1e-6
 
 
