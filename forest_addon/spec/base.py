@@ -105,7 +105,8 @@ class Settings:
         cls.__init__ = _by_name(cls, cls.__init__)  # type: ignore[method-assign]
 
     def __post_init__(self) -> None:
-        kinds = types_of(type(self))
+        cls: Any = type(self)
+        kinds = types_of(cls)
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
             name, known, value = field.name, param_of(field), getattr(self, field.name)
             value = AUTO if known.auto and isinstance(value, str) and value == "auto" else value
