@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.blender.observe import Observer
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
+from forest_addon.blender.sensors.observe import Observer
 from forest_addon.sensing.reverb.ends import ends_of
 from forest_addon.sensing.reverb.forest.canopy import canopy_of
 from forest_addon.sensing.reverb.response import impulse_response

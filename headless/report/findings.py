@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from forest_addon.formats.figures import facts, figures_of, of_forest
+from forest_addon.results.figures import facts, figures_of, of_forest
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.tractor import TractorScan
 from forest_addon.sensing.reverb.response import ImpulseResponse

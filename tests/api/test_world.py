@@ -14,7 +14,7 @@ from forest_addon import api as forest
 from forest_addon.api import scanners as scanners_module
 from forest_addon.api import site as site_module
 from forest_addon.api import world as world_module
-from forest_addon.blender.observe import Observer
+from forest_addon.blender.sensors.observe import Observer
 from forest_addon.formats.toml_file import structure
 
 SCENE = forest.Scene(

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, example, given
 from hypothesis import strategies as st
 from references.examples import examples
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.sensing.reverb.audit import audit_response, octave_errors
 from forest_addon.sensing.reverb.response import impulse_response
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions

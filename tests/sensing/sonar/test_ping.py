@@ -14,7 +14,7 @@ from references.rays_brute import BruteCaster
 
 from forest_addon.acoustics import nonuniform
 from forest_addon.acoustics.disc import backscatter, backscatter_amplitude
-from forest_addon.growth.mesh.trimesh import WOOD, TriMesh
+from forest_addon.base.trimesh import WOOD, TriMesh
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.sonar import search
 from forest_addon.sensing.sonar.ping import Echo, LeafDiscs, ping
