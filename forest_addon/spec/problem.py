@@ -14,8 +14,8 @@ class SpecError(ValueError):
         self.key = key
         self.problem = problem
 
-    def __reduce__(self) -> tuple[type[SpecError], tuple[str, str]]:
-        return type(self), (self.key, self.problem)  # ValueError's own would lose the key
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+        return SpecError, (self.key, self.problem)  # ValueError's own would lose the key
 
 
 def unknown(key: str, name: str, known: Iterable[str], besides: str = "") -> SpecError:
@@ -25,7 +25,8 @@ def unknown(key: str, name: str, known: Iterable[str], besides: str = "") -> Spe
     """
     names = list(known)
     return SpecError(
-        key, f'"{name}" is not known; {did_you_mean(name, names)}use {", ".join(names)}{besides}'
+        key,
+        f'"{name}" is not known; {did_you_mean(name, names)}use one of {", ".join(names)}{besides}',
     )
 
 

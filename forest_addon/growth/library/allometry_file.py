@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.places import ASSETS
+from ...base.places import ASSETS, file_name
 from ...formats.foreign import guarded
 from ...formats.toml_file import read_settings
 from ...spec import Allometry, SpecError, unknown
@@ -36,7 +36,7 @@ def allometry_names() -> list[str]:
 
 def file_stem(name: str) -> str:
     """What the file of a kind is called: "Picea abies" becomes picea-abies."""
-    return name.lower().replace(" ", "-")
+    return file_name(name.lower()).replace(" ", "-")
 
 
 def read_allometry(name: str, folder: Path) -> Allometry:
