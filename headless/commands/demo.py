@@ -5,14 +5,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from forest_addon.base.places import ASSETS
+
 from ..command import Command
 from .run import add_run_options, run_file
 
-ASSETS = Path(__file__).resolve().parents[2] / "assets"
 DEMO = ASSETS / "scenes" / "demo.toml"
 
 
-class Demo(Command):
+class DemoCommand(Command):
     name = "demo"
     help = "run the demo forest"
     description = f"Run the demo forest, assets/scenes/{DEMO.name}."

@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ..mesh.axes import Axes, find_axes
-from ..mesh.vectors import cross_rows
+from ...base.vectors import cross_rows
 from ..skeleton import LeafSites, Skeleton
 from .collars import Collars, collars_of
 

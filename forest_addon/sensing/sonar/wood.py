@@ -23,8 +23,8 @@ import numpy as np
 
 from ...acoustics.cylinder import scattering_sum
 from ...acoustics.smoothness import Profile
-from ...growth.mesh.trimesh import WOOD as WOOD_PART
-from ...growth.mesh.trimesh import TriMesh
+from ...base.trimesh import WOOD as WOOD_PART
+from ...base.trimesh import TriMesh
 from ...growth.template.centreline import find_centrelines
 from ...growth.template.pieces import part
 from .clusters import cluster
