@@ -87,8 +87,7 @@ def collars_of(
     columns = [np.where(has, v, 0.0) for v in (surface, reach, room)]
     columns.append(np.where(has, np.maximum(FATTEST * thick, 1e-6), np.inf))
     spread = np.empty((4, count))
-    for column, values in zip(spread, columns, strict=True):
-        column[chain] = np.repeat(values, np.diff(axes.first))
+    spread[:, chain] = np.repeat(np.stack(columns), np.diff(axes.first), axis=1)
 
     rows = np.flatnonzero(has)
     wanted = (surface[rows, None] + STEPS * reach[rows, None]).ravel()
@@ -98,4 +97,4 @@ def collars_of(
     on = chain[place]
     part = (wanted - metres[on, 0]) / np.maximum(length[on], 1e-12)
     inside = (part > 0) & (part < 1)
-    return Collars(metres, *spread, (on[inside], part[inside]))
+    return Collars(metres, spread[0], spread[1], spread[2], spread[3], (on[inside], part[inside]))

@@ -10,11 +10,12 @@ a straight segment would leave the curve by more than a tolerance; what is strai
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
-from ..mesh.axes import Axes, find_axes
 from ...base.vectors import cross_rows
+from ..mesh.axes import Axes, find_axes
 from ..skeleton import LeafSites, Skeleton
 from .collars import Collars, collars_of
 
@@ -280,15 +281,12 @@ def _resampled(
     parent = np.arange(len(row)) - 1
     mother = skeleton.parent
     parent[begins] = np.where(mother < 0, -1, _part_of(row, u, mother, joints.share))
-    made = {
-        "start": start,
-        "end": end,
-        "radius": radius,
-        "parent": parent,
-        "generation": _generations(skeleton, row, parent, begins),
-    }
-    kept = {f.name: getattr(skeleton, f.name) for f in fields(skeleton) if f.name not in made}
-    return Skeleton(**made, **{k: v if v is None else v[row] for k, v in kept.items()})
+    columns = ((f.name, getattr(skeleton, f.name)) for f in fields(skeleton))
+    taken: dict[str, Any] = {name: v if v is None else v[row] for name, v in columns}
+    generation = _generations(skeleton, row, parent, begins)
+    return replace(
+        Skeleton(**taken), start=start, end=end, radius=radius, parent=parent, generation=generation
+    )
 
 
 def _part_of(row: np.ndarray, u: np.ndarray, of: np.ndarray, share: np.ndarray) -> np.ndarray:

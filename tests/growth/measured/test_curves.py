@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from references.solid_brute import union_volume
 
+from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.measured.curves import TIGHT, curved
 from forest_addon.growth.measured.measure import dbh_of
@@ -15,7 +16,6 @@ from forest_addon.growth.mesh.meshing import mesh_wood
 from forest_addon.growth.skeleton import LeafSites, Skeleton
 from forest_addon.growth.solid import volume_of
 from forest_addon.growth.tree import grow
-from forest_addon.base.rng import stream
 from forest_addon.spec import Detail
 
 BRANCH = Skeleton(
