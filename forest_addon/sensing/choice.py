@@ -1,4 +1,4 @@
-"""What is left to "auto": tolerances as fine as a sensor and its model can tell apart, and no finer.
+"""Values left to "auto": tolerances as fine as a sensor and its model can tell apart, and no finer.
 
 A finer sum than the model of a leaf, or than what is cut off the end of a record, costs time and makes
 nothing truer. Each choice comes with a bound on what it may be off by and with its reason; the report and
@@ -36,5 +36,5 @@ class Choice:
         return f"{self.key} was left to auto: {value}, {bound} {self.why}."
 
     def record(self) -> dict[str, float | str]:
-        """What stands in run.json."""
+        """Return what stands in run.json."""
         return asdict(self)

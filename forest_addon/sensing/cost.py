@@ -1,4 +1,4 @@
-"""What a run will cost, before it begins: how much it sends, how long that takes, how much it keeps.
+"""Cost of a run, before it begins: how much it sends, how long that takes, how much it keeps.
 
 The time is a guess until sensors of a kind have run once in this process; then their own pace counts, which
 is that of this machine and this scene.

@@ -1,4 +1,4 @@
-"""What a sensor IS to the rest of the program: one record, filled in by the ``kind.py`` of each sensor.
+"""Record of a sensor, of all that it IS to the rest of the program; each sensor's ``kind.py`` fills it in.
 
 The record names the sensor's settings and says how it runs on a scene, how a sample of its result is
 computed again, where it goes, what it costs, what it shows in the viewport. Whoever runs, draws or times
@@ -118,7 +118,7 @@ def _nothing_fixed(_group: Any) -> str:
 
 @dataclass(frozen=True)
 class SensorKind:
-    """What a kind of sensor is; every function takes the settings, or the ``Observation`` that holds them.
+    """Record of a kind of sensor; every function takes the settings, or the ``Observation`` that holds them.
 
     settings : their class. run : what it finds in a scene, told of progress.
     audit : a sample of what it found in so many seconds, computed again by the exact way.

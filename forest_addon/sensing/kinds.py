@@ -49,7 +49,7 @@ def choose(sensor: S) -> tuple[S, tuple[Choice, ...]]:
 
 
 def left_out(sensor: Sensor, found: Any) -> tuple[Choice, ...]:
-    """What a finding left out as too weak."""
+    """Return what a finding left out as too weak, with its bound."""
     return kind_of(sensor).left_out(found)
 
 

@@ -18,6 +18,7 @@ from .base import (
     SpecError,
     param,
     param_of,
+    refuse_unknown,
     with_files,
     within,
 )
@@ -48,6 +49,7 @@ from .lidar import (
     Terrestrial,
     Tractor,
 )
+from .problem import did_you_mean, unknown
 from .reverb import Place, Reverb
 from .scene import SENSORS, Accuracy, Output, Rays, Scene
 from .sensor import Sensor
@@ -124,8 +126,11 @@ __all__ = [
     "Terrain",
     "Terrestrial",
     "Tractor",
+    "did_you_mean",
     "param",
     "param_of",
+    "refuse_unknown",
+    "unknown",
     "with_files",
     "within",
 ]

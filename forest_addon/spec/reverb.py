@@ -10,7 +10,7 @@ from .sensor import Sensor
 
 
 class Place(Settings):
-    """Where one more source or receiver is."""
+    """Place of one more source or receiver."""
 
     position: tuple[float, float, float] = place((0.0, 0.0, 1.5), "where it is")
 

@@ -1,4 +1,4 @@
-"""What the settings of all sensors have in common, and the table of their kinds."""
+"""Base of the settings of all sensors, with the table of their kinds."""
 
 from __future__ import annotations
 

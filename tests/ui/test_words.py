@@ -141,7 +141,7 @@ def figures_in_words():
     """(place, pattern, keywords) of every figure of a result that is said in words."""
     found = [(f.name, c) for f in RESULTS for c in ast.walk(ast.parse(f.read_text("utf-8")))]
     for file, call in found:
-        if isinstance(call, ast.Call) and name_of(call) == "words":
+        if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "words":
             spread = [a.value.elts if isinstance(a, ast.Starred) else [a] for a in call.args]
             yield (
                 f"{file}:{call.lineno}",

@@ -108,7 +108,7 @@ class Observer:
         return kind_of(sensor).run(self._observation(sensor, settings, folder, way), progress)
 
     def warnings(self, sensor: Sensor, way: Any = None) -> tuple[str, ...]:
-        """What a user would not want of where a sensor stands, in sentences: inside of a tree."""
+        """Return what a user would not want of where a sensor stands, in sentences: inside of a tree."""
         points = kind_of(sensor).positions(Observation(sensor, self, Scene(), Path(), way))
         trees = tree_around(self.wood, points)
         return tuple(
@@ -146,7 +146,8 @@ class Observer:
 
     @staticmethod
     def way(sensor: Sensor, folder: Path = Path()) -> Any:
-        """Where a moving sensor goes, sampled from Blender's scene or read from a file; None: it stays.
+        """Return where a moving sensor goes, sampled from Blender's scene or read from a file; None: it
+        stays.
 
         Raises
         ------
@@ -156,7 +157,7 @@ class Observer:
 
 
 class SceneFollower:
-    """Where objects and curves of a Blender scene go."""
+    """Trajectories of objects and curves of a Blender scene."""
 
     def __init__(self, scene: bpy.types.Scene) -> None:
         self._scene = scene

@@ -1,4 +1,4 @@
-"""What the four LiDARs are: SIMLIDAR's tractor, and scanners on a tripod, on a vehicle and in an aircraft."""
+"""Records of the four LiDARs: SIMLIDAR's tractor, scanners on a tripod, on a vehicle and in an aircraft."""
 
 from __future__ import annotations
 

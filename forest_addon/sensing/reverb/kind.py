@@ -1,4 +1,4 @@
-"""What the reverb is: impulse responses between sources and receivers among trunks."""
+"""Record of the reverb: impulse responses between sources and receivers among trunks."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def _choose(reverb: Reverb) -> tuple[Choice, ...]:
 
 
 def _left_out(found: Any) -> tuple[Choice, ...]:
-    """What a response left out as too weak."""
+    """Return what a response left out as too weak."""
     if not found.weak:
         return ()
     why = (

@@ -1,4 +1,4 @@
-"""What the sonar is: pings at leaves, wood and ground, from one place or along a route."""
+"""Record of the sonar: pings at leaves, wood and ground, from one place or along a route."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ class FOREST_PT_sensor_data(bpy.types.Panel):
 
 
 def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
-    """Where a sensor is and looks, and all its settings."""
+    """Draw where a sensor is and looks, and all its settings."""
     kind = sensors.kind_of(thing)
     group = getattr(thing.forest_sensor, kind)
     record, column = KINDS[kind], split(layout)
@@ -167,7 +167,7 @@ def _draw_objects(layout: bpy.types.UILayout, reverb: Any, name: str, thing: str
 
 
 class FOREST_PT_thing(OnceStarted, bpy.types.Panel):
-    """What the active object is to sensors."""
+    """Panel of the active object as sensors see it."""
 
     bl_label = "This Object"
     bl_parent_id = "FOREST_PT_sensors"
