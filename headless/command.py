@@ -1,4 +1,4 @@
-"""What a command of ``python -m headless`` is: a name, its words, where it writes, what it does.
+"""Commands of ``python -m headless``: a name, its words, its folder, its run.
 
 A command's file imports nothing heavy at its top, so that ``--help`` and a mistyped word are answered at
 once; ``run`` imports the work that it hands the words to.
@@ -36,7 +36,7 @@ class Command:
         """Declare what may follow the name."""
 
     def output(self, chosen: argparse.Namespace) -> Path:
-        """Where results go, of a command that has ``--out``: what was asked for, or the default."""
+        """Return where results go, of a command that has ``--out``: what was asked for, or the default."""
         return Path(chosen.out)
 
     def lock(self, chosen: argparse.Namespace) -> Path | None:
@@ -44,7 +44,7 @@ class Command:
         return None
 
     def kept(self, chosen: argparse.Namespace) -> str:
-        """What an interrupted command says of the files that it leaves."""
+        """Return what an interrupted command says of the files that it leaves."""
         return (
             f"finished files are kept in {chosen.out}" if "out" in chosen else "nothing was written"
         )

@@ -58,7 +58,7 @@ Dry = tuple[str, np.ndarray, float]  # a sound's name, samples and sampling rate
 
 @dataclass
 class Run:
-    """What a run has made so far: its settings, its folder, its forest and its findings."""
+    """State of a run: its settings, its folder, its forest and its findings."""
 
     settings: Scene
     out: Path
@@ -71,7 +71,7 @@ class Run:
     targets: dict[str, Any] = field(default_factory=dict)  # by planting
 
     def path(self, name: str) -> Path:
-        """Where a file of this name goes; it is listed in the report."""
+        """Return where a file of this name goes; it is listed in the report."""
         self.files.append(name)
         return self.out / name
 

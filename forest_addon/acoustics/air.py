@@ -1,4 +1,4 @@
-"""What the air takes from a sound: atmospheric absorption after ISO 9613-1.
+"""Atmospheric absorption of sound after ISO 9613-1.
 
 Frequency and the state of the air go in, the attenuation coefficient comes out, in dB/m or in nepers
 per metre. Three terms: classical loss (viscosity, heat conduction) and the vibrational relaxation of

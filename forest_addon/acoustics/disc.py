@@ -1,4 +1,4 @@
-"""How a leaf scatters sound: a rigid disc of radius a.
+"""Scattering of sound by a leaf: a rigid disc of radius a.
 
 The size ka and the angle of incidence (between the disc's normal and the direction of the sound) go
 in; the far-field scattering amplitude f comes out, as L = k|f| or as the complex number k·f. In the

@@ -1,4 +1,4 @@
-"""What stops a flyer in one mesh: its triangles in cells, and how far from all of them each cell is at least.
+"""Obstacles in one mesh: its triangles in cells, and the least distance from all of them to each cell.
 
 Wood as thick as asked for, ground and everything that is no leaf counts. ``room`` of a cell is a bound from
 below on the distance from anywhere in it to any of these triangles: the distance between cells (Euclidean

@@ -1,4 +1,4 @@
-"""Where a moving sphere first touches: triangles and upright trunks, in closed form.
+"""First touch of a moving sphere: triangles and upright trunks, in closed form.
 
 A sphere of radius r goes from p along w. Its centre first comes within r of a triangle on one of the
 surfaces that bound all such places: the triangle's plane shifted by r, a cylinder of radius r around an
@@ -73,7 +73,7 @@ def first_trunk(
 
 
 def _faces(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarray) -> np.ndarray:
-    """Where spheres touch the insides of triangles."""
+    """Return where spheres touch the insides of triangles."""
     normal, length = _normals(corners)
     high = np.einsum("ti,ti->t", start - corners[:, 0], normal)
     side = np.sign(high)
@@ -93,7 +93,8 @@ def _faces(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarra
 def _edges(
     start: np.ndarray, way: np.ndarray, radius: float, one: np.ndarray, other: np.ndarray
 ) -> np.ndarray:
-    """Where spheres touch edges (T, 3), (T, 3) between their ends: at right angles to each, a circle."""
+    """Return where spheres touch edges (T, 3), (T, 3) between their ends: at right angles to each, a
+    circle."""
     edge = other - one
     square = np.einsum("ti,ti->t", edge, edge)
     away = start - one

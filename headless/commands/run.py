@@ -31,7 +31,7 @@ class RunCommand(Command):
 
 
 def add_run_options(parser: argparse.ArgumentParser, folder: str) -> None:
-    """What may be asked of any run of a scene."""
+    """Declare the options of any run of a scene."""
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help=f"folder for the results (default {folder})"
     )

@@ -76,7 +76,7 @@ def _is_compressed(path: Path) -> bool:
 
 
 def _why(path: Path, problem: RuntimeError) -> str:
-    """What an importer has to say, in one line."""
+    """Return what an importer has to say, in one line."""
     if _is_compressed(path):
         return COMPRESSED
     lines = [line.strip() for line in str(problem).splitlines()]

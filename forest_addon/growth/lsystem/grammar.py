@@ -48,7 +48,7 @@ def string_of(grammar: Grammar) -> np.ndarray:
 
 
 def predict_length(system: LSystem, generations: int) -> int:
-    """How many symbols the string has after so many generations, exactly."""
+    """Return how many symbols the string has after so many generations, exactly."""
     return int(predict(_system(system), generations).symbols)
 
 

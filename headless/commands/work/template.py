@@ -92,7 +92,7 @@ def make_template(
 
 
 def _groups(wood: Path, leaves: Path | None) -> list[Group]:
-    """What files hold that are no STL; nothing where both are."""
+    """Return what files hold that are no STL; nothing where both are."""
     if all(path.suffix.lower() == ".stl" for path in (wood, leaves) if path):
         return []
     known = (".stl", ".ply", ".obj", ".gltf", ".glb")

@@ -82,7 +82,7 @@ def find_data(given: Path | None, own: bool = False) -> Path:
 
 
 def read_part(folder: Path) -> Part:
-    """What was kept of a subject."""
+    """Return what was kept of a subject."""
     return _read(folder / KEPT, folder)
 
 
