@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..formats.atomic import replacing
 from ..formats.las import write_las
 from ..formats.npz import write_npz
 from ..formats.ply import PlyFile
@@ -159,13 +160,12 @@ class PointCloud(Result):
         elif ending == ".csv":
             write_csv(path, {name: rows[name].tolist() for name in POINT.names or ()})
         else:
-            partial = path.with_name(f"{path.stem}.partial.ply")
-            file = PlyFile(partial, POINT, (f"Forest Sensing {self.sensor.kind} scan",))
-            try:
-                file.append(rows)
-            finally:
-                file.close()
-            partial.replace(path)
+            with replacing(path) as partial:
+                file = PlyFile(partial, POINT, (f"Forest Sensing {self.sensor.kind} scan",))
+                try:
+                    file.append(rows)
+                finally:
+                    file.close()
 
 
 class RowScan(Result):
