@@ -11,13 +11,16 @@ import pytest
 
 import forest_addon.api as forest
 from forest_addon.base.rng import stream
+from forest_addon.sensing.kind import Observation
 from forest_addon.sensing.lidar import cloud as clouds
 from forest_addon.sensing.lidar.audit import audit_drive, audit_scan
 from forest_addon.sensing.lidar.returns import take
 from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.sensing.reverb.audit import audit_response
+from forest_addon.sensing.reverb.kind import response_inputs
 from forest_addon.sensing.reverb.response import pairs_of
 from forest_addon.sensing.sonar.audit import audit_echoes
+from forest_addon.sensing.sonar.kind import targets_of
 from forest_addon.sensing.sonar.station import Equipment
 from forest_addon.spec import (
     Accuracy,
@@ -78,9 +81,10 @@ def check(world, sensor, found, seed=0, caster=None):
     if sensor is ROWS:
         return audit_drive(sensor, found, caster, rng, *time, scene)
     if sensor is BAT:
-        things = world.observer.targets, sensor, world.scene.air, world.observer.wood, None
+        targets = world.observer.once(targets_of)
+        things = targets, sensor, world.scene.air, world.observer.wood, None
         return audit_echoes([found], *things, Equipment.of(sensor), rng, *time)
-    given = world.observer._given(sensor, world.scene, world.folder)
+    given = response_inputs(Observation(sensor, world.observer, world.scene))
     return audit_response(found, pairs_of(**given), world.observer.expansions, rng, *time)
 
 
