@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from .base import Settings, SpecError, param
+from .base import SpecError, param
 from .parts import PATTERNS, azimuth, beam_width, elevation, kind, output_name, place
+from .sensor import Sensor
 
 HORSESHOE_BAND = (60e3, 80e3)  # Hz, of the call whose beam width Tanveer et al. (2020a) give
 
 
-class Sonar(Settings):
+class Sonar(Sensor):
     """A bat-like sonar that listens to the echo of foliage (Tanveer et al. 2020a)."""
 
     TITLE: ClassVar[str] = "Biosonar"
@@ -41,8 +42,8 @@ class Sonar(Settings):
     doppler: bool = param(False, help="shift the echoes of a call by the speed")
     beam: str = param(
         "gaussian",
-        help="how the call spreads: a Gaussian of the width below, the horseshoe bat's "
-        "(Tanveer et al. 2020a; its width follows from the frequency), a measured pattern, or everywhere alike",
+        help="how the call spreads: a Gaussian of the width below, the "
+        "horseshoe bat's (Tanveer et al. 2020a; its width follows from the frequency), a measured pattern, or everywhere alike",
         choices=PATTERNS,
     )
     beam_width_deg: tuple[float, float] = beam_width(30.0, "a Gaussian beam")
