@@ -43,7 +43,8 @@ class Sonar(Sensor):
     beam: str = param(
         "gaussian",
         help="how the call spreads: a Gaussian of the width below, the "
-        "horseshoe bat's (Tanveer et al. 2020a; its width follows from the frequency), a measured pattern, or everywhere alike",
+        "horseshoe bat's (Tanveer et al. 2020a; its width follows from the frequency), a measured "
+        "pattern, or everywhere alike",
         choices=PATTERNS,
     )
     beam_width_deg: tuple[float, float] = beam_width(30.0, "a Gaussian beam")
