@@ -141,7 +141,7 @@ def sweep_tractor(sensor: Tractor, observer: Observer, settings: Scene, meshes: 
         return axes(sensor, rng.integers(0, len(along), count), rng.integers(0, angles, count))
 
     count = len(along) * angles * (sensor.splits + 1) ** 2
-    note = f"{len(along) * angles:,} beams; S's beam is a solid sector whose nearest hit counts"
+    note = f"{len(along) * angles:,} beams; Méndez et al.'s beam is a solid sector whose nearest hit counts"
     return _sweep(
         sensor,
         observer,
