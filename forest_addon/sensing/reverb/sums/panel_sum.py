@@ -32,6 +32,11 @@ from .scattering import TrunkPaths
 
 Shift = Callable[[np.ndarray], np.ndarray]  # of angles
 
+USUAL, LOST, MOST_GROUPS = (
+    500.0,
+    2.0,
+    16,
+)  # Hz; nepers by which paths that share panels differ there
 RATIO = 4.0  # thickest over thinnest radius of the trunks that share panels
 FIRST, GROWTH, WIDEST = (
     0.1,
@@ -67,8 +72,9 @@ def panel_spectrum(
     tolerance: float,
     gain: PathGain | None = None,
     bark: float = 0.0,
+    lowest: int = 1,
 ) -> tuple[np.ndarray, list[Check]]:
-    """(F,) spectrum at 0, 1, … F - 1 times ``spacing`` Hz, and what the checks found.
+    """(F,) spectrum at 0, 1, … F - 1 times ``spacing`` Hz, 0 below ``lowest``, and what checks found.
 
     loss : (F,) absorption of the air at these frequencies, nepers per metre.
     gain : of each path, by frequency and length; None: 1. bark : share that it absorbs head on.
@@ -76,10 +82,11 @@ def panel_spectrum(
     spectrum = np.zeros(len(loss), np.complex128)
     checks = []
     for rows in _of_like_radius(paths.radius):
-        for near in _by_distance(paths.length[rows], gain):
+        lost = float(np.interp(USUAL / spacing, np.arange(len(loss)), loss))
+        for near in _by_distance(paths.length[rows], gain, lost):
             some = paths.select(rows[near])
             group = _Group(some, spacing, loss, speed, tolerance, gain, bark)
-            checks += group.add_to(spectrum)
+            checks += group.add_to(spectrum, lowest)
     return spectrum, checks
 
 
@@ -93,14 +100,17 @@ def _of_like_radius(radius: np.ndarray) -> Iterator[np.ndarray]:
         left = left[:start]
 
 
-def _by_distance(length: np.ndarray, gain: PathGain | None) -> Iterator[np.ndarray]:
-    """Rows of near trunks, over which a gain changes fast with frequency, and of the rest."""
-    if gain is None:
-        yield np.arange(len(length))
-        return
-    for rows in (np.flatnonzero(length < NEAR), np.flatnonzero(length >= NEAR)):
-        if len(rows):
-            yield rows
+def _by_distance(
+    length: np.ndarray, gain: PathGain | None, loss_per_metre: float
+) -> Iterator[np.ndarray]:
+    """Rows of trunks whose paths lose alike, and near ones, over which a gain changes fast, apart."""
+    span = float(np.ptp(length))
+    count = int(np.clip(math.ceil(span * loss_per_metre / LOST), 1, MOST_GROUPS))
+    number = np.minimum((length - length.min()) * (count / max(span, 1e-9)), count - 1).astype(int)
+    if gain is not None:
+        number = 2 * number + (length >= NEAR)
+    for n in np.unique(number):
+        yield np.flatnonzero(number == n)
 
 
 class _Group:
@@ -131,10 +141,12 @@ class _Group:
         )
         self.probes, self.rng = np.unique(drawn), rng
 
-    def add_to(self, spectrum: np.ndarray) -> list[Check]:
+    def add_to(self, spectrum: np.ndarray, lowest: int = 1) -> list[Check]:
         """Add these trunks' sound."""
         of_bin = 2.0 * math.pi / self.speed * self.spacing * self.thickest  # ka
-        last, first, end, checks = len(spectrum) - 1, 1, FIRST, []
+        last, first, end, checks = len(spectrum) - 1, lowest, FIRST, []
+        while end < of_bin * first:
+            end = min(GROWTH * end, end + WIDEST)
         while first <= last:
             stop = min(last, max(first, int(end / of_bin)))
             panel = _Panel(self, first, stop)
