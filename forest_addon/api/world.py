@@ -28,11 +28,13 @@ from ..spec import (
     Terrestrial,
     Tractor,
 )
+from ..spec.typed import typed
 from . import truth
+from .given import called, enough_memory, points_of, progress_of
 from .results import Echoes, PointCloud, Response, Result, RowScan, result_of
 
 if TYPE_CHECKING:
-    from ..blender.observe import Observer
+    from ..blender.sensors.observe import Observer
     from ..sensing.audit import Audit
     from ..sensing.canopy import Canopy
     from ..sensing.choice import Choice
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
     from ..stand.placed import PlacedTrees
 
 Progress = Callable[[int, int], None]
+MOST_PIXELS = 8192  # along a side of a hemispherical picture
 
 
 @dataclass(repr=False, eq=False)
@@ -62,6 +65,12 @@ class World:
     def __repr__(self) -> str:
         count = "a scene in Blender" if self.forest is None else f"{len(self.forest.stand)} trees"
         return f"World({self.scene.name!r}, seed {self.scene.seed}: {count})"
+
+    def __reduce__(self) -> Any:
+        raise SpecError(
+            "world",
+            "stands in this Blender and cannot be copied or sent; send its scene, and build that",
+        )
 
     def scan(
         self,
@@ -86,7 +95,7 @@ class World:
         return self._expect(sensor, (Sonar,), "ping", progress)
 
     def impulse_response(self, sensor: Reverb, progress: Progress | None = None) -> Response:
-        """What receivers hear of sources by way of the trunks, a channel for each pair.
+        """Return what receivers hear of sources by way of the trunks, a channel for each pair.
 
         Raises
         ------
@@ -101,16 +110,18 @@ class World:
         ------
         SpecError : this is no sensor, or one that this scene cannot serve.
         """
-        from ..sensing.choice import choose, left_out
+        from ..sensing.kinds import choose, left_out
 
         if not isinstance(sensor, Settings) or not hasattr(sensor, "kind"):
-            raise SpecError("look", f"takes a sensor, such as Terrestrial(), not {_called(sensor)}")
+            raise SpecError("look", f"takes a sensor, such as Terrestrial(), not {called(sensor)}")
+        progress_of(progress)
         observer = self.observer
         sensor, chosen = choose(sensor)
         before = time.perf_counter()
         try:
-            way = observer.way(sensor, self.folder)
-            found = observer.observe(sensor, self.scene, progress, self.folder, way)
+            with enough_memory(sensor.name, "take fewer rays, pings or samples"):
+                way = observer.way(sensor, self.folder)
+                found = observer.observe(sensor, self.scene, progress, self.folder, way)
             seconds = time.perf_counter() - before
             audit = observer.audit(sensor, self.scene, found, seconds, self.folder, way)
             warnings = observer.warnings(sensor, way)
@@ -119,7 +130,7 @@ class World:
         except ValueError as problem:
             raise SpecError(sensor.name, str(problem)) from None
         offset = self.scene.offset
-        chosen = (*chosen, *left_out(found))
+        chosen = (*chosen, *left_out(sensor, found))
         return result_of(sensor, found, seconds, audit, offset, chosen, warnings)
 
     @property
@@ -133,7 +144,7 @@ class World:
         if self._taken is not None:
             return self._taken
         bpy = import_blender()
-        from ..blender.observe import Observer
+        from ..blender.sensors.observe import Observer
 
         try:
             name = self._place.name
@@ -156,14 +167,14 @@ class World:
 
     @property
     def audit(self) -> dict[str, Audit]:
-        """What grew, held against its truth: "branches" against the cones of their skeletons, "leaves"
+        """Return what grew, held against its truth: "branches" against the cones of their skeletons, "leaves"
         against the triangles in Blender; each as far as the trees have them.
 
         Raises
         ------
         SpecError : the world was not grown here.
         """
-        from ..rng import stream
+        from ..base.rng import stream
         from ..sensing.trees_audit import audit_trees
 
         rng = stream(self.scene.seed, "audit", "trees")
@@ -205,20 +216,33 @@ class World:
         return truth.cylinders(*self._standing())
 
     def canopy(self, points: np.ndarray) -> Canopy:
-        """What hemispherical pictures at points (N, 3) tell: gap fraction by zenith angle, the share of open
-        sky and the effective plant area index; ``leaf_area_index`` is the true one.
+        """Return what hemispherical pictures at points (N, 3) tell: gap fraction by zenith angle, the share
+        of open sky and the effective plant area index; ``leaf_area_index`` is the true one.
+
+        Raises
+        ------
+        SpecError : these are no points.
         """
-        from ..rng import stream
+        from ..base.rng import stream
         from ..sensing.canopy import look_up
 
+        points = points_of("canopy", points)
         return look_up(self.observer.caster, points, stream(self.scene.seed, "canopy"))
 
     def hemisphere(self, point: np.ndarray, pixels: int = 512) -> np.ndarray:
         """A hemispherical picture upwards from a point (3,), equidistant: (pixels, pixels) int8, 1 wood,
         2 leaf, 3 ground, 0 other, -1 sky, -2 beyond the horizon; first row north, first column east.
+
+        Raises
+        ------
+        SpecError : this is no point, or the picture is too large.
         """
         from ..sensing.canopy import hemisphere
 
+        point = points_of("hemisphere", point, one=True)
+        pixels = typed("pixels", pixels, int)
+        if not 1 <= pixels <= MOST_PIXELS:
+            raise SpecError("pixels", f"{pixels} is out of range; use from 1 to {MOST_PIXELS}")
         return hemisphere(self.observer.caster, point, pixels)
 
     @property
@@ -271,13 +295,13 @@ class World:
     ) -> Any:
         if not isinstance(sensor, kinds):
             wanted = " or ".join(kind.__name__ for kind in kinds)
-            raise SpecError(call, f"takes a {wanted}, not a {type(sensor).__name__}")
+            raise SpecError(call, f"takes a {wanted}, not {called(sensor)}")
         return self.look(sensor, progress)
 
     def _standing(self) -> tuple[Forest | None, PlacedTrees]:
-        """What was grown here, and trees of libraries; an error where there is neither."""
+        """Return what was grown here, and trees of libraries; an error where there is neither."""
         import_blender()
-        from ..blender.asset_truth import has_assets
+        from ..blender.scene.asset_truth import has_assets
         from ..stand.placed import NONE
 
         placed = self.observer.placed_trees if has_assets() else NONE
@@ -287,12 +311,6 @@ class World:
         if self.forest is None:
             raise SpecError("world", "was not grown here; its trees are known to build() alone")
         return self.forest
-
-
-def _called(thing: Any) -> str:
-    """What was handed over instead, in words."""
-    shape = getattr(thing, "shape", None)
-    return f"a {type(thing).__name__}" + (f" of shape {shape}" if shape is not None else "")
 
 
 def import_blender() -> Any:

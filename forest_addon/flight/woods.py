@@ -50,21 +50,21 @@ class Surroundings:
     @cached_property
     def caster(self) -> RayCaster:
         """Rays that meet everything."""
-        from ..blender.casters import moved_caster
+        from ..blender.rays.casters import moved_caster
 
         return moved_caster(self.stock.caster, self.geometry)
 
     @cached_property
     def wood(self) -> RayCaster:
         """Rays that pass leaves."""
-        from ..blender.casters import moved_caster
+        from ..blender.rays.casters import moved_caster
 
         like = self.stock.wood
         return moved_caster(like, replace(self.geometry, meshes=like.scene.meshes))
 
     @cached_property
     def targets(self) -> Targets:
-        """What sounds back."""
+        """Return what sounds back."""
         return Targets(self.geometry, self.stock.targets)
 
     @property
@@ -112,7 +112,7 @@ class Stock:
 
     @classmethod
     def standing(cls, world: World) -> Stock:
-        """What stands in Blender now; there is one forest of it."""
+        """Return what stands in Blender now; there is one forest of it."""
         made = cls.__new__(cls)
         made.settings, made.folder, made._inputs = world.scene, world.folder, None
         made._grown = world.forest
@@ -132,7 +132,7 @@ class Stock:
 
     def built(self, forest: Forest) -> World:
         """A forest of this stock in Blender's current scene."""
-        from ..blender.forest import build as build_in_blender
+        from ..blender.scene.forest import build as build_in_blender
 
         place = import_blender().context.scene
         assert self._inputs is not None
@@ -142,25 +142,25 @@ class Stock:
     @cached_property
     def caster(self) -> Any:
         """Rays that meet everything of the first forest."""
-        from ..blender.casters import make_caster
+        from ..blender.rays.casters import make_caster
 
         return make_caster(self._geometry, self.settings.rays)
 
     @cached_property
     def wood(self) -> Any:
         """Rays that pass leaves."""
-        from ..blender.casters import make_caster
+        from ..blender.rays.casters import make_caster
 
         return make_caster(self._geometry.solid(), self.settings.rays)
 
     @cached_property
     def targets(self) -> Targets:
-        """What sounds back, measured once."""
+        """Return what sounds back, measured once."""
         return Targets(self._geometry)
 
     @cached_property
     def solids(self) -> list[Solid]:
-        """What stops a flyer in each mesh."""
+        """Return what stops a flyer in each mesh."""
         thinnest = self.settings.flight.thinnest
         return [Solid(mesh, thinnest) for mesh in self._geometry.meshes]
 
@@ -176,11 +176,11 @@ class Stock:
     def _read(self) -> None:
         """Grow every variant that can stand, build one of each in Blender and read all that is there."""
         bpy = import_blender()
-        from ..blender.inputs import inputs_from_scene
-        from ..formats.species_file import find_species, load_species
-        from ..formats.stand_files import read_inputs
+        from ..base.rng import stream
+        from ..blender.read.inputs import inputs_from_scene
+        from ..growth.library.species_file import find_species, load_species
         from ..growth.tree import grow
-        from ..rng import stream
+        from ..stand.files import read_inputs
 
         settings = self.settings
         world = build(settings, folder=self.folder)
@@ -243,7 +243,7 @@ class Stock:
 
     def _placed(self, forest: Forest) -> SceneGeometry:
         """The geometry that Blender's scene of this forest would be read as."""
-        from ..blender.turning import evaluated_transforms
+        from ..blender.scene.turning import evaluated_transforms
 
         stock, stand = self._geometry, forest.stand
         rest = np.flatnonzero(stock.tree < 0)

@@ -21,7 +21,7 @@ def read_tables(path: Path) -> dict[str, Any]:
     ------
     SpecError : it is missing, or not TOML.
     """
-    return parse_tables(path.read_text(encoding="utf-8"), str(path))
+    return parse_tables(path.read_text(encoding="utf-8-sig"), str(path))
 
 
 def parse_tables(text: str, place: str) -> dict[str, Any]:
@@ -42,7 +42,7 @@ def parse_tables(text: str, place: str) -> dict[str, Any]:
 
 
 def _long_number(text: str) -> str | None:
-    """Where a number stands that no one can mean."""
+    """Return where a number stands that no one can mean."""
     found = DIGITS.search(text)
     if found is None:
         return None

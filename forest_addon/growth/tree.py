@@ -1,7 +1,7 @@
 """One tree: grown to the last twig as a skeleton, or grafted from templates (T20).
 
 A species without a template is a skeleton with leaf sites, of which meshes are made. With one, either a
-grammar fitted to that tree makes siblings of it out of its own pieces (``template.sibling``), or T20's
+grammar fitted to that tree makes siblings of it out of its own pieces (``regrow.sibling``), or T20's
 L-system gives trunk and first-level nodes, templates give the branches: the trunk is a tube along the
 skeleton's axis of order 0; at every node where an axis of order 1 leaves it, and at the trunk's tip, a
 branch template is grafted whose length is that of the whole axis. With as many templates as nodes they
@@ -16,13 +16,18 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..rng import daughter_keys, truncated_normal
+from ..base.rng import daughter_keys, truncated_normal
+from ..base.trimesh import LEAF, WOOD, TriMesh, join
 from ..spec import Siblings, Species
 from .draw import draw_inclination
+from .graft.cut import TreeTemplate
+from .graft.graft import Scion, Site, graft, prepare
 from .lsystem.grammar import string_of
 from .lsystem.turtle import interpret
+from .measured.curves import curved
 from .measured.meet import grow_measured
 from .measured.needles import coarse_shoot, shoot_of
+from .measured.pipes import scaled_to
 from .measured.reshape import Parts, lowest_kept, reshaped
 from .measured.templates import fitted_template
 from .measured.wanted import Kind, Wanted, one_tree
@@ -32,15 +37,12 @@ from .mesh.edges import repeated_edges
 from .mesh.incline import incline_leaves, incline_sites
 from .mesh.leaves import Leaves, join_leaves
 from .mesh.meshing import mesh_wood
-from .mesh.trimesh import LEAF, WOOD, TriMesh, join
 from .mesh.tubes import sides_for, tube
+from .regrow.fitted import Habit
+from .regrow.relay import mesh_of, skeleton_of_grown
+from .regrow.sibling import grow_sibling
 from .skeleton import Skeleton
 from .species import skeleton_of
-from .template.cut import TreeTemplate
-from .template.fitted import Habit
-from .template.graft import Scion, Site, graft, prepare
-from .template.relay import mesh_of, skeleton_of_grown
-from .template.sibling import grow_sibling
 
 TOLERANCE = 0.002  # metres between a trunk's polygon and its circle
 FEWEST = 7  # blades of a shoot
@@ -123,6 +125,12 @@ def blade_of(species: Species, own: Blade | None) -> Blade:
     return own or SHAPES[species.leaf.shape]()
 
 
+def has_curves(species: Species) -> bool:
+    """Whether the limbs of a species are smooth curves: as it says, else those that fill a crown."""
+    limbs = species.detail.limbs
+    return species.crown is not None if limbs == "auto" else limbs == "curves"
+
+
 def blades_left(species: Species) -> int:
     """Blades of a shoot that the level of detail leaves: first these become fewer, then the shoots."""
     all_of_them = species.needles.blades or species.needles.count if species.needles else 1
@@ -170,6 +178,9 @@ def _whole(
     else:
         met = grow_measured(species, wanted, blade, rng)
         skeleton, sites, missed = met.skeleton, met.sites, met.missed
+    if has_curves(species):
+        skeleton, sites = curved(skeleton, sites, species.crown.collar if species.crown else 0.0)
+        skeleton = skeleton if wanted is None else scaled_to(skeleton, wanted.dbh)
     if species.inclination is not None and len(sites):
         angle = draw_inclination(species.inclination, _leaf_keys(len(sites), rng))
         sites = incline_sites(sites, angle)

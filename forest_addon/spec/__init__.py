@@ -18,6 +18,7 @@ from .base import (
     SpecError,
     param,
     param_of,
+    refuse_unknown,
     with_files,
     within,
 )
@@ -48,8 +49,10 @@ from .lidar import (
     Terrestrial,
     Tractor,
 )
+from .problem import did_you_mean, unknown
 from .reverb import Place, Reverb
-from .scene import SENSORS, Accuracy, Output, Rays, Scene, Sensor
+from .scene import SENSORS, Accuracy, Output, Rays, Scene
+from .sensor import Sensor
 from .sonar import HORSESHOE_BAND, Sonar
 from .species import (
     MAX_REACH,
@@ -123,8 +126,11 @@ __all__ = [
     "Terrain",
     "Terrestrial",
     "Tractor",
+    "did_you_mean",
     "param",
     "param_of",
+    "refuse_unknown",
+    "unknown",
     "with_files",
     "within",
 ]

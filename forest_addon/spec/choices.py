@@ -1,4 +1,4 @@
-"""What each choice of a parameter does in the world: its name in a menu, and one sentence.
+"""Meaning of each choice of a parameter: its name in a menu, and one sentence.
 
 By the parameter's name; the same word means the same wherever it stands. Menus and the page of the scene
 file are made from it.
@@ -90,6 +90,11 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "full": ("All", "Branches, leaves and trunks as they are set"),
         "auto": ("What Matters", "Only what the scene's sensors can tell apart"),
     },
+    "limbs": {
+        "auto": ("Automatic", "Smooth curves where limbs fill a crown, else straight"),
+        "curves": ("Curves", "Smooth curves that leave their parent in a collar"),
+        "straight": ("Straight", "Straight from node to node"),
+    },
     "side": {
         "left": ("Left", "It looks to the left of where it drives"),
         "right": ("Right", "It looks to the right of where it drives"),
@@ -146,12 +151,12 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
 
 
 def title_of(name: str, choice: str) -> str:
-    """What a choice is called in a menu."""
+    """Return what a choice is called in a menu."""
     known = CHOICES.get(name, {}).get(choice)
     return known[0] if known else choice if choice.isupper() else choice.title()
 
 
 def meaning_of(name: str, choice: str) -> str:
-    """What a choice does; empty where its name says it."""
+    """Return what a choice does; empty where its name says it."""
     known = CHOICES.get(name, {}).get(choice)
     return known[1] if known else ""

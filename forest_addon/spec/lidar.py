@@ -6,9 +6,10 @@ from typing import ClassVar
 
 from .base import Settings, SpecError, param
 from .parts import azimuth, kind, output_name, place, range_limit
+from .sensor import Sensor
 
 
-class Tractor(Settings):
+class Tractor(Sensor):
     """SIMLIDAR's scanner: a vertical fan that drives past the trees and measures a matrix."""
 
     TITLE: ClassVar[str] = "LiDAR, tractor"
@@ -59,7 +60,7 @@ class Beam(Settings):
     """The light of a scanner's pulse, its way through the air, and how its echo is read."""
 
     wavelength_nm: float = param(
-        1550.0, unit="nm", help="wavelength; it is noted with the results", gt=0, le=20000
+        1550.0, unit="nm", help="wavelength; it is noted with the results", ge=100, le=20000
     )
     divergence_mrad: tuple[float, float] = param(
         (0.0, 0.0),
@@ -79,7 +80,7 @@ class Beam(Settings):
         4.0,
         unit="ns",
         help="length of a pulse as the receiver sees it, full width at half maximum",
-        gt=0,
+        ge=0.001,
         le=1000,
     )
     max_returns: int = param(1, help="echoes that are kept of a pulse, the first ones", ge=1, le=15)
@@ -89,7 +90,7 @@ class Beam(Settings):
 
 
 class Surfaces(Settings):
-    """What surfaces do to light of this wavelength; an object may say its own reflectance."""
+    """Reflectance of surfaces at the scanner's wavelength; an object may have its own."""
 
     other: float = param(0.5, help="share that other things send back (Lambert)", ge=0, le=1)
     wood: float = param(0.5, help="share that wood sends back", ge=0, le=1)
@@ -114,7 +115,7 @@ class Surfaces(Settings):
 
 
 class Noise(Settings):
-    """What a scanner measures wrongly: spreads are standard deviations and add up as squares."""
+    """Noise of a scanner: spreads are standard deviations and add up as squares."""
 
     range_sd: float = param(0.0, unit="m", help="spread of the range, always", ge=0, le=100)
     range_ppm: float = param(
@@ -126,8 +127,8 @@ class Noise(Settings):
     drop_out: float = param(0.0, help="share of the returns that get lost", ge=0, le=1)
 
 
-class Scanner(Settings):
-    """What LiDAR scanners of every platform have."""
+class Scanner(Sensor):
+    """Settings that LiDAR scanners of every platform share."""
 
     scanner: str = param(
         "",
@@ -142,7 +143,7 @@ class Scanner(Settings):
         ge=0,
         le=1,
     )
-    pulse_rate: float = param(100e3, unit="Hz", help="pulses a second", gt=0, le=1e9)
+    pulse_rate: float = param(100e3, unit="Hz", help="pulses a second", ge=1, le=1e9)
     beam: Beam = param(Beam(), help="light and echo")
     surfaces: Surfaces = param(Surfaces(), help="reflectance and transmittance")
     noise: Noise = param(Noise(), help="what is measured wrongly")
@@ -183,7 +184,7 @@ class Terrestrial(Scanner):
 
 
 class MovingScanner(Scanner):
-    """What scanners on vehicles and aircraft have: how the beam sweeps while they move."""
+    """Settings of scanners on vehicles and aircraft: how the beam sweeps while they move."""
 
     pattern: str = param(
         "lines",
@@ -215,7 +216,7 @@ class MovingScanner(Scanner):
 
 
 class Pose(Settings):
-    """Where a platform is at one time; in between it moves evenly."""
+    """Pose of a platform at one time; in between it moves evenly."""
 
     time: float = param(0.0, unit="s", help="when", ge=-1e9, le=1e9)
     position: tuple[float, float, float] = place((0.0, 0.0, 2.0), "where")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from .base import Settings, SpecError, param
+from .base import SpecError, param
 from .parts import PATTERNS, azimuth, beam_width, elevation, kind, output_name, place
+from .sensor import Sensor
 
 HORSESHOE_BAND = (60e3, 80e3)  # Hz, of the call whose beam width T20 give
 
 
-class Sonar(Settings):
+class Sonar(Sensor):
     """A bat-like sonar that listens to the echo of foliage (T20)."""
 
     TITLE: ClassVar[str] = "Biosonar"
@@ -69,10 +70,10 @@ class Sonar(Settings):
         (60e3, 80e3),
         unit="Hz",
         help="lowest and highest frequency; the same twice: a tone",
-        gt=0,
+        ge=1000,
         le=1e6,
     )
-    sample_rate: float = param(400e3, unit="Hz", help="sampling rate", gt=0, le=1e7)
+    sample_rate: float = param(400e3, unit="Hz", help="sampling rate", ge=1000, le=1e7)
     call: str = param(
         "impulse",
         help="what is sent: a pulse of the whole band, a falling sweep through it, a tone at its top "

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from forest_addon.api import Site, World
-from forest_addon.blender.casters import make_caster
+from forest_addon.blender.rays.casters import make_caster
 from forest_addon.growth.tree import Tree, with_tolerance
 from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
@@ -57,7 +57,7 @@ class Meshes:
 
     @property
     def leafy(self) -> bool:
-        """Whether any of these trees bears leaves."""
+        """Return whether any of these trees bears leaves."""
         forest = self.world.forest
         return forest is not None and any(
             len(forest.variants[key].leaves) for key in self.of_mesh.values()

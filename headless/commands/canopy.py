@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import Command
+from ..command import LOCK, Command, name_of
 
 
-class Canopy(Command):
+class CanopyCommand(Command):
     name = "canopy"
     help = "gap fraction and leaf area index of a stand, by hemispherical pictures"
     description = (
@@ -37,10 +37,13 @@ class Canopy(Command):
         parser.add_argument("--seed", type=int, help="another seed than the scene file's")
 
     def output(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out or Path("out") / chosen.scene.stem / "canopy"
+        return chosen.out or Path("out") / name_of(chosen.scene) / "canopy"
+
+    def lock(self, chosen: argparse.Namespace) -> Path:
+        return chosen.out / LOCK
 
     def run(self, chosen: argparse.Namespace) -> None:
-        from ..work.canopy import look_up_in
+        from .work.canopy import look_up_in
 
         look_up_in(
             chosen.scene, chosen.out, chosen.at or [], chosen.grid, chosen.height, chosen.seed

@@ -5,14 +5,15 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import Command
+from forest_addon.base.places import ASSETS
+
+from ..command import LOCK, Command
 from .run import add_run_options, run_file
 
-ASSETS = Path(__file__).resolve().parents[2] / "assets"
 DEMO = ASSETS / "scenes" / "demo.toml"
 
 
-class Demo(Command):
+class DemoCommand(Command):
     name = "demo"
     help = "run the demo forest"
     description = f"Run the demo forest, assets/scenes/{DEMO.name}."
@@ -23,6 +24,9 @@ class Demo(Command):
 
     def output(self, chosen: argparse.Namespace) -> Path:
         return chosen.out or Path("out") / DEMO.stem
+
+    def lock(self, chosen: argparse.Namespace) -> Path:
+        return chosen.out / LOCK
 
     def run(self, chosen: argparse.Namespace) -> None:
         run_file(DEMO, chosen)

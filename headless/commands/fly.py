@@ -7,12 +7,12 @@ from pathlib import Path
 
 from forest_addon.spec import SpecError
 
-from ..command import Command, refuse_negative
+from ..command import LOCK, Command, name_of, refuse_negative
 
 POLICIES = ("straight", "gap", "echo", "trained")
 
 
-class Fly(Command):
+class FlyCommand(Command):
     name = "fly"
     help = "fly a policy through a scene's forests"
     description = (
@@ -41,7 +41,10 @@ examples:
         parser.add_argument("--out", type=Path, metavar="DIR", help="default out/fly-SCENE")
 
     def output(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out or Path("out") / f"fly-{chosen.scene.stem}"
+        return chosen.out or Path("out") / f"fly-{name_of(chosen.scene)}"
+
+    def lock(self, chosen: argparse.Namespace) -> Path:
+        return chosen.out / LOCK
 
     def run(self, chosen: argparse.Namespace) -> None:
         refuse_negative(chosen.seed)
@@ -49,7 +52,7 @@ examples:
             raise SpecError("--episodes", f"{chosen.episodes} is out of range; use at least 1")
         speeds = listed("--speeds", chosen.speeds)
         densities = listed("--densities", chosen.densities) or (1.0,)
-        from ..flights.fly import fly_scene
+        from .work.fly import fly_scene
 
         fly_scene(
             chosen.scene,

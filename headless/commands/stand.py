@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import Command
+from ..command import Command, name_of
 
 
-class Stand(Command):
+class StandCommand(Command):
     name = "stand"
     help = "sample where the trees of a scene stand: a table, and a map"
     description = (
@@ -27,9 +27,9 @@ class Stand(Command):
         parser.add_argument("--seed", type=int, help="another seed than the scene file's")
 
     def output(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out or Path("out") / chosen.scene.stem / "points.csv"
+        return chosen.out or Path("out") / name_of(chosen.scene) / "points.csv"
 
     def run(self, chosen: argparse.Namespace) -> None:
-        from ..work.stand import sample_stand
+        from .work.stand import sample_stand
 
         sample_stand(chosen.scene, chosen.out, chosen.seed)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import Command
+from ..command import LOCK, Command
 
 
-class Template(Command):
+class TemplateCommand(Command):
     name = "template"
     help = "make a species from your own tree (STL, PLY, OBJ, glTF)"
     description = (
@@ -70,8 +70,11 @@ class Template(Command):
     def output(self, chosen: argparse.Namespace) -> Path:
         return chosen.out or Path("out") / chosen.name
 
+    def lock(self, chosen: argparse.Namespace) -> Path:
+        return chosen.out / LOCK
+
     def run(self, chosen: argparse.Namespace) -> None:
-        from ..work.template import make_template
+        from .work.template import make_template
 
         make_template(
             *(chosen.wood, chosen.leaves, chosen.name, chosen.height, chosen.out),

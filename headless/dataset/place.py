@@ -1,4 +1,4 @@
-"""Where a scene's sensors stand, by the rules of its plan: off trunks, above the ground, by chance that is
+"""Placing of a scene's sensors by the rules of its plan: off trunks, above the ground, by chance that is
 keyed.
 
 Trunks are where the stand has its trees, before any is grown. A place that is too near to one is drawn again;
@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.spec import (
     Airborne,
     Mobile,

@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from forest_addon.base.places import ROOT
 from forest_addon.formats.atomic import replacing
 from forest_addon.sensing.audit import Audit
 from forest_addon.spec import Scene
@@ -21,7 +22,7 @@ from forest_addon.spec import Scene
 
 @dataclass(frozen=True)
 class Finding:
-    """What one stage has to say; ``notes`` are about accuracy and what was left out."""
+    """Finding of one stage; ``notes`` are about accuracy and what was left out."""
 
     title: str
     sentence: str
@@ -74,7 +75,7 @@ def write(
 
 def version() -> str:
     """The version of Forest Sensing, from its manifest."""
-    manifest = Path(__file__).resolve().parents[2] / "blender_manifest.toml"
+    manifest = ROOT / "blender_manifest.toml"
     return str(tomllib.loads(manifest.read_text(encoding="utf-8"))["version"])
 
 

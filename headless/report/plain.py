@@ -9,8 +9,8 @@ import bpy  # noqa: F401  where Blender is a module, it brings blf and imbuf
 import numpy as np
 
 from forest_addon.formats.atomic import replacing
-from forest_addon.formats.figures import Finding
 from forest_addon.formats.png import write_png
+from forest_addon.results.figures import Finding
 from forest_addon.spec import Scene, Sensor
 from forest_addon.stand.compose import corners_of, process_of
 from forest_addon.stand.inputs import Inputs
@@ -66,7 +66,7 @@ def draw_stand(
 
 
 def colours_in_words(labels: Sequence[str]) -> str:
-    """Which colour a species has in the map."""
+    """Return which colour a species has in the map."""
     names = list(COLOURS)
     said = (f"{label} {names[k % len(names)]}" for k, label in enumerate(labels))
     return f"In the map: {', '.join(said)}."

@@ -10,6 +10,7 @@ from pathlib import Path
 from matplotlib.image import imread
 from matplotlib.patches import Rectangle
 
+from forest_addon.base.places import file_name
 from forest_addon.formats.atomic import replacing
 from forest_addon.growth.tree import Tree
 from forest_addon.spec import Species
@@ -22,7 +23,7 @@ ICON = 192  # pixels along a side of a small picture
 
 def draw_sheet(grown: Sequence[tuple[Species, Tree]], path: Path) -> Path:
     """The contact sheet: a render of all trees with a name and a scale below each."""
-    from forest_addon.blender.sheet import FIELD, FOOT, render_sheet
+    from forest_addon.blender.library.sheet import FIELD, FOOT, render_sheet
 
     columns = max(1, min(6, math.ceil(math.sqrt(1.6 * len(grown)))))
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -53,7 +54,7 @@ def draw_pictures(grown: Sequence[tuple[Species, Tree]], folder: Path) -> None:
     """A square JPEG of each tree, cut from one render at twice its size."""
     from PIL import Image
 
-    from forest_addon.blender.sheet import FIELD, FOOT, render_sheet
+    from forest_addon.blender.library.sheet import FIELD, FOOT, render_sheet
 
     columns = math.ceil(math.sqrt(len(grown)))
     wide = 2 * ICON
@@ -72,5 +73,5 @@ def draw_pictures(grown: Sequence[tuple[Species, Tree]], folder: Path) -> None:
         paper = Image.new("RGBA", (side, side), PAPER)
         paper.alpha_composite(tree_alone, ((side - wide) // 2, 0))
         small = paper.convert("RGB").resize((ICON, ICON), Image.Resampling.LANCZOS)
-        with replacing(folder / f"{species.name}.jpg") as partial:
+        with replacing(folder / f"{file_name(species.name)}.jpg") as partial:
             small.save(partial, quality=85, optimize=True)

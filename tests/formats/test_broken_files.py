@@ -11,19 +11,20 @@ import warnings
 import numpy as np
 import pytest
 
-from forest_addon.formats.directivity_file import read_directivity
+from forest_addon.base.places import ASSETS
+from forest_addon.base.rng import stream
 from forest_addon.formats.glb import read_glb
 from forest_addon.formats.raster_file import read_raster
 from forest_addon.formats.scanner_file import read_scanner
-from forest_addon.formats.sonar_files import read_call, read_pattern, read_route
-from forest_addon.formats.species_file import ASSETS, load_species
 from forest_addon.formats.stl import StlError, read_stl, write_stl
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.formats.tree_list import read_tree_list
 from forest_addon.formats.tree_map import read_rings, read_tree_map
 from forest_addon.formats.wav import read_wav, write_wav
-from forest_addon.rng import stream
+from forest_addon.growth.library.species_file import load_species
+from forest_addon.sensing.reverb.directivity_file import read_directivity
+from forest_addon.sensing.sonar.equipment_files import read_call, read_pattern, read_route
 from forest_addon.spec import Scene, Sonar, SpecError, Species
+from forest_addon.stand.tree_list import read_tree_list
 
 TRIES = 150  # of each format
 TOKENS = (
@@ -242,3 +243,18 @@ def test_a_species_whose_solid_cannot_be_used(tmp_path):
     path.write_text('name = "a"\n[template]\nwood = "wood.stl"\n[rules]\n')
     _, refused = outcome(load_species, path)
     assert "a.toml" in refused
+
+
+SECRET = "root:x:0:0:WORD-THAT-NO-ONE-MAY-READ:/root:/bin/bash"
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_a_file_of_something_else_is_not_shown(tmp_path, kind):
+    """A service that takes names of files must not hand out what is in them."""
+    name, _, read = READERS[kind]
+    for text_of_it in (SECRET, f"{SECRET}\n{SECRET}\n", f"{SECRET},1,2,3\n", f"a;{SECRET}\nb;c\n"):
+        path = tmp_path / name
+        path.write_text(text_of_it)
+        with pytest.raises((SpecError, StlError, ValueError)) as said:
+            read(path)
+        assert "WORD-THAT" not in str(said.value)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...rng import daughter_keys
+from ...base.rng import daughter_keys
 from ...spec import MAX_REACH, Leaf, Rules
 from ..draw import draw_normal
 from ..skeleton import LeafSites, Skeleton
@@ -29,16 +29,6 @@ def system_of(rules: Rules) -> System:
     """
     constants = {"N": float(rules.generations), **read_constants(rules.constants)}
     return read_system(rules.axiom, rules.productions, constants, DIALECTS[rules.dialect].notation)
-
-
-def derive_rules(rules: Rules, rng: np.random.Generator | None = None) -> Word:
-    """The string of rules after their generations.
-
-    Raises
-    ------
-    ValueError : rules that cannot be read, or a string that would be too long.
-    """
-    return rewrite(system_of(rules), rules.generations, rng)
 
 
 def grow_ruled(

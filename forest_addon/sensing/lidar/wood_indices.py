@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...growth.mesh.trimesh import WOOD
+from ...base.trimesh import WOOD
 from ...spec import Tractor
 from .tractor import TractorScan
 

@@ -35,7 +35,7 @@ import numpy as np
 from scipy import fft
 
 from ...acoustics.ground import SURFACES, spherical_reflection, surface_impedance
-from ...rng import stream
+from ...base.rng import stream
 from ...spec import Air, Reverb
 from ..rays.caster import RayCaster
 from .arrivals import Gain, arrival, lines_of_sight

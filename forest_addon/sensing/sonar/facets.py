@@ -20,9 +20,9 @@ from typing import ClassVar
 import numpy as np
 
 from ...acoustics.smoothness import Profile
-from ...growth.mesh.trimesh import WOOD as WOOD_PART
-from ...growth.mesh.trimesh import TriMesh
-from ...growth.template.pieces import part
+from ...base.trimesh import WOOD as WOOD_PART
+from ...base.trimesh import TriMesh
+from ...growth.recognise.pieces import part
 from .clusters import cluster
 from .scatterers import (
     CLEAR,

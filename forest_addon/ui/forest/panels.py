@@ -6,9 +6,7 @@ from typing import Any, ClassVar
 
 import bpy
 
-from .. import requirements
-from ..chosen import chosen
-from ..drawing import (
+from ..settings.drawing import (
     BIG,
     Tab,
     WithForest,
@@ -18,11 +16,13 @@ from ..drawing import (
     is_shown,
     split,
 )
-from ..exchange import forestless
-from ..lists import draw_list
-from ..migration import draw_notice
-from ..running import current, how_far
-from ..words import label
+from ..settings.exchange import forestless
+from ..settings.lists import draw_list
+from ..settings.migration import draw_notice
+from ..shell import requirements
+from ..shell.chosen import chosen
+from ..shell.running import current, how_far
+from ..shell.words import label
 from . import live
 from .painting import PAINTING
 
@@ -235,7 +235,7 @@ class FOREST_PT_ground(WithForest, bpy.types.Panel):
 
 
 def _draw_start(layout: bpy.types.UILayout) -> None:
-    """What a newcomer sees: two doors, and the way to a file."""
+    """Draw the start for a newcomer: two doors, and the way to a file."""
     _build_or_progress(layout, "OUTLINER_OB_CURVES", label("Grow a Forest"))
     scan = layout.row()
     scan.scale_y = BIG
@@ -286,7 +286,7 @@ def _build_or_progress(layout: bpy.types.UILayout, icon: str, text: str) -> None
 
 
 def _draw_job(layout: bpy.types.UILayout) -> None:
-    """How far the running job is, and the button that stops it."""
+    """Draw how far the running job is, and the button that stops it."""
     job = current()
     row = layout.row(align=True)
     row.scale_y = BIG

@@ -1,4 +1,4 @@
-"""What a run found, put where a user sees it: points in the scene, figures in the panel, a file.
+"""Display of a result: points in the scene, figures in the panel, a file.
 
 The panel keeps the last result of each kind, the newest first.
 """
@@ -12,12 +12,13 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...blender.cloud import show_cloud, show_heard
-from ...blender.layout import RESULTS, part
-from ...blender.legend import Entry, legend_of, legend_of_heard
-from ...blender.sound import give_sound
-from ...formats.figures import Figure, Finding, figures_of, loudest, of_forest, strongest
-from ...formats.labels import Labels, labels_by_material, labels_by_object, labels_by_species
+from ...base.labels import Labels
+from ...blender.scene.layout import RESULTS, part
+from ...blender.show.cloud import show_cloud, show_heard
+from ...blender.show.legend import Entry, legend_of, legend_of_heard
+from ...blender.show.sound import give_sound
+from ...results.figures import Figure, Finding, figures_of, loudest, of_forest, strongest
+from ...results.labels import labels_by_material, labels_by_object, labels_by_species
 from ...sensing.audit import Audit
 from ...sensing.lidar.cloud import Cloud
 from ...sensing.lidar.tractor import TractorScan, to_cloud
@@ -27,9 +28,9 @@ from ...sensing.sonar.flight import Flight
 from ...sensing.sonar.ping import Echo
 from ...spec import Scene, Sensor
 from ...stand.forest import Forest
-from ..exchange import forestless
-from ..selection import show
-from ..words import Kept, keep, say
+from ..settings.exchange import forestless
+from ..shell.selection import show
+from ..shell.words import Kept, keep, say
 from . import frames, images, plots
 from .held import hold
 
@@ -130,9 +131,7 @@ def save_finding(
     ------
     OSError : it cannot be written.
     """
-    from ...formats.findings import (
-        write_finding,  # brings in laspy, which showing a result does not need
-    )
+    from ...results.findings import write_finding
 
     path = write_finding(folder, sensor, found, offset)[0]
     context.scene.forest_sensing.results[name].file = str(path)
@@ -140,7 +139,7 @@ def save_finding(
 
 
 def in_words(figures: list[Figure]) -> Words:
-    """What the panel shows of figures; kept in English, said in the language when it is read."""
+    """Return what the panel shows of figures; kept in English, said in the language when it is read."""
     return {
         keep(each.short): keep(each.pattern, **each.values) if each.pattern else each.text
         for each in figures
@@ -149,7 +148,7 @@ def in_words(figures: list[Figure]) -> Words:
 
 
 def _is_some(figure: Figure) -> bool:
-    """Whether a count or a share is more than none."""
+    """Return whether a count or a share is more than none."""
     return any(digit in "123456789" for digit in figure.text)
 
 
@@ -187,7 +186,7 @@ def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:
 
 
 def _labels(cloud: Cloud, geometry: SceneGeometry, species: Sequence[str]) -> dict[str, Labels]:
-    """What the points of a cloud can be labelled by when they are exported."""
+    """Return what the points of a cloud can be labelled by when they are exported."""
     return {
         "OBJECT": labels_by_object(cloud.returns, geometry),
         "SPECIES": labels_by_species(cloud.returns, species),

@@ -1,4 +1,4 @@
-"""What sensors found in this session, held for export and play until another file is loaded.
+"""Results of this session, held for export and play until another file is loaded.
 
 Only what Blender shows is saved with a file; this is the finding itself, with all its labels.
 """
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import bpy
 
 if TYPE_CHECKING:
-    from ...formats.figures import Finding
-    from ...formats.labels import Labels
+    from ...base.labels import Labels
+    from ...results.figures import Finding
     from ...spec import Sensor
 
     Held = tuple[Sensor, Finding, tuple[float, float, float]]
@@ -39,7 +39,7 @@ def hold(
 
 
 def find(scene: bpy.types.Scene, name: str) -> Held | None:
-    """What a sensor found in this session, None where that is not held."""
+    """Return what a sensor found in this session, None where that is not held."""
     return _held.get((scene.session_uid, name))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 from mathutils import Matrix
 
-from ...blender.layout import CLOUD_KEY, RESULTS, find_part
+from ...blender.scene.layout import CLOUD_KEY, RESULTS, find_part
 
 NEARER = 2e-4  # in depth, of the view's: points lie on surfaces, and would be half hidden by them
 GAMMA = 1 / 2.2  # colours are linear, the screen's are not
@@ -80,7 +80,7 @@ def _batch(thing: bpy.types.Object, shader: gpu.types.GPUShader, context: Any) -
 
 
 def _nearer() -> Matrix:
-    """What brings everything a little nearer to the eye, after projection."""
+    """Return what brings everything a little nearer to the eye, after projection."""
     nearer = Matrix.Identity(4)
     nearer[2][3] = -NEARER
     return nearer

@@ -11,7 +11,7 @@ import bpy
 import bpy.utils.previews
 import numpy as np
 
-from ...blender.cloud_nodes import on_map
+from ...blender.show.cloud_nodes import on_map
 
 SIDE = 32  # pixels of an icon
 EDGE = 4  # of these, left free around it
@@ -21,7 +21,7 @@ _swatches: Any = None
 
 
 def draw_legend(layout: bpy.types.UILayout, result: Any, choice: str, colour_map: str = "") -> None:
-    """What the colours of this choice mean, two in a row; nothing where nobody noted it.
+    """Draw what the colours of this choice mean, two in a row; nothing where nobody noted it.
 
     colour_map : the scale that values are coloured on; empty: as they were noted.
     """

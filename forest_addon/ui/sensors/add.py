@@ -7,13 +7,13 @@ from typing import ClassVar
 import bpy
 from mathutils import Vector
 
-from ...blender import sensors
-from ...blender.layout import RESULTS, find_part
-from ...blender.standings import SOLID_TYPES
-from ..chosen import choose_sensor, chosen_sensor
-from ..exchange import add_sensor
-from ..running import InOwnScene
-from ..words import say
+from ...blender.scene.layout import RESULTS, find_part
+from ...blender.scene.standings import SOLID_TYPES
+from ...blender.sensors import objects as sensors
+from ..settings.exchange import add_sensor
+from ..shell.chosen import choose_sensor, chosen_sensor
+from ..shell.running import InOwnScene
+from ..shell.words import say
 from .starts import STARTS, Around
 
 ABOVE = 0.5  # m that the 3D cursor may be below the ground that it is meant to be on
@@ -34,7 +34,7 @@ def put(context: bpy.types.Context, which: str) -> bpy.types.Object:
 
 
 def around_cursor(context: bpy.types.Context) -> Around:
-    """Where the 3D cursor stands, and what there is to sense: a box around all surfaces and trees."""
+    """Return where the 3D cursor stands, and what there is to sense: a box around all surfaces and trees."""
     x, y, z = context.scene.cursor.location
     corners, heights = [], []
     results = find_part(context.scene, RESULTS)
@@ -56,7 +56,7 @@ def around_cursor(context: bpy.types.Context) -> Around:
 
 
 def _heights(thing: bpy.types.Object, x: float, y: float) -> list[float]:
-    """Where a vertical line first meets the surface of an evaluated mesh from above."""
+    """Return where a vertical line first meets the surface of an evaluated mesh from above."""
     inverse = thing.matrix_world.inverted_safe()
     start, end = inverse @ Vector((x, y, OUTER)), inverse @ Vector((x, y, -OUTER))
     way = end - start

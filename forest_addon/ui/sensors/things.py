@@ -1,4 +1,4 @@
-"""What an object of the scene is to sensors: whether they see it, and how much light it sends back.
+"""Objects of the scene as sensors see them: whether they are seen, and how much light they send back.
 
 Both stay what they are without the add-on, custom properties of the object (``blender/depsgraph``); here they
 get names, limits and help.
@@ -11,8 +11,8 @@ from typing import Any
 import bpy
 
 from ... import spec
-from ...blender import sensors
-from ...blender.standings import IGNORED_KEY, REFLECTANCE_KEY, SOLID_TYPES
+from ...blender.scene.standings import IGNORED_KEY, REFLECTANCE_KEY, SOLID_TYPES
+from ...blender.sensors import objects as sensors
 
 OTHERWISE = spec.Surfaces().other  # reflectance that an object's own starts with
 

@@ -17,20 +17,20 @@ import bpy
 from bpy_extras.io_utils import ExportHelper
 
 from ... import spec
-from .. import exchange
-from ..assets import ASSETS
-from ..chosen import chosen_planting
-from ..preferences import species_folder
-from ..running import LINKED, PROBLEMS, in_words
-from ..words import say
-from .names import EDITED, title_of
+from ...base.places import ASSETS
+from ..settings import exchange
+from ..settings.preferences import species_folder
+from ..shell.chosen import chosen_planting
+from ..shell.names import EDITED, title_of
+from ..shell.running import LINKED, PROBLEMS, in_words
+from ..shell.words import say
 from .pictures import refresh
 
 Edited = Mapping[str, tuple[spec.Species, Path]]  # by what plantings call it; where its files are
 
 
 def edited_species(scene: bpy.types.Scene) -> dict[str, tuple[spec.Species, Path]]:
-    """What is edited in a scene and planted in it.
+    """Return what is edited in a scene and planted in it.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def load(name: str, folder: Path, edited: Edited) -> Any:
     ------
     SpecError : there is no such species, or it cannot be used.
     """
-    from ...formats.species_file import complete_species, find_species, load_species
+    from ...growth.library.species_file import complete_species, find_species, load_species
 
     if name in edited:
         species, home = edited[name]
@@ -66,7 +66,7 @@ def relocated(species: spec.Species, origin: Path, home: Path) -> spec.Species:
 
 
 def from_folder(file: Path, home: Path) -> str:
-    """What a file is called in one that stands in another folder."""
+    """Return what a file is called in one that stands in another folder."""
     try:
         return Path(os.path.relpath(file, home)).as_posix()
     except ValueError:  # another drive
@@ -74,7 +74,7 @@ def from_folder(file: Path, home: Path) -> str:
 
 
 def edited_item(props: Any) -> Any:
-    """What is edited of the chosen planting's species, None where it is a preset or a file."""
+    """Return what is edited of the chosen planting's species, None where it is a preset or a file."""
     planting = chosen_planting(props)
     return None if planting is None else props.edited.get(planting.species)
 
@@ -118,8 +118,8 @@ class FOREST_OT_edit_species(_OfSpecies, bpy.types.Operator):
     of_edited = False
 
     def change(self, scene: bpy.types.Scene) -> str:
-        from ...formats.species_file import find_species
         from ...formats.toml_file import read_settings
+        from ...growth.library.species_file import find_species
 
         props = scene.forest_sensing
         planting = chosen_planting(props)
@@ -215,7 +215,7 @@ def _is_preset(species: str) -> bool:
 
 
 def _called(path: Path, folder: str) -> str:
-    """What a planting calls a species file: within the scene's folder, relative to that."""
+    """Return what a planting calls a species file: within the scene's folder, relative to that."""
     home = Path(bpy.path.abspath(folder)).resolve()
     inside = folder and path.is_relative_to(home)
     return (path.relative_to(home) if inside else path).as_posix()

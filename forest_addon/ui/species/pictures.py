@@ -13,11 +13,11 @@ from typing import Any
 import bpy
 import bpy.utils.previews
 
-from ..assets import ASSETS
-from ..chosen import chosen_planting
-from ..preferences import species_folder
-from ..words import label, language
-from .names import title_of
+from ...base.places import ASSETS
+from ..settings.preferences import species_folder
+from ..shell.chosen import chosen_planting
+from ..shell.names import title_of
+from ..shell.words import label, language
 
 Choice = tuple[str, str, str, int, int]  # what a planting calls it, name, help, icon, number
 
@@ -106,7 +106,7 @@ def _choices(
 
 @functools.cache
 def _files() -> dict[str, Path | None]:
-    """What a planting calls each species that is there, and its picture if it has one."""
+    """Return what a planting calls each species that is there, and its picture if it has one."""
     presets = sorted(file.stem for file in (ASSETS / "species").glob("*.toml"))
     pictures = {file.stem: file for file in (ASSETS / "species" / "pictures").glob("*.jpg")}
     own = sorted([*species_folder().glob("*.toml"), *species_folder().glob("*/*.toml")])

@@ -7,9 +7,9 @@ from types import ModuleType
 import pytest
 
 from forest_addon.spec import SpecError
-from headless.validation import run
-from headless.validation.comparison import Comparison, Interval, Picture
-from headless.validation.page import page_text, table_of
+from headless.studies.validation import run
+from headless.studies.validation.comparison import Comparison, Interval, Picture
+from headless.studies.validation.page import page_text, table_of
 
 
 def arguments(**given):
@@ -34,7 +34,7 @@ def subject(monkeypatch):
             Comparison("spread", "deg", None, Interval(20.0), None),
         ]
 
-    module = ModuleType("headless.validation.leaves")
+    module = ModuleType("headless.studies.validation.leaves")
     module.TITLE, module.SUMMARY, module.validate = "Leaves", "How they face.", validate
     monkeypatch.setitem(sys.modules, module.__name__, module)
     monkeypatch.setattr(run, "_module", lambda name: module if name == "leaves" else None)
@@ -45,7 +45,9 @@ def test_what_is_kept_is_read_as_it_was(subject, tmp_path):
     chosen = arguments(data=tmp_path, docs=tmp_path / "docs")
     chosen.docs.mkdir()
     parts = run.run_sections([], chosen, tmp_path / "out", said.append)
-    assert run.read_part(tmp_path / "out" / "leaves") == parts[0]
+    assert (
+        run._read(tmp_path / "out" / "leaves" / run.KEPT, tmp_path / "out" / "leaves") == parts[0]
+    )
     text = "\n".join(said)
     assert "reverb: not in this version" in text
     assert "mean, deg" in text
@@ -72,7 +74,7 @@ def test_a_column_before_stands_only_where_something_was_mended():
 
 
 def test_what_cannot_be_asked_for(tmp_path):
-    with pytest.raises(SpecError, match='"leafs" is not known; use reverb, lidar'):
+    with pytest.raises(SpecError, match=r".leafs. is not known; did you mean .leaves.\?"):
         run.run_sections(["leafs"], arguments(data=tmp_path), tmp_path)
     with pytest.raises(SpecError, match="is no folder; give that of the measurements"):
         run.run_sections(["leaves"], arguments(data=tmp_path / "none"), tmp_path)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from references.examples import examples
 from references.trunks_at_length import sum_at_length
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.sensing.reverb.audit import audit_response, octave_errors
 from forest_addon.sensing.reverb.response import impulse_response
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions

@@ -12,8 +12,8 @@ from references.reverb_direct import reverb_spectrum_direct
 
 from forest_addon.acoustics.air import absorption
 from forest_addon.acoustics.ground import spherical_reflection, surface_impedance
-from forest_addon.growth.mesh.trimesh import WOOD, TriMesh
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import WOOD, TriMesh
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.reverb.band import roll_off
 from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response

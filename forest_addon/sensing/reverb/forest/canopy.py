@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ....growth.mesh.trimesh import LEAF, WOOD, TriMesh
+from ....base.trimesh import LEAF, WOOD, TriMesh
 from ...rays.geometry import SceneGeometry
 from .surroundings import Canopy
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft
 
-from ....rng import stream
+from ....base.rng import stream
 from ....spec import Air, Reverb
 from ..band import roll_off
 from ..metrics import octave_bands

@@ -24,7 +24,7 @@ from scipy import fft, linalg
 
 from ....acoustics import chebyshev
 from ....acoustics.cylinder import order_count, partial_waves, transfer
-from ....rng import stream
+from ....base.rng import stream
 from ..band import SPREAD, roll_off
 from .field_table import polynomials, series
 

@@ -24,7 +24,7 @@ from scipy import special
 from ....acoustics import chebyshev
 from ....acoustics.cylinder import scattering_sum
 from ....acoustics.gridding import DelayGrid, width_for
-from ....rng import stream
+from ....base.rng import stream
 from ..forest.losses import NEAR
 from .field_table import FieldTable, middle, near_face, polynomials, series
 from .path_gain import PathGain

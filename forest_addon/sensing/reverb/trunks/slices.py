@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from ....growth.mesh.trimesh import WOOD, TriMesh
+from ....base.trimesh import WOOD, TriMesh
 from ...rays.geometry import SceneGeometry
 from .contours import equivalent_circle
 

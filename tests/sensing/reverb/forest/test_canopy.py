@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from forest_addon.growth.mesh.trimesh import LEAF, WOOD, TriMesh
+from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.reverb.forest.canopy import canopy_of
 from forest_addon.sensing.reverb.forest.surroundings import Canopy, surroundings

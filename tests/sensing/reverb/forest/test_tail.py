@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.sensing.reverb.forest.losses import Losses, Stand
 from forest_addon.sensing.reverb.forest.tail import tail_of
 from forest_addon.sensing.reverb.forest.transport import Density

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.sensing.reverb.metrics import octave_bands
 from forest_addon.sensing.reverb.response import impulse_response
 from forest_addon.sensing.reverb.sums.scattering import trunk_paths

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.sensing.reverb.trunks.continuation import continue_trunks
 from forest_addon.sensing.reverb.trunks.slices import Trunks
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import special
 
-from forest_addon.growth.mesh.trimesh import LEAF, OTHER, WOOD, TriMesh, join
+from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh, join
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.reverb.trunks.contours import convex_hull, equivalent_circle
 from forest_addon.sensing.reverb.trunks.slices import trunks_at_height

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from forest_addon.growth.mesh.trimesh import WOOD, TriMesh
+from forest_addon.base.trimesh import WOOD, TriMesh
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.reverb.trunks.trunk_cuts import STEP, TrunkCuts
 

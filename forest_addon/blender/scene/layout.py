@@ -1,0 +1,136 @@
+"""Layout of our objects in a Blender scene: the collections below *Forest*.
+
+*Trees*, the *Variants* that they are copies of, and their *Outlines* for the view; *Ground*, *Sensors* and
+*Results* hold what their names say, *Intensity* what hills are dragged and weights are painted on, where that
+is done. Custom properties tell our collections from a user's own, wherever the user has put them in the
+scene and whatever they are called now; of copies, the first one made counts.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+
+import bpy
+
+from .ours import ROLE_KEY, is_local, is_ours, make_collection
+
+ROOT_KEY = "forest_sensing"
+PART_KEY = "forest_part"
+CLOUD_KEY = "forest_cloud"  # on points that were found: which sensor found them
+FRAME_KEY = "forest_frame"  # on a mesh of points that is kept: the frame that it was found in
+COLOUR_BY, COLOUR_MAP, RADIUS = "Colour By", "Colour Map", "Radius"  # their menus, their size
+SHARE = "Show Share"  # of points, of trees: how many a view shows
+ROOT, TREES, VARIANTS, OUTLINES = "Forest", "Trees", "Variants", "Outlines"
+GROUND_NAME, SENSORS, RESULTS, INTENSITY = "Ground", "Sensors", "Results", "Intensity"
+PARTS = (TREES, VARIANTS, OUTLINES, GROUND_NAME, SENSORS, RESULTS)  # of every forest
+LIBRARIES = (VARIANTS, OUTLINES)  # not seen themselves
+
+
+def root(scene: bpy.types.Scene) -> bpy.types.Collection | None:
+    """The collection of the scene's forest, None where it has none.
+
+    One that is linked from another file, or overrides that, can hold nothing new: it is the user's own.
+    """
+    return _find(scene.collection, ROOT_KEY, True)
+
+
+def part(scene: bpy.types.Scene, name: str) -> bpy.types.Collection:
+    """One of the collections of the scene's forest, made where it is missing."""
+    top = root(scene) or _new_root(scene)
+    return find_part(scene, name) or _new_part(name, top)
+
+
+def find_part(scene: bpy.types.Scene, name: str) -> bpy.types.Collection | None:
+    """One of the collections of the scene's forest, None where it is missing."""
+    top = root(scene)
+    within = _find(top, PART_KEY, name, top) if top else None
+    return within or _find(scene.collection, PART_KEY, name, top)
+
+
+def grove(scene: bpy.types.Scene, label: str) -> bpy.types.Collection:
+    """The collection of a planting's trees, made where it is missing."""
+    trees, role, top = part(scene, TREES), f"{TREES}/{label}", root(scene)
+    found = _find(trees, ROLE_KEY, role, top) or _find(scene.collection, ROLE_KEY, role, top)
+    if found is None:
+        found = make_collection(label, trees)
+        found[ROLE_KEY] = role
+    return found
+
+
+def groves(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
+    """The collections of plantings below *Trees*."""
+    found = _below(part(scene, TREES), root(scene))
+    return [home for home in found if is_local(home) and (ROLE_KEY in home or is_ours(home))]
+
+
+def within_reach(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The objects of a scene but for those of another scene's forest that is shown there too."""
+    top = root(scene)
+    others = [home for home in _below(scene.collection) if ROOT_KEY in home and home != top]
+    theirs = {thing for home in others for thing in objects_in(home)}
+    return [thing for thing in scene.objects if thing not in theirs]
+
+
+def objects_in(top: bpy.types.Collection) -> list[bpy.types.Object]:
+    """The objects of a collection and those below, each once.
+
+    Blender's own list of them, ``all_objects``, may have objects that an undo removed: reading it crashes.
+    """
+    homes = (top, *_below(top))
+    return list(dict.fromkeys(thing for home in homes for thing in home.objects))
+
+
+def _new_root(scene: bpy.types.Scene) -> bpy.types.Collection:
+    made = make_collection(ROOT, scene.collection)
+    made[ROOT_KEY] = True
+    _gather(made, scene.collection, PART_KEY)
+    return made
+
+
+def _new_part(name: str, top: bpy.types.Collection) -> bpy.types.Collection:
+    made = make_collection(name, top)
+    made[PART_KEY] = name
+    made.hide_viewport = made.hide_render = name in LIBRARIES
+    if name == TREES:
+        _gather(made, top, ROLE_KEY)
+    return made
+
+
+def _gather(home: bpy.types.Collection, above: bpy.types.Collection, key: str) -> None:
+    """Take in what hangs loose since a collection like this one was deleted."""
+    for loose in [child for child in above.children if key in child and is_ours(child)]:
+        home.children.link(loose)
+        above.children.unlink(loose)
+
+
+def _find(
+    top: bpy.types.Collection, key: str, value: object, own: bpy.types.Collection | None = None
+) -> bpy.types.Collection | None:
+    """The collection below another that has a property of this value: ours, else one that was renamed.
+
+    own : the root of the forest that it is to belong to, see ``_below``.
+    """
+    renamed = None
+    for collection in _below(top, own):
+        if collection.get(key) == value and is_local(collection):
+            if is_ours(collection):
+                return collection
+            renamed = renamed or collection
+    return renamed
+
+
+def _below(
+    top: bpy.types.Collection, own: bpy.types.Collection | None = None
+) -> Iterator[bpy.types.Collection]:
+    """Collections below another, the nearest first.
+
+    own : the root of a forest; those of other forests, which a scene may show as well, are left out.
+    """
+    waiting = deque(top.children)
+    while waiting:
+        collection = waiting.popleft()
+        if own is not None and ROOT_KEY in collection and collection != own:
+            continue
+        yield collection
+        waiting.extend(collection.children)

@@ -1,0 +1,270 @@
+"""The node group that puts a tree on every point: which variant, how turned, how large, its points say.
+
+It is made once a file and then left alone, so whatever is changed in it by hand stays. A modifier hands it
+the points and the collection of variants; its objects count in the order of their names. *Scale* and
+*Rotation* are of all trees alike, and sensors see them so. With *Light View* a view shows outlines of the
+trees from a second collection, with *Show Share* some of the trees; renders show all of them in full, and
+whoever measures reads within ``in_full``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import bpy
+
+from .layout import SHARE
+from .ours import is_local, is_ours
+
+INSTANCER = "Forest Sensing Forest"
+# A group with other sockets than these gets another number. Of version 1 were no size and turn of all.
+LAYOUT_KEY, LAYOUT, KNOWN = "forest_layout", 2, (1, 2)
+FIRST = "Forest Instancer"  # what version 1 was called
+POINTS, VARIANTS, OUTLINES, LIGHT, TREES = "Points", "Variants", "Outlines", "Light View", "Trees"
+ALL_SCALE, ALL_ROTATION = "Scale", "Rotation"
+VIEW_KEY = "forest_view"  # of a group that changes what views show and nothing else
+LIGHT_KEY = "forest_light"  # on an object: what *Light View* was set to when it was built last
+VARIANT, ROTATION, SCALE = "variant", "rotation", "scale"  # attributes of the points
+LIMITS = {  # subtype, default, least, largest
+    ALL_SCALE: ("NONE", 1.0, 0.001, 1000.0),
+    ALL_ROTATION: ("ANGLE", 0.0, -1e4, 1e4),
+    SHARE: ("FACTOR", 1.0, 0.0, 1.0),
+}
+
+
+def give_instancer(
+    thing: bpy.types.Object,
+    variants: bpy.types.Collection,
+    outlines: bpy.types.Collection,
+    light: bool,
+) -> None:
+    """Give an object the modifier that puts trees on its points; what was chosen in an old one stays.
+
+    light : show outlines in views.
+    """
+    modifier = next((m for m in thing.modifiers if _is_instancer_modifier(m)), None)
+    chosen = modifier is not None and is_light(modifier) != thing.get(LIGHT_KEY, False)
+    if modifier is None:
+        modifier = thing.modifiers.new(INSTANCER, "NODES")
+    if modifier.node_group is None:
+        modifier.node_group, chosen = instancer_group(), False
+    sockets = _sockets(modifier)
+    for name, library in ((VARIANTS, variants), (OUTLINES, outlines)):
+        if name in sockets and _is_replaceable(_input(modifier, name)[0]):
+            set_input(modifier, name, library)
+    if LIGHT in sockets and not chosen:
+        set_input(modifier, LIGHT, light)
+    thing[LIGHT_KEY] = light
+
+
+def _is_instancer_modifier(modifier: bpy.types.Modifier) -> bool:
+    """Return whether a modifier is an instancer, or was one before its node group was deleted."""
+    if modifier.type != "NODES":
+        return False
+    group = modifier.node_group
+    return _is_instancer(group) or (group is None and modifier.name in (INSTANCER, FIRST))
+
+
+def _is_replaceable(library: bpy.types.Collection | None) -> bool:
+    return library is None or is_ours(library)
+
+
+@contextmanager
+def in_full(depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
+    """Evaluate every tree, and all the ground, in this block, whatever views show; the depsgraph is
+    updated.
+    """
+    by_nodes = [
+        modifier
+        for thing in depsgraph.scene.objects
+        for modifier in thing.original.modifiers
+        if modifier.type == "NODES" and modifier.node_group is not None
+    ]
+    less = [
+        (modifier, name, value, full)
+        for modifier in by_nodes
+        if _is_instancer(modifier.node_group)
+        for name, full in ((LIGHT, False), (SHARE, 1.0))
+        if name in _sockets(modifier) and (value := _input(modifier, name)[0]) != full
+    ]
+    switches = [
+        (modifier, where)
+        for modifier in by_nodes
+        if VIEW_KEY in modifier.node_group
+        for where in ("show_viewport", "show_render")
+        if getattr(modifier, where)
+    ]
+    for modifier, name, _, full in less:
+        set_input(modifier, name, full)
+    for modifier, where in switches:
+        setattr(modifier, where, False)
+    try:
+        if less or switches:
+            depsgraph.update()
+        yield
+    finally:
+        for modifier, name, value, _ in less:
+            set_input(modifier, name, value)
+        for modifier, where in switches:
+            setattr(modifier, where, True)
+        if less or switches:
+            depsgraph.update()
+
+
+def is_light(modifier: bpy.types.Modifier) -> bool:
+    """Return whether views show outlines of an instancer's trees."""
+    return LIGHT in _sockets(modifier) and bool(_input(modifier, LIGHT)[0])
+
+
+def instancer_group() -> bpy.types.NodeTree:
+    """The file's node group, as it is; made where there is none."""
+    groups = (g for g in bpy.data.node_groups if g.get(LAYOUT_KEY) == LAYOUT and is_local(g))
+    return next(groups, None) or _make_instancer()
+
+
+def has_input(modifier: bpy.types.Modifier, socket: str) -> bool:
+    """Return whether it is a geometry-nodes modifier with an input of this name."""
+    return modifier.type == "NODES" and socket in _sockets(modifier)
+
+
+def drawn_input(modifier: bpy.types.Modifier, socket: str) -> tuple[Any, str]:
+    """Return what a layout draws of an input: whose property, and its name."""
+    _, holder, key = _input(modifier, socket)
+    return (holder, f'["{key}"]') if holder is modifier else (holder, "value")
+
+
+def set_input(modifier: bpy.types.Modifier, socket: str, value: Any) -> None:
+    """Set an input of a geometry-nodes modifier by the name of its socket."""
+    _, holder, key = _input(modifier, socket)
+    if holder is modifier:
+        modifier[key] = value
+    else:
+        holder.value = value
+    modifier.id_data.update_tag()
+
+
+def choose_input(modifier: bpy.types.Modifier, socket: str, choice: str) -> None:
+    """Set a menu among the inputs of a geometry-nodes modifier to the choice of this name."""
+    value, holder, key = _input(modifier, socket)
+    if holder is not modifier:
+        set_input(modifier, socket, choice)
+        return
+    set_input(
+        modifier, socket, next((n for word, n in _menu(modifier, key) if word == choice), value)
+    )
+
+
+def chosen_input(modifier: bpy.types.Modifier, socket: str) -> str:
+    """Return what a menu among the inputs of a geometry-nodes modifier is set to; empty where that is
+    unknown."""
+    value, holder, key = _input(modifier, socket)
+    if holder is not modifier:
+        return str(value)
+    return next((word for word, number in _menu(modifier, key) if number == value), "")
+
+
+def _menu(modifier: bpy.types.Modifier, key: str) -> list[tuple[str, int]]:
+    """Choices of a menu and their numbers, before Blender 5.2."""
+    items = modifier.id_properties_ui(key).as_dict().get("items", ()) if key in modifier else ()
+    return [(item[0], item[-1]) for item in items]
+
+
+def _is_instancer(group: bpy.types.NodeTree | None) -> bool:
+    return group is not None and group.get(LAYOUT_KEY) in KNOWN
+
+
+def _input(modifier: bpy.types.Modifier, socket: str) -> tuple[Any, Any, str]:
+    """The value of an input, what holds it, and its key there."""
+    key = _sockets(modifier)[socket]
+    if hasattr(modifier, "properties"):  # from Blender 5.2 on
+        holder = getattr(modifier.properties.inputs, key)
+        return holder.value, holder, key
+    return modifier.get(key), modifier, key
+
+
+def _sockets(modifier: bpy.types.Modifier) -> dict[str, str]:
+    """The keys of a modifier's inputs by their names; none where its node group is gone."""
+    items = modifier.node_group.interface.items_tree if modifier.node_group else ()
+    return {i.name: i.identifier for i in items if getattr(i, "in_out", "") == "INPUT"}
+
+
+def _make_instancer() -> bpy.types.NodeTree:
+    group = bpy.data.node_groups.new(INSTANCER, "GeometryNodeTree")
+    group[LAYOUT_KEY] = LAYOUT
+    group.is_modifier = True
+    group.description = "Puts a tree on every point"
+    for name, way, kind, told in (
+        (POINTS, "INPUT", "NodeSocketGeometry", "A vertex or point for every tree"),
+        (VARIANTS, "INPUT", "NodeSocketCollection", "Trees to choose from, counted by name"),
+        (OUTLINES, "INPUT", "NodeSocketCollection", "Their outlines, in the same order"),
+        (ALL_SCALE, "INPUT", "NodeSocketFloat", "Size of all trees; sensors see them so"),
+        (ALL_ROTATION, "INPUT", "NodeSocketFloat", "Turn of all trees about the vertical"),
+        (LIGHT, "INPUT", "NodeSocketBool", "Show outlines in views; renders and sensors see trees"),
+        (SHARE, "INPUT", "NodeSocketFloat", "Of trees in views; renders and sensors see all"),
+        (TREES, "OUTPUT", "NodeSocketGeometry", "An instance for every point, with its attributes"),
+    ):
+        made = group.interface.new_socket(name, description=told, in_out=way, socket_type=kind)
+        if name in LIMITS:
+            made.subtype, made.default_value, made.min_value, made.max_value = LIMITS[name]
+
+    def node(kind: str, label: str, x: float, y: float) -> bpy.types.Node:
+        made = group.nodes.new(kind)
+        made.label, made.location = label, (x, y)
+        return made
+
+    def attribute(name: str, kind: str, label: str, y: float) -> bpy.types.NodeSocket:
+        made = node("GeometryNodeInputNamedAttribute", label, 0, y)
+        made.data_type, made.parent = kind, frame
+        made.inputs["Name"].default_value = name
+        return made.outputs["Attribute"]
+
+    def library(socket: str, y: float) -> bpy.types.NodeSocket:
+        made = node("GeometryNodeCollectionInfo", f"{socket} by number", 0, y)
+        made.inputs["Separate Children"].default_value = True
+        made.inputs["Reset Children"].default_value = True
+        link(start.outputs[socket], made.inputs["Collection"])
+        return made.outputs["Instances"]
+
+    def both(how: str, label: str, y: float, *values: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+        kind = "FunctionNodeBooleanMath" if how == "AND" else "ShaderNodeMath"
+        made = node(kind, label, 0 if how == "AND" else 260, y)
+        made.operation = how
+        for socket, value in zip(made.inputs, values, strict=False):
+            link(value, socket)
+        return made.outputs[0]
+
+    link = group.links.new
+    frame = node("NodeFrame", "What each point says", 0, 0)
+    start, end = node("NodeGroupInput", "", -260, 160), node("NodeGroupOutput", "", 780, 160)
+    viewed = node("GeometryNodeIsViewport", "In a view", -260, 420).outputs[0]
+    choice = node("GeometryNodeSwitch", "Outlines or trees", 260, 160)
+    choice.input_type = "GEOMETRY"
+    some = node("FunctionNodeRandomValue", "A share of all", 0, 640)
+    some.data_type = "BOOLEAN"
+    shown = node("GeometryNodeSwitch", "Some or all", 260, 420)
+    shown.input_type = "BOOLEAN"
+    shown.inputs["False"].default_value = True
+    upright = node("ShaderNodeCombineXYZ", "About the vertical", 420, -480)
+    place = node("GeometryNodeInstanceOnPoints", "A tree on every point", 520, 160)
+    place.inputs["Pick Instance"].default_value = True
+
+    light = both("AND", "Light, in a view", 320, viewed, start.outputs[LIGHT])
+    turn = attribute(ROTATION, "FLOAT", "Turn, radians", -460)
+    size = attribute(SCALE, "FLOAT", "Size factor", -620)
+    link(light, choice.inputs["Switch"])
+    link(library(VARIANTS, 160), choice.inputs["False"])
+    link(library(OUTLINES, -20), choice.inputs["True"])
+    link(start.outputs[SHARE], some.inputs["Probability"])
+    link(viewed, shown.inputs["Switch"])
+    link(next(s for s in some.outputs if s.type == "BOOLEAN"), shown.inputs["True"])
+    link(choice.outputs["Output"], place.inputs["Instance"])
+    link(start.outputs[POINTS], place.inputs["Points"])
+    link(shown.outputs["Output"], place.inputs["Selection"])
+    link(attribute(VARIANT, "INT", "Variant", -300), place.inputs["Instance Index"])
+    link(both("ADD", "Turned", -460, turn, start.outputs[ALL_ROTATION]), upright.inputs["Z"])
+    link(upright.outputs["Vector"], place.inputs["Rotation"])
+    link(both("MULTIPLY", "Sized", -620, size, start.outputs[ALL_SCALE]), place.inputs["Scale"])
+    link(place.outputs["Instances"], end.inputs[TREES])
+    return group

@@ -1,0 +1,171 @@
+"""Sensors in a Blender scene: read the evaluated depsgraph once, then look and listen in it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+import bpy
+import numpy as np
+
+from ...sensing.audit import Audit
+from ...sensing.kind import Observation
+from ...sensing.kinds import choose, kind_of
+from ...sensing.rays.caster import RayCaster
+from ...sensing.rays.inside import tree_around
+from ...sensing.rays.precision import rounding_warning
+from ...sensing.reverb.sums.fast_scattering import Expansions
+from ...spec import Mobile, Rays, Scene, Sensor, Sonar
+from ...stand.placed import PlacedTrees
+from ..rays.casters import make_caster
+from ..read.depsgraph import read_scene
+from ..read.kept import kept
+from ..scene.asset_truth import placed_trees
+from ..scene.nodes import in_full
+from .motion import follow
+from .platform import path_of_object
+
+Progress = Callable[[int, int], None]
+T = TypeVar("T")
+ENDS = {"SPEAKER", "EMPTY", "CAMERA"}  # what can be a source or a receiver
+
+
+class Observer:
+    """An evaluated scene as arrays, with the casters and scatterers that sensors need, made once."""
+
+    def __init__(
+        self,
+        depsgraph: bpy.types.Depsgraph,
+        rays: Rays | None = None,
+        expansions: Expansions | None = None,
+    ) -> None:
+        with in_full(depsgraph):
+            self.geometry = read_scene(depsgraph)
+        self.warning = rounding_warning(self.geometry)  # what a user should know, in a sentence
+        self.places = {
+            thing.name: tuple(thing.matrix_world.translation)
+            for thing in depsgraph.objects
+            if thing.type in ENDS
+        }
+        self._rays = rays or Rays()
+        self.expansions = Expansions() if expansions is None else expansions
+        self._made: dict[Any, Any] = {}
+
+    @classmethod
+    def of(
+        cls, depsgraph: bpy.types.Depsgraph, rays: Rays, expansions: Expansions | None = None
+    ) -> Observer:
+        """The observer of before, with all it has made, as long as nothing changes."""
+        return kept(depsgraph, cls, rays, expansions)
+
+    @cached_property
+    def names(self) -> list[str]:
+        """The object that each instance comes from, by its name."""
+        names = self.geometry.object_name
+        return [names[number] for number in self.geometry.object_index.tolist()]
+
+    @cached_property
+    def caster(self) -> RayCaster:
+        """Rays that meet everything."""
+        return make_caster(self.geometry, self._rays)
+
+    @cached_property
+    def wood(self) -> RayCaster:
+        """Rays that pass leaves: lines of sight of sound."""
+        return make_caster(self.geometry.solid(), self._rays)
+
+    @cached_property
+    def placed_trees(self) -> PlacedTrees:
+        """Trees from asset libraries, with the truth that came along."""
+        return placed_trees(self.geometry)
+
+    def once(self, make: Callable[..., T], *of: Any) -> T:
+        """``make(self, *of)``, made the first time that a sensor asks for it."""
+        if (make, *of) not in self._made:
+            self._made[make, *of] = make(self, *of)
+        return self._made[make, *of]  # type: ignore[no-any-return]
+
+    def observe(
+        self,
+        sensor: Sensor,
+        settings: Scene,
+        progress: Progress | None = None,
+        folder: Path = Path(),
+        way: Any = None,
+    ) -> Any:
+        """Run one sensor of a scene; with its ``way`` given, this touches no Blender data.
+
+        folder : that files named in the settings are relative to.
+
+        Raises
+        ------
+        ValueError : settings that this scene cannot serve; says what to change.
+        """
+        return kind_of(sensor).run(self._observation(sensor, settings, folder, way), progress)
+
+    def warnings(self, sensor: Sensor, way: Any = None) -> tuple[str, ...]:
+        """Return what a user would not want of where a sensor stands, in sentences: inside of a tree."""
+        points = kind_of(sensor).positions(Observation(sensor, self, Scene(), Path(), way))
+        trees = tree_around(self.wood, points)
+        return tuple(
+            f"{sensor.name} stands inside tree {tree}, at "
+            f"({', '.join(f'{v:g}' for v in points[trees == tree][0])}) m; move it out of the wood"
+            for tree in np.unique(trees[trees >= 0]).tolist()
+        )
+
+    def audit(
+        self,
+        sensor: Sensor,
+        settings: Scene,
+        found: Any,
+        seconds: float,
+        folder: Path = Path(),
+        way: Any = None,
+    ) -> Audit | None:
+        """A random sample of a finding, computed again by the exact way; None where audits are off.
+
+        seconds : that the finding took; the audit takes ``settings.accuracy.audit`` of it.
+        """
+        audit = kind_of(sensor).audit
+        if settings.accuracy.audit == 0 or audit is None:
+            return None
+        job = self._observation(sensor, settings, folder, way)
+        begin = time.perf_counter()
+        made = audit(job, found, seconds)
+        return replace(made, audit_seconds=time.perf_counter() - begin)
+
+    def _observation(self, sensor: Sensor, settings: Scene, folder: Path, way: Any) -> Observation:
+        """A sensor with nothing left to "auto", where it goes."""
+        sensor, _ = choose(sensor)
+        way = self.way(sensor, folder) if way is None else way
+        return Observation(sensor, self, settings, folder, way)
+
+    @staticmethod
+    def way(sensor: Sensor, folder: Path = Path()) -> Any:
+        """Return where a moving sensor goes, sampled from Blender's scene or read from a file; None: it
+        stays.
+
+        Raises
+        ------
+        ValueError : what it should follow, or the file of its route, is not there or cannot be used.
+        """
+        return kind_of(sensor).trajectory(sensor, folder, SceneFollower(bpy.context.scene))
+
+
+class SceneFollower:
+    """Trajectories of objects and curves of a Blender scene."""
+
+    def __init__(self, scene: bpy.types.Scene) -> None:
+        self._scene = scene
+
+    def path(self, sensor: Mobile) -> Any:
+        """The path of a platform over time; None: by its own poses."""
+        return path_of_object(self._scene, sensor)
+
+    def poses(self, sensor: Sonar) -> Any:
+        """The poses of single pings along an object or a curve."""
+        return follow(self._scene, sensor)

@@ -1,0 +1,273 @@
+"""A tree recognised in facets: its trunk, what hangs on what, and which wood bears which leaf.
+
+Facets of wood and of leaves go in, in any unit, z up. They are parted into pieces (``pieces``), joined
+wood is cut at its forks (``sever``) and a palm's fronds become branches (``fronds``); the wood gets
+centrelines (``centreline``) and parents (``hierarchy``), every leaf its bearer. ``graft.cut`` cuts the
+tree along these lines; a picture of it can be drawn from them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .centreline import Centrelines, find_centrelines
+from .fronds import are_fronds, draw_midribs
+from .hierarchy import LEVEL, Hierarchy, Known, find_bearers, find_parents, find_trunk
+from .pieces import Pieces, part
+from .rooting import root
+from .sever import may_fork, sever
+
+MOST_LEAN = np.deg2rad(60.0)
+LOWER = 0.15  # share of the trunk's length, from its foot, that may stand upright for all
+FARTHEST_WOOD = 0.25  # heights of the tree between a piece and what it hangs on
+LARGEST_LEAF = 0.5  # extents of the wood; what is larger is foliage in one piece, and no leaf
+STEM = 0.3  # radii of the trunk that another stem has at least
+FLOATING = 0.01  # heights between a piece and what it hangs on, above which that is a guess
+FLOATING_LEAF = 0.05  # extents of the wood between it and a leaf, likewise
+FARTHEST_LEAVES = 0.5  # extents of the wood between it and half of the leaves
+
+
+class TemplateError(ValueError):
+    """Facets that are no tree to take templates from: one sentence with what and what to do.
+
+    places : (N, 3) where, in the units and axes of the facets; none if it is not about a place.
+    """
+
+    def __init__(self, sentence: str, places: np.ndarray | None = None) -> None:
+        super().__init__(sentence)
+        self.places = np.empty((0, 3)) if places is None else np.reshape(places, (-1, 3))
+
+
+class LeanError(TemplateError):
+    """What looks like the trunk lies down: perhaps another axis points up."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """What was recognised but may be wrong: a sentence, and the (N, 3) places where."""
+
+    sentence: str
+    places: np.ndarray
+
+
+@dataclass(frozen=True)
+class Recognition:
+    """What was recognised, in the units of the facets: C pieces of wood and L leaves.
+
+    wood : the pieces of wood; ``wood.piece`` is the piece of each triangle.
+    lines : their centrelines.
+    hierarchy : trunk, parent and first-level branch of each piece.
+    leaves : the leaves, as pieces; ``leaves.piece`` is the leaf of each triangle.
+    bearer : (L,) int64, the piece of wood that bears each leaf.
+    doubts : what may be wrong, and where.
+    fronds : whether the leaves are a palm's fronds, on midribs that were drawn through them.
+    """
+
+    wood: Pieces
+    lines: Centrelines
+    hierarchy: Hierarchy
+    leaves: Pieces
+    bearer: np.ndarray
+    doubts: tuple[Doubt, ...] = ()
+    fronds: bool = False
+
+    @property
+    def trunk(self) -> int:
+        """The piece that is the trunk."""
+        return self.hierarchy.trunk
+
+    @property
+    def parent(self) -> np.ndarray:
+        """(C,) the piece that each one hangs on, -1 for the trunk."""
+        return self.hierarchy.parent
+
+    @property
+    def branch(self) -> np.ndarray:
+        """(C,) the first-level branch that each piece belongs to, -1 for the trunk."""
+        return self.hierarchy.branch
+
+    @property
+    def foot(self) -> np.ndarray:
+        """(C, 3) middle of the end at which each piece hangs."""
+        return self._of_end(self.lines.ends(), self.hierarchy.foot_end)
+
+    @property
+    def tip(self) -> np.ndarray:
+        """(C, 3) middle of the other end."""
+        return self._of_end(self.lines.ends(), 1 - self.hierarchy.foot_end)
+
+    @property
+    def radius(self) -> np.ndarray:
+        """(C,) radius at the foot."""
+        return self._of_end(self.lines.end_radius, self.hierarchy.foot_end)
+
+    @property
+    def origin(self) -> np.ndarray:
+        """(3,) where the tree stands: the middle of the trunk's foot, as low as the trunk reaches."""
+        lowest = self.wood.vertices[self.wood.piece_of_vertex == self.trunk, 2].min()
+        return np.array([*self.foot[self.trunk, :2], lowest])
+
+    @property
+    def stems(self) -> np.ndarray:
+        """Pieces that stand on the ground as the trunk does, itself first: several in a bush."""
+        level = LEVEL * np.ptp(self.wood.vertices[:, 2]) + self.radius[self.trunk]
+        beside = self.foot[:, 2] <= self.foot[self.trunk, 2] + level
+        beside &= (self.parent == self.trunk) & (self.tip[:, 2] > self.foot[:, 2])
+        beside &= self.radius >= STEM * self.radius[self.trunk]
+        return np.concatenate([[self.trunk], np.flatnonzero(beside)])
+
+    @staticmethod
+    def _of_end(values: np.ndarray, end: np.ndarray) -> np.ndarray:
+        return np.asarray(values[np.arange(len(end)), end])
+
+
+def recognise(wood: np.ndarray, leaves: np.ndarray | None = None) -> Recognition:
+    """Recognise a tree in facets (T, 3, 3) of its wood and of its leaves.
+
+    Raises
+    ------
+    TemplateError : there is no trunk with branches, or the leaves cannot be told apart.
+    """
+    bare = leaves is None or not len(leaves)
+    foliage = None if bare else _pieces_of(leaves, "leaves")
+    return recognise_pieces(_pieces_of(wood, "wood"), foliage)
+
+
+def recognise_pieces(timber: Pieces, foliage: Pieces | None = None) -> Recognition:
+    """As ``recognise``, of wood and leaves that are in pieces already."""
+    bare = foliage is None
+    foliage = part(np.empty((0, 3, 3))) if foliage is None else foliage
+    timber, lines, known, together = _cut_at_forks(timber)
+    fronds = timber.count == 1 and are_fronds(lines, foliage)
+    if fronds:
+        timber, lines, known = draw_midribs(timber, lines, foliage)
+    if timber.count == 1:
+        raise TemplateError(
+            "the wood is one piece without a fork, so there are no branches to grow from; bring trunk "
+            "and branches, joined or as separate parts.",
+            lines.ends()[0],
+        )
+    trunk = find_trunk(timber, lines, known.mother < 0)
+    hierarchy = find_parents(lines, trunk, root(lines, trunk, known))
+    found = Recognition(timber, lines, hierarchy, foliage, np.empty(0, dtype=np.int64))
+    _check_one_tree(found)
+    doubts = _doubts_about_wood(found, together)
+    if bare:
+        return replace(found, doubts=doubts)
+    if fronds:
+        return replace(found, bearer=1 + np.arange(foliage.count), doubts=doubts, fronds=True)
+    bearer, gap = find_bearers(lines, foliage)
+    _check_leaves(foliage, gap, extent=float(np.ptp(timber.vertices, axis=0).max()))
+    return replace(found, bearer=bearer, doubts=doubts + _doubts_about_leaves(found, gap))
+
+
+def _cut_at_forks(timber: Pieces) -> tuple[Pieces, Centrelines, Known, np.ndarray]:
+    """Pieces none of which forks, their lines, what is known of those that were joined, and (N, 3)
+    places where branches have grown into one another.
+    """
+    lines = None
+    joined = np.ones(1, dtype=bool)
+    if timber.count > 1:
+        lines = find_centrelines(timber)
+        joined = may_fork(timber, lines)
+    if joined.any():
+        cut = sever(timber, joined)
+        if cut.pieces.count > timber.count:
+            return cut.pieces, find_centrelines(cut.pieces), cut.known, cut.grown_together
+    lines = find_centrelines(timber) if lines is None else lines
+    return timber, lines, Known.nothing(timber.count), np.empty((0, 3))
+
+
+def checked_facets(facets: np.ndarray | None, what: str) -> np.ndarray:
+    """Facets as (T, 3, 3) float64; ``TemplateError`` if they are anything else."""
+    corners = np.asarray(facets, dtype=np.float64)
+    if corners.ndim != 3 or corners.shape[1:] != (3, 3) or not np.isfinite(corners).all():
+        raise TemplateError(f"the facets of the {what} must be finite numbers of shape (T, 3, 3).")
+    return corners
+
+
+def _pieces_of(facets: np.ndarray | None, what: str) -> Pieces:
+    pieces = part(checked_facets(facets, what))
+    if not pieces.count:
+        raise TemplateError(f"there is no facet with an area in the {what}; export the mesh again.")
+    return pieces
+
+
+def _doubts_about_wood(found: Recognition, together: np.ndarray) -> tuple[Doubt, ...]:
+    doubts = []
+    gap, length = found.hierarchy.gap, found.lines.length()
+    floats = gap > np.maximum(FLOATING * float(np.ptp(found.wood.vertices[:, 2])), found.radius)
+    if floats.any():
+        doubts.append(
+            Doubt(
+                f"{np.count_nonzero(floats):,} pieces of wood ({length[floats].sum() / length.sum():.1%} of "
+                "its length) touch nothing and were hung on what is nearest.",
+                found.foot[floats],
+            )
+        )
+    if len(together):
+        doubts.append(
+            Doubt(
+                f"branches have grown into one another at about {len(together):,} places, where one "
+                "may be taken for the other.",
+                together,
+            )
+        )
+    return tuple(doubts)
+
+
+def _doubts_about_leaves(found: Recognition, gap: np.ndarray) -> tuple[Doubt, ...]:
+    far = gap > FLOATING_LEAF * float(np.ptp(found.wood.vertices, axis=0).max())
+    if not far.any():
+        return ()
+    leaves = found.leaves
+    size = np.bincount(leaves.piece_of_vertex, minlength=leaves.count)
+    total = [np.bincount(leaves.piece_of_vertex, x, leaves.count) for x in leaves.vertices.T]
+    middle = np.stack(total, axis=1) / size[:, None]
+    sentence = f"{np.count_nonzero(far):,} leaves are far from all wood."
+    return (Doubt(sentence, middle[far]),)
+
+
+def _check_one_tree(found: Recognition) -> None:
+    knots = slice(found.lines.first[found.trunk], found.lines.first[found.trunk + 1])
+    knot, along = found.lines.knot[knots], found.lines.along[knots]
+    low = LOWER * along[-1]
+    low = along[-1] - low if found.hierarchy.foot_end[found.trunk] == 1 else low
+    lower = np.array([np.interp(low, along, x) for x in knot.T])
+    leans = []  # of all of it, and of its lower part: it may end as a limb
+    for axis in (found.tip[found.trunk] - found.foot[found.trunk], lower - found.foot[found.trunk]):
+        leans.append(float(np.arctan2(np.hypot(axis[0], axis[1]), axis[2])))
+    lean = min(leans)
+    if lean > MOST_LEAN:
+        raise LeanError(
+            f"what looks like the trunk leans {np.rad2deg(lean):.0f}° from the z axis; export the tree "
+            "with z up, and without ground or other objects.",
+            np.stack([found.foot[found.trunk], found.tip[found.trunk]]),
+        )
+    height = float(np.ptp(found.wood.vertices[:, 2]))
+    if found.hierarchy.gap.max() > FARTHEST_WOOD * height:
+        raise TemplateError(
+            "some of the wood lies far from the rest; export one tree alone, without other objects.",
+            found.foot[found.hierarchy.gap > FARTHEST_WOOD * height],
+        )
+
+
+def _check_leaves(leaves: Pieces, gap: np.ndarray, extent: float) -> None:
+    if np.median(gap) > FARTHEST_LEAVES * extent:
+        raise TemplateError(
+            "the leaves lie far from the wood; export both from the same scene, with the same units "
+            "and origin.",
+            leaves.vertices[:: max(1, len(leaves.vertices) // 20)],
+        )
+    low, high = np.full((leaves.count, 3), np.inf), np.full((leaves.count, 3), -np.inf)
+    np.minimum.at(low, leaves.piece_of_vertex, leaves.vertices)
+    np.maximum.at(high, leaves.piece_of_vertex, leaves.vertices)
+    largest = float((high - low).max())
+    if largest > LARGEST_LEAF * extent:
+        raise TemplateError(
+            f"one leaf is {largest / extent:.0%} as large as the tree, so leaves seem to hang together "
+            "along edges; separate them before you export them.",
+            ((high + low) / 2)[np.argmax((high - low).max(axis=1))],
+        )

@@ -1,0 +1,284 @@
+"""The mesh of a tree whose branches have been laid: pieces bent along their courses, leaves hung on them.
+
+A vertex v = p + q, with p on the line of its piece, goes to p' + A q: p' is as far along the line as it is
+laid, A the weighted mean of F' D Fᵀ over its own stretch and the nearer next, with the frames F in the
+template and F' where they are laid, and scales D = diag(girth, ±girth, length) (-1: mirrored). Where
+nothing is bent that is exact, and what hangs on the line hangs on the mesh, however it is bent.
+Leaves are moved as they are, whatever their branch
+is scaled by; a longer branch bears more of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
+from ...base.trimesh import TriMesh, join
+from ...base.vectors import cross_rows
+from ..mesh.leaves import Leaves
+from ..skeleton import Skeleton
+from .anatomy import Anatomy
+from .lines import Seats, seat_at, share_of, stand_on
+from .sibling import Grown
+
+LEAF_SIZE = 0.10  # relative spread
+LEAF_TURN = np.deg2rad(12.0)
+LEAF_SHIFT = 0.3  # of the distance from leaf to leaf along the branch
+BLOCK = 1 << 17  # vertices that are moved at once
+
+
+@dataclass(frozen=True)
+class HungLeaves:
+    """L leaves of a tree: leaf of the template, branch, seat on it, size, turn about the branch."""
+
+    source: np.ndarray
+    branch: np.ndarray
+    seat: Seats
+    share: np.ndarray
+    size: np.ndarray
+    turn: np.ndarray
+
+
+def mesh_of(anatomy: Anatomy, grown: Grown, variety: float) -> tuple[TriMesh, Leaves, np.ndarray]:
+    """Wood and leaves of a tree in one mesh, the truth of the leaves, and (L, 3) where they hang."""
+    wood = _wood(anatomy, grown)
+    leaves, truth, foot = _leaves(anatomy, grown, hang_leaves(anatomy, grown, variety), variety > 0)
+    return join([wood, leaves]), truth, foot
+
+
+def farthest_off(anatomy: Anatomy, grown: Grown) -> float:
+    """The largest distance between a vertex and where it was in the template, metres."""
+    wood, leaves = anatomy.wood.stock, anatomy.foliage.stock
+    vertex, owner, _ = wood.vertices.copy(grown.piece)
+    knot = anatomy.lines.first[grown.piece[owner]] + anatomy.wood.stretch[vertex]
+    knot += grown.piece[owner]
+    start, end = anatomy.lines.knot[knot], anatomy.lines.knot[knot + 1]
+    was = start + anatomy.wood.part[vertex][:, None] * (end - start) + wood.place[vertex]
+    moved = _wood(anatomy, grown).vertices - was
+    hung = hang_leaves(anatomy, grown, 0.0)
+    vertex, leaf, _ = leaves.vertices.copy(hung.source)
+    was = leaves.place[vertex] + anatomy.foliage.foot[hung.source][leaf]
+    fell = _leaves(anatomy, grown, hung, False)[0].vertices - was
+    every = np.concatenate([moved, fell])
+    return float(np.sqrt(np.einsum("vi,vi->v", every, every).max(initial=0.0)))
+
+
+def skeleton_of_grown(grown: Grown) -> Skeleton:
+    """All wood of a tree as segments, the trunk's first."""
+    lines = grown.lines
+    line = lines.line
+    knot = np.arange(len(lines.length)) + line
+    inner = np.arange(len(lines.length)) > lines.first[line]
+    mother = np.maximum(grown.mother, 0)
+    seat, _ = seat_at(lines, mother, grown.share)
+    foot = np.where(grown.mother < 0, -1, lines.first[mother] + seat)
+    parent = np.where(inner, np.arange(len(line)) - 1, foot[line])
+    generation = np.zeros(len(line), np.int64)
+    below = np.zeros(len(grown.piece), np.int64)  # of the foot of each branch
+    for order in range(int(grown.order.max(initial=0)) + 1):
+        mine = np.flatnonzero(grown.order == order)
+        if order:
+            below[mine] = generation[foot[mine]] + 1
+        rows = np.flatnonzero(grown.order[line] == order)
+        generation[rows] = below[line[rows]] + rows - lines.first[line[rows]]
+    return Skeleton(
+        start=lines.knot[knot],
+        end=lines.knot[knot + 1],
+        radius=np.stack([lines.radius[knot], lines.radius[knot + 1]], axis=1),
+        parent=parent,
+        order=grown.order[line],
+        generation=generation,
+    )
+
+
+def first_levels(grown: Grown) -> np.ndarray:
+    """(B,) number of the first-level branch that each branch belongs to, -1 for trunks."""
+    number = np.full(len(grown.piece), -1)
+    firsts = np.flatnonzero(grown.order == 1)
+    number[firsts] = np.arange(len(firsts))
+    for order in range(2, int(grown.order.max(initial=0)) + 1):
+        mine = np.flatnonzero(grown.order == order)
+        number[mine] = number[grown.mother[mine]]
+    return number
+
+
+def _wood(anatomy: Anatomy, grown: Grown) -> TriMesh:
+    wood, lines = anatomy.wood, grown.lines
+    mesh, vertex, owner, of_triangle = wood.stock.copy(grown.piece, grown.sign < 0)
+    knot = np.arange(len(lines.length)) + lines.line
+    start, way = lines.knot[knot], lines.knot[knot + 1] - lines.knot[knot]
+    matrix = _turns_of_stretches(anatomy, grown)
+    after = np.minimum(np.arange(len(matrix)) + 1, (lines.first[1:] - 1)[lines.line])
+    columns = [
+        np.ascontiguousarray(held.T) for held in (matrix, matrix[after] - matrix, start, way)
+    ]
+    place = np.empty((len(vertex), 3))
+    for begin in range(0, len(vertex), BLOCK):
+        rows = slice(begin, begin + BLOCK)
+        of, first = vertex[rows], lines.first[owner[rows]]
+        on, bone = first + wood.stretch[of], first + wood.bone[of]
+        place[rows] = _carried(
+            columns, wood.stock.place[of], on, wood.part[of], bone, wood.weight[of]
+        )
+    return replace(mesh, vertices=place, order=grown.order.astype(np.int8)[of_triangle])
+
+
+def _turns_of_stretches(anatomy: Anatomy, grown: Grown) -> np.ndarray:
+    """(S, 9) by stretch, how what is around it is turned and scaled."""
+    old, new = anatomy.lines, grown.lines
+    scales = np.stack(
+        [grown.girth, grown.girth * grown.sign[new.line], grown.scale[new.line]], axis=1
+    )
+    matrix = (new.frame * scales[:, None]) @ np.swapaxes(old.frame[grown.source], 1, 2)
+    return np.asarray(matrix.reshape(-1, 9))
+
+
+def _carried(
+    columns: list[np.ndarray],
+    place: np.ndarray,
+    on: np.ndarray,
+    part: np.ndarray,
+    bone: np.ndarray,
+    weight: np.ndarray,
+) -> np.ndarray:
+    """(V, 3) places of vertices seen from their lines (V, 3), by column for speed."""
+    matrix, onward, start, way = columns
+    moved = np.empty_like(place)
+    offset = np.ascontiguousarray(place.T)
+    for axis in range(3):
+        total = way[axis][on]
+        total *= part
+        total += start[axis][on]
+        for k, value in enumerate(offset):
+            held = onward[3 * axis + k][bone]
+            held *= weight
+            held += matrix[3 * axis + k][bone]
+            held *= value
+            total += held
+        moved[:, axis] = total
+    return moved
+
+
+def hang_leaves(anatomy: Anatomy, grown: Grown, variety: float) -> HungLeaves:
+    """The leaves of all branches: as many times those of their pieces as they are longer."""
+    foliage, lines = anatomy.foliage, anatomy.lines
+    row, branch, _ = foliage.of_piece.copy(grown.piece)
+    rank = row - foliage.of_piece.first[grown.piece[branch]]
+    key = daughter_keys(daughter_keys(grown.key[branch], "leaf"), rank)
+    times = np.floor(grown.scale[branch] + keyed_uniform(key, "times"))
+    times = np.where(grown.scale[branch] == 1, 1, times).astype(np.int64)
+    which = np.repeat(np.arange(len(row)), times)
+    copy = np.arange(len(which)) - np.repeat(np.cumsum(times) - times, times)
+    row, branch, key = row[which], branch[which], key[which]
+    key = np.where(copy > 0, daughter_keys(key, copy), key)
+
+    seat = foliage.seat.take(row)
+    piece = grown.piece[branch]
+    share = share_of(lines, piece, seat)
+    each = 1.0 / np.maximum(foliage.of_piece.size[piece], 1)
+    shift = variety * LEAF_SHIFT * (2 * keyed_uniform(key, "shift") - 1)
+    shift = np.where(copy > 0, keyed_uniform(key, "further") - 0.5, shift) * each
+    moved = np.flatnonzero((shift != 0) & (share < 1) & (share > 0))  # at a tip it stays
+    share[moved] = np.clip(share[moved] + shift[moved], 0.0, 1.0)
+    stretch, part = seat_at(lines, piece[moved], share[moved])
+    seat.stretch[moved], seat.part[moved] = stretch, part
+    turn = variety * LEAF_TURN * keyed_normal(key, "turn")
+    turn = np.where(copy > 0, np.pi * (0.4 + 1.2 * keyed_uniform(key, "turn")), turn)
+    size = 1 + variety * LEAF_SIZE * np.clip(keyed_normal(key, "size"), -2, 2)
+    return HungLeaves(row, branch, seat, share, size, turn)
+
+
+def _leaves(
+    anatomy: Anatomy, grown: Grown, hung: HungLeaves, varied: bool
+) -> tuple[TriMesh, Leaves, np.ndarray]:
+    foliage = anatomy.foliage
+    source, branch = hung.source, hung.branch
+    foot, matrix = feet_of_leaves(anatomy, grown, hung, varied)
+    matrix = matrix * hung.size[:, None, None]
+    mesh, vertex, leaf, of_triangle = foliage.stock.copy(source, grown.sign[branch] < 0)
+    mesh.leaf[:] = of_triangle
+    mesh = replace(
+        mesh,
+        vertices=_hung(matrix, foot, leaf, foliage.stock.place[vertex]),
+        order=grown.order.astype(np.int8)[branch][of_triangle],
+    )
+    own = foliage.truth
+    turn = matrix / hung.size[:, None, None]
+    truth = Leaves(
+        centre=foot + np.einsum("nij,nj->ni", matrix, (own.centre - foliage.foot)[source]),
+        normal=np.einsum("nij,nj->ni", turn, own.normal[source]),
+        axis=np.einsum("nij,nj->ni", turn, own.axis[source]),
+        length=own.length[source] * hung.size,
+        width=own.width[source] * hung.size,
+        radius=own.radius[source] * hung.size,
+        branch=first_levels(grown)[branch].astype(np.int32),
+    )
+    return mesh, truth, foot
+
+
+def _hung(matrix: np.ndarray, foot: np.ndarray, leaf: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """(V, 3) corners of leaves, turned as their leaf is and moved to its foot."""
+    x, y, z = np.ascontiguousarray(place.T)
+    moved = np.empty_like(place)
+    for axis in range(3):
+        total = np.ascontiguousarray(foot[:, axis])[leaf]
+        for k, value in enumerate((x, y, z)):
+            total += np.ascontiguousarray(matrix[:, axis, k])[leaf] * value
+        moved[:, axis] = total
+    return moved
+
+
+def feet_of_leaves(
+    anatomy: Anatomy, grown: Grown, hung: HungLeaves, varied: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """(L, 3) where leaves hang, and (L, 3, 3) how each is turned from its template.
+
+    varied : whether branches are bent otherwise than in the template.
+
+    A leaf keeps its distance to the bark, and inside the wood its share of the radius.
+    """
+    foliage, lines = anatomy.foliage, anatomy.lines
+    own = foliage.seat.take(hung.source)
+    _, was, thick = stand_on(lines, foliage.bearer[hung.source], own)
+    place, frame, thickness = stand_on(grown.lines, hung.branch, hung.seat)
+    thick = np.maximum(thick, np.finfo(float).tiny)
+    outside = own.away > thick
+    away = np.where(outside, own.away + (thickness - thick), own.away / thick * thickness)
+    sign = grown.sign[hung.branch]
+    around = sign * own.aside + hung.turn
+    foot = place + (away * np.cos(around))[:, None] * frame[:, :, 0]
+    foot += (away * np.sin(around))[:, None] * frame[:, :, 1]
+    foot += own.along[:, None] * frame[:, :, 2]
+    # Turned about the branch by ``turn``, mirrored across B.
+    cos, sin = np.cos(hung.turn), np.sin(hung.turn)
+    turned = np.empty_like(frame)
+    turned[:, :, 0] = cos[:, None] * frame[:, :, 0] + sin[:, None] * frame[:, :, 1]
+    turned[:, :, 1] = sign[:, None] * (
+        -sin[:, None] * frame[:, :, 0] + cos[:, None] * frame[:, :, 1]
+    )
+    turned[:, :, 2] = frame[:, :, 2]
+    matrix = turned @ np.swapaxes(was, 1, 2)
+    if varied:
+        matrix = _facing(matrix, foliage.truth.normal[hung.source])
+    return foot, matrix
+
+
+def _facing(matrix: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """(L, 3, 3) turned by the least turn that gives each leaf the inclination of its template.
+
+    A leaf keeps to the light whatever way its branch is bent.
+    """
+    now = np.einsum("nij,nj->ni", matrix, normal)
+    flat = np.hypot(now[:, 0], now[:, 1])
+    some = flat > 1e-9
+    level = np.hypot(normal[:, 0], normal[:, 1]) / np.where(some, flat, 1.0)
+    to = np.stack([now[:, 0] * level, now[:, 1] * level, normal[:, 2]], axis=1)
+    to[~some] = now[~some]
+    axis, cosine = cross_rows(now, to), np.einsum("ni,ni->n", now, to)
+    cross = np.zeros((len(now), 3, 3))
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -axis[:, 2], axis[:, 1], -axis[:, 0]
+    cross -= np.swapaxes(cross, 1, 2)
+    turn = np.eye(3) + cross + cross @ cross / np.maximum(1 + cosine, 1e-9)[:, None, None]
+    return np.asarray(turn @ matrix)

@@ -1,0 +1,81 @@
+"""Positions of the trees of a scene, without growing any.
+
+Positions go into a CSV or GeoJSON file, a map of them into a picture beside it; what was expected, drawn and
+removed is printed as a table.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from forest_addon.results.stand_table import note_of, write_stand
+from forest_addon.spec import SpecError
+from forest_addon.stand.files import read_inputs
+from forest_addon.stand.plan import Stand, labels, plan_stand
+
+from ...command import read_scene
+from ...report.drawing import can_draw, without
+
+Say = Callable[[str], None]
+
+
+def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = print) -> Stand:
+    """Plan the stand of a scene file; write positions and map.
+
+    Raises
+    ------
+    SpecError : the scene, or a file that it names, cannot be used; ``out`` cannot be written.
+    ValueError : an intensity that cannot be used, or asks for too many trees.
+    """
+    settings = read_scene(scene, seed)
+    inputs = read_inputs(settings, scene.resolve().parent)
+    started = time.perf_counter()
+    stand = plan_stand(settings.seed, settings.forest, settings.plantings, inputs)
+    took = time.perf_counter() - started
+    names = labels(settings.plantings)
+    for line in stand_lines(stand, names):
+        say(line)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise SpecError(
+            f"--out {out}", f"cannot be written to ({problem.strerror}); choose another folder"
+        ) from None
+    write_stand(out, stand, names, settings.offset, settings.crs)
+    if can_draw():
+        from ...report.stand import draw_stand
+    else:
+        from ...report.plain import draw_stand
+
+        say(without("The map is plain"))
+    picture = draw_stand(stand, names, settings, inputs, out.with_suffix(".png"))
+    say(f"\nSampled in {took:.2f} s. Wrote {out} and {picture}")
+    note = note_of(settings.offset, settings.crs)
+    if note:
+        say(note[:1].upper() + note[1:] + ".")
+    return stand
+
+
+def stand_lines(stand: Stand, names: list[str]) -> list[str]:
+    """A table: what was expected of every planting, what stands, what was taken away and why."""
+    width = max([8, *map(len, names)])
+    lines = [
+        f"{'species':<{width}}{'expected':>14}{'trees':>11}{'trees/ha':>11}"
+        f"{'too near':>10}{'no ground':>11}{'off field':>11}"
+    ]
+    counts, density = stand.counts(), stand.density() * 1e4
+    for k, name in enumerate(names):
+        error = f" ±{stand.error[k]:.2g}" if stand.error[k] else ""
+        lines.append(
+            f"{name:<{width}}{f'{stand.expected[k]:,.1f}{error}':>14}{counts[k]:>11,}{density[k]:>11,.1f}"
+            f"{stand.too_near[k]:>10,}{stand.off_ground[k]:>11,}{stand.off_field[k]:>11,}"
+        )
+    if len(names) > 1:
+        lines.append(
+            f"{'together':<{width}}{f'{stand.expected.sum():,.1f}':>14}{len(stand):>11,}"
+            f"{density.sum():>11,.1f}{stand.removed:>10,}{stand.off_ground.sum():>11,}"
+            f"{stand.off_field.sum():>11,}"
+        )
+    return lines

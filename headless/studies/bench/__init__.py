@@ -1,0 +1,1 @@
+"""Benchmarks: time and error side by side, a section a file."""

@@ -1,0 +1,15 @@
+"""LiDAR: rays a second of the engines, pulses a second of whole scans, tubes for cones, and all errors."""
+
+from __future__ import annotations
+
+from ..tables import Say
+from . import lidar_pulses, lidar_rays, lidar_wood
+
+TITLE = "lidar: rays and pulses a second, and their errors"
+
+
+def run(say: Say) -> None:
+    """Print the tables of rays, then those of pulses, then those of wood."""
+    lidar_rays.run(say)
+    lidar_pulses.run(say)
+    lidar_wood.run(say)

@@ -1,0 +1,59 @@
+"""``python -m headless validate``: simulations beside measurements of real forests."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ...command import Command, refuse_negative
+
+
+class ValidateCommand(Command):
+    name = "validate"
+    help = "hold the simulations to measurements: what agrees, what does not"
+    description = (
+        "Print and draw simulation beside measurement, with intervals, and say what agrees. Subjects: "
+        "reverb, lidar, stand, leaves, trees; none: all. With a FILE of yours: reverb RECORDING.wav "
+        "--stand TREES.csv, or lidar CLOUD.laz --scene MY.toml."
+    )
+
+    def arguments(self, parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("subject", nargs="?", metavar="SUBJECT", help="which; default all")
+        parser.add_argument(
+            "file", nargs="?", type=Path, metavar="FILE", help="a recording or cloud of your own"
+        )
+        parser.add_argument(
+            "--data",
+            type=Path,
+            metavar="FOLDER",
+            help="the measurements (default $FOREST_MEASURED, else measured)",
+        )
+        parser.add_argument(
+            "--out",
+            type=Path,
+            default=Path("out/validate"),
+            metavar="DIR",
+            help="folder of results, one a subject (default out/validate)",
+        )
+        parser.add_argument(
+            "--stand",
+            type=Path,
+            metavar="TREES.csv",
+            help="where the trees of your recording stand",
+        )
+        parser.add_argument(
+            "--scene", type=Path, metavar="MY.toml", help="the scene that your cloud is of"
+        )
+        parser.add_argument("--seed", type=int, default=1, help="seed of what is drawn (default 1)")
+        parser.add_argument(
+            "--docs",
+            type=Path,
+            metavar="DIR",
+            help="also join all parts in --out to DIR/validation.md, pictures below it",
+        )
+
+    def run(self, chosen: argparse.Namespace) -> None:
+        refuse_negative(chosen.seed)
+        from ..validation.run import run_sections
+
+        run_sections([chosen.subject] if chosen.subject else [], chosen, chosen.out)

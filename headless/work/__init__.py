@@ -1,1 +1,0 @@
-"""What the commands do, as functions: no words of a command line in, files and sentences out."""
