@@ -30,13 +30,16 @@ from .expansion import Layer, Sector, expand
 from .loud import loud_trunks
 from .panel_sum import panel_spectrum
 from .path_gain import PathGain, Zone
-from .scattering import TrunkPaths, direct_sum
+from .scattering import Progress, TrunkPaths, direct_sum
 
 TRUNKS_AT_ONCE = 65536
 GRID_AT_ONCE = 1 << 23  # values of the even grid, of as many terms as that allows
 MOST_KEPT = 1 << 27  # bytes of filters that a layer keeps as spectra
 FEW_RADII = 4
-FINEST_FILTERS = 1e-5, 1e-4  # tolerances from which on filters serve: of air alone, and of a path's gain
+FINEST_FILTERS = (
+    1e-5,
+    1e-4,
+)  # tolerances from which on filters serve: of air alone, and of a path's gain
 SINGLE = 1e-4  # from this tolerance on, single precision does; not where seconds of filters are
 RINGING = 0.02  # s by which a gain of frequency spreads an arrival to both sides
 UNHEARD = 1e-5  # of the loudest frequency: where a layer has nothing but rounding
@@ -69,10 +72,12 @@ class Expansions:
         air: Air,
         tolerance: float,
         losses: Losses | None = None,
+        progress: Progress | None = None,
     ) -> FastSum:
         """(count,) samples at ``rate`` Hz, sample 0 when the source sounds.
 
         losses : of paths, besides what the air takes; None: nothing.
+        progress : called as progress(trunks done, all trunks); of many radii in parts of the work.
         """
         alike = len(paths.radius) > 0 and paths.radius.min() == paths.radius.max() > 0
         different = paths.radius[:1] if alike else np.unique(paths.radius[paths.radius > 0])
@@ -80,23 +85,28 @@ class Expansions:
             unthinned = self._gain(losses and losses.unthinned, rate, tolerance)
             loud = loud_trunks(paths, rate, count, air, losses)
             rest = paths.select(~loud) if loud.any() else paths
-            found = _by_panels(rest, rate, count, air, tolerance, losses, unthinned)
+            found = _by_panels(rest, rate, count, air, tolerance, losses, unthinned, progress)
             exact = direct_sum(paths.select(loud), rate, count, air, None, losses, tolerance)
             return FastSum(found.samples + exact, found.errors)
         gain = self._gain(losses, rate, tolerance)
         air_filter = self._air(rate, air, tolerance, losses)
         size = SPREAD + count + max(SPREAD, air_filter.tail)
         total = np.zeros(size)
-        cosine = np.cos(paths.angle)
+        cosine, done = np.cos(paths.angle), 0
         errors: dict[float, float] = {}
         for radius in different.tolist():
             rows = slice(None) if alike else paths.radius == radius
             some, turned = paths.select(rows), cosine[rows]
+            if progress:
+                progress(done, len(paths.length))
+            done += len(turned)
             for layer in self._set_up(radius, rate, air, tolerance, losses):
                 total += layer.sum(some, turned, size, gain)
                 for octave, error in layer.errors.items():
                     errors[octave] = max(error, errors.get(octave, 0.0))
         samples = air_filter.apply(total, -SPREAD)[SPREAD : SPREAD + count]
+        if progress:
+            progress(len(paths.length), len(paths.length))
         return FastSum(samples, errors)
 
     def _gain(self, losses: Losses | None, rate: float, tolerance: float) -> PathGain | None:
@@ -141,6 +151,7 @@ def _by_panels(
     tolerance: float,
     losses: Losses | None,
     gain: PathGain | None,
+    progress: Progress | None = None,
 ) -> FastSum:
     speed, bark = air.speed(), losses.bark if losses else 0.0
     errors: dict[float, float] = {}
@@ -150,7 +161,14 @@ def _by_panels(
         loss = loss_per_metre(frequency, air, losses)
         if losses is not None:
             loss += 0.5 * losses.removed(frequency)
-        found, checks = panel_spectrum(paths, spacing, loss, speed, tolerance, gain, bark, lowest)
+
+        def told(share: float) -> None:
+            if progress:
+                progress(int(share * len(paths.length)), len(paths.length))
+
+        found, checks = panel_spectrum(
+            paths, spacing, loss, speed, tolerance, gain, bark, lowest, told
+        )
         for check in checks:
             octave = 20.0 * 2.0 ** math.floor(math.log2(check.frequency / 20.0))
             if octave >= 20.0:

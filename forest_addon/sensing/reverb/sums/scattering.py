@@ -166,8 +166,14 @@ def direct_sum(
     bark = losses.bark if losses else 0.0
     thickest, last = float(paths.radius.max()), float(paths.length.max()) / speed
 
-    def spectrum(spacing: float, lowest: int, highest: int) -> np.ndarray:
-        loss = loss_per_metre(np.arange(highest + 1) * spacing, air, losses)
-        return scattered_spectrum(paths, spacing, loss, speed, progress, gain, bark, lowest)
+    bands = bands_of(rate, thickest, speed, tolerance)
+    left = len(bands)
 
-    return samples_of(spectrum, bands_of(rate, thickest, speed, tolerance), rate, count, last)
+    def spectrum(spacing: float, lowest: int, highest: int) -> np.ndarray:
+        nonlocal left
+        left -= 1
+        told = None if left else progress  # the last band is nearly all of the work
+        loss = loss_per_metre(np.arange(highest + 1) * spacing, air, losses)
+        return scattered_spectrum(paths, spacing, loss, speed, told, gain, bark, lowest)
+
+    return samples_of(spectrum, bands, rate, count, last)

@@ -70,7 +70,7 @@ def tree_response(
     losses : of the paths, of a model ``forest``; None: K's weights, and the air's losses alone.
     last : metres of path after which trunks are not summed; they are noise there.
     expansions : what the fast sum set up for other pairs; None: it is set up for this one.
-    progress : called as progress(trunks done, all trunks), by the exact sum alone.
+    progress : called as progress(trunks done, all trunks).
     """
     ends = np.asarray(source)[:2], np.asarray(receiver)[:2]
     paths = trunk_paths(trunks, *ends, reverb.strength, reverb.spreading, gain, losses is not None)
@@ -88,7 +88,7 @@ def tree_response(
         samples = direct_sum(within, rate, count, air, progress, losses, reverb.tolerance)
     else:
         prepared = Expansions() if expansions is None else expansions
-        found = prepared.sum(within, rate, count, air, reverb.tolerance, losses)
+        found = prepared.sum(within, rate, count, air, reverb.tolerance, losses, progress)
         samples, errors = found.samples, found.errors
     left = left_out_db(paths, heard, direct, rate, air, losses)
     return TreeResponse(samples, heard, int(paths.clamped.sum()), exact, left, errors)
