@@ -26,23 +26,14 @@ from .forest.losses import loss_per_metre
 from .forest.tail import FADE
 from .pair import ImpulseResponse, Pair, filtered
 from .sums.fast_scattering import Expansions
-from .sums.scattering import (
-    RINGING,
-    RUNG_OCTAVE,
-    RUNG_WHOLE,
-    TrunkPaths,
-    exact_ringing,
-    scattered_spectrum,
-    transform_length,
-    trunk_paths,
-)
-from .sums.tree_response import FINEST, THICK, direct_sum
+from .sums.scattering import TrunkPaths, direct_sum, scattered_spectrum, trunk_paths
 
 FEWEST, MOST = 20, 200  # trunks at a time
 PACE = 2e-7  # s of a trunk at a frequency
 LONGEST = 12_000  # samples of the part of the record that is compared
 LOWEST = 20.0  # Hz
-CUT_OFF = 1e-6  # of an octave, that a direct sum to no tolerance cuts off, of thick trunks more
+RINGING = 1.0  # s of frequencies beside a record's, all bands together
+CUT_OFF = 1e-6  # of an octave, that a direct sum to no tolerance cuts off at most
 QUIET = 1e-9  # of the whole: octaves below that are noise of float64
 BINS, NEAR = 1024, 100  # frequencies of a Fourier sum; samples around an arrival
 OF_ARRIVAL = 1e-5  # of the largest sample
@@ -67,14 +58,15 @@ class _Channel:
     def speed(self) -> float:
         return self.pair.air.speed()
 
-    def summed(self, rows: np.ndarray, count: int, ringing: float) -> np.ndarray:
+    def summed(self, rows: np.ndarray, count: int) -> np.ndarray:
         """(count,) samples of some trunks by the direct sum."""
+        fine = 0.1 * _allowed(self)
         total = np.zeros(count)
         for term, gain in self.pair.terms(self.pair.forest.select(rows)):
             some = self.paths.select(rows)
             some = replace(some, weight=some.weight * gain)
             samples = direct_sum(
-                some, self.rate, count + SPREAD, self.pair.air, None, self.pair.losses, ringing
+                some, self.rate, count + SPREAD, self.pair.air, None, self.pair.losses, fine
             )
             total += filtered(samples, term, self.rate)[:count]
         return total
@@ -118,8 +110,8 @@ def audit_response(
             )
         )
     again = _sums_again(channel, expansions, rng, budget - (time.perf_counter() - begin))
-    ringing = channel.rate * exact_ringing(paths, reverb.tolerance)
-    whole = PACE * heard.trunks * (len(heard.samples) + ringing) / 2 * len(found.channels)
+    frequencies = (len(heard.samples) + RINGING * channel.rate) / 2
+    whole = PACE * heard.trunks * frequencies * len(found.channels)
     return Audit(joined([*checks, again]), seconds, whole)
 
 
@@ -181,15 +173,14 @@ def _early(
     step = channel.speed / rate
     first = int(max(earliest[0] / step, 0.0))
     longest = min(len(trees), first + LONGEST)
-    ringing = _ringing(channel)
     counts = np.unique(np.geomspace(first + LEAST, max(longest, first + LEAST), 24).astype(int))
     trunks = np.searchsorted(earliest, (counts + SPREAD) * step)
-    takes = PACE * trunks * (counts + ringing * rate) / 2
+    takes = PACE * trunks * (counts + RINGING * rate) / 2
     count = min(
         int(counts[max(int(np.searchsorted(takes, seconds, side="right")) - 1, 0)]), longest
     )
     rows = np.flatnonzero((paths.earliest <= (count + SPREAD) * step) & (paths.earliest <= last))
-    apart = trees[:count] - channel.summed(rows, count, ringing) * kept[:count]
+    apart = trees[:count] - channel.summed(rows, count) * kept[:count]
     lowest = LOWEST
     if count < len(trees):  # a smooth end, of which lower octaves would hear more than of the error
         fade = max(count // 2, 1)
@@ -275,21 +266,20 @@ def _sums_again(
     rate, air, reverb = channel.rate, pair.air, pair.reverb
     count = min(len(found.samples), LONGEST)
     heard = np.flatnonzero(paths.earliest <= count / rate * air.speed())
-    ringing = max(_ringing(channel), exact_ringing(paths, 0.1 * FINEST) if found.exact else 0.0)
-    frequencies = transform_length(paths.select(heard), rate, count, air.speed(), ringing) / 2
+    frequencies = (count + SPREAD + RINGING * rate) / 2
     drawn = int(np.clip(seconds / (PACE * frequencies), 0, MOST))
     if drawn < FEWEST or not len(heard):
         return None
 
-    def direct(some: TrunkPaths, ringing: float) -> np.ndarray:
-        return direct_sum(some, rate, count + SPREAD, air, None, pair.losses, ringing)
+    def direct(some: TrunkPaths, tolerance: float) -> np.ndarray:
+        return direct_sum(some, rate, count + SPREAD, air, None, pair.losses, tolerance)
 
     def batches() -> Iterator[np.ndarray]:
         while True:
             some = paths.select(np.sort(rng.permutation(heard)[:drawn]))
-            exact = direct(some, ringing)
+            exact = direct(some, 0.0)
             if found.exact:
-                again = direct(some, exact_ringing(some, reverb.tolerance))
+                again = direct(some, reverb.tolerance)
             else:
                 given = some, rate, count + SPREAD, air, reverb.tolerance, pair.losses
                 again = expansions.sum(*given).samples
@@ -298,7 +288,7 @@ def _sums_again(
     checked = sample(batches(), seconds / 2)
     what = f"octaves of {min(drawn, len(heard))} random trunks, summed again and directly"
     of = max(len(checked.errors), 1) * math.ceil(len(heard) / drawn)
-    allowed = reverb.tolerance or _cut_off(paths)
+    allowed = reverb.tolerance or CUT_OFF
     return Check.on(what, checked.errors, of, allowed, "of the octave")
 
 
@@ -328,19 +318,6 @@ def _by_octave(
     return np.array(errors)
 
 
-def _cut_off(paths: TrunkPaths) -> float:
-    return CUT_OFF * max(1.0, float(paths.radius.max(initial=0.0)) / THICK)
-
-
 def _allowed(channel: _Channel) -> float:
     """What was asked for, with what is known to be left out."""
-    return (channel.pair.reverb.tolerance or _cut_off(channel.paths)) + channel.found.weak_bound
-
-
-def _ringing(channel: _Channel) -> float:
-    """Seconds after which what a direct sum cuts off is a tenth of what is allowed."""
-    wanted = 0.1 * _allowed(channel)
-    thickest = float(channel.paths.radius.max(initial=0.0))
-    whole = (RUNG_WHOLE * max(thickest, 0.1) / wanted) ** (1 / 2.3)
-    lowest = (RUNG_OCTAVE / wanted) ** (1 / 3.3)
-    return RINGING * max(whole, lowest)
+    return (channel.pair.reverb.tolerance or CUT_OFF) + channel.found.weak_bound
