@@ -46,9 +46,11 @@ WINGS: dict[str, dict[str, set[str]]] = {
     "growth": {
         "mesh": set(),
         "lsystem": set(),
-        "template": {"lsystem", "mesh"},
+        "recognise": {"mesh"},
+        "graft": {"lsystem", "mesh", "recognise"},
+        "regrow": {"mesh", "recognise", "graft"},
         "measured": {"lsystem", "mesh"},
-        "library": {"lsystem", "mesh", "measured", "template"},
+        "library": {"lsystem", "mesh", "measured", "recognise", "graft", "regrow"},
     },
     "stand": {"intensity": set(), "statistics": {"intensity"}},
     "blender": {

@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from ..base.rng import stream
+from ..growth.graft.cut import TreeTemplate
 from ..growth.measured.wanted import TARGETS, Kind
 from ..growth.mesh.blades import Blade
 from ..growth.mesh.leaves import Leaves, join_leaves
-from ..growth.template.cut import TreeTemplate
-from ..growth.template.fitted import Habit
+from ..growth.regrow.fitted import Habit
 from ..growth.tree import Tree, grow
 from ..growth.truth import crown_base, crown_width, leaf_angles, wood_of_tree
 from ..spec import Allometry, Scene, Species

@@ -1,7 +1,7 @@
 """A user's tree in files becomes a species that grows: the folder of its library.
 
 Written: the tree in metres (wood.stl, leaves.stl), a species file by which siblings of it grow (or trees
-of T20's grammar, fitted to its habit), and a scene that plants it (scene.toml).
+of Tanveer et al.'s grammar, fitted to its habit), and a scene that plants it (scene.toml).
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from ...base.trimesh import LEAF, TriMesh
 from ...formats.atomic import replacing
 from ...formats.stl import StlError, read_stl, write_stl
 from ...spec import Grammar, SpecError, unknown
+from ..graft.cut import split_tree
+from ..graft.habit import fit_grammar
 from ..mesh.leaves import measure_leaves
-from ..template.allometry import allometry_of
-from ..template.anatomy import dissect
-from ..template.cut import split_tree
-from ..template.fitted import Habit, fit
-from ..template.habit import fit_grammar
-from ..template.parts import UPRIGHT, Group, Sorted, likely_up, sort_out, stood
-from ..template.recognise import LeanError, Recognition, TemplateError, recognise, recognise_pieces
-from ..template.unit import UNITS, Unit, infer_unit
+from ..recognise.parts import UPRIGHT, Group, Sorted, likely_up, sort_out, stood
+from ..recognise.recognise import LeanError, Recognition, TemplateError, recognise, recognise_pieces
+from ..recognise.unit import UNITS, Unit, infer_unit
+from ..regrow.allometry import allometry_of
+from ..regrow.anatomy import dissect
+from ..regrow.fitted import Habit, fit
 from .species_file import MOST_OF_TREE
 
 Progress = Callable[[int, int], None]
@@ -94,7 +94,7 @@ def make_library(
 
     wood, leaves : STL files; wood alone may hold leaves too.
     height : metres of the tree; 0: as the unit says.
-    grammar : "fitted" for siblings of the tree, "t20" for T20's grammar with its branches.
+    grammar : "fitted" for siblings of the tree, "t20" for Tanveer et al.'s grammar with its branches.
     groups : what the files hold, where they are no STL.
     unit : in which they are drawn, of ``UNITS``. up : axis that points up, of ``UPRIGHT``. Both are
         inferred where empty.
@@ -223,7 +223,7 @@ leaves = "{"leaves.stl" if leafy else ""}"
 
 def _siblings_text(name: str) -> str:
     return f"""
-# Siblings of this tree; 0 is the tree itself. Without this table, T20's grammar sets its branches.
+# Siblings of this tree; 0 is the tree itself. Without this table, Tanveer et al.'s grammar sets its branches.
 [siblings]
 variety = 1.0
 allometry = "{allometry_of(name)}"

@@ -17,9 +17,9 @@ from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import load_species
 from forest_addon.growth.library.template_library import Library, NotUnderstoodError, make_library
 from forest_addon.growth.likeness import compare
-from forest_addon.growth.template.parts import Group
-from forest_addon.growth.template.relay import farthest_off
-from forest_addon.growth.template.sibling import grow_sibling
+from forest_addon.growth.recognise.parts import Group
+from forest_addon.growth.regrow.relay import farthest_off
+from forest_addon.growth.regrow.sibling import grow_sibling
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.spec import Siblings, SpecError, Species
 

@@ -1,4 +1,5 @@
-"""Branch templates: a full tree in facets, cut into its trunk and its first-level branches (T20, A20).
+"""Branch templates: a full tree in facets, cut into its trunk and its first-level branches (Tanveer et al.
+2020a, b).
 
 A first-level branch is a piece of wood that hangs on the trunk, with all that hangs on it, wood and
 leaves. Each is brought into one canonical frame, so that it can be set on any node of a grammar: foot at
@@ -18,8 +19,8 @@ import numpy as np
 
 from ...base.trimesh import LEAF, WOOD, TriMesh
 from ..mesh.leaves import Leaves, measure_leaves
-from .recognise import Recognition, TemplateError, checked_facets, recognise
-from .tubes import find_contacts
+from ..recognise.recognise import Recognition, TemplateError, checked_facets, recognise
+from ..recognise.tubes import find_contacts
 
 __all__ = ["BranchTemplate", "TemplateError", "TreeTemplate", "split_tree"]
 
