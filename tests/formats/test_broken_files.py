@@ -254,11 +254,11 @@ def test_what_has_no_end_is_not_read(tmp_path, kind):
     name, _, read = READERS[kind]
     path = tmp_path / name
     path.symlink_to("/dev/zero")
-    with pytest.raises((SpecError, StlError), match="is a device or a pipe|is not known"):
+    with pytest.raises((SpecError, StlError), match=r"is a device or a pipe|is not known"):
         read(path)
     path.unlink()
     os.mkfifo(path)
-    with pytest.raises((SpecError, StlError), match="is a device or a pipe|is not known"):
+    with pytest.raises((SpecError, StlError), match=r"is a device or a pipe|is not known"):
         read(path)
     path.unlink()
     with open(path, "wb") as file:
