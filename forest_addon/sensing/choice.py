@@ -7,10 +7,9 @@ run.json hold both.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
 from typing import TypeVar
 
-from ..spec import AUTO, Reverb, Settings, Sonar
+from ..spec import AUTO, Choice, Reverb, Settings, Sonar
 from .reverb.response import ImpulseResponse
 
 S = TypeVar("S", bound=Settings)
@@ -20,34 +19,6 @@ FORMULA = 1e-4  # far below the per cents that physical optics and the paper's f
 CULLED = 10.0  # times the tolerance: what is left out is known by a bound far above the truth
 FINEST = 1e-6  # tolerance that the reverb's fast sum keeps
 END = 10 ** (-75 / 20)  # a record ends where that is left of it
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A value that was left to "auto". bound : on the error that it makes, as a share, or in ``unit``, that
-    of the value. why : in words.
-
-    asked : what was set, where that was not "auto" but can only be had otherwise.
-    """
-
-    key: str
-    value: float
-    bound: float
-    why: str
-    asked: float | str = AUTO
-    unit: str = ""
-
-    def __str__(self) -> str:
-        if self.asked != AUTO:
-            return f"{self.key} {self.asked:.0e} is kept {self.why}."
-        unit = f" {self.unit}" if self.unit else ""
-        value = f"{self.value:.1e}{unit}" if self.value else "none"
-        bound = f"off by at most {self.bound:.1e}{unit}" if self.bound else "no change"
-        return f"{self.key} was left to auto: {value}, {bound} {self.why}."
-
-    def record(self) -> dict[str, float | str]:
-        """What stands in run.json."""
-        return asdict(self)
 
 
 def choose(sensor: S) -> tuple[S, tuple[Choice, ...]]:
