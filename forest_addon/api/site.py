@@ -14,6 +14,7 @@ from ..formats.toml_file import read_settings
 from ..site import ForestSite
 from ..spec import Scene, with_files
 from ..stand.forest import Forest
+from .given import enough_memory, path_of, progress_of, scene_of
 from .world import World, import_blender
 
 Progress = Callable[[int, int], None]
@@ -31,7 +32,7 @@ def read(path: str | Path) -> Scene:
     >>> scene.changed(seed=8).seed
     8
     """
-    path = Path(path)
+    path = path_of("read", path)
     folder = path.resolve().parent
 
     def found(file: str) -> str:  # a name without an ending is a preset's
@@ -61,9 +62,11 @@ def build(scene: Scene, *, folder: str | Path = ".", progress: Progress | None =
     3
     """
     started = time.perf_counter()
-    site = Site.of(scene, folder)
-    forest = site.grow(progress)
-    return site.build(forest, seconds=time.perf_counter() - started)
+    progress_of(progress)
+    with enough_memory("build", "plant fewer trees, or coarser ones"):
+        site = Site.of(scene, folder)
+        forest = site.grow(progress)
+        return site.build(forest, seconds=time.perf_counter() - started)
 
 
 def current(scene: Scene | None = None) -> World:
@@ -82,7 +85,8 @@ def current(scene: Scene | None = None) -> World:
     3
     """
     bpy = import_blender()
-    return World(scene or Scene(), Path(), None, bpy.context.scene)
+    settings = Scene() if scene is None else scene_of("current", scene)
+    return World(settings, Path(), None, bpy.context.scene)
 
 
 class Site(ForestSite):
@@ -108,8 +112,9 @@ class Site(ForestSite):
         from ..blender.files.opening import open_for
         from ..blender.site import with_objects
 
+        scene, folder = scene_of("build", scene), path_of("folder", folder)
         site = cls.read(scene, folder)
-        open_for(scene, site.folder)
+        open_for(scene, folder)
         return with_objects(site)
 
     def build(self, forest: Forest, *, as_assets: bool = True, seconds: float = 0.0) -> World:
