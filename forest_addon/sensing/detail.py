@@ -29,7 +29,8 @@ from ..growth.tree import Tree, leaves_left, with_tolerance, without_leaves
 from ..spec import Choice, Scene, Species
 from ..stand.forest import Forest, ForestPlan, Grown, Planted, Progress, keys_of
 from ..stand.inputs import Inputs
-from .looks import Leafy, Look, Upright, look_of
+from .kinds import kind_of
+from .looks import Leafy, Look, Upright
 
 COARSE = 1000  # added to a variant's number; a planting has at most as many
 SHARE = 0.25  # of the leaves, and of a shoot's blades, that a coarse variant has
@@ -55,7 +56,7 @@ def grow_needed(
     """
     if scene.accuracy.detail != "auto":
         return ForestPlan.of(scene, species, inputs, grown).grow(progress)
-    looks = [look_of(sensor) for sensor in scene.sensors]
+    looks = [kind_of(sensor).look(sensor) for sensor in scene.sensors]
     species, bared = _without_unmet_leaves(species, looks)
     plan = ForestPlan.of(scene, species, inputs, grown)
     forest = _with_coarse(plan, plan.grow(progress), looks)

@@ -1,7 +1,7 @@
 """How each kind of sensor looks at trees: from where, how far, and how fine it tells things apart.
 
-A ``Look`` is what ``detail`` asks of a sensor; there is one class for beams, one for echoes and one for
-responses, and ``LOOKS`` says which kind has which.
+A ``Look`` is what ``detail`` asks of a sensor, and what the record of each kind makes of its settings; there
+is one class for beams, one for echoes and one for responses.
 """
 
 from __future__ import annotations
@@ -13,9 +13,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-
-from ..acoustics.disc import backscatter
-from ..spec import Airborne, Mobile, Reverb, Sensor, Sonar, Terrestrial, Tractor
 
 TOGETHER = 50  # coarse leaves that must sound as one
 LOUDNESS = 0.05  # the energy that coarse leaves may send back more or less, as a share
@@ -100,13 +97,17 @@ class Look:
         raise NotImplementedError
 
 
+def _a_line(_distance: float) -> float:
+    return 0.0
+
+
 @dataclass(frozen=True)
 class BeamLook(Look):
     """A scanner: ``resolves`` gives (N,) metres that it tells apart at distances (N,), ``widths`` the
     footprint at one."""
 
     resolves: Callable[[np.ndarray], np.ndarray] = np.zeros_like
-    widths: Callable[[float], float] = float
+    widths: Callable[[float], float] = _a_line
 
     tells_leaves = True
     meets_wood = True
@@ -156,6 +157,8 @@ class EchoLook(Look):
 @cache
 def loudness(band: tuple[float, float], radius: float) -> float:
     """Energy that coarse discs send back over that of full ones of this radius, metres, facing all ways."""
+    from ..acoustics.disc import backscatter
+
     t = (np.arange(ORIENTATIONS) + 0.5) / ORIENTATIONS
     angle = np.pi / 2 * t**2  # close together straight on, where a large disc glints
     weight = np.sin(angle) * t
@@ -167,107 +170,12 @@ def loudness(band: tuple[float, float], radius: float) -> float:
     return SHARE * energy(radius / np.sqrt(SHARE)) / max(energy(radius), 1e-300)
 
 
-def _of_tractor(tractor: Tractor) -> Look:
-    def resolves(away: np.ndarray) -> np.ndarray:
-        step = tractor.step * (1 + tractor.gap)
-        return np.minimum(step, np.deg2rad(tractor.angle_step_deg) * away)
-
-    def width(distance: float) -> float:
-        across = distance * float(np.deg2rad(tractor.angle_step_deg))
-        return min(tractor.step, across) if tractor.splits else 0.0
-
+def look_at_leaves(sensor: Any) -> Look:
+    """The look of a sensor that may tell any leaf from its neighbours: from its place, as far as it reaches."""
+    place = getattr(sensor, "position", None)
     return BeamLook(
-        name=tractor.name,
-        corners=_straight(tractor),
+        name=sensor.name,
+        corners=None if place is None else np.array([place], dtype=float),
+        range=float(getattr(sensor, "max_range", np.inf)),
         exact_wood=False,
-        slack=tractor.step,  # a beam is as wide as a step
-        range=tractor.max_range,
-        resolves=resolves,
-        widths=width,
     )
-
-
-def _of_scanner(
-    scanner: Terrestrial | Mobile | Airborne, corners: np.ndarray | None, apart: float = 0.0
-) -> Look:
-    """``apart``: radians between neighbouring pulses; 0 where lines may meet anywhere."""
-    beam = scanner.beam
-
-    def resolves(away: np.ndarray) -> np.ndarray:
-        wide = beam.exit_diameter**2 + (1e-3 * min(beam.divergence_mrad) * away) ** 2
-        footprint = np.sqrt(wide) if beam.subrays > 1 else np.zeros(len(away))
-        return np.asarray(np.maximum(footprint, apart * away))
-
-    def width(distance: float) -> float:
-        if beam.subrays == 1:
-            return 0.0
-        spread = min(beam.divergence_mrad) * 1e-3 * max(distance, scanner.min_range)
-        return float(np.hypot(beam.exit_diameter, spread))
-
-    return BeamLook(
-        name=scanner.name,
-        corners=corners,
-        range=scanner.max_range,
-        exact_wood=False,
-        resolves=resolves,
-        widths=width,
-    )
-
-
-def _of_terrestrial(scanner: Terrestrial) -> Look:
-    steepest = max(abs(angle) for angle in scanner.elevation_deg)
-    across = np.deg2rad(scanner.angle_step_deg) * np.cos(np.deg2rad(min(steepest, 60.0)))
-    apart = min(across, np.deg2rad(scanner.line_step_deg or scanner.angle_step_deg))
-    return _of_scanner(scanner, np.array([scanner.position], dtype=float), float(apart))
-
-
-def _of_mobile(scanner: Mobile) -> Look:
-    at = np.array([pose.position for pose in scanner.poses], dtype=float)
-    return _of_scanner(scanner, None if scanner.follow or not len(at) else at)
-
-
-def _of_airborne(scanner: Airborne) -> Look:
-    return _of_scanner(scanner, _straight(scanner, scanner.strips, scanner.spacing))
-
-
-def _of_sonar(sonar: Sonar) -> Look:
-    moves = bool(sonar.route or sonar.follow)
-    narrow = min(sonar.beam_width_deg) if sonar.beam == "gaussian" else 10.0
-    return EchoLook(
-        name=sonar.name,
-        corners=None if moves else np.array([sonar.position], dtype=float),
-        range=sonar.max_range,
-        leaves=sonar.leaves or "extinction" in sonar.shading,
-        exact_wood=sonar.wood or "trunks" in sonar.shading,
-        beam_width=float(np.deg2rad(narrow)),
-        band=sonar.band,
-        hears_leaves=sonar.leaves,
-    )
-
-
-def _of_reverb(reverb: Reverb) -> Look:
-    return Look(name=reverb.name, leaves=reverb.model == "forest")
-
-
-def _straight(sensor: Any, strips: int = 1, spacing: float = 0.0) -> np.ndarray:
-    """(P, 3) corners of straight parallel lines, back and forth."""
-    heading, start = np.deg2rad(sensor.heading_deg), np.array(sensor.position, dtype=float)
-    onward = np.array([np.cos(heading), np.sin(heading), 0.0]) * sensor.track
-    right = np.array([np.sin(heading), -np.cos(heading), 0.0])
-    starts = [start + k * spacing * right for k in range(strips)]
-    return np.concatenate([[s, s + onward][:: 1 - 2 * (k % 2)] for k, s in enumerate(starts)])
-
-
-LOOKS: dict[str, Callable[[Any], Look]] = {
-    "tractor": _of_tractor,
-    "terrestrial": _of_terrestrial,
-    "mobile": _of_mobile,
-    "airborne": _of_airborne,
-    "sonar": _of_sonar,
-    "reverb": _of_reverb,
-}
-
-
-def look_of(sensor: Sensor) -> Look:
-    """How a sensor looks at trees."""
-    return LOOKS[sensor.kind](sensor)

@@ -14,7 +14,8 @@ from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.measured.wanted import Wanted
 from forest_addon.growth.tree import grow
 from forest_addon.sensing.detail import BOUND, COARSE, SHARE, far_trees, grow_needed
-from forest_addon.sensing.looks import look_of, loudness
+from forest_addon.sensing.lidar.look import look_of_terrestrial
+from forest_addon.sensing.looks import loudness
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import (
     Accuracy,
@@ -122,7 +123,7 @@ def test_trees_are_coarse_where_a_scanner_cannot_tell_their_leaves_apart():
     far, stand = far_trees(grown), grown.stand
     away = np.hypot(*stand.position[:, :2].T)
     leaf = max(tree.leaves.length.max() for tree in grown.variants.values())
-    edge = leaf / look_of(scanner).resolves(np.ones(1))[0]
+    edge = leaf / look_of_terrestrial(scanner).resolves(np.ones(1))[0]
     assert far[away > edge + 2.5].all()
     assert not far[away < 0.8 * edge].any()
     assert 0 < far.sum() < len(far)
