@@ -171,7 +171,7 @@ def loudness(band: tuple[float, float], radius: float) -> float:
 
 
 def look_at_leaves(sensor: Any) -> Look:
-    """The look of a sensor that may tell any leaf from its neighbours: from its place, as far as it reaches."""
+    """The look of a sensor that may tell any two leaves apart, from its place and as far as it reaches."""
     place = getattr(sensor, "position", None)
     return BeamLook(
         name=sensor.name,
