@@ -35,6 +35,7 @@ from .mesh.edges import repeated_edges
 from .mesh.incline import incline_leaves, incline_sites
 from .mesh.leaves import Leaves, join_leaves
 from .mesh.meshing import mesh_wood
+from .mesh.relief import Relief
 from .mesh.tubes import sides_for, tube
 from .skeleton import Skeleton
 from .species import skeleton_of
@@ -58,6 +59,7 @@ class Tree:
     skeleton : all of its wood; of one that is grafted by T20's grammar, trunk and first-level axes.
     grafted : whether its branches come from templates, so that the mesh knows more than the skeleton.
     wanted : what it was to measure, None where nothing was said. missed : what of that could not be.
+    relief : of its bark, None where stems are round.
     """
 
     mesh: TriMesh
@@ -66,6 +68,7 @@ class Tree:
     grafted: bool = True
     wanted: Wanted | None = None
     missed: tuple[str, ...] = ()
+    relief: Relief | None = None
 
     @property
     def height(self) -> float:
@@ -111,7 +114,7 @@ def without_leaves(tree: Tree) -> Tree:
 
 def with_tolerance(tree: Tree, tolerance: float) -> Tree:
     """The same tree, whose wood is all in its skeleton, meshed to another tolerance."""
-    wood = mesh_wood(tree.skeleton, tolerance, sunk=SUNK)
+    wood = mesh_wood(tree.skeleton, tolerance, sunk=SUNK, relief=tree.relief)
     return replace(tree, mesh=join([wood, tree.mesh.select(tree.mesh.part == LEAF)]))
 
 
@@ -191,10 +194,20 @@ def _whole(
     known = sites.segment >= 0
     branch = np.where(known, first_level(skeleton)[bearer], -1) if len(sites) else sites.segment
     order = np.where(known, skeleton.order[bearer], 0) if len(sites) else sites.segment
-    wood = mesh_wood(skeleton, species.detail.tolerance, sunk=SUNK)
+    relief = _relief(species, rng)
+    wood = mesh_wood(skeleton, species.detail.tolerance, sunk=SUNK, relief=relief)
     mesh = lay(sites, blade, order=order, wood=wood)
     leaves = truth_of(sites, blade, branch)
-    return Tree(mesh, leaves, skeleton, grafted=False, wanted=wanted, missed=missed)
+    return Tree(mesh, leaves, skeleton, grafted=False, wanted=wanted, missed=missed, relief=relief)
+
+
+def _relief(species: Species, rng: np.random.Generator) -> Relief | None:
+    """The relief of a species' bark, where it is asked for."""
+    bark = species.bark
+    if not species.detail.relief or not (bark.relief or bark.ovality):
+        return None
+    texture = (bark.texture, bark.size, bark.relief, bark.ovality, bark.upper_from)
+    return Relief(*texture, seed=int(rng.integers(2**63)))
 
 
 def _grafted(

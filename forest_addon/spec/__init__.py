@@ -49,6 +49,7 @@ from .lidar import (
     Terrestrial,
     Tractor,
 )
+from .looks import Bark, Look
 from .problem import did_you_mean, unknown
 from .reverb import Place, Reverb
 from .scene import SENSORS, Accuracy, Output, Rays, Scene, Sensor
@@ -61,7 +62,6 @@ from .species import (
     Inclination,
     Jitter,
     Leaf,
-    Look,
     Rules,
     Siblings,
     Species,
@@ -77,6 +77,7 @@ __all__ = [
     "Air",
     "Airborne",
     "Allometry",
+    "Bark",
     "Beam",
     "Clusters",
     "Corners",

@@ -86,6 +86,8 @@ def grow_forest(
     whatever else grows.
     """
     inputs = inputs or Inputs()
+    if scene.accuracy.relief:
+        species = [(with_relief(kind), template) for kind, template in species]
     stand = plan_stand(scene.seed, scene.forest, scene.plantings, inputs)
     names = labels(scene.plantings)
     measured = with_targets(scene.seed, stand, scene.plantings, names, species, inputs)
@@ -114,6 +116,11 @@ def grow_forest(
     return Forest(
         sunk, tuple(names), kinds, variants, asked, detail, measured.laws, measured.ignored
     )
+
+
+def with_relief(species: Species) -> Species:
+    """The species with the relief of its bark meshed; a template's wood stays as it is."""
+    return species.changed(detail=species.detail.changed(relief=True))
 
 
 def _sized(stand: Stand, variants: dict[tuple[int, int], Tree], wanted: np.ndarray) -> Stand:
