@@ -129,7 +129,7 @@ def blade_of(species: Species, own: Blade | None) -> Blade:
 
 
 def has_curves(species: Species) -> bool:
-    """Whether the limbs of a species are smooth curves: as it says, else those that fill a crown."""
+    """Tell whether the limbs of a species are smooth curves: as it says, else those that fill a crown."""
     limbs = species.detail.limbs
     return species.crown is not None if limbs == "auto" else limbs == "curves"
 

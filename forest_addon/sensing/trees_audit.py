@@ -41,7 +41,7 @@ def audit_trees(
 
 
 def _roughness(tree: Tree) -> float:
-    """How far bark in relief lies from the cones, metres."""
+    """Bound how far bark in relief lies from the cones, metres."""
     if tree.relief is None:
         return 0.0
     return tree.relief.most(float(tree.skeleton.radius.max(initial=0.0)))

@@ -1,4 +1,4 @@
-"""What a species looks like from close by: colours, and the texture and relief of its bark."""
+"""Looks of a species from close by: colours, and the texture and relief of its bark."""
 
 from __future__ import annotations
 

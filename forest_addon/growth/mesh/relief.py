@@ -1,8 +1,9 @@
 """The relief of bark: radii that change around a stem and along it, by harmonics and by ridges.
 
-Ridges, plates and scales are functions of the way around the stem and of that along it, both in metres, and run
-on without a seam. A cross-section is oval besides, and its long side turns slowly on the way up. Every ring
-keeps its area: its radii r·f are divided by √mean(f²), so that volumes and the DBH of an equal circle stay.
+Ridges, plates and scales are functions of the way around the stem and of that along it, both in metres, and
+run on without a seam. A cross-section is oval besides, and its long side turns slowly on the way up. Every
+ring keeps its area: its radii r·f are divided by √mean(f²), so that volumes and the DBH of a circle of the
+same area stay.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class Relief:
     seed: int
 
     def most(self, radius: float) -> float:
-        """How far at most the surface of a stem of this radius lies from its circle, metres."""
+        """Bound how far the surface of a stem of this radius lies from its circle, metres."""
         return self.depth + 0.7 * self.ovality * radius if radius >= FROM else 0.0
 
     def corners(self, radius: np.ndarray) -> np.ndarray:
