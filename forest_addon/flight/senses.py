@@ -1,4 +1,4 @@
-"""What flyers sense: distances by LiDAR, echoes at two ears, and an idea of their own motion.
+"""Senses of flyers: distances by LiDAR, echoes at two ears, and an idea of their own motion.
 
 Poses go in, arrays come out, a row a flyer; the rays of all flyers are cast in one call. A scan is that of
 the mobile scanner at the flyer's pose, as ``World.scan`` makes it, to the bit: where pulses are single rays
@@ -164,7 +164,7 @@ class Ears:
         self.shape = (sonar.ears, *shape)
 
     def place(self, state: State, row: int = 0) -> Place:
-        """Where a flyer's sonar is."""
+        """Return where a flyer's sonar is."""
         heading, pitch, _ = degrees(state, row)
         frame = beam_frame(math.radians(heading), math.radians(pitch))
         return Place(state.position[row].copy(), frame, self.sonar.speed * frame[0])

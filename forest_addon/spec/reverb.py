@@ -9,7 +9,7 @@ from .parts import azimuth, elevation, kind, output_name, place
 
 
 class Place(Settings):
-    """Where one more source or receiver is."""
+    """Place of one more source or receiver."""
 
     position: tuple[float, float, float] = place((0.0, 0.0, 1.5), "where it is")
 

@@ -24,7 +24,7 @@ SENSORS: dict[str, type[Settings]] = {
 
 
 class Rays(Settings):
-    """How rays are cast; what they find does not depend on it."""
+    """Settings of the ray engine; results do not depend on it."""
 
     TITLE: ClassVar[str] = "Rays"
     engine: str = param(
@@ -36,7 +36,7 @@ class Rays(Settings):
 
 
 class Accuracy(Settings):
-    """How results are checked, and how much of a forest is modelled for them."""
+    """Accuracy: how results are checked, and how much of a forest is modelled for them."""
 
     audit: float = param(
         0.05, help="time for it, as a share of the time that each result took; 0: none", ge=0, le=10
@@ -54,7 +54,7 @@ class Accuracy(Settings):
 
 
 class Output(Settings):
-    """What is written besides the sensors' results, ``trees.csv`` and ``run.json``.
+    """Files written besides the sensors' results, ``trees.csv`` and ``run.json``.
 
     One scene takes what is wanted to look at it; of thousands in a row each picture and test costs more
     than the scan.

@@ -113,7 +113,7 @@ class _Extent:
 
 
 def _extents(one: Reverb, observer: Observer, settings: Scene, length: float) -> list[_Extent]:
-    """Where the forest may end, each against the farthest; none where it does not go on."""
+    """Return where the forest may end, each against the farthest; none where it does not go on."""
     ends = ends_of(one, observer.places)
     trunks = observer.trunks_between(one, settings, ends)(*ends.pairs[0])
     field = (settings.forest.origin, settings.forest.size)

@@ -1,4 +1,4 @@
-"""What a dataset will cost: scenes of the plan made for a trial, timed, weighed, and thrown away.
+"""Cost of a dataset: scenes of the plan made for a trial, timed, weighed, and thrown away.
 
 Scenes of many million points are not made whole: with a 64th of their pulses first, then with as many as
 give about ``ENOUGH`` points. Seconds of the stages that go with points, and bytes, are taken to be a fixed
@@ -132,7 +132,7 @@ def estimate(plan: Plan, say: Callable[[str], None], samples: int = SAMPLES) -> 
 
 
 def _trial(recipe: Recipe, child: Child, timeout: float, say: Callable[[str], None]) -> Trial:
-    """What a whole scene takes."""
+    """Return what a whole scene takes."""
 
     def make(thin: float) -> Trial:
         return _made(thinned(recipe, thin), child, timeout)

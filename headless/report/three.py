@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh, join
 from forest_addon.growth.mesh.leaves import measure_leaves
-from forest_addon.growth.template.recognise import Recognition
+from forest_addon.growth.recognise.recognise import Recognition
 from forest_addon.growth.tree import Tree
 from forest_addon.spec import Look, Species
 
@@ -69,7 +69,7 @@ def render_three(
 
 def _as_brought(found: Recognition, metres: float, rebuilt: Tree) -> Tree:
     """The facets of the file as a tree, its foot moved to the origin; the skeleton is the rebuilt one's."""
-    origin = found.foot[found.trunk]
+    origin = found.origin
     parts = []
     for pieces, part, slot in ((found.wood, WOOD, 0), (found.leaves, LEAF, 1)):
         mesh = TriMesh.of_part((pieces.vertices - origin) * metres, pieces.triangles, part)

@@ -9,7 +9,7 @@ import pytest
 
 from headless import cli
 from headless.commands import COMMANDS
-from headless.studies.bench import with_section
+from headless.studies.bench.run import with_section
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = {"numpy", "scipy", "matplotlib", "bpy", "laspy", "cattrs", "tqdm"}

@@ -39,7 +39,7 @@ class Cost:
 
 
 def cost_of(sensor: Sensor, way: Way, engine: str = "embree") -> Cost:
-    """What running a sensor will cost; ``way`` is where it goes (``Observer.way``).
+    """Return what running a sensor will cost; ``way`` is where it goes (``Observer.way``).
 
     Raises
     ------

@@ -210,7 +210,7 @@ def pose(thing: bpy.types.Object) -> dict[str, Any]:
 
 
 def heading(thing: bpy.types.Object) -> float:
-    """Where an object's X axis points, degrees from +X towards +Y."""
+    """Return where an object's X axis points, degrees from +X towards +Y."""
     return _direction_of(thing)[0]
 
 

@@ -143,7 +143,7 @@ class Observer:
         return self._clap(sensor, settings, progress, folder)
 
     def warnings(self, sensor: Sensor, way: Way = None) -> tuple[str, ...]:
-        """What a user would not want of where a sensor stands, in sentences: inside of a tree."""
+        """Return what a user would not want of where a sensor stands, in sentences: inside of a tree."""
         if isinstance(sensor, Reverb):
             pairs = np.concatenate(ends.ends_of(sensor, self.places).pairs)
             points = np.unique(pairs, axis=0)
@@ -273,7 +273,8 @@ class Observer:
 
     @staticmethod
     def way(sensor: Sensor, folder: Path = Path()) -> Way:
-        """Where a moving sensor goes, sampled from Blender's scene or read from a file; None: it stays.
+        """Return where a moving sensor goes, sampled from Blender's scene or read from a file; None: it
+        stays.
 
         Raises
         ------

@@ -22,7 +22,7 @@ import numpy as np
 from ...acoustics.smoothness import Profile
 from ...base.trimesh import WOOD as WOOD_PART
 from ...base.trimesh import TriMesh
-from ...growth.template.pieces import part
+from ...growth.recognise.pieces import part
 from .clusters import cluster
 from .scatterers import (
     CLEAR,

@@ -70,7 +70,7 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
 
 
 def _draw_end(layout: bpy.types.UILayout, result: Any) -> None:
-    """What can be done with a result: called otherwise, exported, removed."""
+    """Draw what can be done with a result: called otherwise, exported, removed."""
     row = layout.row(align=True)
     row.prop(result, "title", text="")
     row.operator("forest.export_result", text="", icon="EXPORT").result = result.name
@@ -78,7 +78,7 @@ def _draw_end(layout: bpy.types.UILayout, result: Any) -> None:
 
 
 def _draw_sound(layout: bpy.types.UILayout, props: Any) -> None:
-    """What is heard when a reverb is played."""
+    """Draw what is heard when a reverb is played."""
     column = split(layout)
     column.prop(props, "dry")
     if props.dry == "FILE":
@@ -86,7 +86,7 @@ def _draw_sound(layout: bpy.types.UILayout, props: Any) -> None:
 
 
 def _draw_points(layout: bpy.types.UILayout, result: Any) -> None:
-    """How the points of a cloud look: its modifier's menu and radius, and whether renders show them."""
+    """Draw how the points of a cloud look: its modifier's menu and radius, and whether renders show them."""
     cloud = bpy.data.objects.get(result.shown)
     for modifier in cloud.modifiers if cloud is not None else ():
         if not has_input(modifier, COLOUR_BY):

@@ -1,4 +1,4 @@
-"""What a run will cost, in words: before it begins, and when it is so large that one is asked."""
+"""Cost of a run in words: before it begins, and when it is so large that one is asked."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def chosen_things(scene: bpy.types.Scene, name: str) -> list[bpy.types.Object]:
 
 
 def is_large(found: list[Cost], frames: int = 1, keep: bool = False) -> bool:
-    """Whether one should be asked before this runs. keep : what all frames find stays in the file."""
+    """Return whether one should be asked before this runs. keep : what all frames find stays in the file."""
     seconds = frames * sum(cost.seconds for cost in found)
     return seconds > LONG or memory_of(found, frames if keep else 1) > LARGE
 

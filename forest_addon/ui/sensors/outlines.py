@@ -1,4 +1,4 @@
-"""Where sensors look, drawn over the 3D view as lines: beams to -3 dB, fans, paths of sound."""
+"""Outlines of sensors, drawn over the 3D view as lines: beams to -3 dB, fans, paths of sound."""
 
 from __future__ import annotations
 

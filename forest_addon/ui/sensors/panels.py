@@ -96,7 +96,7 @@ class FOREST_PT_sensor_data(bpy.types.Panel):
 
 
 def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
-    """Where a sensor is and looks, and all its settings."""
+    """Draw where a sensor is and looks, and all its settings."""
     kind = sensors.kind_of(thing)
     group = getattr(thing.forest_sensor, kind)
     column = split(layout)
@@ -133,7 +133,8 @@ def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
 
 
 def _why_fixed(kind: str, group: Any) -> str:
-    """Why moving a sensor by hand, or turning it about some axes, has no effect; empty where it has."""
+    """Return why moving a sensor by hand, or turning it about some axes, has no effect; empty where it
+    has."""
     if kind == "mobile":
         return label("Move what it follows") if group.follow else label("It moves by its poses")
     if kind in ("terrestrial", "tractor"):
@@ -166,7 +167,7 @@ def _draw_objects(layout: bpy.types.UILayout, reverb: Any, name: str, thing: str
 
 
 class FOREST_PT_thing(OnceStarted, bpy.types.Panel):
-    """What the active object is to sensors."""
+    """Panel of the active object as sensors see it."""
 
     bl_label = "This Object"
     bl_parent_id = "FOREST_PT_sensors"

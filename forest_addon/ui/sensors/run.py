@@ -39,7 +39,8 @@ class Ahead:
         self._frame = sum(max(cost.seconds, 1e-3) for cost in of_sensors)
 
     def next(self, name: str) -> tuple[str, tuple[float, float], Cost]:
-        """What the next run is called, from which share of the job to which it leads, what it costs."""
+        """Return what the next run is called, from which share of the job to which it leads, what it
+        costs."""
         frame, number = divmod(self._done, len(self._of_sensors))
         self._done += 1
         before = sum(max(cost.seconds, 1e-3) for cost in self._of_sensors[:number])
@@ -94,7 +95,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, given: bpy.types.OperatorProperties) -> str:
-        """What it would do, with what that costs where the settings say."""
+        """Return what it would do, with what that costs where the settings say."""
         words = say(cls.__doc__ or "")
         try:
             found = costs(context, chosen_things(context.scene, given.sensor))
@@ -332,7 +333,7 @@ def frames_of(scene: bpy.types.Scene) -> range:
 
 
 def _folder(output: str) -> Path | None:
-    """Where results are saved, made where it is missing; None where they are not.
+    """Return where results are saved, made where it is missing; None where they are not.
 
     Raises
     ------

@@ -21,7 +21,7 @@ SWATHE = 20.0  # m between two legs of a drone
 
 @dataclass(frozen=True)
 class Around:
-    """Where a sensor is put: on the ground at ``foot``, among things from ``low`` to ``high`` (m)."""
+    """Place of a new sensor: on the ground at ``foot``, among things from ``low`` to ``high`` (m)."""
 
     foot: Point
     low: Point

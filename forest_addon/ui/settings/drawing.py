@@ -1,4 +1,4 @@
-"""What all panels share: where they are, icons of sensors, and how settings are drawn.
+"""Drawing that all panels share: their place, icons of sensors, and how settings are drawn.
 
 Drawing only reads properties; nothing is computed or loaded here.
 """
@@ -32,7 +32,7 @@ ICONS = {
 
 
 class Tab:
-    """Where our panels are."""
+    """Place of our panels."""
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
@@ -80,7 +80,7 @@ def draw_settings(
 
 
 def is_shown(group: Any, name: str) -> bool:
-    """Whether a setting is shown beside what the others are set to, at the depth that is chosen."""
+    """Return whether a setting is shown beside what the others are set to, at the depth that is chosen."""
     if not applies(group, name):
         return False
     settings = type(group).__name__.removeprefix("FOREST_PG_")
@@ -89,7 +89,7 @@ def is_shown(group: Any, name: str) -> bool:
 
 @functools.cache
 def _way(kind: type, name: str) -> tuple[str, str, str]:
-    """How a setting of a class is drawn, the property that shows it, and its name: looked up once."""
+    """Return how a setting of a class is drawn, the property that shows it, and its name: looked up once."""
     known = kind.bl_rna.properties  # type: ignore[attr-defined]
     face = f"{name}{FACE}" if f"{name}{FACE}" in known else name
     if f"{name}_pointer" in known:
@@ -126,7 +126,8 @@ def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
 
 
 def draw_reference(layout: bpy.types.UILayout, group: Any, name: str) -> None:
-    """What a setting names, to be picked; a name that nothing here has stands below as a text."""
+    """Draw the thing that a setting names, to be picked; a name that nothing here has stands below as a
+    text."""
     layout.prop(group, f"{name}_pointer")
     if is_lost(group, name):
         layout.prop(group, name, text=label("Not Here"), icon="ERROR")

@@ -159,12 +159,13 @@ def _all_of(scene: Any, things: Iterable[Any] | None) -> Iterable[Any]:
 
 
 def forestless(props: Any) -> bool:
-    """Whether no forest was asked for yet: all that is set is about sensors."""
+    """Return whether no forest was asked for yet: all that is set is about sensors."""
     return untouched(props, OF_SENSORS)
 
 
 def untouched(props: Any, but: frozenset[str] = frozenset()) -> bool:
-    """Whether nobody has set anything yet, except what ``but`` names: no scene file, no panel, no script."""
+    """Return whether nobody has set anything yet, except what ``but`` names: no scene file, no panel, no
+    script."""
     for known in props.bl_rna.properties:
         name = known.identifier
         if name in but:

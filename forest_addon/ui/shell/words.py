@@ -1,4 +1,4 @@
-"""What is said in the user's language: texts are English in the code, and Blender's catalogs translate them.
+"""Words in the user's language: texts are English in the code, and Blender's catalogs translate them.
 
 Blender itself looks up the name and help of a class or property, and what a call has as plain text:
 ``label(text="Images")``. What it cannot look up has values in it, or is on its way to where it is read.
@@ -25,7 +25,7 @@ def label(pattern: str, /, **values: object) -> str:
 
 
 def title_of_operator(operator: object) -> str:
-    """What an operator is called, as its buttons show it."""
+    """Return what an operator is called, as its buttons show it."""
     return str(pgettext_iface(operator.bl_label, contexts.operator_default))  # type: ignore[attr-defined]
 
 
@@ -43,7 +43,7 @@ def keep(pattern: str, /, **values: float | str) -> Kept:
 
 
 def label_of_kept(made_of: str) -> str:
-    """What was kept, as it stands in a panel."""
+    """Return what was kept, as it stands in a panel."""
     pattern, values = json.loads(made_of)
     return label(pattern, **values)
 

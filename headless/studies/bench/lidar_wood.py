@@ -1,4 +1,4 @@
-"""What a mesh of a branch is worth: tubes of some sides against the exact cones, as the tractor sees them.
+"""Accuracy of a branch's mesh: tubes of some sides against the exact cones, as the tractor sees them.
 
 One leafless apple tree of S is meshed with several tolerances and scanned; the same rays meet the exact
 cylinders of its skeleton. Ranges are compared where both meet the same wood; rays that meet another branch,
@@ -26,7 +26,7 @@ from forest_addon.spec import Rays, Tractor
 
 from ..papers import orchards
 from ..papers.simlidar import stand_up
-from . import Say, table
+from ..tables import Say, table
 from .exact_cones import first_hits
 
 TOLERANCES = (4.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05)  # mm
@@ -180,7 +180,7 @@ class _Cones:
         min_distance: float | np.ndarray = 0.0,
         leaving: Hits | None = None,
     ) -> np.ndarray:
-        """Whether anything is hit."""
+        """Return whether anything is hit."""
         return self.cast(
             origins, directions, max_distance, min_distance=min_distance, leaving=leaving
         ).found

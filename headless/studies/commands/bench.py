@@ -8,8 +8,8 @@ from pathlib import Path
 from forest_addon.spec import unknown
 
 from ...command import Command
-from ..bench import ON_REQUEST, SECTIONS
-from ..bench import run as run_sections
+from ..bench.run import ON_REQUEST, SECTIONS
+from ..bench.run import run as run_sections
 
 
 class BenchCommand(Command):

@@ -151,7 +151,7 @@ def faded(echoed: Echoed) -> float:
 
 
 def look_at(scene: object, scanner: Airborne, seed: int) -> Echoed:
-    """What a scanner finds of the plot in the scene's middle."""
+    """Return what a scanner finds of the plot in the scene's middle."""
     half = np.deg2rad(scanner.field_deg[1])
     lines = int(np.sqrt(PULSES * scanner.position[2] * np.tan(half) / PLOT))
     track, speed = 40.0, 20.0

@@ -14,15 +14,15 @@ import numpy as np
 
 from ...base.runs import Runs, bounds
 from ...base.trimesh import LEAF, WOOD, TriMesh
+from ..graft.cut import BARK_SLOT, LEAF_SLOT, turned_outwards
 from ..mesh.leaves import Leaves, measure_leaves
+from ..recognise.hierarchy import CLOSER
+from ..recognise.pieces import lengths
+from ..recognise.recognise import Recognition
 from .bones import find_bones
 from .copies import Stock
 from .courses import STEEP, angles_in, foot_frames, rolled, unbend, upper_frames, walk
-from .cut import BARK_SLOT, LEAF_SLOT, turned_outwards
-from .hierarchy import CLOSER
 from .lines import Lines, Seats, nearest, seats_on, share_of
-from .pieces import lengths
-from .recognise import Recognition
 
 GROUND = np.eye(3)  # the frame that a trunk stands in
 
@@ -62,7 +62,7 @@ class Foliage:
 
 @dataclass(frozen=True, eq=False)  # one tree is another only if it is the same object
 class Anatomy:
-    """C pieces of wood and L leaves of one tree, metres, the trunk's foot at the origin, z up.
+    """C pieces of wood and L leaves of one tree, metres, the trunk standing at the origin, z up.
 
     parent : (C,) the piece that each one hangs on, -1 for what stands on the ground.
     order : (C,) 0 for the trunk, 1 for first-level branches, ...
@@ -102,7 +102,7 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
 
     metres : in one unit of what was recognised.
     """
-    origin = found.foot[found.trunk]
+    origin = found.origin
     parent = found.parent
     order = _orders(parent)
     place = (found.wood.vertices - origin) * metres

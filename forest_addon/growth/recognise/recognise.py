@@ -2,7 +2,7 @@
 
 Facets of wood and of leaves go in, in any unit, z up. They are parted into pieces (``pieces``), joined
 wood is cut at its forks (``sever``) and a palm's fronds become branches (``fronds``); the wood gets
-centrelines (``centreline``) and parents (``hierarchy``), every leaf its bearer. ``template`` cuts the
+centrelines (``centreline``) and parents (``hierarchy``), every leaf its bearer. ``graft.cut`` cuts the
 tree along these lines; a picture of it can be drawn from them.
 """
 
@@ -102,6 +102,12 @@ class Recognition:
     def radius(self) -> np.ndarray:
         """(C,) radius at the foot."""
         return self._of_end(self.lines.end_radius, self.hierarchy.foot_end)
+
+    @property
+    def origin(self) -> np.ndarray:
+        """(3,) where the tree stands: the middle of the trunk's foot, as low as the trunk reaches."""
+        lowest = self.wood.vertices[self.wood.piece_of_vertex == self.trunk, 2].min()
+        return np.array([*self.foot[self.trunk, :2], lowest])
 
     @property
     def stems(self) -> np.ndarray:

@@ -11,12 +11,12 @@ from references.model_tree import Model, at, line, tree, tube
 from scipy.spatial import cKDTree
 
 from forest_addon.base.rng import stream
+from forest_addon.growth.graft.cut import split_tree
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.mesh.meshing import mesh_wood
+from forest_addon.growth.recognise.pieces import join_along, part
+from forest_addon.growth.recognise.recognise import LeanError, Recognition, TemplateError, recognise
 from forest_addon.growth.skeleton import Skeleton
-from forest_addon.growth.template.cut import split_tree
-from forest_addon.growth.template.pieces import join_along, part
-from forest_addon.growth.template.recognise import LeanError, Recognition, TemplateError, recognise
 from forest_addon.growth.tree import grow
 
 
@@ -50,7 +50,7 @@ def check_box(found: Recognition) -> None:
     length = found.lines.length()[number]
     assert np.all(length > 0.97 * np.array(model.length))
     assert np.all(length < 1.03 * np.array(model.length) + 2.5 * bark)
-    np.testing.assert_allclose(found.radius[number], model.radius, rtol=0.3)
+    np.testing.assert_allclose(found.radius[number], model.radius, rtol=0.35)
 
 
 def test_a_box_modelled_tree_is_cut_at_its_forks() -> None:
