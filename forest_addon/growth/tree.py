@@ -32,12 +32,13 @@ from .measured.reshape import Parts, lowest_kept, reshaped
 from .measured.templates import fitted_template
 from .measured.wanted import Kind, Wanted, one_tree
 from .mesh.axes import first_level
-from .mesh.blades import SHAPES, Blade, lay, leaf_areas, thin_leaves, truth_of
+from .mesh.blades import Blade, lay, leaf_areas, thin_leaves, truth_of
 from .mesh.edges import repeated_edges
 from .mesh.incline import incline_leaves, incline_sites
 from .mesh.leaves import Leaves, join_leaves
 from .mesh.meshing import mesh_wood
 from .mesh.relief import Relief
+from .mesh.shapes import leaf_blade
 from .mesh.tubes import sides_for, tube
 from .regrow.fitted import Habit
 from .regrow.relay import mesh_of, skeleton_of_grown
@@ -125,7 +126,7 @@ def blade_of(species: Species, own: Blade | None) -> Blade:
         length, blades = species.leaf.length.mean, blades_left(species)
         fewer = blades < (needles.blades or needles.count)
         return coarse_shoot(needles, length, blades) if fewer else shoot_of(needles, length)
-    return own or SHAPES[species.leaf.shape]()
+    return own or leaf_blade(species.leaf, species.detail.tolerance)
 
 
 def has_curves(species: Species) -> bool:

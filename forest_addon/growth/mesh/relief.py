@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.rng import stream
 from .nodes import Line
 
 FROM = 0.05  # metres of radius, below which an axis is smooth
@@ -73,7 +74,7 @@ class Relief:
 
         radius, metres : (R,) of rings, and how far along the axis they are. length : of the axis, metres.
         """
-        rng = np.random.default_rng([self.seed, axis])
+        rng = stream(self.seed, "relief", axis)
         angle = 2 * np.pi * np.arange(corners) / corners
         f = 1 + self._oval(angle, metres, rng)
         depth = self.depth * np.minimum(radius / FULL, 1.0)
