@@ -31,6 +31,7 @@ from forest_addon.results.findings import write_finding
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.reverb.auralise import auralise
+from forest_addon.sensing.reverb.kind import trunks_of
 from forest_addon.sensing.reverb.response import ImpulseResponse, channels_of
 from forest_addon.spec import Scene, Sensor, SpecError
 from forest_addon.stand.forest import (
@@ -209,7 +210,7 @@ def _describe(run: Run, world: World, result: Result) -> page.Finding:
         if picture is not None:
             run.files.append(path.name)
     if isinstance(found, ImpulseResponse):
-        finding = findings.reverb_finding(sensor, found, world.observer.trunks(sensor), picture)
+        finding = findings.reverb_finding(sensor, found, trunks_of(world.observer, sensor), picture)
     else:
         finding = findings.finding_of(sensor, found, picture)
     audits = () if result.audit is None else (result.audit,)

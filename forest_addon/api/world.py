@@ -110,7 +110,7 @@ class World:
         ------
         SpecError : this is no sensor, or one that this scene cannot serve.
         """
-        from ..sensing.choice import choose, left_out
+        from ..sensing.kinds import choose, left_out
 
         if not isinstance(sensor, Settings) or not hasattr(sensor, "kind"):
             raise SpecError("look", f"takes a sensor, such as Terrestrial(), not {called(sensor)}")
@@ -130,7 +130,7 @@ class World:
         except ValueError as problem:
             raise SpecError(sensor.name, str(problem)) from None
         offset = self.scene.offset
-        chosen = (*chosen, *left_out(found))
+        chosen = (*chosen, *left_out(sensor, found))
         return result_of(sensor, found, seconds, audit, offset, chosen, warnings)
 
     @property

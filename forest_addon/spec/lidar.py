@@ -6,9 +6,10 @@ from typing import ClassVar
 
 from .base import Settings, SpecError, param
 from .parts import azimuth, kind, output_name, place, range_limit
+from .sensor import Sensor
 
 
-class Tractor(Settings):
+class Tractor(Sensor):
     """SIMLIDAR's scanner: a vertical fan that drives past the trees and measures a matrix."""
 
     TITLE: ClassVar[str] = "LiDAR, tractor"
@@ -126,7 +127,7 @@ class Noise(Settings):
     drop_out: float = param(0.0, help="share of the returns that get lost", ge=0, le=1)
 
 
-class Scanner(Settings):
+class Scanner(Sensor):
     """Settings that LiDAR scanners of every platform share."""
 
     scanner: str = param(

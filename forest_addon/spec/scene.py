@@ -10,10 +10,11 @@ from .flight import Flight
 from .forest import Forest, Planting, Stems
 from .lidar import Airborne, Mobile, Terrestrial, Tractor
 from .reverb import Reverb
+from .sensor import Sensor
 from .sonar import Sonar
 
-Sensor = Tractor | Terrestrial | Mobile | Airborne | Sonar | Reverb
-SENSORS: dict[str, type[Settings]] = {
+SENSORS = Sensor.KINDS
+SENSORS |= {
     "tractor": Tractor,
     "terrestrial": Terrestrial,
     "mobile": Mobile,

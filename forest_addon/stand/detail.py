@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -90,7 +91,7 @@ def decide(
     """Return which trees are far from every sensor; none where no sensor looks, or where one may be
     anywhere."""
     trees = _trees(stand, variants, species)
-    watched: list[Watcher] = [s for s in scene.sensors if not isinstance(s, Reverb)]
+    watched: list[Any] = [s for s in scene.sensors if not isinstance(s, Reverb)]
     far, notes = (trees.length > 0) & bool(watched), list[str]()
     for sensor in watched:
         path = path_of(sensor)
