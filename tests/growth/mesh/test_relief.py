@@ -8,7 +8,8 @@ from forest_addon.growth.mesh.meshing import mesh_wood
 from forest_addon.growth.mesh.relief import Relief
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.growth.tree import grow, with_tolerance
-from forest_addon.spec import Bark, Detail, Grammar, Species
+from forest_addon.spec import Accuracy, Bark, Detail, Grammar, Planting, Scene, Species
+from forest_addon.stand.forest import grow_forest
 
 STEM = Skeleton(
     np.array([[0, 0, 0.0], [0, 0, 2]]),
@@ -92,3 +93,16 @@ def test_there_is_none_unless_a_species_asks():
     coarse = with_tolerance(tree, 0.02)
     radius, _ = rings(coarse.mesh, 1.0, 0.02)
     assert np.ptp(radius) > 0.008  # it stays at a coarser tolerance
+
+
+def test_a_scene_asks_for_relief_of_all_its_species():
+    rough = Species(name="rough", grammar=Grammar(generations=3, radius=0.1))
+    planting = Planting(species="rough", layout="rows", variants=1)
+    forests = [
+        grow_forest(Scene(plantings=(planting,), accuracy=Accuracy(relief=on)), [(rough, None)])
+        for on in (False, True)
+    ]
+    smooth, bark = (next(iter(forest.variants.values())) for forest in forests)
+    assert smooth.relief is None
+    assert bark.relief is not None
+    assert np.array_equal(forests[0].stand.position, forests[1].stand.position)
