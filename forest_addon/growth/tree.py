@@ -37,7 +37,7 @@ from .mesh.edges import repeated_edges
 from .mesh.incline import incline_leaves, incline_sites
 from .mesh.leaves import Leaves, join_leaves
 from .mesh.meshing import mesh_wood
-from .mesh.relief import Relief
+from .mesh.relief import SMALLEST, Relief
 from .mesh.shapes import leaf_blade
 from .mesh.tubes import sides_for, tube
 from .regrow.fitted import Habit
@@ -208,7 +208,7 @@ def _relief(species: Species, rng: np.random.Generator) -> Relief | None:
     bark = species.bark
     if not species.detail.relief or not (bark.relief or bark.ovality):
         return None
-    texture = (bark.texture, bark.size, bark.relief, bark.ovality, bark.upper_from)
+    texture = (bark.texture, max(bark.size, SMALLEST), bark.relief, bark.ovality, bark.upper_from)
     return Relief(*texture, seed=int(rng.integers(2**63)))
 
 

@@ -19,6 +19,7 @@ FROM = 0.05  # metres of radius, below which an axis is smooth
 FULL = 0.12  # metres of radius, from which furrows have all of their depth
 AROUND, ALONG = 5, 3  # corners a ridge around the stem, rings a ridge's width along it
 MOST_CORNERS = 360
+SMALLEST = 0.035  # metres: scales that are smaller are meshed as if they had this size
 DEEPEST = 0.25  # of a ring's radius, that a furrow is deep at most
 TURNS = 1.3  # radians a metre, by which the long side of an oval turns at most
 
