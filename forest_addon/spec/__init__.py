@@ -9,6 +9,7 @@ else.
 
 from .air import Air
 from .allometry import Allometry, Law
+from .auto import Choice
 from .base import (
     AUTO,
     Discrete,
@@ -80,6 +81,7 @@ __all__ = [
     "Allometry",
     "Bark",
     "Beam",
+    "Choice",
     "Clusters",
     "Corners",
     "Crown",
