@@ -30,13 +30,21 @@ def audit_trees(
 ) -> dict[str, Audit]:
     """ "branches" and "leaves" of a forest that took ``seconds`` to grow and build, as far as it has them."""
     grown = [
-        (tree, forest.species[key[0]].detail.tolerance) for key, tree in forest.variants.items()
+        (tree, forest.species[key[0]].detail.tolerance + _roughness(tree))
+        for key, tree in forest.variants.items()
     ]
     found = {
         "branches": audit_tubes(grown, rng, seconds, share / 2),
         "leaves": audit_leaves(forest, scene, rng, seconds, share / 2),
     }
     return {name: audit for name, audit in found.items() if audit is not None}
+
+
+def _roughness(tree: Tree) -> float:
+    """Bound how far bark in relief lies from the cones, metres."""
+    if tree.relief is None:
+        return 0.0
+    return tree.relief.most(float(tree.skeleton.radius.max(initial=0.0)))
 
 
 def audit_tubes(
