@@ -18,6 +18,7 @@ from .hierarchy import LEVEL, Hierarchy, Known, find_bearers, find_parents, find
 from .pieces import Pieces, part
 from .rooting import root
 from .sever import may_fork, sever
+from .stacking import join_stacked
 
 MOST_LEAN = np.deg2rad(60.0)
 LOWER = 0.15  # share of the trunk's length, from its foot, that may stand upright for all
@@ -171,6 +172,9 @@ def _cut_at_forks(timber: Pieces) -> tuple[Pieces, Centrelines, Known, np.ndarra
     joined = np.ones(1, dtype=bool)
     if timber.count > 1:
         lines = find_centrelines(timber)
+        whole = join_stacked(timber, lines)
+        if whole is not timber:
+            timber, lines = whole, find_centrelines(whole)
         joined = may_fork(timber, lines)
     if joined.any():
         cut = sever(timber, joined)
