@@ -18,7 +18,10 @@ STRAIGHT = np.cos(np.deg2rad(30.0))  # of the turn from one to the other
 ASIDE = 0.4  # radii that the ends are off each other's course
 GAP, OVERLAP = 1.0, 2.0  # radii that they are apart along it, or within each other
 WITHIN = 1.5  # radii of an end whose corners are tied to the other's
-CROWD, LIKE = 2.0, 2.0  # radii around two ends within which no third one is, thinner by less than this factor
+CROWD, LIKE = (
+    2.0,
+    2.0,
+)  # radii around two ends within which no third one is, thinner by less than this factor
 TAPERED = 0.35  # of a piece's other end: one that is thinner is a tip
 STOUT = 0.15  # of the thickest end: twigs that begin at one another's tips stay apart
 SLENDER = 1.0  # radii that a piece is long at least

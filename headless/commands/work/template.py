@@ -11,8 +11,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import load_species
 from forest_addon.growth.library.template_library import Library, NotUnderstoodError, make_library
@@ -152,7 +150,7 @@ def _varied(species: Species, variety: float) -> Species:
 def _tell(made: Library, given: bool, unit_given: bool, say: Say) -> None:
     """Say what was recognised, and how large it is taken to be."""
     found, anatomy, metres = made.found, made.habit.anatomy, made.unit.metres
-    trunk = int(np.flatnonzero(anatomy.order == 0)[0])
+    trunk = int(anatomy.trunks[0])
     others = anatomy.count - 1 - made.branches
     say(f"Wood: {len(made.wood):,} triangles in {anatomy.count:,} pieces:")
     say(
