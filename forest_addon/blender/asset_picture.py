@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..growth.mesh.trimesh import LEAF, WOOD, TriMesh
+from ..growth.mesh.trimesh import LEAF, TriMesh, is_wood
 from ..rng import stream
 from ..sensing.rays.caster import hit_normals
 from ..sensing.rays.geometry import SceneGeometry
@@ -73,7 +73,7 @@ def _seen(
     normal *= -np.sign(normal @ forward)[:, None]  # towards the eye
     is_leaf = mesh.part[met.triangle] == LEAF
     tone = np.full((len(rows), 3), 0.2)
-    tone[mesh.part[met.triangle] == WOOD] = look.bark
+    tone[is_wood(mesh.part[met.triangle])] = look.bark
     tone[is_leaf] = look.foliage()
     leaf = mesh.leaf[met.triangle][is_leaf].astype(np.uint64)
     shade = (leaf * np.uint64(2654435761) % np.uint64(1 << 32)) / 2.0**32

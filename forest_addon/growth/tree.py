@@ -32,7 +32,7 @@ from .mesh.edges import repeated_edges
 from .mesh.incline import incline_leaves, incline_sites
 from .mesh.leaves import Leaves, join_leaves
 from .mesh.meshing import mesh_wood
-from .mesh.trimesh import LEAF, WOOD, TriMesh, join
+from .mesh.trimesh import DEAD, LEAF, WOOD, TriMesh, join
 from .mesh.tubes import sides_for, tube
 from .skeleton import Skeleton
 from .species import skeleton_of
@@ -107,9 +107,19 @@ def without_leaves(tree: Tree) -> Tree:
     return replace(tree, mesh=tree.mesh.select(tree.mesh.part != LEAF), leaves=leaves)
 
 
+def wood_of(skeleton: Skeleton, tolerance: float) -> TriMesh:
+    """The mesh of a skeleton's wood; of dead branches with the part ``DEAD``."""
+    dead = skeleton.is_dead
+    if not dead.any():
+        return mesh_wood(skeleton, tolerance, sunk=SUNK)
+    gone = mesh_wood(skeleton.some(dead), tolerance)
+    gone = replace(gone, part=np.full_like(gone.part, DEAD))
+    return gone if dead.all() else join([wood_of(skeleton.some(~dead), tolerance), gone])
+
+
 def with_tolerance(tree: Tree, tolerance: float) -> Tree:
     """The same tree, whose wood is all in its skeleton, meshed to another tolerance."""
-    wood = mesh_wood(tree.skeleton, tolerance, sunk=SUNK)
+    wood = wood_of(tree.skeleton, tolerance)
     return replace(tree, mesh=join([wood, tree.mesh.select(tree.mesh.part == LEAF)]))
 
 
@@ -174,13 +184,13 @@ def _whole(
         angle = draw_inclination(species.inclination, _leaf_keys(len(sites), rng))
         sites = incline_sites(sites, angle)
     left = leaves_left(species)
-    area = leaf_areas(sites, blade) if blade.by_facets else None
+    area = leaf_areas(sites, blade) if blade.by_facets and left < 1 else None
     sites = thin_leaves(sites, left, rng, blade.middle[0], area) if left else sites.none()
     bearer = np.maximum(sites.segment, 0)
     known = sites.segment >= 0
     branch = np.where(known, first_level(skeleton)[bearer], -1) if len(sites) else sites.segment
     order = np.where(known, skeleton.order[bearer], 0) if len(sites) else sites.segment
-    wood = mesh_wood(skeleton, species.detail.tolerance, sunk=SUNK)
+    wood = wood_of(skeleton, species.detail.tolerance)
     mesh = lay(sites, blade, order=order, wood=wood)
     leaves = truth_of(sites, blade, branch)
     return Tree(mesh, leaves, skeleton, grafted=False, wanted=wanted, missed=missed)
@@ -310,23 +320,9 @@ def _above(skeleton: Skeleton, lowest: float) -> Skeleton:
     for segment in np.flatnonzero(skeleton.order == 1).tolist():
         if skeleton.order[skeleton.parent[segment]] == 1:
             foot[segment] = foot[skeleton.parent[segment]]
-    return _some(skeleton, (skeleton.order == 0) | (skeleton.start[foot, 2] >= lowest))
+    return skeleton.some((skeleton.order == 0) | (skeleton.start[foot, 2] >= lowest))
 
 
 def _first_levels(skeleton: Skeleton) -> Skeleton:
     """Trunk and first-level axes only; what branches further comes from the templates."""
-    return _some(skeleton, skeleton.order <= 1)
-
-
-def _some(skeleton: Skeleton, keep: np.ndarray) -> Skeleton:
-    """Some segments (S,) of a skeleton, each with its mother."""
-    renumbered = np.cumsum(keep) - 1
-    parent = skeleton.parent[keep]
-    return Skeleton(
-        start=skeleton.start[keep],
-        end=skeleton.end[keep],
-        radius=skeleton.radius[keep],
-        parent=np.where(parent < 0, -1, renumbered[parent]),
-        order=skeleton.order[keep],
-        generation=skeleton.generation[keep],
-    )
+    return skeleton.some(skeleton.order <= 1)

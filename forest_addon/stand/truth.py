@@ -13,7 +13,7 @@ import numpy as np
 
 from ..growth.cylinders import Cylinders, cylinders_of, diameter_at
 from ..growth.mesh.cells import CellAreas, areas_by_cell, join_areas, triangle_areas
-from ..growth.mesh.trimesh import LEAF, WOOD
+from ..growth.mesh.trimesh import LEAF, is_wood
 from ..growth.portrait import crown_base, crown_width
 from ..growth.template.allometry import BREAST
 from ..growth.tree import Tree
@@ -98,12 +98,12 @@ def _faces(tree: Tree) -> tuple[np.ndarray, ...]:
     size.
     """
     triangles, part = tree.mesh.triangles, tree.mesh.part
-    ours = (part == LEAF) | (part == WOOD)
+    ours = (part == LEAF) | is_wood(part)
     if not ours.all():
         triangles, part = triangles[ours], part[ours]
     area = triangle_areas(tree.mesh.vertices, triangles)
     columns = np.ascontiguousarray(tree.mesh.vertices.T)
-    return columns, np.asfortranarray(triangles), (part == WOOD).astype(np.int64), area
+    return columns, np.asfortranarray(triangles), is_wood(part).astype(np.int64), area
 
 
 def voxel_arrays(forest: Forest, edge: float) -> dict[str, np.ndarray]:
