@@ -24,9 +24,9 @@ ASSETS = Path(__file__).resolve().parent
 if __name__ == "__main__":
     sys.path.insert(0, str(ASSETS.parent))
 
+from forest_addon.base.rng import stream  # noqa: E402
 from forest_addon.formats.stl import write_stl  # noqa: E402
 from forest_addon.growth.mesh.tubes import tube  # noqa: E402
-from forest_addon.rng import stream  # noqa: E402
 
 SEED = 2028
 UP = np.array([0.0, 0.0, 1.0])

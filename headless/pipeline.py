@@ -14,20 +14,20 @@ import bpy
 import numpy as np
 
 from forest_addon.api import Result, Site, World
-from forest_addon.blender.cloud import show_cloud
-from forest_addon.blender.export import export_glb, save_blend
-from forest_addon.blender.horizon import lay_horizon
-from forest_addon.blender.kept import forget
-from forest_addon.blender.layout import RESULTS, part
-from forest_addon.blender.opening import empty_file
-from forest_addon.blender.preview import render, set_stage
-from forest_addon.blender.sensors import put_sensor
-from forest_addon.blender.sound import give_sound
+from forest_addon.blender.files.export import export_glb, save_blend
+from forest_addon.blender.files.opening import empty_file
+from forest_addon.blender.read.kept import forget
+from forest_addon.blender.scene.layout import RESULTS, part
+from forest_addon.blender.sensors.objects import put_sensor
+from forest_addon.blender.show.cloud import show_cloud
+from forest_addon.blender.show.horizon import lay_horizon
+from forest_addon.blender.show.preview import render, set_stage
+from forest_addon.blender.show.sound import give_sound
 from forest_addon.formats.atomic import replacing
-from forest_addon.formats.findings import write_finding
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.wav import read_wav, write_wav
+from forest_addon.results.findings import write_finding
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.reverb.auralise import auralise

@@ -27,10 +27,11 @@ ROWS = (
     (6, {"flight": (64, 34, SHELL)}),
     (6, {"api": (2, 96, SHELL)}),
     (6, {"blender": (2, 96, SHELL)}),
-    (6, {"formats": (2, 96, FILES)}),
+    (6, {"results": (2, 96, FILES)}),
     (22, {"stand": (2, 27, PURE), "sensing": (31, 67, PURE)}),
     (13.5, {"growth": (2, 57, PURE), "acoustics": (62, 36, PURE)}),
-    (6, {"spec": (2, 50, BASE), "rng": (54, 44, BASE)}),
+    (6, {"formats": (2, 96, BASE)}),
+    (6, {"spec": (2, 50, BASE), "base": (54, 44, BASE)}),
 )
 GAP = 4
 # Wings within their room: left, top below that of the room, width, height.

@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 UI = ROOT / "forest_addon" / "ui"
-FIGURES = ROOT / "forest_addon" / "formats" / "figures.py"
+FIGURES = ROOT / "forest_addon" / "results" / "figures.py"
 OURS = {"say", "label", "keep"}  # of ui/words.py
 WORDED = {"numbers": 2, "words": 3}  # of formats/figures.py: the short name; and the pattern
 SHOWN = {"text", "heading", "placeholder"}  # what a layout is given by these names

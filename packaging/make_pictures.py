@@ -23,12 +23,12 @@ if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from forest_addon import spec
-from forest_addon.blender.forest import build
-from forest_addon.blender.horizon import lay_horizon
-from forest_addon.blender.opening import empty_file
-from forest_addon.blender.preview import SUN, render, set_stage
-from forest_addon.formats.species_file import find_species, load_species
-from forest_addon.formats.stand_files import read_inputs
+from forest_addon.blender.files.opening import empty_file
+from forest_addon.blender.scene.forest import build
+from forest_addon.blender.show.horizon import lay_horizon
+from forest_addon.blender.show.preview import SUN, render, set_stage
+from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.stand.files import read_inputs
 from forest_addon.stand.forest import grow_forest
 from headless.command import read_scene
 

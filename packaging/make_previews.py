@@ -45,7 +45,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 def take_picture(preset: str, path: Path) -> None:
     """Begin a file with a preset and render what its camera sees to a JPEG."""
-    from forest_addon.blender.preview import set_stage
+    from forest_addon.blender.show.preview import set_stage
 
     bpy.ops.forest.new(preset=preset)
     scene = bpy.context.scene

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from forest_addon.rng import daughter_keys, keyed_uniform, stream, truncated_normal
+from forest_addon.base.rng import daughter_keys, keyed_uniform, stream, truncated_normal
 
 
 def test_same_key_same_numbers_in_another_process():
-    code = "from forest_addon.rng import stream; print(stream(5, 'tree', 'maple', 3).random(3).tolist())"
+    code = "from forest_addon.base.rng import stream; print(stream(5, 'tree', 'maple', 3).random(3).tolist())"
     printed = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )

@@ -14,15 +14,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..formats.echo_files import write_echo_arrays, write_echo_sound
-from ..formats.findings import Finding, write_response
 from ..formats.las import write_las
 from ..formats.npz import write_npz
 from ..formats.ply import PlyFile
-from ..formats.points import POINT, records
-from ..formats.scan_file import write_npz_rows
 from ..formats.table import write_csv
 from ..formats.wav import write_wav
+from ..results.echo_files import write_echo_arrays, write_echo_sound
+from ..results.findings import Finding, write_response
+from ..results.points import POINT, records
+from ..results.scan_file import write_npz_rows
 from ..sensing.audit import Audit
 from ..sensing.choice import Choice
 from ..sensing.lidar.cloud import Cloud

@@ -111,10 +111,10 @@ class Site:
         SpecError : ``bpy`` is missing; a species, a file or an object cannot be used.
         """
         bpy = import_blender()
-        from ..blender.inputs import inputs_from_scene
-        from ..blender.opening import open_for
-        from ..formats.species_file import find_species, load_species
-        from ..formats.stand_files import read_inputs
+        from ..blender.files.opening import open_for
+        from ..blender.read.inputs import inputs_from_scene
+        from ..growth.library.species_file import find_species, load_species
+        from ..stand.files import read_inputs
 
         folder = Path(folder)
         species = [load_species(find_species(p.species, folder)) for p in scene.plantings]
@@ -146,8 +146,8 @@ class Site:
         SpecError : something that stands there is in the way.
         """
         place = import_blender().context.scene
-        from ..blender.forest import build as build_in_blender
-        from ..blender.sensors import put_sensor
+        from ..blender.scene.forest import build as build_in_blender
+        from ..blender.sensors.objects import put_sensor
 
         started = time.perf_counter()
         try:

@@ -32,7 +32,7 @@ from . import truth
 from .results import Echoes, PointCloud, Response, Result, RowScan, result_of
 
 if TYPE_CHECKING:
-    from ..blender.observe import Observer
+    from ..blender.sensors.observe import Observer
     from ..sensing.audit import Audit
     from ..sensing.canopy import Canopy
     from ..sensing.choice import Choice
@@ -133,7 +133,7 @@ class World:
         if self._taken is not None:
             return self._taken
         bpy = import_blender()
-        from ..blender.observe import Observer
+        from ..blender.sensors.observe import Observer
 
         try:
             name = self._place.name
@@ -163,7 +163,7 @@ class World:
         ------
         SpecError : the world was not grown here.
         """
-        from ..rng import stream
+        from ..base.rng import stream
         from ..sensing.trees_audit import audit_trees
 
         rng = stream(self.scene.seed, "audit", "trees")
@@ -208,7 +208,7 @@ class World:
         """What hemispherical pictures at points (N, 3) tell: gap fraction by zenith angle, the share of open
         sky and the effective plant area index; ``leaf_area_index`` is the true one.
         """
-        from ..rng import stream
+        from ..base.rng import stream
         from ..sensing.canopy import look_up
 
         return look_up(self.observer.caster, points, stream(self.scene.seed, "canopy"))
@@ -278,7 +278,7 @@ class World:
     def _standing(self) -> tuple[Forest | None, PlacedTrees]:
         """What was grown here, and trees of libraries; an error where there is neither."""
         import_blender()
-        from ..blender.asset_truth import has_assets
+        from ..blender.scene.asset_truth import has_assets
         from ..stand.placed import NONE
 
         placed = self.observer.placed_trees if has_assets() else NONE

@@ -331,7 +331,7 @@ class FlightVectorEnv(gymnasium.vector.VectorEnv):
 
 def generator_of(seed: int) -> np.random.Generator:
     """The chances of which episode follows one of this seed."""
-    from ..rng import stream
+    from ..base.rng import stream
 
     return stream(seed, "flight", "next")
 

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import fft
 from scipy.spatial.transform import Rotation
 
-from ..rng import stream
+from ..base.rng import stream
 from ..sensing.lidar.scan import Scan
 from ..sensing.lidar.scanner import Sweep
 from ..sensing.lidar.trajectory import Path, path_of

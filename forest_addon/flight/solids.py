@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
-from ..growth.mesh.trimesh import LEAF, WOOD, TriMesh
+from ..base.trimesh import LEAF, WOOD, TriMesh
 from ..growth.template.centreline import find_centrelines
 from ..growth.template.pieces import part
 

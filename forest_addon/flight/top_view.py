@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..growth.mesh.trimesh import LEAF
+from ..base.trimesh import LEAF
 
 PIXELS = 480  # of the longer side
 GROUND, CROWN, WOOD = (233, 228, 214), (150, 178, 128), (84, 58, 40)

@@ -50,14 +50,14 @@ class Surroundings:
     @cached_property
     def caster(self) -> RayCaster:
         """Rays that meet everything."""
-        from ..blender.casters import moved_caster
+        from ..blender.rays.casters import moved_caster
 
         return moved_caster(self.stock.caster, self.geometry)
 
     @cached_property
     def wood(self) -> RayCaster:
         """Rays that pass leaves."""
-        from ..blender.casters import moved_caster
+        from ..blender.rays.casters import moved_caster
 
         like = self.stock.wood
         return moved_caster(like, replace(self.geometry, meshes=like.scene.meshes))
@@ -132,7 +132,7 @@ class Stock:
 
     def built(self, forest: Forest) -> World:
         """A forest of this stock in Blender's current scene."""
-        from ..blender.forest import build as build_in_blender
+        from ..blender.scene.forest import build as build_in_blender
 
         place = import_blender().context.scene
         assert self._inputs is not None
@@ -142,14 +142,14 @@ class Stock:
     @cached_property
     def caster(self) -> Any:
         """Rays that meet everything of the first forest."""
-        from ..blender.casters import make_caster
+        from ..blender.rays.casters import make_caster
 
         return make_caster(self._geometry, self.settings.rays)
 
     @cached_property
     def wood(self) -> Any:
         """Rays that pass leaves."""
-        from ..blender.casters import make_caster
+        from ..blender.rays.casters import make_caster
 
         return make_caster(self._geometry.solid(), self.settings.rays)
 
@@ -176,11 +176,11 @@ class Stock:
     def _read(self) -> None:
         """Grow every variant that can stand, build one of each in Blender and read all that is there."""
         bpy = import_blender()
-        from ..blender.inputs import inputs_from_scene
-        from ..formats.species_file import find_species, load_species
-        from ..formats.stand_files import read_inputs
+        from ..base.rng import stream
+        from ..blender.read.inputs import inputs_from_scene
+        from ..growth.library.species_file import find_species, load_species
         from ..growth.tree import grow
-        from ..rng import stream
+        from ..stand.files import read_inputs
 
         settings = self.settings
         world = build(settings, folder=self.folder)
@@ -243,7 +243,7 @@ class Stock:
 
     def _placed(self, forest: Forest) -> SceneGeometry:
         """The geometry that Blender's scene of this forest would be read as."""
-        from ..blender.turning import evaluated_transforms
+        from ..blender.scene.turning import evaluated_transforms
 
         stock, stand = self._geometry, forest.stand
         rest = np.flatnonzero(stock.tree < 0)

@@ -18,9 +18,9 @@ import laspy
 import lazrs
 import numpy as np
 
-from ..growth.mesh.trimesh import DEAD, GROUND, LEAF, WOOD
+from ..base.labels import Labels
+from ..base.trimesh import DEAD, GROUND, LEAF, WOOD
 from .atomic import replacing
-from .labels import Labels
 
 RESOLUTION = 1e-4  # metres
 REACH = 2**31  # steps to each side of the offset

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..base.places import ASSETS
 from ..spec import SENSORS, Scanner, SpecError
 from .toml_text import read_tables
 
-FOLDER = Path(__file__).resolve().parents[2] / "assets" / "scanners"
+FOLDER = ASSETS / "scanners"
 PLATFORMS = tuple(kind for kind, settings in SENSORS.items() if issubclass(settings, Scanner))
 
 

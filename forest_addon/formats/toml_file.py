@@ -8,21 +8,20 @@ made of a text, no unknown key is passed over), and ``explain`` turns what cattr
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import typing
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
 from ..spec import AUTO, SENSORS, Sensor, Settings, SpecError, param_of
+from ..spec.base import refuse_unknown
+from ..spec.typed import WORDS, shown, typed
 from .atomic import replacing
 from .foreign import guarded
 from .scanner_file import PLATFORMS, merged, settings_of
 from .toml_text import read_tables
 
 T = TypeVar("T", bound=Settings)
-MOST_BITS = 1000  # of a whole number; a float holds some more
-MOST_SHOWN = 200  # characters of a value that is wrong
 
 
 @guarded("a .toml file")
@@ -128,10 +127,8 @@ def _converter(folder: Path) -> Any:
     from cattrs import Converter
 
     converter = Converter(detailed_validation=True)
-    converter.register_structure_hook(bool, _strict(bool, (bool,), "true or false"))
-    converter.register_structure_hook(int, _strict(int, (int,), "a whole number"))
-    converter.register_structure_hook(float, _strict(float, (int, float), "a number"))
-    converter.register_structure_hook(str, _strict(str, (str,), "a text in quotes"))
+    for kind in WORDS:
+        converter.register_structure_hook(kind, lambda value, kind: typed("", value, kind))
     converter.register_structure_hook_func(_is_tuple, lambda v, t: _tuple(converter, v, t))
     converter.register_structure_hook_func(
         lambda t: t == Sensor, lambda value, _: _sensor(converter, value, folder)
@@ -141,17 +138,6 @@ def _converter(folder: Path) -> Any:
         lambda cls: _table_hook(converter, cls),
     )
     return converter
-
-
-def _strict(make: type, accepted: tuple[type, ...], words: str) -> Any:
-    def hook(value: Any, _: Any) -> Any:
-        if (isinstance(value, bool) and bool not in accepted) or not isinstance(value, accepted):
-            raise SpecError("", f"{_shown(value)} is not {words}")
-        if isinstance(value, int) and value.bit_length() > MOST_BITS:
-            raise SpecError("", "is a whole number of more than 300 digits; give a smaller one")
-        return make(value)
-
-    return hook
 
 
 def _table_hook(converter: Any, cls: type[Settings]) -> Any:
@@ -165,12 +151,8 @@ def _table_hook(converter: Any, cls: type[Settings]) -> Any:
         if isinstance(value, cls):
             return value
         if not isinstance(value, dict):
-            raise SpecError("", f"{_shown(value)} is not a table with {', '.join(fields)}")
-        for key in value:
-            if key not in fields:
-                near = difflib.get_close_matches(key, fields, 1)
-                hint = f'did you mean "{near[0]}"? ' if near else ""
-                raise SpecError(key, f"is not known; {hint}Allowed: {', '.join(fields)}")
+            raise SpecError("", f"{shown(value)} is not a table with {', '.join(fields)}")
+        refuse_unknown(value, fields)
         # "auto" stands for a number; one of a key that knows none is refused as a text
         left = {k: AUTO for k, v in value.items() if v == "auto" and param_of(fields[k]).auto}
         return fill(value | left, cls)
@@ -182,7 +164,7 @@ def _sensor(converter: Any, value: Any, folder: Path) -> Any:
     kind = value.get("kind") if isinstance(value, dict) else None
     if kind not in SENSORS:
         known = ", ".join(f'"{k}"' for k in SENSORS)
-        said = f"{_shown(kind)} is not known" if kind is not None else "is missing"
+        said = f"{shown(kind)} is not known" if kind is not None else "is missing"
         raise SpecError("kind", f"{said}; use one of {known}")
     if kind in PLATFORMS and isinstance(value.get("scanner"), str) and value["scanner"]:
         value = merged(settings_of(value["scanner"], kind, folder), value)
@@ -200,9 +182,7 @@ def _tuple(converter: Any, value: Any, kind: Any) -> Any:
     parts = typing.get_args(kind)
     many = len(parts) == 2 and parts[1] is Ellipsis
     if not isinstance(value, (list, tuple)):
-        raise SpecError(
-            "", f"{_shown(value)} is not a list" + ("" if many else f" of {len(parts)}")
-        )
+        raise SpecError("", f"{shown(value)} is not a list" + ("" if many else f" of {len(parts)}"))
     if not many and len(value) != len(parts):
         raise SpecError("", f"has {len(value)} values; give {len(parts)}")
     done, wrong = [], []
@@ -215,15 +195,3 @@ def _tuple(converter: Any, value: Any, kind: Any) -> Any:
     if wrong:
         raise IterableValidationError("", wrong, tuple)
     return tuple(done)
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int) and value.bit_length() > MOST_BITS:
-        return "a whole number of more than 300 digits"
-    try:
-        text = f'"{value}"' if isinstance(value, str) else str(value)
-    except (RecursionError, ValueError):  # tables within tables; digits beyond Python's limit
-        text = "a table or list"
-    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}…"

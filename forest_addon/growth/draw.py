@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import betaincinv, ndtr, ndtri
 
-from ..rng import keyed_uniform
+from ..base.rng import keyed_uniform
 from ..spec import Discrete, Inclination, Normal
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..rng import daughter_keys, keyed_uniform
+from ..base.rng import daughter_keys, keyed_uniform
 from ..spec import MAX_REACH, Honda, Leaf
 from .draw import draw_discrete, draw_normal, mean_of
 from .lsystem.rewrite import written

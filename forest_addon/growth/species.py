@@ -8,7 +8,7 @@ from ..spec import Species
 from .honda import grow_honda
 from .lsystem.ruled import grow_ruled
 from .skeleton import LeafSites, Skeleton
-from .t20_whole import grow_whole
+from .without_templates import grow_whole
 
 
 def skeleton_of(species: Species, rng: np.random.Generator) -> tuple[Skeleton, LeafSites]:

@@ -16,7 +16,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..rng import daughter_keys, truncated_normal
+from ..base.rng import daughter_keys, truncated_normal
+from ..base.trimesh import DEAD, LEAF, WOOD, TriMesh, join
 from ..spec import Siblings, Species
 from .draw import draw_inclination
 from .lsystem.grammar import string_of
@@ -32,7 +33,6 @@ from .mesh.edges import repeated_edges
 from .mesh.incline import incline_leaves, incline_sites
 from .mesh.leaves import Leaves, join_leaves
 from .mesh.meshing import mesh_wood
-from .mesh.trimesh import DEAD, LEAF, WOOD, TriMesh, join
 from .mesh.tubes import sides_for, tube
 from .skeleton import Skeleton
 from .species import skeleton_of

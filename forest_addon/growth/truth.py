@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..base.trimesh import TriMesh, is_wood
 from .measured.measure import dbh_of, lowest_branch, width_of
 from .mesh.leaves import Leaves
-from .mesh.trimesh import TriMesh, is_wood
 from .skeleton import Skeleton
 from .solid import volume_of
 from .tree import Tree

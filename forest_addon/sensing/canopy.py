@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..growth.mesh.trimesh import OTHER
+from ..base.trimesh import OTHER
 from .rays.caster import RayCaster
 
 REACH = np.deg2rad(75.0)

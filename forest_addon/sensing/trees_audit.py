@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..growth.mesh.trimesh import WOOD
+from ..base.trimesh import WOOD
 from ..growth.skeleton import Skeleton
 from ..growth.tree import Tree
 from ..stand.forest import Forest

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import wraps
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+from .problem import SpecError as SpecError
+from .typed import shown, typed, types_of
 
 T = TypeVar("T", bound="Settings")
 
 
 AUTO = -1.0  # in place of a number: chosen by what the sensor can tell apart; files say "auto"
-
-
-class SpecError(ValueError):
-    """A setting that cannot be used: ``key`` says where, the text says what and what to do."""
-
-    def __init__(self, key: str, problem: str) -> None:
-        super().__init__(f"{key}: {problem}" if key else problem)
-        self.key = key
-        self.problem = problem
 
 
 @dataclass(frozen=True)
@@ -106,16 +102,16 @@ class Settings:
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         dataclass(frozen=True, kw_only=True)(cls)
+        cls.__init__ = _by_name(cls, cls.__init__)  # type: ignore[method-assign]
 
     def __post_init__(self) -> None:
+        kinds = types_of(type(self))
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
-            if param_of(field).auto and getattr(self, field.name) == "auto":
-                object.__setattr__(self, field.name, AUTO)
-            value = getattr(self, field.name)
-            if isinstance(value, list) or hasattr(value, "tolist"):
-                object.__setattr__(self, field.name, _as_tuple(value))
-            _check_length(field.name, getattr(self, field.name), str(field.type))
-            _check(field.name, getattr(self, field.name), param_of(field))
+            name, known, value = field.name, param_of(field), getattr(self, field.name)
+            value = AUTO if known.auto and isinstance(value, str) and value == "auto" else value
+            value = typed(name, value, kinds[name])
+            object.__setattr__(self, name, value)
+            _check(name, value, known)
         self.check()
 
     def check(self) -> None:
@@ -128,10 +124,6 @@ class Settings:
         ------
         SpecError : a setting that there is not, or a value that is out of range.
         """
-        known = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]
-        for key in values:
-            if key not in known:
-                raise SpecError(key, f"is no setting here; use one of {', '.join(known)}")
         return dataclasses.replace(self, **values)
 
 
@@ -149,25 +141,31 @@ def with_files(settings: T, rename: Callable[[str], str]) -> T:
     return dataclasses.replace(settings, **changed)
 
 
-def _as_tuple(value: Any) -> Any:
-    """Lists and arrays as tuples, an array's numbers as Python's own."""
-    plain = value.tolist() if hasattr(value, "tolist") else value
-    return tuple(_as_tuple(item) for item in plain) if isinstance(plain, list) else plain
+def refuse_unknown(keys: Iterable[str], known: Iterable[str]) -> None:
+    """Refuse the first key that is not among those known, and name the nearest of them."""
+    names = list(known)
+    for key in keys:
+        if key not in names:
+            near = difflib.get_close_matches(str(key), names, 1)
+            hint = f'did you mean "{near[0]}"? ' if near else ""
+            raise SpecError(key, f"is not known; {hint}Allowed: {', '.join(names)}")
 
 
-def _check_length(key: str, value: Any, kind: str) -> None:
-    """A tuple of a known length, as "tuple[float, float]", must have it, and numbers in it."""
-    inner = kind.removesuffix(" | None").removeprefix("tuple[").removesuffix("]")
-    names = inner.split(", ")
-    if not kind.startswith("tuple[") or not set(names) <= {"float", "int"}:
-        return
-    if value is None and kind.endswith(" | None"):
-        return
-    if not isinstance(value, tuple) or len(value) != len(names):
-        got = f"{len(value)} values" if isinstance(value, tuple) else f"a {type(value).__name__}"
-        raise SpecError(key, f"needs {len(names)} numbers, not {got}")
-    if any(isinstance(item, (tuple, str)) for item in value):
-        raise SpecError(key, f"needs {len(names)} numbers, not tables of them")
+def _by_name(cls: type[Settings], make: Callable[..., None]) -> Callable[..., None]:
+    """A class's own ``__init__``, behind a check that every setting is known, named and there."""
+    fields = {field.name: param_of(field) for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
+
+    @wraps(make)
+    def checked(self: Settings, *unnamed: Any, **values: Any) -> None:
+        if unnamed:
+            raise SpecError(cls.__name__, f"{shown(unnamed[0])} has no name; give NAME=VALUE")
+        refuse_unknown(values, fields)
+        for key, known in fields.items():
+            if known.required and key not in values:
+                raise SpecError(key, f"is missing in {cls.__name__}; it has no default")
+        make(self, **values)
+
+    return checked
 
 
 def _check(key: str, value: Any, known: Param) -> None:

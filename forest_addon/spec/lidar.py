@@ -59,7 +59,7 @@ class Beam(Settings):
     """The light of a scanner's pulse, its way through the air, and how its echo is read."""
 
     wavelength_nm: float = param(
-        1550.0, unit="nm", help="wavelength; it is noted with the results", gt=0, le=20000
+        1550.0, unit="nm", help="wavelength; it is noted with the results", ge=100, le=20000
     )
     divergence_mrad: tuple[float, float] = param(
         (0.0, 0.0),
@@ -79,7 +79,7 @@ class Beam(Settings):
         4.0,
         unit="ns",
         help="length of a pulse as the receiver sees it, full width at half maximum",
-        gt=0,
+        ge=0.001,
         le=1000,
     )
     max_returns: int = param(1, help="echoes that are kept of a pulse, the first ones", ge=1, le=15)
@@ -142,7 +142,7 @@ class Scanner(Settings):
         ge=0,
         le=1,
     )
-    pulse_rate: float = param(100e3, unit="Hz", help="pulses a second", gt=0, le=1e9)
+    pulse_rate: float = param(100e3, unit="Hz", help="pulses a second", ge=1, le=1e9)
     beam: Beam = param(Beam(), help="light and echo")
     surfaces: Surfaces = param(Surfaces(), help="reflectance and transmittance")
     noise: Noise = param(Noise(), help="what is measured wrongly")

@@ -69,10 +69,10 @@ class Sonar(Settings):
         (60e3, 80e3),
         unit="Hz",
         help="lowest and highest frequency; the same twice: a tone",
-        gt=0,
+        ge=1000,
         le=1e6,
     )
-    sample_rate: float = param(400e3, unit="Hz", help="sampling rate", gt=0, le=1e7)
+    sample_rate: float = param(400e3, unit="Hz", help="sampling rate", ge=1000, le=1e7)
     call: str = param(
         "impulse",
         help="what is sent: a pulse of the whole band, a falling sweep through it, a tone at its top "

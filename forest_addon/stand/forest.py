@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..base.rng import stream
 from ..growth.measured.wanted import TARGETS, Kind
 from ..growth.mesh.blades import Blade
 from ..growth.mesh.leaves import Leaves, join_leaves
@@ -15,7 +16,6 @@ from ..growth.template.cut import TreeTemplate
 from ..growth.template.fitted import Habit
 from ..growth.tree import Tree, grow
 from ..growth.truth import crown_base, crown_width, leaf_angles, wood_of_tree
-from ..rng import stream
 from ..spec import Allometry, Scene, Species
 from .detail import Detail, with_coarse
 from .inputs import Inputs

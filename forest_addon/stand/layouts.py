@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..rng import truncated_normal
+from ..base.rng import truncated_normal
 from ..spec import Rows
 from .inputs import TreeList
 from .intensity.functions import IntensityError

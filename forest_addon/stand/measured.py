@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..base.rng import daughter_keys, first_key, keyed_uniform, stream
 from ..growth.measured.allometry import MEASURES, Z90
 from ..growth.measured.measure import BREAST, stem_profile
 from ..growth.measured.wanted import TARGETS, Kind, Wanted, draw_dbh, drawn, given_by
 from ..growth.skeleton import Skeleton
-from ..rng import daughter_keys, first_key, keyed_uniform, stream
 from ..spec import Allometry, Planting, Species
 from .inputs import Inputs
 from .plan import Stand, chosen_of

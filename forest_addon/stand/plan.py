@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..rng import stream
+from ..base.rng import stream
 from ..spec import Forest, Planting, SpecError
 from .cluster import sample_clusters
 from .compose import area_of, corners_of, masks_of, process_of

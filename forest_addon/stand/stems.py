@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..base.rng import stream
 from ..growth.draw import draw_normal
-from ..rng import stream
 from ..spec import Forest, Stems
 
 

@@ -11,9 +11,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ..base.trimesh import LEAF, is_wood
 from ..growth.cylinders import Cylinders, cylinders_of, diameter_at
 from ..growth.mesh.cells import CellAreas, areas_by_cell, join_areas, triangle_areas
-from ..growth.mesh.trimesh import LEAF, is_wood
 from ..growth.portrait import crown_base, crown_width
 from ..growth.template.allometry import BREAST
 from ..growth.tree import Tree

@@ -16,7 +16,7 @@ Step = tuple[Callable[[], object], Callable[[], object]]
 
 def register() -> None:
     """Register every class, property, menu and handler; what fails takes back what came before it."""
-    from . import requirements
+    from .shell import requirements
 
     requirements.missing.cache_clear()
     undone: list[Callable[[], object]] = []
@@ -32,7 +32,7 @@ def register() -> None:
 
 def unregister() -> None:
     """Take everything back, in reverse order."""
-    from ..blender.kept import unwatch
+    from ..blender.read.kept import unwatch
 
     unwatch()
     for _, undo in reversed(list(_steps())):
@@ -64,19 +64,8 @@ def _classes() -> tuple[type, ...]:
 
 def _rooms() -> tuple[ModuleType, ...]:
     """What has classes, menus or handlers; panels in the order in which they stand."""
-    from . import (
-        chosen,
-        command,
-        languages,
-        manual,
-        migration,
-        overlay,
-        preferences,
-        properties,
-        running,
-        scene_file,
-    )
-    from .forest import build, gallery, hills, live, new_file, painting, start, tree
+    from . import overlay, properties
+    from .forest import build, gallery, live, new_file, painting, scene_file, start, tree
     from .forest import lists as forest_lists
     from .forest import panels as forest_panels
     from .results import export, frames, show, swatches
@@ -84,6 +73,8 @@ def _rooms() -> tuple[ModuleType, ...]:
     from .sensors import add, flight, instruments, run, things
     from .sensors import lists as sensors_lists
     from .sensors import panels as sensors_panels
+    from .settings import command, hills, manual, migration, preferences
+    from .shell import chosen, languages, running
     from .species import edit, import_stl, library, pictures
     from .species import panel as species_panel
 

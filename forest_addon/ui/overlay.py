@@ -14,11 +14,11 @@ from typing import Any, Protocol
 import bpy
 import gpu
 
-from .drawing import OnceStarted, split
-from .exchange import forestless
 from .forest import intensity
 from .results import points
 from .sensors import outlines
+from .settings.drawing import OnceStarted, split
+from .settings.exchange import forestless
 
 
 class Drawing(Protocol):

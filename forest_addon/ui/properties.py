@@ -21,11 +21,11 @@ from bpy.props import (
 )
 
 from .. import spec
-from . import references
-from .chosen import choose_number, number_of_sensor
-from .fields import fields_of
-from .forest import hills, live
-from .groups import group_class, help_of, label_of, make_group, property_of
+from .forest import live
+from .settings import hills, references
+from .settings.fields import fields_of
+from .settings.groups import group_class, help_of, label_of, make_group, property_of
+from .shell.chosen import choose_number, number_of_sensor
 from .species import pictures
 
 # What follows when a setting changes, or an item of a list is chosen.

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from forest_addon.blender.observe import Observer
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
+from forest_addon.blender.sensors.observe import Observer
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.lidar.audit import audit_drive, audit_scan
 from forest_addon.sensing.lidar.scan import Scan

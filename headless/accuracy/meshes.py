@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from forest_addon.api import Site, World
-from forest_addon.blender.casters import make_caster
+from forest_addon.blender.rays.casters import make_caster
 from forest_addon.growth.tree import Tree, with_tolerance
 from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry

@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.blender.observe import Observer
-from forest_addon.rng import stream
-from forest_addon.sensing.reverb.canopy import canopy_of
-from forest_addon.sensing.reverb.continuation import continue_trunks
+from forest_addon.base.rng import stream
+from forest_addon.blender.sensors.observe import Observer
 from forest_addon.sensing.reverb.ends import ends_of
+from forest_addon.sensing.reverb.forest.canopy import canopy_of
 from forest_addon.sensing.reverb.response import impulse_response
+from forest_addon.sensing.reverb.trunks.continuation import continue_trunks
 from forest_addon.spec import Reverb, Scene
 
 from .sweep import Point, Sweep, timed

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from forest_addon import api as forest
-from forest_addon.blender.observe import Observer
+from forest_addon.blender.sensors.observe import Observer
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.toml_file import write_settings
 from forest_addon.sensing.choice import choose

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.blender.observe import Observer
+from forest_addon.blender.sensors.observe import Observer
 from forest_addon.sensing.sonar.ping import Echo
 from forest_addon.sensing.sonar.poses import Pose, posed
 from forest_addon.spec import Scene, Sonar

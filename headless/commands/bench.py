@@ -7,9 +7,9 @@ from pathlib import Path
 
 from forest_addon.spec import SpecError
 
-from ..bench import ON_REQUEST, SECTIONS
-from ..bench import run as run_sections
 from ..command import Command
+from ..studies.bench import ON_REQUEST, SECTIONS
+from ..studies.bench import run as run_sections
 
 
 class Bench(Command):

@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from forest_addon.base.places import ASSETS
+
 from ..command import Command
 from .run import add_run_options, run_file
 
-ASSETS = Path(__file__).resolve().parents[2] / "assets"
 DEMO = ASSETS / "scenes" / "demo.toml"
 
 

@@ -49,7 +49,7 @@ examples:
             raise SpecError("--episodes", f"{chosen.episodes} is out of range; use at least 1")
         speeds = listed("--speeds", chosen.speeds)
         densities = listed("--densities", chosen.densities) or (1.0,)
-        from ..flights.fly import fly_scene
+        from ..studies.flight.fly import fly_scene
 
         fly_scene(
             chosen.scene,

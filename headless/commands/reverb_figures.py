@@ -28,6 +28,6 @@ class ReverbFigures(Command):
         )
 
     def run(self, chosen: argparse.Namespace) -> None:
-        from ..papers.reverb_figures import draw_figures
+        from ..studies.papers.reverb_figures import draw_figures
 
         draw_figures(chosen.out, chosen.quick)

@@ -35,7 +35,7 @@ class Simlidar(Command):
 
     def run(self, chosen: argparse.Namespace) -> None:
         refuse_negative(chosen.seed)
-        from ..papers.simlidar import run_experiment
+        from ..studies.papers.simlidar import run_experiment
 
         run_experiment(
             chosen.out,

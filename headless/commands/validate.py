@@ -54,6 +54,6 @@ class Validate(Command):
 
     def run(self, chosen: argparse.Namespace) -> None:
         refuse_negative(chosen.seed)
-        from ..validation.run import run_sections
+        from ..studies.validation.run import run_sections
 
         run_sections([chosen.subject] if chosen.subject else [], chosen, chosen.out)

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.tree import grow
-from forest_addon.rng import stream
 from forest_addon.spec import SpecError, Species
 
 

@@ -19,7 +19,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
-ROOT = Path(__file__).resolve().parents[2]
+from forest_addon.base.places import ROOT
+
 LOOK = 0.1  # s between two looks at its memory
 STARTS_IN = 300.0  # s, at most
 TOLD = 300  # characters of its last words

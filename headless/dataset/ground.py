@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.spec import Forest
 from forest_addon.stand.intensity.terrain import Heightmap
 

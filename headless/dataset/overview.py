@@ -12,9 +12,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from forest_addon.base.rng import stream
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.toml_file import structure
-from forest_addon.rng import stream
 from forest_addon.spec import Forest
 
 from .disk import Done

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.spec import (
     Airborne,
     Mobile,

@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from forest_addon.formats.species_file import ASSETS
+from forest_addon.base.places import ASSETS
+from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings, structure, table_of
 from forest_addon.formats.toml_text import parse_tables, read_tables
-from forest_addon.rng import stream
 from forest_addon.spec import Scene, SpecError, Species
 from forest_addon.spec.base import Settings, with_files
 

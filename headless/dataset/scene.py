@@ -18,29 +18,29 @@ from typing import Any
 import bpy
 import numpy as np
 
-from forest_addon.blender.forest import build
-from forest_addon.blender.inputs import inputs_from_scene
-from forest_addon.blender.observe import Observer
-from forest_addon.blender.opening import empty_file, open_file
+from forest_addon.base.rng import stream
+from forest_addon.blender.files.opening import empty_file, open_file
+from forest_addon.blender.read.inputs import inputs_from_scene
+from forest_addon.blender.scene.forest import build
+from forest_addon.blender.sensors.observe import Observer
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.digits import write_numbers
-from forest_addon.formats.findings import write_finding
 from forest_addon.formats.npz import write_npz
-from forest_addon.formats.points import records
-from forest_addon.formats.scan_file import write_npz_rows
-from forest_addon.formats.species_file import find_species, load_species
-from forest_addon.formats.stand_files import read_inputs
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.toml_file import write_settings
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.tree import Tree, grow
-from forest_addon.rng import stream
+from forest_addon.results.findings import write_finding
+from forest_addon.results.points import records
+from forest_addon.results.scan_file import write_npz_rows
 from forest_addon.sensing.lidar import scan as lidar
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.occlusion import occlusion, on_the_line
 from forest_addon.sensing.rays.cells import Cells
-from forest_addon.sensing.reverb.fast_scattering import Expansions
+from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
 from forest_addon.sensing.sonar.flight import Flight
 from forest_addon.spec import Rays, Scanner, Scene, Terrain
+from forest_addon.stand.files import read_inputs
 from forest_addon.stand.forest import Forest, angle_table, grow_forest, leaf_table
 from forest_addon.stand.inputs import Inputs
 from forest_addon.stand.plan import labels, plan_stand
@@ -248,9 +248,9 @@ def _write_blender(settings: Scene, keep: Keep, folder: Path) -> None:
     """What Blender itself writes; only what is asked for is imported."""
     if not (keep.blend or keep.glb or keep.preview):
         return
-    from forest_addon.blender.export import export_glb, save_blend
-    from forest_addon.blender.preview import render, set_stage
-    from forest_addon.blender.sensors import new_sensor
+    from forest_addon.blender.files.export import export_glb, save_blend
+    from forest_addon.blender.sensors.objects import new_sensor
+    from forest_addon.blender.show.preview import render, set_stage
 
     scene = bpy.context.scene
     for sensor in settings.sensors:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.spec import SpecError
 
 KINDS = {

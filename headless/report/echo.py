@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.sensing.rays.geometry import apply_transform
 from forest_addon.sensing.sonar.beam import Horseshoe, beam_offsets
 from forest_addon.sensing.sonar.flight import Flight

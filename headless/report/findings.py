@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from forest_addon.formats.figures import facts, figures_of, of_forest
+from forest_addon.results.figures import facts, figures_of, of_forest
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.tractor import TractorScan
 from forest_addon.sensing.reverb.response import ImpulseResponse
-from forest_addon.sensing.reverb.slices import Trunks
+from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.sensing.sonar.flight import Flight
 from forest_addon.sensing.sonar.ping import Echo
 from forest_addon.spec import Reverb, Scanner, Scene, Sonar, Terrestrial, Tractor

@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from forest_addon.blender.casters import make_caster
+from forest_addon.base.trimesh import GROUND, TriMesh
+from forest_addon.blender.rays.casters import make_caster
 from forest_addon.growth.likeness import Likeness
-from forest_addon.growth.mesh.trimesh import GROUND, TriMesh
 from forest_addon.growth.portrait import BINS, Portrait, crown_width, portray
 from forest_addon.growth.tree import Tree
 from forest_addon.sensing.rays.geometry import SceneGeometry

@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from forest_addon.base.places import ROOT
 from forest_addon.formats.atomic import replacing
 from forest_addon.sensing.audit import Audit
 from forest_addon.spec import Scene
@@ -74,7 +75,7 @@ def write(
 
 def version() -> str:
     """The version of Forest Sensing, from its manifest."""
-    manifest = Path(__file__).resolve().parents[2] / "blender_manifest.toml"
+    manifest = ROOT / "blender_manifest.toml"
     return str(tomllib.loads(manifest.read_text(encoding="utf-8"))["version"])
 
 

@@ -11,8 +11,8 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from forest_addon.base.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD
 from forest_addon.formats.atomic import replacing
-from forest_addon.growth.mesh.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.panorama import range_image
 from forest_addon.sensing.lidar.returns import ESCAPED

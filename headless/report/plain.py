@@ -9,8 +9,8 @@ import bpy  # noqa: F401  where Blender is a module, it brings blf and imbuf
 import numpy as np
 
 from forest_addon.formats.atomic import replacing
-from forest_addon.formats.figures import Finding
 from forest_addon.formats.png import write_png
+from forest_addon.results.figures import Finding
 from forest_addon.spec import Scene, Sensor
 from forest_addon.stand.compose import corners_of, process_of
 from forest_addon.stand.inputs import Inputs

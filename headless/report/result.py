@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from forest_addon.blender.observe import Observer
-from forest_addon.formats.figures import Finding
+from forest_addon.blender.sensors.observe import Observer
+from forest_addon.results.figures import Finding
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.tractor import TractorScan
 from forest_addon.sensing.sonar.flight import Flight

@@ -22,7 +22,7 @@ ICON = 192  # pixels along a side of a small picture
 
 def draw_sheet(grown: Sequence[tuple[Species, Tree]], path: Path) -> Path:
     """The contact sheet: a render of all trees with a name and a scale below each."""
-    from forest_addon.blender.sheet import FIELD, FOOT, render_sheet
+    from forest_addon.blender.library.sheet import FIELD, FOOT, render_sheet
 
     columns = max(1, min(6, math.ceil(math.sqrt(1.6 * len(grown)))))
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -53,7 +53,7 @@ def draw_pictures(grown: Sequence[tuple[Species, Tree]], folder: Path) -> None:
     """A square JPEG of each tree, cut from one render at twice its size."""
     from PIL import Image
 
-    from forest_addon.blender.sheet import FIELD, FOOT, render_sheet
+    from forest_addon.blender.library.sheet import FIELD, FOOT, render_sheet
 
     columns = math.ceil(math.sqrt(len(grown)))
     wide = 2 * ICON

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.image import imread
 from matplotlib.patches import Rectangle
 
+from forest_addon.base.trimesh import LEAF, WOOD, TriMesh, join
 from forest_addon.growth.mesh.leaves import measure_leaves
-from forest_addon.growth.mesh.trimesh import LEAF, WOOD, TriMesh, join
 from forest_addon.growth.template.recognise import Recognition
 from forest_addon.growth.tree import Tree
 from forest_addon.spec import Look
@@ -33,7 +33,7 @@ def render_three(
 
     metres : in one unit of what was recognised.
     """
-    from forest_addon.blender.sheet import FIELD, FOOT, render_sheet
+    from forest_addon.blender.library.sheet import FIELD, FOOT, render_sheet
 
     brought = _as_brought(found, metres, rebuilt)
     trees = [("brought", brought), ("rebuilt", rebuilt)]

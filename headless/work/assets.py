@@ -9,9 +9,9 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from forest_addon.blender.library import grow_exhibits, write_species
-from forest_addon.formats.asset_catalogs import FILE
-from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.blender.library.build import grow_exhibits, write_species
+from forest_addon.blender.library.catalogs import FILE
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.spec import SpecError
 
 from .species import preset_names

@@ -10,12 +10,12 @@ import bpy
 import numpy as np
 
 from forest_addon.api import World, build
-from forest_addon.blender.inputs import inputs_from_scene
+from forest_addon.blender.read.inputs import inputs_from_scene
 from forest_addon.formats.npz import write_npz
-from forest_addon.formats.stand_files import read_inputs
 from forest_addon.formats.table import write_csv
 from forest_addon.sensing.canopy import Canopy
 from forest_addon.spec import Scene, SpecError
+from forest_addon.stand.files import read_inputs
 
 from ..command import read_scene
 

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.lsystem.grammar import system_of_grammar
 from forest_addon.growth.lsystem.production import System
 from forest_addon.growth.lsystem.rewrite import Prediction, predict, rewrite, written
@@ -18,7 +19,6 @@ from forest_addon.growth.lsystem.word import Word
 from forest_addon.growth.template.fitted import Habit
 from forest_addon.growth.template.sibling import grow_sibling
 from forest_addon.growth.template.written import generations_of, write_string
-from forest_addon.rng import stream
 from forest_addon.spec import Siblings, SpecError, Species
 
 BRANCHES = {"T20": "(+", "A20": "(+", "S": "[", "ABOP": "["}  # symbols that begin a side branch

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
+from forest_addon.base.places import ASSETS
+from forest_addon.base.rng import stream
 from forest_addon.formats.atomic import replacing
-from forest_addon.formats.species_file import ASSETS
 from forest_addon.formats.tree_map import TreeMap, read_rings, read_tree_map
-from forest_addon.rng import stream
 from forest_addon.spec import Forest, Gaussian, Planting, Raster, Scene, SpecError
 from forest_addon.stand.compose import process_of
 from forest_addon.stand.inputs import Inputs

@@ -12,10 +12,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from forest_addon.formats.scan_file import write_scan
 from forest_addon.formats.scanner_file import PLATFORMS, merged, read_scanner, scanner_names
 from forest_addon.formats.toml_file import structure
 from forest_addon.formats.toml_text import parse_tables
+from forest_addon.results.scan_file import write_scan
 from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.spec import SENSORS, Airborne, Mobile, Rays, Scanner, SpecError, Terrestrial
 
@@ -147,9 +147,9 @@ def scan_blend(
     with hushed():
         import bpy
 
-        from forest_addon.blender.observe import Observer
-        from forest_addon.blender.opening import empty_file, open_file
-        from forest_addon.blender.platform import path_of_object
+        from forest_addon.blender.files.opening import empty_file, open_file
+        from forest_addon.blender.sensors.observe import Observer
+        from forest_addon.blender.sensors.platform import path_of_object
     try:
         with stages.stage(f"open {blend.name}"), hushed(errors=True):
             open_file(blend)

@@ -9,10 +9,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from forest_addon.formats.species_file import ASSETS, find_species, load_species
+from forest_addon.base.places import ASSETS
+from forest_addon.base.rng import stream
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.growth.truth import tree_truth
-from forest_addon.rng import stream
 from forest_addon.spec import Detail, SpecError, Species
 
 from ..report.drawing import can_draw, without

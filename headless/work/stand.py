@@ -10,9 +10,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from forest_addon.formats.stand_files import read_inputs
-from forest_addon.formats.stand_table import note_of, write_stand
+from forest_addon.results.stand_table import note_of, write_stand
 from forest_addon.spec import SpecError
+from forest_addon.stand.files import read_inputs
 from forest_addon.stand.plan import Stand, labels, plan_stand
 
 from ..command import read_scene

@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.formats.species_file import load_species
-from forest_addon.formats.template_library import Library, NotUnderstoodError, make_library
+from forest_addon.base.rng import stream
+from forest_addon.growth.library.species_file import load_species
+from forest_addon.growth.library.template_library import Library, NotUnderstoodError, make_library
 from forest_addon.growth.likeness import compare
 from forest_addon.growth.template.parts import Group
 from forest_addon.growth.template.relay import farthest_off
 from forest_addon.growth.template.sibling import grow_sibling
 from forest_addon.growth.tree import Tree, grow
-from forest_addon.rng import stream
 from forest_addon.spec import Siblings, SpecError, Species
 
 from ..progress import hushed
@@ -99,7 +99,7 @@ def _groups(wood: Path, leaves: Path | None) -> list[Group]:
     for path in (wood, leaves):
         if path and path.suffix.lower() not in known:
             raise SpecError("template", f"{path.name} is of no known kind; use {', '.join(known)}")
-    from forest_addon.blender.tree_files import read_parts
+    from forest_addon.blender.files.tree_files import read_parts
 
     return read_parts(wood, leaves)
 

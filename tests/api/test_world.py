@@ -14,7 +14,7 @@ from forest_addon import api as forest
 from forest_addon.api import scanners as scanners_module
 from forest_addon.api import site as site_module
 from forest_addon.api import world as world_module
-from forest_addon.blender.observe import Observer
+from forest_addon.blender.sensors.observe import Observer
 from forest_addon.formats.toml_file import structure
 
 SCENE = forest.Scene(
@@ -188,14 +188,20 @@ def test_a_sensor_inside_of_a_trunk_is_said(bare):
         (lambda w: w.ping(TRIPOD), "ping: takes a Sonar"),
         (lambda w: w.look(np.zeros((4, 2))), "not a ndarray of shape (4, 2)"),
         (lambda w: w.look(None), "takes a sensor"),
-        (lambda w: TRIPOD.changed(position=np.zeros(2)), "position: needs 3 numbers, not 2 values"),
-        (lambda w: TRIPOD.changed(position=np.zeros((3, 3))), "not tables of them"),
-        (lambda w: TRIPOD.changed(position=1.0), "position: needs 3 numbers, not a float"),
+        (lambda w: TRIPOD.changed(position=np.zeros(2)), "position: has 2 values; give 3"),
+        (
+            lambda w: TRIPOD.changed(position=np.zeros((3, 3))),
+            "position[0]: [0.0, 0.0, 0.0] is not a number",
+        ),
+        (lambda w: TRIPOD.changed(position=1.0), "position: 1.0 is not a list of 3 numbers"),
         (lambda w: TRIPOD.changed(position=(0, 0, np.nan)), "position[2]: nan m is out of range"),
         (lambda w: w.skeleton(99), "99 is no tree of this world"),
         (lambda w: w.scan(TRIPOD).save("cloud.txt"), "end its name in .laz"),
         (lambda w: w.scan(forest.Mobile(follow="nothing")), 'there is no object "nothing"'),
-        (lambda w: SCENE.changed(sed=3), "sed: is no setting here; use one of name, seed"),
+        (
+            lambda w: SCENE.changed(sed=3),
+            'sed: is not known; did you mean "seed"? Allowed: name, seed',
+        ),
         (lambda w: SCENE.changed(seed=-1), "seed: -1 is out of range"),
         (lambda w: forest.read("nowhere.toml"), "there is no such file"),
         (

@@ -5,12 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forest_addon.formats.species_file import ASSETS, find_species, load_species
+from forest_addon.base.places import ASSETS
+from forest_addon.base.rng import stream
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.lsystem.grammar import string_of
 from forest_addon.growth.lsystem.turtle import interpret
 from forest_addon.growth.species import skeleton_of
 from forest_addon.growth.tree import grow
-from forest_addon.rng import stream
 from forest_addon.spec import Jitter, SpecError
 
 FILES = sorted((ASSETS / "species").glob("*.toml"))

@@ -11,12 +11,12 @@ pytest.importorskip("bpy")
 
 from references.rays_brute import BruteCaster
 
-from forest_addon.blender import bvh
-from forest_addon.blender.bvh import BvhCaster
-from forest_addon.blender.embree import EmbreeCaster
-from forest_addon.growth.mesh.trimesh import LEAF, OTHER, TriMesh, join
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import LEAF, OTHER, TriMesh, join
+from forest_addon.blender.rays import bvh
+from forest_addon.blender.rays.bvh import BvhCaster
+from forest_addon.blender.rays.embree import EmbreeCaster
 from forest_addon.growth.mesh.tubes import tube
-from forest_addon.rng import stream
 from forest_addon.sensing.rays.caster import hit_normals
 from forest_addon.sensing.rays.geometry import SceneGeometry
 

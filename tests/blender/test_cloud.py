@@ -8,8 +8,10 @@ bpy = pytest.importorskip("bpy")
 from references.lidar_scenes import ground, scene_with, wall
 from references.rays_brute import BruteCaster
 
-from forest_addon.blender.cloud import show_cloud
-from forest_addon.blender.cloud_nodes import (
+from forest_addon.blender.scene.layout import COLOUR_BY, COLOUR_MAP, SHARE
+from forest_addon.blender.scene.nodes import choose_input, drawn_input, set_input
+from forest_addon.blender.show.cloud import show_cloud
+from forest_addon.blender.show.cloud_nodes import (
     HIGHEST,
     LOWEST,
     MAPS,
@@ -18,8 +20,6 @@ from forest_addon.blender.cloud_nodes import (
     NUMBERS,
     on_map,
 )
-from forest_addon.blender.layout import COLOUR_BY, COLOUR_MAP, SHARE
-from forest_addon.blender.nodes import choose_input, drawn_input, set_input
 from forest_addon.sensing.lidar.scan import scan
 from forest_addon.spec import Beam, Terrestrial
 

@@ -8,21 +8,21 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender import kept
-from forest_addon.blender.bvh import BvhCaster
-from forest_addon.blender.depsgraph import (
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh, join
+from forest_addon.blender.rays.bvh import BvhCaster
+from forest_addon.blender.read import kept
+from forest_addon.blender.read.depsgraph import (
     IGNORED_KEY,
     REFLECTANCE_KEY,
     SPECIES_KEY,
     TREE_KEY,
     read_scene,
 )
-from forest_addon.blender.meshes import from_mesh, to_mesh
-from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.blender.scene.meshes import from_mesh, to_mesh
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.mesh.leaves import measure_leaves
-from forest_addon.growth.mesh.trimesh import LEAF, OTHER, WOOD, TriMesh, join
 from forest_addon.growth.tree import grow
-from forest_addon.rng import stream
 from forest_addon.sensing.lidar.returns import label
 
 

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from forest_addon.blender.casters import make_caster
-from forest_addon.formats.species_file import ASSETS, find_species, load_species
+from forest_addon.base.places import ASSETS
+from forest_addon.base.rng import stream
+from forest_addon.blender.rays.casters import make_caster
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.measured.wanted import Wanted
 from forest_addon.growth.tree import grow
-from forest_addon.rng import stream
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import (
     Accuracy,

@@ -9,10 +9,10 @@ import pytest
 
 pytest.importorskip("bpy")
 
-from forest_addon.blender import casters, embree_library
-from forest_addon.blender.bvh import BvhCaster
-from forest_addon.blender.casters import make_caster
-from forest_addon.blender.embree import EmbreeCaster
+from forest_addon.blender.rays import casters, embree_library
+from forest_addon.blender.rays.bvh import BvhCaster
+from forest_addon.blender.rays.casters import make_caster
+from forest_addon.blender.rays.embree import EmbreeCaster
 from forest_addon.sensing.rays.caster import Hits
 from forest_addon.spec import Rays
 

@@ -9,12 +9,13 @@ from references import gltf
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
-from forest_addon.blender import nodes
-from forest_addon.blender.export import export_glb
-from forest_addon.blender.forest import build
-from forest_addon.blender.layout import TREES, VARIANTS, part
+from forest_addon.base.places import ASSETS
+from forest_addon.blender.files.export import export_glb
+from forest_addon.blender.scene import nodes
+from forest_addon.blender.scene.forest import build
+from forest_addon.blender.scene.layout import TREES, VARIANTS, part
 from forest_addon.formats.glb import EXTENSION, read_glb
-from forest_addon.formats.species_file import ASSETS, load_species
+from forest_addon.growth.library.species_file import load_species
 from forest_addon.stand.forest import grow_forest
 
 MESHES = 4  # variants of two species
@@ -117,7 +118,7 @@ def test_the_scene_is_as_before(empty_blender, tmp_path):
 def test_a_light_view_exports_whole_trees(empty_blender, tmp_path, monkeypatch):
     planted("points")
     export_glb(bpy.context.scene, tmp_path / "full.glb")
-    monkeypatch.setattr("forest_addon.blender.forest.SHOWN_IN_FULL", 1)
+    monkeypatch.setattr("forest_addon.blender.scene.forest.SHOWN_IN_FULL", 1)
     planted("points")
     (trees,) = part(bpy.context.scene, TREES).objects
     assert nodes.is_light(trees.modifiers[0])

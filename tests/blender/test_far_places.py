@@ -5,9 +5,9 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.meshes import to_mesh
-from forest_addon.blender.observe import Observer
-from forest_addon.growth.mesh.trimesh import OTHER, TriMesh
+from forest_addon.base.trimesh import OTHER, TriMesh
+from forest_addon.blender.scene.meshes import to_mesh
+from forest_addon.blender.sensors.observe import Observer
 
 
 def look_at(place, corners=None):

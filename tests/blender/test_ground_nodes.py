@@ -8,10 +8,10 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
-from forest_addon.blender.forest import build
-from forest_addon.blender.ground_nodes import GROUP
-from forest_addon.blender.layout import GROUND_NAME, part
-from forest_addon.blender.observe import Observer
+from forest_addon.blender.scene.forest import build
+from forest_addon.blender.scene.ground_nodes import GROUP
+from forest_addon.blender.scene.layout import GROUND_NAME, part
+from forest_addon.blender.sensors.observe import Observer
 from forest_addon.stand.forest import grow_forest
 
 HORIZON = spec.Scene(forest=spec.Forest(size=(36.0, 20.0), origin=(5.0, -3.0), margin=1000.0))

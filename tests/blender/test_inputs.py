@@ -6,19 +6,20 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
-from forest_addon.blender.bvh import BvhCaster
-from forest_addon.blender.forest import build
-from forest_addon.blender.ground import ground_mesh
-from forest_addon.blender.inputs import (
+from forest_addon.base.places import ASSETS
+from forest_addon.base.trimesh import GROUND, WOOD
+from forest_addon.blender.rays.bvh import BvhCaster
+from forest_addon.blender.read.inputs import (
     inputs_from_scene,
     read_painted,
     read_places,
     read_terrain,
 )
-from forest_addon.blender.layout import GROUND_NAME, part
-from forest_addon.blender.observe import Observer
-from forest_addon.formats.species_file import ASSETS, load_species
-from forest_addon.growth.mesh.trimesh import GROUND, WOOD
+from forest_addon.blender.scene.forest import build
+from forest_addon.blender.scene.ground import ground_mesh
+from forest_addon.blender.scene.layout import GROUND_NAME, part
+from forest_addon.blender.sensors.observe import Observer
+from forest_addon.growth.library.species_file import load_species
 from forest_addon.spec import SpecError
 from forest_addon.stand.forest import grow_forest
 from forest_addon.stand.inputs import Inputs

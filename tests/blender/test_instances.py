@@ -9,14 +9,15 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
-from forest_addon.blender import nodes
-from forest_addon.blender.depsgraph import SPECIES_KEY, TREE_KEY, read_scene
-from forest_addon.blender.export import save_blend
-from forest_addon.blender.forest import MANY, build
-from forest_addon.blender.instances import points_mesh, read_points
-from forest_addon.blender.layout import OUTLINES, TREES, VARIANTS, part
-from forest_addon.blender.observe import Observer
-from forest_addon.formats.species_file import ASSETS, load_species
+from forest_addon.base.places import ASSETS
+from forest_addon.blender.files.export import save_blend
+from forest_addon.blender.read.depsgraph import SPECIES_KEY, TREE_KEY, read_scene
+from forest_addon.blender.scene import nodes
+from forest_addon.blender.scene.forest import MANY, build
+from forest_addon.blender.scene.instances import points_mesh, read_points
+from forest_addon.blender.scene.layout import OUTLINES, TREES, VARIANTS, part
+from forest_addon.blender.sensors.observe import Observer
+from forest_addon.growth.library.species_file import load_species
 from forest_addon.stand.forest import grow_forest
 
 SIZES = (1.0, 2.0, 3.0)  # heights of three variants, which tell them apart
@@ -231,7 +232,7 @@ def scanned(instancing, forest):
 
 @pytest.mark.slow
 def test_lidar_labels_are_the_same_for_points_and_for_objects(empty_blender, grown, monkeypatch):
-    monkeypatch.setattr("forest_addon.blender.forest.SHOWN_IN_FULL", 10)  # a light view
+    monkeypatch.setattr("forest_addon.blender.scene.forest.SHOWN_IN_FULL", 10)  # a light view
     points, objects = scanned("points", grown), scanned("objects", grown)
     # A point's transform is computed in float32 from angle and size, an object's from its matrix: a
     # beam that grazes an edge may pass on the other side of it.
@@ -286,7 +287,7 @@ def test_variants_are_hidden_assets_with_a_picture(empty_blender, grown):
 
 
 def test_nobody_draws_variants_of_a_scene_that_is_not_kept(empty_blender, grown, monkeypatch):
-    monkeypatch.setattr("forest_addon.blender.assets.draw", None)
+    monkeypatch.setattr("forest_addon.blender.scene.assets.draw", None)
     build(bpy.context.scene, scene_of("points"), grown, as_assets=False)
     variants = part(bpy.context.scene, VARIANTS).objects
     assert len(variants) == len(grown.variants)

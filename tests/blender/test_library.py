@@ -13,15 +13,15 @@ bpy = pytest.importorskip("bpy")
 from mathutils import Euler, Matrix
 
 from forest_addon import api
-from forest_addon.blender.asset_truth import write_truth
-from forest_addon.blender.meshes import to_mesh
-from forest_addon.formats.asset_catalogs import FILE, add_catalogs, catalog_id
-from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import LEAF, WOOD
+from forest_addon.blender.library.catalogs import FILE, add_catalogs, catalog_id
+from forest_addon.blender.scene.asset_truth import write_truth
+from forest_addon.blender.scene.meshes import to_mesh
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.mesh.leaves import measure_leaves
-from forest_addon.growth.mesh.trimesh import LEAF, WOOD
 from forest_addon.growth.tree import grow
 from forest_addon.growth.truth import tree_truth
-from forest_addon.rng import stream
 from forest_addon.stand.placed import NONE, placed_leaves, placed_table
 
 ROOT = Path(__file__).resolve().parents[2]

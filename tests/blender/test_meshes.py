@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from forest_addon.base.rng import stream
 from forest_addon.growth.tree import grow
-from forest_addon.rng import stream
 from forest_addon.spec import Grammar, Species
 
 
@@ -23,7 +23,7 @@ def edges_of(data):
 
 
 def test_known_edges_are_those_blender_finds(empty_blender, tree):
-    from forest_addon.blender.meshes import from_mesh, to_mesh
+    from forest_addon.blender.scene.meshes import from_mesh, to_mesh
 
     ours, theirs = to_mesh("ours", tree), to_mesh("theirs", replace(tree, edges=None))
     assert np.array_equal(
@@ -45,7 +45,7 @@ def test_known_edges_are_those_blender_finds(empty_blender, tree):
 
 
 def test_order_and_texture_arrive_in_blender(empty_blender, tree):
-    from forest_addon.blender.meshes import to_mesh
+    from forest_addon.blender.scene.meshes import to_mesh
 
     data = to_mesh("tree", tree)
     order = np.empty(len(data.polygons), dtype=np.int8)

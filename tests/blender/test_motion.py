@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.motion import follow
+from forest_addon.blender.sensors.motion import follow
 from forest_addon.spec import Sonar, SpecError
 
 

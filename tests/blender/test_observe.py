@@ -8,11 +8,12 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
-from forest_addon.blender.depsgraph import TREE_KEY
-from forest_addon.blender.forest import build
-from forest_addon.blender.layout import ROOT, TREES, part, root
-from forest_addon.blender.observe import Observer
-from forest_addon.formats.species_file import ASSETS, load_species
+from forest_addon.base.places import ASSETS
+from forest_addon.blender.read.depsgraph import TREE_KEY
+from forest_addon.blender.scene.forest import build
+from forest_addon.blender.scene.layout import ROOT, TREES, part, root
+from forest_addon.blender.sensors.observe import Observer
+from forest_addon.growth.library.species_file import load_species
 from forest_addon.sensing.sonar.ping import leaf_discs
 from forest_addon.stand.forest import grow_forest, leaf_table
 

@@ -6,11 +6,12 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
-from forest_addon.blender import forest as room
-from forest_addon.blender.forest import build
-from forest_addon.blender.layout import GROUND_NAME, PARTS, TREES, VARIANTS, part, root
-from forest_addon.blender.ours import is_ours
-from forest_addon.formats.species_file import ASSETS, load_species
+from forest_addon.base.places import ASSETS
+from forest_addon.blender.scene import forest as room
+from forest_addon.blender.scene.forest import build
+from forest_addon.blender.scene.layout import GROUND_NAME, PARTS, TREES, VARIANTS, part, root
+from forest_addon.blender.scene.ours import is_ours
+from forest_addon.growth.library.species_file import load_species
 from forest_addon.stand.forest import grow_forest
 
 KINDS = ("objects", "meshes", "materials", "collections", "node_groups")

@@ -5,8 +5,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.observe import Observer
-from forest_addon.blender.platform import curve_points, path_of_object
+from forest_addon.blender.sensors.observe import Observer
+from forest_addon.blender.sensors.platform import curve_points, path_of_object
 from forest_addon.spec import Mobile, Scene, SpecError
 
 

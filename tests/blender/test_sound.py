@@ -7,7 +7,7 @@ bpy = pytest.importorskip("bpy")
 
 from scipy.io import wavfile
 
-from forest_addon.blender.sound import add_speaker, give_sound
+from forest_addon.blender.show.sound import add_speaker, give_sound
 
 
 def test_a_speaker_plays_what_is_packed(empty_blender, tmp_path):

@@ -14,12 +14,13 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
-from forest_addon.blender import assets, materials, nodes
-from forest_addon.blender import forest as room
-from forest_addon.blender.depsgraph import SPECIES_KEY, TREE_KEY
-from forest_addon.blender.forest import build
-from forest_addon.blender.instances import read_points
-from forest_addon.blender.layout import (
+from forest_addon.base.places import ASSETS
+from forest_addon.blender.read.depsgraph import SPECIES_KEY, TREE_KEY
+from forest_addon.blender.scene import assets, materials, nodes
+from forest_addon.blender.scene import forest as room
+from forest_addon.blender.scene.forest import build
+from forest_addon.blender.scene.instances import read_points
+from forest_addon.blender.scene.layout import (
     GROUND_NAME,
     OUTLINES,
     PARTS,
@@ -28,9 +29,9 @@ from forest_addon.blender.layout import (
     part,
     root,
 )
-from forest_addon.blender.ours import MADE_KEY
-from forest_addon.blender.standing import Standing
-from forest_addon.formats.species_file import ASSETS, load_species
+from forest_addon.blender.scene.ours import MADE_KEY
+from forest_addon.blender.scene.standing import Standing
+from forest_addon.growth.library.species_file import load_species
 from forest_addon.stand.forest import grow_forest
 
 KINDS = ("objects", "meshes", "materials", "collections", "node_groups")

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from forest_addon.base.trimesh import LEAF, WOOD, TriMesh, join
 from forest_addon.flight.obstacles import MeshObstacles, StemObstacles, touched
 from forest_addon.flight.solids import Solid, stopping
 from forest_addon.flight.sweep import distances, first_touch
-from forest_addon.growth.mesh.trimesh import LEAF, WOOD, TriMesh, join
 from forest_addon.growth.mesh.tubes import tube
 from forest_addon.sensing.rays.geometry import SceneGeometry
 

@@ -11,19 +11,20 @@ import warnings
 import numpy as np
 import pytest
 
-from forest_addon.formats.directivity_file import read_directivity
+from forest_addon.base.places import ASSETS
+from forest_addon.base.rng import stream
 from forest_addon.formats.glb import read_glb
 from forest_addon.formats.raster_file import read_raster
 from forest_addon.formats.scanner_file import read_scanner
-from forest_addon.formats.sonar_files import read_call, read_pattern, read_route
-from forest_addon.formats.species_file import ASSETS, load_species
 from forest_addon.formats.stl import StlError, read_stl, write_stl
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.formats.tree_list import read_tree_list
 from forest_addon.formats.tree_map import read_rings, read_tree_map
 from forest_addon.formats.wav import read_wav, write_wav
-from forest_addon.rng import stream
+from forest_addon.growth.library.species_file import load_species
+from forest_addon.sensing.reverb.directivity_file import read_directivity
+from forest_addon.sensing.sonar.equipment_files import read_call, read_pattern, read_route
 from forest_addon.spec import Scene, Sonar, SpecError, Species
+from forest_addon.stand.tree_list import read_tree_list
 
 TRIES = 150  # of each format
 TOKENS = (

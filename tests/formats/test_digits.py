@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from forest_addon.base.rng import stream
 from forest_addon.formats.digits import write_numbers
-from forest_addon.rng import stream
 
 
 def test_numbers_are_as_python_writes_them(tmp_path):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from forest_addon.formats.dry_sounds import CALL, PEAK_DB, dry_sound, wet_sound
 from forest_addon.formats.wav import write_wav
+from forest_addon.results.dry_sounds import CALL, PEAK_DB, dry_sound, wet_sound
 
 
 def direct(response, dry):

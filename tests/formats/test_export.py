@@ -8,10 +8,10 @@ import pytest
 from scipy.io import wavfile
 
 from forest_addon import spec
-from forest_addon.formats.export import POINTS, SOUNDS, formats_of, write_as
-from forest_addon.formats.points import POINT, records
+from forest_addon.results.export import POINTS, SOUNDS, formats_of, write_as
+from forest_addon.results.points import POINT, records
 from forest_addon.sensing.reverb.response import impulse_response
-from forest_addon.sensing.reverb.slices import Trunks
+from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import SpecError
 
 from . import test_las

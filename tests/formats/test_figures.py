@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from forest_addon.formats.figures import facts, figures_of, words
+from forest_addon.results.figures import facts, figures_of, words
 from forest_addon.sensing.reverb.metrics import octave_bands
 from forest_addon.sensing.reverb.response import ImpulseResponse
 from forest_addon.spec import Reverb

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from forest_addon.base.rng import stream
 from forest_addon.formats.png import PASSES, SIGNATURE, read_png, write_png
 from forest_addon.formats.raster_file import read_raster
 from forest_addon.formats.tiff import read_tiff
-from forest_addon.rng import stream
 from forest_addon.spec import SpecError
 
 HIGH, WIDE = 37, 61

@@ -11,8 +11,8 @@ from references.lidar_scenes import ground, scene_with, wall
 from references.rays_brute import BruteCaster
 
 from forest_addon.formats.ply import PlyFile, header_of
-from forest_addon.formats.points import POINT, records
-from forest_addon.formats.scan_file import FORMATS, write_scan
+from forest_addon.results.points import POINT, records
+from forest_addon.results.scan_file import FORMATS, write_scan
 from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.spec import Beam, Noise, SpecError, Terrestrial
 

@@ -9,10 +9,10 @@ import pytest
 from references.leaf_discs import discs_of
 from scipy.io import wavfile
 
-from forest_addon.formats.echo_files import write_echo
-from forest_addon.formats.sonar_files import equip, find, read_pattern, read_route
-from forest_addon.formats.species_file import ASSETS
+from forest_addon.base.places import ASSETS
 from forest_addon.formats.toml_file import read_settings
+from forest_addon.results.echo_files import write_echo
+from forest_addon.sensing.sonar.equipment_files import equip, find, read_pattern, read_route
 from forest_addon.sensing.sonar.flight import fly
 from forest_addon.sensing.sonar.ping import Targets, ping
 from forest_addon.sensing.sonar.poses import posed

@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forest_addon.formats.species_file import ASSETS, load_species
+from forest_addon.base.places import ASSETS
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import LEAF, WOOD
+from forest_addon.growth.library.species_file import load_species
 from forest_addon.growth.mesh.leaves import measure_leaves
-from forest_addon.growth.mesh.trimesh import LEAF, WOOD
 from forest_addon.growth.template.graft import Site, graft, prepare
 from forest_addon.growth.tree import grow
-from forest_addon.rng import stream
 from forest_addon.spec import Template
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data" / "maple"

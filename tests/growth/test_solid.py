@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from references.solid_brute import union_volume
 
-from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.base.rng import stream
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.mesh.leaves import no_leaves
 from forest_addon.growth.mesh.meshing import mesh_wood
 from forest_addon.growth.skeleton import Skeleton
@@ -14,7 +15,6 @@ from forest_addon.growth.solid import volume_of
 from forest_addon.growth.species import skeleton_of
 from forest_addon.growth.tree import Tree
 from forest_addon.growth.truth import wood_of_skeleton, wood_of_tree
-from forest_addon.rng import stream
 
 
 def skeleton(*segments):

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import WOOD
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.mesh.leaves import measure_leaves
-from forest_addon.growth.mesh.trimesh import WOOD
 from forest_addon.growth.tree import SUNK, grow
-from forest_addon.rng import stream
 from forest_addon.spec import Detail, Grammar, Leaf, Species
 
 

@@ -32,7 +32,7 @@ def props():
 
 
 def idle() -> bool:
-    from bl_ext.user_default.forest_sensing.forest_addon.ui import running
+    from bl_ext.user_default.forest_sensing.forest_addon.ui.shell import running
 
     return running.current() is None
 

@@ -240,7 +240,7 @@ def panels() -> list[type]:
 
 def open_every_panel() -> None:
     """Have every panel and every part of one open where it was not shown yet."""
-    from bl_ext.user_default.forest_sensing.forest_addon.ui import drawing
+    from bl_ext.user_default.forest_sensing.forest_addon.ui.settings import drawing
 
     drawing.FOLDED = False
     for cls in reversed(panels()):

@@ -76,7 +76,7 @@ def trees() -> list[bpy.types.Object]:
 
 
 def idle() -> bool:
-    from bl_ext.user_default.forest_sensing.forest_addon.ui import running
+    from bl_ext.user_default.forest_sensing.forest_addon.ui.shell import running
 
     return running.current() is None
 
@@ -102,7 +102,7 @@ def orbit(seconds: float) -> Generator[float, None, float]:
 
 def stop(what: str) -> Scenario:
     """Press Escape while a job runs, and see it end."""
-    from bl_ext.user_default.forest_sensing.forest_addon.ui import running
+    from bl_ext.user_default.forest_sensing.forest_addon.ui.shell import running
 
     assert not idle()
     ending = Ending(running.current())
@@ -144,7 +144,7 @@ def a_broken_overlay_stays_alone() -> Scenario:
 
 def a_copy_is_chosen(area: bpy.types.Area, main: bpy.types.Region) -> Scenario:
     """Copy the echo as Shift-D does, see that list and buttons mean the copy, and remove it."""
-    from bl_ext.user_default.forest_sensing.forest_addon.ui.chosen import chosen_sensor
+    from bl_ext.user_default.forest_sensing.forest_addon.ui.shell.chosen import chosen_sensor
 
     window, echo = view()[0], bpy.data.objects["echo"]
     things = echo.users_collection[0].objects

@@ -4,7 +4,7 @@ The Blender that comes as a module speaks English only, so this is where transla
 """
 
 import bpy
-from bl_ext.user_default.forest_sensing.forest_addon.ui import languages, words
+from bl_ext.user_default.forest_sensing.forest_addon.ui.shell import languages, words
 
 import addon_utils  # isort: skip
 

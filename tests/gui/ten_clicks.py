@@ -53,7 +53,7 @@ def results() -> set[str]:
 
 
 def idle() -> bool:
-    from bl_ext.user_default.forest_sensing.forest_addon.ui import running
+    from bl_ext.user_default.forest_sensing.forest_addon.ui.shell import running
 
     return running.current() is None
 

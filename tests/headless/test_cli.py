@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from headless import cli
-from headless.bench import with_section
 from headless.commands import COMMANDS
+from headless.studies.bench import with_section
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = {"numpy", "scipy", "matplotlib", "bpy", "laspy", "cattrs", "tqdm"}

@@ -13,7 +13,7 @@ from references import gltf
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.casters import embree_problem
+from forest_addon.blender.rays.casters import embree_problem
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = Path(__file__).with_name("small.toml")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from forest_addon.growth.mesh.trimesh import LEAF, TriMesh
+from forest_addon.base.trimesh import LEAF, TriMesh
 from forest_addon.sensing.rays.geometry import SceneGeometry
 
 

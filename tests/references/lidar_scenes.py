@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from forest_addon.growth.mesh.trimesh import GROUND, WOOD, TriMesh
+from forest_addon.base.trimesh import GROUND, WOOD, TriMesh
 from forest_addon.sensing.rays.geometry import SceneGeometry
 
 

@@ -7,13 +7,13 @@ from functools import cache
 
 import numpy as np
 
-from forest_addon.growth.mesh.trimesh import LEAF, WOOD
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import LEAF, WOOD
 from forest_addon.growth.portrait import axes_of
 from forest_addon.growth.template.anatomy import Anatomy, dissect
 from forest_addon.growth.template.fitted import Habit, fit
 from forest_addon.growth.template.recognise import Recognition, recognise
 from forest_addon.growth.tree import Tree, grow
-from forest_addon.rng import stream
 from forest_addon.spec import (
     Detail,
     Discrete,

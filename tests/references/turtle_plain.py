@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from forest_addon.rng import truncated_normal
+from forest_addon.base.rng import truncated_normal
 
 
 def rotation(axis, angle):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from forest_addon.growth.mesh.trimesh import LEAF, TriMesh
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import LEAF, TriMesh
 from forest_addon.sensing.canopy import OUTSIDE, REACH, SKY, hemisphere, look_up
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from tests.references.rays_brute import BruteCaster

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from forest_addon.formats.species_file import find_species, load_species
-from forest_addon.growth.mesh.trimesh import LEAF, WOOD
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import LEAF, WOOD
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.sensing.needs import grow_needed
 from forest_addon.sensing.trees_audit import audit_tubes
 from forest_addon.spec import (

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.spec import Clusters, Forest, Gaussian, Planting, SpecError, Strauss
 from forest_addon.stand.cluster import k_of_clusters, sample_clusters
 from forest_addon.stand.compose import process_of

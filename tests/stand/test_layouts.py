@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.spec import Forest, Gaussian, Planting, Rows, SpecError
 from forest_addon.stand.inputs import Inputs, TreeList
 from forest_addon.stand.intensity.functions import IntensityError

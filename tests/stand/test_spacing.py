@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.spec import Distance, Forest, Planting, SpecError
 from forest_addon.stand.plan import plan_stand
 from forest_addon.stand.spacing import Spacing, greedy, matern_ii, space

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.spec import Forest, Gaussian, Planting
 from forest_addon.stand.compose import process_of
 from forest_addon.stand.plan import labels, plan_stand

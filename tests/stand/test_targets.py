@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from forest_addon.api import truth
-from forest_addon.formats.allometry_file import read_allometry
-from forest_addon.formats.species_file import find_species, load_species
-from forest_addon.formats.tree_list import read_tree_list
+from forest_addon.growth.library.allometry_file import read_allometry
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.measured.allometry import band
 from forest_addon.growth.measured.wanted import TARGETS
 from forest_addon.spec import Forest, Planting, Scene, Targets
@@ -16,6 +15,7 @@ from forest_addon.stand.forest import grow_forest, met_targets, tree_table
 from forest_addon.stand.inputs import Inputs
 from forest_addon.stand.placed import NONE
 from forest_addon.stand.targets import facts_of, in_band, record, sentences, targets_met
+from forest_addon.stand.tree_list import read_tree_list
 
 LIST = "x,y,dbh,height\n2,2,0.10,8.0\n5,5,0.12,9.0\n8,8,0.16,9.5\n"
 LAW = read_allometry("betula", Path())
@@ -91,8 +91,8 @@ def test_what_could_not_be_is_counted():
 
 def test_the_band_is_that_of_nine_of_ten():
     """Trees drawn by the law itself: 4,000 binomial trials."""
+    from forest_addon.base.rng import stream
     from forest_addon.growth.measured.allometry import draw
-    from forest_addon.rng import stream
 
     rng = stream(3, "band")
     dbh = np.exp(rng.uniform(np.log(0.05), np.log(0.3), 4000))

@@ -33,7 +33,7 @@ def props(registered, empty_blender):
 def sensor(props):
     """Adds a sensor of a kind to the scene: its object, with settings that are given."""
     from forest_addon import spec
-    from forest_addon.ui import exchange
+    from forest_addon.ui.settings import exchange
 
     def add(kind, **settings):
         return exchange.add_sensor(bpy.context.scene, spec.SENSORS[kind](**settings))

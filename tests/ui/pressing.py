@@ -5,8 +5,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from forest_addon.blender.depsgraph import TREE_KEY
-from forest_addon.blender.layout import CLOUD_KEY
+from forest_addon.blender.read.depsgraph import TREE_KEY
+from forest_addon.blender.scene.layout import CLOUD_KEY
 
 ROOT = Path(__file__).resolve().parents[2]
 SENSORS = {"scan": "tractor", "cloud": "terrestrial", "echo": "sonar", "reverb": "reverb"}

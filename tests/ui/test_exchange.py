@@ -15,9 +15,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from forest_addon import spec
-from forest_addon.blender import sensors
+from forest_addon.blender.sensors import objects as sensors
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.ui import exchange, fields
+from forest_addon.ui.settings import exchange, fields
 
 DEMO = Path(__file__).resolve().parents[2] / "assets/scenes/demo.toml"
 IN_BLENDER = settings(

@@ -20,13 +20,15 @@ bpy = pytest.importorskip("bpy")
 from ui import test_panels
 
 from forest_addon import spec, ui
-from forest_addon.blender import layout, sensors
-from forest_addon.blender.depsgraph import TREE_KEY
 from forest_addon.blender.jobs import Job
-from forest_addon.blender.layout import CLOUD_KEY
-from forest_addon.ui import exchange, running
+from forest_addon.blender.read.depsgraph import TREE_KEY
+from forest_addon.blender.scene import layout
+from forest_addon.blender.scene.layout import CLOUD_KEY
+from forest_addon.blender.sensors import objects as sensors
 from forest_addon.ui.forest import build
 from forest_addon.ui.results import plots
+from forest_addon.ui.settings import exchange
+from forest_addon.ui.shell import running
 
 ROOT = Path(__file__).resolve().parents[2]
 TWIG = """

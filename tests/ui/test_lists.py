@@ -11,7 +11,7 @@ from ui.pressing import (
     settings_of,
 )
 
-from forest_addon.ui import exchange
+from forest_addon.ui.settings import exchange
 
 
 def test_plantings_and_hills_are_added_and_removed(props):

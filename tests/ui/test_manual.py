@@ -9,7 +9,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.ui import manual
+from forest_addon.ui.settings import manual
 
 ROOT = Path(__file__).resolve().parents[2]
 

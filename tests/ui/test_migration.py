@@ -10,11 +10,12 @@ bpy = pytest.importorskip("bpy")
 from ui import test_panels
 
 from forest_addon import spec
-from forest_addon.blender import layout, sensors
-from forest_addon.blender.depsgraph import TREE_KEY
-from forest_addon.blender.layout import CLOUD_KEY
+from forest_addon.blender.read.depsgraph import TREE_KEY
+from forest_addon.blender.scene import layout
+from forest_addon.blender.scene.layout import CLOUD_KEY
+from forest_addon.blender.sensors import objects as sensors
 from forest_addon.spec import Gaussian, Planting
-from forest_addon.ui import exchange, migration
+from forest_addon.ui.settings import exchange, migration
 
 FIRST = Path(__file__).with_name("data") / "first-panel.blend"
 

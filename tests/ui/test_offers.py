@@ -5,8 +5,9 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
-from forest_addon.blender.inputs import read_painted
-from forest_addon.ui import offers, properties
+from forest_addon.blender.read.inputs import read_painted
+from forest_addon.ui import properties
+from forest_addon.ui.settings import offers
 
 FREE = {"name", "crs", "source", "axiom", "engine"}  # texts that name nothing there is
 

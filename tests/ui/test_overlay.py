@@ -8,7 +8,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
-from forest_addon.blender import sensors
+from forest_addon.blender.sensors import objects as sensors
 from forest_addon.ui import overlay
 from forest_addon.ui.sensors import outlines
 

@@ -10,11 +10,13 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec, ui
-from forest_addon.blender import sensors
+from forest_addon.blender.sensors import objects as sensors
 from forest_addon.spec.depth import ADVANCED, APPLIES
-from forest_addon.ui import exchange, properties, requirements
-from forest_addon.ui.fields import fields_of
+from forest_addon.ui import properties
 from forest_addon.ui.results.finding import OF_TREES
+from forest_addon.ui.settings import exchange
+from forest_addon.ui.settings.fields import fields_of
+from forest_addon.ui.shell import requirements
 from forest_addon.ui.species.panel import SPREADS
 
 

@@ -7,7 +7,7 @@ bpy = pytest.importorskip("bpy")
 from ui.pressing import add_cube
 
 from forest_addon import spec
-from forest_addon.ui import exchange, migration, references
+from forest_addon.ui.settings import exchange, migration, references
 
 
 def names(scene=None):

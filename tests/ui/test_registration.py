@@ -83,7 +83,7 @@ forest_addon.register()
 new = {name.split(".")[0] for name in set(sys.modules) - before}
 heavy = new & {"scipy", "laspy", "lazrs", "cattrs", "matplotlib", "tqdm"}
 rooms = {n for n in sys.modules if n.startswith("forest_addon.")}
-print(sorted(heavy), sorted(r for r in rooms if r.split(".")[1] not in ("ui", "spec", "blender")))
+print(sorted(heavy), sorted(r for r in rooms if r.split(".")[1] not in ("base", "ui", "spec", "blender")))
 """
 
 
@@ -104,7 +104,7 @@ importlib.util.find_spec = lambda name: None if name == "scipy" else find(name)
 import forest_addon
 atexit.register(forest_addon.unregister)
 forest_addon.register()
-from forest_addon.ui import requirements
+from forest_addon.ui.shell import requirements
 print(requirements.missing())
 try:
     bpy.ops.forest.build()

@@ -18,11 +18,12 @@ from ui.pressing import (
 )
 
 from forest_addon import ui
-from forest_addon.blender import sensors
 from forest_addon.blender.jobs import Job
-from forest_addon.ui import exchange, requirements, running
+from forest_addon.blender.sensors import objects as sensors
 from forest_addon.ui.forest import build
 from forest_addon.ui.sensors.run import FOREST_OT_run
+from forest_addon.ui.settings import exchange
+from forest_addon.ui.shell import requirements, running
 
 
 @pytest.mark.slow
@@ -179,7 +180,7 @@ def of_ours():
 
 def test_operators_that_start_jobs_are_not_redone(registered):
     """The redo panel and *Repeat Last* run an operator to its end at once: the window would stand still."""
-    plain = [cls for cls in of_ours() if cls.__module__ != "forest_addon.ui.lists"]
+    plain = [cls for cls in of_ours() if cls.__module__ != "forest_addon.ui.settings.lists"]
     starting = {cls.__name__ for cls in plain if starts_a_job(cls)}
     assert {"FOREST_OT_run", "FOREST_OT_build", "FOREST_OT_import_tree"} <= starting
     for cls in plain:

@@ -9,11 +9,11 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.formats.species_file import find_species, load_species
 from forest_addon.formats.toml_file import read_settings, write_settings
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.spec import Raster, Scene, Species
-from forest_addon.ui import exchange
-from forest_addon.ui.scene_export import write_scene
+from forest_addon.ui.forest.scene_export import write_scene
+from forest_addon.ui.settings import exchange
 from forest_addon.ui.species.edit import relocated
 
 ROOT = Path(__file__).resolve().parents[2]

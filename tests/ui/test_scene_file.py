@@ -20,7 +20,7 @@ from ui.pressing import (
 
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Scene
-from forest_addon.ui import exchange
+from forest_addon.ui.settings import exchange
 
 BARE = "\n[output]\n" + "".join(
     f"{name} = false\n"

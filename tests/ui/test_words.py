@@ -13,18 +13,27 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.ui import languages, words
+from forest_addon.ui.shell import languages, words
 
 ROOT = Path(__file__).resolve().parents[2]
-FILES = sorted((ROOT / "forest_addon" / "ui").rglob("*.py"))
-CODE = {file.name: ast.parse(file.read_text(encoding="utf-8")) for file in FILES}
-FIGURES = ROOT / "forest_addon" / "formats" / "figures.py"
+FILES_ROOT = ROOT / "forest_addon" / "ui"
+FILES = sorted(FILES_ROOT.rglob("*.py"))
+CODE = {
+    str(file.relative_to(FILES_ROOT)): ast.parse(file.read_text(encoding="utf-8")) for file in FILES
+}
+FIGURES = ROOT / "forest_addon" / "results" / "figures.py"
 OURS = {"say", "label", "keep"}
 # Where a text is shown: the number of the argument, or its name.
 SHOWN = {"report": 1, "poll_message_set": 0, "status_text_set": 0, "SpecError": 1, "Task": 0}
 SHOWN_BY_NAME = {"text", "heading", "placeholder"}
 UNITS = {"m", "s", "ms", "MB", "dB", "kHz"}
-NAMES_OF_DATA = {"{} hill", "{} bark", "{} leaf", "Forest {}"}  # things are found by these again
+NAMES_OF_DATA = {
+    "{} hill",
+    "{} bark",
+    "{} leaf",
+    "Forest {}",
+    "Remove the chosen {}",
+}  # things are found by these again
 NAMES_OF_PROPERTIES = {"Use {}"}  # the template has each of them, from Blender
 
 
@@ -37,7 +46,7 @@ def calls(*names):
     for file, tree in CODE.items():
         for node in ast.walk(tree):
             known = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
-            if known and node.func.id in names and file != "words.py":
+            if known and node.func.id in names and file != "shell/words.py":
                 yield f"{file}:{node.lineno}", node
 
 

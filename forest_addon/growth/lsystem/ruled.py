@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...rng import daughter_keys
+from ...base.rng import daughter_keys
 from ...spec import MAX_REACH, Leaf, Rules
 from ..draw import draw_normal
 from ..skeleton import LeafSites, Skeleton

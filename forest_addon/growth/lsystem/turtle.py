@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...rng import truncated_normal
+from ...base.rng import truncated_normal
 from ...spec import Grammar, Jitter
 from ..skeleton import Skeleton
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...rng import daughter_keys, keyed_uniform
+from ...base.rng import daughter_keys, keyed_uniform
 from ...spec import SpecError, Species
 from ..mesh.axes import first_level
 from ..mesh.blades import Blade, leaf_areas

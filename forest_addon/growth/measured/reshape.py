@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...rng import daughter_keys, keyed_uniform
+from ...base.rng import daughter_keys, keyed_uniform
+from ...base.runs import Runs
+from ...base.trimesh import TriMesh
 from ...spec import SpecError
 from ..mesh.leaves import Leaves
-from ..mesh.runs import Runs
-from ..mesh.trimesh import TriMesh
 from ..skeleton import Skeleton
 from .measure import dbh_of, lowest_branch, width_of
 from .wanted import TARGETS, Wanted

@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...rng import daughter_keys, keyed_uniform
+from ...base.rng import daughter_keys, keyed_uniform
+from ...base.vectors import cross_rows
 from ...spec import Crown, Leaf
 from ..draw import draw_normal
 from ..mesh.foliage import across, set_leaves
-from ..mesh.vectors import cross_rows
 from ..skeleton import LeafSites, Skeleton
 
 GOLDEN = np.pi * (3 - np.sqrt(5))

@@ -6,7 +6,7 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from ...rng import keyed_uniform
+from ...base.rng import keyed_uniform
 from ...spec import Allometry, Normal, SpecError, Targets
 from ..draw import draw_normal
 from ..mesh.blades import Blade

@@ -13,11 +13,11 @@ from functools import cached_property
 
 import numpy as np
 
+from ...base.trimesh import LEAF, TriMesh
+from ...base.vectors import cross_rows
 from ..skeleton import LeafSites
 from .edges import repeated_edges
 from .leaves import Leaves
-from .trimesh import LEAF, TriMesh
-from .vectors import cross_rows
 
 BLADE_SLOT = 1  # material slot
 ABOUT = 0.85  # of the way to its middle, about which a leaf is enlarged

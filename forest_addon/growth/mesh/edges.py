@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .trimesh import Edges
+from ...base.trimesh import Edges
 
 
 def tube_edges(

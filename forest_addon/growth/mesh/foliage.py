@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...base.vectors import cross_rows
 from ...spec import Leaf
 from ..draw import draw_normal
 from ..skeleton import LeafSites
-from .vectors import cross_rows
 
 
 def set_leaves(

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...base.vectors import cross_rows
 from .nodes import SHORTEST, Line
-from .vectors import cross_rows
 
 MITRE = 2.0  # a ring is stretched no further at a bend: 120°
 TURNED_BACK = 0.1  # cosine of half a bend beyond which a line counts as turned back on itself

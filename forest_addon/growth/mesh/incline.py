@@ -12,9 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...base.trimesh import TriMesh
 from ..skeleton import LeafSites
 from .leaves import Leaves
-from .trimesh import TriMesh
 
 FLAT = 1e-9  # sine of an inclination below which a leaf faces no side
 

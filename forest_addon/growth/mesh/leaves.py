@@ -13,8 +13,8 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from .trimesh import TriMesh
-from .vectors import cross_rows
+from ...base.trimesh import TriMesh
+from ...base.vectors import cross_rows
 
 ALIKE = 0.025  # difference of second moments over their sum, below which they are alike
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.trimesh import WOOD, Edges, TriMesh
 from ..skeleton import Skeleton
 from .edges import tube_edges
 from .frames import ring_frames
 from .nodes import Line, lines_of, thin_nodes
-from .trimesh import WOOD, Edges, TriMesh
 
 STEP = 1e-12  # metres between two radii of a node from which it has two rings
 POINTED = 2e-5  # metres; a thinner tip is a point: float32 would flatten its ring

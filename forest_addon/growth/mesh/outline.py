@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .trimesh import LEAF, WOOD, TriMesh
+from ...base.trimesh import LEAF, WOOD, TriMesh
 
 BANDS, SIDES = 5, 5
 MOST = 85.0  # percent of the vertices of a band that its ring encloses

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.runs import Runs, bounds
+from ...base.trimesh import LEAF, WOOD, TriMesh
 from ..mesh.leaves import Leaves, measure_leaves
-from ..mesh.runs import Runs, bounds
-from ..mesh.trimesh import LEAF, WOOD, TriMesh
 from .bones import find_bones
 from .copies import Stock
 from .courses import STEEP, angles_in, foot_frames, rolled, unbend, upper_frames, walk

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..mesh.runs import bounds
+from ...base.runs import bounds
 from .lines import Lines, nearest
 from .recognise import Recognition
 

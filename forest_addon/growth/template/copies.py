@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...base.runs import Runs
+from ...base.trimesh import Edges, TriMesh
 from ..mesh.edges import repeated_edges
-from ..mesh.runs import Runs
-from ..mesh.trimesh import Edges, TriMesh
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..mesh.vectors import cross_rows
+from ...base.vectors import cross_rows
 
 LEVEL = 1e-6  # length of a unit heading's shadow from which it points some way
 STEEP = 0.97  # |T_z| from which a branch counts as upright, and no side of it is the upper one

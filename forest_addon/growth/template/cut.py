@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.trimesh import LEAF, WOOD, TriMesh
 from ..mesh.leaves import Leaves, measure_leaves
-from ..mesh.trimesh import LEAF, WOOD, TriMesh
 from .recognise import Recognition, TemplateError, checked_facets, recognise
 from .tubes import find_contacts
 

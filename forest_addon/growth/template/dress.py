@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...rng import daughter_keys
+from ...base.rng import daughter_keys
 from ...spec import Leaf
 from ..mesh.blades import Blade, lay
 from ..mesh.foliage import across, set_leaves

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..mesh.runs import Runs
+from ...base.runs import Runs
 from .anatomy import Anatomy
 
 NODE = 0.25  # mean spacings within which daughters share a node

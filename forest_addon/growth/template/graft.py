@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...rng import truncated_normal
+from ...base.rng import truncated_normal
+from ...base.runs import Runs
+from ...base.trimesh import LEAF, WOOD, Edges, TriMesh, join_edges
 from ..mesh.edges import repeated_edges
 from ..mesh.leaves import Leaves
-from ..mesh.runs import Runs
-from ..mesh.trimesh import LEAF, WOOD, Edges, TriMesh, join_edges
 from .cut import BranchTemplate, canonical_frame
 
 MOST_LEAVES_A_FOOT = 3.0

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from ...rng import stream
+from ...base.rng import stream
 from ...spec import Grammar, Jitter
 from ..lsystem.grammar import T20, derive
 from ..lsystem.turtle import interpret

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...rng import daughter_keys, keyed_normal, keyed_uniform
+from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
 from .fitted import Habit
 
 JITTER = 0.25  # share of the scatter of spacing by which a node moves

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...rng import daughter_keys, keyed_normal, keyed_uniform
+from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
+from ...base.trimesh import TriMesh, join
+from ...base.vectors import cross_rows
 from ..mesh.leaves import Leaves
-from ..mesh.trimesh import TriMesh, join
-from ..mesh.vectors import cross_rows
 from ..skeleton import Skeleton
 from .anatomy import Anatomy
 from .lines import Seats, seat_at, share_of, stand_on

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...rng import daughter_keys, keyed_normal, keyed_uniform
+from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
+from ...base.runs import Runs, bounds
 from ...spec import Siblings
-from ..mesh.runs import Runs, bounds
 from .anatomy import GROUND
 from .courses import foot_frames, lay, lay_sloping, slopes, walk
 from .fitted import Habit, radius_at_seat

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...rng import keyed_normal
+from ...base.rng import keyed_normal
 from ...spec import Siblings
 from .allometry import (
     ALLOMETRY,

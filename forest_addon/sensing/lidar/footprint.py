@@ -20,7 +20,7 @@ from functools import cache
 import numpy as np
 from scipy.special import xlogy
 
-from ...rng import keyed_uniform
+from ...base.rng import keyed_uniform
 from ...spec import Beam
 from .scanner import Pulses
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...rng import keyed_normal, keyed_uniform
+from ...base.rng import keyed_normal, keyed_uniform
 from ...spec import Noise
 
 STEEPEST = 1e3  # tan of the angle of incidence; a surface seen edge on has no end of it

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...growth.mesh.trimesh import LEAF
-from ...rng import daughter_keys, keyed_uniform
+from ...base.rng import daughter_keys, keyed_uniform
+from ...base.trimesh import LEAF
 from ...spec import Surfaces
 from ..rays.caster import Hits, RayCaster
 from .returns import organs

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...growth.mesh.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD
+from ...base.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD
 from ...spec import Scanner, SpecError, Surfaces
 from ..rays.caster import Hits
 from ..rays.geometry import SceneGeometry

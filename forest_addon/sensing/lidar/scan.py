@@ -16,8 +16,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...growth.mesh.trimesh import LEAF
-from ...rng import daughter_keys, first_key
+from ...base.rng import daughter_keys, first_key
+from ...base.trimesh import LEAF
 from ..rays.caster import RayCaster, hit_normals
 from . import noise, patches
 from .cloud import Cloud, Lost, join

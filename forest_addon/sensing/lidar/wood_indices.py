@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...growth.mesh.trimesh import is_wood
+from ...base.trimesh import is_wood
 from ...spec import Tractor
 from .tractor import TractorScan
 

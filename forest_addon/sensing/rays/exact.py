@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...growth.mesh.trimesh import TriMesh
+from ...base.trimesh import TriMesh
 from .caster import Hits
 from .geometry import SceneGeometry
 

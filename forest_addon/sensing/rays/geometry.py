@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...growth.mesh.trimesh import LEAF, TriMesh
+from ...base.trimesh import LEAF, TriMesh
 from .boxes import morton
 
 PIECES = 64  # boxes that a mesh is bounded by

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...growth.mesh.trimesh import TriMesh
+from ...base.trimesh import TriMesh
 from .boxes import WIDER, Box, inverse, morton, slabs
 
 COUNT = 16  # hulls of a mesh

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...growth.mesh.trimesh import TriMesh
+from ...base.trimesh import TriMesh
 from .geometry import SceneGeometry
 
 ROWS = 8192  # at a time: what is in work stays in the cache

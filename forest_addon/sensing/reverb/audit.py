@@ -16,12 +16,13 @@ from scipy import fft
 
 from ...spec import Air, Reverb
 from ..audit import Audit, sample
-from .fast_scattering import Expansions
-from .losses import Losses, Stand
+from .band import SPREAD
+from .forest.losses import Losses, Stand
 from .response import ImpulseResponse
-from .scattering import RINGING, SPREAD, TrunkPaths, exact_ringing, transform_length, trunk_paths
-from .slices import Trunks
-from .tree_response import FINEST, THICK, direct_sum
+from .sums.fast_scattering import Expansions
+from .sums.scattering import RINGING, TrunkPaths, exact_ringing, transform_length, trunk_paths
+from .sums.tree_response import FINEST, THICK, direct_sum
+from .trunks.slices import Trunks
 
 LEAST, MOST = 20, 200  # trunks at a time
 PACE = 2e-7  # s of a trunk at a frequency

@@ -19,8 +19,8 @@ from scipy.spatial import KDTree
 
 from ...acoustics.multiple import LARGEST, scattered_field, unknowns
 from ...spec import Air
-from .scattering import trunk_paths
-from .slices import Trunks
+from .sums.scattering import trunk_paths
+from .trunks.slices import Trunks
 
 Progress = Callable[[int, int], None]
 FREQUENCIES = 1000.0 * 2.0 ** (np.arange(-12, 4) / 3)  # Hz, thirds of an octave from 62.5 to 2000

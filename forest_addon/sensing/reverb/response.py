@@ -35,23 +35,23 @@ import numpy as np
 from scipy import fft
 
 from ...acoustics.ground import SURFACES, spherical_reflection, surface_impedance
-from ...rng import stream
+from ...base.rng import stream
 from ...spec import Air, Reverb
 from ..rays.caster import RayCaster
 from .arrivals import Gain, arrival, lines_of_sight
-from .continuation import Field, continuation
 from .directivity import OMNI, Directivity, Term
 from .ends import Ends, ends_of
-from .fast_scattering import Expansions
-from .losses import Losses
+from .forest.losses import Losses
+from .forest.surroundings import BARE, Canopy, Surroundings, surroundings
+from .forest.tail import FADE, tail_of
 from .model_error import ModelError, model_error
-from .record import record_length
-from .scattering import trunk_paths
-from .slices import Trunks
-from .surroundings import BARE, Canopy, Surroundings, surroundings
-from .tail import FADE, tail_of
-from .tree_response import NEAREST, TreeResponse, tree_response
-from .weak import weak_between
+from .sums.fast_scattering import Expansions
+from .sums.record import record_length
+from .sums.scattering import trunk_paths
+from .sums.tree_response import NEAREST, TreeResponse, tree_response
+from .sums.weak import weak_between
+from .trunks.continuation import Field, continuation
+from .trunks.slices import Trunks
 
 Progress = Callable[[int, int], None]
 TrunksBetween = Callable[[np.ndarray, np.ndarray], Trunks]  # by source and receiver

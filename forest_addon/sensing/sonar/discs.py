@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.trimesh import TriMesh
 from ...growth.mesh.leaves import pieces_of
-from ...growth.mesh.trimesh import TriMesh
 from ..rays.geometry import SceneGeometry, apply_transform
 
 SIMILAR = 1e-6  # a rotation with a scale, but for the float32 that Blender keeps it in

@@ -20,7 +20,7 @@ from typing import ClassVar
 import numpy as np
 
 from ...acoustics.smoothness import Profile
-from ...growth.mesh.trimesh import TriMesh, is_wood
+from ...base.trimesh import TriMesh, is_wood
 from ...growth.template.pieces import part
 from .clusters import cluster
 from .scatterers import (

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...growth.mesh.trimesh import TriMesh
+from ...base.trimesh import TriMesh
 from ..rays.caster import RayCaster
 from .discs import own_pieces
 from .scatterers import LEAF, Rows

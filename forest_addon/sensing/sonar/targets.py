@@ -13,8 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...growth.mesh.trimesh import LEAF as LEAF_PART
-from ...growth.mesh.trimesh import TriMesh
+from ...base.trimesh import LEAF as LEAF_PART
+from ...base.trimesh import TriMesh
 from ...spec import Sonar
 from ..rays.geometry import SceneGeometry
 from .discs import Foliage, LeafDiscs

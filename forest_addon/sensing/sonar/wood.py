@@ -23,7 +23,7 @@ import numpy as np
 
 from ...acoustics.cylinder import scattering_sum
 from ...acoustics.smoothness import Profile
-from ...growth.mesh.trimesh import TriMesh, is_wood
+from ...base.trimesh import TriMesh, is_wood
 from ...growth.template.centreline import find_centrelines
 from ...growth.template.pieces import part
 from .clusters import cluster

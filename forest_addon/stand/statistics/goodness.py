@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...rng import stream
+from ...base.rng import stream
 from ...spec import Forest, Scene
 from ..compose import corners_of, process_of
 from ..inputs import Inputs

@@ -17,7 +17,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
-from ...rng import stream
+from ...base.rng import stream
 from .window import Window
 
 MAX_HILLS = 12

@@ -14,24 +14,24 @@ from typing import Any, ClassVar
 
 import bpy
 
+from ...base.places import ASSETS
 from ...blender.jobs import Task, Work
-from ...blender.sensors import sensors_of
+from ...blender.sensors.objects import sensors_of
 from ...spec import Scene
-from ..assets import ASSETS
-from ..exchange import forestless, to_spec
-from ..running import InOwnScene, Working, getting_ready
-from ..scene_file import take_scene
+from ..settings.exchange import forestless, to_spec
+from ..shell.running import InOwnScene, Working, getting_ready
+from ..shell.views import look_at
+from ..shell.words import say
 from ..species.edit import edited_species, load
-from ..views import look_at
-from ..words import say
 from . import live
+from .scene_file import take_scene
 
 DEMO = ASSETS / "scenes" / "demo.toml"
 
 
 def _import_rooms(_tell: Any) -> None:
-    from ...blender import forest, inputs  # noqa: F401
-    from ...formats import stand_files  # noqa: F401
+    from ...blender.read import inputs  # noqa: F401
+    from ...stand import files as stand_files  # noqa: F401
     from ..results import finding  # noqa: F401
 
 
@@ -44,10 +44,10 @@ class FOREST_OT_build(Working, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> Work:
         started, scene = time.perf_counter(), context.scene
         yield getting_ready(_import_rooms)
-        from ...blender.forest import build
-        from ...blender.inputs import inputs_from_scene
-        from ...formats.stand_files import read_inputs
+        from ...blender.read.inputs import inputs_from_scene
+        from ...blender.scene.forest import build
         from ...formats.toml_file import read_settings
+        from ...stand.files import read_inputs
         from ...stand.forest import grow_forest
         from ..results.finding import keep_forest
 

@@ -14,8 +14,8 @@ from typing import Any, ClassVar
 import bpy
 import bpy.utils.previews
 
-from ..assets import ASSETS
-from ..words import keep, label
+from ...base.places import ASSETS
+from ..shell.words import keep, label
 
 PREVIEWS = ASSETS / "previews"
 ACROSS = 3  # cards in a row

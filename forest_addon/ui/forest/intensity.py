@@ -14,7 +14,7 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 
 from ...spec import Scene, SpecError
-from .. import exchange
+from ..settings import exchange
 
 CELLS = 96  # of the intensity along the longer side of the field
 LIFT = 0.05  # m above the ground, so that the two do not flicker
@@ -83,9 +83,9 @@ def _takes_from_scene(settings: Scene) -> bool:
 
 
 def _batch_of(settings: Scene, folder: Path, depsgraph: bpy.types.Depsgraph) -> Any:
-    from ...blender.inputs import inputs_from_scene
-    from ...formats.stand_files import read_inputs
+    from ...blender.read.inputs import inputs_from_scene
     from ...stand.compose import corners_of, process_of
+    from ...stand.files import read_inputs
 
     try:
         inputs = inputs_from_scene(settings, depsgraph, read_inputs(settings, folder))

@@ -7,10 +7,10 @@ from typing import Any
 
 import bpy
 
-from ..chosen import chosen_planting
-from ..lists import Listed, Row, buttons, rows
-from ..species.names import EDITED, title_of
-from ..words import keep, label
+from ..settings.lists import Listed, Row, buttons, rows
+from ..shell.chosen import chosen_planting
+from ..shell.names import EDITED, title_of
+from ..shell.words import keep, label
 
 Context = bpy.types.Context
 

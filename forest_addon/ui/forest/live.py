@@ -19,10 +19,10 @@ import bpy
 import numpy as np
 
 from ...blender.jobs import Job
-from .. import exchange
-from ..running import PROBLEMS, current, obstacle, stop
+from ..settings import exchange
+from ..shell.running import PROBLEMS, current, obstacle, stop
+from ..shell.views import region_of
 from ..species.edit import edited_species
-from ..views import region_of
 
 QUIET = 0.4  # s without a change before anything is done
 LOOK = 0.1  # s between two looks at what is under way
@@ -86,7 +86,7 @@ def fingerprint(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> str:
     ------
     SpecError : a setting that cannot be used, or an object that is not there.
     """
-    from ...blender.inputs import read_places
+    from ...blender.read.inputs import read_places
 
     settings = exchange.to_spec(scene, [])
     folder = bpy.path.abspath(scene.forest_sensing.folder)
@@ -149,14 +149,14 @@ def _kept_digest(what: tuple[str, str], holder: str, make: Callable[[], str]) ->
 
 
 def _of_terrain(name: str, depsgraph: bpy.types.Depsgraph) -> str:
-    from ...blender.inputs import read_terrain
+    from ...blender.read.inputs import read_terrain
 
     surface = read_terrain(name, depsgraph).surface
     return _digest(surface.vertices, surface.triangles)
 
 
 def _of_painted(name: str, depsgraph: bpy.types.Depsgraph, where: str) -> str:
-    from ...blender.inputs import read_painted
+    from ...blender.read.inputs import read_painted
 
     painted = read_painted(name, depsgraph, where)
     return _digest(painted.vertices, painted.triangles, painted.weight)

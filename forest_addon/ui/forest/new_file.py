@@ -12,9 +12,9 @@ from typing import ClassVar
 import bpy
 
 from ...blender.jobs import Work
-from ..running import Working, current
-from ..views import look_at, open_tab, region_of, views
-from ..words import say
+from ..shell.running import Working, current
+from ..shell.views import look_at, open_tab, region_of, views
+from ..shell.words import say
 from .build import FOREST_OT_build
 from .gallery import words_of
 from .start import draw_presets, take
@@ -75,7 +75,7 @@ class FOREST_OT_furnish(Working, bpy.types.Operator):
             area.spaces.active.show_region_ui = True
         if scene.forest_sensing.plantings or scene.forest_sensing.stems:
             sentence = yield from FOREST_OT_build.work(self, context)
-        from ...blender.preview import lay_lawn, set_stage
+        from ...blender.show.preview import lay_lawn, set_stage
 
         field = scene.forest_sensing.forest
         low, size = tuple(field.origin), tuple(field.size)

@@ -12,13 +12,13 @@ from typing import Any, ClassVar
 import bpy
 
 from ... import spec
-from ...blender.layout import INTENSITY, part
-from .. import exchange
-from ..chosen import chosen_planting
-from ..running import LINKED, PROBLEMS, in_words
-from ..selection import select
-from ..views import see_through
-from ..words import say
+from ...blender.scene.layout import INTENSITY, part
+from ..settings import exchange
+from ..shell.chosen import chosen_planting
+from ..shell.running import LINKED, PROBLEMS, in_words
+from ..shell.selection import select
+from ..shell.views import see_through
+from ..shell.words import say
 
 NAME = "Canvas"
 PAINTING = "PAINT_WEIGHT"
@@ -43,7 +43,7 @@ def _put_away(*_: object) -> None:
     global _in_hand
     if not _in_hand or bpy.context.mode == PAINTING:
         return
-    from ...blender.canvas import CANVAS_KEY, put_away
+    from ...blender.show.canvas import CANVAS_KEY, put_away
 
     thing = bpy.data.objects.get(_in_hand)
     _in_hand = ""
@@ -73,7 +73,7 @@ class FOREST_OT_paint(bpy.types.Operator):
         return not reason
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ...blender.canvas import layer_of, take_up
+        from ...blender.show.canvas import layer_of, take_up
 
         global _in_hand
         if context.mode == PAINTING:
@@ -98,7 +98,7 @@ class FOREST_OT_paint(bpy.types.Operator):
 
     def _canvas(self, context: bpy.types.Context) -> bpy.types.Object:
         """The scene's canvas, laid over the field as it is now."""
-        from ...blender import canvas
+        from ...blender.show import canvas
 
         props = context.scene.forest_sensing
         field = exchange.read(props.forest, spec.Forest, "forest")
@@ -111,8 +111,8 @@ class FOREST_OT_paint(bpy.types.Operator):
 
 def _terrain(context: bpy.types.Context, field: spec.Forest, folder: Path) -> Any:
     """The ground that the forest would be planted on now."""
-    from ...blender.inputs import read_terrain
-    from ...formats import stand_files
+    from ...blender.read.inputs import read_terrain
+    from ...stand import files as stand_files
     from ...stand.intensity.terrain import Flat
 
     if field.terrain.object:

@@ -6,9 +6,7 @@ from typing import Any, ClassVar
 
 import bpy
 
-from .. import requirements
-from ..chosen import chosen
-from ..drawing import (
+from ..settings.drawing import (
     BIG,
     Tab,
     WithForest,
@@ -18,11 +16,13 @@ from ..drawing import (
     is_shown,
     split,
 )
-from ..exchange import forestless
-from ..lists import draw_list
-from ..migration import draw_notice
-from ..running import current, how_far
-from ..words import label
+from ..settings.exchange import forestless
+from ..settings.lists import draw_list
+from ..settings.migration import draw_notice
+from ..shell import requirements
+from ..shell.chosen import chosen
+from ..shell.running import current, how_far
+from ..shell.words import label
 from . import live
 from .painting import PAINTING
 

@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import bpy
 
-from ..assets import ASSETS
-from ..running import PROBLEMS, WhenReady, in_words
-from ..words import label, say
+from ...base.places import ASSETS
+from ..shell.running import PROBLEMS, WhenReady, in_words
+from ..shell.words import label, say
 from .gallery import GALLERY, icon_of, words_of
 
 SCENES = ASSETS / "scenes"
@@ -118,8 +118,8 @@ def take(scene: bpy.types.Scene, preset: str, keep_sensors: bool = False) -> str
     SpecError : there is no such preset, or its file cannot be used; nothing is changed.
     """
     from ... import spec
-    from ..exchange import from_spec
-    from ..scene_file import open_scene
+    from ..settings.exchange import from_spec
+    from .scene_file import open_scene
 
     if preset:
         return open_scene(scene, SCENES / f"{preset}.toml", keep_sensors)

@@ -14,9 +14,9 @@ import bpy
 from bpy_extras.object_utils import AddObjectHelper, object_data_add
 
 from ...spec import Species
-from ..running import PROBLEMS, WhenReady, in_words
+from ..shell.running import PROBLEMS, WhenReady, in_words
+from ..shell.words import say
 from ..species import pictures
-from ..words import say
 
 LEAFY = "maple"  # what grows first
 SHAPE_OF = "forest_shape_of"  # on a mesh: the species that it has the shape of by now
@@ -192,11 +192,11 @@ def _grow(
     ------
     SpecError, ValueError, OSError : there is no such species, or it cannot be grown.
     """
-    from ...blender import materials
-    from ...blender.meshes import to_mesh
-    from ...growth.mesh.trimesh import LEAF
+    from ...base.rng import stream
+    from ...base.trimesh import LEAF
+    from ...blender.scene import materials
+    from ...blender.scene.meshes import to_mesh
     from ...growth.tree import grow
-    from ...rng import stream
     from ..species.edit import edited_species, load
 
     folder = Path(bpy.path.abspath(context.scene.forest_sensing.folder))

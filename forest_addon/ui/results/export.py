@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 import bpy
 from bpy_extras.io_utils import ExportHelper
 
-from ...blender.layout import RESULTS, find_part
-from ...blender.ours import is_ours
-from ...blender.sensors import file_name
-from ..running import PROBLEMS, in_words
-from ..words import say
+from ...blender.scene.layout import RESULTS, find_part
+from ...blender.scene.ours import is_ours
+from ...blender.sensors.objects import file_name
+from ..shell.running import PROBLEMS, in_words
+from ..shell.words import say
 from . import frames
 from .held import find, labels_of, let_go
 from .show import heard_of
@@ -28,7 +28,7 @@ WORDS = {
 
 
 def _endings(found: Any) -> tuple[str, ...]:
-    from ...formats.export import formats_of
+    from ...results.export import formats_of
 
     return formats_of(found)
 
@@ -97,8 +97,8 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
                 self.layout.prop(props, "dry", text="")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ...formats.export import write_as
         from ...formats.wav import write_wav
+        from ...results.export import write_as
 
         found = find(context.scene, self.result)
         if found is None:

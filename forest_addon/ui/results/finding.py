@@ -12,12 +12,13 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...blender.cloud import show_cloud, show_heard
-from ...blender.layout import RESULTS, part
-from ...blender.legend import Entry, legend_of, legend_of_heard
-from ...blender.sound import give_sound
-from ...formats.figures import Figure, Finding, figures_of, loudest, of_forest, strongest
-from ...formats.labels import Labels, labels_by_material, labels_by_object, labels_by_species
+from ...base.labels import Labels
+from ...blender.scene.layout import RESULTS, part
+from ...blender.show.cloud import show_cloud, show_heard
+from ...blender.show.legend import Entry, legend_of, legend_of_heard
+from ...blender.show.sound import give_sound
+from ...results.figures import Figure, Finding, figures_of, loudest, of_forest, strongest
+from ...results.labels import labels_by_material, labels_by_object, labels_by_species
 from ...sensing.audit import Audit
 from ...sensing.lidar.cloud import Cloud
 from ...sensing.lidar.tractor import TractorScan, to_cloud
@@ -27,9 +28,9 @@ from ...sensing.sonar.flight import Flight
 from ...sensing.sonar.ping import Echo
 from ...spec import Scene, Sensor
 from ...stand.forest import Forest
-from ..exchange import forestless
-from ..selection import show
-from ..words import Kept, keep, say
+from ..settings.exchange import forestless
+from ..shell.selection import show
+from ..shell.words import Kept, keep, say
 from . import frames, images, plots
 from .held import hold
 
@@ -130,9 +131,7 @@ def save_finding(
     ------
     OSError : it cannot be written.
     """
-    from ...formats.findings import (
-        write_finding,  # brings in laspy, which showing a result does not need
-    )
+    from ...results.findings import write_finding
 
     path = write_finding(folder, sensor, found, offset)[0]
     context.scene.forest_sensing.results[name].file = str(path)

@@ -13,7 +13,7 @@ from typing import Any
 
 import bpy
 
-from ...blender.layout import CLOUD_KEY, FRAME_KEY
+from ...blender.scene.layout import CLOUD_KEY, FRAME_KEY
 
 Kept = tuple[int, bpy.types.Mesh | None, bpy.types.Image | None, str]
 

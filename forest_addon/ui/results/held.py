@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import bpy
 
 if TYPE_CHECKING:
-    from ...formats.figures import Finding
-    from ...formats.labels import Labels
+    from ...base.labels import Labels
+    from ...results.figures import Finding
     from ...spec import Sensor
 
     Held = tuple[Sensor, Finding, tuple[float, float, float]]

@@ -16,7 +16,7 @@ import bpy
 import imbuf
 import numpy as np
 
-from ...blender.ours import ROLE_KEY, by_role, own
+from ...blender.scene.ours import ROLE_KEY, by_role, own
 from .plots import Axis, Plot, Strip
 
 LEFT, RIGHT, BELOW, ABOVE = 96, 28, 66, 38  # pixels around strips; ABOVE each for its title

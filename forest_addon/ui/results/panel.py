@@ -6,11 +6,11 @@ from typing import Any
 
 import bpy
 
-from ...blender.cloud_nodes import is_measure
-from ...blender.layout import COLOUR_BY, COLOUR_MAP, RADIUS, SHARE
-from ...blender.nodes import chosen_input, drawn_input, has_input
-from ..drawing import ICONS, OnceStarted, split
-from ..words import label, label_of_kept
+from ...blender.scene.layout import COLOUR_BY, COLOUR_MAP, RADIUS, SHARE
+from ...blender.scene.nodes import chosen_input, drawn_input, has_input
+from ...blender.show.cloud_nodes import is_measure
+from ..settings.drawing import ICONS, OnceStarted, split
+from ..shell.words import label, label_of_kept
 from .swatches import draw_legend
 
 

@@ -17,7 +17,7 @@ from ...sensing.reverb import metrics
 from ...sensing.reverb.response import ImpulseResponse
 from ...sensing.sonar.flight import Flight
 from ...spec import Scanner, Terrestrial
-from ..words import label
+from ..shell.words import label
 
 WIDE, HIGH = 1100, 300  # pixels of one strip
 DEPTH_DB = 80.0

@@ -15,7 +15,7 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 from mathutils import Matrix
 
-from ...blender.layout import CLOUD_KEY, RESULTS, find_part
+from ...blender.scene.layout import CLOUD_KEY, RESULTS, find_part
 
 NEARER = 2e-4  # in depth, of the view's: points lie on surfaces, and would be half hidden by them
 GAMMA = 1 / 2.2  # colours are linear, the screen's are not

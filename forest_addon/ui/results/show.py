@@ -8,10 +8,10 @@ from typing import Any, ClassVar
 import bpy
 import numpy as np
 
-from ..running import PROBLEMS, in_words
-from ..selection import select
-from ..views import region_of
-from ..words import say
+from ..shell.running import PROBLEMS, in_words
+from ..shell.selection import select
+from ..shell.views import region_of
+from ..shell.words import say
 
 EARS = 2  # channels that are played; files have all
 
@@ -83,9 +83,9 @@ def heard_of(scene: bpy.types.Scene, name: str) -> tuple[np.ndarray, float] | No
     ------
     SpecError : the file of the dry sound cannot be used.
     """
-    from ...blender.sound import sound_of as speaker_sound
-    from ...formats.dry_sounds import PEAK_DB, wet_sound
-    from ...formats.echo_files import sound_of
+    from ...blender.show.sound import sound_of as speaker_sound
+    from ...results.dry_sounds import PEAK_DB, wet_sound
+    from ...results.echo_files import sound_of
     from ...sensing.reverb.auralise import normalised
     from ...sensing.reverb.response import ImpulseResponse, channels_of
     from ...sensing.sonar.flight import Flight

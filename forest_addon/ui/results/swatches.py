@@ -11,7 +11,7 @@ import bpy
 import bpy.utils.previews
 import numpy as np
 
-from ...blender.cloud_nodes import on_map
+from ...blender.show.cloud_nodes import on_map
 
 SIDE = 32  # pixels of an icon
 EDGE = 4  # of these, left free around it

@@ -7,13 +7,13 @@ from typing import ClassVar
 import bpy
 from mathutils import Vector
 
-from ...blender import sensors
-from ...blender.layout import RESULTS, find_part
-from ...blender.standings import SOLID_TYPES
-from ..chosen import choose_sensor, chosen_sensor
-from ..exchange import add_sensor
-from ..running import InOwnScene
-from ..words import say
+from ...blender.scene.layout import RESULTS, find_part
+from ...blender.scene.standings import SOLID_TYPES
+from ...blender.sensors import objects as sensors
+from ..settings.exchange import add_sensor
+from ..shell.chosen import choose_sensor, chosen_sensor
+from ..shell.running import InOwnScene
+from ..shell.words import say
 from .starts import STARTS, Around
 
 ABOVE = 0.5  # m that the 3D cursor may be below the ground that it is meant to be on

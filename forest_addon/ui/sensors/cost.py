@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ...blender import sensors
-from ..exchange import to_spec
-from ..running import duration
-from ..words import label
+from ...blender.sensors import objects as sensors
+from ..settings.exchange import to_spec
+from ..shell.running import duration
+from ..shell.words import label
 
 if TYPE_CHECKING:
-    from ...blender.cost import Cost
+    from ...blender.sensors.cost import Cost
 
 LONG = 60.0  # s; what takes longer is asked about
 LARGE = 2e9  # bytes; the same
@@ -29,8 +29,8 @@ def costs(context: bpy.types.Context, things: Iterable[bpy.types.Object]) -> lis
     ------
     SpecError, ValueError : settings that cannot be used.
     """
-    from ...blender.cost import cost_of
-    from ...blender.observe import Observer
+    from ...blender.sensors.cost import cost_of
+    from ...blender.sensors.observe import Observer
 
     home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
     found = []

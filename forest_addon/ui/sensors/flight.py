@@ -13,12 +13,12 @@ import bpy
 
 from ... import spec
 from ...blender.jobs import Task, Work
-from ...blender.layout import RESULTS, part
-from ..chosen import choose_sensor
-from ..drawing import BIG, OnceStarted, draw_settings, split
-from ..exchange import add_sensor, to_spec
-from ..running import InOwnScene, Working, getting_ready
-from ..words import say
+from ...blender.scene.layout import RESULTS, part
+from ..settings.drawing import BIG, OnceStarted, draw_settings, split
+from ..settings.exchange import add_sensor, to_spec
+from ..shell.chosen import choose_sensor
+from ..shell.running import InOwnScene, Working, getting_ready
+from ..shell.words import say
 
 FLYER_KEY = "forest_flyer"
 NAME = "Flyer"
@@ -91,7 +91,7 @@ class FOREST_OT_fly(Working, bpy.types.Operator):
         from pathlib import Path
 
         from ...api import World
-        from ...blender.trails import show_flights
+        from ...blender.show.trails import show_flights
         from ...flight.flying import fly
         from ...flight.policies import policy_of
         from ...flight.senses import LIDAR, SONAR, Ears, Lidar

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import bpy
 
 from ... import spec
-from ...blender import sensors
-from ..chosen import chosen_sensor
-from ..words import label, say
+from ...blender.sensors import objects as sensors
+from ..shell.chosen import chosen_sensor
+from ..shell.words import label, say
 
 if TYPE_CHECKING:
     from ...formats.scanner_file import ScannerFile

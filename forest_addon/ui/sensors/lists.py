@@ -9,12 +9,12 @@ from typing import Any
 
 import bpy
 
-from ...blender.sensors import kind_of
-from .. import references
-from ..chosen import chosen_sensor
-from ..drawing import ICONS
-from ..lists import Listed, Row, buttons, rows
-from ..words import keep
+from ...blender.sensors.objects import kind_of
+from ..settings import references
+from ..settings.drawing import ICONS
+from ..settings.lists import Listed, Row, buttons, rows
+from ..shell.chosen import chosen_sensor
+from ..shell.words import keep
 
 Context = bpy.types.Context
 

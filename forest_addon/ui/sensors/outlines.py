@@ -11,10 +11,10 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
-from ...blender.sensors import kind_of, sensors_of
+from ...blender.sensors.objects import kind_of, sensors_of
 from ...spec import SpecError
-from .. import exchange
-from ..chosen import chosen_sensor
+from ..settings import exchange
+from ..shell.chosen import chosen_sensor
 
 LIDAR = (0.35, 0.75, 1.0, 0.8)
 COLOURS = {

@@ -7,12 +7,12 @@ from typing import Any, ClassVar
 import bpy
 
 from ... import spec
-from ...blender import sensors
-from .. import references
-from ..chosen import chosen, chosen_sensor
-from ..drawing import BIG, OnceStarted, draw_settings, folded, split
-from ..lists import draw_list
-from ..words import keep, label
+from ...blender.sensors import objects as sensors
+from ..settings import references
+from ..settings.drawing import BIG, OnceStarted, draw_settings, folded, split
+from ..settings.lists import draw_list
+from ..shell.chosen import chosen, chosen_sensor
+from ..shell.words import keep, label
 from .instruments import draw_instrument
 from .things import seen_thing
 

@@ -11,23 +11,23 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import bpy
 
-from ...blender import sensors
 from ...blender.jobs import Task, Work
-from ...blender.standings import may_be_met
+from ...blender.scene.standings import may_be_met
+from ...blender.sensors import objects as sensors
 from ...spec import SpecError
-from ..exchange import to_spec
-from ..preferences import expansions, rays_of
-from ..running import PROBLEMS, WhenReady, Working, getting_ready, in_words
-from ..words import label, say
+from ..settings.exchange import to_spec
+from ..settings.preferences import expansions, rays_of
+from ..shell.running import PROBLEMS, WhenReady, Working, getting_ready, in_words
+from ..shell.words import label, say
 from .cost import chosen_things, costs, is_large
 from .cost import in_words as in_short
 
 if TYPE_CHECKING:
-    from ...blender.cost import Cost
+    from ...blender.sensors.cost import Cost
 
 
 def _import_rooms(_tell: Any) -> None:
-    from ...blender import cost, observe  # noqa: F401
+    from ...blender.sensors import cost, observe  # noqa: F401
     from ..results import finding  # noqa: F401
 
 
@@ -168,8 +168,8 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         ahead: Ahead,
     ) -> Work:
         """Run these sensors in the scene of one frame, None: as it is, of which nothing is numbered."""
-        from ...blender.cost import note_pace
-        from ...blender.observe import Observer
+        from ...blender.sensors.cost import note_pace
+        from ...blender.sensors.observe import Observer
         from ...stand.plan import labels
         from ..results import frames
         from ..results.finding import keep_finding, note_audit, save_finding

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ... import spec
-from ..words import keep
+from ..shell.words import keep
 
 Point = tuple[float, float, float]
 

@@ -11,8 +11,8 @@ from typing import Any
 import bpy
 
 from ... import spec
-from ...blender import sensors
-from ...blender.standings import IGNORED_KEY, REFLECTANCE_KEY, SOLID_TYPES
+from ...blender.scene.standings import IGNORED_KEY, REFLECTANCE_KEY, SOLID_TYPES
+from ...blender.sensors import objects as sensors
 
 OTHERWISE = spec.Surfaces().other  # reflectance that an object's own starts with
 

@@ -17,13 +17,13 @@ import bpy
 from bpy_extras.io_utils import ExportHelper
 
 from ... import spec
-from .. import exchange
-from ..assets import ASSETS
-from ..chosen import chosen_planting
-from ..preferences import species_folder
-from ..running import LINKED, PROBLEMS, in_words
-from ..words import say
-from .names import EDITED, title_of
+from ...base.places import ASSETS
+from ..settings import exchange
+from ..settings.preferences import species_folder
+from ..shell.chosen import chosen_planting
+from ..shell.names import EDITED, title_of
+from ..shell.running import LINKED, PROBLEMS, in_words
+from ..shell.words import say
 from .pictures import refresh
 
 Edited = Mapping[str, tuple[spec.Species, Path]]  # by what plantings call it; where its files are
@@ -48,7 +48,7 @@ def load(name: str, folder: Path, edited: Edited) -> Any:
     ------
     SpecError : there is no such species, or it cannot be used.
     """
-    from ...formats.species_file import complete_species, find_species, load_species
+    from ...growth.library.species_file import complete_species, find_species, load_species
 
     if name in edited:
         species, home = edited[name]
@@ -118,8 +118,8 @@ class FOREST_OT_edit_species(_OfSpecies, bpy.types.Operator):
     of_edited = False
 
     def change(self, scene: bpy.types.Scene) -> str:
-        from ...formats.species_file import find_species
         from ...formats.toml_file import read_settings
+        from ...growth.library.species_file import find_species
 
         props = scene.forest_sensing
         planting = chosen_planting(props)

@@ -10,11 +10,11 @@ import bpy
 from bpy_extras.io_utils import ImportHelper
 
 from ...blender.jobs import Task, Work
-from ...blender.sensors import file_name
+from ...blender.sensors.objects import file_name
 from ...spec import SpecError
-from ..preferences import species_folder
-from ..running import PROBLEMS, WhenReady, Working, in_words
-from ..words import say
+from ..settings.preferences import species_folder
+from ..shell.running import PROBLEMS, WhenReady, Working, in_words
+from ..shell.words import say
 from .pictures import refresh
 
 OF_LEAVES = ("leaf", "leaves", "foliage")  # within the name of the file that holds them
@@ -86,8 +86,8 @@ class FOREST_OT_make_species(Working, bpy.types.Operator):
     height: bpy.props.FloatProperty(name="Height", unit="LENGTH", options={"SKIP_SAVE"})
 
     def work(self, context: bpy.types.Context) -> Work:
-        from ...blender.tree_files import read_parts
-        from ...formats.template_library import check_name, make_library
+        from ...blender.files.tree_files import read_parts
+        from ...growth.library.template_library import check_name, make_library
 
         props = context.scene.forest_sensing
         wood, leaves = Path(self.wood), Path(self.leaves) if self.leaves else None

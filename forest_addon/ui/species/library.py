@@ -11,9 +11,9 @@ from typing import Any
 import bpy
 
 from ...blender.jobs import Task, Work
-from ..preferences import library_folder
-from ..running import Working, getting_ready
-from ..words import say
+from ..settings.preferences import library_folder
+from ..shell.running import Working, getting_ready
+from ..shell.words import say
 from .edit import edited_species, load
 
 NAME = "Forest Sensing"
@@ -21,7 +21,7 @@ SEED = 1
 
 
 def _import_rooms(_tell: Any) -> None:
-    from ...blender import library  # noqa: F401
+    from ...blender.library import build as library  # noqa: F401
 
 
 class FOREST_OT_make_library(Working, bpy.types.Operator):
@@ -36,7 +36,7 @@ class FOREST_OT_make_library(Working, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> Work:
         yield getting_ready(_import_rooms)
-        from ...blender.library import grow_exhibits, write_species
+        from ...blender.library.build import grow_exhibits, write_species
 
         props, out = context.scene.forest_sensing, library_folder()
         folder = Path(bpy.path.abspath(props.folder))

@@ -6,10 +6,10 @@ from typing import Any
 
 import bpy
 
-from ..chosen import chosen_planting
-from ..drawing import WithForest, draw_settings, folded, split
-from ..lists import draw_list
-from ..words import label
+from ..settings.drawing import WithForest, draw_settings, folded, split
+from ..settings.lists import draw_list
+from ..shell.chosen import chosen_planting
+from ..shell.words import label
 from .edit import edited_item
 
 GROWN = ("siblings", "rules", "honda", "crown")  # in place of the grammar

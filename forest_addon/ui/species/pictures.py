@@ -13,11 +13,11 @@ from typing import Any
 import bpy
 import bpy.utils.previews
 
-from ..assets import ASSETS
-from ..chosen import chosen_planting
-from ..preferences import species_folder
-from ..words import label, language
-from .names import title_of
+from ...base.places import ASSETS
+from ..settings.preferences import species_folder
+from ..shell.chosen import chosen_planting
+from ..shell.names import title_of
+from ..shell.words import label, language
 
 Choice = tuple[str, str, str, int, int]  # what a planting calls it, name, help, icon, number
 

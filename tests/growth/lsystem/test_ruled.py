@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from forest_addon.formats.species_file import find_species
+from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings, structure
+from forest_addon.growth.library.species_file import find_species
 from forest_addon.growth.lsystem.dialect import ABOP, read_commands
 from forest_addon.growth.lsystem.production import read_system
 from forest_addon.growth.lsystem.prune import prune_descending
@@ -15,7 +16,6 @@ from forest_addon.growth.lsystem.ruled import derive_rules
 from forest_addon.growth.lsystem.walk import walk
 from forest_addon.growth.lsystem.word import GrammarError
 from forest_addon.growth.species import skeleton_of
-from forest_addon.rng import stream
 from forest_addon.spec import Grammar, Leaf, Rules, SpecError, Species
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from references.measured import FOUND, needs_measurements
 
-from forest_addon.formats.allometry_file import (
+from forest_addon.base.rng import stream
+from forest_addon.growth.library.allometry_file import (
     FOLDER,
     allometry_names,
     read_allometry,
@@ -12,7 +13,6 @@ from forest_addon.formats.allometry_file import (
 )
 from forest_addon.growth.measured.allometry import MEASURES, band, draw, measures, scores
 from forest_addon.growth.measured.fit import KINDS, fit_kind
-from forest_addon.rng import stream
 from forest_addon.spec import SpecError
 
 NOTHING = np.nan

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.base.rng import stream
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.measured.collars import collared
 from forest_addon.growth.measured.measure import dbh_of
 from forest_addon.growth.measured.meet import grow_measured
@@ -14,7 +15,6 @@ from forest_addon.growth.measured.wanted import Wanted
 from forest_addon.growth.skeleton import LeafSites, Skeleton
 from forest_addon.growth.solid import volume_of
 from forest_addon.growth.tree import blade_of
-from forest_addon.rng import stream
 
 BRANCH = Skeleton(
     start=np.array([[0, 0, 0], [0, 0, 2], [0, 0, 2], [1, 0, 2.0]]),

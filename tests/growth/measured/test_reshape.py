@@ -5,13 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forest_addon.formats.species_file import ASSETS, complete_species, find_species, load_species
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import WOOD
+from forest_addon.growth.library.species_file import (
+    ASSETS,
+    complete_species,
+    find_species,
+    load_species,
+)
 from forest_addon.growth.measured.wanted import Wanted
 from forest_addon.growth.mesh.leaves import measure_leaves
-from forest_addon.growth.mesh.trimesh import WOOD
 from forest_addon.growth.tree import grow
 from forest_addon.growth.truth import tree_truth
-from forest_addon.rng import stream
 from forest_addon.spec import Siblings, SpecError
 
 WANTED = Wanted(0.2, 12.0, 5.0, 3.0, 60.0)

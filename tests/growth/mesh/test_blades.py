@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from forest_addon.base.trimesh import LEAF
 from forest_addon.growth.mesh.blades import (
     SHAPES,
     BladeError,
@@ -15,7 +16,6 @@ from forest_addon.growth.mesh.blades import (
     truth_of,
 )
 from forest_addon.growth.mesh.leaves import measure_leaves
-from forest_addon.growth.mesh.trimesh import LEAF
 from forest_addon.growth.skeleton import LeafSites
 
 
@@ -109,10 +109,10 @@ def test_a_leaf_of_the_users_own():
 
 def test_leaves_laid_behind_wood_are_the_joined_mesh():
     """To the last bit, with all that both know: coordinates, numbers, texture, orders and edges."""
+    from forest_addon.base.rng import stream
+    from forest_addon.base.trimesh import join
     from forest_addon.growth.mesh.meshing import mesh_wood
-    from forest_addon.growth.mesh.trimesh import join
     from forest_addon.growth.species import skeleton_of
-    from forest_addon.rng import stream
     from forest_addon.spec import Honda, Species
 
     skeleton, sites = skeleton_of(Species(name="one", honda=Honda()), stream(1, "laid"))

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
+from forest_addon.base.rng import stream
 from forest_addon.growth.mesh.cells import areas_by_cell, triangle_areas
-from forest_addon.rng import stream
 
 
 def clipped(polygon, axis, wall, above):

@@ -8,13 +8,13 @@ import pytest
 from references.own_trees import own_tree
 from scipy import stats
 
-from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.base.rng import daughter_keys, stream
+from forest_addon.base.trimesh import LEAF
 from forest_addon.growth.draw import draw_inclination
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.mesh.incline import turns
 from forest_addon.growth.mesh.leaves import measure_leaves
-from forest_addon.growth.mesh.trimesh import LEAF
 from forest_addon.growth.tree import grow
-from forest_addon.rng import daughter_keys, stream
 from forest_addon.spec import Inclination, Siblings, SpecError, Species, Template
 
 KEYS = daughter_keys(np.zeros(20_000, np.uint64), np.arange(20_000))

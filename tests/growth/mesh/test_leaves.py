@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from forest_addon.base.trimesh import LEAF, TriMesh, join
 from forest_addon.growth.mesh.blades import Blade, lay
 from forest_addon.growth.mesh.leaves import join_leaves, measure_leaves, no_leaves, separate_leaves
-from forest_addon.growth.mesh.trimesh import LEAF, TriMesh, join
 from forest_addon.growth.skeleton import LeafSites
 from forest_addon.sensing.sonar.discs import Foliage
 

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.mesh.outline import BANDS, SIDES, outline
-from forest_addon.growth.mesh.trimesh import LEAF, OTHER, WOOD, TriMesh
 from forest_addon.growth.tree import grow
-from forest_addon.rng import stream
 
 
 @pytest.mark.slow

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from references.model_tree import UP, Model, at, blade, line, tree, tube
 
+from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.formats.stl import read_stl
-from forest_addon.growth.mesh.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.growth.template import cut as template
 from forest_addon.growth.template.cut import TemplateError, split_tree
 from forest_addon.growth.template.recognise import recognise

@@ -10,7 +10,7 @@ from references.model_tree import Model, line, tree
 from references.own_trees import SPECIES, mothers_of, own_tree, sibling
 from scipy.spatial import cKDTree
 
-from forest_addon.growth.mesh.trimesh import LEAF, WOOD
+from forest_addon.base.trimesh import LEAF, WOOD
 from forest_addon.growth.template.anatomy import dissect
 from forest_addon.growth.template.courses import lay, lay_sloping, slopes, unbend, walk
 from forest_addon.growth.template.fitted import fit

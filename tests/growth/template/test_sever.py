@@ -10,14 +10,14 @@ from references.joined_tree import box_tree, remeshed
 from references.model_tree import Model, at, line, tree, tube
 from scipy.spatial import cKDTree
 
-from forest_addon.formats.species_file import find_species, load_species
+from forest_addon.base.rng import stream
+from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.mesh.meshing import mesh_wood
 from forest_addon.growth.skeleton import Skeleton
 from forest_addon.growth.template.cut import split_tree
 from forest_addon.growth.template.pieces import join_along, part
 from forest_addon.growth.template.recognise import LeanError, Recognition, TemplateError, recognise
 from forest_addon.growth.tree import grow
-from forest_addon.rng import stream
 
 
 def orders(parent: np.ndarray) -> np.ndarray:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from references.own_trees import SPECIES, own_tree, sibling
 
+from forest_addon.base.trimesh import WOOD
 from forest_addon.growth.likeness import compare
-from forest_addon.growth.mesh.trimesh import WOOD
 from forest_addon.growth.portrait import axes_of, insertion_angles, portray, trunk_radius
 from forest_addon.growth.template.fitted import fit
 from forest_addon.growth.template.relay import feet_of_leaves, hang_leaves, mesh_of

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from forest_addon.formats.stand_files import read_inputs
+from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.rng import stream
 from forest_addon.spec import Scene, SpecError
 from forest_addon.stand.compose import process_of
+from forest_addon.stand.files import read_inputs
 from forest_addon.stand.intensity.functions import Mixture
 from forest_addon.stand.plan import plan_stand
 from forest_addon.stand.poisson import sample

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from forest_addon.formats.species_file import ASSETS
-from forest_addon.formats.stand_files import read_inputs
+from forest_addon.base.places import ASSETS
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Scene
+from forest_addon.stand.files import read_inputs
 from forest_addon.stand.plan import plan_stand
 from headless.cli import main
 

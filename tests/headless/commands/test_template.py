@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from references.model_tree import tree
 
-from forest_addon.formats.species_file import load_species
 from forest_addon.formats.stl import read_stl, write_stl
+from forest_addon.growth.library.species_file import load_species
 from forest_addon.growth.template.unit import infer_unit
 from headless.cli import main
 

@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from headless.dataset.lock import only_one
 from tests.references.dataset_runs import PLAN, ROOT, bytes_of, children_of, command, run
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from forest_addon import spec
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.spec import SpecError
 from headless.dataset.ground import heights_of, terrain_of
 from headless.dataset.place import place_sensors

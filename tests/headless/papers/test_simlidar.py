@@ -8,11 +8,11 @@ import pytest
 pytest.importorskip("bpy")
 
 from forest_addon.growth.skeleton import Skeleton
-from headless.bench.exact_cones import first_hits
 from headless.cli import main
-from headless.papers import orchards, simlidar, simlidar_report
-from headless.papers.orchards import Orchard
-from headless.papers.simlidar_rows import Finding, TreeFinding, read_rows
+from headless.studies.bench.exact_cones import first_hits
+from headless.studies.papers import orchards, simlidar, simlidar_report
+from headless.studies.papers.orchards import Orchard
+from headless.studies.papers.simlidar_rows import Finding, TreeFinding, read_rows
 
 SMALL = [
     Orchard(iterations=2, trees=1, smallest=0.006),

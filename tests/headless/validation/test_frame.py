@@ -7,9 +7,9 @@ from types import ModuleType
 import pytest
 
 from forest_addon.spec import SpecError
-from headless.validation import run
-from headless.validation.comparison import Comparison, Interval, Picture
-from headless.validation.page import page_text, table_of
+from headless.studies.validation import run
+from headless.studies.validation.comparison import Comparison, Interval, Picture
+from headless.studies.validation.page import page_text, table_of
 
 
 def arguments(**given):
@@ -34,7 +34,7 @@ def subject(monkeypatch):
             Comparison("spread", "deg", None, Interval(20.0), None),
         ]
 
-    module = ModuleType("headless.validation.leaves")
+    module = ModuleType("headless.studies.validation.leaves")
     module.TITLE, module.SUMMARY, module.validate = "Leaves", "How they face.", validate
     monkeypatch.setitem(sys.modules, module.__name__, module)
     monkeypatch.setattr(run, "_module", lambda name: module if name == "leaves" else None)

@@ -7,8 +7,8 @@ import pytest
 from references.measured import FOUND, needs_measurements
 from scipy import stats
 
-from forest_addon.rng import stream
-from headless.validation.leaves import (
+from forest_addon.base.rng import stream
+from headless.studies.validation.leaves import (
     KINDS,
     beta_of,
     ellipsoidal,

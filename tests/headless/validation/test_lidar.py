@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from references.measured import FOUND, needs_measurements
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.spec import SpecError
-from headless.validation import lidar
-from headless.validation.plots import compare_own, counts, read_returns
-from headless.validation.stems import find_stems, ratios, read_plots, taubin
-from headless.validation.twigs import DIAMETERS, NONE, REAL
-from headless.validation.twigs import ratios as thicker
+from headless.studies.validation import lidar
+from headless.studies.validation.plots import compare_own, counts, read_returns
+from headless.studies.validation.stems import find_stems, ratios, read_plots, taubin
+from headless.studies.validation.twigs import DIAMETERS, NONE, REAL
+from headless.studies.validation.twigs import ratios as thicker
 
 
 def test_a_circle_through_an_arc_is_found_again():

@@ -7,10 +7,16 @@ import pytest
 from scipy.io import wavfile
 
 from forest_addon.spec import SpecError
-from headless.validation import reverb, reverb_own
-from headless.validation.reverb_decay import decay_of, read_recording
-from headless.validation.reverb_ensemble import Ensemble, judge
-from headless.validation.reverb_stands import RANGES, Path, plausible_stands, settings, variants
+from headless.studies.validation import reverb, reverb_own
+from headless.studies.validation.reverb_decay import decay_of, read_recording
+from headless.studies.validation.reverb_ensemble import Ensemble, judge
+from headless.studies.validation.reverb_stands import (
+    RANGES,
+    Path,
+    plausible_stands,
+    settings,
+    variants,
+)
 
 RATE = 16e3
 BANDS = np.array([1000.0])

@@ -5,7 +5,7 @@ import pytest
 from references.measured import FOUND, needs_measurements
 
 from forest_addon.formats.tree_map import read_tree_map
-from headless.validation.stand import MAPS, judge, terrain
+from headless.studies.validation.stand import MAPS, judge, terrain
 
 
 @pytest.mark.slow

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from references.measured import FOUND, needs_measurements
 
-from forest_addon.rng import stream
-from headless.validation.trees import band_of, read_trees
+from forest_addon.base.rng import stream
+from headless.studies.validation.trees import band_of, read_trees
 
 
 def test_a_band_holds_ninety_in_a_hundred_of_the_trees_near_it():

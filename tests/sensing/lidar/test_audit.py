@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from references.rays_brute import BruteCaster
 
-from forest_addon.growth.mesh.trimesh import LEAF, TriMesh
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import LEAF, TriMesh
 from forest_addon.sensing.audit import Audit, sample
 from forest_addon.sensing.lidar.audit import audit_drive, audit_scan, ray_errors
 from forest_addon.sensing.lidar.scan import Scan

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from references.rays_brute import ray_parameters
 
-from forest_addon.growth.mesh.trimesh import OTHER, TriMesh
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import OTHER, TriMesh
 from forest_addon.growth.mesh.tubes import tube
-from forest_addon.rng import stream
 from forest_addon.sensing.rays.hulls import Hulls
 
 

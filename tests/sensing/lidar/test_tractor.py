@@ -5,7 +5,7 @@ import pytest
 from references.lidar_scenes import ground, scene_with, wall
 from references.rays_brute import BruteCaster
 
-from forest_addon.growth.mesh.trimesh import GROUND, WOOD
+from forest_addon.base.trimesh import GROUND, WOOD
 from forest_addon.sensing.lidar import tractor as driven
 from forest_addon.sensing.lidar.returns import ESCAPED
 from forest_addon.spec import Tractor

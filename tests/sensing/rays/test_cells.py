@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.sensing.rays.cells import Cells, walk
 
 

@@ -8,13 +8,13 @@ from hypothesis import HealthCheck, example, given
 from hypothesis import strategies as st
 from references.examples import examples
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.sensing.reverb.audit import audit_response, octave_errors
-from forest_addon.sensing.reverb.fast_scattering import Expansions
 from forest_addon.sensing.reverb.response import impulse_response
-from forest_addon.sensing.reverb.scattering import trunk_paths
-from forest_addon.sensing.reverb.slices import Trunks
-from forest_addon.sensing.reverb.tree_response import direct_sum
+from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
+from forest_addon.sensing.reverb.sums.scattering import trunk_paths
+from forest_addon.sensing.reverb.sums.tree_response import direct_sum
+from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air, Reverb
 
 AIR = Air()
@@ -46,7 +46,7 @@ def audit(trunks, sensor, made=None):
 @pytest.fixture
 def soon_fast(monkeypatch):
     """The fast sum also where the exact one would take no longer: so few trunks are compared with it."""
-    monkeypatch.setattr("forest_addon.sensing.reverb.tree_response.FEW_SUMMANDS", 0.0)
+    monkeypatch.setattr("forest_addon.sensing.reverb.sums.tree_response.FEW_SUMMANDS", 0.0)
 
 
 @pytest.mark.slow

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.sensing.reverb.ends import ends_of
 from forest_addon.sensing.reverb.response import impulse_response
-from forest_addon.sensing.reverb.slices import Trunks
+from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air, Place, Reverb, SpecError
 
 AIR = Air(sound_speed=343.0)

@@ -12,13 +12,14 @@ from references.reverb_direct import reverb_spectrum_direct
 
 from forest_addon.acoustics.air import absorption
 from forest_addon.acoustics.ground import spherical_reflection, surface_impedance
-from forest_addon.growth.mesh.trimesh import WOOD, TriMesh
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import WOOD, TriMesh
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.reverb import scattering
+from forest_addon.sensing.reverb.band import roll_off
 from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
-from forest_addon.sensing.reverb.scattering import roll_off, scattered_spectrum, trunk_paths
-from forest_addon.sensing.reverb.slices import Trunks
+from forest_addon.sensing.reverb.sums import scattering
+from forest_addon.sensing.reverb.sums.scattering import scattered_spectrum, trunk_paths
+from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air, Reverb
 
 AIR = Air(sound_speed=343.0)

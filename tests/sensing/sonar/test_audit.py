@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from references.echo_scenes import scene_of
 from references.examples import examples
 
-from forest_addon.growth.mesh.trimesh import LEAF, WOOD, TriMesh, join
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import LEAF, WOOD, TriMesh, join
 from forest_addon.growth.mesh.tubes import tube
-from forest_addon.rng import stream
 from forest_addon.sensing.sonar.audit import audit_echoes
 from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.sonar.station import Equipment

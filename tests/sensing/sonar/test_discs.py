@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.growth.mesh.leaves import measure_leaves
-from forest_addon.growth.mesh.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.sensing.rays.geometry import SceneGeometry, apply_transform
 from forest_addon.sensing.sonar.discs import leaf_discs
 

@@ -9,7 +9,7 @@ import pytest
 from references.echo_scenes import scene_of
 from references.facet_direct import triangle_direct
 
-from forest_addon.growth.mesh.trimesh import GROUND, OTHER, TriMesh
+from forest_addon.base.trimesh import GROUND, OTHER, TriMesh
 from forest_addon.sensing.sonar.ping import Echo, ping
 from forest_addon.sensing.sonar.targets import Targets
 from forest_addon.spec import Air, Sonar

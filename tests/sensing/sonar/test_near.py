@@ -11,7 +11,7 @@ from references.echo_scenes import scene_of
 from references.leaf_discs import discs_of
 
 from forest_addon.acoustics.disc import MODELS
-from forest_addon.growth.mesh.trimesh import OTHER, TriMesh
+from forest_addon.base.trimesh import OTHER, TriMesh
 from forest_addon.sensing.sonar.near import FAR
 from forest_addon.sensing.sonar.ping import Echo, ping
 from forest_addon.sensing.sonar.targets import Targets

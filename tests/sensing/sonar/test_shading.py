@@ -9,7 +9,7 @@ import pytest
 from references.echo_scenes import scene_of, square_leaves
 from references.rays_brute import BruteCaster
 
-from forest_addon.growth.mesh.trimesh import WOOD, TriMesh, join
+from forest_addon.base.trimesh import WOOD, TriMesh, join
 from forest_addon.sensing.sonar.ping import Echo, ping
 from forest_addon.sensing.sonar.poses import posed
 from forest_addon.sensing.sonar.shading import CELL, Extinction

@@ -15,7 +15,7 @@ from references.leaf_discs import discs_of
 from forest_addon.acoustics.disc import MODELS
 from forest_addon.acoustics.disc_exact import HardDisc
 from forest_addon.acoustics.disc_table import LAST, table_error, tabulated
-from forest_addon.growth.mesh.trimesh import OTHER, WOOD, TriMesh, join
+from forest_addon.base.trimesh import OTHER, WOOD, TriMesh, join
 from forest_addon.sensing.sonar.bands import Band
 from forest_addon.sensing.sonar.ping import LeafDiscs, heard_from, ping
 from forest_addon.sensing.sonar.poses import posed

@@ -9,7 +9,7 @@ import pytest
 from references.echo_scenes import scene_of
 
 from forest_addon.acoustics.cylinder import scattering_sum
-from forest_addon.growth.mesh.trimesh import WOOD, TriMesh
+from forest_addon.base.trimesh import WOOD, TriMesh
 from forest_addon.growth.mesh.tubes import tube
 from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.sonar.targets import Targets

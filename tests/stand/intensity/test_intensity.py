@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from forest_addon.formats.species_file import ASSETS
+from forest_addon.base.places import ASSETS
+from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings
-from forest_addon.rng import stream
 from forest_addon.spec import Forest, Gaussian, Planting, Raster, Scene
 from forest_addon.stand.compose import process_of
 from forest_addon.stand.inputs import Inputs, Painted

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.spec import Forest, Grammar, Planting, Scene, Species, Terrain
 from forest_addon.stand.forest import grow_forest
 from forest_addon.stand.inputs import Inputs

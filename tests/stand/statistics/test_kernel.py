@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.stand.intensity.functions import Mixture
 from forest_addon.stand.poisson import sample
 from forest_addon.stand.process import Process

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.stand.spacing import Spacing, space
 from forest_addon.stand.statistics.envelope import envelope
 from forest_addon.stand.statistics.goodness import Law, examine, law_of

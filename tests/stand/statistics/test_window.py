@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import integrate
 
-from forest_addon.rng import stream
+from forest_addon.base.rng import stream
 from forest_addon.stand.statistics.window import Window
 
 TRIANGLE = Window((np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 3.0]]),))

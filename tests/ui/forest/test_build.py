@@ -17,13 +17,13 @@ from ui.pressing import (
     trees,
 )
 
-from forest_addon.blender import forest as forest_room
-from forest_addon.blender import layout
 from forest_addon.blender.jobs import Job
+from forest_addon.blender.scene import forest as forest_room
+from forest_addon.blender.scene import layout
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Scene
-from forest_addon.ui import exchange
 from forest_addon.ui.forest import build
+from forest_addon.ui.settings import exchange
 
 
 def test_build_plants_a_forest(built):

@@ -7,9 +7,10 @@ bpy = pytest.importorskip("bpy")
 from mathutils import Matrix
 
 from forest_addon import spec
-from forest_addon.blender import handles, layout
-from forest_addon.blender.depsgraph import TREE_KEY
-from forest_addon.ui import exchange
+from forest_addon.blender.read.depsgraph import TREE_KEY
+from forest_addon.blender.scene import layout
+from forest_addon.blender.show import handles
+from forest_addon.ui.settings import exchange
 
 
 def gaussian(peak, centre, width):

@@ -4,7 +4,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender import depsgraph as reading
+from forest_addon.blender.read import depsgraph as reading
 from forest_addon.spec import SpecError
 from forest_addon.ui.forest import live
 
@@ -160,7 +160,7 @@ def test_what_is_not_there_is_refused_as_a_build_refuses_it(heard):
 
 def test_an_unread_scene_is_not_read_twice(heard, monkeypatch):
     """Surfaces are read again when Blender reports them changed, and not before."""
-    from forest_addon.blender import inputs
+    from forest_addon.blender.read import inputs
 
     ground = grid("hill")
     heard.forest.terrain.object = "hill"

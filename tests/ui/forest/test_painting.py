@@ -6,9 +6,9 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
-from forest_addon.blender.canvas import CELLS, LIFT
-from forest_addon.blender.depsgraph import TREE_KEY, read_scene
-from forest_addon.ui import exchange
+from forest_addon.blender.read.depsgraph import TREE_KEY, read_scene
+from forest_addon.blender.show.canvas import CELLS, LIFT
+from forest_addon.ui.settings import exchange
 
 
 def press():

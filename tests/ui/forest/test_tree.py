@@ -5,8 +5,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.meshes import from_mesh
-from forest_addon.growth.mesh.trimesh import LEAF
+from forest_addon.base.trimesh import LEAF
+from forest_addon.blender.scene.meshes import from_mesh
 from forest_addon.ui.forest import tree
 
 from ..pressing import ROOT

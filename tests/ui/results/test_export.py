@@ -8,12 +8,12 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.cloud_nodes import GROUP
-from forest_addon.blender.layout import RADIUS
-from forest_addon.blender.nodes import has_input
-from forest_addon.formats.dry_sounds import wet_sound
-from forest_addon.formats.points import POINT
+from forest_addon.blender.scene.layout import RADIUS
+from forest_addon.blender.scene.nodes import has_input
+from forest_addon.blender.show.cloud_nodes import GROUP
 from forest_addon.formats.wav import read_wav
+from forest_addon.results.dry_sounds import wet_sound
+from forest_addon.results.points import POINT
 from forest_addon.sensing.reverb.response import channels_of
 from forest_addon.ui.results import held, show
 

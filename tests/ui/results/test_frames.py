@@ -5,8 +5,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.layout import CLOUD_KEY
-from forest_addon.blender.nodes import set_input
+from forest_addon.blender.scene.layout import CLOUD_KEY
+from forest_addon.blender.scene.nodes import set_input
 
 from ..pressing import add_cube, press, run
 

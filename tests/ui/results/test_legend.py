@@ -5,9 +5,9 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.cloud_nodes import on_map
-from forest_addon.blender.layout import CLOUD_KEY, COLOUR_BY, COLOUR_MAP, SHARE
-from forest_addon.blender.nodes import choose_input, chosen_input, set_input
+from forest_addon.blender.scene.layout import CLOUD_KEY, COLOUR_BY, COLOUR_MAP, SHARE
+from forest_addon.blender.scene.nodes import choose_input, chosen_input, set_input
+from forest_addon.blender.show.cloud_nodes import on_map
 from forest_addon.ui.results import swatches
 from forest_addon.ui.results.points import GAMMA, positions_and_colours
 from forest_addon.ui.results.swatches import SIDE, pixels_of

@@ -5,10 +5,10 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.cloud import COLOUR_OF_ORGAN
-from forest_addon.blender.layout import CLOUD_KEY, COLOUR_BY
-from forest_addon.blender.nodes import drawn_input, has_input, set_input
-from forest_addon.growth.mesh.trimesh import LEAF, WOOD
+from forest_addon.base.trimesh import LEAF, WOOD
+from forest_addon.blender.scene.layout import CLOUD_KEY, COLOUR_BY
+from forest_addon.blender.scene.nodes import drawn_input, has_input, set_input
+from forest_addon.blender.show.cloud import COLOUR_OF_ORGAN
 from forest_addon.ui.results.points import GAMMA, positions_and_colours
 
 

@@ -6,13 +6,13 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender import cost as costs_of
-from forest_addon.blender import sensors
-from forest_addon.blender.observe import Observer
+from forest_addon.blender.sensors import cost as costs_of
+from forest_addon.blender.sensors import objects as sensors
+from forest_addon.blender.sensors.observe import Observer
 from forest_addon.sensing.lidar.tractor import TractorScan
-from forest_addon.ui.exchange import to_spec
 from forest_addon.ui.sensors import cost
 from forest_addon.ui.sensors.run import Ahead
+from forest_addon.ui.settings.exchange import to_spec
 
 from ..pressing import press
 

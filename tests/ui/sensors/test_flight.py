@@ -5,10 +5,10 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.depsgraph import read_scene
-from forest_addon.blender.sensors import sensors_of
-from forest_addon.blender.standings import IGNORED_KEY
-from forest_addon.ui.exchange import from_spec, to_spec
+from forest_addon.blender.read.depsgraph import read_scene
+from forest_addon.blender.scene.standings import IGNORED_KEY
+from forest_addon.blender.sensors.objects import sensors_of
+from forest_addon.ui.settings.exchange import from_spec, to_spec
 
 
 def wall(x, size=0.5):

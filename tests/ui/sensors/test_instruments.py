@@ -8,8 +8,9 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon import api as forest
 from forest_addon.formats.scanner_file import read_scanner, scanner_names
-from forest_addon.ui import exchange, properties
+from forest_addon.ui import properties
 from forest_addon.ui.sensors import instruments
+from forest_addon.ui.settings import exchange
 
 
 class Entries:

@@ -21,8 +21,8 @@ from ui.pressing import (
     trees,
 )
 
-from forest_addon.ui import exchange
 from forest_addon.ui.sensors.run import FOREST_OT_run, FOREST_OT_run_frames
+from forest_addon.ui.settings import exchange
 
 
 @pytest.mark.slow
@@ -199,7 +199,7 @@ def test_a_folder_beside_an_unsaved_file_is_refused(built):
 
 
 def test_a_full_disk_keeps_the_result_in_the_scene(built, tmp_path, monkeypatch):
-    from forest_addon.formats import findings
+    from forest_addon.results import findings
 
     def full(*_):
         raise OSError(28, "No space left on device", "cloud.laz")

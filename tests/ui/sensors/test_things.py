@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.depsgraph import read_scene
+from forest_addon.blender.read.depsgraph import read_scene
 from forest_addon.ui.sensors import panels, things
 
 

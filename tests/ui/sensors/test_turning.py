@@ -7,15 +7,15 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.observe import Observer
-from forest_addon.blender.sensors import PATH_KEY, TURNS, kind_of
+from forest_addon.blender.sensors.objects import PATH_KEY, TURNS, kind_of
+from forest_addon.blender.sensors.observe import Observer
 from forest_addon.sensing.lidar import tractor
 from forest_addon.sensing.lidar.scanner import pattern_of
 from forest_addon.sensing.reverb.ends import ends_of
 from forest_addon.sensing.sonar.poses import posed
-from forest_addon.ui import exchange
 from forest_addon.ui.sensors.panels import _why_fixed
 from forest_addon.ui.sensors.starts import STARTS
+from forest_addon.ui.settings import exchange
 
 from ..pressing import add_cube, press
 

@@ -4,8 +4,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.formats.asset_catalogs import FILE
-from forest_addon.ui import preferences
+from forest_addon.blender.library.catalogs import FILE
+from forest_addon.ui.settings import preferences
 from forest_addon.ui.species import library
 
 

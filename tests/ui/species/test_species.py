@@ -13,14 +13,15 @@ bpy = pytest.importorskip("bpy")
 from references.model_tree import tree
 
 from forest_addon import spec, ui
+from forest_addon.base.places import ASSETS
 from forest_addon.blender.jobs import CancelledError
-from forest_addon.formats.species_file import ASSETS, load_species
 from forest_addon.formats.stl import write_stl
-from forest_addon.formats.template_library import make_library
 from forest_addon.formats.toml_file import read_settings
+from forest_addon.growth.library.species_file import load_species
+from forest_addon.growth.library.template_library import make_library
 from forest_addon.spec import SpecError
-from forest_addon.ui import preferences
-from forest_addon.ui.exchange import to_spec
+from forest_addon.ui.settings import preferences
+from forest_addon.ui.settings.exchange import to_spec
 from forest_addon.ui.species import edit as species_edit
 from forest_addon.ui.species import import_stl as species_import
 from forest_addon.ui.species import pictures as species_pictures

@@ -1,0 +1,1 @@
+"""Base: row tables, runs within groups, triangle meshes, random streams, progress."""

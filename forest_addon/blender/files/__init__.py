@@ -1,0 +1,1 @@
+"""Files: .blend and .glb files, and tree meshes of other programs."""

@@ -1,0 +1,1 @@
+"""Library: grown variants as assets with pictures and truth."""

@@ -1,0 +1,149 @@
+"""An asset library: for every species a .blend file with grown trees to drag into any scene.
+
+Each tree is a collection that is marked as an asset, with catalog, description, tags and picture, and holds
+one object. A collection can be dragged in as an instance, which moves freely also where it is linked; its
+object can be appended or linked by itself. What sensors know of the tree lies on its mesh
+(``asset_truth``). In the file the trees stand in a row; an instance has its tree at its own origin.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...base.rng import stream
+from ...formats.atomic import replacing
+from ...growth.tree import Tree, grow
+from ...growth.truth import tree_truth
+from ...spec import Species
+from ..scene import materials
+from ..scene.asset_truth import write_truth
+from ..scene.meshes import to_mesh
+from ..scene.standing import fingerprint
+from . import asset_picture
+from .catalogs import ROOT, add_catalogs, catalog_id, catalog_of
+
+Progress = Callable[[int, int], None]
+AUTHOR = ROOT
+
+
+@dataclass(frozen=True)
+class Exhibit:
+    """A grown tree, what it measures (by name and unit), and its picture (P, P, 4)."""
+
+    tree: Tree
+    truth: dict[str, float]
+    picture: np.ndarray
+
+
+def grow_exhibits(
+    species: Species, template: Any, variants: int, seed: int, progress: Progress | None = None
+) -> list[Exhibit]:
+    """Grow trees of a species and draw them; touches no Blender data.
+
+    Raises
+    ------
+    SpecError : the species cannot be grown.
+    """
+    made = []
+    for variant in range(variants):
+        tree = grow(species, template, stream(seed, "library", species.name, variant))
+        made.append(Exhibit(tree, tree_truth(tree), asset_picture.picture(tree.mesh, species.look)))
+        if progress:
+            progress(variant + 1, variants)
+    return made
+
+
+def write_species(folder: Path, species: Species, exhibits: Sequence[Exhibit]) -> Path:
+    """Write trees of a species as assets; returns the file. The file that is open stays as it is.
+
+    Raises
+    ------
+    OSError : the folder or the file cannot be written to.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    safe = re.sub(r"[^\w .-]", "_", species.name)
+    file = folder / f"{safe}.blend"
+    x, made, paths = 0.0, set(), set()
+    with _taken_back():
+        coats = (
+            materials.bark(f"{species.name} bark", species.look.bark),
+            materials.leaf(f"{species.name} leaf", species.look.foliage()),
+        )
+        for variant, exhibit in enumerate(exhibits):
+            truth = exhibit.truth
+            half = 0.55 * max(truth["crown_width_m"], 0.3 * truth["height_m"])
+            x += half if variant else 0.0
+            path = catalog_of(species, truth["height_m"])
+            made.add(_asset(species.name, exhibit, variant, x, path, coats))
+            x += half
+            paths.add(path)
+        with replacing(file) as partial:
+            bpy.data.libraries.write(os.fspath(partial), made, fake_user=True, compress=True)
+    add_catalogs(folder, paths)
+    return file
+
+
+def _asset(
+    species: str,
+    exhibit: Exhibit,
+    variant: int,
+    x: float,
+    path: str,
+    coats: Sequence[bpy.types.Material],
+) -> bpy.types.Collection:
+    """A collection with one tree, marked as an asset."""
+    name = f"{species.replace('-', ' ').capitalize()} {variant + 1}"
+    mesh = to_mesh(name, exhibit.tree.mesh)
+    for coat in coats:
+        mesh.materials.append(coat)
+    digest = fingerprint(exhibit.tree.mesh)
+    write_truth(mesh, f"{species}#{variant + 1} {digest}", species, exhibit.tree)
+    thing = bpy.data.objects.new(name, mesh)
+    home = bpy.data.collections.new(name)
+    home.objects.link(thing)
+    thing.location.x = home.instance_offset[0] = x
+    home.asset_mark()
+    about = home.asset_data
+    about.author, about.catalog_id = AUTHOR, catalog_id(path)
+    about.description = describe(species, exhibit.truth)
+    for tag in ("tree", species, path.rpartition("/")[2].lower()):
+        about.tags.new(tag, skip_if_exists=True)
+    preview = home.preview_ensure()
+    preview.image_size = exhibit.picture.shape[:2]
+    preview.image_pixels_float.foreach_set(exhibit.picture.ravel())
+    return home
+
+
+def describe(species: str, truth: dict[str, float]) -> str:
+    """A tree in one line, for the asset browser."""
+    said = [f"{species}: height {truth['height_m']:.1f} m"]
+    if truth["dbh_m"] > 0:
+        said.append(f"DBH {truth['dbh_m']:.2f} m")
+    said.append(f"crown {truth['crown_width_m']:.1f} m wide from {truth['crown_base_m']:.1f} m up")
+    if truth["leaves"] > 0:
+        said.append(f"{truth['leaf_area_m2']:.3g} m² of leaves ({truth['leaves']:,.0f})")
+    return ", ".join(said)
+
+
+@contextmanager
+def _taken_back() -> Iterator[None]:
+    """Remove every data block that is made in the block, however it ends."""
+    kinds = (
+        *(bpy.data.collections, bpy.data.objects, bpy.data.meshes),
+        *(bpy.data.materials, bpy.data.node_groups, bpy.data.images),
+    )
+    before = {block.session_uid for kind in kinds for block in kind}
+    try:
+        yield
+    finally:
+        new = [block for kind in kinds for block in kind if block.session_uid not in before]
+        bpy.data.batch_remove(new)

@@ -1,0 +1,1 @@
+"""Rays: engines that cast rays in an evaluated scene."""

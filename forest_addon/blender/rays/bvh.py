@@ -1,0 +1,322 @@
+"""The engine that is always there: one BVHTree per unique mesh, a tree of boxes above them.
+
+A ray is moved in float64 to just before the box of an instance and into its local space, where
+``BVHTree.ray_cast`` finds the triangle in float32. A ray visits the instances that it may meet from the
+nearest on, until it would enter one beyond the best hit so far.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import pairwise
+from operator import itemgetter
+
+import bpy  # noqa: F401  where Blender is a module, it brings mathutils
+import numpy as np
+from mathutils.bvhtree import BVHTree
+
+from ...sensing.rays.boxes import BoxTree
+from ...sensing.rays.caster import Hits
+from ...sensing.rays.geometry import SceneGeometry, invert_transforms
+from ...sensing.rays.hulls import Hulls
+from ...sensing.rays.refine import whole_triangles
+from ...sensing.rays.search import Search
+
+BEFORE = 1e-3  # metres, and BEFORE_SHARE of the way: where a ray starts before a box
+BEFORE_SHARE = 1e-5
+TURN = 256  # rays; between them other threads have their turn, as the window that waits
+FAR = 3e38  # the longest way that float32 holds
+SLACK = 1e-3  # metres that a ray goes on behind what it has met: float32 may be wrong
+FEW = 1024  # rays that go from instance to instance one by one
+CULLED = 64  # visits, from which a look at the hulls first costs less than they
+AT_ONCE = 4  # instances of a ray that are made ready first; then four times as many
+
+Met = tuple[np.ndarray, np.ndarray, np.ndarray]  # ray, instance, triangle, (M,) each
+NOTHING: Met = (np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.int64))
+
+
+class BvhCaster(Search):
+    """Closest hits and occlusion through BVHTree (see ``sensing.rays.RayCaster``)."""
+
+    engine = "bvhtree"
+
+    def __init__(self, scene: SceneGeometry, like: BvhCaster | None = None) -> None:
+        super().__init__(
+            scene, like=like
+        )  # ray_cast keeps Python's lock: more threads would only wait
+        self._to_local = np.ascontiguousarray(invert_transforms(scene.transform).reshape(-1, 12).T)
+        low, high = scene.bounds()
+        low[~np.isfinite(self._to_local).all(axis=0)] = np.nan  # flat: met by nothing
+        with np.errstate(invalid="ignore"):
+            self._span = np.array([_span(mesh.vertices) for mesh in scene.meshes])
+        self._boxes = BoxTree(low, high)
+        self._hulls = Hulls(scene.meshes) if like is None else like._hulls
+        self._trees: list[tuple[BVHTree, np.ndarray] | None] = (
+            [None] * len(scene.meshes) if like is None else like._trees
+        )
+
+    def _nearest(
+        self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
+    ) -> Hits:
+        with _no_collection():
+            return self._visit(origins, directions, start, limit)
+
+    def _visit(
+        self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
+    ) -> Hits:
+        """Let rays visit their instances; of what each met, the nearest by its exact distance."""
+        ray, box, entry = self._boxes.pairs(origins, directions, start, limit)
+        pairs = _Pairs(ray, box, np.maximum(entry * (1 - BEFORE_SHARE) - BEFORE, start[ray]), entry)
+        number = np.bincount(ray, minlength=len(limit))
+        alone = (number == 1)[ray]
+        single, several = alone.nonzero()[0], (~alone).nonzero()[0]
+        found = [NOTHING]
+        if len(single):
+            found.append(self._only(pairs.take(single), origins, directions, limit))
+        if len(several):
+            visit = self._in_turn if len(limit) <= FEW else self._in_rounds
+            found.append(visit(pairs.take(several), origins, directions, limit))
+        ray, box, triangle = (np.concatenate(part) for part in zip(*found, strict=True))
+        distance = self._surfaces.distance(
+            origins.take(ray, 1), directions.take(ray, 1), box, triangle
+        )
+        within = (distance <= limit[ray]).nonzero()[0]
+        # Of two at the same distance the first instance counts.
+        order = within[np.lexsort((box[within], distance[within], ray[within]))]
+        chosen = order[_firsts(ray[order])]
+        hits = Hits.misses(len(limit))
+        hits.put(ray[chosen], Hits(distance[chosen], box[chosen], triangle[chosen]))
+        return hits
+
+    def _only(
+        self,
+        pairs: _Pairs,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        limit: np.ndarray,
+        cull: bool = False,
+    ) -> Met:
+        """What rays meet, each in the one instance of its pair: ray (M,), instance (M,), triangle (M,).
+
+        cull : whether most may pass by, so that a look at the mesh's hulls first is worth it.
+        """
+        mesh_of = self.scene.mesh_index[pairs.box]
+        if (np.diff(mesh_of) < 0).any():
+            pairs = pairs.take(np.argsort(mesh_of, kind="stable"))
+            mesh_of = self.scene.mesh_index[pairs.box]
+        origin, way, stretch = self._enter(pairs, origins, directions)
+        long = ((limit[pairs.ray] - pairs.begin) * (1 + 1e-6) + SLACK) * stretch
+        reach = np.minimum(long, FAR)
+        cuts = {0, *(np.flatnonzero(np.diff(mesh_of)) + 1).tolist(), len(mesh_of)}
+        cuts |= set(range(0, len(mesh_of), TURN))
+        triangle = np.full(len(mesh_of), -1, dtype=np.int64)
+        for first, last in pairwise(sorted(cuts)):
+            mesh = int(mesh_of[first])
+            tree, numbers = self._tree(mesh)
+            rows = np.arange(first, last)
+            if cull:
+                hull = self._hulls.take(mesh_of[first : first + 1])
+                rows = rows[self._hulls.met(origin[:, rows], way[:, rows], hull)]
+            starts = zip(*origin[:, rows].tolist(), strict=True)
+            ways = zip(*way[:, rows].tolist(), strict=True)
+            found = map(itemgetter(2), map(tree.ray_cast, starts, ways, reach[rows].tolist()))
+            number = np.array(list(found), dtype=np.float64)  # None, a miss, becomes NaN
+            met = np.flatnonzero(~np.isnan(number))
+            triangle[rows[met]] = numbers[number[met].astype(np.int64)]
+        met = (triangle >= 0).nonzero()[0]
+        return pairs.ray[met], pairs.box[met], triangle[met]
+
+    def _in_rounds(
+        self, pairs: _Pairs, origins: np.ndarray, directions: np.ndarray, limit: np.ndarray
+    ) -> Met:
+        """As ``_in_turn``, for many rays: all visit their nearest instance, then all their second."""
+        turn = _firsts(pairs.ray)
+        last = np.append(turn[1:], len(pairs.ray))
+        best = limit.copy()
+        found = []
+        while len(turn):
+            near = pairs.entry[turn] <= best[pairs.ray[turn]]
+            turn, last = turn[near], last[near]
+            ray, box, triangle = self._only(pairs.take(turn), origins, directions, best, cull=True)
+            distance = self._surfaces.distance(
+                origins.take(ray, 1), directions.take(ray, 1), box, triangle
+            )
+            best[ray] = np.minimum(best[ray], distance)
+            found.append((ray, box, triangle))
+            turn = turn + 1
+            more = turn < last
+            turn, last = turn[more], last[more]
+        ray, box, triangle = (np.concatenate(part) for part in zip(*found, strict=True))
+        return ray, box, triangle
+
+    def _in_turn(
+        self, pairs: _Pairs, origins: np.ndarray, directions: np.ndarray, limit: np.ndarray
+    ) -> Met:
+        """What rays meet that go from instance to instance, the nearest first, until they would enter
+        one behind what they have met.
+
+        What they have met is known in float32 here: it counts as far as it can be wrong.
+        """
+        first = _firsts(pairs.ray)
+        last = np.append(first[1:], len(pairs.ray))
+        best = limit[pairs.ray[first]].tolist()
+        going = np.arange(len(first))
+        found: list[tuple[int, int]] = []  # pair, and triangle of those that the tree has
+        at_once = AT_ONCE
+        while len(going):
+            size = np.minimum(last[going] - first[going], at_once)
+            ends = np.cumsum(size)
+            rows = np.repeat(first[going] - (ends - size), size) + np.arange(ends[-1])
+            left = self._walk(rows, size, going.tolist(), best, found, pairs, origins, directions)
+            first[going] += size
+            going = going[left]
+            going = going[first[going] < last[going]]
+            if len(going):
+                going = going[pairs.entry[first[going]] <= np.array(best)[going]]
+            at_once *= 4
+        if not found:
+            return NOTHING
+        row, number = np.array(found).T
+        box = pairs.box[row]
+        triangle = number.copy()
+        mesh_of = self.scene.mesh_index[box]
+        for mesh in np.flatnonzero(np.bincount(mesh_of)):
+            here = mesh_of == mesh
+            triangle[here] = self._tree(int(mesh))[1][number[here]]
+        return pairs.ray[row], box, triangle
+
+    def _walk(
+        self,
+        rows: np.ndarray,
+        size: np.ndarray,
+        rays: list[int],
+        best: list[float],
+        found: list[tuple[int, int]],
+        pairs: _Pairs,
+        origins: np.ndarray,
+        directions: np.ndarray,
+    ) -> list[int]:
+        """Let rays visit the pairs in these rows, so many each; which of them may have to go on."""
+        part = pairs.take(rows)
+        origin, way, stretch = self._enter(part, origins, directions)
+        mesh_of = self.scene.mesh_index[part.box]
+        if len(rows) < CULLED:
+            meets = np.arange(len(rows))
+        else:
+            meets = self._hulls.met(origin, way, self._hulls.take(mesh_of)).nonzero()[0]
+        ends = np.searchsorted(meets, np.cumsum(size)).tolist()
+        mesh_of = mesh_of[meets]
+        casts = {
+            int(m): self._tree(int(m))[0].ray_cast for m in np.flatnonzero(np.bincount(mesh_of))
+        }
+        visits = list(
+            zip(
+                part.entry[meets].tolist(),
+                part.begin[meets].tolist(),
+                map(casts.__getitem__, mesh_of.tolist()),
+                origin.T[meets].tolist(),
+                way.T[meets].tolist(),
+                stretch[meets].tolist(),
+                (1e-6 * self._span[mesh_of]).tolist(),
+                rows[meets].tolist(),
+                strict=True,
+            )
+        )
+        left, first = [], 0
+        for place, (ray, end) in enumerate(zip(rays, ends, strict=True)):
+            reach = best[ray]
+            for entry, begin, cast, at, along, stretched, span, number in visits[first:end]:
+                if entry > reach:
+                    break
+                long = ((reach - begin) * (1 + 1e-6) + SLACK) * stretched
+                hit = cast(at, along, long if long < FAR else FAR)
+                if hit[2] is not None:
+                    found.append((number, hit[2]))
+                    (x, y, z), (a, b, c) = hit[1], along
+                    across = max(abs(x * a + y * b + z * c), 1e-6 * stretched)
+                    away = begin + hit[3] / stretched
+                    away += 1e-4 + (span + 1e-6 * hit[3]) / across
+                    if away < reach:
+                        reach = away
+            else:
+                left.append(place)
+            best[ray] = reach
+            first = end
+        return left
+
+    def _enter(
+        self, pairs: _Pairs, origins: np.ndarray, directions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rays in the space of their instances: origin (3, P) and way (3, P), and its length (P,)."""
+        m = self._to_local.take(pairs.box, 1).reshape(3, 4, -1)
+        d = directions.take(pairs.ray, 1)
+        o = pairs.begin * d
+        o += origins.take(pairs.ray, 1)
+        origin, way = m[:, 0] * o[0], m[:, 0] * d[0]
+        for axis in (1, 2):
+            origin += m[:, axis] * o[axis]
+            way += m[:, axis] * d[axis]
+        origin += m[:, 3]
+        stretch = np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
+        return origin, way, stretch
+
+    def _tree(self, mesh_number: int) -> tuple[BVHTree, np.ndarray]:
+        """The BVHTree of a mesh, made when first needed, and the triangles it was made of."""
+        ready = self._trees[mesh_number]
+        if ready is None:
+            mesh = self.scene.meshes[mesh_number]
+            numbers = whole_triangles(mesh)
+            vertices = np.nan_to_num(mesh.vertices, nan=0.0, posinf=0.0, neginf=0.0)
+            tree = BVHTree.FromPolygons(
+                vertices.tolist(), mesh.triangles[numbers].tolist(), all_triangles=True
+            )
+            ready = self._trees[mesh_number] = (tree, numbers)
+        return ready
+
+
+@dataclass(frozen=True)
+class _Pairs:
+    """P pairs of a ray and an instance that it may meet, by ray and then by entry.
+
+    ray, box : (P,). begin : (P,) metres along the ray where it starts into the instance, a little before
+    its ``entry`` (P,).
+    """
+
+    ray: np.ndarray
+    box: np.ndarray
+    begin: np.ndarray
+    entry: np.ndarray
+
+    def take(self, rows: np.ndarray) -> _Pairs:
+        return _Pairs(self.ray[rows], self.box[rows], self.begin[rows], self.entry[rows])
+
+
+def _span(vertices: np.ndarray) -> float:
+    """Metres from the origin of a mesh to its farthest finite coordinate: float32 is as fine as this says."""
+    far = max(vertices.max(initial=0.0), -vertices.min(initial=0.0))
+    if not np.isfinite(far):
+        far = np.abs(vertices[np.isfinite(vertices).all(axis=1)]).max(initial=0.0)
+    return float(far)
+
+
+def _firsts(ray: np.ndarray) -> np.ndarray:
+    """Where each ray of a sorted (P,) first stands."""
+    new = np.empty(len(ray), dtype=bool)
+    new[:1] = True
+    np.not_equal(ray[1:], ray[:-1], out=new[1:])
+    return new.nonzero()[0]
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Pause the garbage collector: the loops make millions of small tuples, none in a cycle."""
+    collecting = gc.isenabled()
+    try:
+        gc.disable()  # within: a job may be cancelled at any line
+        yield
+    finally:
+        if collecting:
+            gc.enable()

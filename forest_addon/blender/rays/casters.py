@@ -1,0 +1,102 @@
+"""Which engine casts the rays of a scene.
+
+``auto`` is Embree where Blender's own library is found and passes a test against BVHTree, once a
+session, and BVHTree elsewhere; a caster's ``engine`` says which it is.
+"""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+
+import numpy as np
+
+from ...base.rng import stream
+from ...base.trimesh import OTHER, TriMesh
+from ...growth.mesh.tubes import tube
+from ...sensing.rays.geometry import SceneGeometry
+from ...sensing.rays.search import Search
+from ...spec import Rays
+from .bvh import BvhCaster
+from .embree import EmbreeCaster
+from .embree_library import EmbreeError
+
+
+def make_caster(scene: SceneGeometry, rays: Rays) -> Search:
+    """The caster that the settings ask for.
+
+    Raises
+    ------
+    ValueError : Embree is asked for by name and cannot be used; says why.
+    """
+    if rays.engine == "bvhtree":
+        return BvhCaster(scene)
+    problem = embree_problem()
+    if not problem:
+        try:
+            return EmbreeCaster(scene, rays.threads or os.cpu_count() or 1)
+        except EmbreeError as error:  # no memory left for this scene
+            problem = str(error)
+    if rays.engine == "embree":
+        raise ValueError(f'engine "embree" cannot be used: {problem}; use "auto" or "bvhtree"')
+    return BvhCaster(scene)
+
+
+def moved_caster(like: Search, scene: SceneGeometry) -> Search:
+    """A caster of the same meshes that stand elsewhere: only where they stand is made anew.
+
+    Raises
+    ------
+    ValueError : the scene has other meshes.
+    """
+    if scene.meshes is not like.scene.meshes:
+        raise ValueError("the meshes are others; make a caster of the scene itself")
+    if isinstance(like, EmbreeCaster):
+        return EmbreeCaster(scene, like.threads, like)
+    assert isinstance(like, BvhCaster)
+    return BvhCaster(scene, like)
+
+
+@cache
+def embree_problem() -> str:
+    """Why Embree cannot be used here; empty where it can."""
+    scene = _trial_scene()
+    rng = stream(0, "embree", "trial")
+    origins = rng.uniform(-4, 4, (500, 3)) + scene.transform[0, :, 3]
+    directions = scene.transform[rng.integers(3, size=500), :, 3] + rng.normal(0, 0.3, (500, 3))
+    directions -= origins
+    try:
+        ours = EmbreeCaster(scene).cast(origins, directions, 6.0)
+    except EmbreeError as problem:
+        return str(problem)
+    truth = BvhCaster(scene).cast(origins, directions, 6.0)
+    same = (ours.instance == truth.instance) & (ours.triangle == truth.triangle)
+    same &= ours.distance == truth.distance
+    return "" if same.mean() > 0.99 else "it does not find what BVHTree finds"  # but for edges
+
+
+def _trial_scene() -> SceneGeometry:
+    """A knot and a bar, turned, mirrored and sheared, far from the origin."""
+    way = np.linspace(0.0, 2 * np.pi, 25)
+    knot = np.stack([np.sin(3 * way), np.sin(2 * way), np.cos(way)], axis=1)
+    bar = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
+    meshes = tuple(
+        TriMesh.of_part(*tube(line, np.full(len(line), 0.3), 12), OTHER) for line in (knot, bar)
+    )
+    linear = np.array(
+        [
+            [[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]],
+            [[-1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 0.5]],
+            [[1.0, 0.7, 0.0], [0.0, 1.0, 0.3], [0.0, 0.0, 1.0]],
+        ]
+    )
+    place = np.array([[5e5, 4e6, 100.0], [5e5 + 2, 4e6 + 1, 100.0], [5e5 - 2, 4e6 + 1, 101.0]])
+    nothing = np.full(3, -1)
+    return SceneGeometry(
+        meshes=meshes,
+        transform=np.concatenate([linear, place[:, :, None]], axis=2),
+        mesh_index=np.array([0, 1, 1]),
+        object_name=("trial",) * 3,
+        tree=nothing,
+        species=nothing,
+    )

@@ -1,0 +1,298 @@
+"""The fast engine: Blender's own Embree, instanced, on all cores.
+
+Every unique mesh is an Embree scene of triangles in local space; above them is one of instances, about
+the centre of them all, where float32 holds them best. Rays enter its box in float64 and go in packets of
+16. Python's lock is free meanwhile, so that threads work side by side.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+import weakref
+from collections import deque
+from itertools import repeat
+
+import numpy as np
+
+from ...base.trimesh import TriMesh
+from ...sensing.rays.boxes import clip
+from ...sensing.rays.caster import Hits
+from ...sensing.rays.geometry import SceneGeometry, invert_transforms
+from ...sensing.rays.refine import whole_triangles
+from ...sensing.rays.search import MARGIN, Search
+from . import embree_library as embree
+from .embree_library import EmbreeError
+
+PACKET = 16
+# Rows of RTCRayHit16; between them normal 12-14, u 15, v 16, and 20 the place in an array of instances.
+TNEAR, DIRECTION, TIME, TFAR, MASK, ID, FLAGS = 3, 4, 7, 8, 9, 10, 11
+PRIMITIVE, GEOMETRY, INSTANCE, ROWS = 17, 18, 19, 21
+NONE = 0xFFFFFFFF
+FAR = 3e38  # the longest way that float32 holds
+KEPT = 1024  # rays, up to which their packets are kept from call to call
+
+
+class EmbreeCaster(Search):
+    """Closest hits and occlusion through Embree (see ``sensing.rays.RayCaster``).
+
+    No ray slips through an edge. Of a million aimed exactly at vertices a few may: the signs of all
+    edges that meet there can be rounded alike.
+    """
+
+    engine = "embree"
+
+    def __init__(
+        self, scene: SceneGeometry, threads: int = 1, like: EmbreeCaster | None = None
+    ) -> None:
+        """Build all trees.
+
+        like : a caster of a scene with the same meshes, whose trees of these are shared.
+
+        Raises
+        ------
+        EmbreeError : Embree is not there, or has no memory left.
+        """
+        super().__init__(scene, threads, like)
+        low, high = scene.bounds()
+        low[~np.isfinite(invert_transforms(scene.transform)).all(axis=(1, 2))] = np.nan
+        known = np.flatnonzero(np.isfinite(low).all(axis=1))  # the others are flat or empty
+        self._low, self._high = (
+            low[known].min(0, initial=np.inf),
+            high[known].max(0, initial=-np.inf),
+        )
+        self._centre = (self._low + self._high) / 2 if len(known) else np.zeros(3)
+        size = float((self._high - self._low).max()) if len(known) else 0.0
+        self._slack = 1e-6 * size + 1e-6
+
+        self._box_low, self._box_high = self._low - self._slack, self._high + self._slack
+        self._inner_low = self._low[:, None] + 3 * MARGIN
+        self._inner_high = self._high[:, None] - 3 * MARGIN
+        self._middle = self._centre[:, None]
+        self._valid = _aligned((PACKET,), np.int32)
+        self._valid[:] = -1
+        self._valid_address = self._valid.ctypes.data
+        self._kept = threading.local()
+
+        self._library = embree.load()
+        if like is None:
+            self._device = self._library.rtcNewDevice(f"threads={threads}".encode())
+        else:
+            self._device = like._device
+        self._build = build = _Build(self._library, self._device, like and like._build)
+        made: dict[int, np.ndarray] = {} if like is None else like._usable
+        self._usable = usable = {
+            m: made[m] if m in made else whole_triangles(scene.meshes[m])
+            for m in np.unique(scene.mesh_index[known])
+        }
+        trees: dict[int, int] = {} if like is None else like._of_mesh
+        self._of_mesh = of_mesh = {
+            m: trees[m] if m in trees else build.mesh(scene.meshes[m], rows)
+            for m, rows in usable.items()
+        }
+        self._whole = all(len(r) == len(scene.meshes[m].triangles) for m, r in usable.items())
+        if not self._whole:
+            size = np.array([len(usable.get(m, ())) for m in range(len(scene.meshes))])
+            self._first_number = np.cumsum(size) - size
+            self._numbers = np.concatenate(list(usable.values()))  # of all that Embree was given
+        place = scene.transform.copy()
+        place[:, :, 3] -= self._centre
+        self._top = build.instances(
+            known.tolist(),
+            [of_mesh[m] for m in scene.mesh_index[known]],
+            place[known].astype(np.float32),
+        )
+
+    def _nearest(
+        self, origins: np.ndarray, directions: np.ndarray, start: np.ndarray, limit: np.ndarray
+    ) -> Hits:
+        begin, rays, count = start, None, len(start)
+        if not self._all_begin_within(origins, start):
+            begin, leaves = clip(self._box_low, self._box_high, origins, directions, start, limit)
+            rays = (begin <= leaves).nonzero()[0]
+            if len(rays) == count:
+                rays = None
+            else:
+                count = len(rays)
+                begin, limit = begin[rays], limit[rays]
+                origins, directions = origins.take(rays, 1), directions.take(rays, 1)
+        if not count:
+            return Hits.misses(len(start))
+        moved = begin * directions
+        moved += origins
+        moved -= self._middle
+        limit = limit - begin
+        limit *= 1 + 1e-6
+        limit += self._slack
+        packets = self._packets_of(count)
+        packets.fill(moved, directions, limit)
+        self._trace(packets)
+        instance, triangle, met = packets.read(count)
+        if not self._whole:
+            triangle = self._numbered(instance, triangle)
+        if len(met) < count:
+            origins, directions = origins.take(met, 1), directions.take(met, 1)
+        distance = self._surfaces.distance(origins, directions, instance, triangle)
+        if rays is None and len(met) == count:
+            return Hits(distance, instance, triangle)
+        hits = Hits.misses(len(start))
+        hits.put(met if rays is None else rays[met], Hits(distance, instance, triangle))
+        return hits
+
+    def _all_begin_within(self, origins: np.ndarray, start: np.ndarray) -> bool:
+        """Whether few rays are seen at a glance to be in the box where they start."""
+        if not 0 < len(start) <= KEPT:
+            return False
+        inside = origins > self._inner_low
+        inside &= origins < self._inner_high
+        return bool(
+            np.logical_and.reduce(inside, None)
+            and np.minimum.reduce(start) >= -MARGIN
+            and np.maximum.reduce(start) <= MARGIN
+        )
+
+    def _packets_of(self, count: int) -> _Packets:
+        """Room for so many rays: of few, what this thread has kept."""
+        if count > KEPT:
+            return _Packets(count)
+        size = -(-count // PACKET)
+        kept = self._kept.__dict__
+        if size not in kept:
+            kept[size] = _Packets(count)
+        ready: _Packets = kept[size]
+        return ready
+
+    def _trace(self, packets: _Packets) -> None:
+        run, valid = self._library.rtcIntersect16, self._valid_address
+        deque(map(run, repeat(valid), repeat(self._top), packets.addresses, repeat(None)), maxlen=0)
+
+    def _numbered(self, instance: np.ndarray, primitive: np.ndarray) -> np.ndarray:
+        """Triangles of the meshes, from those that Embree was given."""
+        mesh_of = self.scene.mesh_index[instance]
+        found: np.ndarray = self._numbers.take(self._first_number.take(mesh_of) + primitive)
+        return found
+
+
+class _Build:
+    """Embree's scenes on one device, and the arrays that they read where they are.
+
+    parent : another on the same device, which gives it back, and lives longer.
+    """
+
+    def __init__(self, library: ctypes.CDLL, device: int, parent: _Build | None = None) -> None:
+        self._library = library
+        self._device = device
+        self._scenes: list[int] = []
+        self._arrays: list[np.ndarray] = []
+        # The parent is held by what releases this, so that it goes after it, also in a collected circle.
+        weakref.finalize(self, _release, library, device, self._scenes, self._arrays, parent)
+
+    def mesh(self, mesh: TriMesh, rows: np.ndarray) -> int:
+        """A scene of these triangles of a mesh, in its local space."""
+        vertices = np.zeros(
+            (len(mesh.vertices) + 1, 3), dtype=np.float32
+        )  # read 16 bytes at a time
+        vertices[:-1] = np.nan_to_num(mesh.vertices, nan=0.0, posinf=0.0, neginf=0.0)
+        triangles = np.ascontiguousarray(mesh.triangles[rows], dtype=np.uint32)
+        self._arrays += [vertices, triangles]
+        geometry = self._library.rtcNewGeometry(self._device, embree.TRIANGLE)
+        for kind, form, array, count in (
+            (embree.VERTEX_BUFFER, embree.FLOAT3, vertices, len(vertices) - 1),
+            (embree.INDEX_BUFFER, embree.UINT3, triangles, len(triangles)),
+        ):
+            self._library.rtcSetSharedGeometryBuffer(
+                geometry, kind, 0, form, array.ctypes.data, 0, 12, count
+            )
+        scene = self._scene()
+        self._attach(scene, geometry, 0)
+        return self._commit(scene)
+
+    def instances(self, numbers: list[int], scenes: list[int], place: np.ndarray) -> int:
+        """A scene of instances; a hit names the instance by its number. place : (I, 3, 4) float32."""
+        top = self._scene()
+        row = place.ctypes.data
+        for number, scene in zip(numbers, scenes, strict=True):
+            geometry = self._library.rtcNewGeometry(self._device, embree.INSTANCE)
+            self._library.rtcSetGeometryInstancedScene(geometry, scene)
+            self._library.rtcSetGeometryTransform(geometry, 0, embree.FLOAT3X4_ROWS, row)
+            self._attach(top, geometry, number)
+            row += place.strides[0]
+        return self._commit(top)
+
+    def _scene(self) -> int:
+        scene: int = self._library.rtcNewScene(self._device)
+        self._scenes.append(scene)
+        self._library.rtcSetSceneFlags(scene, embree.ROBUST)
+        return scene
+
+    def _attach(self, scene: int, geometry: int, number: int) -> None:
+        self._library.rtcCommitGeometry(geometry)
+        self._library.rtcAttachGeometryByID(scene, geometry, number)
+        self._library.rtcReleaseGeometry(geometry)
+
+    def _commit(self, scene: int) -> int:
+        self._library.rtcCommitScene(scene)
+        error = self._library.rtcGetDeviceError(self._device)
+        if error:
+            raise EmbreeError(f"Embree could not build the scene (its error {error})")
+        return scene
+
+
+def _release(
+    library: ctypes.CDLL,
+    device: int,
+    scenes: list[int],
+    arrays: list[np.ndarray],
+    parent: _Build | None,
+) -> None:
+    """Give everything back, the last made first."""
+    for scene in reversed(scenes):
+        library.rtcReleaseScene(scene)
+    if parent is None:
+        library.rtcReleaseDevice(device)
+    arrays.clear()
+
+
+class _Packets:
+    """Rays as Embree wants them: packets (P, 21, 16) float32, the last one filled up with idle lanes."""
+
+    def __init__(self, count: int) -> None:
+        size = -(-count // PACKET)
+        self.packets = _aligned((size, ROWS, PACKET), np.float32)
+        self._whole = self.packets.view(np.uint32)
+        self.packets[:, [TNEAR, TIME]] = 0.0
+        self._whole[:, MASK] = NONE
+        self._whole[:, [ID, FLAGS]] = 0
+        self._lanes = np.zeros((7, size * PACKET), dtype=np.float32)  # origin, direction, reach
+        self._by_packet = self._lanes.reshape(7, size, PACKET).swapaxes(0, 1)
+        self._found = self._whole[:, PRIMITIVE:ROWS]
+        first, step = self.packets.ctypes.data, self.packets.strides[0]
+        self.addresses = range(first, first + step * size, step)
+
+    def fill(self, origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> None:
+        """Rays (3, R), (3, R), (R,)."""
+        count = len(reach)
+        self._lanes[:3, :count] = origins
+        self._lanes[3:6, :count] = directions
+        np.minimum(reach, FAR, out=reach)
+        self._lanes[6, :count] = reach
+        self._lanes[6, count:] = -1.0  # ends before it starts: idle
+        self.packets[:, :3] = self._by_packet[:, :3]
+        self.packets[:, DIRECTION : DIRECTION + 3] = self._by_packet[:, 3:6]
+        self.packets[:, TFAR] = self._by_packet[:, 6]
+        self._found[:] = NONE
+
+    def read(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Instance and triangle (M,) of the rays that met something, and which rays (M,) these are."""
+        found = self._found.swapaxes(0, 1).reshape(ROWS - PRIMITIVE, -1)
+        met = (found[GEOMETRY - PRIMITIVE, :count] != NONE).nonzero()[0]
+        instance = found[INSTANCE - PRIMITIVE].take(met).astype(np.int64)
+        return instance, found[0].take(met).astype(np.int64), met
+
+
+def _aligned(shape: tuple[int, ...], dtype: type) -> np.ndarray:
+    """An array that starts at a multiple of 64 bytes."""
+    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    room = np.empty(size + 64, dtype=np.uint8)
+    start = -room.ctypes.data % 64
+    return room[start : start + size].view(dtype).reshape(shape)

@@ -1,0 +1,1 @@
+"""Read: the evaluated scene and painted inputs as arrays."""

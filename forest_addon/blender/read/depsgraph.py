@@ -1,0 +1,238 @@
+"""The evaluated scene to arrays: every instance of every object that evaluates to faces.
+
+Modifiers, collection instances, geometry nodes, curves, text and metaballs are all seen as Blender shows
+them; what is hidden is not. Meshes that several instances share are read once. Custom properties of
+objects say more: ``forest_tree`` and ``forest_species`` number trees, ``forest_ignored`` keeps an
+object from all sensors, ``forest_reflectance`` (of a material, too) is for LiDAR. Trees from an asset
+library, whose mesh says so, are numbered after all others, by the names of their objects. What was read
+is kept until Blender reports any change.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...base.trimesh import TriMesh
+from ...growth.mesh.leaves import separate_leaves
+from ...sensing.rays.geometry import SceneGeometry
+from ..scene.meshes import from_mesh
+from ..scene.standings import (
+    ASSET_KEY,
+    IGNORED_KEY,
+    REFLECTANCE_KEY,
+    SOLID_TYPES,
+    SPECIES_KEY,
+    TREE_KEY,
+    NeedsIterator,
+    Standing,
+    has_duplis,
+    has_nodes,
+    standings,
+)
+from .kept import kept
+
+
+def read_scene(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:
+    """Read what an evaluated depsgraph holds; the same object again as long as nothing changes."""
+    return kept(depsgraph, _read)
+
+
+def _read(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:
+    found = _Found()
+    by_nodes = set()
+    plain = []
+    iterate = _has_other_instances(depsgraph)
+    for thing in depsgraph.objects:
+        if not has_nodes(thing):
+            plain.append(thing)
+            continue
+        try:
+            stands = standings(thing)
+        except NeedsIterator:
+            iterate = True
+            continue
+        by_nodes.add(thing.name_full)
+        for standing in stands:
+            found.add_many(standing, thing)
+    if not iterate:
+        for thing in plain:
+            if thing.type == "MESH":
+                found.add(thing.data, thing, thing, thing.matrix_world)
+            elif thing.type in SOLID_TYPES:
+                for standing in standings(thing):
+                    found.add_many(standing, thing)
+        return found.scene()
+    for instance in depsgraph.object_instances:
+        thing = instance.object
+        # What is no mesh itself, as a curve or a text, comes a second time as the mesh it evaluates to.
+        if thing.type != "MESH" or not instance.show_self:
+            continue
+        owner = instance.parent if instance.is_instance and instance.parent else thing
+        if owner.name_full not in by_nodes:
+            found.add(thing.data, thing, owner, instance.matrix_world)
+    return found.scene()
+
+
+def _has_other_instances(depsgraph: bpy.types.Depsgraph) -> bool:
+    """Whether something instances otherwise than by nodes, or is hidden and its instances are not."""
+    viewport = depsgraph.mode == "VIEWPORT"
+    for thing in depsgraph.ids:
+        if isinstance(thing, bpy.types.Object) and (
+            has_duplis(thing)
+            or not (
+                thing.show_instancer_for_viewport if viewport else thing.show_instancer_for_render
+            )
+        ):
+            return True
+    return False
+
+
+class _Found:
+    """What has been found so far: meshes, each once, and instances one by one and by the thousand."""
+
+    def __init__(self) -> None:
+        self._number_of: dict[int, int] = {}
+        self._meshes: list[TriMesh] = []
+        self._slots: list[np.ndarray] = []
+        self._assets: list[str] = []
+        self._materials: list[tuple[str, ...]] = []
+        self._names: dict[str, int] = {}
+        self._single: list[tuple] = []
+        self._many: list[tuple] = []
+        self._keepers: list[Any] = []
+
+    def add(
+        self, mesh: bpy.types.Mesh, thing: bpy.types.Object, owner: bpy.types.Object, matrix: Any
+    ) -> None:
+        """One instance of an object's mesh, of which ``owner`` is the reason."""
+        number = self._number(mesh, thing)
+        if number < 0 or _says(owner, thing, IGNORED_KEY, False):
+            return
+        self._single.append(
+            (
+                number,
+                [row[:] for row in matrix[:3]],
+                self._name(owner),
+                _says(owner, thing, TREE_KEY, -1),
+                _says(owner, thing, SPECIES_KEY, -1),
+                _says(owner, thing, REFLECTANCE_KEY, np.nan),
+            )
+        )
+
+    def add_many(self, standing: Standing, owner: bpy.types.Object) -> None:
+        """All instances of a mesh that the nodes of ``owner`` make."""
+        self._keepers.append(standing.keeper)  # its meshes tell each other apart by where they are
+        number = self._number(standing.mesh, standing.source)
+        source = standing.source or owner
+        if number < 0 or _says(owner, source, IGNORED_KEY, False):
+            return
+        count = len(standing.transform)
+        world = np.array(owner.matrix_world) @ standing.transform
+        tree, species = (
+            np.where(own >= 0, own, _says(owner, source, key, -1))
+            for own, key in ((standing.tree, TREE_KEY), (standing.species, SPECIES_KEY))
+        )
+        reflectance = _says(owner, source, REFLECTANCE_KEY, np.nan)
+        self._many.append(
+            (
+                np.full(count, number),
+                world[:, :3],
+                np.full(count, self._name(owner)),
+                tree,
+                species,
+                np.full(count, reflectance),
+            )
+        )
+
+    def scene(self) -> SceneGeometry:
+        """All of it as arrays."""
+        columns = list(zip(*self._single, strict=True)) or [[]] * 6
+        kinds = (np.int64, np.float64, np.int64, np.int64, np.int64, np.float64)
+        shapes = ((-1,), (-1, 3, 4), (-1,), (-1,), (-1,), (-1,))
+        index, transform, name, tree, species, reflectance = (
+            np.concatenate(
+                [np.array(column, dtype=kind).reshape(shape), *(many[k] for many in self._many)],
+                dtype=kind,
+            )
+            for k, (column, kind, shape) in enumerate(zip(columns, kinds, shapes, strict=True))
+        )
+        if any(self._assets):
+            tree, species = self._number_trees(index, name, tree, species)
+        return SceneGeometry(
+            meshes=tuple(self._meshes),
+            transform=transform,
+            mesh_index=index,
+            object_name=tuple(self._names),
+            tree=tree,
+            species=species,
+            object_index=name,
+            reflectance=reflectance,
+            slot_reflectance=tuple(self._slots),
+            asset=tuple(self._assets),
+            slot_names=tuple(self._materials),
+        )
+
+    def _number_trees(
+        self, mesh: np.ndarray, name: np.ndarray, tree: np.ndarray, species: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers of trees and species, with those of trees from libraries that nobody numbered."""
+        kinds = [species_of_asset(asset) for asset in self._assets]
+        number = {kind: k for k, kind in enumerate(sorted(set(kinds) - {""}))}
+        of_mesh = np.array([number.get(kind, -1) for kind in kinds], dtype=np.int64)
+        ours = of_mesh[mesh] >= 0
+        new = np.flatnonzero(ours & (tree < 0))
+        by_name = np.argsort(np.array(list(self._names))[name[new]], kind="stable")
+        tree[new[by_name]] = tree.max(initial=-1) + 1 + np.arange(len(new))
+        new = np.flatnonzero(ours & (species < 0))
+        species[new] = species.max(initial=-1) + 1 + of_mesh[mesh[new]]
+        return tree, species
+
+    def _number(self, mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> int:
+        """Which of the unique meshes this is, -1 for one without faces."""
+        key = mesh.as_pointer()
+        if key not in self._number_of:
+            empty = not len(mesh.polygons)
+            self._number_of[key] = -1 if empty else len(self._meshes)
+            if not empty:
+                self._meshes.append(separate_leaves(from_mesh(mesh)))
+                self._slots.append(_slot_reflectance(mesh))
+                self._assets.append(_asset_of(mesh, thing))
+                self._materials.append(tuple(m.name if m else "" for m in mesh.materials) or ("",))
+        return self._number_of[key]
+
+    def _name(self, thing: bpy.types.Object) -> int:
+        return self._names.setdefault(thing.name, len(self._names))
+
+
+def _says(owner: bpy.types.Object, thing: bpy.types.Object, key: str, otherwise: Any) -> Any:
+    """A custom property of the owner, else of the thing itself; what is no number does not count."""
+    for place in (owner, thing):
+        value = place.get(key)
+        if isinstance(value, (bool, int, float)):
+            return value
+    return otherwise
+
+
+def species_of_asset(asset: str) -> str:
+    """The species of a tree of a library, empty where there is none."""
+    return asset.partition("#")[0]
+
+
+def _asset_of(mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> str:
+    """Which tree of a library a mesh is, also one that modifiers have worked on; empty for others."""
+    given = thing.original.data if thing is not None else None
+    for data in (mesh, given):
+        asset = data.get(ASSET_KEY) if isinstance(data, bpy.types.ID) else None
+        if isinstance(asset, str):
+            return asset
+    return ""
+
+
+def _slot_reflectance(mesh: bpy.types.Mesh) -> np.ndarray:
+    """(S,) reflectance of the materials, NaN where they say nothing."""
+    values = [m.get(REFLECTANCE_KEY) if m else None for m in mesh.materials]
+    known = [v if isinstance(v, (int, float)) else np.nan for v in values]
+    return np.array(known or [np.nan], dtype=np.float64)

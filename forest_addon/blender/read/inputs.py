@@ -1,0 +1,171 @@
+"""What a stand takes from a Blender scene: the ground, painted weights, places of trees.
+
+Meshes are taken as they are evaluated, with their modifiers, and moved to the world in float64. Weights are
+a vertex group or an attribute of numbers or colours on vertices, corners or faces; a colour counts by its
+luminance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bpy
+import numpy as np
+
+from ... import spec
+from ...sensing.rays.geometry import apply_transform
+from ...spec import SpecError
+from ...stand.inputs import Inputs, Painted, TreeList
+from ...stand.intensity.terrain import Triangulated
+from ..scene.layout import objects_in
+from .depsgraph import SOLID_TYPES
+
+LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear red, green and blue, ITU-R BT.709
+WIDTH = {"FLOAT": 1, "INT": 1, "INT8": 1, "BOOLEAN": 1, "FLOAT_COLOR": 4, "BYTE_COLOR": 4}
+
+
+def inputs_from_scene(
+    settings: spec.Scene, depsgraph: bpy.types.Depsgraph, inputs: Inputs | None = None
+) -> Inputs:
+    """Add what the settings take from objects of an evaluated scene to what came from files.
+
+    Raises
+    ------
+    SpecError : there is no such object, layer or collection; says what there is.
+    """
+    inputs = inputs or Inputs()
+    painted, lists, terrain = dict(inputs.painted), dict(inputs.lists), inputs.terrain
+    if settings.forest.terrain.object:
+        terrain = read_terrain(settings.forest.terrain.object, depsgraph)
+    for number, planting in enumerate(settings.plantings):
+        if planting.painted:
+            where = f"plantings[{number}].painted"
+            painted[planting.painted] = read_painted(planting.painted, depsgraph, where)
+        if planting.layout == "list" and planting.collection:
+            where = f"plantings[{number}].collection"
+            lists[planting.collection] = read_places(planting.collection, depsgraph, where)
+    return replace(inputs, painted=painted, lists=lists, terrain=terrain)
+
+
+def read_terrain(
+    name: str, depsgraph: bpy.types.Depsgraph, where: str = "forest.terrain.object"
+) -> Triangulated:
+    """The topmost surface of an evaluated object."""
+    thing = _object(name, depsgraph, where)
+    data = thing.to_mesh()
+    try:
+        try:
+            return Triangulated(*_world(thing, data))
+        except ValueError as problem:
+            raise SpecError(where, f'"{name}": {problem}') from None
+    finally:
+        thing.to_mesh_clear()
+
+
+def read_painted(
+    name: str, depsgraph: bpy.types.Depsgraph, where: str = "plantings.painted"
+) -> Painted:
+    """The weights of a layer of an evaluated object, named OBJECT or OBJECT:LAYER.
+
+    Without a layer the active vertex group counts, else the active colour attribute.
+    """
+    holder, _, layer = (name, "", "") if name in bpy.data.objects else name.rpartition(":")
+    thing = _object(holder or name, depsgraph, where)
+    data = thing.to_mesh()
+    try:
+        vertices, triangles = _world(thing, data)
+        domain, values = _layer(thing, data, layer, where)
+        if domain == "POINT":
+            return Painted(vertices, triangles, values)
+        loops = np.empty((len(triangles), 3), dtype=np.int32)
+        data.loop_triangles.foreach_get("loops", loops.ravel())
+        faces = np.empty(len(triangles), dtype=np.int32)
+        data.loop_triangles.foreach_get("polygon_index", faces)
+        corner = values[loops] if domain == "CORNER" else np.repeat(values[faces, None], 3, axis=1)
+        apart = np.arange(3 * len(triangles)).reshape(
+            -1, 3
+        )  # a vertex may weigh differently a face
+        return Painted(vertices[triangles].reshape(-1, 3), apart, corner.ravel())
+    finally:
+        thing.to_mesh_clear()
+
+
+def read_places(
+    name: str, depsgraph: bpy.types.Depsgraph, where: str = "plantings.collection"
+) -> TreeList:
+    """Where the objects of a collection stand, in the order of their names: place, turn, size.
+
+    The size factor is the cube root of the volume that a unit cube has in the object.
+    """
+    collection = bpy.data.collections.get(name)
+    if collection is None:
+        known = ", ".join(sorted(c.name for c in bpy.data.collections)) or "none"
+        raise SpecError(where, f'there is no collection "{name}" in the scene; there are: {known}')
+    things = sorted(objects_in(collection), key=lambda thing: thing.name)
+    matrix = np.array(
+        [thing.evaluated_get(depsgraph).matrix_world for thing in things], dtype=np.float64
+    ).reshape(-1, 4, 4)
+    volume = np.linalg.det(matrix[:, :3, :3])
+    if (volume <= 0).any():
+        mirrored = things[int(np.argmax(volume <= 0))].name
+        raise SpecError(
+            where, f'"{mirrored}" is mirrored or flat; give it a scale above 0 on each axis'
+        )
+    return TreeList(
+        position=matrix[:, :3, 3],
+        scale=np.cbrt(volume),
+        rotation=np.arctan2(matrix[:, 1, 0], matrix[:, 0, 0]),
+    )
+
+
+def _object(name: str, depsgraph: bpy.types.Depsgraph, where: str) -> bpy.types.Object:
+    thing = bpy.data.objects.get(name)
+    if thing is None or thing.type not in SOLID_TYPES:
+        solid = sorted(o.name for o in bpy.data.objects if o.type in SOLID_TYPES)
+        few = ", ".join(solid[:10]) + (", ..." if len(solid) > 10 else "")
+        problem = f'there is no object "{name}" with a surface in the scene'
+        raise SpecError(where, f"{problem}; there are: {few or 'none'}")
+    return thing.evaluated_get(depsgraph)
+
+
+def _world(thing: bpy.types.Object, data: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (V, 3) in the world and triangles (T, 3) of an evaluated mesh."""
+    data.calc_loop_triangles()
+    triangles = np.empty((len(data.loop_triangles), 3), dtype=np.int32)
+    data.loop_triangles.foreach_get("vertices", triangles.ravel())
+    vertices = np.empty((len(data.vertices), 3), dtype=np.float32)
+    if len(vertices):
+        data.attributes["position"].data.foreach_get("vector", vertices.ravel())
+    world = np.array(thing.matrix_world, dtype=np.float64)[:3]
+    return apply_transform(world, vertices.astype(np.float64)), triangles
+
+
+def _layer(
+    thing: bpy.types.Object, data: bpy.types.Mesh, layer: str, where: str
+) -> tuple[str, np.ndarray]:
+    """The domain of a layer and its values."""
+    group = thing.vertex_groups.get(layer) if layer else thing.vertex_groups.active
+    if group is not None:
+        weights = np.zeros(len(data.vertices))
+        for vertex in data.vertices:
+            for membership in vertex.groups:
+                if membership.group == group.index:
+                    weights[vertex.index] = membership.weight
+        return "POINT", weights
+    attribute = data.attributes.get(layer) if layer else data.color_attributes.active_color
+    usable = [
+        a
+        for a in data.attributes
+        if a.data_type in WIDTH and a.domain != "EDGE" and a.name[0] != "."
+    ]
+    if attribute is None or attribute.name not in {a.name for a in usable}:
+        known = [g.name for g in thing.vertex_groups] + [a.name for a in usable]
+        what = f'no layer "{layer}" of weights' if layer else "no painted layer"
+        there = ", ".join(known) or "none"
+        raise SpecError(where, f'"{thing.name}" has {what}; its layers: {there}')
+    width = WIDTH[attribute.data_type]
+    kind = {"FLOAT": np.float32, "BOOLEAN": bool, "INT": np.int32, "INT8": np.int8}
+    raw = np.empty(len(attribute.data) * width, dtype=kind.get(attribute.data_type, np.float32))
+    attribute.data.foreach_get("value" if width == 1 else "color", raw)
+    values = raw.reshape(-1, width).astype(np.float64)
+    return attribute.domain, values[:, :3] @ LUMINANCE if width == 4 else values[:, 0]

@@ -1,0 +1,1 @@
+"""Scene: grown forests as Blender meshes, instances and materials."""

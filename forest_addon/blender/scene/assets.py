@@ -1,0 +1,89 @@
+"""Grown variants as assets: in the asset browser, with a picture, to be dragged into any scene.
+
+The picture is drawn here, from points strewn over the mesh, because a Blender without a window draws none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ... import spec
+from ...base.rng import stream
+from ...base.trimesh import DEAD, LEAF, WOOD, TriMesh
+
+PIXELS = 128
+DOTS = 60_000
+LIGHT = np.array([-0.45, -0.70, 0.55])  # towards the sun; the eye looks along +Y
+AMBIENT = 0.45
+
+
+@dataclass(frozen=True)
+class Portrait:
+    """What an asset says of its tree.
+
+    label : what its planting is called. picture : (PIXELS, PIXELS, 4), see ``draw``.
+    """
+
+    label: str
+    description: str
+    picture: np.ndarray
+
+
+def portray(species: spec.Species, label: str, mesh: TriMesh) -> Portrait:
+    """Describe and draw a tree, Z up, of a species."""
+    height = float(mesh.vertices[:, 2].max(initial=0.0))
+    leaves = int(mesh.leaf.max(initial=-1)) + 1
+    colours = {WOOD: species.look.bark, DEAD: species.look.bark, LEAF: species.look.foliage()}
+    described = f"{label}, {height:.1f} m tall, {leaves:,} leaves"
+    return Portrait(label, described, draw(mesh, colours))
+
+
+def mark(thing: bpy.types.Object, portrait: Portrait) -> None:
+    """Make an object an asset that says what tree it is, or say so of one that is an asset."""
+    if thing.asset_data is None:
+        thing.asset_mark()
+        thing.asset_data.author = "Forest Sensing"
+    about = thing.asset_data
+    about.description = portrait.description
+    for tag in {"tree", "forest", portrait.label} - set(about.tags.keys()):
+        about.tags.new(tag)
+    preview = thing.preview_ensure()
+    preview.image_size = (PIXELS, PIXELS)
+    preview.image_pixels_float = portrait.picture.ravel()
+
+
+def draw(mesh: TriMesh, colours: dict[int, tuple[float, float, float]]) -> np.ndarray:
+    """(PIXELS, PIXELS, 4) sRGB, from the lower left: the mesh from the front, the rest transparent.
+
+    colours : linear, by the part of a face.
+    """
+    picture = np.zeros((PIXELS, PIXELS, 4), dtype=np.float32)
+    corner = mesh.vertices[mesh.triangles]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    if not area.sum() > 0:
+        return picture
+    rng = stream(0, "asset", "picture")
+    face = rng.choice(len(area), DOTS, p=area / area.sum())
+    u, v = rng.random((2, DOTS, 1))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    a, b, c = corner[face].transpose(1, 0, 2)
+    dots = a + u * (b - a) + v * (c - a)
+
+    low, high = dots.min(axis=0), dots.max(axis=0)
+    size = max(high[0] - low[0], high[2] - low[2], 1e-9) * 1.04
+    middle = (low + high) / 2
+    place = ((dots - middle) / size + 0.5) * PIXELS
+    column, row = np.clip(place[:, [0, 2]], 0, PIXELS - 1).astype(int).T
+    order = np.argsort(-dots[:, 1])  # what is nearer is drawn over what is farther
+    facing = np.abs(normal[face] @ LIGHT) / (area[face] * np.linalg.norm(LIGHT))
+    tone = np.full((128, 3), 0.25)
+    for part, colour in colours.items():
+        tone[part] = colour
+    shade = 2.5 * tone[mesh.part[face]] * (AMBIENT + (1 - AMBIENT) * facing)[:, None]
+    picture[row[order], column[order], :3] = np.clip(shade[order], 0, 1) ** (1 / 2.2)
+    picture[row, column, 3] = 1.0
+    return picture

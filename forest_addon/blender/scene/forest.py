@@ -1,0 +1,223 @@
+"""A forest as a Blender scene: variants as meshes, trees that share them, a ground.
+
+Everything stands in named collections below *Forest*: *Trees*, *Variants* (hidden; assets to drag in),
+their *Outlines* (hidden), *Ground*, *Sensors* and *Results*. Trees are objects, one collection a species, or
+points of one object that geometry nodes put variants on. All data of a new forest is complete before an old
+one is touched, and what was made of one that fails is taken back; then the objects that stand there get it
+(``placing``), with materials as they were (``standing``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+import bpy
+import numpy as np
+
+from ... import spec
+from ...growth.mesh.outline import outline
+from ...growth.tree import Tree
+from ...growth.truth import tree_truth
+from ...stand.forest import Forest
+from ...stand.intensity.terrain import Flat, Terrain
+from . import assets, materials
+from .ground import ground_mesh
+from .ground_nodes import show_near
+from .instances import points_mesh, ranks
+from .layout import GROUND_NAME, OUTLINES, TREES, VARIANTS, find_part, part, root
+from .meshes import to_mesh
+from .nodes import give_instancer, instancer_group
+from .ours import MADE_KEY, all_or_nothing, is_ours
+from .placing import Wanted, put
+from .standing import Coat, Standing, fingerprint, has_own_mesh
+from .standings import SPECIES_KEY, TREE_KEY
+
+MANY = 1000  # trees; where there are more, they are points unless the settings say otherwise
+SHOWN_IN_FULL = (
+    30_000_000  # triangles; where there are more, views show outlines until told otherwise
+)
+PICTURE_KEY = "forest_picture"  # what the picture of a variant was drawn from
+POINTS_ROLE, GROUND_ROLE = f"{TREES}/points", f"{GROUND_NAME}/ground"
+
+
+def build(
+    scene: bpy.types.Scene,
+    settings: spec.Scene,
+    forest: Forest,
+    terrain: Terrain | None = None,
+    *,
+    as_assets: bool = True,
+) -> bpy.types.Collection:
+    """Put a forest into a Blender scene, or bring the one that is there up to date; its sensors stay.
+
+    terrain : the ground that the forest was planned on; None: flat.
+    as_assets : whether variants become assets, each with a picture, and say what they measure; nobody
+        looks at those of a scene that is not kept.
+
+    Raises
+    ------
+    ValueError : a tree that cannot stand (see ``points_mesh``), or an object of the forest that is in Edit
+        Mode, where Blender gives it no other mesh; nothing is changed.
+    """
+    terrain = Flat(settings.forest.terrain.base) if terrain is None else terrain
+    standing = Standing.of(scene)
+    edited = next((thing.name for thing in standing.things.values() if thing.mode == "EDIT"), "")
+    if edited:
+        raise ValueError(f'"{edited}" is being edited; leave Edit Mode, then build again')
+    with all_or_nothing():
+        plan = _plan(scene, standing, settings.forest, forest, terrain, as_assets)
+
+    chosen = bpy.data.objects.get(settings.forest.terrain.object)
+    if chosen is not None and is_ours(chosen):  # else it stays anyway, or went while trees grew
+        del chosen[MADE_KEY]
+    standing.dress([coat for pair in _coats(forest) for coat in pair])
+    things = put(scene, standing, plan.wanted, plan.labels)
+    for role, portrait in plan.portraits.items():
+        if role not in standing.things or things[role].asset_data is not None:
+            assets.mark(things[role], portrait)
+    if POINTS_ROLE in things:
+        libraries = part(scene, VARIANTS), part(scene, OUTLINES)
+        give_instancer(things[POINTS_ROLE], *libraries, light=plan.light)
+    if GROUND_ROLE in things:
+        show_near(things[GROUND_ROLE], settings.forest, terrain)
+    return root(scene)
+
+
+@dataclass
+class _Plan:
+    """What a forest needs: objects, plantings that have a collection of their own, pictures of variants
+    that are new, and whether views show outlines.
+    """
+
+    wanted: list[Wanted] = field(default_factory=list)
+    labels: tuple[str, ...] = ()
+    as_assets: bool = True
+    portraits: dict[str, assets.Portrait] = field(default_factory=dict)
+    light: bool = False
+
+
+def _plan(
+    scene: bpy.types.Scene,
+    standing: Standing,
+    settings: spec.Forest,
+    forest: Forest,
+    terrain: Terrain,
+    as_assets: bool,
+) -> _Plan:
+    """Make all data of a forest; the scene stays as it is."""
+    plan, stand = _Plan(as_assets=as_assets), forest.stand
+    points = len(stand) > MANY if settings.instancing == "auto" else settings.instancing == "points"
+    library = _fill_library(plan, standing, forest, points)
+    number_of = {key: number for number, key in enumerate(forest.variants)}
+    pairs = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
+    variant = np.array([number_of[pair] for pair in pairs], dtype=np.int64)
+    if not points:
+        plan.labels = forest.labels
+        plan.wanted += _trees(forest, [want.data for want in library], variant)
+    elif len(stand):
+        plan.wanted.append(_points(plan, scene, standing, forest, library, variant))
+    if not settings.terrain.object:
+        coat = Coat("Ground", materials.ground)
+        shape = ground_mesh(settings, terrain)
+        make = partial(to_mesh, "Ground", shape)
+        data = standing.renew(GROUND_ROLE, "Ground", fingerprint(shape), make, [coat])
+        plan.wanted.append(Wanted(GROUND_NAME, GROUND_ROLE, "Ground", data))
+    return plan
+
+
+def _coats(forest: Forest) -> list[tuple[Coat, Coat]]:
+    """Bark and leaves of every planting."""
+    looks = ((label, kind.look) for label, kind in zip(forest.labels, forest.species, strict=True))
+    return [
+        (
+            Coat(f"{label} bark", materials.bark, look.bark),
+            Coat(f"{label} leaf", materials.leaf, look.foliage()),
+        )
+        for label, look in looks
+    ]
+
+
+def _fill_library(
+    plan: _Plan, standing: Standing, forest: Forest, with_outlines: bool
+) -> list[Wanted]:
+    """Plan an object for every variant, named so that their order is their number; returns them."""
+    coats, library = _coats(forest), []
+    digits = max(3, len(str(len(forest.variants))))
+    for number, ((planting, variant), tree) in enumerate(forest.variants.items()):
+        label, numbered = forest.labels[planting], f"{number:0{digits}d} "
+        name = f"{label}.{variant:03d}"
+        role, look = f"{VARIANTS}/{name}", forest.species[planting].look
+        was, shape = standing.things.get(role), fingerprint(tree.mesh)
+        says = {SPECIES_KEY: planting, PICTURE_KEY: f"{shape} {look.bark} {look.foliage()}"}
+        make = partial(_variant_mesh, name, tree, plan.as_assets)
+        sister = standing.first(f"{VARIANTS}/{label}")
+        mesh = standing.renew(role, name, shape, make, coats[planting], sister)
+        known = was is not None and (has_own_mesh(was) or was.get(PICTURE_KEY) == says[PICTURE_KEY])
+        if plan.as_assets and not known:
+            plan.portraits[role] = assets.portray(forest.species[planting], label, tree.mesh)
+        library.append(Wanted(VARIANTS, role, numbered + name, mesh, says=says))
+        if with_outlines:
+            role, rough = f"{OUTLINES}/{name}", f"{name} outline"
+            make = partial(_outline_mesh, rough, tree)
+            data = standing.renew(role, rough, shape, make, coats[planting], mesh)
+            plan.wanted.append(Wanted(OUTLINES, role, numbered + rough, data))
+    plan.wanted += library
+    return library
+
+
+def _variant_mesh(name: str, tree: Tree, told: bool) -> bpy.types.Mesh:
+    data = to_mesh(name, tree.mesh)
+    truth = tree_truth(tree) if told else {}
+    for key, value in truth.items():  # custom properties, for whoever looks
+        data[key] = value
+    return data
+
+
+def _outline_mesh(name: str, tree: Tree) -> bpy.types.Mesh:
+    return to_mesh(name, outline(tree.mesh))
+
+
+def _trees(
+    forest: Forest, meshes: Sequence[bpy.types.Mesh], variant: np.ndarray
+) -> Iterable[Wanted]:
+    """An object for every tree, in the collection of its planting."""
+    stand = forest.stand
+    for tree, place in enumerate(forest.transforms()):
+        planting, number = int(stand.species[tree]), int(stand.id[tree])
+        label = forest.labels[planting]
+        name, says = f"{label} {number:04d}", {TREE_KEY: number, SPECIES_KEY: planting}
+        mesh = meshes[variant[tree]]
+        yield Wanted(TREES, f"{TREES}/{name}", name, mesh, label, place, says)
+
+
+def _points(
+    plan: _Plan,
+    scene: bpy.types.Scene,
+    standing: Standing,
+    forest: Forest,
+    library: Sequence[Wanted],
+    variant: np.ndarray,
+) -> Wanted:
+    """One object for all trees."""
+    instancer_group()
+    stand, home = forest.stand, find_part(scene, VARIANTS)
+    others = [b.name for b in (*home.objects, *home.children) if not is_ours(b)] if home else []
+    rank = ranks([want.name for want in library], others)
+    make = partial(
+        points_mesh,
+        TREES,
+        count=len(library) + len(others),
+        position=forest.transforms()[:, :, 3],
+        rotation=stand.rotation,
+        scale=stand.scale,
+        variant=rank[variant],
+        tree=stand.id,
+        species=stand.species,
+    )
+    faces = np.array([len(want.data.polygons) for want in library], dtype=np.int64)
+    aligned = bool((rank == np.arange(len(rank))).all())  # or outlines would be those of others
+    plan.light = aligned and bool(faces[variant].sum() > SHOWN_IN_FULL)
+    data = standing.renew(POINTS_ROLE, TREES, "", make)
+    return Wanted(TREES, POINTS_ROLE, TREES, data)

@@ -1,0 +1,1 @@
+"""Sensors: objects of a Blender scene that look and listen in it."""

@@ -1,0 +1,246 @@
+"""Sensors as objects: where they are and look is the object's own transform, so they can be moved, parented,
+keyed, and follow a curve.
+
+A sonar and a tractor look along their object's local X axis; a scanner on a tripod stays upright, and its
+azimuth counts from where that axis points (``heading``). A reverb
+is a Speaker at the source, which sends along its local -Z as Speakers do, with an Empty, its receiver.
+``place`` puts settings into transforms, ``pose`` reads them back as a scene file would have them; what the
+pose is made of is not shown in the panel again (``POSED``).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...spec import Settings, SpecError
+from ..read.single import shortest
+from ..scene.layout import SENSORS, find_part, part
+
+KIND_KEY = "forest_sensor_kind"  # custom property of a sensor's object: its kind
+RECEIVER_KEY = "forest_receiver"  # custom property of a reverb's source: its receiver
+PATH_KEY = "forest_path"  # custom property of a moving scanner: the curve that was made for it
+
+# Settings that an object's transform says.
+POSED: dict[str, tuple[str, ...]] = {
+    "tractor": ("position", "heading_deg"),
+    "terrestrial": ("position",),
+    "mobile": (),
+    "airborne": ("position", "heading_deg"),
+    "sonar": ("position", "azimuth_deg", "elevation_deg"),
+    "reverb": ("source", "receiver", "facing_azimuth_deg", "facing_elevation_deg"),
+}
+# Axes of its rotation that a sensor heeds; about the others no hand can turn it. A tripod stays upright.
+TURNS: dict[str, tuple[int, ...]] = {
+    "tractor": (2,),
+    "terrestrial": (2,),
+    "mobile": (),
+    "airborne": (2,),
+    "sonar": (1, 2),
+    "reverb": (0, 1, 2),
+}
+DEGREE_DIGITS = 4  # what single precision keeps of an angle: rounding gives 110 back
+
+
+def new_sensor(scene: bpy.types.Scene, settings: Settings) -> bpy.types.Object:
+    """A new object for a sensor among the scene's sensors, placed where its settings say."""
+    home = part(scene, SENSORS)
+    if settings.kind == "reverb":
+        thing = _speaker(settings.name)
+        receiver = _empty(f"{settings.name} receiver", "SPHERE")
+        home.objects.link(receiver)
+        thing[RECEIVER_KEY] = receiver
+    else:
+        thing = _empty(settings.name, "ARROWS")
+    thing[KIND_KEY] = settings.kind
+    lock(thing)
+    home.objects.link(thing)
+    place(thing, settings)
+    return thing
+
+
+def put_sensor(scene: bpy.types.Scene, settings: Settings) -> bpy.types.Object:
+    """The object of a sensor: the one of its name and kind that the scene has, moved, or a new one."""
+    for thing in sensors_of(scene):
+        if file_name(thing.name) == settings.name and kind_of(thing) == settings.kind:
+            place(thing, settings)
+            return thing
+    return new_sensor(scene, settings)
+
+
+def new_path(
+    scene: bpy.types.Scene, sensor: bpy.types.Object, points: list[tuple[float, float, float]]
+) -> bpy.types.Object:
+    """A sensor's own curve of straight pieces through ``points`` (m), its origin at the first."""
+    name = f"{sensor.name} Path"
+    data = bpy.data.curves.new(name, "CURVE")
+    data.dimensions = "3D"
+    line = data.splines.new("POLY")
+    line.points.add(len(points) - 1)
+    places = np.ones((len(points), 4))
+    places[:, :3] = np.subtract(points, points[0])
+    line.points.foreach_set("co", places.astype(np.float32).ravel())
+    thing = bpy.data.objects.new(name, data)
+    thing.location = points[0]
+    part(scene, SENSORS).objects.link(thing)
+    sensor[PATH_KEY] = thing
+    sensor.location = thing.location
+    return thing
+
+
+def lock(thing: bpy.types.Object) -> None:
+    """Keep a sensor from moves by hand that would have no effect."""
+    kind = kind_of(thing)
+    thing.lock_location = (kind == "mobile",) * 3
+    thing.lock_rotation = tuple(axis not in TURNS[kind] for axis in range(3))
+    thing.lock_scale = (True,) * 3
+
+
+def _speaker(name: str) -> bpy.types.Object:
+    """A Speaker in no collection; one that plays on the timeline where Blender's operator can make it."""
+    from ..show.sound import add_speaker
+
+    if bpy.context.mode != "OBJECT":
+        return bpy.data.objects.new(name, bpy.data.speakers.new(name))
+    objects = bpy.context.view_layer.objects
+    chosen = objects.active
+    thing = add_speaker(name, (0.0, 0.0, 0.0))
+    thing.select_set(False)
+    objects.active = chosen
+    for home in list(thing.users_collection):
+        home.objects.unlink(thing)
+    return thing
+
+
+def remove_sensor(thing: bpy.types.Object) -> None:
+    """Remove a sensor's object with its data; its receiver or path too, unless a copy of it has that."""
+    data, gone = [thing.data], []
+    for key in (RECEIVER_KEY, PATH_KEY):
+        own = _held(thing, key)
+        others = (other for other in bpy.data.objects if other != thing)
+        if own is not None and not any(_held(other, key) == own for other in others):
+            gone.append(own)
+            data.append(own.data)
+    for one in (thing, *gone):
+        bpy.data.objects.remove(one)
+    bpy.data.batch_remove([one for one in data if one is not None and not one.users])
+
+
+def kind_of(thing: bpy.types.Object) -> str:
+    """The kind of sensor that an object is, empty if it is none."""
+    return str(thing.get(KIND_KEY, ""))
+
+
+def file_name(name: str) -> str:
+    """The name of an object as one of files: "echo.001" is echo-001."""
+    return "".join(c if c.isalnum() or c in "-_" else "-" for c in name)
+
+
+def sensors_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The sensors of a scene, in the order of their names."""
+    home = home_of(scene)
+    things = home.objects if home else ()
+    return sorted((thing for thing in things if kind_of(thing)), key=lambda thing: thing.name)
+
+
+def home_of(scene: bpy.types.Scene) -> bpy.types.Collection | None:
+    """The collection of a scene's sensors, None where it has none yet."""
+    return find_part(scene, SENSORS)
+
+
+def place(thing: bpy.types.Object, settings: Settings) -> None:
+    """Move and turn an object to where its settings say."""
+    azimuth = elevation = 0.0
+    thing.rotation_mode = "XYZ"
+    if settings.kind == "reverb":
+        _place_ends(thing, settings)
+        return
+    if settings.kind == "sonar":
+        azimuth, elevation = settings.azimuth_deg, settings.elevation_deg
+    elif settings.kind in ("tractor", "airborne"):
+        azimuth = settings.heading_deg
+    thing.rotation_euler = (0.0, -math.radians(elevation), math.radians(azimuth))
+    if settings.kind != "mobile":
+        thing.location = settings.position
+    elif settings.poses:
+        thing.location = settings.poses[0].position
+
+
+def _place_ends(thing: bpy.types.Object, reverb: Settings) -> None:
+    """A Speaker to its source, pointing where that faces, and its receiver to where one listens."""
+    up, turn = reverb.facing_elevation_deg, reverb.facing_azimuth_deg
+    thing.location = reverb.source
+    thing.rotation_euler = (math.radians(90 + up), 0.0, math.radians(turn - 90))
+    receiver = receiver_of(thing)
+    if receiver is not None:
+        receiver.location = reverb.receiver
+
+
+def pose(thing: bpy.types.Object) -> dict[str, Any]:
+    """The settings that an object's evaluated transform says.
+
+    Raises
+    ------
+    SpecError : a reverb whose receiver is gone.
+    """
+    kind = kind_of(thing)
+    if kind == "reverb":
+        receiver = receiver_of(thing)
+        if receiver is None:
+            raise SpecError(thing.name, "its receiver is gone; choose an object as receiver")
+        azimuth, elevation = _direction_of(thing, axis=2, sign=-1)
+        return {
+            "source": _place_of(thing),
+            "receiver": _place_of(receiver),
+            "facing_azimuth_deg": azimuth,
+            "facing_elevation_deg": elevation,
+        }
+    if kind == "mobile":  # it goes where its poses, or what it follows, say
+        return {}
+    found: dict[str, Any] = {"position": _place_of(thing)}
+    azimuth, elevation = _direction_of(thing)
+    if kind == "sonar":
+        found |= {"azimuth_deg": azimuth, "elevation_deg": elevation}
+    elif kind in ("tractor", "airborne"):
+        found["heading_deg"] = azimuth
+    return found
+
+
+def heading(thing: bpy.types.Object) -> float:
+    """Where an object's X axis points, degrees from +X towards +Y."""
+    return _direction_of(thing)[0]
+
+
+def receiver_of(thing: bpy.types.Object) -> bpy.types.Object | None:
+    """The object that hears what a reverb's source sends, None where it is gone."""
+    return _held(thing, RECEIVER_KEY)
+
+
+def _held(thing: bpy.types.Object, key: str) -> bpy.types.Object | None:
+    """The object that a custom property points to, None where there is none."""
+    held = thing.get(key)
+    return held if isinstance(held, bpy.types.Object) else None
+
+
+def _empty(name: str, shape: str) -> bpy.types.Object:
+    thing = bpy.data.objects.new(name, None)
+    thing.empty_display_type = shape
+    thing.empty_display_size = 0.6
+    thing.show_in_front = thing.show_name = True
+    return thing
+
+
+def _place_of(thing: bpy.types.Object) -> tuple[float, float, float]:
+    x, y, z = (shortest(value) for value in thing.matrix_world.translation)
+    return x, y, z
+
+
+def _direction_of(thing: bpy.types.Object, axis: int = 0, sign: int = 1) -> tuple[float, float]:
+    """Azimuth and elevation of an object's local X axis, or of another, degrees."""
+    x, y, z = sign * np.array(thing.matrix_world, dtype=np.float64)[:3, axis]
+    azimuth = math.degrees(math.atan2(y, x))
+    elevation = math.degrees(math.atan2(z, math.hypot(x, y)))
+    return round(azimuth, DEGREE_DIGITS) + 0.0, round(elevation, DEGREE_DIGITS) + 0.0  # no -0.0

@@ -1,0 +1,1 @@
+"""Show: results, hills and grounds as Blender objects and renders."""

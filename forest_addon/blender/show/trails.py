@@ -1,0 +1,115 @@
+"""Flights as Blender objects: a flyer that moves with the frames, and its trail, coloured by what it sensed.
+
+The trail is a thin tube whose colour runs from red, where something was as near as ``NEAR``, to blue. Both
+are kept from the sensors. A flyer is an empty that sensors can be parented to, or follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...growth.mesh.tubes import tube
+from ..scene.ours import own
+from ..scene.standings import IGNORED_KEY
+
+NEAR, FAR = 0.5, 6.0  # metres: reddest, bluest
+THICK = 0.03  # metres, a trail's radius
+COLOUR = "sensed"
+MATERIAL = "Flight trail"
+FLIGHT_KEY = "forest_flight"  # on what shows flights, with the name of the flight
+
+
+def show_flights(
+    home: bpy.types.Collection,
+    tracks: Sequence[Any],
+    name: str = "Flight",
+    flyer: bpy.types.Object | None = None,
+) -> list[bpy.types.Object]:
+    """Put flights into a collection in place of those of before; returns the flyers.
+
+    tracks : see ``flight.flying.Track``. flyer : moves along the only track, in place of a new object.
+    """
+    old = [thing for thing in home.objects if FLIGHT_KEY in thing]
+    meshes = [thing.data for thing in old if thing.type == "MESH"]
+    bpy.data.batch_remove([thing for thing in old if thing is not flyer])
+    bpy.data.batch_remove([mesh for mesh in meshes if not mesh.users])
+    fps = bpy.context.scene.render.fps / bpy.context.scene.render.fps_base
+    last, flyers = 1.0, []
+    for number, track in enumerate(tracks):
+        label = f"{name} {number:03d}" if len(tracks) > 1 else name
+        thing = flyer
+        if thing is None:
+            thing = bpy.data.objects.new(label, None)
+            thing.empty_display_type, thing.empty_display_size = "SINGLE_ARROW", 0.6
+            home.objects.link(thing)
+            thing[FLIGHT_KEY] = label
+        animate(thing, track, fps)
+        flyers.append(thing)
+        if len(track.position) > 1:
+            trail = bpy.data.objects.new(f"{label} trail", trail_mesh(f"{label} trail", track))
+            trail[FLIGHT_KEY], trail[IGNORED_KEY] = label, True
+            home.objects.link(trail)
+        last = max(last, 1 + track.seconds * fps)
+    bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, int(np.ceil(last))
+    return flyers
+
+
+def animate(thing: bpy.types.Object, track: Any, fps: float) -> None:
+    """Key an object's place and heading along a flight; X looks ahead."""
+    thing.animation_data_clear()
+    thing.rotation_mode = "XYZ"
+    heading = np.unwrap(track.heading)
+    for number, (place, turn) in enumerate(zip(track.position, heading, strict=True)):
+        frame = 1 + number * track.step * fps
+        thing.location, thing.rotation_euler = place, (0.0, 0.0, turn)
+        thing.keyframe_insert("location", frame=frame)
+        thing.keyframe_insert("rotation_euler", index=2, frame=frame)
+
+
+def trail_mesh(name: str, track: Any) -> bpy.types.Mesh:
+    """A tube along a flight, with the colour of what was sensed at every vertex."""
+    from scipy.spatial import cKDTree  # here: enabling the add-on does not wait for it
+
+    moved = np.append(True, np.linalg.norm(np.diff(track.position, axis=0), axis=1) > 1e-6)
+    place, near = track.position[moved], track.nearest[moved]
+    sides = 6
+    vertices, triangles = tube(place, np.full(len(place), THICK), sides)
+    data = bpy.data.meshes.new(name)
+    data.from_pydata(vertices.tolist(), [], triangles.tolist())
+    shade = colours(near)
+    of_vertex = cKDTree(place).query(vertices)[1]
+    layer = data.color_attributes.new(COLOUR, "FLOAT_COLOR", "POINT")
+    layer.data.foreach_set("color", shade[of_vertex].astype(np.float32).ravel())
+    data.materials.append(_material())
+    return data
+
+
+def colours(nearest: np.ndarray) -> np.ndarray:
+    """(P, 4) from red (near) over white to blue (far); grey where nothing was sensed."""
+    share = np.clip((nearest - NEAR) / (FAR - NEAR), 0.0, 1.0)
+    red, white, blue = np.array([[0.8, 0.02, 0.01], [0.9, 0.85, 0.7], [0.02, 0.12, 0.8]])
+    half = np.where(share < 0.5, 2 * share, 2 - 2 * share)[:, None]
+    end = np.where((share < 0.5)[:, None], red, blue)
+    shade = np.where(np.isnan(share)[:, None], 0.4, end + (white - end) * half)
+    return np.column_stack([shade, np.ones(len(shade))])
+
+
+def _material() -> bpy.types.Material:
+    """One material for all trails, that shows their colour."""
+    made = bpy.data.materials.get(MATERIAL)
+    if made is None:
+        made = own(bpy.data.materials.new(MATERIAL))
+        if made.node_tree is None:  # Blender 5 makes it with the material
+            made.use_nodes = True
+        nodes = made.node_tree.nodes
+        shader = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
+        colour = nodes.new("ShaderNodeVertexColor")
+        colour.layer_name = COLOUR
+        made.node_tree.links.new(colour.outputs["Color"], shader.inputs["Base Color"])
+        made.node_tree.links.new(colour.outputs["Color"], shader.inputs["Emission Color"])
+        shader.inputs["Emission Strength"].default_value = 0.6
+    return made

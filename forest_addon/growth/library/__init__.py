@@ -1,0 +1,1 @@
+"""Library of species: species files, templates and allometries, by way of ``formats``."""

@@ -1,0 +1,264 @@
+"""A user's tree in files becomes a species that grows: the folder of its library.
+
+Written: the tree in metres (wood.stl, leaves.stl), a species file by which siblings of it grow (or trees
+of T20's grammar, fitted to its habit), and a scene that plants it (scene.toml).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...base.trimesh import LEAF, TriMesh
+from ...formats.atomic import replacing
+from ...formats.stl import StlError, read_stl, write_stl
+from ...spec import Grammar, SpecError
+from ..mesh.leaves import measure_leaves
+from ..template.allometry import allometry_of
+from ..template.anatomy import dissect
+from ..template.cut import split_tree
+from ..template.fitted import Habit, fit
+from ..template.habit import fit_grammar
+from ..template.parts import UPRIGHT, Group, Sorted, likely_up, sort_out, stood
+from ..template.recognise import LeanError, Recognition, TemplateError, recognise, recognise_pieces
+from ..template.unit import UNITS, Unit, infer_unit
+
+Progress = Callable[[int, int], None]
+
+
+class NotUnderstoodError(SpecError):
+    """Facets that are no tree, with the (T, 3, 3) facets themselves, z up, and (N, 3) places in them."""
+
+    def __init__(self, problem: TemplateError, facets: np.ndarray) -> None:
+        super().__init__("template", str(problem))
+        self.facets = facets
+        self.places = problem.places
+
+
+@dataclass(frozen=True)
+class Library:
+    """What was read and recognised, in file units, and what it was made into.
+
+    wood, leaves : (T, 3, 3) facets as read, z up. leaf : median length of a leaf, None without leaves.
+    unit : what one unit of the files is taken to be. habit : the tree taken apart, in metres.
+    species : the file written.
+    told : in words, how wood and leaves were told apart within one file, if they were.
+    up : the files' axis that points up.
+    """
+
+    wood: np.ndarray
+    leaves: np.ndarray | None
+    found: Recognition
+    leaf: float | None
+    unit: Unit
+    habit: Habit
+    species: Path
+    told: str = ""
+    up: str = "z"
+
+    @property
+    def height(self) -> float:
+        """Of the tree, metres."""
+        return float(np.ptp(self.wood[:, :, 2])) * self.unit.metres
+
+    @property
+    def branches(self) -> int:
+        """How many first-level branches it has."""
+        return int(np.count_nonzero(self.habit.anatomy.order == 1))
+
+    @property
+    def leaf_count(self) -> int:
+        """How many leaves."""
+        return len(self.habit.anatomy.foliage.bearer)
+
+
+def make_library(
+    wood: Path,
+    leaves: Path | None,
+    name: str,
+    height: float,
+    out: Path,
+    progress: Progress | None = None,
+    grammar: str = "fitted",
+    *,
+    groups: Sequence[Group] = (),
+    unit: str = "",
+    up: str = "",
+) -> Library:
+    """Make a template library from files of a tree.
+
+    wood, leaves : STL files; wood alone may hold leaves too.
+    height : metres of the tree; 0: as the unit says.
+    grammar : "fitted" for siblings of the tree, "t20" for T20's grammar with its branches.
+    groups : what the files hold, where they are no STL.
+    unit : in which they are drawn, of ``UNITS``. up : axis that points up, of ``UPRIGHT``. Both are
+        inferred where empty.
+
+    Raises
+    ------
+    SpecError : a name, a height or a file cannot be used, with the reason.
+    OSError : the folder cannot be written.
+    """
+    check_name(name)
+    if not 0 <= height <= 200:
+        raise SpecError("height", f"{height:g} m is out of range; use 0 to 200")
+    tell = progress or _say_nothing
+    tell(0, 4)
+    if unit and unit not in UNITS:
+        raise SpecError("unit", f'"{unit}" is not known; use one of {", ".join(UNITS)}')
+    if up and up not in UPRIGHT:
+        raise SpecError("up", f'"{up}" is not known; use one of {", ".join(UPRIGHT)}')
+    parts = _read(wood, leaves, groups)
+    parts, found, up = _stand(parts, up)
+    timber, foliage = parts.wood, parts.leaves
+    tell(1, 4)
+    leaf = _leaf_length(found)
+    tall = float(np.ptp(timber[:, :, 2]))
+    if height:
+        scale = Unit(height / tall, "units of the height given")
+    else:
+        usual = None if found.fronds else leaf  # as long as a frond, a leaf tells no unit
+        scale = Unit(UNITS[unit], unit) if unit else infer_unit(tall, usual)
+    metres = scale.metres
+    metric = (timber * metres, None if foliage is None else foliage * metres)
+    try:
+        habit = fit(dissect(found, metres))
+        tell(2, 4)
+        fitted = grammar != "t20"
+        how = _siblings_text(name) if fitted else _t20_text(fit_grammar(split_tree(*metric)))
+    except TemplateError as problem:
+        raise NotUnderstoodError(problem, timber) from None
+    tell(3, 4)
+
+    out.mkdir(parents=True, exist_ok=True)
+    write_stl(out / "wood.stl", metric[0], f"{name}: wood, metres")
+    if metric[1] is not None:
+        write_stl(out / "leaves.stl", metric[1], f"{name}: leaves, metres")
+    species = out / f"{name}.toml"
+    origin = " and ".join(path.name for path in (wood, leaves) if path)
+    _write(species, _species_text(name, origin, foliage is not None) + how)
+    _write(out / "scene.toml", _scene_text(name, tall * metres))
+    tell(4, 4)
+    return Library(timber, foliage, found, leaf, scale, habit, species, parts.said, up)
+
+
+def check_name(name: str) -> None:
+    """Refuse a name that would not do as one of a file.
+
+    Raises
+    ------
+    SpecError : it has other characters than letters, digits, - and _.
+    """
+    if not re.fullmatch(r"[\w-]+", name):
+        raise SpecError("name", f'"{name}" must be letters, digits, - and _ only')
+
+
+def _read(wood: Path, leaves: Path | None, groups: Sequence[Group]) -> Sorted:
+    try:
+        if groups:
+            return sort_out(groups)
+        timber = read_stl(wood)
+        if leaves is None:
+            return sort_out([Group("", "", timber)])
+        return Sorted(timber, read_stl(leaves), "")
+    except FileNotFoundError as problem:
+        raise SpecError(
+            "template", f"there is no file {problem.filename}; check the path"
+        ) from None
+    except StlError as problem:
+        raise SpecError("template", str(problem)) from None
+
+
+def _stand(parts: Sorted, up: str) -> tuple[Sorted, Recognition, str]:
+    """Wood and leaves z up, what is recognised in them, and which axis was up."""
+    likely = up or (likely_up(parts.wood) if len(parts.wood) else "z")
+    first: LeanError | None = None
+    lying = parts.wood
+    for axis in (likely, *(() if up else (other for other in UPRIGHT if other != likely))):
+        turned = stood(parts, axis)
+        try:
+            if turned.parted is not None and turned.parted[0].count:
+                return turned, recognise_pieces(*turned.parted), axis
+            return turned, recognise(turned.wood, turned.leaves), axis
+        except LeanError as problem:
+            first = first or problem
+            lying = turned.wood if first is problem else lying
+        except TemplateError as problem:
+            raise NotUnderstoodError(problem, turned.wood) from None
+    assert first is not None
+    raise NotUnderstoodError(first, lying) from None
+
+
+def _leaf_length(found: Recognition) -> float | None:
+    """Median length of the leaves in file units, None without leaves."""
+    pieces = found.leaves
+    if not pieces.count:
+        return None
+    mesh = TriMesh.of_part(pieces.vertices, pieces.triangles, LEAF)
+    mesh.leaf[:] = pieces.piece
+    return float(np.median(measure_leaves(mesh).length))
+
+
+def _species_text(name: str, origin: str, leafy: bool) -> str:
+    return f"""\
+name = "{name}"
+source = "Template from {origin.replace('"', "'").replace(chr(92), "/")}."
+
+[template]
+wood = "wood.stl"
+leaves = "{"leaves.stl" if leafy else ""}"
+"""
+
+
+def _siblings_text(name: str) -> str:
+    return f"""
+# Siblings of this tree; 0 is the tree itself. Without this table, T20's grammar sets its branches.
+[siblings]
+variety = 1.0
+allometry = "{allometry_of(name)}"
+"""
+
+
+def _t20_text(grammar: Grammar) -> str:
+    return f"""
+[grammar]
+generations = {grammar.generations}
+copies = {grammar.copies}
+length = {grammar.length}
+side_ratio = {grammar.side_ratio}
+centre_ratio = {grammar.centre_ratio}
+angle_deg = {grammar.angle_deg}
+twist_deg = {grammar.twist_deg}
+radius = {grammar.radius}
+radius_ratio = {grammar.radius_ratio}
+"""
+
+
+def _scene_text(name: str, height: float) -> str:
+    side = round(max(4.0, 2.5 * height), 1)
+    return f"""\
+name = "{name} forest"
+seed = 1
+
+[forest]
+size = [{side}, {side}]
+spacing = {round(0.3 * height, 2)}
+
+[[plantings]]
+species = "{name}.toml"
+variants = 3
+expected = 12
+"""
+
+
+def _write(path: Path, text: str) -> None:
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+def _say_nothing(_done: int, _total: int) -> None:
+    """In place of a progress bar."""

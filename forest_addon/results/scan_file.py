@@ -1,0 +1,179 @@
+"""A scan of any size on disk: chunk by chunk into one file that is whole at any time.
+
+While a scan runs, its returns stand in ``NAME.partial.ply``, a binary PLY of full precision that grows
+with every chunk, and ``NAME.partial.json`` says how far it is and of which scan. A scan that is killed
+leaves both: the PLY opens anywhere, and ``resume`` cuts it back to the last chunk that the JSON knows and
+goes on from there. At the end the PLY becomes the format that was asked for, a part at a time. Each
+pulse depends on its number alone, so the bytes are those of a scan that was never interrupted, and memory
+holds one chunk.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..formats.atomic import replacing
+from ..formats.las import write_las
+from ..formats.ply import PlyFile
+from ..sensing.lidar.cloud import Lost, together
+from ..sensing.lidar.scan import Scan
+from ..sensing.rays.geometry import SceneGeometry
+from ..spec import SpecError
+from .points import POINT, UNITS, records
+
+FORMATS = ("laz", "las", "ply", "npz")
+ROWS_AT_ONCE = 1_000_000
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Written:
+    """What a scan wrote: its file, pulses and points; ``resumed_at`` is the pulse that it went on from,
+    ``lost`` what could not be measured.
+    """
+
+    path: Path
+    pulses: int
+    points: int
+    resumed_at: int
+    lost: tuple[Lost, ...] = ()
+
+
+@dataclass(frozen=True)
+class State:
+    """How far an unfinished scan is: which scan, its pulses, those of a chunk, those done, those of them that
+    were lost, its points.
+    """
+
+    scan: str
+    pulses: int
+    at_once: int
+    done: int = 0
+    points: int = 0
+    lost: tuple[Lost, ...] = ()
+
+
+def write_scan(
+    path: Path,
+    scan: Scan,
+    seed: int,
+    *,
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    resume: bool = False,
+    at_once: int | None = None,
+    progress: Progress | None = None,
+) -> Written:
+    """Run a scan into a file: .laz, .las, .ply or .npz by the ending of its name.
+
+    offset : metres added to every position. resume : go on with an unfinished scan, if there is one.
+    at_once : pulses a chunk. progress : may raise to cancel; what is finished is kept.
+
+    Raises
+    ------
+    SpecError : an ending that is not known; an unfinished scan with other settings or of another scene.
+    OSError : it cannot be written; what is finished is kept.
+    """
+    kind = path.suffix.lower().lstrip(".")
+    if kind not in FORMATS:
+        raise SpecError(str(path), f"cannot be written; end its name in .{', .'.join(FORMATS)}")
+    state = State(_digest(scan, seed, offset), scan.pulses, at_once or scan.at_once)
+    noted, partial = path.with_suffix(".partial.json"), path.with_suffix(".partial.ply")
+    if resume and noted.is_file():
+        state = _resumed(noted, state)
+    begin = state.done
+    comments = (f"Forest Sensing {scan.scanner.kind} scan {scan.scanner.name}, seed {seed}",)
+    file = PlyFile(partial, POINT, comments, keep=state.points)
+    try:
+        for done, cloud in scan.chunks(begin, state.at_once):
+            file.append(records(cloud, offset))
+            lost = together([*state.lost, *cloud.lost])
+            state = dataclasses.replace(state, done=done, points=file.count, lost=lost)
+            with replacing(noted) as text:
+                text.write_text(json.dumps(dataclasses.asdict(state)) + "\n", encoding="utf-8")
+            if progress:
+                progress(done, scan.pulses)
+    finally:
+        file.close()
+    _finish(file, path, kind)
+    noted.unlink(missing_ok=True)
+    return Written(path, scan.pulses, file.count, begin, state.lost)
+
+
+def _finish(file: PlyFile, path: Path, kind: str) -> None:
+    """The partial file as the one that was asked for."""
+    if kind == "ply":
+        file.path.replace(path)
+        return
+    if kind == "npz":
+        write_npz_rows(path, file.rows())
+    else:
+        write_las(path, file.rows())
+    file.path.unlink()
+
+
+def write_npz_rows(path: Path, rows: np.ndarray) -> None:
+    """Rows (P,) of a structured array, also of a memory map, as an NPZ with one array a field."""
+    with replacing(path) as partial, zipfile.ZipFile(partial, "w") as archive:
+        for name in rows.dtype.names or ():
+            with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as file:
+                head = {
+                    "descr": np.lib.format.dtype_to_descr(rows.dtype[name]),
+                    "fortran_order": False,
+                    "shape": (len(rows),),
+                }
+                np.lib.format.write_array_header_1_0(file, head)
+                for first in range(0, len(rows), ROWS_AT_ONCE):
+                    part = np.ascontiguousarray(rows[name][first : first + ROWS_AT_ONCE])
+                    file.write(part.tobytes())
+        for name, unit in UNITS.items():
+            with archive.open(zipfile.ZipInfo(f"{name}_unit.npy"), "w") as file:
+                np.lib.format.write_array(file, np.array(unit))
+
+
+def _resumed(noted: Path, fresh: State) -> State:
+    """What an unfinished scan says of itself; its chunks go on as they were."""
+    try:
+        said = json.loads(noted.read_text(encoding="utf-8"))
+        known = State(**said | {"lost": tuple(Lost(**one) for one in said.get("lost", ()))})
+    except Exception:  # whatever else lies there
+        known = None
+    counts = () if known is None else (known.at_once, known.done, known.points)
+    sound = all(type(count) is int and count >= 0 for count in counts)
+    if known is None or not sound or (known.scan, known.pulses) != (fresh.scan, fresh.pulses):
+        raise SpecError(
+            "resume",
+            f"{noted.name} is of another scan: its settings, seed or scene differ; run again without it",
+        )
+    return known
+
+
+def _digest(scan: Scan, seed: int, offset: tuple[float, float, float]) -> str:
+    """What decides the bytes of a scan, in one number: settings, seed, scene, engine."""
+    total = hashlib.blake2b(digest_size=16)
+    settings = dataclasses.asdict(scan.scanner)
+    said = json.dumps([settings, seed, offset, scan.caster.engine], sort_keys=True)
+    total.update(said.encode())
+    total.update(_scene_digest(scan.caster.scene))
+    probe = scan.pattern.pulses(np.linspace(0, scan.pulses - 1, 64).astype(np.int64))
+    for array in (probe.origin, probe.direction):  # where an object that is followed goes
+        total.update(np.ascontiguousarray(array).view(np.uint8).data)
+    return total.hexdigest()
+
+
+def _scene_digest(scene: SceneGeometry) -> bytes:
+    total = hashlib.blake2b(digest_size=16)
+    for mesh in scene.meshes:
+        for array in (mesh.vertices, mesh.triangles, mesh.part, mesh.leaf):
+            total.update(np.ascontiguousarray(array).view(np.uint8).data)
+    owned = (scene.transform, scene.mesh_index, scene.tree, scene.species, scene.reflectance)
+    for array in (*owned, *scene.slot_reflectance):
+        total.update(np.ascontiguousarray(array).view(np.uint8).data)
+    return total.digest()

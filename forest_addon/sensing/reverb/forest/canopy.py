@@ -1,0 +1,50 @@
+"""Leaves and tops of a scene, as sound on its way meets them.
+
+The evaluated scene comes in; out goes how many square metres of leaf a cubic metre holds at the height of the
+path, over the whole field, and where its trees end on average. Leaves far above or below the path do not
+count: sound between source and receiver travels level (``losses``).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ....base.trimesh import LEAF, TriMesh, is_wood
+from ...rays.geometry import SceneGeometry
+from .surroundings import Canopy
+
+BESIDE = 1.0  # m above and below the ends that count as the height of the path
+MOST = 4000  # triangles of a mesh that stand for all of its leaves
+
+
+def canopy_of(scene: SceneGeometry, heights: tuple[float, float], area: float) -> Canopy:
+    """heights : of the lower and the higher end. area : of the field, m²."""
+    low, high = min(heights) - BESIDE, max(heights) + BESIDE
+    low = max(low, 0.0)
+    leaves = {n: _leaves(scene.meshes[n]) for n in np.unique(scene.mesh_index).tolist()}
+    wooden = {n: bool(is_wood(scene.meshes[n].part).any()) for n in leaves}
+    tops, found = [], 0.0
+    highest = scene.bounds()[1][:, 2]
+    for instance, number in enumerate(scene.mesh_index.tolist()):
+        transform = scene.transform[instance]
+        if wooden[number] and scene.tree[instance] >= 0:
+            tops.append(float(highest[instance]))
+        centre, size = leaves[number]
+        if len(size):
+            level = centre @ transform[2, :3] + transform[2, 3]
+            scale = abs(float(np.linalg.det(transform[:, :3]))) ** (2.0 / 3.0)
+            found += scale * float(size[(level >= low) & (level <= high)].sum())
+    top = float(np.mean(tops)) if tops else 0.0
+    return Canopy(found / (area * (high - low)) if area > 0 else 0.0, top)
+
+
+def _leaves(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray]:
+    """(L, 3) centres of some triangles, and (L,) m² that each stands for."""
+    rows = np.flatnonzero(mesh.part == LEAF)
+    step = max(1, len(rows) // MOST)
+    corners = mesh.vertices[mesh.triangles[rows[::step]]]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = 0.5 * np.linalg.norm(across, axis=1)
+    share = len(rows) / max(1, len(size))
+    finite = np.isfinite(size)
+    return corners.mean(axis=1)[finite], size[finite] * share

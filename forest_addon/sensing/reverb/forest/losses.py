@@ -1,0 +1,288 @@
+"""What a sound loses on a path by way of a trunk, besides what the trunk does, by length and frequency.
+
+Settings, heights and what the stand is like come in; two functions go out. A trunk is upright, so that it
+keeps a sound's vertical wavenumber: over any ground that is the same everywhere, sound by way of trunks is
+reflected as the direct sound is, once, along a path as long as all its legs together (the field separates in
+the plane and in height; four images, of source, receiver and both, are those of a point that scatters).
+With x = r_s + r_r, H of ``acoustics/cylinder`` and P the pressure of K's units,
+
+    P = √(x/(r_s·r_r))/x · H(f, φ) · g(f, x) · e^{-(b(f) + κ(f))x - ikx}
+
+b : what air and leaves take, κ : what other trunks take (``extinction``), nepers per metre. g : the ground,
+
+    g = (x/R₁)·e^{-ik(R₁ - x)} + e^{i·acos Γ}·Q·(x/R₂)·e^{-ik(R₂ - x)},  R = √(x² + (z_s ∓ z_r)²),
+
+Q the spherical wave's reflection. Γ is the coherence that turbulence leaves between both ways: one state of
+the air turns their phase by as much, so that the mean of it and its opposite has the energy
+|p₁|² + |p₂|² + 2Γ·Re p₁p₂*. And the trunks' end: the Fresnel integral up to their height
+and down to its image, for a trunk in the middle of the path, averaged over heights that differ.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from scipy import special
+
+from ....acoustics.air import absorption
+from ....acoustics.extinction import cross_sections
+from ....acoustics.foliage import foliage_loss
+from ....acoustics.ground import SURFACES, spherical_reflection, surface_impedance
+from ....acoustics.turbulence import coherence
+from ....spec import Air, Reverb
+from ..trunks.slices import Trunks
+
+LOWEST = 1.0  # Hz; below it, the ground is as it is there
+NEAR = 256.0  # m of path, up to which both ways to the ground are told apart
+SIZES, SMALLEST = 256, 1e-3  # ka at which the extinction is computed, and the first of them
+MOST_RADII = 24  # radii that stand for all
+UNEVEN = 0.2  # standard deviation of trunks' heights over their mean
+
+
+@dataclass(frozen=True)
+class Stand:
+    """What paths meet besides single trunks.
+
+    density : trunks per m². radii : m, a few that stand for all.
+    leaf_area_density : m²/m³ at the path. trunk_height : m, 0 endless.
+    """
+
+    density: float = 0.0
+    radii: tuple[float, ...] = ()
+    leaf_area_density: float = 0.0
+    trunk_height: float = 0.0
+
+
+@dataclass(frozen=True)
+class Losses:
+    """Of all paths between a source and a receiver.
+
+    low, high : the heights of the ends, metres. resistivity : of the ground, kPa·s/m², 0: ``constant``.
+    back : turbulence turns phases the other way.
+    extinction : as in the settings. bark, foliage, turbulence, ground : switched off where 0 or False.
+    """
+
+    air: Air
+    stand: Stand
+    source_height: float
+    receiver_height: float
+    extinction: str
+    bark: float
+    leaf_absorption: float
+    ground: bool
+    constant: float
+    resistivity: float
+    impedance_model: str
+    turbulence: float
+    back: bool = False
+
+    @classmethod
+    def of(
+        cls, reverb: Reverb, air: Air, stand: Stand, source: np.ndarray, receiver: np.ndarray
+    ) -> Losses:
+        """Those of a model ``forest``."""
+        constant = reverb.surface == "constant"
+        resistivity = 0.0 if constant else reverb.flow_resistivity or SURFACES[reverb.surface]
+        return cls(
+            air=air,
+            stand=stand,
+            source_height=float(source[2]),
+            receiver_height=float(receiver[2]),
+            extinction=reverb.extinction,
+            bark=reverb.bark,
+            leaf_absorption=reverb.leaf_absorption if reverb.foliage else 0.0,
+            ground=reverb.path_ground,
+            constant=reverb.ground,
+            resistivity=resistivity,
+            impedance_model=reverb.impedance_model,
+            turbulence=1e-6 * reverb.turbulence,
+        )
+
+    def along(self, frequency: np.ndarray) -> np.ndarray:
+        """(F,) nepers of amplitude per metre that air and leaves take."""
+        air = self.air
+        loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
+        return loss + self.of_leaves(frequency)
+
+    def of_leaves(self, frequency: np.ndarray) -> np.ndarray:
+        """(F,) nepers of amplitude per metre that leaves take."""
+        return foliage_loss(frequency, self.stand.leaf_area_density, self.leaf_absorption)
+
+    def removed(self, frequency: np.ndarray) -> np.ndarray:
+        """Share of a sound's energy that trunks take out of it per metre, by ``extinction``."""
+        if self.extinction == "none" or not self.stand.radii or self.stand.density == 0:
+            return np.zeros(np.shape(frequency))
+        radii = np.array(self.stand.radii)
+        wavenumber = 2.0 * math.pi * np.maximum(np.asarray(frequency), 0.0) / self.air.speed()
+        highest = max(float(wavenumber.max(initial=0.0)) * float(radii.max()), 1.0)
+        size, width = _widths(2.0 ** math.ceil(math.log2(highest)), self.bark, self.extinction)
+        total: np.ndarray = np.zeros(np.shape(frequency))
+        for radius in radii:
+            ka = np.maximum(wavenumber * radius, SMALLEST)
+            total = total + radius * np.exp(np.interp(np.log(ka), size, width))
+        return np.where(wavenumber > 0, total * self.stand.density / len(radii), 0.0)
+
+    @property
+    def everywhere(self) -> Losses:
+        """What ``along`` and H depend on: the same for all ends."""
+        return replace(
+            self,
+            stand=Stand(leaf_area_density=self.stand.leaf_area_density),
+            extinction="none",
+            source_height=0.0,
+            receiver_height=0.0,
+            ground=False,
+            constant=0.0,
+            resistivity=0.0,
+            impedance_model="",
+            turbulence=0.0,
+        )
+
+    @property
+    def unthinned(self) -> Losses:
+        """The same where trunks take nothing: transport has that already."""
+        return replace(self, extinction="none")
+
+    @property
+    def passes(self) -> bool:
+        """Whether ``gain`` is 1 everywhere."""
+        level = self.source_height == self.receiver_height
+        none = self.extinction == "none" or self.stand.density == 0
+        return level and none and not self.ground and self.stand.trunk_height == 0
+
+    def gain(
+        self, frequency: np.ndarray, length: np.ndarray, detours_lose: bool = True
+    ) -> np.ndarray:
+        """g·e^{-κx} with the trunks' ends, and what is lost over R - x; the arguments broadcast.
+
+        detours_lose : False where what is lost per metre is taken off by the time of arrival.
+        """
+        return self.of_ground(frequency, length, detours_lose) * self._of_trunks(frequency, length)
+
+    def of_ground(
+        self, frequency: np.ndarray, length: np.ndarray, detours_lose: bool = True
+    ) -> np.ndarray:
+        """g of the ground alone, which the direct sound has too."""
+        wavenumber = 2.0 * math.pi * frequency / self.air.speed()
+        loss: np.ndarray | float = 0.0
+        if detours_lose:
+            loss = self.along(np.asarray(frequency))
+        found = 0.0
+        for rise in self.rises:
+            carried = np.exp(-(loss + 1j * wavenumber) * self.detour(length, rise))
+            found = found + self.share(frequency, length, rise) * carried
+        return np.asarray(found)
+
+    def mean_square(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
+        """Mean of |g|² over states of the air."""
+        if self.turbulence == 0 or not self.ground:
+            return np.asarray(np.abs(self.gain(frequency, length)) ** 2)
+        turned = self.gain(frequency, length), replace(self, back=True).gain(frequency, length)
+        return np.asarray(sum(np.abs(one) ** 2 for one in turned) / 2.0)
+
+    def bounce(self, frequency: np.ndarray, length: float) -> np.ndarray:
+        """(F,) what the ground sends back of the direct sound, over so many metres, in this air."""
+        rise = self.source_height + self.receiver_height
+        path = np.asarray(math.hypot(length, rise))
+        found: np.ndarray = self._reflection(frequency, path, rise) * self._turned(
+            frequency, np.asarray(length)
+        )
+        return found
+
+    @property
+    def rises(self) -> tuple[float, ...]:
+        """By how much the straight path, and the ground's, rise from source to receiver."""
+        fall = abs(self.source_height - self.receiver_height)
+        return (fall, self.source_height + self.receiver_height)[: 2 if self.ground else 1]
+
+    @staticmethod
+    def detour(length: np.ndarray, rise: float) -> np.ndarray:
+        """R - x, metres."""
+        return np.asarray(rise**2 / (np.hypot(length, rise) + length))
+
+    def share(self, frequency: np.ndarray, length: np.ndarray, rise: float) -> np.ndarray:
+        """x/R of the straight path; Q·e^{i·acos Γ}·x/R of the ground's."""
+        path = np.hypot(length, rise)
+        if rise == self.rises[0]:
+            return np.asarray(length / path + 0.0 * frequency)
+        return np.asarray(
+            length
+            / path
+            * self._reflection(frequency, path, rise)
+            * self._turned(frequency, length)
+        )
+
+    def near_share(self, frequency: np.ndarray, length: np.ndarray, rise: float) -> np.ndarray:
+        """The same with the trunks' ends, and e^{-κx}."""
+        return self.share(frequency, length, rise) * self._of_trunks(frequency, length)
+
+    def _of_trunks(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
+        """What other trunks take, and what trunks' ends leave."""
+        found = np.exp(-0.5 * self.removed(frequency) * length)
+        if self.stand.trunk_height > 0:
+            found = found * self.of_ends(frequency, length)
+        return np.asarray(found)
+
+    def _turned(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
+        """e^{i·acos Γ}: what one state of the air does to the ground's path."""
+        if self.turbulence == 0:
+            return np.ones(())
+        wavenumber = 2.0 * math.pi * np.maximum(frequency, LOWEST) / self.air.speed()
+        low, high = self.source_height, self.receiver_height
+        between = np.asarray(2.0 * low * high / (low + high))  # above the bounce
+        left = coherence(wavenumber, length, between, self.turbulence)
+        aside = np.sqrt(np.maximum(1.0 - left**2, 0.0))
+        return np.asarray(left + (-1j if self.back else 1j) * aside)
+
+    def _reflection(self, frequency: np.ndarray, path: np.ndarray, rise: float) -> np.ndarray:
+        if self.resistivity == 0:
+            return np.asarray(self.constant)
+        audible = np.maximum(frequency, LOWEST)
+        impedance = surface_impedance(audible, self.resistivity, self.impedance_model)
+        return spherical_reflection(audible, path, rise, impedance, self.air.speed())
+
+    def of_ends(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
+        """The part of an endless trunk's sound that comes from between its end and that end's image.
+
+        Heights are normal about their mean, which keeps the Fresnel integral in closed form:
+        ∫e^{-iαz²} up to h ± s is 1/2·√(π/iα)·(1 + erf(q·h)), q² = iα/(1 + 2iαs²).
+        """
+        wavenumber = 2.0 * math.pi * np.maximum(frequency, LOWEST) / self.air.speed()
+        bend = 2.0 * wavenumber / length  # α, of a trunk in the middle of the path
+        top = self.stand.trunk_height
+        place = 0.5 * (self.source_height + self.receiver_height)
+        slope = np.sqrt(1j * bend / (1.0 + 2j * bend * (UNEVEN * top) ** 2))
+        found: np.ndarray = special.erf(slope * (top - place)) + special.erf(slope * (top + place))
+        return 0.5 * found
+
+
+def loss_per_metre(frequency: np.ndarray, air: Air, losses: Losses | None) -> np.ndarray:
+    """(F,) nepers of amplitude that the air takes, and leaves."""
+    if losses is not None:
+        return losses.along(frequency)
+    return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
+
+
+@lru_cache(maxsize=16)
+def _widths(highest: float, bark: float, extinction: str) -> tuple[np.ndarray, np.ndarray]:
+    """Logarithms of sizes ka, and of what trunks of them take out, over the radius."""
+    size = np.geomspace(SMALLEST, 1.001 * highest, SIZES)
+    found = cross_sections(size, bark)
+    return np.log(size), np.log(found.energy if extinction == "energy" else found.extinction)
+
+
+def stand_of(trunks: Trunks, area: float, leaf_area_density: float, trunk_height: float) -> Stand:
+    """The stand of trunks on so many m²; not yet any where they are fewer than three."""
+    if len(trunks) < 3 or area <= 0:
+        return Stand(0.0, (), leaf_area_density, trunk_height)
+    radii = trunks.radius[trunks.radius > 0]
+    if len(np.unique(radii)) > MOST_RADII:
+        radii = np.quantile(radii, (np.arange(MOST_RADII) + 0.5) / MOST_RADII)
+    elif len(radii) > MOST_RADII:
+        shares = (np.arange(MOST_RADII) + 0.5) / MOST_RADII
+        radii = np.quantile(radii, shares, method="nearest")
+    density = len(trunks) / area
+    return Stand(density, tuple(radii.tolist()), leaf_area_density, trunk_height)

@@ -1,0 +1,93 @@
+"""What a forest is around a source and a receiver, for a model ``forest``: density, radii, leaves, tops.
+
+Trunks of the field, its extent and the scene's canopy come in; the ``Stand`` that losses along paths need,
+and the ``Density`` that energy travels through, go out. Trunks' density is counted in cells of the field that
+hold CELL_HOLDS each on average; where counts are no more uneven than random ones, it is the same everywhere.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from ....spec import Reverb
+from ..trunks.continuation import Field
+from ..trunks.slices import Trunks
+from .losses import Stand, stand_of
+from .transport import Density
+
+CELL_HOLDS = 12.0  # trunks
+UNEVEN = 1.6  # variance over mean of the counts, above which cells are told apart
+MOST_CELLS = 200  # to a side
+
+
+@dataclass(frozen=True)
+class Canopy:
+    """Of a scene: leaf_area_density, m²/m³ at the height of the path; top, m, where trees end."""
+
+    leaf_area_density: float = 0.0
+    top: float = 0.0
+
+
+BARE = Canopy()
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """stand : for losses along paths. density : for transport."""
+
+    stand: Stand
+    density: Density
+
+
+def surroundings(
+    trunks: Trunks, reverb: Reverb, field: Field | None, canopy: Canopy
+) -> Surroundings:
+    """Of the trunks of a field; None: the field is as large as its trunks' hull."""
+    place = trunks.position
+    if field is not None:
+        corner, size = np.asarray(field[0], np.float64), np.asarray(field[1], np.float64)
+        inside = np.all((place >= corner) & (place <= corner + size), axis=1)
+        area = float(np.prod(size))
+    else:
+        inside = np.ones(len(place), bool)
+        corner = place.min(axis=0) if len(place) else np.zeros(2)
+        size = np.ptp(place, axis=0) if len(place) else np.zeros(2)
+        area = _hull(place)
+    leaves = reverb.leaf_area_density or canopy.leaf_area_density
+    found = stand_of(
+        trunks.select(inside),
+        area,
+        leaves if reverb.foliage else 0.0,
+        reverb.trunk_height or canopy.top,
+    )
+    if found.density == 0:
+        return Surroundings(found, Density.even(0.0))
+    beyond = found.density if reverb.continue_to > 0 else 0.0
+    return Surroundings(found, _density(place[inside], corner, size, beyond, found.density))
+
+
+def _density(
+    place: np.ndarray, corner: np.ndarray, size: np.ndarray, beyond: float, mean: float
+) -> Density:
+    cell = max(math.sqrt(CELL_HOLDS / mean), float(size.max()) / MOST_CELLS)
+    shape = np.maximum(1, np.round(size / cell)).astype(np.int64)
+    edges = [c + cell * np.arange(n + 1) for c, n in zip(corner, shape, strict=True)]
+    counts = np.histogram2d(place[:, 0], place[:, 1], bins=(edges[0], edges[1]))[0]
+    if beyond > 0 and counts.var() <= UNEVEN * counts.mean():
+        return Density.even(mean)
+    share = counts.sum() / max(len(place), 1)  # cells do not cover the field to the last metre
+    cells = counts / cell**2 / max(share, 1e-9)
+    cells *= mean / max(float(cells.mean()), 1e-30)
+    return Density(cells, (float(corner[0]), float(corner[1])), cell, beyond)
+
+
+def _hull(place: np.ndarray) -> float:
+    """m² within the outermost trunks; 0 where they span none."""
+    try:
+        return float(ConvexHull(place).volume) if len(place) >= 3 else 0.0
+    except QhullError:
+        return 0.0

@@ -1,0 +1,175 @@
+"""Sound scattered more than once, as noise: random as the stand is, with the energy of transport.
+
+Energies by octave (``transport``), and what paths lose (``losses``), go in; samples come out. The noise is
+made in short blocks, each of random phases, with the energy a metre of path
+
+    N(f, x) = [once + again - w²(x)·heard](f, x) · |g(f, x)|² · e^{-2b(f)x}
+
+in between octaves by logarithms: ``heard`` is what the sum over trunks has of sound scattered once, w its
+fade-out. So the energy is that of transport at every time, and nothing jumps at the joint: from ``joint`` on,
+where more than a stated share of all energy is scattered more than once, w falls to 0 and all is noise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft
+
+from ....base.rng import stream
+from ....spec import Air, Reverb
+from ..band import roll_off
+from ..metrics import octave_bands
+from .losses import Losses
+from .transport import Density, Energy, PhaseFunction, transported
+
+BLOCK = 0.0107  # s, of noise with one spectrum
+PACKETS = 2000  # of energy, of each octave
+BINS = 40  # of path length, evenly by its logarithm
+FADE = 1.25  # ratio of path lengths over which the sum over trunks fades out
+FOLLOWED = 20.0  # mean free paths over which packets are followed
+LEAST = 1e-30
+
+
+@dataclass(frozen=True)
+class Tail:
+    """What a pair's noise is made of.
+
+    band : (B,) Hz. energy : of each. lift : (B,) per metre, by which the sum over trunks keeps more of the
+    sound scattered once than transport does. joint : metres of path from which all is noise.
+    """
+
+    band: np.ndarray
+    energy: tuple[Energy, ...]
+    lift: np.ndarray
+    joint: float
+    losses: Losses
+
+    def kept(self, length: np.ndarray) -> np.ndarray:
+        """w, of the sum over trunks at path lengths."""
+        if math.isinf(self.joint):
+            return np.ones(np.shape(length))
+        place = np.log(np.maximum(length, LEAST) / self.joint) / math.log(FADE)
+        found: np.ndarray = np.cos(0.5 * math.pi * np.clip(place, 0.0, 1.0))
+        return found
+
+    def energies(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(B, X) scattered once, and more than once, a metre, without losses along the path."""
+        parts = [each.at(length) for each in self.energy]
+        return np.array([once for once, _ in parts]), np.array([again for _, again in parts])
+
+    def samples(self, rate: float, count: int, air: Air, rng: np.random.Generator) -> np.ndarray:
+        """(count,) noise at ``rate`` Hz, sample 0 when the source sounds."""
+        size = 2 * max(16, 2 ** round(math.log2(BLOCK * rate / 2)))
+        hop, step = size // 2, air.speed() / rate
+        first = max(0, int(self.energy[0].edges[0] / step) // hop - 1)
+        starts = np.arange(first, -(-count // hop) + 1) * hop - hop
+        length = np.maximum((starts + 0.5 * size) * step, self.energy[0].edges[0] * 1.001)
+        frequency = np.arange(size // 2 + 1) * (rate / size)
+        level = np.sqrt(self._spectrum(frequency, length) * step) * roll_off(frequency / rate)
+        noise = fft.rfft(rng.standard_normal((len(starts), size)), axis=1) * level
+        blocks = fft.irfft(noise, size, axis=1) * np.sin(math.pi * (np.arange(size) + 0.5) / size)
+        total = np.zeros((len(starts) + 1) * hop)
+        total[:-hop].reshape(-1, hop)[:] += blocks[:, :hop]
+        total[hop:].reshape(-1, hop)[:] += blocks[:, hop:]
+        whole = np.zeros(count)
+        skipped = max(0, -int(starts[0]))
+        place = max(0, int(starts[0]))
+        part = total[skipped : skipped + count - place]
+        whole[place : place + len(part)] = part
+        whole[: math.ceil(self.energy[0].edges[0] / step)] = 0.0
+        return whole
+
+    def _spectrum(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
+        """(X, F) N."""
+        once, again = self.energies(length)
+        heard = np.square(self.kept(length)) * once * np.exp(self.lift[:, None] * length)
+        wanted = np.log(np.maximum(once + again - heard, LEAST))
+        place = np.interp(
+            np.log(np.maximum(frequency, 1.0)), np.log(self.band), np.arange(len(self.band))
+        )
+        low = np.minimum(place.astype(np.int64), len(self.band) - 2)
+        share = (place - low)[:, None]
+        energy = np.exp((1.0 - share) * wanted[low] + share * wanted[low + 1]).T  # (X, F)
+        slope = np.minimum(frequency / self.band[0], 1.0) ** 3  # as Rayleigh's law, below the bands
+        lost = np.exp(-2.0 * np.outer(length, self.losses.along(frequency)))
+        return energy * slope * lost * self.losses.unthinned.mean_square(frequency, length[:, None])
+
+
+def tail_of(
+    reverb: Reverb,
+    losses: Losses,
+    density: Density,
+    source: np.ndarray,
+    receiver: np.ndarray,
+    duration: float,
+    key: tuple[int | str, ...],
+    packets: int = PACKETS,
+) -> Tail | None:
+    """The noise between a source and a receiver, (3,) metres; None where no trunks are.
+
+    key : of the random stream.
+    """
+    radii = np.array(losses.stand.radii)
+    speed = losses.air.speed()
+    apart = max(float(np.hypot(*(receiver - source)[:2])), 0.1)
+    last = duration * speed * 1.05
+    if len(radii) == 0 or density.largest == 0 or last <= apart * 1.01:
+        return None
+    bands = np.array(octave_bands(reverb.sample_rate))
+    edges = np.geomspace(apart * 1.0001, last, BINS + 1)
+    way = "coherent" if reverb.extinction == "coherent" else "energy"
+    found = []
+    for band in bands:
+        phase = PhaseFunction.of(float(band), radii, speed, losses.bark, way)
+        near = _followed(phase, density, edges)
+        rng = stream(int(key[0]), *key[1:], "transport", int(band))
+        start = transported(
+            phase, density, source[:2], receiver[:2], edges[: near + 1], packets, rng
+        )
+        found.append(_diffused(start, phase, density, edges))
+    taken = replace(losses, extinction=way).removed(bands)
+    lift = taken - losses.removed(bands)
+    tail = Tail(bands, tuple(found), lift, math.inf, losses)
+    return Tail(bands, tuple(found), lift, _joint(tail, reverb.multiple_share), losses)
+
+
+def _followed(phase: PhaseFunction, density: Density, edges: np.ndarray) -> int:
+    """Bins in which packets are followed; in an even stand they diffuse from then on."""
+    if density.cells.size:
+        return len(edges) - 1
+    reach = edges[0] + FOLLOWED / max(density.around * phase.width, LEAST)
+    return int(np.clip(np.searchsorted(edges, reach), 6, len(edges) - 1))
+
+
+def _diffused(start: Energy, phase: PhaseFunction, density: Density, edges: np.ndarray) -> Energy:
+    """Energy beyond the bins of packets: 1/x² (diffusion in the plane), less what bark keeps."""
+    count = len(start.again)
+    if count == len(edges) - 1:
+        return start
+    middle = np.sqrt(edges[1:] * edges[:-1])
+    lost = (1.0 - phase.kept) * density.around * phase.width
+    law = middle**-2.0 * np.exp(-lost * (middle - middle[count - 1]))
+    last = slice(count - 4, count)
+    level = float(np.mean(start.again[last] / law[last]))
+    again = np.concatenate([start.again, level * law[count:]])
+    return Energy(edges, np.concatenate([start.once, np.full(len(middle) - count, LEAST)]), again)
+
+
+def _joint(tail: Tail, share: float) -> float:
+    """Metres of path from which on more than a share of all energy is scattered more than once."""
+    if share >= 1:
+        return math.inf
+    length = tail.energy[0].middle
+    once, again = tail.energies(length)
+    lost = np.exp(-2.0 * np.outer(tail.losses.along(tail.band), length))
+    weight = (
+        tail.band[:, None] * lost * tail.losses.unthinned.mean_square(tail.band[:, None], length)
+    )
+    several = (weight * again).sum(axis=0)
+    whole = several + (weight * once).sum(axis=0)
+    below = np.flatnonzero(several <= share * whole)
+    last = int(below[-1]) + 1 if len(below) else 0
+    return float(length[last]) if last < len(length) else math.inf

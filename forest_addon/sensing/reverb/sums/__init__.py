@@ -1,0 +1,1 @@
+"""The sum over trunks: paths, exact and fast sums, and the length of the record."""

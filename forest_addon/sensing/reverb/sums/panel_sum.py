@@ -1,0 +1,395 @@
+"""The sum over trunks of many radii, panel by panel of frequency: H at a few nodes, then transforms.
+
+Paths by trunks go in, Σ_m w_m·e^{-(b+ik)x_m}·H(f, φ_m, a_m) comes out on an even grid of frequencies, as
+from ``scattering.scattered_spectrum``, which is the exact sum. In a panel of frequencies
+
+    w_m·e^{-b(f)x_m}·H(f)·e^{+ikx_m'} = f^{3/2}·Σ_q ℓ_q(f)·h_mq,   x' = x less a share of the radius,
+
+with the polynomials ℓ_q of a few Chebyshev nodes f_q, and Σ_m h_mq·e^{-ikx_m'} is a non-uniform Fourier
+transform for each q (``acoustics/gridding``). Air, radius and angle are in the heights h, each trunk's
+own, and every panel has its own scale: the error is relative in each band. The heights come from a table
+over ka and φ (``field_table``) by Chebyshev series over boxes of radius and angle. In each panel the
+heights of some trunks are compared with partial wave sums at frequencies between the nodes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from ....acoustics import chebyshev
+from ....acoustics.cylinder import scattering_sum
+from ....acoustics.gridding import DelayGrid, width_for
+from ....base.rng import stream
+from ..forest.losses import NEAR
+from .field_table import FieldTable, middle, near_face, polynomials, series
+from .path_gain import PathGain
+from .scattering import TrunkPaths
+
+Shift = Callable[[np.ndarray], np.ndarray]  # of angles
+
+RATIO = 4.0  # thickest over thinnest radius of the trunks that share panels
+FIRST, GROWTH, WIDEST = (
+    0.1,
+    4.0,
+    16.0,
+)  # ends of panels in ka of the thickest: the first; factor; step
+MOST_NODES, TRIED_NODES = 40, 64  # of a panel; at which its series is looked at
+FARTHER = (0.0, 0.02, 0.1, 0.3, 0.6, 1.0)  # shares of the trunks, at which the air is looked at
+FEW_BINS = 6  # of a panel that needs no interpolation
+SHARE = 0.5  # of the tolerance, for each approximation
+REACH = 2.6  # radians by which H turns to both sides of its middle when ka grows by 1
+TURN, WIDEST_TURN = 1.5, 6.0  # radians by which H turns from the middle of a box to its side
+FULL = 40  # trunks a box; with fewer, boxes are larger
+SPARSE = 2  # trunks a node of a sector's angles, below which each trunk has an angle of its own
+VALUES_AT_ONCE = 1 << 21
+TRUNKS_AT_ONCE = 8192
+PROBES = 24  # trunks whose heights are checked in each panel
+
+
+@dataclass(frozen=True)
+class Check:
+    """Relative error of H at a frequency, in Hz, the root of its mean square over some trunks."""
+
+    frequency: float
+    error: float
+
+
+def panel_spectrum(
+    paths: TrunkPaths,
+    spacing: float,
+    loss: np.ndarray,
+    speed: float,
+    tolerance: float,
+    gain: PathGain | None = None,
+    bark: float = 0.0,
+) -> tuple[np.ndarray, list[Check]]:
+    """(F,) spectrum at 0, 1, … F - 1 times ``spacing`` Hz, and what the checks found.
+
+    loss : (F,) absorption of the air at these frequencies, nepers per metre.
+    gain : of each path, by frequency and length; None: 1. bark : share that it absorbs head on.
+    """
+    spectrum = np.zeros(len(loss), np.complex128)
+    checks = []
+    for rows in _of_like_radius(paths.radius):
+        for near in _by_distance(paths.length[rows], gain):
+            some = paths.select(rows[near])
+            group = _Group(some, spacing, loss, speed, tolerance, gain, bark)
+            checks += group.add_to(spectrum)
+    return spectrum, checks
+
+
+def _of_like_radius(radius: np.ndarray) -> Iterator[np.ndarray]:
+    """Rows of trunks that share panels, the thickest first; those of no width scatter nothing."""
+    left = np.argsort(radius, kind="stable")
+    left = left[radius[left] > 0]
+    while len(left):
+        start = int(np.searchsorted(radius[left], radius[left[-1]] / RATIO))
+        yield left[start:]
+        left = left[:start]
+
+
+def _by_distance(length: np.ndarray, gain: PathGain | None) -> Iterator[np.ndarray]:
+    """Rows of near trunks, over which a gain changes fast with frequency, and of the rest."""
+    if gain is None:
+        yield np.arange(len(length))
+        return
+    for rows in (np.flatnonzero(length < NEAR), np.flatnonzero(length >= NEAR)):
+        if len(rows):
+            yield rows
+
+
+class _Group:
+    """Trunks whose radii differ by RATIO at most."""
+
+    def __init__(
+        self,
+        paths: TrunkPaths,
+        spacing: float,
+        loss: np.ndarray,
+        speed: float,
+        tolerance: float,
+        gain: PathGain | None,
+        bark: float,
+    ) -> None:
+        self.paths, self.spacing, self.loss, self.speed = paths, spacing, loss, speed
+        self.gain, self.bark = gain, bark
+        # errors of loud trunks are spread over the record: its faint end feels them first
+        self.allowed = SHARE * tolerance * min(1.0, tolerance / 1e-4) ** 0.25
+        self.kernel = width_for(SHARE * tolerance)
+        self.thickest = float(paths.radius.max())
+        rng = stream(len(paths.length), "panels", "checks")
+        loudness = np.square(paths.weight * paths.radius)
+        drawn = (
+            rng.choice(len(loudness), PROBES, p=loudness / loudness.sum())
+            if loudness.any()
+            else [0]
+        )
+        self.probes, self.rng = np.unique(drawn), rng
+
+    def add_to(self, spectrum: np.ndarray) -> list[Check]:
+        """Add these trunks' sound."""
+        of_bin = 2.0 * math.pi / self.speed * self.spacing * self.thickest  # ka
+        last, first, end, checks = len(spectrum) - 1, 1, FIRST, []
+        while first <= last:
+            stop = min(last, max(first, int(end / of_bin)))
+            panel = _Panel(self, first, stop)
+            while not panel.fits:  # it turns too much for one
+                stop = (first + stop) // 2
+                panel = _Panel(self, first, stop)
+            spectrum[first : stop + 1] += panel.spectrum()
+            checks += panel.checks
+            first, end = stop + 1, min(GROWTH * end, end + WIDEST)
+        return checks
+
+
+class _Panel:
+    """The bins ``first`` to ``last``.
+
+    nodes : (Q,) Hz. fits : whether MOST_NODES are enough.
+    shift : what is taken off the paths, over the radius, as a function of the angle.
+    """
+
+    def __init__(self, group: _Group, first: int, last: int) -> None:
+        self.group, self.first = group, first
+        self.frequency = np.arange(first, last + 1) * group.spacing
+        ends = 2.0 * math.pi / group.speed * self.frequency[[0, -1]]
+        self.boxes = _Boxes(group.paths, ends, group.allowed, group.bark)
+        self.checks: list[Check] = []
+        near = group.paths.length - group.paths.length.min()
+        loud = np.square(group.paths.weight * group.paths.radius**2)
+        loud = (
+            loud * np.exp(-2.0 * self._loss(self.frequency[[len(self.frequency) // 2]]) * near)
+            + 1e-300
+        )
+        self.typical = float(
+            np.average(group.paths.length, weights=loud)
+        )  # m; air is taken off so far
+        nodes, self.shift = self._nodes()
+        self.fits = nodes is not None
+        self.nodes = self.frequency[:0] if nodes is None else nodes
+
+    def _nodes(self) -> tuple[np.ndarray | None, Shift]:
+        """As few as the thickest trunks need, with the better of two shifts."""
+        if len(self.frequency) <= FEW_BINS:
+            return self.frequency, middle
+        tried = self._spread(TRIED_NODES)
+        z = self._wavenumber(tried) * self.group.thickest
+        values = self.boxes.table.at(z)
+        # what the air leaves of it, relative to the loudest trunks'
+        farther = np.quantile(self.group.paths.length, FARTHER) - self.typical
+        left = np.exp(-np.outer(self._loss(tried), farther)).astype(np.complex128)
+        if self.group.gain is not None:
+            left *= self.group.gain.at(tried, np.quantile(self.group.paths.length, FARTHER)).T
+            left /= np.sqrt(np.mean(np.abs(left) ** 2, axis=0))
+        best, shift = MOST_NODES + 1, middle
+        for way in (near_face, middle):
+            turned = values * np.exp(
+                -1j * np.outer(z, way(self.boxes.angles) - middle(self.boxes.angles))
+            )
+            size = np.abs(series(turned[:, :, None] * left[:, None], 0)).max(axis=2)
+            tail = np.cumsum(size[::-1], axis=0)[::-1]
+            large = (tail > self.group.allowed * np.abs(values).min(axis=0)).any(axis=1)
+            count = max(3, int(np.flatnonzero(large)[-1]) + 2)
+            if count < best:
+                best, shift = count, way
+        return (self._spread(best) if best <= MOST_NODES else None), shift
+
+    def _spread(self, count: int) -> np.ndarray:
+        low, high = self.frequency[[0, -1]]
+        return low + 0.5 * (high - low) * (chebyshev.points(count) + 1.0)
+
+    def _wavenumber(self, frequency: np.ndarray) -> np.ndarray:
+        return 2.0 * math.pi / self.group.speed * frequency
+
+    def _loss(self, frequency: np.ndarray) -> np.ndarray:
+        """Nepers per metre."""
+        group = self.group
+        found: np.ndarray = np.interp(
+            frequency / group.spacing, np.arange(len(group.loss)), group.loss
+        )
+        return found
+
+    def spectrum(self) -> np.ndarray:
+        """(K,) of the bins."""
+        group, count = self.group, len(self.frequency)
+        k = self._wavenumber(self.nodes)
+        rows, heights = self.boxes.heights(k, self.shift)
+        paths = group.paths.select(rows)
+        self._check(rows, paths, heights)
+        heights *= np.exp(-np.outer(paths.length - self.typical, self._loss(self.nodes)))
+        if group.gain is not None:
+            heights *= group.gain.at(self.nodes, paths.length)
+        weight = paths.weight * paths.radius**2
+        delay = (paths.length - paths.radius * self.shift(paths.angle)) / group.speed
+        level = self._wavenumber(self.frequency) ** 1.5
+        level *= np.exp(-self.typical * self._loss(self.frequency))
+        if count <= FEW_BINS:
+            carried = _turn(np.outer(delay, self.nodes))
+            return (weight[:, None] * heights * carried).sum(axis=0) * level
+        heights *= (weight * _turn(self.frequency[count // 2] * delay))[:, None]
+        grid = DelayGrid(count, len(k), group.kernel)
+        for start in range(0, len(rows), TRUNKS_AT_ONCE):
+            some = slice(start, start + TRUNKS_AT_ONCE)
+            grid.add(delay[some] * group.spacing, heights[some])
+        parts = grid.spectrum()
+        parts *= chebyshev.lagrange(len(k), np.linspace(-1.0, 1.0, count))
+        found: np.ndarray = parts.sum(axis=0) * level
+        return found
+
+    def _check(self, rows: np.ndarray, paths: TrunkPaths, heights: np.ndarray) -> None:
+        """Compare the heights of some trunks, between the nodes, with partial wave sums."""
+        here = np.flatnonzero(np.isin(rows, self.group.probes))
+        some = paths.select(here)
+        low, high = self.frequency[[0, -1]]
+        frequency = self.group.rng.uniform(low, high)
+        k = float(self._wavenumber(np.array(frequency)))
+        place = (
+            np.array([2.0 * (frequency - low) / (high - low) - 1.0]) if high > low else np.zeros(1)
+        )
+        if len(self.frequency) <= FEW_BINS:
+            k, found = float(self._wavenumber(self.nodes[0])), heights[here, 0]
+            frequency = float(self.nodes[0])
+        else:
+            found = heights[here] @ chebyshev.lagrange(len(self.nodes), place)[:, 0]
+        z = k * some.radius
+        exact = np.conj(np.exp(0.25j * math.pi) * scattering_sum(z, some.angle, self.group.bark))
+        exact *= math.sqrt(2.0 / math.pi) / z**2 * np.exp(-1j * z * self.shift(some.angle))
+        size = some.weight * some.radius**2
+        error = np.linalg.norm(size * (found - exact)) / np.linalg.norm(size * exact)
+        self.checks.append(Check(frequency, float(error)))
+
+
+class _Boxes:
+    """Trunks by radius and angle: in each box their heights are a Chebyshev series of both.
+
+    angles : (C,) of the table's columns. Sectors of the angle that hold few trunks have these trunks'
+    own angles for columns.
+    """
+
+    def __init__(
+        self, paths: TrunkPaths, wavenumber: np.ndarray, allowed: float, bark: float
+    ) -> None:
+        self.paths = paths
+        radius, angle, k = paths.radius, paths.angle, float(wavenumber[1])
+        across = REACH * k * float(np.ptp(radius)) / 2
+        # both creeping waves, and at the least Rayleigh's 1 - 2cos φ
+        around = (1.5 * k * float(radius.max()) + 4.0) * float(np.ptp(angle)) / 2
+        turn = TURN
+        while True:
+            self.bins = _Side(radius, across, turn, allowed, poles=REACH)
+            self.sectors = _Side(angle, around, turn, allowed)
+            population = np.bincount(self.sectors.of, minlength=self.sectors.count)
+            sparse = population <= SPARSE * self.sectors.nodes
+            boxes = self.bins.count * int((~sparse).sum())
+            if turn >= WIDEST_TURN or boxes * FULL <= len(radius):
+                break
+            turn *= math.sqrt(2.0)
+        self.alone = np.flatnonzero(sparse[self.sectors.of])
+        self.filled = np.flatnonzero(~sparse)
+        of_sectors = self.sectors.points()[self.filled].ravel()
+        self.angles = np.concatenate([of_sectors, angle[self.alone]])
+        low, high = wavenumber[0] * radius.min(), wavenumber[1] * radius.max()
+        self.table = FieldTable(float(low), float(high), self.angles, bark)
+
+    def heights(self, k: np.ndarray, shift: Shift) -> tuple[np.ndarray, np.ndarray]:
+        """Rows (M,) of all trunks in the order of boxes, and H·k^{-3/2}/a² (M, Q) at wavenumbers (Q,)."""
+        sectors, bins = self.sectors, self.bins
+        key = bins.of * sectors.count + sectors.of
+        key[self.alone] = bins.count * sectors.count
+        order = np.argsort(key, kind="stable")
+        held = len(order) - len(self.alone)
+        heights = np.empty((len(order), len(k)), np.complex128)
+        heights[held:] = self._each_alone(order[held:], k, shift)
+        rows = order[:held]
+        around, across = sectors.lagrange(rows), bins.lagrange(rows)
+        basis = (around[:, :, None] * across[:, None]).reshape(held, sectors.nodes * bins.nodes)
+        starts = np.flatnonzero(np.diff(key[rows], prepend=-1)).tolist()
+        ends = [*starts[1:], held]
+        box = key[rows[starts]] if starts else np.empty(0, np.int64)
+        several = max(1, VALUES_AT_ONCE // (bins.count * bins.nodes * sectors.nodes * len(k)))
+        for first in range(0, len(self.filled), several):
+            some = self.filled[first : first + several]
+            columns = slice(first * sectors.nodes, (first + len(some)) * sectors.nodes)
+            values = self._values(k, shift, columns)  # (bins, sectors, T, Q)
+            number = np.searchsorted(some, box % sectors.count)
+            inside = number < len(some)
+            inside[inside] = some[number[inside]] == (box % sectors.count)[inside]
+            for n in np.flatnonzero(inside):
+                here = slice(starts[n], ends[n])
+                of_box = values[box[n] // sectors.count, number[n]].view(np.float64)
+                np.matmul(basis[here], of_box, out=heights[here].view(np.float64))
+        return order, heights
+
+    def _values(self, k: np.ndarray, shift: Shift, columns: slice) -> np.ndarray:
+        """(B, S, T, Q) at the Chebyshev points of the boxes of all bins and some sectors."""
+        radii, angles = self.bins.points(), self.angles[columns]
+        z = np.multiply.outer(radii, k)  # (B, A, Q)
+        values = self.table.at(z.ravel(), columns)
+        if shift is not middle:
+            values *= np.exp(-1j * np.outer(z, shift(angles) - middle(angles)))
+        values = values.reshape(*z.shape, -1, self.sectors.nodes)  # (B, A, Q, S, C)
+        packed: np.ndarray = np.ascontiguousarray(values.transpose(0, 3, 4, 1, 2))
+        return packed.reshape(len(radii), -1, self.bins.nodes * self.sectors.nodes, len(k))
+
+    def _each_alone(self, rows: np.ndarray, k: np.ndarray, shift: Shift) -> np.ndarray:
+        """(m, Q) of the trunks of sparse sectors."""
+        first = len(self.filled) * self.sectors.nodes
+        column = first + np.searchsorted(self.alone, rows)
+        z = np.outer(self.paths.radius[rows], k)
+        angle = self.paths.angle[rows]
+        found = self.table.each(z, column)
+        if shift is not middle:
+            found *= np.exp(-1j * z * (shift(angle) - middle(angle))[:, None])
+        return found
+
+
+class _Side:
+    """One side of the boxes: equal parts of the span of values (M,) over which H turns so much."""
+
+    def __init__(
+        self, values: np.ndarray, turn: float, most: float, allowed: float, poles: float = 0.0
+    ) -> None:
+        """poles : how far in turns H has poles beside the side, which lie about 1 off in ka; 0: none."""
+        self.values = values
+        self.low, self.span = float(values.min()), float(np.ptp(values))
+        self.count = max(1, math.ceil(turn / most))
+        self.nodes = _nodes_for(turn / self.count, allowed, poles) if self.span > 0 else 1
+        self.step = self.span / self.count
+        share = (values - self.low) / (self.step or 1.0)
+        self.of = np.minimum(share.astype(np.int64), self.count - 1)
+
+    def points(self) -> np.ndarray:
+        """(parts, nodes) Chebyshev points of each part."""
+        within = 0.5 * (chebyshev.points(self.nodes) + 1.0)
+        found: np.ndarray = self.low + self.step * (np.arange(self.count)[:, None] + within)
+        return found
+
+    def lagrange(self, rows: np.ndarray) -> np.ndarray:
+        """(m, nodes) polynomials of each value's part, which are 1 at one of its points and 0 at others."""
+        place = 2.0 * ((self.values[rows] - self.low) / (self.step or 1.0) - self.of[rows]) - 1.0
+        found: np.ndarray = polynomials(place, self.nodes).T @ series(np.eye(self.nodes), 0)
+        return found
+
+
+def _nodes_for(turn: float, allowed: float, poles: float = 0.0) -> int:
+    """Terms of the Chebyshev series of e^{i·turn·x}, |x| <= 1: coefficients 2·i^n·J_n (DLMF 10.12.3).
+
+    With poles at ±i·poles/turn, coefficients fall as ρ^-n, ρ from the ellipse through them, at the least.
+    """
+    order = np.arange(64)
+    count = int(order[2.0 * np.abs(special.jv(order, turn)) > 0.1 * allowed].max()) + 2
+    if poles > 0 and turn > 0:
+        ellipse = poles / turn + math.hypot(1.0, poles / turn)
+        count = max(count, math.ceil(math.log(1.0 / allowed) / math.log(ellipse)) + 1)
+    return count
+
+
+def _turn(cycles: np.ndarray) -> np.ndarray:
+    """e^{-i2π·cycles}; whole cycles are taken off first, where the exponential would lose digits."""
+    turned: np.ndarray = np.exp(-2j * math.pi * (cycles - np.rint(cycles)))
+    return turned

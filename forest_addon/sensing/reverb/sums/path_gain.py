@@ -1,0 +1,132 @@
+"""A gain of frequency and path length as a short sum of products, for the fast sums.
+
+``losses.Losses.gain``, g(f, x), goes in. In octaves of the path's length,
+
+    g(f, x) ≈ Σ_q g(f, x_q)·ℓ_q(x),
+
+with the polynomials ℓ_q in log x of as many Chebyshev points x_q as the tolerance needs at any frequency.
+Near zones hold few trunks, and there the ground's and the straight way differ by many wavelengths: each has
+a sum of its own, for pulses at its own times. Far ones, where nearly all trunks are, need a handful of terms.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from ....acoustics import chebyshev
+from ..forest.losses import NEAR, Losses
+from .field_table import polynomials, series
+
+FIRST_FAR = round(math.log2(NEAR))
+TRIED = 24  # frequencies at which a zone's nodes are counted
+MOST = 1024
+SHARE = 0.5  # of the tolerance
+
+Values = Callable[[np.ndarray, np.ndarray], np.ndarray]  # of frequency and length
+
+
+@dataclass(frozen=True)
+class Zone:
+    """Path lengths from ``low`` to ``high``, of one of the ways over the ground.
+
+    nodes : (Q,) metres. rise : of the way, by which its sound comes later than the path's; 0: not at all.
+    values : what its gain is by frequency and length.
+    """
+
+    low: float
+    high: float
+    nodes: np.ndarray
+    rise: float
+    values: Values
+
+    def lagrange(self, length: np.ndarray) -> np.ndarray:
+        """(M, Q) polynomials at lengths (M,), each 1 at its node."""
+        return chebyshev.lagrange(len(self.nodes), self._place(length)).T
+
+    def polynomials(self, length: np.ndarray) -> np.ndarray:
+        """(M, Q) Chebyshev polynomials at lengths (M,)."""
+        return polynomials(self._place(length), len(self.nodes)).T
+
+    def _place(self, length: np.ndarray) -> np.ndarray:
+        place: np.ndarray = 2.0 * np.log(length / self.low) / math.log(self.high / self.low) - 1.0
+        return place
+
+
+@dataclass
+class PathGain:
+    """g up to the frequency ``highest``, to a relative tolerance."""
+
+    losses: Losses
+    highest: float
+    tolerance: float
+    _zones: dict[tuple[int, float], Zone] = field(default_factory=dict)
+
+    def zones(self, length: np.ndarray) -> Iterator[tuple[Zone, np.ndarray]]:
+        """Zones of lengths (M,) with their rows; near ones once for each way over the ground."""
+        number = _number(length)
+        for n in np.unique(number).tolist():
+            rows = np.flatnonzero(number == n)
+            for rise in self.losses.rises if n < FIRST_FAR else (0.0,):
+                yield self._zone(n, rise), rows
+
+    def filters(self, zone: Zone, frequency: np.ndarray) -> np.ndarray:
+        """(Q, F) of a zone's polynomials, where what is lost per metre is taken off later, by the time."""
+        if zone.low >= NEAR:
+            values = self.losses.gain(frequency, zone.nodes[:, None], detours_lose=False)
+        else:
+            values = zone.values(frequency, zone.nodes[:, None])
+        return np.asarray(chebyshev.series(len(zone.nodes)) @ values)
+
+    def at(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
+        """(M, F) g of paths at a few frequencies."""
+        found = np.zeros((len(length), len(frequency)), np.complex128)
+        wavenumber = 2.0 * math.pi * frequency / self.losses.air.speed()
+        for zone, rows in self.zones(length):
+            values = zone.values(frequency[None], zone.nodes[:, None])
+            part = zone.lagrange(length[rows]) @ values
+            if zone.high <= NEAR and zone.rise > 0:
+                detour = self.losses.detour(length[rows], zone.rise)
+                part *= np.exp(-np.outer(detour, self.losses.along(frequency) + 1j * wavenumber))
+            found[rows] += part
+        return found
+
+    def _zone(self, number: int, rise: float) -> Zone:
+        if (number, rise) not in self._zones:
+            near = number < FIRST_FAR
+            low, ratio = 2.0**number, 2.0
+            values: Values = self.losses.gain
+            if near:
+                values = partial(self.losses.near_share, rise=rise)
+            nodes = self._nodes(low, ratio, values)
+            self._zones[number, rise] = Zone(low, low * ratio, nodes, rise, values)
+        return self._zones[number, rise]
+
+    def _nodes(self, low: float, ratio: float, of: Values) -> np.ndarray:
+        """As few Chebyshev points in log x as serve at all frequencies."""
+        frequency = np.geomspace(min(20.0, self.highest), self.highest, TRIED)
+        count = 24
+        while True:
+            length = low * ratio ** (0.5 * (chebyshev.points(count) + 1.0))
+            values = of(frequency[None], length[:, None])
+            size = np.abs(series(values[:, :, None], 0)[:, :, 0])
+            tail = np.cumsum(size[::-1], axis=0)[::-1]
+            allowed = SHARE * self.tolerance * np.sqrt(np.mean(np.abs(values) ** 2, axis=0))
+            large = np.flatnonzero((tail > allowed).any(axis=1))
+            needed = int(large[-1]) + 2 if len(large) else 1
+            if needed <= 0.75 * count or count >= MOST:
+                break
+            count *= 2
+        count = max(1, min(needed, count))
+        found: np.ndarray = low * ratio ** (0.5 * (chebyshev.points(count) + 1.0))
+        return found
+
+
+def _number(length: np.ndarray) -> np.ndarray:
+    """(M,) zone of each length: its octave."""
+    number: np.ndarray = np.floor(np.log2(length)).astype(np.int64)
+    return number

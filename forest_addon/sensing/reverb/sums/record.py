@@ -1,0 +1,113 @@
+"""How long a record must be, and how much of the sound one that ends earlier leaves out.
+
+Paths go in; by octaves, the energy that is still to come at each path's arrival is estimated without
+summing their sound: trunks stand at random, so that their energies add up,
+
+    E_m = w_m²·e^{-2b(f)x_m}·mean over φ of |H(f, φ, a_m)|² = w_m²·e^{-2b(f)x_m}·(2/πk)·Σ_n ε_n·sin²γ_n
+
+(Parseval; ``acoustics/cylinder``). A record without a given duration goes on until less than RANGE_DB is
+left in every octave, or to the last trunk, at most LONGEST. The measures of a record need to know what
+it leaves out (``metrics``).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ....acoustics.air import absorption
+from ....acoustics.cylinder import order_count, partial_waves
+from ....spec import Air
+from ..forest.losses import Losses
+from ..metrics import octave_bands
+from .scattering import TrunkPaths
+
+RANGE_DB = 75.0  # below the energy of all sound: what T60, read down to -65 dB, does not notice
+LONGEST = 20.0  # s
+AFTER = 0.1  # s for which the last trunk may ring
+LENGTHS = 256  # of paths, at which losses are computed
+SIZES = 160  # ka at which the scattered energy is computed
+
+
+def arrival_energies(
+    paths: TrunkPaths,
+    direct: tuple[float, ...],
+    sample_rate: float,
+    air: Air,
+    losses: Losses | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(B, M) expected energy of each trunk's sound in each octave, and (B,) of what does not pass a trunk.
+
+    direct : lengths in metres of paths that are heard with 1/length.
+    losses : of the paths by way of trunks; None: the air takes all.
+    """
+    band = np.array(octave_bands(sample_rate))
+    loss = absorption(band, air.temperature_c, air.humidity, air.pressure_kpa)
+    wavenumber = 2.0 * math.pi * band / air.speed()
+    thickest = max(1e-3, float((wavenumber.max(initial=0.0) * paths.radius).max(initial=0.0)))
+    size = np.geomspace(1e-4, thickest, SIZES)
+    waves = np.square(np.abs(partial_waves(size, order_count(thickest))))
+    scattered = np.log(waves[0] + 2.0 * waves[1:].sum(axis=0))
+    energies = np.empty((len(band), len(paths.length)))
+    for row, (k, b) in enumerate(zip(wavenumber, loss, strict=True)):
+        z = np.maximum(k * paths.radius, size[0])
+        answer = np.exp(np.interp(np.log(z), np.log(size), scattered)) * (2.0 / (math.pi * k))
+        energies[row] = (
+            band[row] * np.square(paths.weight) * answer * np.exp(-2.0 * b * paths.length)
+        )
+    energies[:, paths.radius == 0] = 0.0
+    if losses is not None and len(paths.length):
+        length = np.geomspace(paths.length.min(), paths.length.max() * 1.001, LENGTHS)
+        besides = losses.mean_square(band[:, None], length)
+        besides *= np.exp(-2.0 * np.outer(losses.along(band) - loss, length))
+        for number, gain in enumerate(besides):
+            energies[number] *= np.interp(paths.length, length, gain)
+    unscattered = np.array(
+        [
+            f * sum(math.exp(-2.0 * b * d) / d**2 for d in direct)
+            for f, b in zip(band, loss, strict=True)
+        ]
+    )
+    return energies, unscattered
+
+
+def record_length(
+    paths: TrunkPaths,
+    direct: tuple[float, ...],
+    sample_rate: float,
+    air: Air,
+    losses: Losses | None = None,
+) -> float:
+    """Seconds until less than RANGE_DB is left in every octave."""
+    last = max(direct, default=0.0)
+    if len(paths.length):
+        energies, unscattered = arrival_energies(paths, direct, sample_rate, air, losses)
+        order = np.argsort(paths.length, kind="stable")
+        left = np.cumsum(energies[:, order[::-1]], axis=1)[:, ::-1]
+        whole = left[:, :1] + unscattered[:, None]
+        needed = (left > whole * 10.0 ** (-RANGE_DB / 10.0)).any(axis=0)
+        if needed.any():
+            last = max(last, float(paths.length[order[np.flatnonzero(needed)[-1]]]))
+    return min(LONGEST, last / air.speed() + AFTER)
+
+
+def left_out_db(
+    paths: TrunkPaths,
+    heard: np.ndarray,
+    direct: tuple[float, ...],
+    sample_rate: float,
+    air: Air,
+    losses: Losses | None = None,
+) -> np.ndarray:
+    """(1 + B,) energy after the record's end, dB re all of it: of the whole band, then of octaves.
+
+    heard : (M,) bool, which trunks are in the record. -inf where nothing is left out.
+    """
+    energies, unscattered = arrival_energies(paths, direct, sample_rate, air, losses)
+    whole = energies.sum(axis=1) + unscattered
+    late = energies[:, ~heard].sum(axis=1)
+    whole, late = np.append(whole.sum(), whole), np.append(late.sum(), late)
+    share = np.divide(late, whole, out=np.zeros_like(late), where=whole > 0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(10.0 * np.log10(share))

@@ -1,0 +1,195 @@
+"""Trunks from the evaluated geometry: where a horizontal plane cuts the wood.
+
+A ``SceneGeometry`` goes in, the stems at one height come out as upright cylinders for the reverb. The
+wood triangles that cross the plane give one segment each; segments meet in the mesh edges that their
+triangles share, and the connected components of that graph are the contours. ``contours`` turns
+each into a circle.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from ....base.trimesh import TriMesh, is_wood
+from ...rays.geometry import SceneGeometry
+from .contours import equivalent_circle
+
+
+@dataclass(frozen=True)
+class Trunks:
+    """N upright cylinders.
+
+    position : (N, 2) centre in the plane, metres.
+    radius : (N,) metres.
+    tree : (N,) int64, the tree it belongs to, -1 where it belongs to none.
+    instance : (N,) int64, the instance that was cut, None where trunks come from no scene.
+    thin : how many stems were left out because they are thinner than asked for.
+    inside : how many were left out because they lie inside a thicker one of their instance.
+    """
+
+    position: np.ndarray
+    radius: np.ndarray
+    tree: np.ndarray
+    instance: np.ndarray | None = None
+    thin: int = 0
+    inside: int = 0
+
+    def __len__(self) -> int:
+        return len(self.radius)
+
+    def select(self, rows: np.ndarray) -> Trunks:
+        """The trunks of some rows, a mask or numbers; what was left out stays counted."""
+        return replace(
+            self,
+            position=self.position[rows],
+            radius=self.radius[rows],
+            tree=self.tree[rows],
+            instance=None if self.instance is None else self.instance[rows],
+        )
+
+    def clear_of(self, places: np.ndarray) -> Trunks:
+        """Those that cover none of the places (P, 2)."""
+        free = np.ones(len(self), dtype=bool)
+        for place in places:
+            free &= np.hypot(*(self.position - place).T) > self.radius
+        return self.select(free)
+
+    def joined(self, *others: Trunks) -> Trunks:
+        """These trunks and after them the others'; which instance was cut is forgotten."""
+        every = (self, *others)
+        return Trunks(
+            position=np.concatenate([trunks.position for trunks in every]),
+            radius=np.concatenate([trunks.radius for trunks in every]),
+            tree=np.concatenate([trunks.tree for trunks in every]),
+            thin=max(trunks.thin for trunks in every),
+            inside=max(trunks.inside for trunks in every),
+        )
+
+
+def trunks_at_height(scene: SceneGeometry, height: float, min_radius: float = 0.0) -> Trunks:
+    """The stems that the plane z = ``height`` cuts, at least ``min_radius`` thick (both metres).
+
+    A vertex in the plane counts as above it, so that a stem reaches from its foot, excluded, to its
+    top, included. Triangles with a coordinate that is not finite are passed over.
+    """
+    low, high = scene.bounds()
+    slack = 1e-9 * (1.0 + abs(height))  # the boxes are rounded; the vertices decide
+    crossed = np.flatnonzero((low[:, 2] <= height + slack) & (high[:, 2] >= height - slack))
+    wood = {
+        index: _WeldedWood(scene.meshes[index]) for index in np.unique(scene.mesh_index[crossed])
+    }
+    found: list[tuple[int, np.ndarray, float]] = []
+    thin = inside = 0
+    for instance in crossed:
+        transform = scene.transform[instance]
+        segments = wood[scene.mesh_index[instance]].cut(transform, height)
+        stems, thinner = _stems(segments, min_radius)
+        separate = _outermost(stems)
+        thin += thinner
+        inside += len(stems) - len(separate)
+        found += [(int(instance), centre + transform[:2, 3], radius) for centre, radius in separate]
+    of = np.array([instance for instance, _, _ in found], dtype=np.int64)
+    return Trunks(
+        position=np.array([centre for _, centre, _ in found]).reshape(-1, 2),
+        radius=np.array([radius for _, _, radius in found], dtype=np.float64),
+        tree=scene.tree[of],
+        instance=of,
+        thin=thin,
+        inside=inside,
+    )
+
+
+@dataclass(frozen=True)
+class _Segments:
+    """M segments where triangles cross the plane.
+
+    ends : (M, 2, 2) x and y of both ends, from the instance's origin.
+    normal : (M, 3) unit normals of the triangles.
+    contour : (M,) number of the contour, 0 to the count less 1.
+    """
+
+    ends: np.ndarray
+    normal: np.ndarray
+    contour: np.ndarray
+
+
+class _WeldedWood:
+    """The wood of one mesh in local space; vertices at the same place are one vertex."""
+
+    def __init__(self, mesh: TriMesh) -> None:
+        triangles = mesh.triangles[is_wood(mesh.part)]
+        finite = np.isfinite(mesh.vertices).all(axis=1)
+        triangles = triangles[finite[triangles].all(axis=1)]
+        used, packed = np.unique(triangles, return_inverse=True)
+        self.vertices, welded = np.unique(mesh.vertices[used], axis=0, return_inverse=True)
+        self.triangles = welded.ravel()[packed.reshape(-1, 3)].astype(np.int64)
+
+    def cut(self, transform: np.ndarray, height: float) -> _Segments:
+        """Cut one instance: only triangles that cross the plane are moved to the world."""
+        level = self.vertices @ transform[2, :3] + (transform[2, 3] - height)
+        above = level >= 0
+        sides = above[self.triangles]
+        crossing = self.triangles[sides.any(axis=1) & ~sides.all(axis=1)]
+
+        # The corner that is alone on its side makes the two crossed edges with the other two.
+        side = above[crossing]
+        lone = np.where((side.sum(axis=1) == 1)[:, None], side, ~side).argmax(axis=1)
+        turned = np.take_along_axis(crossing, (lone[:, None] + np.arange(3)) % 3, axis=1)
+        edges = np.sort(
+            np.stack([turned[:, [0, 1]], turned[:, [0, 2]]], axis=1), axis=2
+        )  # (M, 2, 2) vertex numbers
+        a, b = edges[..., 0], edges[..., 1]
+        share = (level[a] / (level[a] - level[b]))[..., None]
+        local = self.vertices[a] + share * (self.vertices[b] - self.vertices[a])
+
+        corners = self.vertices[crossing] @ transform[:, :3].T
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        return _Segments(
+            ends=local @ transform[:2, :3].T,
+            normal=np.divide(normal, length, out=np.zeros_like(normal), where=length > 0),
+            contour=_components(a * len(self.vertices) + b),
+        )
+
+
+def _components(edge: np.ndarray) -> np.ndarray:
+    """(M,) contour of each segment; ``edge`` (M, 2) names the mesh edges that hold its ends."""
+    names, node = np.unique(edge, return_inverse=True)
+    node = node.reshape(-1, 2)
+    graph = sparse.coo_matrix(
+        (np.ones(len(node), np.int8), (node[:, 0], node[:, 1])), shape=(len(names), len(names))
+    )
+    label = csgraph.connected_components(graph, directed=False)[1]
+    contour: np.ndarray = label[node[:, 0]]
+    return contour
+
+
+def _stems(segments: _Segments, min_radius: float) -> tuple[list[tuple[np.ndarray, float]], int]:
+    """Centre and radius of each contour that is thick enough, and how many are not."""
+    step = segments.ends[:, 1] - segments.ends[:, 0]
+    length = np.bincount(segments.contour, np.hypot(step[:, 0], step[:, 1]))
+    order = np.argsort(segments.contour, kind="stable")
+    first = np.searchsorted(segments.contour[order], np.arange(len(length) + 1))
+    # The hull of a connected line is at most twice as long as it: sorts out most twigs at once.
+    longest = length / math.pi
+    stems = []
+    for contour in np.flatnonzero((longest >= min_radius) & (longest > 0)):
+        rows = order[first[contour] : first[contour + 1]]
+        centre, radius = equivalent_circle(segments.ends[rows], segments.normal[rows])
+        if radius >= min_radius:
+            stems.append((centre, radius))
+    return stems, len(length) - len(stems)
+
+
+def _outermost(stems: list[tuple[np.ndarray, float]]) -> list[tuple[np.ndarray, float]]:
+    """The stems, thickest first, without those whose centre lies within a thicker one."""
+    kept: list[tuple[np.ndarray, float]] = []
+    for centre, radius in sorted(stems, key=lambda stem: -stem[1]):
+        if all(math.dist(centre, other) >= reach for other, reach in kept):
+            kept.append((centre, radius))
+    return kept

@@ -1,0 +1,1 @@
+"""Settings: the dataclasses of ``spec`` as Blender properties and scene files."""

@@ -1,0 +1,301 @@
+"""Between the panel and ``spec``: properties to settings, settings to properties.
+
+Whatever is found wrong with a property is a ``SpecError`` of ``spec`` itself, with the key that a scene
+file would have. Where a sensor stands is what its object says (``blender/sensors``), the rest is a group of
+properties on that object.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any, TypeVar
+
+from ... import spec
+from ...blender.read.single import shortest
+from ...blender.sensors import objects as sensors
+from ...blender.sensors.objects import file_name
+from ...spec import Settings, SpecError
+from ..shell.words import say
+from . import hills, references
+from .fields import (
+    LARGEST_INT,
+    WHEN_USED,
+    fields_of,
+    is_group,
+    is_sensor_kind,
+    is_text,
+    items_of,
+    listed,
+    text_of,
+    without_none,
+)
+
+T = TypeVar("T", bound=Settings)
+# What is set where one senses, whether a forest is to stand there or not.
+OF_SENSORS = frozenset(
+    {"air", "rays", "accuracy", "active_sensor", "last_sensor", "output", "results", "layout"}
+    | {"show_sensors", "show_points", "point_size", "advanced", "folder"}
+    | {"dry", "dry_file"}
+)
+
+
+def to_spec(scene: Any, things: Iterable[Any] | None = None) -> spec.Scene:
+    """The settings that a Blender scene holds, with these of its sensors; by default with all.
+
+    Raises
+    ------
+    SpecError : a value that cannot be used; ``key`` names it as a scene file would.
+    """
+    props = scene.forest_sensing
+    return spec.Scene(
+        name=props.name,
+        seed=props.seed,
+        offset=_parsed("offset", props.offset) or (0.0, 0.0, 0.0),
+        crs=props.crs,
+        forest=read(props.forest, spec.Forest, "forest"),
+        plantings=tuple(
+            read(group, spec.Planting, f"plantings[{number}]")
+            for number, group in enumerate(props.plantings)
+        ),
+        stems=tuple(
+            read(group, spec.Stems, f"stems[{number}]") for number, group in enumerate(props.stems)
+        ),
+        air=read(props.air, spec.Air, "air"),
+        rays=read(props.rays, spec.Rays, "rays"),
+        flight=read(props.flight, spec.Flight, "flight"),
+        accuracy=read(props.accuracy, spec.Accuracy, "accuracy"),
+        sensors=tuple(sensor_of(thing) for thing in _all_of(scene, things)),
+    )
+
+
+def sensor_of(thing: Any) -> Settings:
+    """The settings of a sensor: those on its object, and where and how that stands.
+
+    Raises
+    ------
+    SpecError : a value that cannot be used; a reverb without a receiver.
+    """
+    kind = sensors.kind_of(thing)
+    cls = spec.SENSORS[kind]
+    group = getattr(thing.forest_sensor, kind)
+    given = {"name": file_name(thing.name)} | sensors.pose(thing)
+    if kind == "terrestrial":
+        given["azimuth_deg"] = _turned(_plain(group.azimuth_deg), sensors.heading(thing))
+    return read(group, cls, file_name(thing.name), given)
+
+
+def _turned(window: tuple[float, float], heading: float) -> tuple[float, float]:
+    """A window of azimuth that turns with its tripod, within the limits that ``spec`` has; degrees."""
+    if not heading:
+        return window
+    first, last = (round(edge + heading, 6) for edge in window)
+    whole = -360.0 * (last > 720.0) + 360.0 * (first < -360.0)
+    return first + whole, last + whole
+
+
+def from_spec(scene: Any, settings: spec.Scene, keep_sensors: bool = False) -> None:
+    """Put settings into a Blender scene, in place of those and of the sensors that it has.
+
+    keep_sensors : those stay; of the new ones those are added that are not there yet.
+
+    Raises
+    ------
+    SpecError : a number that Blender cannot hold; nothing is changed.
+    """
+    if settings.seed > LARGEST_INT:
+        raise SpecError(
+            "seed",
+            say(
+                "{seed} is too large for the panel; use up to {most}",
+                seed=settings.seed,
+                most=LARGEST_INT,
+            ),
+        )
+    props = scene.forest_sensing
+    props.name, props.seed = settings.name, settings.seed
+    props.offset, props.crs = text_of(settings.offset), settings.crs
+    write(props.forest, settings.forest)
+    write(props.air, settings.air)
+    write(props.rays, settings.rays)
+    write(props.flight, settings.flight)
+    write(props.accuracy, settings.accuracy)
+    _fill(props, "plantings", settings.plantings)
+    _fill(props, "stems", settings.stems)
+    there = sensors.sensors_of(scene)
+    known = _unnamed(there) if keep_sensors else []
+    for thing in () if keep_sensors else there:
+        sensors.remove_sensor(thing)
+    for sensor in settings.sensors:
+        if replace(sensor, name=sensor.kind) not in known:
+            add_sensor(scene, sensor)
+    hills.renew(scene)
+    scene.update_tag()  # Blender reports no change of a list by itself
+    for layer in scene.view_layers:  # until then objects do not say where they are
+        layer.update()
+
+
+def _unnamed(things: Iterable[Any]) -> list[Settings]:
+    """The settings of sensors, if they can be used, all with the same names."""
+    found = []
+    for thing in things:
+        try:
+            found.append(replace(sensor_of(thing), name=sensors.kind_of(thing)))
+        except SpecError:
+            continue
+    return found
+
+
+def add_sensor(scene: Any, settings: Settings) -> Any:
+    """A new object with the settings of a sensor."""
+    thing = sensors.new_sensor(scene, settings)
+    write(getattr(thing.forest_sensor, settings.kind), settings)
+    return thing
+
+
+def _all_of(scene: Any, things: Iterable[Any] | None) -> Iterable[Any]:
+    return sensors.sensors_of(scene) if things is None else things
+
+
+def forestless(props: Any) -> bool:
+    """Whether no forest was asked for yet: all that is set is about sensors."""
+    return untouched(props, OF_SENSORS)
+
+
+def untouched(props: Any, but: frozenset[str] = frozenset()) -> bool:
+    """Whether nobody has set anything yet, except what ``but`` names: no scene file, no panel, no script."""
+    for known in props.bl_rna.properties:
+        name = known.identifier
+        if name in but:
+            continue
+        if known.type == "POINTER" and known.fixed_type.identifier.startswith("FOREST_PG_"):
+            if not untouched(getattr(props, name)):
+                return False
+        elif known.type == "COLLECTION":
+            if len(getattr(props, name)):
+                return False
+        elif known.type == "POINTER":  # to a thing; none is what it starts with
+            if name != "rna_type" and getattr(props, name) is not None:
+                return False
+        elif not known.is_skip_save and props.is_property_set(name):
+            return False
+    return True
+
+
+def read(group: Any, settings: type[T], place: str = "", given: dict[str, Any] | None = None) -> T:
+    """The settings that a property group holds; ``place`` is what an error calls the group.
+
+    given : values that are known from elsewhere.
+
+    Raises
+    ------
+    SpecError : a value that cannot be used.
+    """
+    values: dict[str, Any] = {}
+    for name, kind, known, _ in fields_of(settings):
+        items = items_of(kind)
+        if given and name in given:
+            values[name] = given[name]
+        elif items:
+            values[name] = tuple(
+                read(item, items, f"{place}.{name}[{number}]".lstrip("."))
+                for number, item in enumerate(getattr(group, name))
+            )
+        elif without_none(kind) and not getattr(group, f"use_{name}"):
+            values[name] = None
+        elif is_group(without_none(kind) or kind):
+            part = without_none(kind) or kind
+            values[name] = read(getattr(group, name), part, f"{place}.{name}".lstrip("."))
+        elif is_sensor_kind(name, known):
+            continue
+        elif listed(kind):
+            key = f"{place}.{name}".lstrip(".")
+            values[name] = _list_of(key, getattr(group, name), listed(kind))
+        elif is_text(name, kind):
+            values[name] = _parsed(f"{place}.{name}".lstrip("."), getattr(group, name))
+        elif name in references.REFERENCES and kind is str:
+            values[name] = _named(f"{place}.{name}".strip("."), group, name)
+        else:
+            values[name] = _plain(getattr(group, name))
+    try:
+        return settings(**values)
+    except SpecError as problem:
+        raise SpecError(f"{place}.{problem.key}".strip("."), problem.problem) from None
+
+
+def write(group: Any, settings: Settings, only: Mapping[str, Any] | None = None) -> None:
+    """Put settings into their property group; ``only`` those that such a table names."""
+    for name, kind, known, _ in fields_of(type(settings)):
+        if only is not None and name not in only:
+            continue
+        value = getattr(settings, name)
+        if without_none(kind):
+            setattr(group, f"use_{name}", value is not None)
+            if value is None and is_group(without_none(kind)):
+                value = WHEN_USED[name]
+        if is_group(without_none(kind) or kind):
+            write(getattr(group, name), value, None if only is None else only[name])
+        elif items_of(kind):
+            _fill(group, name, value)
+        elif is_text(name, kind):
+            text = text_of(value)
+            setattr(group, name, text.strip("[]") if listed(kind) in (int, float) else text)
+        elif value is not None and not is_sensor_kind(name, known):
+            setattr(group, name, value)
+
+
+def _fill(group: Any, name: str, items: Iterable[Settings]) -> None:
+    collection = getattr(group, name)
+    collection.clear()
+    for item in items:
+        write(collection.add(), item)
+    setattr(group, f"active_{name}", 0)
+
+
+def _named(place: str, group: Any, name: str) -> str:
+    try:
+        return references.name_of(group, name)
+    except SpecError as problem:
+        raise SpecError(place, problem.problem) from None
+
+
+def _parsed(place: str, text: str) -> Any:
+    """Tuples of numbers from a text such as [[0, 0], [10, 0], [10, 5.5]]."""
+    try:
+        return _tuples(json.loads(text or "[]"))
+    except ValueError:
+        problem = say('"{text}" is not a list of numbers; write [[0, 0], [1, 0], …]', text=text)
+        raise SpecError(place, problem) from None
+
+
+def _list_of(place: str, text: str, item: type | None) -> tuple[Any, ...]:
+    """Texts parted by semicolons, or numbers by commas; brackets around these are let pass."""
+    if item is str:
+        return tuple(part.strip() for part in text.split(";") if part.strip())
+    try:
+        numbers = _parsed(place, f"[{text.strip().strip('[]')}]")
+    except SpecError:
+        problem = say('"{text}" is not a list of numbers; write 2, 3', text=text)
+        raise SpecError(place, problem) from None
+    if item is int:
+        if not all(number.is_integer() for number in numbers):
+            raise SpecError(place, say('"{text}" must be whole numbers; write 2, 3', text=text))
+        return tuple(int(number) for number in numbers)
+    return numbers
+
+
+def _tuples(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(_tuples(item) for item in value)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ValueError
+    return float(value)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float):
+        return shortest(value)
+    if isinstance(value, (bool, int, str)):
+        return value
+    return tuple(_plain(item) for item in value)

@@ -1,0 +1,176 @@
+"""Hills that are dragged in the view: a handle for each, kept at one with the numbers in the panel.
+
+The numbers are the truth: settings, scene files and runs without a window read nothing else. A handle that
+moves sets them, a number that is typed moves the handle. What is deleted in the view goes from the list as
+well, for whoever deletes a hill's circle means the hill; a copy of a handle is a new hill. Blender reports
+changes after it has evaluated them: where hill and handle differ then, the handle was moved last, because
+setting a number moves the handle at once. The same holds after undo, so both come back together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+from mathutils import Matrix
+
+from ...blender.scene.layout import INTENSITY, find_part, part
+from ...blender.show import handles
+from ..shell.names import title_of
+from ..shell.selection import select_alone
+
+SAME = 1e-6  # relative difference that is rounding: of a parent's matrix
+
+_following = False  # handles are setting hills, which must not move handles
+_active = ""  # the handle that was the active object when last looked
+
+
+def register() -> None:
+    """Hear of what is moved, deleted and copied."""
+    for handlers in _handlers():
+        handlers.append(follow)
+
+
+def unregister() -> None:
+    """Take the handlers back."""
+    for handlers in _handlers():
+        if follow in handlers:
+            handlers.remove(follow)
+
+
+def _handlers() -> tuple[list, ...]:
+    handlers = bpy.app.handlers
+    return handlers.depsgraph_update_post, handlers.frame_change_post
+
+
+def renew(scene: bpy.types.Scene) -> None:
+    """Remove the handles of hills that are gone, and make those that are missing."""
+    props = scene.forest_sensing
+    shown = props.drag_hills
+    kept = {hill.handle for _, _, hill in _hills(props)} if shown else set()
+    home = part(scene, INTENSITY) if shown else find_part(scene, INTENSITY)
+    things = home.objects if home is not None else ()
+    gone = [thing for thing in things if handles.HANDLE_KEY in thing and thing not in kept]
+    bpy.data.batch_remove(gone)
+    for planting, _, hill in _hills(props):
+        if shown and not _stands(hill.handle):
+            name = f"{title_of(planting.species)} hill"
+            hill.handle = handles.new_handle(name, home, props.forest.terrain.base)
+            handles.place(hill.handle, hill.centre, hill.width)
+
+
+def place(hill: Any) -> None:
+    """Move a hill's handle to where its numbers are."""
+    if hill.handle is not None and not _following:
+        handles.place(hill.handle, hill.centre, hill.width)
+
+
+def choose(planting: Any, context: bpy.types.Context) -> None:
+    """A hill that is chosen in the list becomes the active object."""
+    global _active
+    number = planting.active_gaussians
+    if _following or context.mode != "OBJECT" or not 0 <= number < len(planting.gaussians):
+        return
+    thing, layer = planting.gaussians[number].handle, context.view_layer
+    if thing is None or thing.name not in layer.objects or layer.objects.active == thing:
+        return
+    select_alone(layer, thing)
+    _active = thing.name
+
+
+@bpy.app.handlers.persistent
+def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Take into the hills what happened to their handles."""
+    global _following
+    props = scene.forest_sensing
+    if not props.drag_hills or not scene.is_editable:
+        return
+    home = find_part(scene, INTENSITY)
+    if home is None:  # gone with all handles: the hills stay
+        _release_deleted(props)
+        return
+    _following = True
+    try:
+        _drop_deleted(props)
+        _adopt_copies(props, home)
+        layer = depsgraph.view_layer
+        moved = {u.id.name for u in depsgraph.updates if u.is_updated_transform}
+        for _, _, hill in _hills(props):
+            thing = hill.handle
+            # One that is hidden may be reported as moved and is not evaluated.
+            if thing is not None and thing.name in moved and thing.visible_get(view_layer=layer):
+                _take(hill, thing.evaluated_get(depsgraph).matrix_world)
+        _choose_active(props, layer.objects.active)
+    finally:
+        _following = False
+
+
+def _hills(props: Any) -> Iterator[tuple[Any, int, Any]]:
+    """Every hill: (planting, number, hill)."""
+    for planting in props.plantings:
+        for number, hill in enumerate(planting.gaussians):
+            yield planting, number, hill
+
+
+def _stands(thing: bpy.types.Object | None) -> bool:
+    """Whether a handle is in a scene; one that was deleted lives on for the hill's sake alone."""
+    return thing is not None and bool(thing.users_collection)
+
+
+def _release_deleted(props: Any) -> None:
+    """Forget handles that were deleted, so that their hills are not taken for deleted later."""
+    for _, _, hill in _hills(props):
+        if hill.handle is not None and not _stands(hill.handle):
+            hill.handle = None
+
+
+def _drop_deleted(props: Any) -> None:
+    for planting in props.plantings:
+        for number in reversed(range(len(planting.gaussians))):
+            handle = planting.gaussians[number].handle
+            if handle is not None and not _stands(handle):
+                planting.gaussians.remove(number)
+                last = len(planting.gaussians) - 1
+                planting.active_gaussians = max(0, min(planting.active_gaussians, last))
+
+
+def _adopt_copies(props: Any, home: bpy.types.Collection) -> None:
+    """A hill for every copy of a handle, as high as the one that was copied."""
+    of_handle = {hill.handle: (planting, number) for planting, number, hill in _hills(props)}
+    copies = [
+        thing
+        for thing in home.objects
+        if thing not in of_handle and thing.get(handles.HANDLE_KEY, thing.name) != thing.name
+    ]
+    origins = {thing.name: where for thing, where in of_handle.items() if thing is not None}
+    for thing in copies:
+        if thing[handles.HANDLE_KEY] in origins:
+            planting, number = origins[thing[handles.HANDLE_KEY]]
+            peak = planting.gaussians[number].peak
+            hill = planting.gaussians.add()
+            hill.peak, hill.handle = peak, thing
+    for thing in (*of_handle, *copies):
+        if thing is not None:
+            handles.sign(thing)
+
+
+def _take(hill: Any, matrix: Matrix) -> None:
+    """Centre and width from where a handle stands in the world."""
+    for name, value in zip(("centre", "width"), handles.shape_of(matrix), strict=True):
+        pairs = zip(getattr(hill, name), value, strict=True)
+        if not all(math.isclose(a, b, rel_tol=SAME, abs_tol=SAME) for a, b in pairs):
+            setattr(hill, name, value)
+
+
+def _choose_active(props: Any, active: bpy.types.Object | None) -> None:
+    """The handle that has just become the active object: its hill is the chosen one."""
+    global _active
+    name = active.name if active is not None and handles.HANDLE_KEY in active else ""
+    if name != _active:
+        _active = name
+        for number, planting in enumerate(props.plantings):
+            for index, hill in enumerate(planting.gaussians):
+                if name and hill.handle == active:
+                    props.active_plantings, planting.active_gaussians = number, index

@@ -1,0 +1,252 @@
+"""Settings that name something of the Blender scene: a pointer beside each name, which outlives a rename.
+
+Scene files say names, and so does the text that a .blend has had since there are such settings. Where a name
+is found, the pointer holds what it means, and the name is read from that; a name that nothing has yet stays a
+text. Several objects, whose names a text parts by commas, are a list of pointers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import bpy
+from bpy.props import CollectionProperty, IntProperty, PointerProperty, StringProperty
+
+from ...blender.scene.standings import SOLID_TYPES, SPECIES_KEY
+from ...blender.show.handles import HANDLE_KEY
+from ...spec import SpecError
+from ..shell.words import say
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What a setting may name. many : several of them. layered : NAME:LAYER names a layer of it."""
+
+    fits: Callable[[Any, Any], bool]
+    of: type = bpy.types.Object
+    many: bool = False
+    layered: bool = False
+
+
+def _is_ground(_group: Any, thing: Any) -> bool:
+    return thing.type in SOLID_TYPES and SPECIES_KEY not in thing
+
+
+def _may_lead(_group: Any, thing: Any) -> bool:
+    return bool(thing.type == "CURVE" or thing.animation_data or thing.parent or thing.constraints)
+
+
+def _is_one_of(kinds: set[str], _item: Any, thing: Any) -> bool:
+    return thing.type in kinds and HANDLE_KEY not in thing
+
+
+HEARD_TYPES = {"source_objects": {"SPEAKER"}, "receiver_objects": {"EMPTY", "CAMERA"}}
+REFERENCES = {
+    "object": Reference(_is_ground),
+    "painted": Reference(_is_ground, layered=True),
+    "collection": Reference(lambda _group, _home: True, of=bpy.types.Collection),
+    "follow": Reference(_may_lead),
+    **{
+        name: Reference(partial(_is_one_of, kinds), many=True)
+        for name, kinds in HEARD_TYPES.items()
+    },
+}
+
+_busy = False  # a name or a pointer is set to follow the other
+
+
+class FOREST_PG_heard(bpy.types.PropertyGroup):
+    """One of several objects; ``name`` is what it was called, for as long as there is none."""
+
+    thing: PointerProperty(
+        type=bpy.types.Object,
+        name="Object",
+        poll=lambda _item, thing: (
+            thing.type in {"SPEAKER", "EMPTY", "CAMERA"} and HANDLE_KEY not in thing
+        ),
+        update=lambda _item, _context: None,  # or Blender reports no change
+    )
+
+
+CLASSES = (FOREST_PG_heard,)
+
+
+def pointers(name: str, title: str, meaning: str) -> dict[str, Any]:
+    """The properties that a group holds beside the text of this setting."""
+    known = REFERENCES[name]
+    if known.many:
+        return {
+            f"{name}_pointers": CollectionProperty(type=FOREST_PG_heard),
+            f"active_{name}_pointers": IntProperty(options={"HIDDEN"}),
+        }
+    made = {
+        f"{name}_pointer": PointerProperty(
+            type=known.of,
+            name=title,
+            description=meaning,
+            poll=known.fits,
+            update=lambda group, _context: _say_name(group, name),
+        )
+    }
+    if known.layered:
+        made[f"{name}_layer"] = StringProperty(
+            name="Layer",
+            description="Vertex group or attribute with the weights; none: the active one",
+            search=_layers,
+            search_options={"SUGGESTION"},
+            update=lambda group, _context: _say_name(group, name),
+        )
+    return made
+
+
+def resolver(name: str) -> Callable[[Any, Any], None]:
+    """What follows when the text of this setting is set."""
+    return lambda group, _context: resolve(group, name)
+
+
+def resolve(group: Any, name: str) -> None:
+    """Find what a text means; it was set."""
+    global _busy
+    if _busy:
+        return
+    _busy = True
+    try:
+        if REFERENCES[name].many:
+            _find_many(group, name)
+        else:
+            _find(group, name)
+    finally:
+        _busy = False
+
+
+def name_of(group: Any, name: str) -> str:
+    """What a setting names, as that is called now.
+
+    Raises
+    ------
+    SpecError : it was deleted.
+    """
+    text = str(getattr(group, name))
+    if REFERENCES[name].many:
+        items = getattr(group, f"{name}_pointers")
+        for item in items:
+            _check(name, item.thing)
+        return _names_in(items) if any(item.thing for item in items) else text
+    thing = getattr(group, f"{name}_pointer")
+    if thing is None:
+        return text
+    _check(name, thing)
+    layer = getattr(group, f"{name}_layer", "")
+    return f"{thing.name}:{layer}" if layer else str(thing.name)
+
+
+def is_lost(group: Any, name: str) -> bool:
+    """Whether a text names what is not in this file."""
+    return bool(getattr(group, name)) and getattr(group, f"{name}_pointer") is None
+
+
+def listed_anew(group: Any, name: str) -> None:
+    """An object was added to several ones or taken away."""
+    _set_text(group, name, _names_in(getattr(group, f"{name}_pointers")))
+
+
+def renew_texts(groups: Iterator[Any]) -> None:
+    """Have texts say what things are called now, for whoever reads the file without pointers."""
+    for group in groups:
+        for name in named_by(group):
+            try:
+                text = name_of(group, name)
+            except SpecError:
+                continue
+            if getattr(group, name) != text:
+                _set_text(group, name, text)
+
+
+def resolve_all(groups: Iterator[Any]) -> None:
+    """Find what texts mean that have no pointer yet."""
+    for group in groups:
+        for name in named_by(group):
+            many = REFERENCES[name].many
+            has = len(getattr(group, f"{name}_pointers")) if many else not is_lost(group, name)
+            if getattr(group, name) and not has:
+                resolve(group, name)
+
+
+def named_by(group: Any) -> list[str]:
+    """The settings of a group that name something."""
+    known = group.bl_rna.properties
+    return [n for n in REFERENCES if f"{n}_pointer" in known or f"{n}_pointers" in known]
+
+
+def _names_in(items: Any) -> str:
+    names = (item.thing.name if item.thing else item.name for item in items)
+    return ", ".join(filter(None, names))
+
+
+def _check(name: str, thing: Any) -> None:
+    """One that was deleted lives on for the pointer's sake alone."""
+    if isinstance(thing, bpy.types.Object) and not thing.users_collection:
+        problem = say('"{name}" was deleted; choose another, or none', name=thing.name)
+        raise SpecError(name, problem)
+
+
+def _find(group: Any, name: str) -> None:
+    known, text = REFERENCES[name], getattr(group, name)
+    every = bpy.data.collections if known.of is bpy.types.Collection else bpy.data.objects
+    holder, layer = text, ""
+    if known.layered and text not in every:
+        holder, _, layer = text.rpartition(":")
+    found = every.get(holder)
+    if getattr(group, f"{name}_pointer") != found:
+        setattr(group, f"{name}_pointer", found)
+    if known.layered:
+        setattr(group, f"{name}_layer", layer if found is not None else "")
+
+
+def _find_many(group: Any, name: str) -> None:
+    items = getattr(group, f"{name}_pointers")
+    items.clear()
+    for part in filter(None, (part.strip() for part in getattr(group, name).split(","))):
+        item = items.add()
+        item.name, item.thing = part, bpy.data.objects.get(part)
+
+
+def _say_name(group: Any, name: str) -> None:
+    """A pointer or its layer was set."""
+    if not _busy:
+        thing = getattr(group, f"{name}_pointer")
+        layer = getattr(group, f"{name}_layer", "")
+        text = "" if thing is None else f"{thing.name}:{layer}" if layer else thing.name
+        _set_text(group, name, text)
+
+
+def _set_text(group: Any, name: str, text: str) -> None:
+    global _busy
+    _busy = True
+    try:
+        setattr(group, name, text)
+    finally:
+        _busy = False
+
+
+def _layers(group: Any, _context: Any, typed: str) -> list[str]:
+    thing = group.painted_pointer
+    known = layers_of(thing) if thing is not None else ()
+    return [name for name in known if typed.lower() in name.lower()]
+
+
+def layers_of(thing: bpy.types.Object) -> list[str]:
+    """Vertex groups, and attributes of numbers with a fraction or of colours."""
+    names = [known.name for known in thing.vertex_groups]
+    if thing.type == "MESH":
+        names += [a.name for a in thing.data.color_attributes]
+        names += [a.name for a in thing.data.attributes if _is_weight(a)]
+    return list(dict.fromkeys(names))
+
+
+def _is_weight(attribute: Any) -> bool:
+    plain = attribute.domain != "EDGE" and not attribute.is_internal
+    return bool(plain and attribute.data_type == "FLOAT")

@@ -1,0 +1,1 @@
+"""Shell: drawing, lists, running, words and help that all panels share."""

@@ -1,0 +1,79 @@
+"""What is chosen in the panel's lists."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ...blender.sensors import objects as sensors
+from .selection import select_alone
+
+
+def chosen(owner: Any, name: str) -> Any:
+    """The item of a list that is chosen, the last one where fewer are left; the list must hold one."""
+    listed = getattr(owner, name)
+    return listed[min(getattr(owner, f"active_{name}"), len(listed) - 1)]
+
+
+def chosen_planting(props: Any) -> Any:
+    """The planting that is chosen in the list, None where there is none."""
+    active = props.active_plantings
+    return props.plantings[active] if 0 <= active < len(props.plantings) else None
+
+
+def chosen_sensor(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The sensor that list and buttons are about: the active object if it is one, else the one of before.
+
+    None where the scene has no sensor.
+    """
+    listed = sensors.sensors_of(context.scene)
+    for thing in (context.view_layer.objects.active, context.scene.forest_sensing.last_sensor):
+        if thing in listed:
+            return thing
+    return listed[0] if listed else None
+
+
+def choose_sensor(context: bpy.types.Context, thing: bpy.types.Object) -> None:
+    """Make a sensor the active object, and remember it."""
+    context.scene.forest_sensing.last_sensor = thing
+    layer = context.view_layer
+    if layer.objects.active != thing:
+        select_alone(layer, thing)
+
+
+def number_of_sensor(props: Any) -> int:
+    """Where the chosen sensor is in the list, -1 where there is none."""
+    home = sensors.home_of(props.id_data)
+    thing = chosen_sensor(bpy.context) if bpy.context.scene == props.id_data else None
+    return -1 if home is None or thing is None else list(home.objects).index(thing)
+
+
+def choose_number(props: Any, number: int) -> None:
+    """A sensor was chosen in the list."""
+    home = sensors.home_of(props.id_data)
+    thing = home.objects[number] if home and 0 <= number < len(home.objects) else None
+    if thing is not None and sensors.kind_of(thing):
+        choose_sensor(bpy.context, thing)
+
+
+def register() -> None:
+    """Hear of what becomes the active object."""
+    bpy.app.handlers.depsgraph_update_post.append(_remember)
+
+
+def unregister() -> None:
+    """Take the handler back."""
+    if _remember in bpy.app.handlers.depsgraph_update_post:
+        bpy.app.handlers.depsgraph_update_post.remove(_remember)
+
+
+@bpy.app.handlers.persistent
+def _remember(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """The active sensor stays the chosen one when something else becomes active."""
+    active = depsgraph.view_layer.objects.active
+    if active is None or not sensors.kind_of(active) or not scene.is_editable:
+        return
+    props = scene.forest_sensing
+    if props.last_sensor != active and active in sensors.sensors_of(scene):
+        props.last_sensor = active

@@ -1,0 +1,71 @@
+"""The 3D views that are open: drawn anew, turned to a field, with the tab *Forest* beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import bpy
+from mathutils import Vector
+
+from ...spec import Forest
+
+TAB = "Forest"
+ACROSS = (
+    0.36  # metres from the middle to the edge of a view, a metre of its distance; lens of 50 mm
+)
+
+_seen_through: set[int] = set()  # areas whose views were made so by us
+
+
+def views() -> Iterator[tuple[bpy.types.Window, bpy.types.Area]]:
+    """Each 3D view, with its window."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                yield window, area
+
+
+def region_of(area: bpy.types.Area, kind: str) -> bpy.types.Region:
+    """The region of an area that is of a kind."""
+    return next(region for region in area.regions if region.type == kind)
+
+
+def redraw_sidebars() -> None:
+    """Have every sidebar drawn anew."""
+    for _, area in views():
+        region_of(area, "UI").tag_redraw()
+
+
+def look_at(area: bpy.types.Area, field: Forest) -> None:
+    """Turn a 3D view to the whole field, beside the sidebar; one that looks through a camera stays."""
+    space = area.spaces.active
+    view = space.region_3d
+    if view.view_perspective == "CAMERA":
+        return
+    longest = max(field.size)
+    space.clip_end = max(space.clip_end, 10.0 * longest)
+    view.view_distance = 1.6 * longest
+    covered = region_of(area, "UI").width / region_of(area, "WINDOW").width
+    aside = view.view_rotation @ Vector((ACROSS * view.view_distance * covered, 0.0, 0.0))
+    middle = [o + s / 2 for o, s in zip(field.origin, field.size, strict=True)]
+    view.view_location = Vector((*middle, 3.0)) + aside
+
+
+def see_through(on: bool) -> None:
+    """Show through what is in front in every view that does not do so already; or end that."""
+    for _, area in views():
+        shading, key = area.spaces.active.shading, area.as_pointer()
+        if on and not shading.show_xray:
+            shading.show_xray = True
+            _seen_through.add(key)
+        elif not on and key in _seen_through:
+            shading.show_xray = False
+    if not on:
+        _seen_through.clear()
+
+
+def open_tab(area: bpy.types.Area) -> None:
+    """Show the tab; it is known once the sidebar was drawn."""
+    side = region_of(area, "UI")
+    if side.active_panel_category != "UNSUPPORTED":
+        side.active_panel_category = TAB

@@ -1,0 +1,139 @@
+"""Stands that may be the recorded one, and their reverberation with each term of the model on or off.
+
+Nobody mapped the trees around the recordings: what is known of such forests is a range. Stands are drawn
+evenly from it (Latin hypercube: each of N equal parts of each range once), so that a band of simulations
+can be held to a recording without tuning one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from forest_addon.base.rng import stream
+from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
+from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
+from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.spec import Air, Reverb
+
+FIELD = 120.0  # m; trunks go on around it with the same density
+REACH = 350.0  # m
+
+# Range of each property of a stand; (low, high).
+RANGES = {
+    "density": (0.04, 0.15),  # trunks per m²
+    "radius": (0.05, 0.15),  # m
+    "flow_resistivity": (50.0, 88.0),  # kPa·s/m², Albert et al. 2015, summer
+    "leaf_area_density": (0.0, 0.5),  # m²/m³ at the height of the path, below the crowns
+    "leaf_absorption": (0.001, 0.002),  # Watanabe & Yamada 1996
+    "bark": (0.02, 0.10),  # Li et al. 2020
+    "turbulence": (0.0, 3.0),  # 1e-6; Daigle 1979 has 2 to 10 over open ground
+    "trunk_height": (10.0, 22.0),  # m
+}
+
+OFF = {
+    "model": "forest",
+    "extinction": "none",
+    "tail": "none",
+    "path_ground": False,
+    "bark": 0.0,
+    "foliage": False,
+    "turbulence": 0.0,
+    "trunk_height": 0.0,
+}
+TERMS: dict[str, tuple[str, ...]] = {
+    "extinction alone": ("extinction",),
+    "extinction and transport": ("extinction", "tail"),
+    "ground": ("path_ground",),
+    "ground in moving air": ("path_ground", "turbulence"),
+    "leaves": ("foliage",),
+    "bark": ("bark",),
+    "trunks' ends": ("trunk_height",),
+}
+
+
+@dataclass(frozen=True)
+class PlausibleStand:
+    """One draw; the names are those of ``RANGES``."""
+
+    density: float
+    radius: float
+    flow_resistivity: float
+    leaf_area_density: float
+    leaf_absorption: float
+    bark: float
+    turbulence: float
+    trunk_height: float
+    number: int
+
+
+@dataclass(frozen=True)
+class Path:
+    """Between source and receiver: metres, heights, sampling rate, air."""
+
+    distance: float
+    height: float
+    rate: float
+    air: Air
+
+
+def plausible_stands(count: int, seed: int) -> list[PlausibleStand]:
+    """So many stands; density and radius evenly by their logarithms."""
+    rng = stream(seed, "validate", "stands")
+    columns = {}
+    for name, (low, high) in RANGES.items():
+        share = (rng.permutation(count) + rng.random(count)) / count
+        even = low + (high - low) * share
+        columns[name] = low * (high / low) ** share if name in ("density", "radius") else even
+    return [
+        PlausibleStand(**{name: float(values[n]) for name, values in columns.items()}, number=n)
+        for n in range(count)
+    ]
+
+
+def settings(stand: PlausibleStand, path: Path, **changes: object) -> Reverb:
+    """All terms on, but for the changes."""
+    half = path.distance / 2
+    given = {
+        "source": (-half, 0.0, path.height),
+        "receiver": (half, 0.0, path.height),
+        "sample_rate": path.rate,
+        "model": "forest",
+        "surface": "forest floor",
+        "continue_to": REACH,
+        **{name: getattr(stand, name) for name in RANGES if name not in ("density", "radius")},
+    }
+    return Reverb(**(given | changes))
+
+
+def variants(stand: PlausibleStand, path: Path) -> dict[str, Reverb]:
+    """The ablation: K's model, none of the terms, each, and all."""
+    every = settings(stand, path)
+    found = {
+        "K's model": settings(stand, path, model="paper"),
+        "none": settings(stand, path, **OFF),
+    }
+    for name, terms in TERMS.items():
+        kept = {key: value for key, value in OFF.items() if key not in terms}
+        found[name] = settings(stand, path, **kept)
+    return found | {"all": every}
+
+
+def heard(
+    stand: PlausibleStand, reverb: Reverb, air: Air, expansions: Expansions | None = None
+) -> ImpulseResponse:
+    """The response of one stand: trunks evenly at random, all of one radius."""
+    rng = stream(stand.number, "validate", "trunks")
+    place = rng.uniform(-FIELD / 2, FIELD / 2, (rng.poisson(stand.density * FIELD**2), 2))
+    ends = np.array([reverb.source[:2], reverb.receiver[:2]])
+    trunks = Trunks(place, np.full(len(place), stand.radius), np.full(len(place), -1))
+    return impulse_response(
+        trunks.clear_of(ends),
+        replace(reverb, tolerance=1e-3),
+        air,
+        rng=stream(stand.number, "validate", "continuation"),
+        field=((-FIELD / 2, -FIELD / 2), (FIELD, FIELD)),
+        expansions=expansions,
+        key=(stand.number, "validate"),
+    )

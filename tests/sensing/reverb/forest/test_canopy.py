@@ -1,0 +1,75 @@
+"""Leaves at the height of the path and the tops of trees, of scenes whose truth is counted by hand."""
+
+import numpy as np
+import pytest
+
+from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
+from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.sensing.reverb.forest.canopy import canopy_of
+from forest_addon.sensing.reverb.forest.surroundings import Canopy, surroundings
+from forest_addon.sensing.reverb.terms import terms_of
+from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.spec import Reverb
+
+
+def scene(scale=1.0):
+    """A stem of 10 m and two leaves of 0.5 m², at 1.5 and at 8 m."""
+    corners, up = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], float), np.array([0, 0, 1.0])
+    stem = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0, 10.0]])
+    vertices = np.concatenate([stem, corners + 1.5 * up, corners + 8 * up])
+    mesh = TriMesh(
+        vertices,
+        np.arange(9).reshape(3, 3),
+        np.array([WOOD, LEAF, LEAF]),
+        np.array([-1, 0, 1]),
+        np.zeros(3, int),
+    )
+    transform = np.zeros((2, 3, 4))
+    transform[:, :, :3] = scale * np.eye(3)
+    return SceneGeometry(
+        (mesh,), transform, np.zeros(2, int), ("a", "b"), np.arange(2), np.zeros(2, int)
+    )
+
+
+def test_only_leaves_beside_the_path_count():
+    """Two trees with 0.5 m² each between 0.5 and 2.5 m, on 100 m²."""
+    found = canopy_of(scene(), (1.5, 1.5), 100.0)
+    assert found.leaf_area_density == pytest.approx(2 * 0.5 / (100.0 * 2.0))
+    assert found.top == pytest.approx(10.0)
+    assert canopy_of(scene(), (5.0, 5.0), 100.0).leaf_area_density == 0
+
+
+def test_a_larger_tree_has_larger_leaves_higher_up():
+    found = canopy_of(scene(2.0), (3.0, 3.0), 100.0)
+    assert found.leaf_area_density == pytest.approx(2 * 0.5 * 4 / (100.0 * 2.0))
+    assert found.top == pytest.approx(20.0)
+
+
+def test_a_stand_at_random_is_even_and_one_with_an_edge_is_not():
+    rng = np.random.default_rng(3)
+    place = rng.uniform(0, 100, (800, 2))
+    field = ((0.0, 0.0), (100.0, 100.0))
+    reverb = Reverb(model="forest", continue_to=200.0)
+
+    def around(rows):
+        trunks = Trunks(place[rows], np.full(rows.sum(), 0.1), np.arange(rows.sum()))
+        return surroundings(trunks, reverb, field, Canopy(0.2, 12.0))
+
+    even = around(np.ones(800, bool))
+    assert even.density.cells.size == 0
+    assert even.density.around == pytest.approx(0.08)
+    assert even.stand.leaf_area_density == 0.2
+    half = around(place[:, 0] < 50)
+    assert half.density.cells.size > 0
+    there = half.density.at(np.array([[20.0, 50.0], [80.0, 50.0]]))
+    assert there[0] > 0.03
+    assert there[1] == 0
+
+
+def test_what_is_in_the_model_is_said():
+    held, missing = terms_of(Reverb())
+    assert not any("bark" in name for name in held)
+    assert any("bark" in name for name in missing)
+    held, missing = terms_of(Reverb(model="forest"))
+    assert any("bark" in name for name in held)
+    assert any("crowns that scatter" in name for name in missing)

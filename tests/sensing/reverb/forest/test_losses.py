@@ -1,0 +1,113 @@
+"""What paths lose: against a field in space, the direct sum, and integrals done another way."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from references.trunk_in_space import scattered_in_space
+
+from forest_addon.acoustics.cylinder import transfer
+from forest_addon.acoustics.ground import spherical_reflection, surface_impedance
+from forest_addon.sensing.reverb.audit import octave_errors
+from forest_addon.sensing.reverb.forest.losses import Losses, Stand
+from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
+from forest_addon.sensing.reverb.sums.scattering import trunk_paths
+from forest_addon.sensing.reverb.sums.tree_response import direct_sum
+from forest_addon.sensing.reverb.trunks.slices import Trunks
+from forest_addon.spec import Air, Reverb
+
+AIR = Air(sound_speed=343.0)
+SOURCE, RECEIVER = np.array([-5.0, 0.0, 1.5]), np.array([5.0, 0.0, 1.8])
+STAND = Stand(0.07, (0.1, 0.2), 0.3, 15.0)
+
+
+def losses_of(stand=STAND, source=SOURCE, receiver=RECEIVER, **changes):
+    given = {"model": "forest", "surface": "forest floor"}
+    return Losses.of(Reverb(**(given | changes)), AIR, stand, source, receiver)
+
+
+@pytest.mark.parametrize("rise", [0.0, 3.0])
+def test_a_trunk_in_space(rise):
+    """Both the weight and a path that rises, by an integral over vertical wavenumbers; far away to 1/kr."""
+    k, radius, legs, turned = 8.0, 0.15, (18.0, 24.0), 2.2
+    x = sum(legs)
+    exact = scattered_in_space(k, radius, legs, turned, rise)
+    frequency = np.array([k * 343.0 / (2.0 * np.pi)])
+    level = losses_of(
+        Stand(), SOURCE, SOURCE + np.array([0, 0, rise]), path_ground=False, turbulence=0.0
+    )
+    shared = transfer(frequency * np.cos(np.arctan(rise / x)), turned, radius, 343.0)[0]
+    carried = level.of_ground(frequency, np.array([x]), detours_lose=False)[0]
+    found = shared * carried * np.exp(-1j * k * x) / np.sqrt(x * legs[0] * legs[1])
+    assert abs(np.conj(found) - exact) < 0.015 * abs(exact)
+
+
+def test_over_a_hard_ground_each_path_is_heard_twice():
+    """Ends on a hard ground: twice the pressure, at any distance."""
+    low = SOURCE * [1, 1, 1e-4]
+    hard = losses_of(Stand(), low, low, surface="constant", ground=1.0, turbulence=0.0)
+    gain = hard.gain(np.array([[100.0], [5000.0]]), np.array([20.0, 300.0]))
+    np.testing.assert_allclose(gain, 2.0, rtol=1e-3)
+
+
+def test_the_ground_of_a_path_is_that_of_the_direct_sound_as_far_away():
+    frequency, x = np.array([200.0, 2000.0]), 80.0
+    found = losses_of(Stand(), SOURCE, SOURCE, turbulence=0.0).of_ground(frequency, np.array(x))
+    path = np.hypot(x, 3.0)
+    q = spherical_reflection(frequency, path, 3.0, surface_impedance(frequency, 50.0), 343.0)
+    loss = losses_of(Stand(), SOURCE, SOURCE).along(frequency)
+    k = 2.0 * np.pi * frequency / 343.0
+    there = 1.0 + q * x / path * np.exp(-(loss + 1j * k) * (path - x))
+    np.testing.assert_allclose(found, there, rtol=1e-9)
+
+
+def test_turbulence_keeps_the_energy_of_both_ways():
+    """The mean over both states of the air is |p₁|² + |p₂|² + 2Γ·Re p₁p₂*; none where Γ = 0."""
+    frequency, length = np.array([[500.0], [8000.0]]), np.array([30.0, 200.0])
+    still = losses_of(Stand(), turbulence=0.0)
+    wild = losses_of(Stand(), turbulence=100.0)
+    first = replace(still, ground=False).of_ground(frequency, length)
+    second = still.of_ground(frequency, length) - first
+    apart = np.abs(first) ** 2 + np.abs(second) ** 2
+    found = wild.mean_square(frequency, length)
+    np.testing.assert_allclose(found[1], apart[1], rtol=1e-3)
+
+
+def test_where_trunks_end_the_fresnel_integral_does():
+    """Against e^{-iαz²} over a trunk and its image, summed over heights that differ."""
+    frequency, x, top = 250.0, 120.0, 12.0
+    low = SOURCE * [1, 1, 1e-6]
+    stand = Stand(0.0, (), 0.0, top)
+    found = losses_of(stand, low, low).of_ends(np.array(frequency), np.array(x))
+    bend = 2.0 * (2.0 * np.pi * frequency / 343.0) / x
+    heights = top * (1.0 + 0.2 * np.linspace(-5, 5, 201))
+    share = np.exp(-0.5 * np.linspace(-5, 5, 201) ** 2)
+    z = np.linspace(0.0, 2.0 * top, 40_001)
+    below = np.cumsum(np.exp(-1j * bend * z**2)) * (z[1] - z[0])
+    summed = np.interp(heights, z, below.real) + 1j * np.interp(heights, z, below.imag)
+    expected = 2.0 * (share @ summed) / share.sum() / np.sqrt(np.pi / (1j * bend))
+    assert abs(found - expected) < 2e-3
+
+
+@pytest.mark.parametrize("radii", [(0.15, 0.15), pytest.param((0.05, 0.2), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("rate", [4e3, pytest.param(96e3, marks=pytest.mark.slow)])
+def test_the_fast_sum_keeps_its_tolerance_with_every_loss(radii, rate):
+    rng = np.random.default_rng(4)
+    count = 30 if rate < 1e4 else 3
+    trunks = Trunks(rng.uniform(-30, 30, (count, 2)), rng.uniform(*radii, count), np.arange(count))
+    paths = trunk_paths(trunks, SOURCE[:2], RECEIVER[:2], 2.0, 0.7, None, True)
+    losses, samples = losses_of(), int(0.25 * rate)
+    exact = direct_sum(paths, rate, samples, AIR, None, losses)
+    found = Expansions().sum(paths, rate, samples, AIR, 1e-3, losses).samples
+    assert octave_errors(found, exact, rate).max() < 1e-3
+
+
+def test_nothing_changes_where_all_is_off():
+    """The losses of a bare stand are the air's alone."""
+    bare = losses_of(
+        Stand(), SOURCE, SOURCE, extinction="none", path_ground=False, bark=0.0, turbulence=0.0
+    )
+    assert bare.passes
+    frequency = np.array([100.0, 5000.0])
+    np.testing.assert_array_equal(bare.removed(frequency), 0.0)
+    np.testing.assert_array_equal(bare.gain(frequency, np.array([10.0, 50.0])), 1.0)

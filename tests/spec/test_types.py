@@ -1,0 +1,186 @@
+"""Every field of every setting refuses every value of a wrong kind in one sentence."""
+
+import dataclasses
+import inspect
+import pickle
+import types
+import typing
+from decimal import Decimal
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from forest_addon import spec
+from headless.dataset import settings as plans
+
+GROUPS = sorted(
+    {
+        c
+        for room in (spec, plans)
+        for _, c in inspect.getmembers(room, inspect.isclass)
+        if issubclass(c, spec.Settings) and c is not spec.Settings
+    },
+    key=lambda c: c.__name__,
+)
+NEEDED = {
+    "Planting": {"species": "maple", "expected": 3},
+    "Law": {"intercept": 1, "slope": 1, "low": -1, "high": 1, "dbh": (0.1, 0.5), "trees": 9},
+    "Gaussian": {"centre": (0, 0), "width": (1, 1)},
+    "Raster": {"file": "a.png"},
+    "Distance": {"species": "a", "other": "b", "distance": 2},
+    "Stems": {"count": 3},
+    "Normal": {"mean": 1.0},
+    "Discrete": {"values": (1, 2)},
+    "Template": {"wood": "a.stl"},
+    "Rules": {"axiom": "F"},
+    "Species": {"name": "oak"},
+    "Placing": {"sensor": "a", "rule": "centre"},
+}
+LAW = spec.Law(**NEEDED["Law"])
+MEASURES = dict.fromkeys(("height", "crown_width", "crown_base", "leaf_area"), LAW)
+NEEDED["Allometry"] = {"name": "oak", "correlation": (0,) * 6, **MEASURES}
+
+NUMBERS = [0, 1, 3, -2, 10**400, np.int64(2), np.uint8(7)]
+FRACTIONS = [0.5, 1.5, -3.0, float("nan"), float("inf"), 1e308, np.float32(0.5), np.float64(2.5)]
+TEXTS = ["", "2", "auto", "maple", np.str_("x"), Path("a.toml")]
+TRUTHS = [True, False, np.bool_(True)]
+OTHERS = [
+    *(None, b"2", 1j, Decimal("2"), Fraction(1, 2), {}, {"subrays": 3}, {1, 2}, range(3)),
+    *(object(), int, len, iter([1.0]), memoryview(b"ab"), np.datetime64("2020-01-01")),
+    *(np.array([[1.0, 2.0]]), np.array(["a", "b"]), np.zeros((0, 3)), [], [[]], [None], ["a"]),
+    *([1, 2], (1.5, 2.5), [1, 2, 3], [True, False], "ab", (("a",),), [1, [2]]),
+    *(spec.Air(), spec.Beam(), spec.Normal(mean=0.1), spec.Sonar(), spec.Sonar),
+]
+VALUES = [*NUMBERS, *FRACTIONS, *TEXTS, *TRUTHS, *OTHERS]
+FIELDS = [(group, field) for group in GROUPS for field in dataclasses.fields(group)]
+KIND = {(g, f.name): typing.get_type_hints(g)[f.name] for g, f in FIELDS}
+
+
+def fits(kind, value, auto=False):
+    """Whether a value is of a kind, said once more and in another way: by how Python would print it."""
+    if typing.get_origin(kind) in (typing.Union, types.UnionType):
+        return any(fits(one, value) for one in typing.get_args(kind))
+    if typing.get_origin(kind) is tuple:
+        of = typing.get_args(kind)
+        items = value.tolist() if isinstance(value, (np.ndarray, memoryview)) else value
+        if type(items) not in (list, tuple):
+            return False
+        many = of[-1] is ...
+        return (many or len(of) == len(items)) and all(
+            fits(of[0] if many else of[k], item) for k, item in enumerate(items)
+        )
+    if kind is type(None):
+        return value is None
+    name = type(value).__name__
+    if kind is bool:
+        return name in ("bool", "bool_")
+    if kind is int:
+        return name.startswith(("int", "uint"))
+    if kind is float:
+        return name.startswith(("int", "uint", "float")) or (auto and str(value) == "auto")
+    if kind is str:
+        return name in ("str", "str_", "PosixPath", "WindowsPath")
+    return isinstance(value, kind)
+
+
+def hold(group, field, value):
+    """A value becomes what its field says, or is refused by name in one sentence; nothing else."""
+    kind, auto = KIND[group, field.name], spec.param_of(field).auto
+    said, made = None, None
+    try:
+        made = group(**NEEDED.get(group.__name__, {}) | {field.name: value})
+    except spec.SpecError as problem:
+        said = problem
+    if said is None:
+        assert fits(kind, value, auto), (field.name, value)
+        assert kind not in (bool, int, float, str) or type(getattr(made, field.name)) is kind
+        return
+    assert "\n" not in str(said)
+    assert len(str(said)) < 1200
+    assert fits(kind, value, auto) or said.key.split("[")[0] == field.name
+
+
+@pytest.mark.parametrize("group", GROUPS, ids=lambda g: g.__name__)
+def test_every_field_refuses_every_value_of_a_wrong_kind(group):
+    for field in dataclasses.fields(group):
+        for value in VALUES:
+            hold(group, field, value)
+
+
+DRAWN = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.binary(),
+    lambda inner: st.lists(inner, max_size=6) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=12,
+)
+
+
+@pytest.mark.slow
+@given(st.sampled_from(FIELDS), DRAWN)
+def test_every_field_stands_any_value_at_all(where, value):
+    hold(*where, value)
+
+
+@given(st.sampled_from(FIELDS), st.integers(0, 5), st.sampled_from(VALUES))
+def test_so_is_one_of_several(where, index, value):
+    """A list that is right but for one item names that item."""
+    group, field = where
+    kind = KIND[group, field.name]
+    of = typing.get_args(kind)
+    if typing.get_origin(kind) is not tuple or of[0] not in (int, float, str):
+        return
+    length = 3 if of[-1] is ... else len(of)
+    known = spec.param_of(field)
+    right = "a" if of[0] is str else of[0](min(max(known.minimum, 1), known.maximum))
+    items = [right] * length
+    items[index % length] = value
+    if fits(of[0], value):
+        return
+    with pytest.raises(spec.SpecError) as said:
+        group(**NEEDED.get(group.__name__, {}) | {field.name: items})
+    assert said.value.key.startswith(f"{field.name}[{index % length}]")
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: spec.Terrestrial(angle_step_deg="2"), 'angle_step_deg: "2" is not a number'),
+        (lambda: spec.Terrestrial(beam={"subrays": 3}), "give Beam(...)"),
+        (lambda: spec.Terrestrial(beam=3), "beam: 3 is not settings; give Beam(...)"),
+        (lambda: spec.Scene(plantings=spec.Planting(species="a", expected=1)), "is not a list"),
+        (lambda: spec.Scene(seed=1.5), "seed: 1.5 is not a whole number"),
+        (lambda: spec.Stems(count=10.5), "count: 10.5 is not a whole number"),
+        (lambda: spec.Stems(count=3, radius=0.15), "radius: 0.15 is not settings; give Normal"),
+        (lambda: spec.Sonar(speed=True), "speed: true is not a number"),
+        (lambda: spec.Sonar(band=(60, 80)), "band[0]: 60 Hz is out of range; use from 1000"),
+        (lambda: spec.Sonar(sample_rate=400), "400 Hz is out of range"),
+        (lambda: spec.Beam(pulse_ns=4e-9), "4e-09 ns is out of range"),
+        (lambda: spec.Beam(wavelength_nm=1.55), "1.55 nm is out of range"),
+        (lambda: spec.Beam(subray=3), 'subray: is not known; did you mean "subrays"?'),
+        (lambda: spec.Beam(3), "3 has no name; give NAME=VALUE"),
+        (lambda: spec.Planting(expected=3), "species: is missing in Planting"),
+        (lambda: spec.Raster(file="a\0.png"), "null character"),
+        (lambda: spec.Scene(sensors=(spec.Air(),)), "sensors[0]: Air("),
+    ],
+)
+def test_what_is_wrong_is_said(make, words):
+    with pytest.raises(spec.SpecError) as said:
+        make()
+    assert words in str(said.value)
+    assert "\n" not in str(said.value)
+
+
+def test_what_means_the_same_is_taken():
+    there = spec.Terrestrial(position=np.array([1, 2, 3]), max_range=np.float32(100), name="a")
+    assert there == spec.Terrestrial(position=[1.0, 2, 3.0], max_range=100, name="a")
+    assert [type(x) for x in there.position] == [float] * 3
+    assert spec.Raster(file=Path("a.png")).file == "a.png"
+    assert spec.Reverb(tolerance="auto").tolerance == spec.AUTO
+
+
+def test_an_error_survives_a_process():
+    said = pickle.loads(pickle.dumps(spec.SpecError("seed", "is wrong")))
+    assert (said.key, said.problem, str(said)) == ("seed", "is wrong", "seed: is wrong")
