@@ -3,7 +3,7 @@
 Coordinates are stored as whole numbers of 0.1 mm from an offset, so that a point is exact to 0.05 mm
 anywhere (1 mm for clouds wider than 200 km). The intensity is a level in steps of 0.002 dB over -100 dB,
 the same scale for every scan; the extra bytes ``amplitude`` hold it as it is. Labels are ``tree``,
-``species``, ``organ`` (0 other, 1 wood, 2 leaf, 3 ground, 4 dead wood), ``leaf`` and ``object``, -1 where none is.
+``species``, ``organ`` (0 other, 1 wood, 2 leaf, 3 ground, 4 dead wood), ``leaf`` and ``object``, or -1.
 """
 
 from __future__ import annotations

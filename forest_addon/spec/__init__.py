@@ -9,6 +9,7 @@ else.
 
 from .air import Air
 from .allometry import Allometry, Law
+from .architecture import Architecture, DeadBranches
 from .base import (
     AUTO,
     Discrete,
@@ -75,10 +76,12 @@ __all__ = [
     "Air",
     "Airborne",
     "Allometry",
+    "Architecture",
     "Beam",
     "Clusters",
     "Corners",
     "Crown",
+    "DeadBranches",
     "Detail",
     "Discrete",
     "Distance",

@@ -19,8 +19,10 @@ from ..skeleton import LeafSites, Skeleton
 from ..species import skeleton_of
 from .collars import collared
 from .colonise import colonise
+from .dead import with_dead
 from .measure import BREAST, crown_base_of, dbh_of, leaf_tips, width_of
 from .pipes import borne, scaled_to, skeleton_of_nodes, with_radii
+from .scaffold import scaffold_of
 from .twigs import leaves_on, seat_twigs, with_twigs
 from .wanted import Wanted
 
@@ -81,7 +83,12 @@ def grow_crown(species: Species, wanted: Wanted, blade: Blade, key: int) -> Met:
     margin = min(
         0.4 * wanted.crown_width, 2 * (crown.twig.mean * 0.6 + 0.5 * species.leaf.length.mean)
     )
-    nodes = colonise(crown, wanted.height, wanted.crown_base, wanted.crown_width - margin, rng)
+    size = (wanted.height, wanted.crown_base, wanted.crown_width - margin)
+    frame = None
+    if species.architecture is not None:
+        made = scaffold_of(species.architecture, crown, (*size, wanted.dbh), rng)
+        frame = made.nodes, made.bearing
+    nodes = colonise(crown, *size, rng, frame)
     ends = np.ones(len(nodes.parent), dtype=bool)
     ends[nodes.parent[1:]] = False
     tips = borne(nodes.parent, ends)
@@ -99,6 +106,8 @@ def grow_crown(species: Species, wanted: Wanted, blade: Blade, key: int) -> Met:
     radius = drawn.radius.copy()
     radius[: len(bare)] = with_radii(_first(drawn, len(bare)), pipes, crown, wanted.dbh).radius
     wood, sites = collared(replace(drawn, radius=radius), sites, crown.collar)
+    if species.architecture is not None:
+        wood = with_dead(wood, species.architecture, wanted, daughter_keys(tree, "dead"))
     return Met(wood, sites if species.leaf.on else LeafSites.none())
 
 
