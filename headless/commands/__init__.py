@@ -1,29 +1,33 @@
-"""The commands of ``python -m headless``, a file each, in the order of its help."""
+"""The commands of ``python -m headless``, a file each, in the order of its help.
 
-from .accuracy import Accuracy
-from .allometry import Allometry
-from .assets import Assets
-from .bench import Bench
-from .canopy import Canopy
-from .convolve import Convolve
-from .dataset import Dataset
-from .demo import Demo
-from .derive import Derive
-from .estimate import Estimate
-from .flight import Flight
-from .fly import Fly
-from .lidar import Lidar
-from .reverb_figures import ReverbFigures
-from .run import Run
-from .simlidar import Simlidar
-from .species import Species
-from .stand import Stand
-from .template import Template
-from .validate import Validate
+The studies' commands follow where the studies are: the extension comes without them.
+"""
+
+from importlib.util import find_spec
+
+from .accuracy import AccuracyCommand
+from .allometry import AllometryCommand
+from .assets import AssetsCommand
+from .canopy import CanopyCommand
+from .convolve import ConvolveCommand
+from .dataset import DatasetCommand
+from .demo import DemoCommand
+from .derive import DeriveCommand
+from .estimate import EstimateCommand
+from .fly import FlyCommand
+from .lidar import LidarCommand
+from .run import RunCommand
+from .species import SpeciesCommand
+from .stand import StandCommand
+from .template import TemplateCommand
 
 COMMANDS = (
-    *(Run(), Demo(), Dataset(), Accuracy(), Validate(), Bench()),
-    *(Derive(), Template(), Species(), Stand(), Estimate(), Allometry(), Assets(), Canopy()),
-    *(Lidar(), Simlidar(), Convolve(), ReverbFigures()),
-    *(Fly(), Flight()),
+    *(RunCommand(), DemoCommand(), DatasetCommand(), AccuracyCommand()),
+    *(DeriveCommand(), TemplateCommand(), SpeciesCommand(), StandCommand(), EstimateCommand()),
+    *(AllometryCommand(), AssetsCommand(), CanopyCommand()),
+    *(LidarCommand(), ConvolveCommand(), FlyCommand()),
 )
+if find_spec("headless.studies") is not None:
+    from ..studies.commands import COMMANDS as STUDIES
+
+    COMMANDS += STUDIES

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..command import Command
 
 
-class Accuracy(Command):
+class AccuracyCommand(Command):
     name = "accuracy"
     help = "error against seconds for each sensor of a scene, and what to set"
     description = (

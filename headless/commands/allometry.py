@@ -8,7 +8,7 @@ from pathlib import Path
 from ..command import Command
 
 
-class Allometry(Command):
+class AllometryCommand(Command):
     name = "allometry"
     help = "fit height, crown and leaf area over DBH to measured trees, or check grown ones"
     description = (
@@ -47,10 +47,10 @@ angiosperm), dbh_m, height_m, crown_width_m, crown_base_m, leaf_area_m2."""
 
     def run(self, chosen: argparse.Namespace) -> None:
         if chosen.action == "fit":
-            from ..work.allometry import fit_table
+            from .work.allometry import fit_table
 
             fit_table(Path(chosen.what), chosen.kind, chosen.source, chosen.out)
         else:
-            from ..work.allometry import check_species
+            from .work.allometry import check_species
 
             check_species(chosen.what, chosen.trees)

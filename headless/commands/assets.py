@@ -8,7 +8,7 @@ from pathlib import Path
 from ..command import Command, refuse_negative
 
 
-class Assets(Command):
+class AssetsCommand(Command):
     name = "assets"
     help = "grow an asset library: trees to drag from the Asset Browser"
     description = (
@@ -34,6 +34,6 @@ class Assets(Command):
 
     def run(self, chosen: argparse.Namespace) -> None:
         refuse_negative(chosen.seed)
-        from ..work.assets import make_library
+        from .work.assets import make_library
 
         make_library(chosen.names, chosen.out, chosen.variants, chosen.seed, sheet=chosen.sheet)

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..command import Command
 
 
-class Canopy(Command):
+class CanopyCommand(Command):
     name = "canopy"
     help = "gap fraction and leaf area index of a stand, by hemispherical pictures"
     description = (
@@ -40,7 +40,7 @@ class Canopy(Command):
         return chosen.out or Path("out") / chosen.scene.stem / "canopy"
 
     def run(self, chosen: argparse.Namespace) -> None:
-        from ..work.canopy import look_up_in
+        from .work.canopy import look_up_in
 
         look_up_in(
             chosen.scene, chosen.out, chosen.at or [], chosen.grid, chosen.height, chosen.seed

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..command import Command
 
 
-class Convolve(Command):
+class ConvolveCommand(Command):
     name = "convolve"
     help = "hear a dry sound in the forest"
     description = (
@@ -37,6 +37,6 @@ class Convolve(Command):
         return chosen.out or beside
 
     def run(self, chosen: argparse.Namespace) -> None:
-        from ..work.convolve import convolve
+        from .work.convolve import convolve
 
         convolve(chosen.response, chosen.dry, chosen.out, chosen.normalise)

@@ -11,7 +11,7 @@ from forest_addon.spec import SpecError
 from ..command import Command
 
 
-class Dataset(Command):
+class DatasetCommand(Command):
     name = "dataset"
     help = "make thousands of labelled scenes from one plan"
     description = (

@@ -13,7 +13,7 @@ from .run import add_run_options, run_file
 DEMO = ASSETS / "scenes" / "demo.toml"
 
 
-class Demo(Command):
+class DemoCommand(Command):
     name = "demo"
     help = "run the demo forest"
     description = f"Run the demo forest, assets/scenes/{DEMO.name}."

@@ -7,7 +7,7 @@ import argparse
 from ..command import Command, refuse_negative
 
 
-class Derive(Command):
+class DeriveCommand(Command):
     name = "derive"
     help = "print the string of a species' L-system"
     description = "Print the string that the L-system of a species makes."
@@ -29,6 +29,6 @@ class Derive(Command):
 
     def run(self, chosen: argparse.Namespace) -> None:
         refuse_negative(chosen.seed)
-        from ..work.derive import derive_species
+        from .work.derive import derive_species
 
         derive_species(chosen.species, chosen.generations, chosen.seed, chosen.count)

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..command import Command
 
 
-class Estimate(Command):
+class EstimateCommand(Command):
     name = "estimate"
     help = "make a scene like a site from a map of its trees (CSV)"
     description = (
@@ -47,6 +47,6 @@ class Estimate(Command):
         return chosen.out or Path("out") / chosen.map.stem / "site.toml"
 
     def run(self, chosen: argparse.Namespace) -> None:
-        from ..work.estimate import estimate_site
+        from .work.estimate import estimate_site
 
         estimate_site(chosen.map, chosen.out, chosen.method, chosen.window, chosen.species)

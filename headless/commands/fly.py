@@ -12,7 +12,7 @@ from ..command import Command, refuse_negative
 POLICIES = ("straight", "gap", "echo", "trained")
 
 
-class Fly(Command):
+class FlyCommand(Command):
     name = "fly"
     help = "fly a policy through a scene's forests"
     description = (
@@ -49,7 +49,7 @@ examples:
             raise SpecError("--episodes", f"{chosen.episodes} is out of range; use at least 1")
         speeds = listed("--speeds", chosen.speeds)
         densities = listed("--densities", chosen.densities) or (1.0,)
-        from ..studies.flight.fly import fly_scene
+        from .work.fly import fly_scene
 
         fly_scene(
             chosen.scene,

@@ -12,7 +12,7 @@ from ..command import Command, refuse_negative
 FORMATS = ("laz", "las", "ply", "npz")
 
 
-class Lidar(Command):
+class LidarCommand(Command):
     name = "lidar"
     help = "scan a .blend of your own with a real instrument"
     description = "Scan a Blender scene as it is evaluated, and write a point cloud with labels."
@@ -76,7 +76,7 @@ with the same command and --resume, to the same bytes."""
         return f"what was scanned is kept beside {chosen.out}; --resume goes on with it"
 
     def run(self, chosen: argparse.Namespace) -> None:
-        from ..work.lidar import list_scanners, numbers, scan_blend, sensor_of
+        from .work.lidar import list_scanners, numbers, scan_blend, sensor_of
 
         if chosen.list:
             list_scanners()

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..command import Command, read_scene
 
 
-class Run(Command):
+class RunCommand(Command):
     name = "run"
     help = "run a scene file"
     description = "Run a scene file."

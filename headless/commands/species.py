@@ -8,7 +8,7 @@ from pathlib import Path
 from ..command import Command, refuse_negative
 
 
-class Species(Command):
+class SpeciesCommand(Command):
     name = "species"
     help = "grow one tree of each preset: a table, and a contact sheet"
     description = "Grow one tree of each species and print its size, leaves and wood."
@@ -26,6 +26,6 @@ class Species(Command):
 
     def run(self, chosen: argparse.Namespace) -> None:
         refuse_negative(chosen.seed)
-        from ..work.species import show_species
+        from .work.species import show_species
 
         show_species(chosen.names, chosen.sheet, chosen.seed, pictures=chosen.pictures)

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..command import Command
 
 
-class Stand(Command):
+class StandCommand(Command):
     name = "stand"
     help = "sample where the trees of a scene stand: a table, and a map"
     description = (
@@ -30,6 +30,6 @@ class Stand(Command):
         return chosen.out or Path("out") / chosen.scene.stem / "points.csv"
 
     def run(self, chosen: argparse.Namespace) -> None:
-        from ..work.stand import sample_stand
+        from .work.stand import sample_stand
 
         sample_stand(chosen.scene, chosen.out, chosen.seed)

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..command import Command
 
 
-class Template(Command):
+class TemplateCommand(Command):
     name = "template"
     help = "make a species from your own tree (STL, PLY, OBJ, glTF)"
     description = (
@@ -71,7 +71,7 @@ class Template(Command):
         return chosen.out or Path("out") / chosen.name
 
     def run(self, chosen: argparse.Namespace) -> None:
-        from ..work.template import make_template
+        from .work.template import make_template
 
         make_template(
             *(chosen.wood, chosen.leaves, chosen.name, chosen.height, chosen.out),

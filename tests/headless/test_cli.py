@@ -22,7 +22,8 @@ def test_the_parser_knows_no_command_by_name():
 
 
 def test_every_file_of_commands_is_one_command():
-    files = {p.stem for p in (ROOT / "headless" / "commands").glob("[a-z]*.py")}
+    folders = (ROOT / "headless" / "commands", ROOT / "headless" / "studies" / "commands")
+    files = {p.stem for folder in folders for p in folder.glob("[a-z]*.py")}
     assert files == {type(command).__module__.split(".")[-1] for command in COMMANDS}
     assert files == {command.name.replace("-", "_") for command in COMMANDS}
 

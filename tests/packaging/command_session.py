@@ -37,7 +37,9 @@ def main(archive: str, scene: str, folder: str) -> None:
     for words in jobs:
         codes.append(command.run(words))
         seen.append(state())
-        import_module("headless.work.species").WIDTH = 300  # pixels of the sheet, which is rendered
+        import_module(
+            "headless.commands.work.species"
+        ).WIDTH = 300  # pixels of the sheet, which is rendered
     answer = {"codes": codes, "seen": seen, "files": sorted(p.name for p in out.iterdir())}
     (out / "answer.json").write_text(json.dumps(answer, indent=1))
 

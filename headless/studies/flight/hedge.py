@@ -27,8 +27,8 @@ from forest_addon.sensing.sonar.poses import Pose
 from forest_addon.sensing.sonar.station import Equipment
 from forest_addon.spec import Air, Sonar
 
+from ...report.flights import LINES, new_figure
 from ...report.pictures import FAINT, STYLE, save_figure
-from .pictures import LINES, new_figure
 
 SIZE = (3.0, 1.6, 0.4)  # metres across, up, deep
 DENSITY = 400.0  # leaves/m³

@@ -23,8 +23,8 @@ from forest_addon.flight.theory import poisson_strip
 from forest_addon.formats.table import write_csv
 from forest_addon.spec import Flight
 
+from ...report.flights import LINES, new_figure
 from ...report.pictures import FAINT, STYLE, save_figure
-from .pictures import LINES, new_figure
 
 DENSITY, TRUNK = 0.08, 0.2  # trees/m², metres
 FIELD = np.array([60.0, 40.0])

@@ -22,8 +22,8 @@ from forest_addon.formats.table import write_csv
 from forest_addon.spec import Flight, Forest, Planting, Scene
 
 from ...progress import hushed
+from ...report.flights import LINES, new_figure
 from ...report.pictures import FAINT, STYLE, save_figure
-from .pictures import LINES, new_figure
 
 DENSITIES = (0.02, 0.05, 0.1)  # trees/m²
 FLIGHTS = 12  # of a density and sense

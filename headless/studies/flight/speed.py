@@ -26,8 +26,8 @@ from forest_addon.flight.theory import chance_of_way, critical_slope, poisson_st
 from forest_addon.formats.table import write_csv
 from forest_addon.spec import Flight
 
+from ...report.flights import LINES, new_figure
 from ...report.pictures import FAINT, INK, STYLE, save_figure
-from .pictures import LINES, new_figure
 
 LENGTH, WIDTH = 500.0, 60.0  # metres
 TRUNK, BODY = 0.20, 0.15  # metres, radii

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
+from headless.commands.work.convolve import convolve
 from headless.studies.papers.reverb_figures import Study, draw_figures, findings, responses
-from headless.work.convolve import convolve
 
 ROOT = Path(__file__).resolve().parents[3]
 CLAP = ROOT / "assets" / "sounds" / "clap.wav"

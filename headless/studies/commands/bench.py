@@ -7,12 +7,12 @@ from pathlib import Path
 
 from forest_addon.spec import SpecError
 
-from ..command import Command
-from ..studies.bench import ON_REQUEST, SECTIONS
-from ..studies.bench import run as run_sections
+from ...command import Command
+from ..bench import ON_REQUEST, SECTIONS
+from ..bench import run as run_sections
 
 
-class Bench(Command):
+class BenchCommand(Command):
     name = "bench"
     help = "measure speed and error on this machine"
     description = (

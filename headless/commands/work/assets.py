@@ -84,7 +84,7 @@ def draw_sheet(files: Sequence[Path], path: Path) -> Path:
     import matplotlib
     from matplotlib.figure import Figure
 
-    from ..report.pictures import INK, STYLE, save_figure
+    from ...report.pictures import INK, STYLE, save_figure
 
     shown = [pair for file in files for pair in sorted(pictures_of(file).items())]
     columns = max(1, min(8, math.ceil(math.sqrt(1.6 * len(shown)))))

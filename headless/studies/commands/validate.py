@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import Command, refuse_negative
+from ...command import Command, refuse_negative
 
 
-class Validate(Command):
+class ValidateCommand(Command):
     name = "validate"
     help = "hold the simulations to measurements: what agrees, what does not"
     description = (
@@ -54,6 +54,6 @@ class Validate(Command):
 
     def run(self, chosen: argparse.Namespace) -> None:
         refuse_negative(chosen.seed)
-        from ..studies.validation.run import run_sections
+        from ..validation.run import run_sections
 
         run_sections([chosen.subject] if chosen.subject else [], chosen, chosen.out)

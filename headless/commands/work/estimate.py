@@ -30,8 +30,8 @@ from forest_addon.stand.statistics.kernel import KernelEstimate, kernel_estimate
 from forest_addon.stand.statistics.mixture import FittedMixture, fit_mixture
 from forest_addon.stand.statistics.window import Window
 
-from ..report.drawing import can_draw, without
-from ..report.species_of_site import SpeciesOfSite
+from ...report.drawing import can_draw, without
+from ...report.species_of_site import SpeciesOfSite
 
 Say = Callable[[str], None]
 FAR = 10_000.0  # metres from the origin beyond which coordinates are kept as an offset
@@ -97,7 +97,7 @@ def estimate_site(
         written.write_text(_scene_text(scene, path.name, method, trees.position), encoding="utf-8")
     written = [str(out), *arrays]
     if can_draw():
-        from ..report.site import draw_site
+        from ...report.site import draw_site
 
         written.append(draw_site(grown, frame, out.with_name(f"{out.stem}-estimate.png")).name)
     else:

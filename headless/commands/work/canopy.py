@@ -17,7 +17,7 @@ from forest_addon.sensing.canopy import Canopy
 from forest_addon.spec import Scene, SpecError
 from forest_addon.stand.files import read_inputs
 
-from ..command import read_scene
+from ...command import read_scene
 
 Say = Callable[[str], None]
 MOST = 100  # points along a side of the grid
@@ -92,7 +92,7 @@ def draw_hemispheres(
     from matplotlib.colors import BoundaryNorm, ListedColormap
     from matplotlib.figure import Figure
 
-    from ..report.pictures import BARK, LEAF_GREEN, SKY, SOIL, STYLE, save_figure
+    from ...report.pictures import BARK, LEAF_GREEN, SKY, SOIL, STYLE, save_figure
 
     matplotlib.rcParams.update(STYLE)
     count = len(pictures) + 1

@@ -23,9 +23,9 @@ from forest_addon.growth.template.sibling import grow_sibling
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.spec import Siblings, SpecError, Species
 
-from ..progress import hushed
-from ..report.drawing import can_draw, without
-from ..report.likeness import compare_with_sensors, tell_likeness
+from ...progress import hushed
+from ...report.drawing import can_draw, without
+from ...report.likeness import compare_with_sensors, tell_likeness
 
 Say = Callable[[str], None]
 SHOWN = 5  # siblings in the picture
@@ -64,7 +64,7 @@ def make_template(
     except NotUnderstoodError as problem:
         said = problem.problem
         if can_draw():
-            from ..report.recognised import draw_problem
+            from ...report.recognised import draw_problem
 
             out.mkdir(parents=True, exist_ok=True)
             picture = draw_problem(problem.facets, problem.places, name, out / "recognised.png")
@@ -77,7 +77,7 @@ def make_template(
     _tell_how(made, bool(up), say)
     written = f"{made.species}, its STL files"
     if can_draw():
-        from ..report.recognised import draw_recognised
+        from ...report.recognised import draw_recognised
 
         draw_recognised(made.found, made.unit.metres, name, out / "recognised.png")
         written += ", recognised.png"
@@ -138,7 +138,7 @@ def _show_siblings(made: Library, count: int, path: Path, say: Say) -> None:
     with hushed():
         one, all_of_them = compare_with_sensors(itself, (sibling(k) for k in range(count)))
         if can_draw():
-            from ..report.three import render_three
+            from ...report.three import render_three
 
             shown = [sibling(number) for number in range(min(SHOWN, count))]
             render_three(made.found, made.unit.metres, itself, shown, species.look, path)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from forest_addon.spec import SpecError
 
-from ..command import Command, refuse_negative
+from ...command import Command, refuse_negative
 
 EXPERIMENTS = ("speed", "hedge", "senses", "learn")
 
 
-class Flight(Command):
+class FlightCommand(Command):
     name = "flight"
     help = "experiments: critical speed, gaps in hedges, bat against LiDAR; train a policy"
     description = (
@@ -38,5 +38,5 @@ class Flight(Command):
             raise SpecError("--size", f"{chosen.size:g} is out of range; use 0 to 100")
         from importlib import import_module
 
-        work = import_module(f"..flights.{chosen.experiment}", __package__)
+        work = import_module(f"..flight.{chosen.experiment}", __package__)
         work.run(chosen.out, chosen.size, chosen.seed)

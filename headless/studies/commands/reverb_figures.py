@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import Command
+from ...command import Command
 
 
-class ReverbFigures(Command):
+class ReverbFiguresCommand(Command):
     name = "reverb-figures"
     help = "the figures of the forest reverb paper, from our own responses"
     description = (
@@ -28,6 +28,6 @@ class ReverbFigures(Command):
         )
 
     def run(self, chosen: argparse.Namespace) -> None:
-        from ..studies.papers.reverb_figures import draw_figures
+        from ..papers.reverb_figures import draw_figures
 
         draw_figures(chosen.out, chosen.quick)

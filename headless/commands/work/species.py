@@ -16,7 +16,7 @@ from forest_addon.growth.tree import Tree, grow
 from forest_addon.growth.truth import tree_truth
 from forest_addon.spec import Detail, SpecError, Species
 
-from ..report.drawing import can_draw, without
+from ...report.drawing import can_draw, without
 
 Say = Callable[[str], None]
 
@@ -52,7 +52,7 @@ def show_species(
     if not can_draw():
         asked = "--sheet" if sheet else "--pictures"
         raise SpecError(asked, without("cannot be drawn here"))
-    from ..report.sheet import draw_pictures, draw_sheet
+    from ...report.sheet import draw_pictures, draw_sheet
 
     if sheet:
         draw_sheet(grown, sheet)

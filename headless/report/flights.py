@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from forest_addon.flight.statistics import interval
 from forest_addon.flight.top_view import TopView
 
-from ...report.pictures import FAINT, INK, LEAF_GREEN, RED, STYLE, save_figure
+from .pictures import FAINT, INK, LEAF_GREEN, RED, STYLE, save_figure
 
 BLUE, BROWN = "#2b5f8a", "#7a5230"
 ENDS = {"arrived": BLUE, "crashed": RED, "late": "#8a6bb0"}

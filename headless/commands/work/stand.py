@@ -15,8 +15,8 @@ from forest_addon.spec import SpecError
 from forest_addon.stand.files import read_inputs
 from forest_addon.stand.plan import Stand, labels, plan_stand
 
-from ..command import read_scene
-from ..report.drawing import can_draw, without
+from ...command import read_scene
+from ...report.drawing import can_draw, without
 
 Say = Callable[[str], None]
 
@@ -45,9 +45,9 @@ def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = pri
         ) from None
     write_stand(out, stand, names, settings.offset, settings.crs)
     if can_draw():
-        from ..report.stand import draw_stand
+        from ...report.stand import draw_stand
     else:
-        from ..report.plain import draw_stand
+        from ...report.plain import draw_stand
 
         say(without("The map is plain"))
     picture = draw_stand(stand, names, settings, inputs, out.with_suffix(".png"))

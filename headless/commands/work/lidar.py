@@ -19,7 +19,7 @@ from forest_addon.results.scan_file import write_scan
 from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.spec import SENSORS, Airborne, Mobile, Rays, Scanner, SpecError, Terrestrial
 
-from ..progress import Stages, hushed
+from ...progress import Stages, hushed
 
 
 def list_scanners() -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import Command, refuse_negative
+from ...command import Command, refuse_negative
 
 
-class Simlidar(Command):
+class SimlidarCommand(Command):
     name = "simlidar"
     help = "SIMLIDAR's 42 orchards: its table and regressions beside ours"
     description = (
@@ -35,7 +35,7 @@ class Simlidar(Command):
 
     def run(self, chosen: argparse.Namespace) -> None:
         refuse_negative(chosen.seed)
-        from ..studies.papers.simlidar import run_experiment
+        from ..papers.simlidar import run_experiment
 
         run_experiment(
             chosen.out,
