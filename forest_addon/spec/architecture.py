@@ -20,9 +20,7 @@ class DeadBranches(Settings):
     density: float = param(
         0.0, unit="1/m", help="branches on a metre of stem right below the crown", ge=0, le=100
     )
-    length: float = param(
-        0.6, help="their length there over the radius of the crown", ge=0, le=3
-    )
+    length: float = param(0.6, help="their length there over the radius of the crown", ge=0, le=3)
     down: float = param(
         0.9, help="how far towards the ground they stay, as a share of the crown base", ge=0, le=1
     )

@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
+from ...base.vectors import cross_rows
 from ...spec import Architecture
 from ..draw import draw_normal
 from ..mesh.foliage import across
-from ...base.vectors import cross_rows
 from ..skeleton import Skeleton
 from .wanted import Wanted
 
@@ -26,9 +26,7 @@ LONGEST = 3.0  # metres
 SIDE = 0.35  # length of a side branch over that of what bears it
 
 
-def with_dead(
-    wood: Skeleton, plan: Architecture, wanted: Wanted, key: np.ndarray
-) -> Skeleton:
+def with_dead(wood: Skeleton, plan: Architecture, wanted: Wanted, key: np.ndarray) -> Skeleton:
     """The tree with its dead branches.
 
     key : (1,) uint64, their lineage.

@@ -173,7 +173,9 @@ def _forked(
     span = height - base
     rank = np.arange(count, 0, -1)
     wide = FULLEST * np.sqrt((rank + 0.4 * rng.random(count)) / (count + 0.6))
-    wide[:2] = 0.45 + 0.25 * rng.random(2)[:count]  # the first division makes stems that reach the top
+    wide[:2] = (
+        0.45 + 0.25 * rng.random(2)[:count]
+    )  # the first division makes stems that reach the top
     level = _dome(crown, wide) * (0.86 + 0.12 * rng.random(count))
     azimuth = GOLDEN * rank + 0.5 * rng.random(count) + 2 * np.pi * rng.random()
     onward = np.maximum(np.arange(count) - 1, 0) / max(count - 2, 1)
