@@ -61,6 +61,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if (problem.name or "").split(".")[0] not in DRAWERS:
                 raise
             return _fail(without(f"{command.name} cannot draw its pictures"), 2)
+        except MemoryError as problem:
+            sys.unraisablehook = _say_nothing
+            said = f" ({problem})" if str(problem) else ""
+            return _fail(f"there is not enough memory{said}; take less at once, {kept}", 1)
         except OSError as problem:
             sys.unraisablehook = _say_nothing  # files that fail again when they are dropped
             return _fail(_in_words(problem), 1)

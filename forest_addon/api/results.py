@@ -33,6 +33,7 @@ from ..sensing.sonar.flight import Flight
 from ..sensing.sonar.ping import Echo
 from ..spec import Sensor, SpecError
 from . import plots
+from .given import file_to_write, path_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,16 +62,16 @@ class Result:
 
         Raises
         ------
-        SpecError : the ending is of no format that holds such a result.
+        SpecError : the ending is of no format that holds such a result; the folder is not there.
         OSError : it cannot be written; what had its name before stays as it was.
         """
-        path = Path(path)
+        path = path_of("save", path)
         ending = path.suffix.lower()
         if ending not in self.ENDINGS:
             raise SpecError(
                 str(path), f"cannot be written; end its name in {', '.join(self.ENDINGS)}"
             )
-        self._write(path, ending)
+        self._write(file_to_write(path), ending)
         return path
 
     def plot(self) -> Any:

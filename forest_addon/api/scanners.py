@@ -6,7 +6,8 @@ from typing import Any
 
 from ..formats.scanner_file import PLATFORMS, read_scanner, scanner_names
 from ..formats.toml_file import structure
-from ..spec import Scanner, Sensor, SpecError
+from ..spec import Scanner, Sensor, unknown
+from ..spec.typed import typed
 
 
 def instruments() -> tuple[str, ...]:
@@ -34,10 +35,9 @@ def instrument(name: str, kind: str = "", /, **settings: Any) -> Scanner:
     >>> drone.pulse_rate, drone.speed
     (550000.0, 5.0)
     """
+    name, kind = typed("instrument", name, str), typed("kind", kind, str)
     if kind and kind not in PLATFORMS:
-        raise SpecError(
-            "kind", f'"{kind}" carries no instrument; use one of {", ".join(PLATFORMS)}'
-        )
+        raise unknown("kind", kind, PLATFORMS)
     chosen = kind or next(iter(read_scanner(name).tables))
     sensor: Scanner = structure({"kind": chosen, "scanner": name}, Sensor)  # type: ignore[assignment]
     return sensor.changed(**settings)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..formats.toml_file import read_settings
 from ..spec import Scene, SpecError, with_files
+from .given import enough_memory, path_of, progress_of, scene_of
 from .world import World, import_blender
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ def read(path: str | Path) -> Scene:
     >>> scene.changed(seed=8).seed
     8
     """
-    path = Path(path)
+    path = path_of("read", path)
     folder = path.resolve().parent
 
     def found(file: str) -> str:  # a name without an ending is a preset's
@@ -64,8 +65,10 @@ def build(scene: Scene, *, folder: str | Path = ".", progress: Progress | None =
     >>> len(world.trees["x_m"])
     3
     """
-    site = Site.of(scene, folder)
-    return site.build(site.grow(progress))
+    progress_of(progress)
+    with enough_memory("build", "plant fewer trees, or coarser ones"):
+        site = Site.of(scene, folder)
+        return site.build(site.grow(progress))
 
 
 def current(scene: Scene | None = None) -> World:
@@ -84,7 +87,8 @@ def current(scene: Scene | None = None) -> World:
     3
     """
     bpy = import_blender()
-    return World(scene or Scene(), Path(), None, bpy.context.scene)
+    settings = Scene() if scene is None else scene_of("current", scene)
+    return World(settings, Path(), None, bpy.context.scene)
 
 
 @dataclass
@@ -116,7 +120,7 @@ class Site:
         from ..growth.library.species_file import find_species, load_species
         from ..stand.files import read_inputs
 
-        folder = Path(folder)
+        scene, folder = scene_of("build", scene), path_of("folder", folder)
         species = [load_species(find_species(p.species, folder)) for p in scene.plantings]
         open_for(scene, folder)
         depsgraph = bpy.context.evaluated_depsgraph_get()

@@ -28,7 +28,9 @@ from ..spec import (
     Terrestrial,
     Tractor,
 )
+from ..spec.typed import typed
 from . import truth
+from .given import called, enough_memory, points_of, progress_of
 from .results import Echoes, PointCloud, Response, Result, RowScan, result_of
 
 if TYPE_CHECKING:
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
     from ..stand.placed import PlacedTrees
 
 Progress = Callable[[int, int], None]
+MOST_PIXELS = 8192  # along a side of a hemispherical picture
 
 
 @dataclass(repr=False, eq=False)
@@ -62,6 +65,12 @@ class World:
     def __repr__(self) -> str:
         count = "a scene in Blender" if self.forest is None else f"{len(self.forest.stand)} trees"
         return f"World({self.scene.name!r}, seed {self.scene.seed}: {count})"
+
+    def __reduce__(self) -> Any:
+        raise SpecError(
+            "world",
+            "stands in this Blender and cannot be copied or sent; send its scene, and build that",
+        )
 
     def scan(
         self,
@@ -104,13 +113,15 @@ class World:
         from ..sensing.choice import choose, left_out
 
         if not isinstance(sensor, Settings) or not hasattr(sensor, "kind"):
-            raise SpecError("look", f"takes a sensor, such as Terrestrial(), not {_called(sensor)}")
+            raise SpecError("look", f"takes a sensor, such as Terrestrial(), not {called(sensor)}")
+        progress_of(progress)
         observer = self.observer
         sensor, chosen = choose(sensor)
         before = time.perf_counter()
         try:
-            way = observer.way(sensor, self.folder)
-            found = observer.observe(sensor, self.scene, progress, self.folder, way)
+            with enough_memory(sensor.name, "take fewer rays, pings or samples"):
+                way = observer.way(sensor, self.folder)
+                found = observer.observe(sensor, self.scene, progress, self.folder, way)
             seconds = time.perf_counter() - before
             audit = observer.audit(sensor, self.scene, found, seconds, self.folder, way)
             warnings = observer.warnings(sensor, way)
@@ -207,18 +218,31 @@ class World:
     def canopy(self, points: np.ndarray) -> Canopy:
         """What hemispherical pictures at points (N, 3) tell: gap fraction by zenith angle, the share of open
         sky and the effective plant area index; ``leaf_area_index`` is the true one.
+
+        Raises
+        ------
+        SpecError : these are no points.
         """
         from ..base.rng import stream
         from ..sensing.canopy import look_up
 
+        points = points_of("canopy", points)
         return look_up(self.observer.caster, points, stream(self.scene.seed, "canopy"))
 
     def hemisphere(self, point: np.ndarray, pixels: int = 512) -> np.ndarray:
         """A hemispherical picture upwards from a point (3,), equidistant: (pixels, pixels) int8, 1 wood,
         2 leaf, 3 ground, 0 other, -1 sky, -2 beyond the horizon; first row north, first column east.
+
+        Raises
+        ------
+        SpecError : this is no point, or the picture is too large.
         """
         from ..sensing.canopy import hemisphere
 
+        point = points_of("hemisphere", point, one=True)
+        pixels = typed("pixels", pixels, int)
+        if not 1 <= pixels <= MOST_PIXELS:
+            raise SpecError("pixels", f"{pixels} is out of range; use from 1 to {MOST_PIXELS}")
         return hemisphere(self.observer.caster, point, pixels)
 
     @property
@@ -272,7 +296,7 @@ class World:
     ) -> Any:
         if not isinstance(sensor, kinds):
             wanted = " or ".join(kind.__name__ for kind in kinds)
-            raise SpecError(call, f"takes a {wanted}, not a {type(sensor).__name__}")
+            raise SpecError(call, f"takes a {wanted}, not {called(sensor)}")
         return self.look(sensor, progress)
 
     def _standing(self) -> tuple[Forest | None, PlacedTrees]:
@@ -288,12 +312,6 @@ class World:
         if self.forest is None:
             raise SpecError("world", "was not grown here; its trees are known to build() alone")
         return self.forest
-
-
-def _called(thing: Any) -> str:
-    """What was handed over instead, in words."""
-    shape = getattr(thing, "shape", None)
-    return f"a {type(thing).__name__}" + (f" of shape {shape}" if shape is not None else "")
 
 
 def import_blender() -> Any:

@@ -22,7 +22,7 @@ from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
 from ..api import World
-from ..spec import Flight, Mobile, Scene, Sonar, SpecError
+from ..spec import Flight, Mobile, Scene, Sonar, SpecError, unknown
 from . import top_view
 from .bodies import ACTIONS
 from .senses import FARTHEST, HEARD, ODOMETRY, Ears, Lidar, lidar_of, sonar_of
@@ -51,10 +51,10 @@ class _Flights:
     ) -> None:
         for name, value, known in (("forest", forest, FORESTS), ("heard", heard, HEARD)):
             if value not in known:
-                raise SpecError(name, f'"{value}" is not known; use {" or ".join(known)}')
+                raise unknown(name, value, known)
         for sensor in sensors:
             if sensor not in SENSORS:
-                raise SpecError("sensors", f'"{sensor}" is not known; use {" or ".join(SENSORS)}')
+                raise unknown("sensors", sensor, SENSORS)
         if every < 1:
             raise SpecError("every", f"{every} is out of range; use at least 1")
         if isinstance(scene, World):
@@ -107,7 +107,7 @@ def _started(options: dict[str, Any] | None) -> tuple[dict[str, Any], dict[str, 
     known = ("forest", "start", "goal", "heading_deg")
     for name in options:
         if name not in known:
-            raise SpecError("options", f'"{name}" is not known; use {", ".join(known)}')
+            raise unknown("options", name, known)
     return options, {name: options[name] for name in known[1:] if name in options}
 
 
@@ -138,9 +138,7 @@ class FlightEnv(gymnasium.Env):
         render_mode: str | None = None,
     ) -> None:
         if render_mode not in (None, *MODES):
-            raise SpecError(
-                "render_mode", f'"{render_mode}" is not known; use {" or ".join(MODES)}'
-            )
+            raise unknown("render_mode", render_mode, MODES)
         self.flights = _Flights(
             1, scene, tuple(sensors), flight, lidar, sonar, heard, every, forest, folder
         )

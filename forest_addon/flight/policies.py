@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..spec import Flight, SpecError
+from ..spec import Flight, SpecError, unknown
 from .bodies import ACTIONS, wrapped
 from .senses import FLOOR_DB, TOP_DB, Ears, Lidar
 
@@ -212,7 +212,7 @@ def policy_of(
     if name == "trained" and trained is not None and lidar is not None:
         return trained
     if name not in NAMES:
-        raise SpecError("policy", f'"{name}" is not known; use {", ".join(NAMES)}')
+        raise unknown("policy", name, NAMES)
     needs = {
         "gap": "a lidar",
         "echo": "a sonar",

@@ -21,7 +21,8 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
     Raises
     ------
-    OSError : the writer left no file, or the rename failed; ``path`` is then untouched.
+    OSError : the writer left no file, or the rename failed; ``path`` is then untouched. It names ``path``,
+    not the temporary file.
     """
     final = Path(path)
     partial = final.with_name(f".{final.stem}.{os.getpid()}.partial{final.suffix}")
@@ -33,6 +34,10 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         with open(partial, "r+b") as written:
             os.fsync(written.fileno())
         os.replace(partial, final)
+    except OSError as problem:
+        if problem.filename is None or Path(problem.filename) != partial:
+            raise
+        raise type(problem)(problem.errno, problem.strerror, str(final)) from None
     finally:
         partial.unlink(missing_ok=True)
         _being_written.discard(partial)

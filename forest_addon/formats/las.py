@@ -20,6 +20,7 @@ import numpy as np
 
 from ..base.labels import Labels
 from ..base.trimesh import DEAD, GROUND, LEAF, WOOD
+from ..spec import SpecError
 from .atomic import replacing
 
 RESOLUTION = 1e-4  # metres
@@ -61,8 +62,10 @@ def write_las(
 
     Raises
     ------
+    SpecError : its name says that it is cloud optimised (COPC).
     OSError : it cannot be written.
     """
+    refuse_copc(path)
     header = _header(rows, written)
     own = None if labels is None else _classes(labels)
     if labels is not None:
@@ -76,6 +79,23 @@ def write_las(
     except lazrs.LazrsError as problem:  # what its compressor makes of a full disk
         name = os.path.basename(path)
         raise OSError(f"{name} could not be written ({problem}); is the disk full?") from None
+
+
+def refuse_copc(path: str | os.PathLike[str]) -> None:
+    """Refuse the name of a cloud-optimised file: readers would look for an octree that is not there.
+
+    Raises
+    ------
+    SpecError : the name ends in .copc.laz or .copc.las.
+    """
+    name = os.path.basename(path)
+    stem, ending = os.path.splitext(name)
+    if stem.lower().endswith(".copc") and ending.lower() in (".las", ".laz"):
+        raise SpecError(
+            str(path),
+            f"cannot be written: no octree of COPC is made; call it {stem[:-5]}{ending}, and turn that "
+            "into COPC by PDAL or untwine",
+        )
 
 
 def _classes(labels: Labels) -> np.ndarray:

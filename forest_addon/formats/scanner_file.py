@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ..base.places import ASSETS
-from ..spec import SENSORS, Scanner, SpecError
+from ..spec import SENSORS, Scanner, SpecError, unknown
 from .toml_text import read_tables
 
 FOLDER = ASSETS / "scanners"
@@ -44,9 +44,8 @@ def read_scanner(name: str, folder: Path = Path()) -> ScannerFile:
     SpecError : there is no such scanner, or its file cannot be used.
     """
     path = folder / name if name.endswith(".toml") else FOLDER / f"{name}.toml"
-    if not path.is_file():
-        known = ", ".join(scanner_names())
-        raise SpecError("scanner", f'"{name}" is not known; use one of {known}, or a .toml file')
+    if not path.is_file() or (not name.endswith(".toml") and name not in scanner_names()):
+        raise unknown("scanner", name, scanner_names(), ", or a .toml file")
     try:
         table = read_tables(path)
     except SpecError as problem:

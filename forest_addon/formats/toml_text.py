@@ -21,7 +21,7 @@ def read_tables(path: Path) -> dict[str, Any]:
     ------
     SpecError : it is missing, or not TOML.
     """
-    return parse_tables(path.read_text(encoding="utf-8"), str(path))
+    return parse_tables(path.read_text(encoding="utf-8-sig"), str(path))
 
 
 def parse_tables(text: str, place: str) -> dict[str, Any]:

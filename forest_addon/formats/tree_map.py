@@ -95,8 +95,7 @@ def read_rows(path: Path, extra: Sequence[str]) -> list[tuple[int, float, float,
         if place[key] is None:
             raise SpecError(
                 str(path),
-                f'has no column {key}; its header is "{told[0][1].strip()[:80]}". '
-                f"Call one of its columns {' or '.join(NAMES[key])}",
+                f"has no column {key}; call one of its columns {' or '.join(NAMES[key])}",
             )
     rows = []
     for line, text in told[1:]:

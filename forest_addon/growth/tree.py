@@ -22,8 +22,10 @@ from ..spec import Siblings, Species
 from .draw import draw_inclination
 from .lsystem.grammar import string_of
 from .lsystem.turtle import interpret
+from .measured.curves import curved
 from .measured.meet import grow_measured
 from .measured.needles import coarse_shoot, shoot_of
+from .measured.pipes import scaled_to
 from .measured.reshape import Parts, lowest_kept, reshaped
 from .measured.templates import fitted_template
 from .measured.wanted import Kind, Wanted, one_tree
@@ -133,6 +135,12 @@ def blade_of(species: Species, own: Blade | None) -> Blade:
     return own or SHAPES[species.leaf.shape]()
 
 
+def has_curves(species: Species) -> bool:
+    """Whether the limbs of a species are smooth curves: as it says, else those that fill a crown."""
+    limbs = species.detail.limbs
+    return species.crown is not None if limbs == "auto" else limbs == "curves"
+
+
 def blades_left(species: Species) -> int:
     """Blades of a shoot that the level of detail leaves: first these become fewer, then the shoots."""
     all_of_them = species.needles.blades or species.needles.count if species.needles else 1
@@ -180,6 +188,9 @@ def _whole(
     else:
         met = grow_measured(species, wanted, blade, rng)
         skeleton, sites, missed = met.skeleton, met.sites, met.missed
+    if has_curves(species):
+        skeleton, sites = curved(skeleton, sites, species.crown.collar if species.crown else 0.0)
+        skeleton = skeleton if wanted is None else scaled_to(skeleton, wanted.dbh)
     if species.inclination is not None and len(sites):
         angle = draw_inclination(species.inclination, _leaf_keys(len(sites), rng))
         sites = incline_sites(sites, angle)

@@ -19,6 +19,7 @@ from .base import (
     SpecError,
     param,
     param_of,
+    refuse_unknown,
     with_files,
     within,
 )
@@ -49,6 +50,7 @@ from .lidar import (
     Terrestrial,
     Tractor,
 )
+from .problem import did_you_mean, unknown
 from .reverb import Place, Reverb
 from .scene import SENSORS, Accuracy, Output, Rays, Scene, Sensor
 from .sonar import HORSESHOE_BAND, Sonar
@@ -126,8 +128,11 @@ __all__ = [
     "Terrain",
     "Terrestrial",
     "Tractor",
+    "did_you_mean",
     "param",
     "param_of",
+    "refuse_unknown",
+    "unknown",
     "with_files",
     "within",
 ]

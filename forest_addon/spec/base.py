@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from functools import wraps
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from .problem import SpecError as SpecError
+from .problem import did_you_mean
 from .typed import shown, typed, types_of
 
 T = TypeVar("T", bound="Settings")
@@ -105,7 +105,8 @@ class Settings:
         cls.__init__ = _by_name(cls, cls.__init__)  # type: ignore[method-assign]
 
     def __post_init__(self) -> None:
-        kinds = types_of(type(self))
+        cls: Any = type(self)
+        kinds = types_of(cls)
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
             name, known, value = field.name, param_of(field), getattr(self, field.name)
             value = AUTO if known.auto and isinstance(value, str) and value == "auto" else value
@@ -146,9 +147,8 @@ def refuse_unknown(keys: Iterable[str], known: Iterable[str]) -> None:
     names = list(known)
     for key in keys:
         if key not in names:
-            near = difflib.get_close_matches(str(key), names, 1)
-            hint = f'did you mean "{near[0]}"? ' if near else ""
-            raise SpecError(key, f"is not known; {hint}Allowed: {', '.join(names)}")
+            hint = did_you_mean(key, names)
+            raise SpecError(str(key), f"is not known; {hint}Allowed: {', '.join(names)}")
 
 
 def _by_name(cls: type[Settings], make: Callable[..., None]) -> Callable[..., None]:
@@ -173,7 +173,8 @@ def _check(key: str, value: Any, known: Param) -> None:
         return
     if isinstance(value, str):
         if known.choices and value not in known.choices:
-            raise SpecError(key, f'"{value}" is not known; use {known.allowed()}')
+            hint = did_you_mean(value, known.choices)
+            raise SpecError(key, f"{shown(value)} is not known; {hint}use {known.allowed()}")
     elif isinstance(value, (int, float)):
         if known.auto and value == AUTO:
             return

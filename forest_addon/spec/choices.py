@@ -90,6 +90,11 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "full": ("All", "Branches, leaves and trunks as they are set"),
         "auto": ("What Matters", "Only what the scene's sensors can tell apart"),
     },
+    "limbs": {
+        "auto": ("Automatic", "Smooth curves where limbs fill a crown, else straight"),
+        "curves": ("Curves", "Smooth curves that leave their parent in a collar"),
+        "straight": ("Straight", "Straight from node to node"),
+    },
     "side": {
         "left": ("Left", "It looks to the left of where it drives"),
         "right": ("Right", "It looks to the right of where it drives"),

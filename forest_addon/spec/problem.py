@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
+
 
 class SpecError(ValueError):
     """A setting that cannot be used: ``key`` says where, the text says what and what to do."""
@@ -11,5 +14,23 @@ class SpecError(ValueError):
         self.key = key
         self.problem = problem
 
-    def __reduce__(self) -> tuple[type[SpecError], tuple[str, str]]:
-        return type(self), (self.key, self.problem)  # ValueError's own would lose the key
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+        return SpecError, (self.key, self.problem)  # ValueError's own would lose the key
+
+
+def unknown(key: str, name: str, known: Iterable[str], besides: str = "") -> SpecError:
+    """The error of a name that is none of those known: the nearest of them, then all.
+
+    besides : what else is taken, as ", or a .toml file".
+    """
+    names = list(known)
+    return SpecError(
+        key,
+        f'"{name}" is not known; {did_you_mean(name, names)}use one of {", ".join(names)}{besides}',
+    )
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """'did you mean "X"? ' of the nearest known name, or nothing where none is near."""
+    near = difflib.get_close_matches(str(name), list(known), 1)
+    return f'did you mean "{near[0]}"? ' if near else ""

@@ -304,6 +304,12 @@ class Detail(Settings):
     tolerance: float = param(
         0.002, unit="m", help="largest distance between a branch and its mesh", gt=0, le=1
     )
+    limbs: str = param(
+        "auto",
+        help="how limbs run from node to node: as smooth curves that leave their parent in a collar, or "
+        "straight; auto: curves where they fill a crown",
+        choices=("auto", "curves", "straight"),
+    )
     leaves: float = param(
         1.0,
         help="share of the leaves that is made, each enlarged to keep their area; 0: none, also of a "

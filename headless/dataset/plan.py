@@ -23,7 +23,7 @@ from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings, structure, table_of
 from forest_addon.formats.toml_text import parse_tables, read_tables
-from forest_addon.spec import Scene, SpecError, Species
+from forest_addon.spec import Scene, SpecError, Species, did_you_mean, refuse_unknown, unknown
 from forest_addon.spec.base import Settings, with_files
 
 from . import dotted, vary
@@ -100,10 +100,18 @@ class Plan:
 
 
 def find_plan(name: str) -> Path:
-    """A plan file, or a plan of ``assets/plans`` by its name."""
-    path = Path(name)
-    preset = PLANS / f"{name}.toml"
-    return preset if not path.is_file() and preset.is_file() else path
+    """A plan file, or a plan of ``assets/plans`` by its name.
+
+    Raises
+    ------
+    SpecError : neither is there.
+    """
+    path, presets = Path(name), sorted(preset.stem for preset in PLANS.glob("*.toml"))
+    if path.is_file() or path.suffix == ".toml":
+        return path
+    if name not in presets:
+        raise unknown("plan", name, presets, ", or a .toml file")
+    return PLANS / f"{name}.toml"
 
 
 def read_plan(path: Path, overrides: Sequence[str] = ()) -> Plan:
@@ -140,8 +148,7 @@ def _override(tables: dict[str, Any], said: str) -> None:
 def _plan(path: Path, tables: dict[str, Any]) -> Plan:
     head = {key: value for key, value in tables.items() if key not in TABLES}
     head_fields = set(Head.__dataclass_fields__)
-    for key in head.keys() - head_fields:
-        raise SpecError(key, f"is not known; Allowed: {', '.join([*sorted(head_fields), *TABLES])}")
+    refuse_unknown(sorted(head), [*sorted(head_fields), *TABLES])
     bases = _bases(tables, path.parent)
     tables = {key: value for key, value in tables.items() if key not in ("scene", "scenes")}
     tables["scenes"] = [
@@ -189,7 +196,10 @@ def _bases(tables: dict[str, Any], folder: Path) -> tuple[Base, ...]:
         if not isinstance(one, dict) or ("file" in one) == ("scene" in one):
             raise SpecError(place, "needs either file or scene")
         for key in one.keys() - {"name", "file", "scene", "weight"}:
-            raise SpecError(f"{place}.{key}", "is not known; Allowed: name, file, scene, weight")
+            hint = did_you_mean(key, ("name", "file", "scene", "weight"))
+            raise SpecError(
+                f"{place}.{key}", f"is not known; {hint}Allowed: name, file, scene, weight"
+            )
         weight = one.get("weight", 1.0)
         if not isinstance(weight, (int, float)) or not weight > 0:
             raise SpecError(f"{place}.weight", "must be a number above 0")

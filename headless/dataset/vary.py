@@ -8,7 +8,6 @@ combinations of its values. Keys of the same design make one design together.
 
 from __future__ import annotations
 
-import difflib
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -19,7 +18,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from forest_addon.base.rng import stream
-from forest_addon.spec import SpecError
+from forest_addon.spec import SpecError, did_you_mean, unknown
 
 KINDS = {
     "fixed": "a value",
@@ -92,8 +91,7 @@ def _read(path: str, said: Any) -> Varied:
     kinds = [key for key in said if key in KINDS]
     for key in said:
         if key not in KINDS and key not in MORE:
-            near = difflib.get_close_matches(key, [*KINDS, *MORE], 1)
-            hint = f'did you mean "{near[0]}"? ' if near else ""
+            hint = did_you_mean(key, [*KINDS, *MORE])
             raise SpecError(
                 f"{place}.{key}", f"is not known; {hint}Allowed: {', '.join([*KINDS, *MORE])}"
             )
@@ -102,9 +100,7 @@ def _read(path: str, said: Any) -> Varied:
     kind, given = kinds[0], said[kinds[0]]
     design = said.get("design", "independent")
     if design not in DESIGNS:
-        raise SpecError(
-            f"{place}.design", f'"{design}" is not known; use one of {", ".join(DESIGNS)}'
-        )
+        raise unknown(f"{place}.design", design, DESIGNS)
     weights, low, high = tuple(said.get("weights", ())), said.get("low"), said.get("high")
     times = said.get("times", 0)
     if kind in ("choice", "grid"):

@@ -10,6 +10,7 @@ from pathlib import Path
 from matplotlib.image import imread
 from matplotlib.patches import Rectangle
 
+from forest_addon.base.places import file_name
 from forest_addon.formats.atomic import replacing
 from forest_addon.growth.tree import Tree
 from forest_addon.spec import Species
@@ -72,5 +73,5 @@ def draw_pictures(grown: Sequence[tuple[Species, Tree]], folder: Path) -> None:
         paper = Image.new("RGBA", (side, side), PAPER)
         paper.alpha_composite(tree_alone, ((side - wide) // 2, 0))
         small = paper.convert("RGB").resize((ICON, ICON), Image.Resampling.LANCZOS)
-        with replacing(folder / f"{species.name}.jpg") as partial:
+        with replacing(folder / f"{file_name(species.name)}.jpg") as partial:
             small.save(partial, quality=85, optimize=True)

@@ -69,7 +69,7 @@ def render_three(
 
 def _as_brought(found: Recognition, metres: float, rebuilt: Tree) -> Tree:
     """The facets of the file as a tree, its foot moved to the origin; the skeleton is the rebuilt one's."""
-    origin = found.foot[found.trunk]
+    origin = found.origin
     parts = []
     for pieces, part, slot in ((found.wood, WOOD, 0), (found.leaves, LEAF, 1)):
         mesh = TriMesh.of_part((pieces.vertices - origin) * metres, pieces.triangles, part)

@@ -264,7 +264,7 @@ def test_the_examples_run():
     [
         ("none-such", "", '"none-such" is not known; use one of'),
         ("riegl-vq-780i", "terrestrial", "is no terrestrial scanner"),
-        ("riegl-vz-400i", "sonar", '"sonar" carries no instrument'),
+        ("riegl-vz-400i", "sonar", '"sonar" is not known'),
     ],
 )
 def test_an_instrument_that_is_not_there_is_said(name, kind, said):

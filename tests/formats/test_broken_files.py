@@ -243,3 +243,18 @@ def test_a_species_whose_solid_cannot_be_used(tmp_path):
     path.write_text('name = "a"\n[template]\nwood = "wood.stl"\n[rules]\n')
     _, refused = outcome(load_species, path)
     assert "a.toml" in refused
+
+
+SECRET = "root:x:0:0:WORD-THAT-NO-ONE-MAY-READ:/root:/bin/bash"
+
+
+@pytest.mark.parametrize("kind", READERS)
+def test_a_file_of_something_else_is_not_shown(tmp_path, kind):
+    """A service that takes names of files must not hand out what is in them."""
+    name, _, read = READERS[kind]
+    for text_of_it in (SECRET, f"{SECRET}\n{SECRET}\n", f"{SECRET},1,2,3\n", f"a;{SECRET}\nb;c\n"):
+        path = tmp_path / name
+        path.write_text(text_of_it)
+        with pytest.raises((SpecError, StlError, ValueError)) as said:
+            read(path)
+        assert "WORD-THAT" not in str(said.value)

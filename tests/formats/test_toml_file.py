@@ -122,3 +122,10 @@ def test_numbers_are_written_to_the_last_digit(number):
         path = Path(folder) / "scene.toml"
         write_settings(path, Scene(forest=Forest(spacing=number)))
         assert read_settings(path, Scene).forest.spacing == number
+
+
+def test_a_byte_order_mark_is_no_text(tmp_path):
+    """Windows' Notepad puts one before the first key."""
+    path = tmp_path / "scene.toml"
+    path.write_text('name = "Tharandter Wälder"\nseed = 3\n', encoding="utf-8-sig")
+    assert read_settings(path, Scene).name == "Tharandter Wälder"

@@ -9,7 +9,7 @@ import pytest
 
 from headless import cli
 from headless.commands import COMMANDS
-from headless.studies.bench import with_section
+from headless.studies.bench.run import with_section
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = {"numpy", "scipy", "matplotlib", "bpy", "laspy", "cattrs", "tqdm"}
@@ -76,3 +76,23 @@ def test_a_measured_section_takes_the_place_of_the_one_before():
     page = "# All\n\nWords.\n\n## a: of old\n\n1\n\n## ab\n\n2\n"
     assert with_section(page, "## a: anew\n\n3") == page.replace("a: of old\n\n1", "a: anew\n\n3")
     assert with_section(page, "## c\n\n4") == page + "\n## c\n\n4\n"
+
+
+def test_too_little_memory_is_one_line(headless, monkeypatch, tmp_path):
+    from headless.commands.run import RunCommand
+
+    def huge(*_):
+        raise MemoryError("Unable to allocate 3 TiB")
+
+    monkeypatch.setattr(RunCommand, "run", huge)
+    done = headless("run", "scene.toml", "--out", tmp_path / "o")
+    assert done.returncode == 1
+    assert done.stderr.startswith("error: there is not enough memory (Unable to allocate 3 TiB)")
+
+
+@pytest.mark.slow
+def test_a_species_called_as_no_file_can_be(headless, tmp_path):
+    (tmp_path / "s.toml").write_text('name = "oak/pine\\\\x"\n[honda]\nlevels.values = [1]\n')
+    done = headless("species", tmp_path / "s.toml", "--pictures", tmp_path / "p")
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in (tmp_path / "p").iterdir()] == ["oak_pine_x.jpg"]

@@ -9,7 +9,6 @@ object can be appended or linked by itself. What sensors know of the tree lies o
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ...base.places import file_name
 from ...base.rng import stream
 from ...formats.atomic import replacing
 from ...growth.tree import Tree, grow
@@ -70,8 +70,7 @@ def write_species(folder: Path, species: Species, exhibits: Sequence[Exhibit]) -
     OSError : the folder or the file cannot be written to.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    safe = re.sub(r"[^\w .-]", "_", species.name)
-    file = folder / f"{safe}.blend"
+    file = folder / f"{file_name(species.name)}.blend"
     x, made, paths = 0.0, set(), set()
     with _taken_back():
         coats = (

@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.places import ASSETS
+from ...base.places import ASSETS, file_name
 from ...formats.foreign import guarded
 from ...formats.toml_file import read_settings
-from ...spec import Allometry, SpecError
+from ...spec import Allometry, SpecError, unknown
 
 FOLDER = ASSETS / "allometry"
 COLUMNS = {
@@ -36,7 +36,7 @@ def allometry_names() -> list[str]:
 
 def file_stem(name: str) -> str:
     """What the file of a kind is called: "Picea abies" becomes picea-abies."""
-    return name.lower().replace(" ", "-")
+    return file_name(name.lower()).replace(" ", "-")
 
 
 def read_allometry(name: str, folder: Path) -> Allometry:
@@ -47,9 +47,8 @@ def read_allometry(name: str, folder: Path) -> Allometry:
     SpecError : there is no such allometry, or its file cannot be used.
     """
     path = folder / name if name.endswith(".toml") else FOLDER / f"{name}.toml"
-    if not path.is_file():
-        known = ", ".join(allometry_names())
-        raise SpecError("allometry", f'"{name}" is not known; use one of {known}, or a .toml file')
+    if not path.is_file() or (not name.endswith(".toml") and name not in allometry_names()):
+        raise unknown("allometry", name, allometry_names(), ", or a .toml file")
     return _read(path, path.stat().st_mtime_ns)
 
 

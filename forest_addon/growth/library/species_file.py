@@ -16,7 +16,7 @@ from ...base.places import ASSETS
 from ...formats.foreign import guarded
 from ...formats.stl import StlError, read_stl
 from ...formats.toml_file import read_settings
-from ...spec import SpecError, Species
+from ...spec import SpecError, Species, unknown
 from ..lsystem.expression import ExpressionError
 from ..lsystem.ruled import check_rules
 from ..lsystem.word import GrammarError
@@ -44,11 +44,14 @@ def find_species(name: str, folder: Path) -> Path:
         raise SpecError("species", "is empty; choose a preset or a .toml file")
     if name.endswith(".toml"):
         return folder / name
-    preset = ASSETS / "species" / f"{name}.toml"
-    if not preset.is_file():
-        known = ", ".join(sorted(p.stem for p in preset.parent.glob("*.toml")))
-        raise SpecError("species", f'"{name}" is not known; use one of {known}, or a .toml file')
-    return preset
+    if name not in (names := species_names()):
+        raise unknown("species", name, names, ", or a .toml file")
+    return ASSETS / "species" / f"{name}.toml"
+
+
+def species_names() -> list[str]:
+    """Every preset of ``assets/species``."""
+    return sorted(path.stem for path in (ASSETS / "species").glob("*.toml"))
 
 
 @guarded("a species file", meant=(OSError,))

@@ -16,7 +16,7 @@ import numpy as np
 from ...base.trimesh import LEAF, TriMesh
 from ...formats.atomic import replacing
 from ...formats.stl import StlError, read_stl, write_stl
-from ...spec import Grammar, SpecError
+from ...spec import Grammar, SpecError, unknown
 from ..mesh.leaves import measure_leaves
 from ..template.allometry import allometry_of
 from ..template.anatomy import dissect
@@ -109,9 +109,9 @@ def make_library(
     tell = progress or _say_nothing
     tell(0, 4)
     if unit and unit not in UNITS:
-        raise SpecError("unit", f'"{unit}" is not known; use one of {", ".join(UNITS)}')
+        raise unknown("unit", unit, UNITS)
     if up and up not in UPRIGHT:
-        raise SpecError("up", f'"{up}" is not known; use one of {", ".join(UPRIGHT)}')
+        raise unknown("up", up, UPRIGHT)
     parts = _read(wood, leaves, groups)
     parts, found, up = _stand(parts, up)
     timber, foliage = parts.wood, parts.leaves

@@ -17,7 +17,6 @@ from ..mesh.axes import first_level
 from ..mesh.blades import Blade, leaf_areas
 from ..skeleton import LeafSites, Skeleton
 from ..species import skeleton_of
-from .collars import collared
 from .colonise import colonise
 from .dead import with_dead
 from .measure import BREAST, crown_base_of, dbh_of, leaf_tips, width_of
@@ -105,7 +104,7 @@ def grow_crown(species: Species, wanted: Wanted, blade: Blade, key: int) -> Met:
     drawn = to_breast_height(drawn, wanted.height)
     radius = drawn.radius.copy()
     radius[: len(bare)] = with_radii(_first(drawn, len(bare)), pipes, crown, wanted.dbh).radius
-    wood, sites = collared(replace(drawn, radius=radius), sites, crown.collar)
+    wood = replace(drawn, radius=radius)
     if species.architecture is not None:
         wood = with_dead(wood, species.architecture, wanted, daughter_keys(tree, "dead"))
     return Met(wood, sites if species.leaf.on else LeafSites.none())

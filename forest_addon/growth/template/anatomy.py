@@ -62,7 +62,7 @@ class Foliage:
 
 @dataclass(frozen=True, eq=False)  # one tree is another only if it is the same object
 class Anatomy:
-    """C pieces of wood and L leaves of one tree, metres, the trunk's foot at the origin, z up.
+    """C pieces of wood and L leaves of one tree, metres, the trunk standing at the origin, z up.
 
     parent : (C,) the piece that each one hangs on, -1 for what stands on the ground.
     order : (C,) 0 for the trunk, 1 for first-level branches, ...
@@ -102,7 +102,7 @@ def dissect(found: Recognition, metres: float = 1.0) -> Anatomy:
 
     metres : in one unit of what was recognised.
     """
-    origin = found.foot[found.trunk]
+    origin = found.origin
     parent = found.parent
     order = _orders(parent)
     place = (found.wood.vertices - origin) * metres

@@ -23,8 +23,13 @@ MOST_STRETCHES = 48
 ROUNDS = 3
 SAMPLE = 4.0  # mean radii at most between samples of a long edge
 MOST_SAMPLES = 64  # of one edge
-SLAB = 0.5  # radii of a piece's end that tell where its middle is
-COLLAR = 2.0  # radii of a piece's end that tell how thick it is
+NEAR = 2.0  # radii of a piece's end that tell where its middle is, and how thick it is
+SLAB = 0.5  # radii of it that are the end itself
+OFF = 0.42  # radii that their middle may be off the way inwards
+HOOK = 2.0  # radii that it is elsewhere than where it was taken to be, at most
+SURE = 3.0  # mean radii of it at least, as samples are no denser
+FAR = 2.5  # times that, from where on they tell which way it goes
+REGION = 4.0  # times that, which are looked at
 
 
 @dataclass(frozen=True)
@@ -101,8 +106,11 @@ def find_centrelines(pieces: Pieces) -> Centrelines:
         share = _share(along, owner, count)
 
     knot_radius = _average(samples, lengths(outward)[:, None], share, first)[:, 0]
-    lines, end_radius = _close_ends(lines, knot_radius, pieces, along, outward)
-    outward = _project(lines, pieces.vertices, owner, share)[1]
+    lines = _close_ends(lines, knot_radius, pieces, samples, along)
+    along, outward = _project(lines, pieces.vertices, owner, share)
+    share = _share(along, owner, count)
+    knot_radius = _average(samples, lengths(outward)[:, None], share, first)[:, 0]
+    end_radius = _end_radii(lines, knot_radius, pieces, along, outward)
     return Centrelines(lines.knot, knot_radius, lines.along, first, end_radius, outward)
 
 
@@ -222,27 +230,104 @@ def _project(
 
 
 def _close_ends(
-    lines: _Lines, radius: np.ndarray, pieces: Pieces, along: np.ndarray, outward: np.ndarray
-) -> tuple[_Lines, np.ndarray]:
-    """Lines that reach to where the surface ends, in its middle there; (C, 2) radius at the ends."""
-    owner, count = pieces.piece_of_vertex, pieces.count
-    thickness = lengths(outward)
-    knot, end_radius = lines.knot.copy(), np.empty((count, 2))
-    for end, (at, inner) in enumerate(
-        [(lines.first[:-1], lines.first[:-1] + 1), (lines.first[1:] - 1, lines.first[1:] - 2)]
-    ):
+    lines: _Lines, radius: np.ndarray, pieces: Pieces, samples: _Samples, along: np.ndarray
+) -> _Lines:
+    """Lines that reach to where the surface ends, in its middle there."""
+    knot = lines.knot.copy()
+    owner, number = np.repeat(np.arange(pieces.count), np.diff(lines.first)), np.arange(len(knot))
+    ends = lines.first[:-1], lines.first[1:] - 1
+    for end, (at, other) in enumerate((ends, ends[::-1])):
+        thick = np.maximum(radius[at], radius[at + 1 - 2 * end])
         depth = along if end == 0 else -along
-        depth = depth - depth[_largest(-depth, owner, count)][owner]  # from the end inwards
-        slab = depth <= SLAB * radius[at][owner]
-        middle = _mean(pieces.vertices[slab], owner[slab], count)
-        sunk = _mean(depth[slab, None], owner[slab], count)
-        inwards = knot[inner] - knot[at]
-        inwards /= np.maximum(np.linalg.norm(inwards, axis=1, keepdims=True), np.finfo(float).tiny)
-        knot[at] = middle - sunk * inwards
+        second = np.where(np.diff(lines.first) > 2, at + 2 - 4 * end, at + 1 - 2 * end)
+        way = knot[second] - knot[np.where(second == at + 1 - 2 * end, at, at + 1 - 2 * end)]
+        foot, inwards, near = _find_end(pieces, samples, depth, thick, way)
+        # knots nearer to the end than its surface is sure of stand on the straight way to it
+        place = np.einsum("ki,ki->k", knot - foot[owner], inwards[owner])
+        from_end = np.abs(lines.along - lines.along[at][owner])
+        close = (place < near[owner]) & (from_end < REGION * near[owner]) & (number != other[owner])
+        close[at] = True
+        place[at] = 0.0
+        knot[close] = (foot[owner] + np.maximum(place, 0.0)[:, None] * inwards[owner])[close]
+    return _Lines.through(knot, lines.first)
 
-        collar = depth <= COLLAR * radius[at][owner]
-        end_radius[:, end] = _upper_quartile(thickness[collar], owner[collar], count)
-    return _Lines.through(knot, lines.first), end_radius
+
+def _end_radii(
+    lines: _Lines, radius: np.ndarray, pieces: Pieces, along: np.ndarray, outward: np.ndarray
+) -> np.ndarray:
+    """(C, 2) radius near both ends, leaving caps aside."""
+    owner, count = pieces.piece_of_vertex, pieces.count
+    thickness, found = lengths(outward), np.empty((count, 2))
+    for end, at in enumerate((lines.first[:-1], lines.first[1:] - 1)):
+        depth = along if end == 0 else -along
+        depth = depth - np.minimum.reduceat(depth, _begins(owner, count))[owner]
+        collar = depth <= NEAR * radius[at][owner]
+        found[:, end] = _upper_quartile(thickness[collar], owner[collar], count)
+    return found
+
+
+def _find_end(
+    pieces: Pieces, samples: _Samples, depth: np.ndarray, thick: np.ndarray, way: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """One end of every piece: its middle (C, 3), the way inwards (C, 3), and how far that is straight (C,).
+
+    depth : (V,) how far vertices are from the end, as far as is known. thick : (C,) the radius and
+    way : (C, 3) the direction inwards, likewise.
+
+    The surface's middles a radius or two from the end and farther in tell the way; seen along it, the end's
+    own depth is found, and with it the middles anew. So it does not matter which corner of a base was taken
+    for the end, nor how few corners that has.
+    """
+    owner, count = pieces.piece_of_vertex, pieces.count
+    depth = depth - np.minimum.reduceat(depth, _begins(owner, count))[owner]
+    length = np.maximum(np.maximum.reduceat(depth, _begins(owner, count)), np.finfo(float).tiny)
+    mean = np.bincount(pieces.piece, pieces.area, count) / (2 * np.pi * length)
+    near = np.minimum(np.maximum(NEAR * thick, SURE * mean), length / 3)
+    seen = samples.spread(depth)
+    row = np.flatnonzero(seen <= (REGION * near)[samples.piece])
+    piece, weight = samples.piece[row], samples.weight[row]
+    place = np.stack([samples.of_vertices[row] @ axis for axis in pieces.vertices.T], axis=1)
+    mine = np.flatnonzero(depth <= (REGION * near)[owner])
+    corner, of_corner = pieces.vertices[mine], owner[mine]
+    inwards = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), np.finfo(float).tiny)
+    for _ in range(ROUNDS + 1):
+        along = np.einsum("vi,vi->v", corner, inwards[of_corner])
+        least = np.full(count, np.inf)
+        np.minimum.at(least, of_corner, along)
+        seen = np.einsum("mi,mi->m", place, inwards[piece]) - least[piece]
+        here = _weighted(place, np.where(seen <= near[piece], weight, 0.0), piece, count)
+        inner = np.where(seen > near[piece], weight, 0.0)
+        there = _weighted(place, inner * (seen <= FAR * near[piece]), piece, count)
+        there = np.where(np.isfinite(there), there, _weighted(place, inner, piece, count))
+        inwards = there - here
+        inwards /= np.maximum(np.linalg.norm(inwards, axis=1, keepdims=True), np.finfo(float).tiny)
+        inwards = np.where(np.isfinite(inwards), inwards, 0.0)
+    along = np.einsum("vi,vi->v", corner - here[of_corner], inwards[of_corner])
+    least = np.full(count, np.inf)
+    np.minimum.at(least, of_corner, along)
+    foot = here + least[:, None] * inwards
+    # the middle of the end's own corners is nearer still, where all of them were found
+    flat = (along - least[of_corner] <= SLAB * thick[of_corner]).astype(float)
+    middle = _weighted(corner, flat, of_corner, count) - foot
+    middle -= np.einsum("ci,ci->c", middle, inwards)[:, None] * inwards
+    whole = np.linalg.norm(middle, axis=1) <= OFF * thick
+    foot[whole] += middle[whole]
+    # a hook is not seen from farther in: there the corners that are known to be the end's tell
+    known = _weighted(
+        corner, (depth[mine] <= SLAB * thick[of_corner]).astype(float), of_corner, count
+    )
+    hook = np.linalg.norm(foot - known, axis=1) > HOOK * thick
+    foot[hook], near = known[hook], np.where(hook, 0.0, near)
+    inwards = there - foot
+    inwards /= np.maximum(np.linalg.norm(inwards, axis=1, keepdims=True), np.finfo(float).tiny)
+    return foot, inwards, near
+
+
+def _weighted(place: np.ndarray, weight: np.ndarray, piece: np.ndarray, count: int) -> np.ndarray:
+    """(C, 3) weighted mean of places (M, 3); NaN where none has weight."""
+    total = np.bincount(piece, weight, count)
+    mean = np.stack([np.bincount(piece, weight * x, count) for x in place.T], axis=1)
+    return np.asarray(mean / np.where(total > 0, total, np.nan)[:, None])
 
 
 def _begins(owner: np.ndarray, count: int) -> np.ndarray:

@@ -60,11 +60,11 @@ def lay_sloping(
     frame[first[:-1]] = start
     turn = _turns(bend)
     for at in _step_by_step(first):
-        frame[at] = _sloped(frame[at - 1] @ turn[at], slope[at])
+        frame[at] = sloped(frame[at - 1] @ turn[at], slope[at])
     return frame
 
 
-def _sloped(frame: np.ndarray, slope: np.ndarray) -> np.ndarray:
+def sloped(frame: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """Frames turned by the least turn to this slope; one that is upright falls towards its N."""
     x, y = frame[:, :2, 2].T
     flat = np.hypot(x, y)

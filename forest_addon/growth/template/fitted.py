@@ -19,6 +19,7 @@ import numpy as np
 
 from ...base.runs import Runs
 from .anatomy import Anatomy
+from .pieces import lengths
 
 NODE = 0.25  # mean spacings within which daughters share a node
 LIMB = (
@@ -84,6 +85,8 @@ class Habit:
     chance : by order of the daughter, that one is missing, and that one is doubled.
     scatter : by order, relative spread of the distance between nodes.
     tables : by order, from order 1 on.
+    floor : (C,) metres above the ground below which no knot of a piece goes: so low that leaves do not reach
+        into the ground, or as low as it is in the template, as roots are.
     """
 
     anatomy: Anatomy
@@ -95,6 +98,7 @@ class Habit:
     chance: np.ndarray
     scatter: np.ndarray
     tables: tuple[Table, ...]
+    floor: np.ndarray
 
 
 def fit(anatomy: Anatomy) -> Habit:
@@ -115,7 +119,21 @@ def fit(anatomy: Anatomy) -> Habit:
         chance=np.array([0.0, *(chance for chance, _ in spread)]),
         scatter=np.array([0.0, *(scatter for _, scatter in spread)]),
         tables=tables,
+        floor=_floors(anatomy),
     )
+
+
+def _floors(anatomy: Anatomy) -> np.ndarray:
+    """(C,) of how low pieces may be laid."""
+    lines, leaves = anatomy.lines, anatomy.foliage
+    begin = lines.first[:-1] + np.arange(anatomy.count)
+    lowest = np.minimum.reduceat(lines.knot[:, 2], begin)
+    hang = np.maximum.reduceat(lines.radius, begin)
+    if len(leaves.bearer):
+        stock = leaves.stock
+        reach = np.maximum.reduceat(lengths(stock.place), stock.vertices.first)
+        np.maximum.at(hang, leaves.bearer, reach + leaves.seat.away)
+    return np.asarray(np.minimum(lowest, hang))
 
 
 def limbs(anatomy: Anatomy) -> np.ndarray:

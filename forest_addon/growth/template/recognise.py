@@ -104,6 +104,12 @@ class Recognition:
         return self._of_end(self.lines.end_radius, self.hierarchy.foot_end)
 
     @property
+    def origin(self) -> np.ndarray:
+        """(3,) where the tree stands: the middle of the trunk's foot, as low as the trunk reaches."""
+        lowest = self.wood.vertices[self.wood.piece_of_vertex == self.trunk, 2].min()
+        return np.array([*self.foot[self.trunk, :2], lowest])
+
+    @property
     def stems(self) -> np.ndarray:
         """Pieces that stand on the ground as the trunk does, itself first: several in a bush."""
         level = LEVEL * np.ptp(self.wood.vertices[:, 2]) + self.radius[self.trunk]

@@ -21,18 +21,17 @@ from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
 from ...base.runs import Runs, bounds
 from ...spec import Siblings
 from .anatomy import GROUND
-from .courses import foot_frames, lay, lay_sloping, slopes, walk
+from .courses import foot_frames, lay, walk
 from .fitted import Habit, radius_at_seat
+from .laying import Shoots, lay_branches, lay_trunks
 from .lines import Lines, Seats, seat_at, stand_on
 from .nodes import Placed, place_daughters
 from .size import Size, size_of, trunk_girth
 
 MOST_SCALE = 1.5  # of a piece's length
-SWEEP = np.deg2rad(15.0)  # turn of a branch's bends about its line
-TRUNK_SWEEP = np.deg2rad(60.0)
-BEND_SPREAD, LEAN_SPREAD = 0.15, 0.3
-SWAY = np.deg2rad(4.0)  # of a level branch's slope at its tip
-FADE = 4.0  # how fast a foot's other slope is made up for: e^-4 of it is left at the tip
+INSIDE = (
+    0.6  # of the mother's radius: a foot this near to her axis is within her, whatever her section
+)
 DAUGHTER_LENGTH = 0.5  # exponent: how daughters lengthen with their mother
 THICKEST = 0.95  # of the mother there
 
@@ -60,21 +59,6 @@ class Grown:
     girth: np.ndarray
 
 
-@dataclass(frozen=True)
-class _Wanted:
-    """Branches of one order before they are laid."""
-
-    piece: np.ndarray
-    mother: np.ndarray  # row of the order below
-    sign: np.ndarray
-    scale: np.ndarray
-    key: np.ndarray
-    share: np.ndarray
-    start: np.ndarray  # (B, 3, 3) frames of the feet
-    foot: np.ndarray
-    girth: np.ndarray  # (B, 2) scale of thickness at foot and tip
-
-
 def grow_sibling(habit: Habit, siblings: Siblings, key: int) -> Grown:
     """The branches of one tree.
 
@@ -99,27 +83,28 @@ def _grow(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Grown:
     return _joined(levels)
 
 
-def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> _Wanted:
+def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Shoots:
+    """The trunks, turned about the vertical or mirrored: a base that lies flat on the ground still does."""
     anatomy = habit.anatomy
     piece = np.flatnonzero(anatomy.order == 0)
     key = daughter_keys(np.repeat(tree, len(piece)), np.arange(len(piece)))
-    lean = np.exp(variety * LEAN_SPREAD * keyed_normal(key, "lean"))
     turn = 2 * np.pi * variety * keyed_uniform(np.repeat(tree, len(piece)), "turn")
+    sign = np.repeat(_signs(tree, variety), len(piece))
     start = foot_frames(
         np.tile(GROUND, (len(piece), 1, 1)),
-        anatomy.azimuth[piece] + turn,
-        anatomy.angle[piece] * lean,
-        anatomy.roll[piece],
+        sign * anatomy.azimuth[piece] + turn,
+        anatomy.angle[piece],
+        sign * anatomy.roll[piece],
         anatomy.carried[piece],
     )
     seat = anatomy.seat.take(piece)
-    bearing = anatomy.azimuth[piece] + seat.aside + turn
+    bearing = sign * (anatomy.azimuth[piece] + seat.aside) + turn
     sideways = np.stack([np.cos(bearing), np.sin(bearing)], axis=1) * seat.away[:, None]
     scale = np.full(len(piece), size.stem)
-    return _Wanted(
+    return Shoots(
         piece=piece,
         mother=np.full(len(piece), -1),
-        sign=_signs(key, variety),
+        sign=sign,
         scale=scale,
         key=key,
         share=np.zeros(len(piece)),
@@ -129,7 +114,7 @@ def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> _Want
     )
 
 
-def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: int) -> _Wanted:
+def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: int) -> Shoots:
     """What the axes of the order below bear."""
     anatomy = habit.anatomy
     count = size.branches if order == 1 else below.scale**size.count_exponent
@@ -159,7 +144,7 @@ def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: in
     inside = away <= radius
     away = np.where(inside, away / radius * thickness, away + thickness - radius)
     if variety > 0:
-        away = np.minimum(away, thickness)
+        away = np.minimum(away, INSIDE * thickness)
     around = bearing + below.sign[owner] * off
     foot = place + (away * np.cos(around))[:, None] * frame[:, :, 0]
     foot += (away * np.sin(around))[:, None] * frame[:, :, 1]
@@ -169,7 +154,7 @@ def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: in
     stout = anatomy.foot_radius()[piece]
     most = thickness * np.maximum(THICKEST, stout / radius) / stout
     base = np.minimum(scale, most)
-    return _Wanted(
+    return Shoots(
         piece=piece,
         mother=owner,
         sign=below.sign[owner] * _signs(key, variety),
@@ -196,10 +181,21 @@ def _signs(key: np.ndarray, variety: float) -> np.ndarray:
 
 
 def _class_mates(habit: Habit, placed: Placed, variety: float) -> np.ndarray:
-    """(N,) for each slot itself, or with this chance any member of its class, itself included."""
+    """(N,) for each slot itself, or with this chance a member of its class, itself included.
+
+    Members are dealt out: of a class each comes as often as any other, but for what is left over, so that
+    what they bear comes as often as in the template.
+    """
     piece = placed.slot
     of_class = habit.kind[piece]
-    rank = (keyed_uniform(placed.key, "member") * habit.of_class.size[of_class]).astype(np.int64)
+    order = np.lexsort((keyed_uniform(placed.key, "member"), of_class))
+    size = np.bincount(of_class, minlength=len(habit.of_class.size))
+    dealt = np.empty(len(piece), np.int64)
+    dealt[order] = np.arange(len(piece)) - np.repeat(np.cumsum(size) - size, size)
+    last = np.zeros(len(size))  # what is left over goes to others each time
+    last[of_class[order]] = keyed_uniform(placed.key, "deal")[order]
+    begin = (last * habit.of_class.size).astype(np.int64)
+    rank = (dealt + begin[of_class]) % habit.of_class.size[of_class]
     mate = habit.member[habit.of_class.first[of_class] + rank]
     return np.where(keyed_uniform(placed.key, "mate") < variety, mate, piece)
 
@@ -225,22 +221,21 @@ def _fitting(
     return piece, scale
 
 
-def _lay(habit: Habit, variety: float, wanted: _Wanted, order: int) -> Grown:
+def _lay(habit: Habit, variety: float, wanted: Shoots, order: int) -> Grown:
     """Branches of one order along their courses."""
     lines = habit.anatomy.lines
     source, owner, _ = Runs.at(lines.first).copy(wanted.piece)
     size = np.diff(lines.first)[wanted.piece]
     first = bounds(size)
     rank = np.arange(len(source)) - first[owner]
-    bend = habit.anatomy.bend[source] * np.stack([wanted.sign[owner], np.ones(len(owner))], axis=1)
-    if variety > 0:
-        bend = _bent_otherwise(bend, wanted.key[owner], rank / size[owner], variety, order)
-    if variety > 0 and order:
-        slope = _own_slopes(habit, wanted, source, owner, (rank + 0.5) / size[owner], variety)
-        frame = lay_sloping(bend, first, wanted.start, slope)
-    else:
-        frame = lay(bend, first, wanted.start)
     length = lines.length[source] * wanted.scale[owner]
+    bend = habit.anatomy.bend[source] * np.stack([wanted.sign[owner], np.ones(len(owner))], axis=1)
+    if variety == 0:
+        frame = lay(bend, first, wanted.start)
+    elif order:
+        bend, frame = lay_branches(habit, wanted, bend, length, first, source, variety)
+    else:
+        bend, frame = lay_trunks(wanted, bend, length, first, variety)
     knot_source, knot_owner, _ = Runs.at(lines.first + np.arange(len(lines.first))).copy(
         wanted.piece
     )
@@ -270,35 +265,6 @@ def _lay(habit: Habit, variety: float, wanted: _Wanted, order: int) -> Grown:
         source=source,
         girth=middle,
     )
-
-
-def _bent_otherwise(
-    bend: np.ndarray, key: np.ndarray, part: np.ndarray, variety: float, order: int
-) -> np.ndarray:
-    """Bends (S, 2) turned about the line, by more or less along it, and more or less strong."""
-    most = variety * (SWEEP if order else TRUNK_SWEEP)
-    turn = keyed_normal(key, "sweep") + 1.5 * (part - 0.5) * keyed_normal(key, "swerve")
-    cos, sin = np.cos(most * turn), np.sin(most * turn)
-    turned = np.stack(
-        [cos * bend[:, 0] - sin * bend[:, 1], sin * bend[:, 0] + cos * bend[:, 1]], axis=1
-    )
-    return np.asarray(turned * np.exp(variety * BEND_SPREAD * keyed_normal(key, "bend"))[:, None])
-
-
-def _own_slopes(
-    habit: Habit,
-    wanted: _Wanted,
-    source: np.ndarray,
-    owner: np.ndarray,
-    part: np.ndarray,
-    variety: float,
-) -> np.ndarray:
-    """(S,) slopes of stretches: the piece's own, but for how the foot's differs, which fades along it."""
-    lines = habit.anatomy.lines
-    own = slopes(lines.frame[source])
-    at_foot = slopes(wanted.start) - slopes(lines.frame[lines.first[wanted.piece]])
-    sway = variety * SWAY * keyed_normal(wanted.key, "sway")[owner] * part * np.sin(own)
-    return np.asarray(np.clip(own + at_foot[owner] * np.exp(-FADE * part) + sway, 0.0, np.pi))
 
 
 def _joined(levels: Sequence[Grown]) -> Grown:

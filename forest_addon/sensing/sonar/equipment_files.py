@@ -138,8 +138,10 @@ def _numbers(path: Path) -> tuple[list[str], np.ndarray]:
             raise SpecError(str(path), f"row {number} has {len(row)} values; give {len(head)}")
     try:
         rows = np.array([[float(value) for value in row] for row in lines[1:]], dtype=np.float64)
-    except ValueError as problem:
-        raise SpecError(str(path), f"{problem}; write numbers with a point") from None
+    except ValueError:
+        raise SpecError(
+            str(path), "has a cell that is no number; write numbers with a point"
+        ) from None
     if not np.isfinite(rows).all():
         raise SpecError(str(path), "holds a number that is not finite")
     return head, rows.reshape(len(lines) - 1 if lines else 0, len(head))

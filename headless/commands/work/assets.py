@@ -11,10 +11,8 @@ import numpy as np
 
 from forest_addon.blender.library.build import grow_exhibits, write_species
 from forest_addon.blender.library.catalogs import FILE
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library.species_file import find_species, load_species, species_names
 from forest_addon.spec import SpecError
-
-from .species import preset_names
 
 Say = Callable[[str], None]
 MOST = 200  # trees of a species
@@ -39,7 +37,7 @@ def make_library(
     """
     if not 1 <= variants <= MOST:
         raise SpecError("--variants", f"{variants} is out of range; use 1 to {MOST}")
-    loaded = [load_species(find_species(name, Path())) for name in names or preset_names()]
+    loaded = [load_species(find_species(name, Path())) for name in names or species_names()]
     say(f"{'species':<20}{'trees':>6}{'height':>14}{'DBH':>16}{'leaves':>20}{'file':>10}")
     files = []
     for species, template in loaded:

@@ -9,9 +9,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.library.species_file import find_species, load_species, species_names
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.growth.truth import tree_truth
 from forest_addon.spec import Detail, SpecError, Species
@@ -37,7 +36,7 @@ def show_species(
     ------
     SpecError : a species is not known or cannot be used; pictures cannot be drawn.
     """
-    grown = [_grow(name, seed) for name in names or preset_names()]
+    grown = [_grow(name, seed) for name in names or species_names()]
     head = f"{'species':<20}{'height':>8}{'triangles':>12}{'leaves':>9}{'leaf area':>11}{'wood':>9}"
     say(head)
     for species, tree in grown:
@@ -60,11 +59,6 @@ def show_species(
     if pictures:
         draw_pictures(grown, pictures)
         say(f"Wrote {len(grown)} pictures into {pictures}")
-
-
-def preset_names() -> list[str]:
-    """Every preset of ``assets/species``."""
-    return sorted(path.stem for path in (ASSETS / "species").glob("*.toml"))
 
 
 def _grow(name: str, seed: int) -> tuple[Species, Tree]:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from . import Say, table
+from ..tables import Say, table
 
 Job = tuple[
     Callable[[], object], Callable[[object], str]
@@ -55,8 +55,9 @@ def _points() -> Job:
     from forest_addon.stand.poisson import sample
     from forest_addon.stand.process import Process
 
-    stand = importlib.import_module(".stand", __package__)
-    process = Process(stand.KINDS["wide hills, thinned"](), np.zeros(2), np.full(2, stand.SIDE))
+    from .intensities import KINDS, SIDE
+
+    process = Process(KINDS["wide hills, thinned"](), np.zeros(2), np.full(2, SIDE))
     process = process.scaled(1000 / process.expected())
 
     def error(points: Any) -> str:

@@ -21,7 +21,7 @@ from ...dataset.engine import Cluster
 from ...dataset.estimate import Estimate, estimate
 from ...dataset.factory import Asked, make_dataset
 from ...dataset.plan import PLANS, Plan, read_plan, recipes
-from . import Say, table
+from ..tables import Say, table
 
 TITLE = "dataset: a factory of labelled forests"
 SMALL = (  # lidar-plots, reduced, for what needs many scenes

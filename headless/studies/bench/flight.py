@@ -16,7 +16,7 @@ import numpy as np
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 
-from . import Say, table
+from ..tables import Say, table
 
 TITLE = "flight: steps, pings and resets"
 SCENE = ASSETS / "scenes" / "flight-poisson.toml"

@@ -21,7 +21,8 @@ from forest_addon.sensing.sonar.discs import LeafDiscs
 from forest_addon.sensing.sonar.ping import ping
 from forest_addon.spec import Air, Sonar, Terrestrial
 
-from . import Say, median_seconds, reverb, table
+from ..tables import Say, median_seconds, table
+from . import reverb
 from .lidar_pulses import BEAM, ONE_THREAD, forest
 
 if TYPE_CHECKING:

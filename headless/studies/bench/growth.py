@@ -20,7 +20,7 @@ from forest_addon.growth.tree import grow
 from forest_addon.spec import Species
 
 from ...report.pictures import blank_figure
-from . import Say, median_seconds, table
+from ..tables import Say, median_seconds, table
 from .cold import say_cold
 
 TITLE = "growth: trees and triangles a second, error of the mesh"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from . import Say, lidar_pulses, lidar_rays, lidar_wood
+from ..tables import Say
+from . import lidar_pulses, lidar_rays, lidar_wood
 
 TITLE = "lidar: rays and pulses a second, and their errors"
 

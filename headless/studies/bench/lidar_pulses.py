@@ -25,7 +25,7 @@ from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Beam, Rays, Terrestrial
 
-from . import Say, table
+from ..tables import Say, table
 
 SCENES = ((1, 200_000), (10, 200_000), (100, 20_000))  # trees, triangles of each
 SUBRAYS = (1, 7, 19, 37, 100, 300)

@@ -27,7 +27,7 @@ from forest_addon.sensing.rays.exact import cast_exactly
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.rays.search import Search
 
-from . import Say, median_seconds, table
+from ..tables import Say, median_seconds, table
 
 TREES = {"20k": "whorl-8", "200k": "honda-broadleaf"}  # leaf-on, of about as many triangles
 VARIANTS = 5

@@ -26,7 +26,7 @@ from forest_addon.spec import Rays, Tractor
 
 from ..papers import orchards
 from ..papers.simlidar import stand_up
-from . import Say, table
+from ..tables import Say, table
 from .exact_cones import first_hits
 
 TOLERANCES = (4.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05)  # mm

@@ -27,7 +27,7 @@ from forest_addon.sensing.rays.exact import cast_exactly
 from forest_addon.sensing.rays.geometry import SceneGeometry, apply_transform
 from forest_addon.sensing.rays.search import Search
 
-from . import Say, table
+from ..tables import Say, table
 from .lidar_rays import grow_trees, plant
 
 TITLE = "peers: the same scan by other programs"

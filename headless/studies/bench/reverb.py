@@ -24,7 +24,7 @@ from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air
 
 from ...memory import peak_memory_mb
-from . import Say, median_seconds, table
+from ..tables import Say, median_seconds, table
 
 TITLE = "reverb: sum over trunks on 1 km², radius 0.25 m, all paths in the record"
 SIDE = 1000.0  # m

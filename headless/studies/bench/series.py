@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from . import Say, table
+from ..tables import Say, table
 
 TITLE = "series: one scene after the other in a process"
 LATER = 2  # scenes after the first

@@ -24,7 +24,7 @@ from forest_addon.sensing.sonar.poses import Pose, posed
 from forest_addon.spec import Air, Scene, Sonar
 from forest_addon.stand.forest import Forest, grow_forest
 
-from . import Say, median_seconds, table
+from ..tables import Say, median_seconds, table
 from .cold import say_cold
 
 TITLE = "sonar: pings among trees"

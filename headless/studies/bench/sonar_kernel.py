@@ -16,7 +16,7 @@ from forest_addon.base.rng import stream
 from forest_addon.sensing.sonar.leaves import DiscStrength
 from forest_addon.sensing.sonar.scatterers import Part
 
-from . import Say, median_seconds, table
+from ..tables import Say, median_seconds, table
 
 TITLE = "sonar: the sum over leaves, 1201 bins from 60 to 80 kHz, amplitudes included"
 START, BAND, BINS, SPEED = 60e3, 20e3, 1201, 340.0

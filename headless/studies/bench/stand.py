@@ -5,50 +5,31 @@ What is measured of statistics, and of forests in Blender, is in the modules tha
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
 
 from forest_addon.base.rng import stream
-from forest_addon.stand.intensity.functions import Intensity, Mixture
-from forest_addon.stand.intensity.layers import Raster
+from forest_addon.stand.intensity.functions import Intensity
 from forest_addon.stand.poisson import sample
 from forest_addon.stand.process import Process
 from forest_addon.stand.spacing import greedy, matern_ii
 
-from . import Say, median_seconds, table
+from ..tables import Say, median_seconds, table
+from . import stand_scene, stand_statistics
 from .cold import say_cold
+from .intensities import KINDS, SIDE
 
 TITLE = "stand: exact Poisson forests, 4 hills or a 512 x 512 raster on a square of 300 m"
-PARTS = ("stand_statistics", "stand_scene")
 SIZES = (10**3, 10**4, 10**5, 10**6, 10**7)
-SIDE = 300.0
-CENTRES = np.array([[61.0, 91.0], [62.0, 141.0], [71.0, 221.0], [205.0, 103.0]])  # W's
 RUNS = 100  # samples that a statistical error is read from
 SPACED = (10**4, 10**5, 10**6)
 CROWDING = 0.5  # λπr² of the spacing that is timed
 
 
-class Thinned(Intensity):
-    """The same intensity as a stranger, known by its values and bounds alone: it is thinned."""
-
-    def __init__(self, of: Intensity) -> None:
-        self.of = of
-
-    def at(self, points: np.ndarray) -> np.ndarray:
-        return self.of.at(points)
-
-    def bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return self.of.bounds(low, high)
-
-    def closed_integral(self, low: np.ndarray, high: np.ndarray) -> float | None:
-        return self.of.closed_integral(low, high)
-
-
 def run(say: Say) -> None:
-    """Print sampling, spacing, then the tables of ``PARTS``."""
+    """Print sampling, spacing, then the tables of statistics and scenes."""
     rows = [_sampled(name, make(), count) for name, make in KINDS.items() for count in SIZES]
     head = ["intensity", "points", "s", "µs a point", "mean of counts, off", "variance/mean"]
     table(say, [*head, "PIT of x, p"], rows)
@@ -65,32 +46,9 @@ def run(say: Say) -> None:
         "at the edge a little more; greedy has no closed form."
     )
     say_cold(say, "stand")
-    for name in PARTS:
-        part = importlib.import_module(f".{name}", __package__)
+    for part in (stand_statistics, stand_scene):
         say(f"\n### {part.TITLE}\n")
         part.run(say)
-
-
-def _hills(sigma: float) -> Mixture:
-    return Mixture(np.ones(4), CENTRES, np.full((4, 2), sigma * np.sqrt(2)))
-
-
-def _raster() -> Raster:
-    """Hills of 44.7 m, in pixels that differ from their neighbours by noise."""
-    side = (np.arange(512) + 0.5) * SIDE / 512
-    x, y = np.meshgrid(side, side[::-1])
-    value = _hills(44.7).at(np.column_stack([x.ravel(), y.ravel()])).reshape(512, 512)
-    value *= stream(1, "bench", "raster").uniform(0.5, 1.5, value.shape)
-    return Raster(value, np.zeros(2), np.full(2, SIDE))
-
-
-KINDS: dict[str, Callable[[], Intensity]] = {
-    "wide hills, σ = 44.7 m, by component": lambda: _hills(44.7),
-    "narrow hills, σ = 0.5 m, by component": lambda: _hills(0.5),
-    "wide hills, thinned": lambda: Thinned(_hills(44.7)),
-    "narrow hills, thinned": lambda: Thinned(_hills(0.5)),
-    "raster, 512 x 512": _raster,
-}
 
 
 def _sampled(name: str, intensity: Intensity, count: int) -> list[str]:

@@ -15,7 +15,7 @@ from forest_addon.stand.statistics.kernel import kernel_estimate
 from forest_addon.stand.statistics.mixture import fit_mixture
 from forest_addon.stand.statistics.window import Window
 
-from . import Say, median_seconds, table
+from ..tables import Say, median_seconds, table
 
 TITLE = "stand_statistics: the K function and estimated intensities, by number of trees"
 COUNTS = (100, 1_000, 10_000, 100_000)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from forest_addon.spec import SpecError
+from forest_addon.spec import unknown
 
 from ...command import Command
-from ..bench import ON_REQUEST, SECTIONS
-from ..bench import run as run_sections
+from ..bench.run import ON_REQUEST, SECTIONS
+from ..bench.run import run as run_sections
 
 
 class BenchCommand(Command):
@@ -28,7 +28,7 @@ class BenchCommand(Command):
 
     def run(self, chosen: argparse.Namespace) -> None:
         known = SECTIONS + ON_REQUEST
-        unknown = [name for name in chosen.sections if name not in known]
-        if unknown:
-            raise SpecError("bench", f'"{unknown[0]}" is not known; use {", ".join(known)}')
+        mistyped = [name for name in chosen.sections if name not in known]
+        if mistyped:
+            raise unknown("bench", mistyped[0], known)
         run_sections(chosen.sections, Path("out") / "bench", chosen.docs)

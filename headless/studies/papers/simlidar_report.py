@@ -10,7 +10,7 @@ import numpy as np
 from forest_addon.sensing.lidar.wood_indices import Line, line_through_origin
 
 from ...report.pictures import BARK, FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
-from ..bench import table
+from ..tables import table
 from .simlidar_rows import Finding
 
 # S, Table 3: iterations, trees, branches, beams, minutes.

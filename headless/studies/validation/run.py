@@ -13,7 +13,7 @@ from pathlib import Path
 from types import ModuleType
 
 from forest_addon.formats.atomic import replacing
-from forest_addon.spec import SpecError
+from forest_addon.spec import SpecError, unknown
 
 from .comparison import Comparison, Say, as_record, from_record
 from .page import Part, copy_pictures, page_text, part_text
@@ -35,7 +35,7 @@ def run_sections(
     wanted = tuple(names) or SECTIONS
     for name in wanted:
         if name not in SECTIONS:
-            raise SpecError("validate", f'"{name}" is not known; use {", ".join(SECTIONS)}')
+            raise unknown("validate", name, SECTIONS)
     data = find_data(arguments.data, own=bool(arguments.file))
     parts = []
     for name in wanted:

@@ -51,7 +51,7 @@ def test_the_hierarchy_of_our_own_trees_is_recovered_exactly(name):
 def test_a_tree_of_no_variety_is_the_template_itself(name):
     own = own_tree(name)
     rebuilt = sibling(name, 1, variety=0.0)
-    facets = rebuilt.mesh.vertices[rebuilt.mesh.triangles] + own.found.foot[own.found.trunk]
+    facets = rebuilt.mesh.vertices[rebuilt.mesh.triangles] + own.found.origin
     for part, brought in ((WOOD, own.wood), (LEAF, own.leaves)):
         mine = facets[rebuilt.mesh.part == part]
         assert len(mine) == len(brought)
@@ -76,9 +76,7 @@ def test_a_tree_in_centimetres_anywhere_is_rebuilt_in_metres():
     facets = mesh.vertices[mesh.triangles[mesh.part == WOOD]]
     plain = recognise(model.wood())
     assert len(leaves) == len(model.bearers)
-    gap = cKDTree((model.wood() - plain.foot[plain.trunk]).reshape(-1, 3)).query(
-        facets.reshape(-1, 3)
-    )[0]
+    gap = cKDTree((model.wood() - plain.origin).reshape(-1, 3)).query(facets.reshape(-1, 3))[0]
     assert gap.max() < 1e-6
 
 

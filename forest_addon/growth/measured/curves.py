@@ -1,0 +1,330 @@
+"""Limbs as smooth curves: a cubic piece for every segment of a skeleton, cut again into short segments.
+
+Nodes are first drawn towards their neighbours until no limb bends more tightly than its thickness allows.
+The tangent at a node is the direction of the circle through it and its neighbours, so that pieces join
+without an elbow; a tip bends on as it came. A limb sets out between its parent's direction and its own, the
+more along the parent the more nearly it is as thick: a fork divides, a spur stands out. Pieces are cut where
+a straight segment would leave the curve by more than a tolerance; what is straight stays whole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from ...base.vectors import cross_rows
+from ..mesh.axes import Axes, find_axes
+from ..skeleton import LeafSites, Skeleton
+from .collars import Collars, collars_of
+
+TIGHT = 2.0  # smallest radius of a bend over that of the limb
+ROUNDS = 24  # of drawing nodes together
+THIN = 0.004  # metres of radius, below which a twig sets out straight
+LIMB = 0.012  # metres of radius, from which it is a limb
+AWAY, FAR = 0.0015, 0.003  # metres between a curve and its segments: of a limb, of what is thinner
+TURN = 0.32  # radians between two segments of a limb, at most; a piece bends mostly at its ends
+MOST = 10  # segments of a piece
+SHORT = 0.002  # metres of the shortest segment that a cut leaves
+FORK = 0.7  # how far along its parent a limb as thick as that sets out
+WIDE = 1.0  # radians between a tangent and the chord of its piece, at most
+
+
+@dataclass(frozen=True)
+class Curves:
+    """A cubic piece for each of S segments: its ends and, times its chord's length, its tangents there.
+
+    start, end, out, into : (S, 3) metres.
+    """
+
+    start: np.ndarray
+    end: np.ndarray
+    out: np.ndarray
+    into: np.ndarray
+
+    def at(self, row: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """(N, 3) places on pieces ``row`` (N,) at shares ``u`` (N,) of them."""
+        u = u[:, None]
+        v = 1 - u
+        return np.asarray(
+            v * v * (1 + 2 * u) * self.start[row]
+            + u * u * (3 - 2 * u) * self.end[row]
+            + u * v * (v * self.out[row] - u * self.into[row])
+        )
+
+    def heading(self, row: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """(N, 3) unit tangents there."""
+        u = u[:, None]
+        chord = self.end[row] - self.start[row]
+        way = (
+            6 * u * (1 - u) * chord
+            + (1 - u) * (1 - 3 * u) * self.out[row]
+            + u * (3 * u - 2) * self.into[row]
+        )
+        return _unit(way)
+
+
+def curved(skeleton: Skeleton, sites: LeafSites, collar: float = 0.0) -> tuple[Skeleton, LeafSites]:
+    """The tree with smooth limbs, and where its leaves then sit.
+
+    collar : how much thicker a limb is where it leaves its parent, relative (``collars``).
+    """
+    if not len(skeleton):
+        return skeleton, sites
+    axes = find_axes(skeleton)
+    joints = _joints(skeleton, axes)
+    curves = _fitted(skeleton, axes, joints, _relaxed(skeleton, axes))
+    collars = collars_of(skeleton, axes, curves.start, curves.end, joints.share, collar)
+    row, u = _cuts(skeleton, curves, collars)
+    return _resampled(skeleton, curves, collars, row, u, joints), _moved_sites(
+        skeleton, sites, curves, row, u
+    )
+
+
+@dataclass(frozen=True)
+class _Joints:
+    """Where the first segments of axes sit on their parents.
+
+    head : (S,) whether a segment starts an axis. share : (S,) of the parent's length; 1 at its end.
+    aside : (S, 3) from there to the start, 0 of all but first segments. level : (S,) of the axis: 0 of roots.
+    """
+
+    head: np.ndarray
+    share: np.ndarray
+    aside: np.ndarray
+    level: np.ndarray
+
+
+def _joints(skeleton: Skeleton, axes: Axes) -> _Joints:
+    count = len(skeleton)
+    head = np.zeros(count, dtype=bool)
+    first = axes.segment[axes.first[:-1]]
+    head[first] = True
+    share, aside = np.ones(count), np.zeros((count, 3))
+    borne = first[skeleton.parent[first] >= 0]
+    share[borne], aside[borne] = _beside(skeleton, skeleton.parent[borne], skeleton.start[borne])
+    axis = np.empty(count, dtype=np.int64)
+    axis[axes.segment] = np.repeat(np.arange(len(axes)), np.diff(axes.first))
+    bearer = np.where(skeleton.parent[first] >= 0, axis[np.maximum(skeleton.parent[first], 0)], -1)
+    level = np.zeros(len(axes), dtype=np.int64)
+    while True:
+        deeper = np.where(bearer >= 0, level[np.maximum(bearer, 0)] + 1, 0)
+        if np.array_equal(deeper, level):
+            return _Joints(head, share, aside, level[axis])
+        level = deeper
+
+
+def _beside(
+    skeleton: Skeleton, row: np.ndarray, place: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Share of segments' lengths (N,) next to places (N, 3), and from there to them (N, 3)."""
+    way = skeleton.end[row] - skeleton.start[row]
+    offset = place - skeleton.start[row]
+    square = np.maximum(np.einsum("ni,ni->n", way, way), 1e-18)
+    share = np.clip(np.einsum("ni,ni->n", offset, way) / square, 0.0, 1.0)
+    return share, offset - share[:, None] * way
+
+
+def _relaxed(skeleton: Skeleton, axes: Axes) -> np.ndarray:
+    """(S, 3) ends of segments, drawn together until bends are as wide as the limb's thickness asks."""
+    end = skeleton.end.copy()
+    chain = axes.segment
+    inner = np.ones(len(chain), dtype=bool)
+    inner[axes.first[1:] - 1] = False
+    at = np.flatnonzero(inner)
+    here, onward = chain[at], chain[at + 1]
+    starts = np.zeros(len(chain), dtype=bool)
+    starts[axes.first[:-1]] = True
+    before = np.where(starts[at], -1, chain[np.maximum(at - 1, 0)])
+    thick = TIGHT * np.maximum(skeleton.radius[here, 1], skeleton.radius[onward, 0])
+    for _ in range(ROUNDS):
+        a = np.where((before >= 0)[:, None], end[np.maximum(before, 0)], skeleton.start[here])
+        b, c = end[here], end[onward]
+        cross = cross_rows(b - a, c - b)
+        sides = [np.einsum("ni,ni->n", v, v) for v in (b - a, c - b, c - a)]
+        bend = 2 * np.sqrt(
+            np.einsum("ni,ni->n", cross, cross) / np.maximum(sides[0] * sides[1] * sides[2], 1e-30)
+        )  # 1 / radius of the circle through three nodes
+        tight = bend * thick > 1
+        if not tight.any():
+            break
+        here, onward, before, thick = here[tight], onward[tight], before[tight], thick[tight]
+        middle = 0.5 * (a[tight] + c[tight])
+        end[here] += 0.5 * (middle - b[tight])
+    return end
+
+
+def _fitted(skeleton: Skeleton, axes: Axes, joints: _Joints, end: np.ndarray) -> Curves:
+    """The pieces through moved nodes (S, 3), axes after those that bear them."""
+    start = skeleton.start.copy()
+    onward = np.full(len(skeleton), -1)
+    inner = np.ones(len(axes.segment), dtype=bool)
+    inner[axes.first[1:] - 1] = False
+    at = np.flatnonzero(inner)
+    onward[axes.segment[at]] = axes.segment[at + 1]
+    curves = Curves(start, end, np.empty_like(end), np.empty_like(end))
+    for level in range(int(joints.level.max()) + 1):
+        mine = joints.level == level
+        heads = np.flatnonzero(mine & joints.head)
+        root = skeleton.parent[heads] < 0
+        parent, share = np.maximum(skeleton.parent[heads], 0), joints.share[heads]
+        foot = skeleton.start[heads]
+        along = np.zeros((len(heads), 3))
+        if level:
+            foot = curves.at(parent, share) + joints.aside[heads]
+            along = curves.heading(parent, share)
+        start[heads] = np.where(root[:, None], skeleton.start[heads], foot)
+        before = np.flatnonzero(mine & (onward >= 0))
+        start[onward[before]] = end[before]
+        _set_tangents(skeleton, curves, np.flatnonzero(mine), heads, onward, along)
+    return curves
+
+
+def _set_tangents(
+    skeleton: Skeleton,
+    curves: Curves,
+    rows: np.ndarray,
+    heads: np.ndarray,
+    onward: np.ndarray,
+    along: np.ndarray,
+) -> None:
+    """Write the tangents of the axes of one level, whose parents run ``along`` (H, 3) at their feet."""
+    chord = curves.end - curves.start
+    length = np.sqrt(np.einsum("si,si->s", chord, chord))[:, None]
+    way = chord / np.maximum(length, 1e-12)
+    before = rows[onward[rows] >= 0]
+    after = onward[before]
+    through = _unit(way[before] * length[after] + way[after] * length[before])
+    curves.into[before], curves.out[after] = through, through
+
+    tips = rows[onward[rows] < 0]
+    single = np.isin(tips, heads)
+    lone, ends = tips[single], tips[~single]
+    curves.into[lone] = way[lone]
+    natural = np.where(
+        (onward[heads] >= 0)[:, None], _mirrored(curves.into, way, heads), way[heads]
+    )
+    parent = np.maximum(skeleton.parent[heads], 0)
+    own, thick = skeleton.radius[heads, 0], skeleton.radius[parent].mean(axis=1)
+    pull = FORK * np.clip(own / np.maximum(thick, 1e-12), 0.0, 1.0)
+    pull[(own < THIN) | (skeleton.parent[heads] < 0)] = 0.0
+    curves.out[heads] = _unit((1 - pull)[:, None] * natural + pull[:, None] * along)
+    curves.into[lone] = _mirrored(curves.out, way, lone)
+    curves.into[ends] = _mirrored(curves.out, way, ends)
+    for tangents in (curves.out, curves.into):
+        tangents[rows] = _within(tangents[rows], way[rows]) * length[rows]
+
+
+def _mirrored(tangent: np.ndarray, way: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(N, 3) the other tangent of a circular arc with this one and this chord."""
+    d = way[rows]
+    return np.asarray(2 * np.einsum("ni,ni->n", tangent[rows], d)[:, None] * d - tangent[rows])
+
+
+def _within(tangent: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """Unit tangents (N, 3) that stand at most WIDE to their chords."""
+    cosine = np.clip(np.einsum("ni,ni->n", tangent, way), -1.0, 1.0)
+    out = tangent.copy()
+    wide = np.flatnonzero(cosine < np.cos(WIDE))
+    aside = _unit(tangent[wide] - cosine[wide, None] * way[wide])
+    out[wide] = np.cos(WIDE) * way[wide] + np.sin(WIDE) * aside
+    return out
+
+
+def _cuts(skeleton: Skeleton, curves: Curves, collars: Collars) -> tuple[np.ndarray, np.ndarray]:
+    """Where segments are to start: piece (N,) and share of it (N,), ascending; every piece at 0."""
+    chord = curves.end - curves.start
+    length = np.maximum(np.sqrt(np.einsum("si,si->s", chord, chord)), 1e-12)
+    aside = [np.sqrt(((t - chord) ** 2).sum(axis=1)) for t in (curves.out, curves.into)]
+    turn = (aside[0] + aside[1]) / length
+    limb = skeleton.radius[:, 0] >= LIMB
+    away = (aside[0] + aside[1]) / 8
+    count = np.ceil(np.sqrt(away / np.where(limb, AWAY, FAR)) - 1e-9)
+    count = np.where(limb, np.maximum(count, np.ceil(4 * turn / TURN - 1e-9)), count)
+    count = np.clip(count, 1, MOST).astype(np.int64)
+    row = np.repeat(np.arange(len(count)), count)
+    u = (np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)) / count[row]
+    extra, share = collars.cuts
+    row, u = np.concatenate([row, extra]), np.concatenate([u, share])
+    sort = np.lexsort((u, row))
+    row, u = row[sort], u[sort]
+    gap = np.empty(len(u))
+    gap[0] = np.inf
+    gap[1:] = np.where(row[1:] == row[:-1], (u[1:] - u[:-1]) * length[row[1:]], np.inf)
+    kept = ((gap > SHORT) & ((1 - u) * length[row] > SHORT)) | (u == 0)
+    kept &= (u > 0) | (np.diff(row, prepend=-1) > 0)
+    return row[kept], u[kept]
+
+
+def _resampled(
+    skeleton: Skeleton,
+    curves: Curves,
+    collars: Collars,
+    row: np.ndarray,
+    u: np.ndarray,
+    joints: _Joints,
+) -> Skeleton:
+    """The skeleton of the cut pieces."""
+    begins = u == 0
+    last = np.append(begins[1:], True)
+    stop = np.where(last, 1.0, np.append(u[1:], 1.0))
+    start = curves.at(row, u)
+    start[begins] = curves.start
+    end = np.empty_like(start)
+    end[:-1], end[last] = start[1:], curves.end
+    r0, r1 = skeleton.radius.T
+    radius = np.stack(
+        [collars.radius(row, share, r0[row] + share * (r1 - r0)[row]) for share in (u, stop)],
+        axis=1,
+    )
+    parent = np.arange(len(row)) - 1
+    mother = skeleton.parent
+    parent[begins] = np.where(mother < 0, -1, _part_of(row, u, mother, joints.share))
+    columns = ((f.name, getattr(skeleton, f.name)) for f in fields(skeleton))
+    taken: dict[str, Any] = {name: v if v is None else v[row] for name, v in columns}
+    generation = _generations(skeleton, row, parent, begins)
+    return replace(
+        Skeleton(**taken), start=start, end=end, radius=radius, parent=parent, generation=generation
+    )
+
+
+def _part_of(row: np.ndarray, u: np.ndarray, of: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """(N,) which of the cut segments holds these shares (N,) of segments (N,)."""
+    return np.searchsorted(row + u, of + np.minimum(share, 1 - 1e-9), side="right") - 1
+
+
+def _generations(
+    skeleton: Skeleton, row: np.ndarray, parent: np.ndarray, begins: np.ndarray
+) -> np.ndarray:
+    """(N,) number of segments below each on the way to the root."""
+    first = np.flatnonzero(begins)
+    many = np.diff(first, append=len(row))
+    beyond = np.arange(len(row)) - np.repeat(first, many)
+    base = np.zeros(len(skeleton), dtype=np.int64)
+    by_depth = np.argsort(skeleton.generation, kind="stable")
+    edges = np.flatnonzero(np.diff(skeleton.generation[by_depth], prepend=-1))
+    for low, high in zip(edges, [*edges[1:], len(by_depth)], strict=True):
+        mine = by_depth[low:high]
+        mine = mine[skeleton.parent[mine] >= 0]
+        on = parent[first[mine]]
+        base[mine] = base[row[on]] + beyond[on] + 1
+    return np.asarray(base[row] + beyond)
+
+
+def _moved_sites(
+    skeleton: Skeleton, sites: LeafSites, curves: Curves, row: np.ndarray, u: np.ndarray
+) -> LeafSites:
+    """Leaf sites on the curves."""
+    if not len(sites):
+        return sites
+    on = np.maximum(sites.segment, 0)
+    share, aside = _beside(skeleton, on, sites.foot)
+    foot = np.where((sites.segment >= 0)[:, None], curves.at(on, share) + aside, sites.foot)
+    segment = np.where(sites.segment < 0, -1, _part_of(row, u, on, share))
+    return replace(sites, foot=foot, segment=segment)
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    size = np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
+    return np.asarray(vectors / np.maximum(size, 1e-12)[:, None])

@@ -1,0 +1,118 @@
+"""What a script hands over wrongly ends in one sentence, never in what breaks further in."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon import api as forest
+from forest_addon.blender.sensors.observe import Observer
+
+BUSH = forest.Planting(species="hazelnut", variants=1, expected=1, exact=True)
+SCENE = forest.Scene(forest=forest.Forest(size=(4.0, 4.0), margin=2.0), plantings=(BUSH,))
+COARSE = forest.Terrestrial(position=(-2.0, 3.0, 1.5), angle_step_deg=20.0)
+CLAP = forest.Reverb(source=(-3, 3, 0.2), receiver=(9, 3, 0.2), sample_rate=8000, duration=0.05)
+
+
+@pytest.fixture(scope="module")
+def world():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    return forest.build(SCENE)
+
+
+@pytest.fixture(scope="module")
+def results(world):
+    row = forest.Tractor(track=1.0, step=0.5, angle_step_deg=5.0)
+    bat = forest.Sonar(position=(-2.0, 3.0, 1.5), cull=0.01)
+    return [world.scan(COARSE), world.scan(row), world.ping(bat), world.impulse_response(CLAP)]
+
+
+def other(species):
+    return SCENE.changed(plantings=(BUSH.changed(species=species),))
+
+
+@pytest.mark.parametrize(
+    ("do", "words"),
+    [
+        (
+            lambda w: forest.current("x.blend"),
+            "takes a Scene, not a str; read a scene file by read",
+        ),
+        (lambda w: forest.build("x.toml"), "build: takes a Scene, not a str; read a scene file"),
+        (lambda w: forest.build(None), "takes a Scene, not None"),
+        (lambda w: forest.build(SCENE, folder=3), "folder: takes the path"),
+        (lambda w: forest.build(SCENE, progress=3), "progress: takes a function"),
+        (lambda w: forest.read(3), "read: takes the path"),
+        (lambda w: forest.read("a\0.toml"), "read: takes the path"),
+        (lambda w: forest.instrument(None), "instrument: None is not a text"),
+        (lambda w: forest.instrument("riegl-vz400i"), 'did you mean "riegl-vz-400i"?'),
+        (lambda w: forest.instrument("../scanners/leica-blk360"), "is not known"),
+        (lambda w: forest.instrument("leica-blk360", "terestrial"), 'did you mean "terrestrial"?'),
+        (lambda w: forest.build(other("hazlenut")), 'did you mean "hazelnut"?'),
+        (lambda w: forest.build(other("a/b")), "use one of abop"),
+        (lambda w: forest.build(other("../species/maple")), "use one of abop"),
+        (lambda w: forest.Sonar(call="fmm"), 'did you mean "fm"?'),
+        (lambda w: w.scan(COARSE, progress=3), "progress: takes a function"),
+        (lambda w: w.hemisphere(np.zeros(2)), "array (3,) of metres, not one of shape (2,)"),
+        (lambda w: w.hemisphere(np.zeros((3, 3))), "array (3,) of metres"),
+        (lambda w: w.hemisphere("here"), "not a str"),
+        (lambda w: w.hemisphere((0, 0, np.nan)), "not finite"),
+        (lambda w: w.hemisphere((0, 0, 1), pixels=10**7), "from 1 to 8192"),
+        (lambda w: w.hemisphere((0, 0, 1), pixels=1.5), "not a whole number"),
+        (lambda w: w.canopy(np.zeros((0, 3))), "array (N, 3)"),
+        (lambda w: w.canopy(None), "array (N, 3)"),
+        (lambda w: pickle.dumps(w), "cannot be copied or sent"),
+        (lambda w: copy.deepcopy(w), "cannot be copied or sent"),
+    ],
+)
+def test_one_sentence(do, words, world):
+    with pytest.raises(forest.SpecError) as said:
+        do(world)
+    assert words in str(said.value)
+    assert "\n" not in str(said.value)
+
+
+def test_results_go_where_a_file_can_be(results, tmp_path):
+    """Every kind of result in every format: a folder that is missing or no folder, a folder's own name."""
+    (tmp_path / "file").write_text("x")
+    for result in results:
+        for ending in result.ENDINGS:
+            (tmp_path / f"folder{ending}").mkdir(exist_ok=True)
+            for place, words in (
+                (tmp_path / "none" / f"x{ending}", "make it first"),
+                (tmp_path / "file" / f"x{ending}", "is no folder"),
+                (tmp_path / f"folder{ending}", "is a folder"),
+                (tmp_path / ("x" * 300 + ending), "shorten it"),
+                (f"{tmp_path}/x\0{ending}", "takes the path"),
+                (3, "takes the path"),
+            ):
+                with pytest.raises(forest.SpecError, match=words):
+                    result.save(place)
+    assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {"file"}
+
+
+def test_no_plain_laz_is_called_copc(results, tmp_path):
+    for result in results[:2]:
+        for name in ("a.copc.laz", "A.COPC.LAZ"):
+            with pytest.raises(forest.SpecError, match="no octree of COPC"):
+                result.save(tmp_path / name)
+    assert not any(tmp_path.iterdir())
+
+
+def test_results_travel_between_processes(results):
+    for result in results:
+        back = pickle.loads(pickle.dumps(result))
+        assert back.sensor == result.sensor
+        assert back.audit == result.audit
+
+
+def test_too_little_memory_is_said(world, monkeypatch):
+    def huge(*_):
+        np.zeros(2**48)
+
+    monkeypatch.setattr(Observer, "observe", huge)
+    with pytest.raises(forest.SpecError, match=r"needs more memory than there is \(Unable to all"):
+        world.scan(COARSE)
