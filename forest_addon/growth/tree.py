@@ -23,6 +23,7 @@ from .draw import draw_inclination
 from .lsystem.grammar import string_of
 from .lsystem.turtle import interpret
 from .measured.curves import curved
+from .measured.dead import with_dead
 from .measured.meet import grow_measured
 from .measured.needles import coarse_shoot, shoot_of
 from .measured.pipes import scaled_to
@@ -191,6 +192,9 @@ def _whole(
     if has_curves(species):
         skeleton, sites = curved(skeleton, sites, species.crown.collar if species.crown else 0.0)
         skeleton = skeleton if wanted is None else scaled_to(skeleton, wanted.dbh)
+    if species.architecture is not None and wanted is not None:
+        key = rng.integers(2**63, size=1).astype(np.uint64)
+        skeleton = with_dead(skeleton, species.architecture, wanted, key)
     if species.inclination is not None and len(sites):
         angle = draw_inclination(species.inclination, _leaf_keys(len(sites), rng))
         sites = incline_sites(sites, angle)

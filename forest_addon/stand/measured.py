@@ -22,7 +22,7 @@ from ..growth.measured.measure import BREAST, stem_profile
 from ..growth.measured.wanted import TARGETS, Kind, Wanted, draw_dbh, drawn, given_by
 from ..growth.skeleton import Skeleton
 from ..spec import Allometry, Planting, Species
-from .competition import apart, bounded, competed, score
+from .competition import apart, bounded, competed, score, thinned
 from .inputs import Inputs
 from .plan import Stand, chosen_of
 
@@ -75,11 +75,14 @@ def with_targets(
         uniform = competed(group.uniform, found[rows])
         where = f"plantings[{group.number}]"
         wanted[rows] = drawn(law, group.dbh, group.given, uniform, where, site)
-    wanted[:, 2] = _narrowed(stand, wanted, groups)
+    rows, free = _free(wanted, groups, 1)
+    wanted[rows, 2] = apart(stand.position[rows, :2], wanted[rows, 2], free)
     for group in groups:
         if group.law is not None:
             most, free = band(group.law, group.dbh)[1, :, 3], np.isnan(group.given)
             wanted[group.rows] = bounded(wanted[group.rows], free, most)
+    rows, free = _free(wanted, groups, 3)
+    wanted[rows, 4] = thinned(stand.position[rows, :2], wanted[rows], free)
     for group in groups:
         rows, number = group.rows, group.number
         rng = stream(seed, "stand", names[number], "variants")
@@ -159,15 +162,15 @@ def _scores(stand: Stand, groups: Sequence[_Group]) -> np.ndarray:
     return found
 
 
-def _narrowed(stand: Stand, wanted: np.ndarray, groups: Sequence[_Group]) -> np.ndarray:
-    """(N,) crown widths with room for those of neighbours; NaN of trees without targets."""
-    free = np.zeros(len(stand), dtype=bool)
+def _free(
+    wanted: np.ndarray, groups: Sequence[_Group], measure: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (M,) of trees with targets, and of which this measure (one of ``MEASURES``) was not given (M,)."""
+    free = np.zeros(len(wanted), dtype=bool)
     for group in groups:
-        free[group.rows] = np.isnan(group.given[:, 1]) & (group.law is not None)
-    rows = np.flatnonzero(np.isfinite(wanted[:, 2]))
-    width = wanted[:, 2].copy()
-    width[rows] = apart(stand.position[rows, :2], width[rows], free[rows])
-    return width
+        free[group.rows] = np.isnan(group.given[:, measure]) & (group.law is not None)
+    rows = np.flatnonzero(np.isfinite(wanted[:, 0]))
+    return rows, free[rows]
 
 
 def groups_of(

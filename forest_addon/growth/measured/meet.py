@@ -18,7 +18,6 @@ from ..mesh.blades import Blade, leaf_areas
 from ..skeleton import LeafSites, Skeleton
 from ..species import skeleton_of
 from .colonise import colonise
-from .dead import with_dead
 from .measure import BREAST, crown_base_of, dbh_of, leaf_tips, width_of
 from .pipes import borne, scaled_to, skeleton_of_nodes, with_radii
 from .scaffold import scaffold_of
@@ -105,8 +104,6 @@ def grow_crown(species: Species, wanted: Wanted, blade: Blade, key: int) -> Met:
     radius = drawn.radius.copy()
     radius[: len(bare)] = with_radii(_first(drawn, len(bare)), pipes, crown, wanted.dbh).radius
     wood = replace(drawn, radius=radius)
-    if species.architecture is not None:
-        wood = with_dead(wood, species.architecture, wanted, daughter_keys(tree, "dead"))
     return Met(wood, sites if species.leaf.on else LeafSites.none())
 
 
