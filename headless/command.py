@@ -1,4 +1,4 @@
-"""What a command of ``python -m headless`` is: a name, its words, where it writes, what it does.
+"""Commands of ``python -m headless``: a name, its words, its folder, its run.
 
 A command's file imports nothing heavy at its top, so that ``--help`` and a mistyped word are answered at
 once; ``run`` imports the work that it hands the words to.
@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import ClassVar
 
 from forest_addon.spec import Scene, SpecError
+
+LOCK = ".lock"  # in a folder that one command at a time writes to
 
 
 class DoubtfulError(Exception):
@@ -34,11 +36,15 @@ class Command:
         """Declare what may follow the name."""
 
     def output(self, chosen: argparse.Namespace) -> Path:
-        """Where results go, of a command that has ``--out``: what was asked for, or the default."""
+        """Return where results go, of a command that has ``--out``: what was asked for, or the default."""
         return Path(chosen.out)
 
+    def lock(self, chosen: argparse.Namespace) -> Path | None:
+        """The file that keeps other commands from writing to the same place meanwhile; None: none does."""
+        return None
+
     def kept(self, chosen: argparse.Namespace) -> str:
-        """What an interrupted command says of the files that it leaves."""
+        """Return what an interrupted command says of the files that it leaves."""
         return (
             f"finished files are kept in {chosen.out}" if "out" in chosen else "nothing was written"
         )
@@ -54,6 +60,13 @@ class Command:
         IncompleteError : a part of what was asked for could not be made; exit code 4.
         """
         raise NotImplementedError
+
+
+def name_of(scene: Path) -> str:
+    """What results of a scene file are called: its own name; of one that many have, with its folder's."""
+    if scene.stem in ("scene", "site"):
+        return f"{scene.resolve().parent.name}-{scene.stem}"
+    return scene.stem
 
 
 def read_scene(path: Path, seed: int | None) -> Scene:

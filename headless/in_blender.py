@@ -22,7 +22,7 @@ def load_package(name: str) -> None:
 
 
 def missing_packages() -> list[str]:
-    """What this Python lacks of what a run imports."""
+    """Return what this Python lacks of what a run imports."""
     wanted = ("numpy", "scipy", "cattrs", "laspy", "lazrs", "tqdm")
     return [name for name in wanted if importlib.util.find_spec(name) is None]
 

@@ -23,7 +23,8 @@ from .report import page
 
 
 def facts_of(world: World) -> dict[str, Any]:
-    """What run.json says of the evaluated scene: its size, the engine of its rays, what was chosen for it."""
+    """Return what run.json says of the evaluated scene: its size, the engine of its rays, what was chosen
+    for it."""
     observer = world.observer
     geometry = observer.geometry
     unique = sum(len(mesh.triangles) for mesh in geometry.meshes)

@@ -29,7 +29,7 @@ ROWS = (
     (6, {"blender": (2, 96, SHELL)}),
     (6, {"results": (2, 96, FILES)}),
     (22, {"stand": (2, 27, PURE), "sensing": (31, 67, PURE)}),
-    (13.5, {"growth": (2, 57, PURE), "acoustics": (62, 36, PURE)}),
+    (21, {"growth": (2, 57, PURE), "acoustics": (62, 36, PURE)}),
     (6, {"formats": (2, 96, BASE)}),
     (6, {"spec": (2, 50, BASE), "base": (54, 44, BASE)}),
 )
@@ -42,14 +42,16 @@ WINGS = {
     "sensing/rays": (33, 14.7, 35, 5.4),
     "stand/statistics": (4, 5, 23, 6.6),
     "stand/intensity": (4, 14.7, 23, 5.4),
-    "growth/lsystem": (4, 5, 16, 6.8),
-    "growth/template": (22.5, 5, 16, 6.8),
-    "growth/mesh": (41, 5, 16, 6.8),
+    "growth/graft": (4, 5, 24, 5.6),
+    "growth/regrow": (33, 5, 24, 5.6),
+    "growth/lsystem": (4, 13.4, 15, 6.6),
+    "growth/recognise": (21, 13.4, 20, 6.6),
+    "growth/mesh": (44, 13.4, 13, 6.6),
 }
 STRAIGHT = {
     ("sensing/sonar", "acoustics"): 72
 }  # left of which an arrow goes, where not in the middle
-SIDEWAYS = {("growth/template", "growth/lsystem"), ("growth/template", "growth/mesh")}
+SIDEWAYS = {("growth/regrow", "growth/graft"), ("growth/recognise", "growth/mesh")}
 SHOWN = "shown"  # the metadata's key
 
 

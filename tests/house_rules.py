@@ -24,8 +24,8 @@ ROOMS = (
 PURE = ROOMS[: ROOMS.index("blender")]
 # The same for the parts of ``headless``; what stands in no folder is "" and comes where the commands do.
 HEADLESS = (
-    *("command", "interrupt", "memory", "progress"),
-    *("report", "record", "pipeline", "accuracy", "dataset"),
+    *("command", "lock", "interrupt", "memory", "progress"),
+    *("report", "record", "unfinished", "pipeline", "accuracy", "dataset"),
     *("commands/work", "studies/tables", "studies/papers", "studies/bench"),
     *("studies/validation", "studies/flight"),
     *(
@@ -46,9 +46,11 @@ WINGS: dict[str, dict[str, set[str]]] = {
     "growth": {
         "mesh": set(),
         "lsystem": set(),
-        "template": {"lsystem", "mesh"},
+        "recognise": {"mesh"},
+        "graft": {"lsystem", "mesh", "recognise"},
+        "regrow": {"mesh", "recognise", "graft"},
         "measured": {"lsystem", "mesh"},
-        "library": {"lsystem", "mesh", "measured", "template"},
+        "library": {"lsystem", "mesh", "measured", "recognise", "graft", "regrow"},
     },
     "stand": {"intensity": set(), "statistics": {"intensity"}},
     "blender": {

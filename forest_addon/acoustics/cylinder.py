@@ -1,4 +1,4 @@
-"""How a trunk scatters sound: an endless, sound-hard, upright cylinder of radius a.
+"""Scattering of sound by a trunk: an endless, sound-hard, upright cylinder of radius a.
 
 The size ka and the angle by which the sound is turned go in (0 straight on, π straight back), the far
 field comes out (Morse & Ingard, Theoretical Acoustics, 8.1; Kaneko & Gamper 2021, their H):

@@ -44,7 +44,7 @@ def tabulated_ka() -> np.ndarray:
 
 
 def level(ka: np.ndarray) -> np.ndarray:
-    """What k·f is divided by in the table."""
+    """Return what k·f is divided by in the table."""
     square = ka * ka
     value: np.ndarray = square * ka / np.sqrt(4.0 + square)
     return value
@@ -121,7 +121,7 @@ def table_error(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def _many_sizes(ka: tuple[int, ...], angle: tuple[int, ...], rows: int) -> bool:
-    """Whether discs (m,) are asked for at so many sizes each (Q, m) that their rows are fewer."""
+    """Return whether discs (m,) are asked for at so many sizes each (Q, m) that their rows are fewer."""
     discs = math.prod(angle)
     return len(ka) == 2 and angle[-1:] == ka[1:] and discs == ka[1] and 0 < rows < 2 * ka[0]
 
@@ -134,7 +134,7 @@ def _splines() -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _version() -> str:
-    """What the tables depend on: this file, its data, and what computes them."""
+    """Return what the tables depend on: this file, its data, and what computes them."""
     import scipy
 
     total = blake2b(Path(__file__).read_bytes(), digest_size=8)

@@ -1,4 +1,4 @@
-"""What trunks take out of a sound and where they send it: cross-sections, per metre of trunk.
+"""Extinction of sound by trunks: cross-sections of scattering and absorption per metre of trunk.
 
 Sizes ka go in, widths over the radius come out, from the partial waves w_n = sinγ_n·e^{iγ_n} of
 ``cylinder``: extinction by the optical theorem, scattering by Parseval, transport weighted by 1 - cos φ,
@@ -31,7 +31,7 @@ class CrossSections:
 
     @property
     def absorption(self) -> np.ndarray:
-        """What bark keeps."""
+        """Absorption cross-section of bark."""
         return self.extinction - self.scattering
 
     @property

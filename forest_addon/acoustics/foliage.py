@@ -1,4 +1,4 @@
-"""What leaves absorb of a sound that passes among them (Watanabe & Yamada 1996, J. Acoust. Soc. Jpn. (E) 17).
+"""Absorption of sound by foliage (Watanabe & Yamada 1996, J. Acoust. Soc. Jpn. (E) 17).
 
 A leaf absorbs the share α = G·√f of the sound on its surface, G from 0.001 to 0.002 as measured in a
 reverberation room. Sound among leaves that look all ways meets both faces of F square metres of leaf a

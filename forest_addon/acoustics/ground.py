@@ -1,4 +1,4 @@
-"""How the ground answers sound: impedance from the flow resistivity, and reflection of a spherical wave.
+"""Reflection of sound by the ground: impedance from the flow resistivity, and the spherical-wave coefficient.
 
 The surface is a locally reacting half space. Its normalised impedance comes from one parameter, the flow
 resistivity σ, by Delany & Bazley (1970) or by Miki (1990), whose real part stays positive at low

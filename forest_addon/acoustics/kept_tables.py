@@ -25,7 +25,7 @@ SUM = 4  # bytes of CRC-32, before the array
 
 
 def cache_folder() -> Path | None:
-    """Where tables are kept, None where none are."""
+    """Return where tables are kept, None where none are."""
     said = os.environ.get(VARIABLE)
     if said is not None:
         return None if said.strip().lower() in NONE else Path(said).expanduser().absolute()

@@ -51,7 +51,7 @@ HANDFUL = 64  # echoes that are better off with those that need more nodes than 
 
 @dataclass(frozen=True)
 class DelayedSum:
-    """What ``sum_delayed`` found.
+    """Result of ``sum_delayed``.
 
     spectrum : (K,) complex, or (W, K) where W weights were given.
     size, least : Σ_i of the largest and of the smallest |A_i| at the nodes.

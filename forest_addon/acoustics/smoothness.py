@@ -1,4 +1,4 @@
-"""How smooth echoes are in frequency: bounds on their Chebyshev series, for whole classes of echoes.
+"""Smoothness of echoes in frequency: bounds on their Chebyshev series, for whole classes of echoes.
 
 Interpolated between R Chebyshev points, a function with the coefficients c_n is off by at most
 |c_R| + 2·Σ|c_n| over n > R (T_R vanishes at the points, and T_n beyond is mistaken for a lower one).
@@ -83,7 +83,7 @@ class Loss:
 
 @dataclass(frozen=True)
 class Smoothness:
-    """What interpolation does to M echoes.
+    """Smoothness of M echoes: the errors that interpolation makes.
 
     kind : (M,) row of ``errors`` (C, levels). scale : (M,) what these are
     multiples of: between ``LEVELS[i]`` nodes echo m is off by at most scale[m]·errors[kind[m], i].

@@ -1,4 +1,4 @@
-"""How much of the phase between two neighbouring paths the air leaves: Γ of direct and ground's sound.
+"""Coherence of two neighbouring paths in moving air: Γ of the direct sound and that of the ground.
 
 Frequencies, a path and how far apart the two paths are come in, Γ from 1 (still air) to 0 goes out. For
 fluctuations of the refractive index with a Gaussian correlation over ``SCALE`` (Karavainikov 1957; Daigle

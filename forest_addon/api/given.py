@@ -91,7 +91,7 @@ def progress_of(progress: Any) -> Any:
 
 
 def called(thing: Any) -> str:
-    """What was handed over instead, in words."""
+    """Return what was handed over instead, in words."""
     shape = getattr(thing, "shape", None)
     name = type(thing).__name__
     article = "an" if name[:1].lower() in "aeiou" else "a"

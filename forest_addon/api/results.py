@@ -1,4 +1,4 @@
-"""What a sensor found, with names: arrays to compute with, ``save`` to a file, ``plot`` to look at.
+"""Results of sensors, with names: arrays to compute with, ``save`` to a file, ``plot`` to look at.
 
 A result holds what the sensor's own code returned (``found``: a ``Cloud``, an ``Echo``, ...) and adds what
 a script wants of it. The ending of a file's name chooses its format; it is written under another name and
@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..formats.atomic import replacing
 from ..formats.las import write_las
 from ..formats.npz import write_npz
 from ..formats.ply import PlyFile
@@ -38,7 +39,7 @@ from .given import file_to_write, path_of
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What a sensor found.
+    """Result of a sensor.
 
     sensor : its settings. found : what its own code returned. seconds : that it took.
     audit : a random sample of it, computed again by the exact way; None where that is switched off.
@@ -92,11 +93,11 @@ class Result:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was chosen for it and what it warns of, in sentences."""
+        """Sentences about what was chosen for it and what it warns of."""
         return (*map(str, self.chosen), *(f"{warning}." for warning in self.warnings))
 
     def record(self) -> dict[str, Any]:
-        """What was checked of it and what was chosen for it, as run.json has it."""
+        """Checks and choices of it, as run.json has them."""
         record: dict[str, Any] = {}
         if self.audit is not None:
             record["audit"] = self.audit.record()
@@ -159,13 +160,12 @@ class PointCloud(Result):
         elif ending == ".csv":
             write_csv(path, {name: rows[name].tolist() for name in POINT.names or ()})
         else:
-            partial = path.with_name(f"{path.stem}.partial.ply")
-            file = PlyFile(partial, POINT, (f"Forest Sensing {self.sensor.kind} scan",))
-            try:
-                file.append(rows)
-            finally:
-                file.close()
-            partial.replace(path)
+            with replacing(path) as partial:
+                file = PlyFile(partial, POINT, (f"Forest Sensing {self.sensor.kind} scan",))
+                try:
+                    file.append(rows)
+                finally:
+                    file.close()
 
 
 class RowScan(Result):

@@ -72,7 +72,7 @@ def build(scene: Scene, *, folder: str | Path = ".", progress: Progress | None =
 
 
 def current(scene: Scene | None = None) -> World:
-    """What stands in Blender now, forest or not, as a world.
+    """Return what stands in Blender now, forest or not, as a world.
 
     scene : air, seed and rays to use; left out: those of an empty scene file.
 

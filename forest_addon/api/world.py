@@ -95,7 +95,7 @@ class World:
         return self._expect(sensor, (Sonar,), "ping", progress)
 
     def impulse_response(self, sensor: Reverb, progress: Progress | None = None) -> Response:
-        """What receivers hear of sources by way of the trunks, a channel for each pair.
+        """Return what receivers hear of sources by way of the trunks, a channel for each pair.
 
         Raises
         ------
@@ -110,7 +110,7 @@ class World:
         ------
         SpecError : this is no sensor, or one that this scene cannot serve.
         """
-        from ..sensing.choice import choose, left_out
+        from ..sensing.kinds import choose, left_out
 
         if not isinstance(sensor, Settings) or not hasattr(sensor, "kind"):
             raise SpecError("look", f"takes a sensor, such as Terrestrial(), not {called(sensor)}")
@@ -130,7 +130,7 @@ class World:
         except ValueError as problem:
             raise SpecError(sensor.name, str(problem)) from None
         offset = self.scene.offset
-        chosen = (*chosen, *left_out(found))
+        chosen = (*chosen, *left_out(sensor, found))
         return result_of(sensor, found, seconds, audit, offset, chosen, warnings)
 
     @property
@@ -167,7 +167,7 @@ class World:
 
     @property
     def audit(self) -> dict[str, Audit]:
-        """What grew, held against its truth: "branches" against the cones of their skeletons, "leaves"
+        """Return what grew, held against its truth: "branches" against the cones of their skeletons, "leaves"
         against the triangles in Blender; each as far as the trees have them.
 
         Raises
@@ -216,8 +216,8 @@ class World:
         return truth.cylinders(*self._standing())
 
     def canopy(self, points: np.ndarray) -> Canopy:
-        """What hemispherical pictures at points (N, 3) tell: gap fraction by zenith angle, the share of open
-        sky and the effective plant area index; ``leaf_area_index`` is the true one.
+        """Return what hemispherical pictures at points (N, 3) tell: gap fraction by zenith angle, the share
+        of open sky and the effective plant area index; ``leaf_area_index`` is the true one.
 
         Raises
         ------
@@ -300,7 +300,7 @@ class World:
         return self.look(sensor, progress)
 
     def _standing(self) -> tuple[Forest | None, PlacedTrees]:
-        """What was grown here, and trees of libraries; an error where there is neither."""
+        """Return what was grown here, and trees of libraries; an error where there is neither."""
         import_blender()
         from ..blender.scene.asset_truth import has_assets
         from ..stand.placed import NONE

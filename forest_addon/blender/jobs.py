@@ -86,7 +86,7 @@ class Job:
 
     @property
     def busy(self) -> bool:
-        """Whether a task is still running, also one that was cancelled and has not noticed yet."""
+        """Return whether a task is still running, also one that was cancelled and has not noticed yet."""
         return self._thread is not None and self._thread.is_alive()
 
     def step(self) -> bool:

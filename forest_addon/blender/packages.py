@@ -1,4 +1,4 @@
-"""How a user brings a Python package that the extension does without."""
+"""Advice on how to install a Python package that the extension does without."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import bpy
 
 
 def to_install(package: str) -> str:
-    """What to type: a plain Python knows where; Blender looks beside the add-ons of a user."""
+    """Return what to type: a plain Python knows where; Blender looks beside the add-ons of a user."""
     where = ""
     if bpy.app.binary_path:
         folder = bpy.utils.user_resource("SCRIPTS", path="addons")

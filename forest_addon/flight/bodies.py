@@ -1,4 +1,4 @@
-"""How flyers move: what they decide becomes a step of their state, within the limits of their body.
+"""Bodies of flyers: a decision becomes a step of their state, within the limits of their body.
 
 N flyers move at a time. An action is a number from -1 to 1 for each thing a body can decide, and the state
 is place, velocity through the air, heading and tilt. A step is flown as straight pieces: of these the

@@ -34,7 +34,7 @@ MODES = ("rgb_array", "human")
 
 
 class _Flights:
-    """What both environments are made of: a stock of trees, flyers, and the spaces of one of them."""
+    """Base of both environments: a stock of trees, flyers, and the spaces of one of them."""
 
     def __init__(
         self,
@@ -91,7 +91,7 @@ class _Flights:
 
     @property
     def surroundings(self) -> Surroundings:
-        """Where the flyers are."""
+        """Return where the flyers are."""
         world: Surroundings = self.flyers.world
         return world
 

@@ -1,4 +1,4 @@
-"""What stops flyers in a world: how much room there is around a place, and where a way first touches.
+"""Obstacles of flyers in a world: the room around a place, and the first touch along a path.
 
 ``room`` bounds the distance to the nearest solid from below and is one look-up for all flyers; only whose
 step does not fit into it is looked at with the triangles themselves (``sweep``), so the answer is exact and
@@ -22,7 +22,7 @@ AT_ONCE = 64  # such pieces of a way
 
 
 class Obstacles(Protocol):
-    """What flyers ask of a world."""
+    """Protocol of the obstacles of a world."""
 
     def room(self, place: np.ndarray) -> np.ndarray:
         """(N,) metres around places (N, 3) in which surely nothing stands; at most ``REACH``."""
@@ -33,7 +33,7 @@ class Obstacles(Protocol):
         ...
 
     def encloses(self, place: np.ndarray) -> bool:
-        """Whether a place (3,) is inside of a trunk, a branch or another closed body."""
+        """Return whether a place (3,) is inside of a trunk, a branch or another closed body."""
         ...
 
 
@@ -99,7 +99,8 @@ class MeshObstacles:
         return centre - extent, centre + extent
 
     def _map(self) -> None:
-        """Which instances may be within ``REACH`` of each square: a table, padded with their number."""
+        """Return which instances may be within ``REACH`` of each square: a table, padded with their
+        number."""
         small = self._high[:, :2] - self._low[:, :2]
         self._wide = np.flatnonzero((small > 100.0).any(axis=1))  # a ground: everywhere
         narrow = np.flatnonzero((small <= 100.0).all(axis=1))
@@ -292,22 +293,3 @@ class StemObstacles:
     def encloses(self, place: np.ndarray) -> bool:
         """See ``Obstacles``."""
         return bool((np.hypot(*(self._position - place[:2]).T) < self._radius).any())
-
-
-class Together:
-    """Several obstacles as one."""
-
-    def __init__(self, *parts: Obstacles) -> None:
-        self._parts = parts
-
-    def room(self, place: np.ndarray) -> np.ndarray:
-        """See ``Obstacles``."""
-        return np.min([part.room(place) for part in self._parts], axis=0)
-
-    def touch(self, start: np.ndarray, end: np.ndarray, radius: float) -> np.ndarray:
-        """See ``Obstacles``."""
-        return np.min([part.touch(start, end, radius) for part in self._parts], axis=0)
-
-    def encloses(self, place: np.ndarray) -> bool:
-        """See ``Obstacles``."""
-        return any(part.encloses(place) for part in self._parts)

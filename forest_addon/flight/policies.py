@@ -31,7 +31,7 @@ AHEAD = 0.6  # seconds of flight that must be free
 
 
 class Policy(Protocol):
-    """What decides."""
+    """Policy: observations to decisions."""
 
     sensors: tuple[str, ...]
 

@@ -24,7 +24,7 @@ CRASH, ARRIVED = -10.0, 10.0  # rewards, beside the metres nearer to the aim
 
 
 class World(Protocol):
-    """Where flyers are: see ``woods.Surroundings``."""
+    """World that flyers are in: see ``woods``."""
 
     obstacles: Obstacles
 
@@ -123,7 +123,7 @@ class Flyers:
         self._left = self._distance(self.state.position)
 
     def sense(self, rows: np.ndarray | None = None) -> dict[str, np.ndarray]:
-        """What all flyers sense, arrays with a row each; a ping is new every so many steps.
+        """Return what all flyers sense, arrays with a row each; a ping is new every so many steps.
 
         rows : bool (N,), of those that have to listen now whatever their step.
         """

@@ -1,4 +1,4 @@
-"""What stops a flyer in one mesh: its triangles in cells, and how far from all of them each cell is at least.
+"""Obstacles in one mesh: its triangles in cells, and the least distance from all of them to each cell.
 
 Wood as thick as asked for, ground and everything that is no leaf counts. ``room`` of a cell is a bound from
 below on the distance from anywhere in it to any of these triangles: the distance between cells (Euclidean
@@ -13,8 +13,8 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
 from ..base.trimesh import LEAF, WOOD, TriMesh
-from ..growth.template.centreline import find_centrelines
-from ..growth.template.pieces import part
+from ..growth.recognise.centreline import find_centrelines
+from ..growth.recognise.pieces import part
 
 CELLS = 400_000  # of a mesh
 FINEST = 0.05  # metres, a cell's edge

@@ -1,4 +1,4 @@
-"""What flights and guesses are worth: shares with their intervals, and the area under an ROC curve."""
+"""Statistics of flights and guesses: shares with their intervals, and the area under an ROC curve."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a moving sphere first touches: triangles and upright trunks, in closed form.
+"""First touch of a moving sphere: triangles and upright trunks, in closed form.
 
 A sphere of radius r goes from p along w. Its centre first comes within r of a triangle on one of the
 surfaces that bound all such places: the triangle's plane shifted by r, a cylinder of radius r around an
@@ -12,14 +12,6 @@ from __future__ import annotations
 import numpy as np
 
 NEXT = (1, 2, 0)
-
-
-def first_touch(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarray) -> float:
-    """Share of the way (3,) at which a sphere first touches triangles (T, 3, 3); ``inf``: never.
-
-    A sphere that touches already stops at 0.
-    """
-    return float(touches(start, way, radius, corners).min(initial=np.inf))
 
 
 def touches(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarray) -> np.ndarray:
@@ -73,7 +65,7 @@ def first_trunk(
 
 
 def _faces(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarray) -> np.ndarray:
-    """Where spheres touch the insides of triangles."""
+    """Return where spheres touch the insides of triangles."""
     normal, length = _normals(corners)
     high = np.einsum("ti,ti->t", start - corners[:, 0], normal)
     side = np.sign(high)
@@ -93,7 +85,8 @@ def _faces(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarra
 def _edges(
     start: np.ndarray, way: np.ndarray, radius: float, one: np.ndarray, other: np.ndarray
 ) -> np.ndarray:
-    """Where spheres touch edges (T, 3), (T, 3) between their ends: at right angles to each, a circle."""
+    """Return where spheres touch edges (T, 3), (T, 3) between their ends: at right angles to each, a
+    circle."""
     edge = other - one
     square = np.einsum("ti,ti->t", edge, edge)
     away = start - one

@@ -1,4 +1,4 @@
-"""How fast a forest can be flown through: the critical speed of Karaman & Frazzoli (2012).
+"""Critical speed of flight through a forest (Karaman & Frazzoli 2012).
 
 Their bird flies v ahead and at most w across, among discs of a Poisson process with density ρ; R is the
 radius of disc and bird together. Whether a way without collision exists is one of directed percolation:

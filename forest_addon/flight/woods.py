@@ -64,7 +64,7 @@ class Surroundings:
 
     @cached_property
     def targets(self) -> Targets:
-        """What sounds back."""
+        """Return what sounds back."""
         return Targets(self.geometry, self.stock.targets)
 
     @property
@@ -112,7 +112,7 @@ class Stock:
 
     @classmethod
     def standing(cls, world: World) -> Stock:
-        """What stands in Blender now; there is one forest of it."""
+        """Return what stands in Blender now; there is one forest of it."""
         made = cls.__new__(cls)
         made.settings, made.folder, made._inputs = world.scene, world.folder, None
         made._grown = world.forest
@@ -155,12 +155,12 @@ class Stock:
 
     @cached_property
     def targets(self) -> Targets:
-        """What sounds back, measured once."""
+        """Return what sounds back, measured once."""
         return Targets(self._geometry)
 
     @cached_property
     def solids(self) -> list[Solid]:
-        """What stops a flyer in each mesh."""
+        """Return what stops a flyer in each mesh."""
         thinnest = self.settings.flight.thinnest
         return [Solid(mesh, thinnest) for mesh in self._geometry.meshes]
 

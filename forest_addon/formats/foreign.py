@@ -53,7 +53,7 @@ def guarded(
 
 
 def _sentence(problem: Exception, what: str) -> str:
-    """What is wrong and what to do, without the file's name."""
+    """Return what is wrong and what to do, without the file's name."""
     if isinstance(problem, FileNotFoundError):
         return "there is no such file; check the path"
     if isinstance(problem, IsADirectoryError):

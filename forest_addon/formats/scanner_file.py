@@ -23,7 +23,7 @@ PLATFORMS = tuple(kind for kind, settings in SENSORS.items() if issubclass(setti
 
 @dataclass(frozen=True)
 class ScannerFile:
-    """What a scanner file says; ``tables`` are the settings of each platform."""
+    """Content of a scanner file; ``tables`` are the settings of each platform."""
 
     title: str
     source: str

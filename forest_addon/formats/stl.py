@@ -121,7 +121,7 @@ def write_stl(
 
 
 def _is_text(data: bytes) -> bool:
-    """Whether this can only be ASCII STL: it starts as one, and has no zero byte near its start.
+    """Return whether this can only be ASCII STL: it starts as one, and has no zero byte near its start.
 
     A binary file has zeros there even if its header says "solid": in its count, below 2^24 facets.
     """
@@ -130,7 +130,7 @@ def _is_text(data: bytes) -> bool:
 
 
 def _wrong_size(data: bytes, counted: int, name: str) -> StlError:
-    """What to say of a file whose size is not that of its facet count: damaged, or no STL at all."""
+    """Return what to say of a file whose size is not that of its facet count: damaged, or no STL at all."""
     held, rest = divmod(max(len(data) - HEADER_BYTES, 0), FACET.itemsize)
     sample = np.frombuffer(data, FACET, count=min(held, 1000), offset=HEADER_BYTES if held else 0)
     with np.errstate(invalid="ignore"):
@@ -180,7 +180,7 @@ def _parse_ascii(text: bytes, name: str) -> np.ndarray:
 
 
 def _end_of_stretch(text: bytes, start: int) -> int:
-    """Where to cut next, at most ``CHUNK`` on if possible: before a loop, never inside one."""
+    """Return where to cut next, at most ``CHUNK`` on if possible: before a loop, never inside one."""
     if start + CHUNK >= len(text):
         return len(text)
     stop = text.rfind(b"outer", start + 1, start + CHUNK)

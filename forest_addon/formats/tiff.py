@@ -116,7 +116,7 @@ def _pixels(data: bytes, tags: Tags, order: str, kind: str, depth: int) -> np.nd
 
 
 def _sort(kind: str, depth: int, order: str) -> np.dtype:
-    """How a sample is stored; of less than a byte: a byte."""
+    """Return how a sample is stored; of less than a byte: a byte."""
     known = {"u": (1, 2, 4, 8, 16, 32), "i": (8, 16, 32), "f": (16, 32, 64)}[kind]
     if depth not in known:
         raise ValueError(f"its numbers of {depth} bits are not read")

@@ -130,12 +130,12 @@ def _converter(folder: Path) -> Any:
     for kind in WORDS:
         converter.register_structure_hook(kind, lambda value, kind: typed("", value, kind))
     converter.register_structure_hook_func(_is_tuple, lambda v, t: _tuple(converter, v, t))
-    converter.register_structure_hook_func(
-        lambda t: t == Sensor, lambda value, _: _sensor(converter, value, folder)
-    )
     converter.register_structure_hook_factory(
         lambda t: isinstance(t, type) and issubclass(t, Settings),
         lambda cls: _table_hook(converter, cls),
+    )
+    converter.register_structure_hook_func(  # comes before those of before
+        lambda t: t is Sensor, lambda value, _: _sensor(converter, value, folder)
     )
     return converter
 

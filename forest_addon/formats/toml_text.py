@@ -42,7 +42,7 @@ def parse_tables(text: str, place: str) -> dict[str, Any]:
 
 
 def _long_number(text: str) -> str | None:
-    """Where a number stands that no one can mean."""
+    """Return where a number stands that no one can mean."""
     found = DIGITS.search(text)
     if found is None:
         return None

@@ -1,4 +1,4 @@
-"""How close grown trees come to the one they are to be like: means, spreads, distributions, profiles.
+"""Likeness of grown trees to the one that they are to be like: means, spreads, distributions, profiles.
 
 A number is compared by its mean over the siblings, in per cent of the template's and in standard
 deviations of the siblings. Samples, such as all insertion angles, are pooled and compared by the distance
@@ -44,7 +44,7 @@ class Number:
 
     @property
     def good(self) -> bool:
-        """Whether the goals are met; decibels are compared by what they differ."""
+        """Return whether the goals are met; decibels are compared by what they differ."""
         apart = abs(self.mean - self.template)
         near = apart <= max(MOST_DIFFERENCE * abs(self.template), self.room)
         if self.name.endswith("dB"):
@@ -73,7 +73,7 @@ class Profile:
 
     @property
     def good(self) -> bool:
-        """Whether the goal is met."""
+        """Return whether the goal is met."""
         return self.overlap >= LEAST_OVERLAP
 
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .regrow.allometry import BREAST
 from .skeleton import Skeleton
-from .template.allometry import BREAST
 from .tree import Tree
 
 BINS = 20  # of a vertical profile

@@ -68,7 +68,7 @@ class Skeleton:
 
 @dataclass(frozen=True)
 class LeafSites:
-    """Where L leaves sit on a skeleton, before they have a shape.
+    """Sites of L leaves on a skeleton, before they have a shape.
 
     foot : (L, 3) where the leaf leaves the wood, metres.
     direction : (L, 3) unit, from the foot along the leaf's midrib.

@@ -1,4 +1,4 @@
-"""How much space a skeleton's wood fills: the volume of the union of its tubes, joints counted once.
+"""Volume of a skeleton's wood: that of the union of its tubes, joints counted once.
 
 An axis is a bent tube: its segments are frustums cut where they meet, so their volumes πh(r₁² + r₁r₂ + r₂²)/3
 add up. A daughter starts within her mother. What her first segments share with the mother's axis, and with

@@ -1,7 +1,7 @@
 """One tree: grown to the last twig as a skeleton, or grafted from templates (T20).
 
 A species without a template is a skeleton with leaf sites, of which meshes are made. With one, either a
-grammar fitted to that tree makes siblings of it out of its own pieces (``template.sibling``), or T20's
+grammar fitted to that tree makes siblings of it out of its own pieces (``regrow.sibling``), or T20's
 L-system gives trunk and first-level nodes, templates give the branches: the trunk is a tube along the
 skeleton's axis of order 0; at every node where an axis of order 1 leaves it, and at the trunk's tip, a
 branch template is grafted whose length is that of the whole axis. With as many templates as nodes they
@@ -20,6 +20,8 @@ from ..base.rng import daughter_keys, truncated_normal
 from ..base.trimesh import DEAD, LEAF, WOOD, TriMesh, join
 from ..spec import Siblings, Species
 from .draw import draw_inclination
+from .graft.cut import TreeTemplate
+from .graft.graft import Scion, Site, graft, prepare
 from .lsystem.grammar import string_of
 from .lsystem.turtle import interpret
 from .measured.curves import curved
@@ -37,13 +39,11 @@ from .mesh.incline import incline_leaves, incline_sites
 from .mesh.leaves import Leaves, join_leaves
 from .mesh.meshing import mesh_wood
 from .mesh.tubes import sides_for, tube
+from .regrow.fitted import Habit
+from .regrow.relay import mesh_of, skeleton_of_grown
+from .regrow.sibling import grow_sibling
 from .skeleton import Skeleton
 from .species import skeleton_of
-from .template.cut import TreeTemplate
-from .template.fitted import Habit
-from .template.graft import Scion, Site, graft, prepare
-from .template.relay import mesh_of, skeleton_of_grown
-from .template.sibling import grow_sibling
 
 TOLERANCE = 0.002  # metres between a trunk's polygon and its circle
 FEWEST = 7  # blades of a shoot

@@ -153,7 +153,7 @@ def _meets_leaves(sensor: Sensor) -> bool:
     return True
 
 
-def _reach_of(sensor: Sensor) -> _Reach:
+def _reach_of(sensor: Any) -> _Reach:
     if isinstance(sensor, Reverb):  # trunks are heard from any distance, leaves of the whole field
         return _Reach(sensor, None, 0.0, np.inf)
     if isinstance(sensor, Sonar):

@@ -52,7 +52,8 @@ from .lidar import (
 )
 from .problem import did_you_mean, unknown
 from .reverb import Place, Reverb
-from .scene import SENSORS, Accuracy, Output, Rays, Scene, Sensor
+from .scene import SENSORS, Accuracy, Output, Rays, Scene
+from .sensor import Sensor
 from .sonar import HORSESHOE_BAND, Sonar
 from .species import (
     MAX_REACH,

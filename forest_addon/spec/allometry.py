@@ -1,4 +1,4 @@
-"""How the size of a kind of tree goes with the diameter of its stem, as it was measured."""
+"""Allometry: the size of a kind of tree over the diameter of its stem, as measured."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ AUTO = -1.0  # in place of a number: chosen by what the sensor can tell apart; f
 
 @dataclass(frozen=True)
 class Param:
-    """What is known of one parameter besides its type and default."""
+    """Unit, range, help and use of one parameter, besides its type and default."""
 
     help: str
     unit: str = ""

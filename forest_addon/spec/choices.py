@@ -1,4 +1,4 @@
-"""What each choice of a parameter does in the world: its name in a menu, and one sentence.
+"""Meaning of each choice of a parameter: its name in a menu, and one sentence.
 
 By the parameter's name; the same word means the same wherever it stands. Menus and the page of the scene
 file are made from it.
@@ -151,12 +151,12 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
 
 
 def title_of(name: str, choice: str) -> str:
-    """What a choice is called in a menu."""
+    """Return what a choice is called in a menu."""
     known = CHOICES.get(name, {}).get(choice)
     return known[0] if known else choice if choice.isupper() else choice.title()
 
 
 def meaning_of(name: str, choice: str) -> str:
-    """What a choice does; empty where its name says it."""
+    """Return what a choice does; empty where its name says it."""
     known = CHOICES.get(name, {}).get(choice)
     return known[1] if known else ""

@@ -6,7 +6,7 @@ from .base import Normal, Settings, SpecError, param, within
 
 
 class Targets(Settings):
-    """What a tree is to measure; what is left at 0 is drawn as its kind was measured.
+    """Targets of a tree's measures; a target left at 0 is drawn as its kind was measured.
 
     Definitions are the forester's: diameter at 1.3 m up the stem, height of the highest point, width of
     the crown as the mean of its diameters, base where the lowest living branch leaves the stem, one-sided

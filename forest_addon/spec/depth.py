@@ -1,4 +1,4 @@
-"""Which settings a panel shows: the basic ones or all, and of these what has an effect now.
+"""Depth of a panel: basic settings or all, and of these the ones that have an effect now.
 
 ``ADVANCED`` are the papers' symbols and what only numerical questions need, by the settings that hold them.
 ``APPLIES`` says of a setting which other one, and which of its values, it needs to have an effect.
@@ -55,12 +55,12 @@ APPLIES: dict[str, tuple[str, tuple[str, ...]]] = {
 
 
 def is_advanced(settings: str, name: str) -> bool:
-    """Whether a setting of a class, by its name in lower case, is for those who know the papers."""
+    """Return whether a setting of a class, by its name in lower case, is for those who know the papers."""
     return name in ADVANCED.get(settings, ())
 
 
 def applies(group: Any, name: str) -> bool:
-    """Whether a setting has an effect beside the others of its group."""
+    """Return whether a setting has an effect beside the others of its group."""
     if name not in APPLIES:
         return True
     other, values = APPLIES[name]

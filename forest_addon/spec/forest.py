@@ -211,7 +211,7 @@ class Planting(Settings):
 
 
 class Distance(Settings):
-    """How far apart trees of two plantings stand, in place of the forest's spacing."""
+    """Distance between trees of two plantings, in place of the forest's spacing."""
 
     species: str = param(help="one of them, as the report names it")
     other: str = param(help="the other; the same name twice: among themselves")

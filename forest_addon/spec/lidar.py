@@ -6,9 +6,10 @@ from typing import ClassVar
 
 from .base import Settings, SpecError, param
 from .parts import azimuth, kind, output_name, place, range_limit
+from .sensor import Sensor
 
 
-class Tractor(Settings):
+class Tractor(Sensor):
     """SIMLIDAR's scanner: a vertical fan that drives past the trees and measures a matrix."""
 
     TITLE: ClassVar[str] = "LiDAR, tractor"
@@ -89,7 +90,7 @@ class Beam(Settings):
 
 
 class Surfaces(Settings):
-    """What surfaces do to light of this wavelength; an object may say its own reflectance."""
+    """Reflectance of surfaces at the scanner's wavelength; an object may have its own."""
 
     other: float = param(0.5, help="share that other things send back (Lambert)", ge=0, le=1)
     wood: float = param(0.5, help="share that wood sends back", ge=0, le=1)
@@ -114,7 +115,7 @@ class Surfaces(Settings):
 
 
 class Noise(Settings):
-    """What a scanner measures wrongly: spreads are standard deviations and add up as squares."""
+    """Noise of a scanner: spreads are standard deviations and add up as squares."""
 
     range_sd: float = param(0.0, unit="m", help="spread of the range, always", ge=0, le=100)
     range_ppm: float = param(
@@ -126,8 +127,8 @@ class Noise(Settings):
     drop_out: float = param(0.0, help="share of the returns that get lost", ge=0, le=1)
 
 
-class Scanner(Settings):
-    """What LiDAR scanners of every platform have."""
+class Scanner(Sensor):
+    """Settings that LiDAR scanners of every platform share."""
 
     scanner: str = param(
         "",
@@ -183,7 +184,7 @@ class Terrestrial(Scanner):
 
 
 class MovingScanner(Scanner):
-    """What scanners on vehicles and aircraft have: how the beam sweeps while they move."""
+    """Settings of scanners on vehicles and aircraft: how the beam sweeps while they move."""
 
     pattern: str = param(
         "lines",
@@ -215,7 +216,7 @@ class MovingScanner(Scanner):
 
 
 class Pose(Settings):
-    """Where a platform is at one time; in between it moves evenly."""
+    """Pose of a platform at one time; in between it moves evenly."""
 
     time: float = param(0.0, unit="s", help="when", ge=-1e9, le=1e9)
     position: tuple[float, float, float] = place((0.0, 0.0, 2.0), "where")

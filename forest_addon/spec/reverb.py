@@ -6,10 +6,11 @@ from typing import ClassVar
 
 from .base import Settings, SpecError, param
 from .parts import azimuth, elevation, kind, output_name, place
+from .sensor import Sensor
 
 
 class Place(Settings):
-    """Where one more source or receiver is."""
+    """Place of one more source or receiver."""
 
     position: tuple[float, float, float] = place((0.0, 0.0, 1.5), "where it is")
 
@@ -18,7 +19,7 @@ class Place(Settings):
             raise SpecError("position[2]", "must be above the ground, z = 0; raise it")
 
 
-class Reverb(Settings):
+class Reverb(Sensor):
     """The impulse response of a forest of trunks between sources and receivers (K)."""
 
     TITLE: ClassVar[str] = "Forest reverb"

@@ -10,10 +10,11 @@ from .flight import Flight
 from .forest import Forest, Planting, Stems
 from .lidar import Airborne, Mobile, Terrestrial, Tractor
 from .reverb import Reverb
+from .sensor import Sensor
 from .sonar import Sonar
 
-Sensor = Tractor | Terrestrial | Mobile | Airborne | Sonar | Reverb
-SENSORS: dict[str, type[Settings]] = {
+SENSORS = Sensor.KINDS
+SENSORS |= {
     "tractor": Tractor,
     "terrestrial": Terrestrial,
     "mobile": Mobile,
@@ -24,7 +25,7 @@ SENSORS: dict[str, type[Settings]] = {
 
 
 class Rays(Settings):
-    """How rays are cast; what they find does not depend on it."""
+    """Settings of the ray engine; results do not depend on it."""
 
     TITLE: ClassVar[str] = "Rays"
     engine: str = param(
@@ -36,7 +37,7 @@ class Rays(Settings):
 
 
 class Accuracy(Settings):
-    """How results are checked, and how much of a forest is modelled for them."""
+    """Accuracy: how results are checked, and how much of a forest is modelled for them."""
 
     audit: float = param(
         0.05, help="time for it, as a share of the time that each result took; 0: none", ge=0, le=10
@@ -50,7 +51,7 @@ class Accuracy(Settings):
 
 
 class Output(Settings):
-    """What is written besides the sensors' results, ``trees.csv`` and ``run.json``.
+    """Files written besides the sensors' results, ``trees.csv`` and ``run.json``.
 
     One scene takes what is wanted to look at it; of thousands in a row each picture and test costs more
     than the scan.

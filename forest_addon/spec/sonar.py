@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from .base import Settings, SpecError, param
+from .base import SpecError, param
 from .parts import PATTERNS, azimuth, beam_width, elevation, kind, output_name, place
+from .sensor import Sensor
 
 HORSESHOE_BAND = (60e3, 80e3)  # Hz, of the call whose beam width T20 give
 
 
-class Sonar(Settings):
+class Sonar(Sensor):
     """A bat-like sonar that listens to the echo of foliage (T20)."""
 
     TITLE: ClassVar[str] = "Biosonar"

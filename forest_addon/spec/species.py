@@ -51,7 +51,7 @@ class Grammar(Settings):
 
 
 class Jitter(Settings):
-    """How much a tree differs from the grammar: standard deviations, truncated at two of them."""
+    """Spread of a tree about its grammar: standard deviations, truncated at two of them."""
 
     length: float = param(0.08, help="relative spread of lengths", ge=0, le=0.45)
     angle_deg: float = param(5.0, unit="deg", help="spread of branching angles", ge=0, le=45)
@@ -271,7 +271,7 @@ class Leaf(Settings):
 
 
 class Inclination(Settings):
-    """How leaves incline: the distribution of the angle between a leaf and the horizontal, 0 to 90°.
+    """Inclination of leaves: the distribution of the angle between a leaf and the horizontal, 0 to 90°.
 
     A beta distribution of this mean and standard deviation (Goel & Strahler 1984), or shares as measured.
     """
@@ -299,7 +299,7 @@ class Inclination(Settings):
 
 
 class Detail(Settings):
-    """How finely a tree without a template is meshed."""
+    """Resolution of the mesh of a tree without a template."""
 
     tolerance: float = param(
         0.002, unit="m", help="largest distance between a branch and its mesh", gt=0, le=1

@@ -73,7 +73,7 @@ def area_of(forest: spec.Forest) -> float:
 
 
 def masks_of(planting: spec.Planting, forest: spec.Forest, inputs: Inputs) -> list[Mask]:
-    """Where a planting's trees may stand within the field's rectangle."""
+    """Return where a planting's trees may stand within the field's rectangle."""
     masks: list[Mask] = []
     for owner, name in ((forest, "forest.polygon"), (planting, f"{planting.species}: polygon")):
         if owner.polygon:

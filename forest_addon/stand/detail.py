@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -87,9 +88,10 @@ def with_coarse(
 def decide(
     scene: Scene, species: Sequence[Species], stand: Stand, variants: dict[Key, Tree]
 ) -> Detail:
-    """Which trees are far from every sensor; none where no sensor looks, or where one may be anywhere."""
+    """Return which trees are far from every sensor; none where no sensor looks, or where one may be
+    anywhere."""
     trees = _trees(stand, variants, species)
-    watched: list[Watcher] = [s for s in scene.sensors if not isinstance(s, Reverb)]
+    watched: list[Any] = [s for s in scene.sensors if not isinstance(s, Reverb)]
     far, notes = (trees.length > 0) & bool(watched), list[str]()
     for sensor in watched:
         path = path_of(sensor)
@@ -116,7 +118,7 @@ def decide(
 
 
 def _note(sensor: Watcher, trees: _Trees, away: np.ndarray, nearest: int) -> str:
-    """How near the nearest of the far trees is to a sensor, and why that is far."""
+    """Return how near the nearest of the far trees is to a sensor, and why that is far."""
     start = f"The nearest of them is {away[nearest]:.1f} m from {sensor.name}"
     if away[nearest] > reach_of(sensor):
         return f"{start}, beyond its range."

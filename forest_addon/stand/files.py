@@ -1,4 +1,4 @@
-"""What a stand takes from files: rasters, lists of trees, allometries, the terrain.
+"""Files of a stand: rasters, lists of trees, allometries, the terrain.
 
 Paths are relative to the scene file. A file that is named twice is read once.
 """

@@ -9,11 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from ..base.rng import stream
+from ..growth.graft.cut import TreeTemplate
 from ..growth.measured.wanted import TARGETS, Kind
 from ..growth.mesh.blades import Blade
 from ..growth.mesh.leaves import Leaves, join_leaves
-from ..growth.template.cut import TreeTemplate
-from ..growth.template.fitted import Habit
+from ..growth.regrow.fitted import Habit
 from ..growth.tree import Tree, grow
 from ..growth.truth import crown_base, crown_width, leaf_angles, wood_of_tree
 from ..spec import Allometry, Scene, Species
@@ -49,7 +49,7 @@ class Forest:
 
     @cached_property
     def truth(self) -> dict[tuple[int, int], dict[str, float]]:
-        """What each variant measures in its own size."""
+        """Measures of each variant in its own size."""
         return {key: _truth_of(tree) for key, tree in self.variants.items()}
 
     def variant_of(self, tree: int) -> Tree:
@@ -182,7 +182,7 @@ def variant_leaf_table(forest: Forest) -> dict[str, np.ndarray]:
 
 
 def leaf_count(forest: Forest) -> int:
-    """How many leaves all trees bear together."""
+    """Return how many leaves all trees bear together."""
     of_variant = {key: len(tree.leaves) for key, tree in forest.variants.items()}
     stand = forest.stand
     keys = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
@@ -281,7 +281,7 @@ def met_targets(forest: Forest) -> list[Met]:
 
 
 def _truth_of(tree: Tree) -> dict[str, float]:
-    """What one variant measures in its own size."""
+    """Return what one variant measures in its own size."""
     wood = wood_of_tree(tree)
     return {
         "height": tree.height,

@@ -1,4 +1,4 @@
-"""What a stand needs besides its settings: rasters, painted meshes, lists of trees and the ground.
+"""Inputs of a stand besides its settings: rasters, painted meshes, lists of trees and the ground.
 
 All are plain arrays, so files (``formats.stand_files``) and objects of a Blender scene can fill them.
 """

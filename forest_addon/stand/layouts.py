@@ -58,7 +58,7 @@ def _numbers(wanted: int, spacing: float, reach: np.ndarray) -> tuple[int, int]:
 def trees_of(
     listed: TreeList, names: Sequence[str], every: Sequence[str], source: str
 ) -> np.ndarray:
-    """Which trees (M,) of a list are of a planting.
+    """Return which trees (M,) of a list are of a planting.
 
     names : what the planting may be called in the list. every : all names of all plantings.
 

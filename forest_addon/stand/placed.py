@@ -56,7 +56,7 @@ class PlacedTrees:
         return len(self.index)
 
     def row_of(self, tree: int) -> int | None:
-        """Which row a tree of this number has."""
+        """Return which row a tree of this number has."""
         rows = np.flatnonzero(self.tree == tree)
         return int(rows[0]) if len(rows) else None
 

@@ -259,7 +259,7 @@ def _listed(
 def chosen_of(
     number: int, names: Sequence[str], plantings: Sequence[Planting], listed: TreeList
 ) -> np.ndarray:
-    """Which trees (M,) of a list are of a planting.
+    """Return which trees (M,) of a list are of a planting.
 
     Raises
     ------

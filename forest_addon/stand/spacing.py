@@ -22,7 +22,7 @@ FIRST_BATCH = 2048  # oldest trees that greedy spacing looks at together; every 
 
 @dataclass(frozen=True)
 class Spacing:
-    """How far apart trees stand.
+    """Spacing of trees.
 
     distance : (K, K) metres between kinds, symmetric.
     kind : (N,) int64, row of each tree. crown : (N,) radius of each tree's crown, metres; 0: no matter.

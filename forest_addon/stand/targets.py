@@ -1,4 +1,4 @@
-"""What trees were to measure against what they do: reached or not, and whether as measured trees are.
+"""Targets of trees against their measures: reached or not, and whether they are as measured trees are.
 
 A target is met within a millimetre of diameter, and ``CLOSE`` of anything else. The band is that of the
 allometry of the planting: between what 5 and 95 % of measured trees of that diameter have.
@@ -108,7 +108,7 @@ def _counted(reason: str, count: int, of: int) -> str:
 
 
 def sentences(met: Met) -> Iterator[str]:
-    """What could not be, by measure."""
+    """Return what could not be, by measure."""
     missed = ~met.reached
     for column, name in enumerate(TARGETS):
         count = int(missed[:, column].sum())

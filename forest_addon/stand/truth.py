@@ -15,7 +15,7 @@ from ..base.trimesh import LEAF, is_wood
 from ..growth.cylinders import Cylinders, cylinders_of, diameter_at
 from ..growth.mesh.cells import CellAreas, areas_by_cell, join_areas, triangle_areas
 from ..growth.portrait import crown_base, crown_width
-from ..growth.template.allometry import BREAST
+from ..growth.regrow.allometry import BREAST
 from ..growth.tree import Tree
 from .forest import Forest, tree_table
 

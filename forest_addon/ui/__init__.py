@@ -40,7 +40,7 @@ def unregister() -> None:
 
 
 def _steps() -> Iterator[Step]:
-    """What registering does, one by one, and how each is taken back."""
+    """Return what registering does, one by one, and how each is taken back."""
     import bpy
 
     from .properties import FOREST_PG_scene, FOREST_PG_sensor
@@ -63,7 +63,7 @@ def _classes() -> tuple[type, ...]:
 
 
 def _rooms() -> tuple[ModuleType, ...]:
-    """What has classes, menus or handlers; panels in the order in which they stand."""
+    """Return what has classes, menus or handlers; panels in the order in which they stand."""
     from . import overlay, properties
     from .forest import build, gallery, live, new_file, painting, scene_file, start, tree
     from .forest import lists as forest_lists

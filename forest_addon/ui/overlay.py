@@ -1,4 +1,4 @@
-"""What is drawn over the 3D view, from the bottom up: intensity, where sensors look, points of results.
+"""Overlays of the 3D view, from the bottom up: intensity, outlines of sensors, points of results.
 
 Each drawing makes anew what Blender says has changed and hands finished batches to the graphics card. One
 that fails is left out until something changes, and takes no other along. Nothing is added to the scene, and
@@ -40,7 +40,7 @@ _broken: set[Drawing] = set()  # what failed since something changed
 
 
 class FOREST_PT_view(OnceStarted, bpy.types.Panel):
-    """What is drawn over the 3D view."""
+    """Switches of the overlays of the 3D view."""
 
     bl_label = "Overlays"
     bl_parent_id = "FOREST_PT_results"

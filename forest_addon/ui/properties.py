@@ -1,4 +1,4 @@
-"""What Blender keeps of ours in a file: the settings of a scene, of its sensors and edited species, results.
+"""Properties that Blender keeps in a file: settings of a scene, its sensors and edited species, results.
 
 Each group of settings is made from its class of ``spec`` (``groups``); what follows when a setting changes is
 handed in here by those who do it.
@@ -38,7 +38,7 @@ WHEN_SET = {
 
 
 def _besides(settings: type[spec.Settings]) -> dict[str, Any]:
-    """What a group holds besides its settings."""
+    """Return what a group holds besides its settings."""
     if settings is spec.Gaussian:
         return {"handle": PointerProperty(type=bpy.types.Object)}
     if settings is spec.Planting:
@@ -103,7 +103,7 @@ class FOREST_PG_figure(bpy.types.PropertyGroup):
 
 
 class FOREST_PG_legend(bpy.types.PropertyGroup):
-    """What a colour of a cloud means, where its menu is set to ``choice``."""
+    """Meaning of a colour of a cloud, where its menu is set to ``choice``."""
 
     name: StringProperty()
     choice: StringProperty()
@@ -111,7 +111,7 @@ class FOREST_PG_legend(bpy.types.PropertyGroup):
 
 
 class FOREST_PG_frame(bpy.types.PropertyGroup):
-    """What is kept of a result for one frame."""
+    """Result of one frame."""
 
     frame: IntProperty()
     said: StringProperty(description="Figures and legend")
@@ -120,7 +120,7 @@ class FOREST_PG_frame(bpy.types.PropertyGroup):
 
 
 class FOREST_PG_result(bpy.types.PropertyGroup):
-    """What the last run of something found; ``name`` says what ran, ``kind`` which kind of thing it is."""
+    """Result of a run; ``name`` says of which sensor, ``kind`` which kind of thing it is."""
 
     name: StringProperty()
     kind: StringProperty()

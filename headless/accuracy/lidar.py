@@ -45,7 +45,7 @@ Look = Callable[[RayCaster, int], tuple[np.ndarray, float]]  # ranges, seconds o
 
 @dataclass(frozen=True)
 class _Beams:
-    """What the sweeps of all LiDARs share.
+    """Base of the sweeps of all LiDARs.
 
     look : ranges (P,) of the same beams by a caster and a number of rays, NaN where there is none, and
     seconds. today : the number of rays; fine : one that is as good as all; tried : others. changes, label :

@@ -57,7 +57,7 @@ class Meshes:
 
     @property
     def leafy(self) -> bool:
-        """Whether any of these trees bears leaves."""
+        """Return whether any of these trees bears leaves."""
         forest = self.world.forest
         return forest is not None and any(
             len(forest.variants[key].leaves) for key in self.of_mesh.values()

@@ -100,7 +100,7 @@ def sweep_sonar(
 
 
 def _models(sensor: Sonar) -> list[tuple[dict[str, object], str]]:
-    """What the model leaves out, as settings that have it: an exact disc, leaves in the way."""
+    """Return what the model leaves out, as settings that have it: an exact disc, leaves in the way."""
     other: list[tuple[dict[str, object], str]] = []
     if sensor.leaves and sensor.leaf_model != "exact":
         words = f'the "{sensor.leaf_model}" leaf against the exact disc'

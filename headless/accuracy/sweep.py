@@ -44,7 +44,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Sweep:
-    """What was tried for a sensor.
+    """Sweep of a sensor's settings.
 
     unit : of the errors. today : the settings of the scene. points : others.
     model : the error of the model itself, which no setting mends, with its words; None where unknown.
@@ -101,7 +101,7 @@ class Sweep:
         return f"{first} (beside {others})" if others else first
 
     def verdict(self, error: float, seconds: float) -> str:
-        """What to do about the error, in a sentence."""
+        """Return what to do about the error, in a sentence."""
         chosen = self.choice(error, seconds)
         unit = f" {self.unit}" if self.unit else ""
         if self.model is not None and self.model[0] > max(error, self.today.error):
@@ -127,7 +127,7 @@ def _advice(chosen: Point, today: Point) -> str:
 
 
 def timed(work: Callable[[], T]) -> tuple[T, float]:
-    """What work returns and its CPU seconds, the least of some runs where it is short."""
+    """Return what work returns and its CPU seconds, the least of some runs where it is short."""
     spent: list[float] = []
     while True:
         begin = time.process_time()

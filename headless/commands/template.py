@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import Command
+from ..command import LOCK, Command
 
 
 class TemplateCommand(Command):
@@ -69,6 +69,9 @@ class TemplateCommand(Command):
 
     def output(self, chosen: argparse.Namespace) -> Path:
         return chosen.out or Path("out") / chosen.name
+
+    def lock(self, chosen: argparse.Namespace) -> Path:
+        return chosen.out / LOCK
 
     def run(self, chosen: argparse.Namespace) -> None:
         from .work.template import make_template

@@ -122,7 +122,7 @@ def _what_varied(plan: Plan) -> list[str]:
 
 
 def shared_trees(records: Sequence[dict[str, Any]]) -> int:
-    """How many grown trees stand in scenes of more than one split."""
+    """Return how many grown trees stand in scenes of more than one split."""
     splits: dict[str, set[str]] = {}
     for record in records:
         for digest in record["variants"].values():

@@ -1,4 +1,4 @@
-"""Whether a species knows chance: without, all its trees are one tree, wherever and in whichever split.
+"""Chance of a species: without, all its trees are one tree, wherever and in whichever split.
 
 Trees of templates, of crowns and of Honda's branches with a spread of lengths draw numbers that no two share.
 Of all others two are grown from streams of their own and compared.
@@ -37,7 +37,7 @@ def refuse_without_chance(species: Iterable[tuple[str, Path, set[str]]]) -> None
 
 @cache
 def knows_chance(name: str, folder: Path) -> bool:
-    """Whether two trees of a species differ."""
+    """Return whether two trees of a species differ."""
     path = find_species(name, folder)
     species = read_settings(path, Species)
     if species.template is not None or species.crown is not None or species.targets is not None:

@@ -77,7 +77,7 @@ def _may_share(root: Path) -> bool:
 
 
 def faults_of(one: disk.Done) -> Iterator[str]:
-    """What is wrong in a scene."""
+    """Return what is wrong in a scene."""
     files = one.record["files"]
     for path in sorted(one.folder.iterdir()):
         if path.name not in files and path.name != disk.RECORD:

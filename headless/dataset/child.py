@@ -28,8 +28,7 @@ TOLD = 300  # characters of its last words
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a scene: ``kind`` is done, or why it was not: settings, fault, disk, memory, timeout,
-    crash.
+    """Outcome of a scene: ``kind`` is done, or why it was not: settings, fault, disk, memory, timeout, crash.
 
     seconds : CPU time of each stage. wall : seconds. memory : bytes that the process held afterwards.
     """

@@ -1,4 +1,4 @@
-"""What is done, as it stands on the disk: a folder a scene, whole or not there.
+"""State of a dataset on the disk: a folder a scene, whole or not there.
 
 ::
 
@@ -163,7 +163,7 @@ def write_status(root: Path, number: int, status: Mapping[str, Any]) -> None:
 
 
 def read_status(root: Path, number: int) -> dict[str, Any]:
-    """How a scene went; empty where that is not known."""
+    """Return how a scene went; empty where that is not known."""
     try:
         found = json.loads(
             (root / STATUS / f"{scene_name(number)}.json").read_text(encoding="utf-8")

@@ -41,7 +41,7 @@ def _steps(path: str) -> list[str]:
 
 
 def _go(place: Any, step: str, path: str, value: Any, last: bool) -> list[Any]:
-    """What one step leads to; the last one sets."""
+    """Return what one step leads to; the last one sets."""
     if not step.startswith("["):
         if not isinstance(place, dict):
             raise SpecError(

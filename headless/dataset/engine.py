@@ -1,4 +1,4 @@
-"""Who makes the scenes: one worker in this process, or the workers of a Dask cluster, here or elsewhere.
+"""Workers that make the scenes: one in this process, or those of a Dask cluster, here or elsewhere.
 
 A scheduler only hands out jobs. What is done stands on the disk; so whatever a scheduler loses (workers that
 end by walltime, tasks that it gives up after some such ends) is handed out again, as long as it goes on
@@ -29,16 +29,15 @@ CAN_START_IN = 60  # s
 
 @dataclass(frozen=True)
 class Cluster:
-    """Where scenes are made: ``workers`` here; a scheduler's address; or keys and values of a batch
-    system.
-    """
+    """Place where scenes are made: ``workers`` here; a scheduler's address; or keys and values of a batch
+    system."""
 
     workers: int = 0
     scheduler: str = ""
     slurm: str | None = None
 
     def local_workers(self) -> int:
-        """How many there are on this machine."""
+        """Return how many there are on this machine."""
         return self.workers or os.cpu_count() or 1
 
 
@@ -202,6 +201,6 @@ def _round(left: dict[int, dict[str, Any]], client: Any, report: Report) -> None
 
 
 def _answers(client: Any) -> bool:
-    """Whether the scheduler is still there."""
+    """Return whether the scheduler is still there."""
     stream = getattr(client, "scheduler_comm", None)
     return stream is not None and not stream.comm.closed()

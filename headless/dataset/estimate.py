@@ -1,4 +1,4 @@
-"""What a dataset will cost: scenes of the plan made for a trial, timed, weighed, and thrown away.
+"""Cost of a dataset: scenes of the plan made for a trial, timed, weighed, and thrown away.
 
 Scenes of many million points are not made whole: with a 64th of their pulses first, then with as many as
 give about ``ENOUGH`` points. Seconds of the stages that go with points, and bytes, are taken to be a fixed
@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.spec import Airborne, Mobile, Terrestrial
+from forest_addon.sensing.kinds import KINDS, kind_of
 
 from . import disk
 from .child import Child, Outcome
@@ -132,7 +132,7 @@ def estimate(plan: Plan, say: Callable[[str], None], samples: int = SAMPLES) -> 
 
 
 def _trial(recipe: Recipe, child: Child, timeout: float, say: Callable[[str], None]) -> Trial:
-    """What a whole scene takes."""
+    """Return what a whole scene takes."""
 
     def make(thin: float) -> Trial:
         return _made(thinned(recipe, thin), child, timeout)
@@ -163,8 +163,7 @@ def _made(recipe: Recipe, child: Child, timeout: float) -> Trial:
 
 
 def _has_pulses(recipe: Recipe) -> bool:
-    kinds = {Terrestrial.kind, Airborne.kind, Mobile.kind}
-    return any(one["kind"] in kinds for one in recipe.scene.get("sensors", []))
+    return any(KINDS[one["kind"]].thinned for one in recipe.scene.get("sensors", []))
 
 
 def thinned(recipe: Recipe, share: float) -> Recipe:
@@ -172,10 +171,8 @@ def thinned(recipe: Recipe, share: float) -> Recipe:
     scene = copy.deepcopy(recipe.scene)
     settings = recipe.settings()
     for table, sensor in zip(scene.get("sensors", []), settings.sensors, strict=True):
-        if isinstance(sensor, Terrestrial):
-            table["angle_step_deg"] = min(sensor.angle_step_deg * share**0.5, 90.0)
-        elif isinstance(sensor, Airborne | Mobile):
-            table["pulse_rate"] = sensor.pulse_rate / share
+        thin = kind_of(sensor).thinned
+        table |= {} if thin is None else thin(sensor, share)
     return replace(recipe, scene=scene)
 
 

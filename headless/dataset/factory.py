@@ -16,9 +16,9 @@ from forest_addon.formats.atomic import replacing
 from forest_addon.spec import SpecError
 
 from ..command import IncompleteError
+from ..lock import only_one
 from . import disk
 from .engine import Cluster, make_all
-from .lock import only_one
 from .manifest import write_manifest
 from .plan import Plan, Recipe, recipes
 from .versions import versions
@@ -31,7 +31,7 @@ OF_MEMORY = 0.9  # share of the machine's that all workers may need together
 
 @dataclass(frozen=True)
 class Asked:
-    """What a command asks besides its plan: where scenes are made, and what may be overwritten."""
+    """Requests of a command besides its plan: where scenes are made, and what may be overwritten."""
 
     cluster: Cluster = field(default_factory=Cluster)
     replace: bool = False
@@ -106,7 +106,7 @@ def _make(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked) -> None
 
 
 def _missing(wanted: Sequence[Recipe], out: Path, replace: bool) -> list[Recipe]:
-    """What is to be made.
+    """Return what is to be made.
 
     Raises
     ------

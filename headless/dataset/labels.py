@@ -1,4 +1,4 @@
-"""What the files of a scene's folder are, in words: for the data card."""
+"""Legend of the files of a scene's folder, in words, for the data card."""
 
 from __future__ import annotations
 

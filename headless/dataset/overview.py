@@ -86,7 +86,7 @@ def _draw_map(axes: Axes, one: Done, colour: dict[str, str]) -> None:
 
 
 def _standing(path: Path) -> list[tuple[float, float]]:
-    """Where sensors stand that do not move."""
+    """Return where sensors stand that do not move."""
     found = []
     for sensor in tomllib.loads(path.read_text(encoding="utf-8")).get("sensors", []):
         for key in ("position", "source", "receiver"):

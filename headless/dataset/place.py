@@ -1,4 +1,4 @@
-"""Where a scene's sensors stand, by the rules of its plan: off trunks, above the ground, by chance that is
+"""Placing of a scene's sensors by the rules of its plan: off trunks, above the ground, by chance that is
 keyed.
 
 Trunks are where the stand has its trees, before any is grown. A place that is too near to one is drawn again;

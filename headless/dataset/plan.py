@@ -95,7 +95,7 @@ class Plan:
 
     @property
     def count(self) -> int:
-        """How many scenes it has."""
+        """Return how many scenes it has."""
         return self.head.count or vary.cells_of_grid(self.varied)
 
 
@@ -341,7 +341,7 @@ def split_of(plan: Plan, number: int) -> str:
 
 
 def _dealt(things: list[str], plan: Plan, what: str) -> dict[str, list[str]]:
-    """Which of some things each split has; every split that is to have scenes has at least one."""
+    """Return which of some things each split has; every split that is to have scenes has at least one."""
     wanted = [split for split in SPLITS if getattr(plan.splits, split) > 0]
     if len(things) < len(wanted):
         raise SpecError(

@@ -62,7 +62,8 @@ OBSERVING = "sensors"
 
 
 class Session:
-    """What a process keeps from scene to scene. ``threads`` cast rays; no result depends on how many."""
+    """State that a process keeps from scene to scene. ``threads`` cast rays; no result depends on their
+    number."""
 
     def __init__(self, threads: int = 1) -> None:
         self.threads = threads
@@ -245,7 +246,7 @@ def _observe(
 
 
 def _write_blender(settings: Scene, keep: Keep, folder: Path) -> None:
-    """What Blender itself writes; only what is asked for is imported."""
+    """Write what Blender itself writes; only what is asked for is imported."""
     if not (keep.blend or keep.glb or keep.preview):
         return
     from forest_addon.blender.files.export import export_glb, save_blend

@@ -1,5 +1,4 @@
-"""What a plan may say besides the scene and what varies in it: each key once, with range, default and
-help."""
+"""Settings of a plan besides the scene and what varies in it: each key once, with range, default and help."""
 
 from __future__ import annotations
 
@@ -53,9 +52,7 @@ class Ground(Settings):
 
 
 class Placing(Settings):
-    """Where a sensor of the scene stands, by a rule; several places make several sensors NAME-1, NAME-2,
-    ...
-    """
+    """Place of a sensor by a rule; several places make several sensors NAME-1, NAME-2, ..."""
 
     TITLE: ClassVar[str] = "place"
     sensor: str = param(help="the name of the sensor in the scene")
@@ -82,7 +79,7 @@ class Placing(Settings):
 
 
 class Splits(Settings):
-    """Which scenes are for training, validation and test."""
+    """Shares of scenes for training, validation and test."""
 
     TITLE: ClassVar[str] = "splits"
     train: float = param(0.7, help="share of the scenes", ge=0, le=1)
@@ -102,7 +99,7 @@ class Splits(Settings):
 
 
 class Keep(Settings):
-    """What is written of each scene, besides what its sensors found and trees.csv."""
+    """Files written of each scene, besides the sensors' results and trees.csv."""
 
     TITLE: ClassVar[str] = "keep"
     clouds: str = param(
@@ -133,7 +130,7 @@ class Keep(Settings):
 
 
 class Running(Settings):
-    """How scenes are made; what comes out does not depend on it."""
+    """Running of scenes; results do not depend on it."""
 
     TITLE: ClassVar[str] = "run"
     timeout: float = param(

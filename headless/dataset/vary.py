@@ -1,4 +1,4 @@
-"""What varies from scene to scene: values of a key by a distribution, from one even number between 0 and 1.
+"""Variation from scene to scene: values of a key by a distribution, from one even number between 0 and 1.
 
 Every distribution is its quantile function Q(u), so a design only has to say how the u of all scenes lie:
 each for itself, as a Latin hypercube (every key has one scene in each of its N slices), or as a scrambled
@@ -127,7 +127,7 @@ def _is_number(value: Any) -> bool:
 
 
 def cells_of_grid(varied: Sequence[Varied]) -> int:
-    """How many combinations the grids among them have; 1 without any."""
+    """Return how many combinations the grids among them have; 1 without any."""
     return math.prod(len(one.given) for one in varied if one.kind == "grid")
 
 

@@ -1,4 +1,4 @@
-"""What made a dataset."""
+"""Versions of the programs that made a dataset."""
 
 from __future__ import annotations
 

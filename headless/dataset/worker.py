@@ -1,4 +1,4 @@
-"""What a worker does: holds a Blender, has it make scenes, renews it, and sets aside what cannot be made.
+"""Worker: holds a Blender, has it make scenes, renews it, and sets aside what cannot be made.
 
 A job is a plain table, so that it can be sent to another machine; its result says in a word what came of it.
 Everything that matters is on the disk before the result is given, so a lost result loses nothing.

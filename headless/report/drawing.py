@@ -1,4 +1,4 @@
-"""Whether matplotlib is there to draw pictures: Blender does not bring it.
+"""Check for matplotlib, which Blender does not bring.
 
 Without it data and tables are written all the same, ``plain`` draws what it can with Blender alone, and a
 sentence says what is left out and how to get it.
@@ -12,7 +12,7 @@ DRAWERS = ("matplotlib", "PIL")
 
 
 def can_draw() -> bool:
-    """Whether matplotlib is there; it is not imported."""
+    """Return whether matplotlib is there; it is not imported."""
     return all(importlib.util.find_spec(name) is not None for name in DRAWERS)
 
 

@@ -1,4 +1,4 @@
-"""What each stage of a run has to say: sentences, figures (``formats/figures``), and notes about accuracy."""
+"""Findings of each stage of a run: sentences, figures (``results/figures``), and notes about accuracy."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def forest_finding(settings: Scene, forest: Forest, picture: Path | None) -> Fin
 
 
 def _stand_notes(settings: Scene, forest: Forest) -> Iterator[str]:
-    """What was expected, what was taken away and why."""
+    """Return what was expected, what was taken away and why."""
     stand = forest.stand
     sums = [
         f"{label} {value:,.1f}" + (f" ± {error:.2g}" if error else "")
@@ -68,7 +68,7 @@ def _stand_notes(settings: Scene, forest: Forest) -> Iterator[str]:
 
 
 def targets_finding(met: Sequence[Met]) -> Finding | None:
-    """What trees were to measure and what they do; None where nobody asked."""
+    """Return what trees were to measure and what they do; None where nobody asked."""
     if not met:
         return None
     told: dict[str, str] = {}
@@ -92,7 +92,7 @@ def targets_finding(met: Sequence[Met]) -> Finding | None:
 
 
 def goodness_finding(found: Goodness, picture: Path | None) -> Finding:
-    """Whether trees stand as their intensity says."""
+    """Return whether trees stand as their intensity says."""
     bands, quadrats = found.excess, found.quadrats
     return Finding(
         "Where the trees stand",
@@ -118,7 +118,7 @@ def finding_of(
     found: TractorScan | Cloud | Echo | Flight,
     picture: Path | None,
 ) -> Finding:
-    """What a sensor that needs no more than its result has to say."""
+    """Return what a sensor that needs no more than its result has to say."""
     if isinstance(found, TractorScan):
         return scan_finding(sensor, found, picture)
     if isinstance(found, Cloud):

@@ -1,4 +1,4 @@
-"""How close siblings come to their template, as a forester, a scanner and a bat see it: a table.
+"""Likeness of siblings to their template, as a forester, a scanner and a bat see it: a table.
 
 To the portrait of each tree (``growth.portrait``) come, with the sensors of this project, an airborne scan
 straight down on a grid (heights of first returns; share of pulses within the crown's circle that reach the

@@ -22,7 +22,7 @@ from forest_addon.spec import Scene
 
 @dataclass(frozen=True)
 class Finding:
-    """What one stage has to say; ``notes`` are about accuracy and what was left out."""
+    """Finding of one stage; ``notes`` are about accuracy and what was left out."""
 
     title: str
     sentence: str

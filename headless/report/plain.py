@@ -66,7 +66,7 @@ def draw_stand(
 
 
 def colours_in_words(labels: Sequence[str]) -> str:
-    """Which colour a species has in the map."""
+    """Return which colour a species has in the map."""
     names = list(COLOURS)
     said = (f"{label} {names[k % len(names)]}" for k, label in enumerate(labels))
     return f"In the map: {', '.join(said)}."

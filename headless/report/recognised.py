@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from forest_addon.growth.template.recognise import Recognition
+from forest_addon.growth.recognise.recognise import Recognition
 
 from .pictures import INK, LEAF_GREEN, STYLE, save_figure
 

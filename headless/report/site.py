@@ -37,7 +37,7 @@ def draw_site(grown: Sequence[SpeciesOfSite], window: Window, path: Path) -> Pat
 
 
 def draw_goodness(found: Goodness, window: Window, path: Path) -> Path:
-    """What the statistics say of a stand: L(r) - r, and how far quadrats are off."""
+    """Return what the statistics say of a stand: L(r) - r, and how far quadrats are off."""
     figure = blank_figure((11, 4.2))
     grid = figure.add_gridspec(1, 2, width_ratios=(1.15, 1))
     curve, quadrats = (figure.add_subplot(grid[0, k]) for k in (0, 1))

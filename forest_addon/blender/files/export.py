@@ -129,7 +129,7 @@ def _selected(things: set[bpy.types.Object]) -> Iterator[None]:
 
 
 def _refused(problem: RuntimeError, path: str | os.PathLike[str]) -> OSError:
-    """What the system refused, found in what an operator reports."""
+    """Return what the system refused, found in what an operator reports."""
     text = str(problem).strip()
     for code in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES, errno.EROFS):
         if os.strerror(code) in text:

@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 
 from ...formats.stl import StlError, read_stl
-from ...growth.template.parts import Group
+from ...growth.recognise.parts import Group
 from ...spec import SpecError
 
 ENDINGS = (".ply", ".obj", ".gltf", ".glb")
@@ -76,7 +76,7 @@ def _is_compressed(path: Path) -> bool:
 
 
 def _why(path: Path, problem: RuntimeError) -> str:
-    """What an importer has to say, in one line."""
+    """Return what an importer has to say, in one line."""
     if _is_compressed(path):
         return COMPRESSED
     lines = [line.strip() for line in str(problem).splitlines()]

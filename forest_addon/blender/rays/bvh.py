@@ -99,7 +99,8 @@ class BvhCaster(Search):
         limit: np.ndarray,
         cull: bool = False,
     ) -> Met:
-        """What rays meet, each in the one instance of its pair: ray (M,), instance (M,), triangle (M,).
+        """Return what rays meet, each in the one instance of its pair: ray (M,), instance (M,), triangle
+        (M,).
 
         cull : whether most may pass by, so that a look at the mesh's hulls first is worth it.
         """
@@ -155,7 +156,7 @@ class BvhCaster(Search):
     def _in_turn(
         self, pairs: _Pairs, origins: np.ndarray, directions: np.ndarray, limit: np.ndarray
     ) -> Met:
-        """What rays meet that go from instance to instance, the nearest first, until they would enter
+        """Return what rays meet that go from instance to instance, the nearest first, until they would enter
         one behind what they have met.
 
         What they have met is known in float32 here: it counts as far as it can be wrong.
@@ -303,7 +304,7 @@ def _span(vertices: np.ndarray) -> float:
 
 
 def _firsts(ray: np.ndarray) -> np.ndarray:
-    """Where each ray of a sorted (P,) first stands."""
+    """Return where each ray of a sorted (P,) first stands."""
     new = np.empty(len(ray), dtype=bool)
     new[:1] = True
     np.not_equal(ray[1:], ray[:-1], out=new[1:])

@@ -1,4 +1,4 @@
-"""Which engine casts the rays of a scene.
+"""Choice of the engine that casts the rays of a scene.
 
 ``auto`` is Embree where Blender's own library is found and passes a test against BVHTree, once a
 session, and BVHTree elsewhere; a caster's ``engine`` says which it is.
@@ -59,7 +59,7 @@ def moved_caster(like: Search, scene: SceneGeometry) -> Search:
 
 @cache
 def embree_problem() -> str:
-    """Why Embree cannot be used here; empty where it can."""
+    """Return why Embree cannot be used here; empty where it can."""
     scene = _trial_scene()
     rng = stream(0, "embree", "trial")
     origins = rng.uniform(-4, 4, (500, 3)) + scene.transform[0, :, 3]

@@ -140,7 +140,7 @@ class EmbreeCaster(Search):
         return hits
 
     def _all_begin_within(self, origins: np.ndarray, start: np.ndarray) -> bool:
-        """Whether few rays are seen at a glance to be in the box where they start."""
+        """Return whether few rays are seen at a glance to be in the box where they start."""
         if not 0 < len(start) <= KEPT:
             return False
         inside = origins > self._inner_low

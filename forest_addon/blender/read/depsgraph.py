@@ -77,7 +77,7 @@ def _read(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:
 
 
 def _has_other_instances(depsgraph: bpy.types.Depsgraph) -> bool:
-    """Whether something instances otherwise than by nodes, or is hidden and its instances are not."""
+    """Return whether something instances otherwise than by nodes, or is hidden and its instances are not."""
     viewport = depsgraph.mode == "VIEWPORT"
     for thing in depsgraph.ids:
         if isinstance(thing, bpy.types.Object) and (
@@ -91,7 +91,7 @@ def _has_other_instances(depsgraph: bpy.types.Depsgraph) -> bool:
 
 
 class _Found:
-    """What has been found so far: meshes, each once, and instances one by one and by the thousand."""
+    """Meshes found so far, each once, and instances, one by one and by the thousand."""
 
     def __init__(self) -> None:
         self._number_of: dict[int, int] = {}
@@ -191,7 +191,7 @@ class _Found:
         return tree, species
 
     def _number(self, mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> int:
-        """Which of the unique meshes this is, -1 for one without faces."""
+        """Return which of the unique meshes this is, -1 for one without faces."""
         key = mesh.as_pointer()
         if key not in self._number_of:
             empty = not len(mesh.polygons)
@@ -222,7 +222,7 @@ def species_of_asset(asset: str) -> str:
 
 
 def _asset_of(mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> str:
-    """Which tree of a library a mesh is, also one that modifiers have worked on; empty for others."""
+    """Return which tree of a library a mesh is, also one that modifiers have worked on; empty for others."""
     given = thing.original.data if thing is not None else None
     for data in (mesh, given):
         asset = data.get(ASSET_KEY) if isinstance(data, bpy.types.ID) else None

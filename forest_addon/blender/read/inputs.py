@@ -1,4 +1,4 @@
-"""What a stand takes from a Blender scene: the ground, painted weights, places of trees.
+"""Inputs of a stand from a Blender scene: the ground, painted weights, places of trees.
 
 Meshes are taken as they are evaluated, with their modifiers, and moved to the world in float64. Weights are
 a vertex group or an attribute of numbers or colours on vertices, corners or faces; a colour counts by its
@@ -93,7 +93,7 @@ def read_painted(
 def read_places(
     name: str, depsgraph: bpy.types.Depsgraph, where: str = "plantings.collection"
 ) -> TreeList:
-    """Where the objects of a collection stand, in the order of their names: place, turn, size.
+    """Return where the objects of a collection stand, in the order of their names: place, turn, size.
 
     The size factor is the cube root of the volume that a unit cube has in the object.
     """

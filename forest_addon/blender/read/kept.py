@@ -1,4 +1,4 @@
-"""What was made of an evaluated scene, kept until Blender reports any change.
+"""Products of an evaluated scene, kept until Blender reports any change.
 
 Blender tells handlers of every update of a depsgraph (a move, an edit, a setting of a modifier), every
 change of frame, undo and redo; each of them drops all that is kept. Loading a file empties the lists of

@@ -1,4 +1,4 @@
-"""What a tree is, written onto its mesh, so that it goes along wherever the mesh goes.
+"""Truth of a tree, written onto its mesh, so that it goes along wherever the mesh goes.
 
 A mesh that is appended or linked from an asset library comes alone: what sensors and tables need of its tree
 must be on the mesh. Faces have ``part``, ``leaf`` and ``order`` (``meshes``). Custom properties say which
@@ -55,7 +55,7 @@ def write_truth(mesh: bpy.types.Mesh, asset: str, species: str, tree: Tree) -> N
 
 
 def read_truth(mesh: bpy.types.Mesh) -> Grown | None:
-    """What a mesh says of its tree, in float32; None where it says nothing, or not all of it."""
+    """Return what a mesh says of its tree, in float32; None where it says nothing, or not all of it."""
     wood, leaves = mesh.get(WOOD), mesh.get(LEAVES)
     if not (isinstance(wood, bpy.types.Mesh) and isinstance(leaves, bpy.types.Mesh)):
         return None
@@ -71,7 +71,7 @@ def read_truth(mesh: bpy.types.Mesh) -> Grown | None:
 
 
 def has_assets() -> bool:
-    """Whether this file has a tree of a library."""
+    """Return whether this file has a tree of a library."""
     return any(ASSET_KEY in mesh for mesh in bpy.data.meshes)
 
 

@@ -22,7 +22,7 @@ AMBIENT = 0.45
 
 @dataclass(frozen=True)
 class Portrait:
-    """What an asset says of its tree.
+    """Description of an asset's tree.
 
     label : what its planting is called. picture : (PIXELS, PIXELS, 4), see ``draw``.
     """

@@ -87,9 +87,8 @@ def build(
 
 @dataclass
 class _Plan:
-    """What a forest needs: objects, plantings that have a collection of their own, pictures of variants
-    that are new, and whether views show outlines.
-    """
+    """Needs of a forest: objects, plantings that have a collection of their own, pictures of variants that
+    are new, and whether views show outlines."""
 
     wanted: list[Wanted] = field(default_factory=list)
     labels: tuple[str, ...] = ()

@@ -73,7 +73,8 @@ def points_mesh(
 
 
 def ranks(names: Sequence[str], others: Sequence[str]) -> np.ndarray:
-    """Which place each of ours has in a library where ``others`` are too, as geometry nodes count them."""
+    """Return which place each of ours has in a library where ``others`` are too, as geometry nodes count
+    them."""
     order = sorted([*names, *others], key=_natural)
     return np.array([order.index(name) for name in names], dtype=np.int64)
 

@@ -1,4 +1,4 @@
-"""Where everything of ours stands in a Blender scene: the collections below *Forest*.
+"""Layout of our objects in a Blender scene: the collections below *Forest*.
 
 *Trees*, the *Variants* that they are copies of, and their *Outlines* for the view; *Ground*, *Sensors* and
 *Results* hold what their names say, *Intensity* what hills are dragged and weights are painted on, where that

@@ -60,7 +60,7 @@ def give_instancer(
 
 
 def _is_instancer_modifier(modifier: bpy.types.Modifier) -> bool:
-    """Whether a modifier is an instancer, or was one before its node group was deleted."""
+    """Return whether a modifier is an instancer, or was one before its node group was deleted."""
     if modifier.type != "NODES":
         return False
     group = modifier.node_group
@@ -114,7 +114,7 @@ def in_full(depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
 
 
 def is_light(modifier: bpy.types.Modifier) -> bool:
-    """Whether views show outlines of an instancer's trees."""
+    """Return whether views show outlines of an instancer's trees."""
     return LIGHT in _sockets(modifier) and bool(_input(modifier, LIGHT)[0])
 
 
@@ -125,12 +125,12 @@ def instancer_group() -> bpy.types.NodeTree:
 
 
 def has_input(modifier: bpy.types.Modifier, socket: str) -> bool:
-    """Whether it is a geometry-nodes modifier with an input of this name."""
+    """Return whether it is a geometry-nodes modifier with an input of this name."""
     return modifier.type == "NODES" and socket in _sockets(modifier)
 
 
 def drawn_input(modifier: bpy.types.Modifier, socket: str) -> tuple[Any, str]:
-    """What a layout draws of an input: whose property, and its name."""
+    """Return what a layout draws of an input: whose property, and its name."""
     _, holder, key = _input(modifier, socket)
     return (holder, f'["{key}"]') if holder is modifier else (holder, "value")
 
@@ -157,7 +157,8 @@ def choose_input(modifier: bpy.types.Modifier, socket: str, choice: str) -> None
 
 
 def chosen_input(modifier: bpy.types.Modifier, socket: str) -> str:
-    """What a menu among the inputs of a geometry-nodes modifier is set to; empty where that is unknown."""
+    """Return what a menu among the inputs of a geometry-nodes modifier is set to; empty where that is
+    unknown."""
     value, holder, key = _input(modifier, socket)
     if holder is not modifier:
         return str(value)

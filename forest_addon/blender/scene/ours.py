@@ -1,4 +1,4 @@
-"""What we made in a Blender file, and what it stands for there.
+"""Marks of the things that we made in a Blender file, and of what they stand for there.
 
 Every block that we make carries a custom property with the name it was made under. A copy has the property
 but another name, and a block that was renamed has too: both belong to the user, and so does what comes from
@@ -55,12 +55,12 @@ def settle(block: bpy.types.ID, name: str = "") -> None:
 
 
 def is_ours(block: bpy.types.ID) -> bool:
-    """Whether we made it and nobody has copied or renamed it."""
+    """Return whether we made it and nobody has copied or renamed it."""
     return block.get(MADE_KEY) == block.name and is_local(block)
 
 
 def is_local(block: bpy.types.ID) -> bool:
-    """Whether it is of this file, and no override of what is of another."""
+    """Return whether it is of this file, and no override of what is of another."""
     return block.library is None and block.override_library is None
 
 

@@ -1,4 +1,4 @@
-"""What of ours stands in a scene, and what a new forest takes over from it.
+"""Things of ours that stand in a scene, and those that a new forest takes over.
 
 A mesh whose shape has not changed since it was made stays, with all that was done to it. A new one wears
 the materials of the mesh that stood for the same before, so that whatever was put into a slot stays; a slot
@@ -124,7 +124,7 @@ class Standing:
 
 
 def has_own_mesh(thing: bpy.types.Object) -> bool:
-    """Whether an object of ours has a mesh that the user gave it."""
+    """Return whether an object of ours has a mesh that the user gave it."""
     return bool(thing.get(DATA_KEY) != thing.data.name_full)
 
 

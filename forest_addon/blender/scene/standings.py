@@ -1,4 +1,4 @@
-"""What geometry nodes instance, as arrays: no loop over instances.
+"""Instances of geometry nodes as arrays: no loop over instances.
 
 An evaluated object goes in; out come its meshes, each with all places where it stands. Blender gives the
 instances of a geometry as a point cloud whose points have a transform and the number of what stands
@@ -45,18 +45,18 @@ class Standing:
 
 
 def has_nodes(thing: bpy.types.Object) -> bool:
-    """Whether geometry nodes work on an object; those that are switched off everywhere do not."""
+    """Return whether geometry nodes work on an object; those that are switched off everywhere do not."""
     nodes = (modifier for modifier in thing.modifiers if modifier.type == "NODES")
     return any(modifier.show_viewport or modifier.show_render for modifier in nodes)
 
 
 def has_duplis(thing: bpy.types.Object) -> bool:
-    """Whether an object instances in one of the ways that are older than geometry nodes."""
+    """Return whether an object instances in one of the ways that are older than geometry nodes."""
     return thing.instance_type != "NONE" or len(thing.particle_systems) > 0
 
 
 def may_be_met(thing: bpy.types.Object) -> bool:
-    """Whether an object may have a surface, or instance something that has."""
+    """Return whether an object may have a surface, or instance something that has."""
     waiting, known = [thing], set()
     while waiting:
         one = waiting.pop()

@@ -1,4 +1,4 @@
-"""Where geometry nodes put the points of a forest: the transforms that Blender evaluates, to the bit.
+"""Transforms that geometry nodes give the points of a forest, as Blender evaluates them, to the bit.
 
 Places, turns and sizes go in, float32 matrices as sensors read them come out. A forest that is flown through
 for one episode need not stand in the scene for that: the points are evaluated in a scene of their own, which

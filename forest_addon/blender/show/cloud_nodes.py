@@ -64,12 +64,12 @@ def heard_group() -> bpy.types.NodeTree:
 
 
 def title_of(name: str) -> str:
-    """What the menu calls an attribute."""
+    """Return what the menu calls an attribute."""
     return name.replace("_", " ").title()
 
 
 def is_measure(choice: str) -> bool:
-    """Whether a choice of the menu *Colour By* goes through a scale of colours."""
+    """Return whether a choice of the menu *Colour By* goes through a scale of colours."""
     return any(choice == title_of(name) for name in (*MEASURES, *HEARD_MEASURES))
 
 
@@ -122,7 +122,7 @@ def _make(
 
 
 def _sockets(group: bpy.types.NodeTree) -> tuple[Any, Any]:
-    """What a user can set; returns the two menus."""
+    """Declare what a user can set; returns the two menus."""
     new = group.interface.new_socket
     new("Geometry", description="Vertices with attributes", in_out="INPUT",
         socket_type="NodeSocketGeometry")  # fmt: skip
@@ -179,7 +179,7 @@ class _Drawing:
         return chosen.outputs[0]
 
     def shown(self) -> bpy.types.NodeSocket:
-        """Which points are shown: a share of them, within a range of heights."""
+        """Return which points are shown: a share of them, within a range of heights."""
         chance = self.node("FunctionNodeRandomValue", "A share of all", 960, 700)
         chance.data_type = "BOOLEAN"
         self._link(self.start.outputs[SHARE], chance.inputs["Probability"])
@@ -208,7 +208,7 @@ class _Drawing:
         return menu.outputs[0], value
 
     def _measure(self, name: str, y: float) -> bpy.types.NodeSocket:
-        """What an attribute says; intensities by their logarithm."""
+        """Return what an attribute says; intensities by their logarithm."""
         if name == "height":
             return self._height(-220, y)
         value = self._attribute(name, "FLOAT", -220, y)

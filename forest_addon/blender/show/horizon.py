@@ -1,4 +1,4 @@
-"""What lies beyond a forest in a picture: a plain, and wooded hills, each the paler the farther they are.
+"""Surroundings of a forest in a picture: a plain, and wooded hills, each the paler the farther they are.
 
 For pictures alone: views do not show them, sensors do not meet them, and they are no trees. A ring is a
 strip of a few hundred triangles around the field, its upper edge a sum of sines as hills have and a fine

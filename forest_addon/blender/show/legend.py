@@ -1,4 +1,4 @@
-"""What the colours of a cloud mean: for each choice of its menu *Colour By*, names or values, and colours.
+"""Legends of a cloud: for each choice of its menu *Colour By*, names or values, and colours.
 
 Organs, species and objects are named, the most frequent first; a measure has four values along its scale.
 Colours are those that the nodes of ``cloud_nodes`` give, computed here with the same arithmetic: a number n

@@ -1,4 +1,4 @@
-"""What is heard as a Sound on a Speaker: press play in Blender and hear the forest.
+"""Sounds on a Speaker: press play in Blender and hear the forest.
 
 Samples go in; they are packed into the .blend as a 32-bit float WAV, and the Speaker plays them from frame 1.
 The mixer brings several channels to one, because a Speaker is a point in Blender's own sound scene; levels

@@ -17,16 +17,16 @@ from ...formats.foreign import guarded
 from ...formats.stl import StlError, read_stl
 from ...formats.toml_file import read_settings
 from ...spec import SpecError, Species, unknown
+from ..graft.cut import TemplateError, TreeTemplate, split_tree
+from ..graft.dress import dress
 from ..lsystem.expression import ExpressionError
 from ..lsystem.ruled import check_rules
 from ..lsystem.word import GrammarError
 from ..measured.wanted import Kind
 from ..mesh.blades import SHAPES, Blade, BladeError, blade_from
-from ..template.anatomy import dissect
-from ..template.cut import TemplateError, TreeTemplate, split_tree
-from ..template.dress import dress
-from ..template.fitted import Habit, fit
-from ..template.recognise import recognise
+from ..recognise.recognise import recognise
+from ..regrow.anatomy import dissect
+from ..regrow.fitted import Habit, fit
 from .allometry_file import read_allometry
 
 KEPT = 16  # trees that stay recognised; as many as a process keeps ready to graft

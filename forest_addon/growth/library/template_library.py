@@ -17,15 +17,15 @@ from ...base.trimesh import LEAF, TriMesh
 from ...formats.atomic import replacing
 from ...formats.stl import StlError, read_stl, write_stl
 from ...spec import Grammar, SpecError, unknown
+from ..graft.cut import split_tree
+from ..graft.habit import fit_grammar
 from ..mesh.leaves import measure_leaves
-from ..template.allometry import allometry_of
-from ..template.anatomy import dissect
-from ..template.cut import split_tree
-from ..template.fitted import Habit, fit
-from ..template.habit import fit_grammar
-from ..template.parts import UPRIGHT, Group, Sorted, likely_up, sort_out, stood
-from ..template.recognise import LeanError, Recognition, TemplateError, recognise, recognise_pieces
-from ..template.unit import UNITS, Unit, infer_unit
+from ..recognise.parts import UPRIGHT, Group, Sorted, likely_up, sort_out, stood
+from ..recognise.recognise import LeanError, Recognition, TemplateError, recognise, recognise_pieces
+from ..recognise.unit import UNITS, Unit, infer_unit
+from ..regrow.allometry import allometry_of
+from ..regrow.anatomy import dissect
+from ..regrow.fitted import Habit, fit
 
 Progress = Callable[[int, int], None]
 

@@ -1,4 +1,4 @@
-"""What a turtle does at each symbol: tables of texts, so that a user can change them without code.
+"""Dialects of turtles: the meaning of each symbol as tables of texts, which a user changes without code.
 
 ``F(l) = draw(l)`` gives a letter a command and the numbers that it takes, arithmetic over the letter's
 own. A symbol without an entry is passed over, as ABOP does with the variables of a grammar.
@@ -43,7 +43,7 @@ MOST_NUMBERS = 2
 
 @dataclass(frozen=True)
 class Dialect:
-    """How strings are written and what their symbols mean."""
+    """Dialect of an L-system: the notation of strings and the meaning of their symbols."""
 
     notation: Notation
     symbols: tuple[str, ...]
@@ -74,7 +74,7 @@ DIALECTS = {"ABOP": ABOP, "S": S}
 
 @dataclass(frozen=True)
 class Commands:
-    """What the turtle does, symbol after symbol, without those that are passed over.
+    """Commands of the turtle, symbol after symbol, without those that are passed over.
 
     kind : (C,) int8. number : (C, 2) float64, NaN where a command has none.
     """

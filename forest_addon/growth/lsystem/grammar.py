@@ -15,7 +15,7 @@ import numpy as np
 
 from ...spec import Grammar
 from .production import System, read_system
-from .rewrite import predict, rewrite
+from .rewrite import rewrite
 from .word import Notation
 
 
@@ -47,11 +47,6 @@ def string_of(grammar: Grammar) -> np.ndarray:
     return derive(T20, grammar.generations)
 
 
-def predict_length(system: LSystem, generations: int) -> int:
-    """How many symbols the string has after so many generations, exactly."""
-    return int(predict(_system(system), generations).symbols)
-
-
 def derive(system: LSystem, generations: int) -> np.ndarray:
     """The string after so many generations, as (S,) uint8 character codes.
 
@@ -60,11 +55,6 @@ def derive(system: LSystem, generations: int) -> np.ndarray:
     ValueError : the string would be longer than ``rewrite.MAX_SYMBOLS``; says how long.
     """
     return rewrite(_system(system), generations).codes
-
-
-def to_text(symbols: np.ndarray) -> str:
-    """The string that character codes spell."""
-    return symbols.tobytes().decode("latin-1")
 
 
 def _system(system: LSystem) -> System:

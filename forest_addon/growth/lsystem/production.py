@@ -53,12 +53,12 @@ class System:
 
     @property
     def conditional(self) -> bool:
-        """Whether a symbol's numbers can decide what becomes of it."""
+        """Return whether a symbol's numbers can decide what becomes of it."""
         return any(case.condition for cases in self.cases.values() for case in cases)
 
     @property
     def stochastic(self) -> bool:
-        """Whether chance can."""
+        """Return whether chance can."""
         return any(len(case.chances) > 1 for cases in self.cases.values() for case in cases)
 
 

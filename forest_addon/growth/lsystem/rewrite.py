@@ -25,7 +25,7 @@ BLOCK = 1 << 16  # symbols rewritten at a time: their arrays stay in the cache
 
 @dataclass(frozen=True)
 class Prediction:
-    """How many symbols and numbers a derivation ends with, and whether that is certain.
+    """Numbers of symbols and parameters that a derivation ends with, and whether they are certain.
 
     letters : how many of each symbol, whatever numbers it bears.
     """
@@ -190,7 +190,7 @@ def _values(
     where: np.ndarray,
     known: Mapping[str, float],
 ) -> dict[str, Value]:
-    """What names stand for at some symbols of a block."""
+    """Return the values of names at some symbols of a block."""
     values: dict[str, Value] = dict(known)
     for rank, name in enumerate(names):
         values[name] = block.values[first_value[where] + rank]
@@ -198,7 +198,7 @@ def _values(
 
 
 def _contents(system: System, code: int, chance: bool) -> dict[int, float]:
-    """How often each letter is in what a letter becomes."""
+    """Return how often each letter is in what a letter becomes."""
     found: dict[int, float] = {}
     cases = system.cases.get(code)
     numbers = cases[0].productions if cases else (int(system.stay[code]),)

@@ -31,7 +31,7 @@ class Bend:
 
 @dataclass(frozen=True)
 class Walk:
-    """What a turtle drew; lengths in its own unit.
+    """Drawing of a turtle; lengths in its own unit.
 
     skeleton : its segments, in the order of the string.
     leaves : length and width NaN where the string says none.

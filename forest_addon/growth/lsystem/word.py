@@ -23,7 +23,7 @@ class GrammarError(ValueError):
 
 @dataclass(frozen=True)
 class Notation:
-    """How strings are written: whether ``(`` opens numbers, and what letters bear a tag.
+    """Notation of strings: whether ``(`` opens numbers, and the letters that bear a tag.
 
     tagged : a letter of these followed by ``n`` is given the generation in which it is made: ``In``
         stands for I(n) and is printed I01, I02, ... (S).

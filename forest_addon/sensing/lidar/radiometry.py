@@ -29,14 +29,6 @@ def intensity(
     return back * np.exp(-2 * extinction * distance) if extinction else back
 
 
-def received_energy(
-    intensity: np.ndarray, pulse_energy: float, aperture: float, efficiency: float = 1.0
-) -> np.ndarray:
-    """(R,) joules that reach the detector; pulse energy in joules, diameter of the aperture in metres."""
-    energy: np.ndarray = pulse_energy * efficiency * aperture**2 / 4 * intensity
-    return energy
-
-
 def detection_limit(scanner: Scanner) -> float:
     """The intensity, 1/m², below which nothing is seen: of the faintest surface at the largest range."""
     return float(

@@ -21,7 +21,7 @@ import numpy as np
 
 from ...acoustics.smoothness import Profile
 from ...base.trimesh import TriMesh, is_wood
-from ...growth.template.pieces import part
+from ...growth.recognise.pieces import part
 from .clusters import cluster
 from .scatterers import (
     CLEAR,

@@ -1,1 +1,1 @@
-"""What a map of trees says: estimates of its intensity, and tests of a law."""
+"""Statistics of a map of trees: estimates of its intensity, and tests of a law."""

@@ -35,7 +35,7 @@ class Envelope:
 
     @property
     def inside(self) -> bool:
-        """Whether the observed curve stays within the global envelope."""
+        """Return whether the observed curve stays within the global envelope."""
         return self.p_value > LEVEL
 
 

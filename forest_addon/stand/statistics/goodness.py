@@ -1,4 +1,4 @@
-"""Whether trees could be a draw of a law: L(r) - r in envelopes of simulations of that law, and quadrats.
+"""Goodness of fit of a law: L(r) - r in envelopes of simulations of that law, and quadrats.
 
 Every simulation is judged as the trees were: where λ was estimated from the trees, it is estimated again
 from each simulation, or the test would find them too much like their own estimate.
@@ -39,7 +39,7 @@ MANY = 20_000  # trees beyond which fewer simulations are made
 
 @dataclass(frozen=True)
 class Law:
-    """What trees are tested against.
+    """Law that trees are tested against.
 
     simulate : trees (N, 2) of the law, by the number of the simulation. judge : of trees (N, 2), λ (N,)
     at each and λ as a function of place, both perhaps estimated from those trees.

@@ -1,4 +1,4 @@
-"""Where an intensity is large enough to be judged: pixels of a window.
+"""Region where an intensity is large enough to be judged: pixels of a window.
 
 A tree counts 1/λ in the inhomogeneous K function, so a few trees far out on a hill would outweigh all
 others. Pairs are therefore counted within a region where λ is not small, by K's own definition with that

@@ -81,7 +81,7 @@ class Window:
 
     @cached_property
     def is_rectangle(self) -> bool:
-        """Whether it fills its bounding box."""
+        """Return whether it fills its bounding box."""
         return bool(abs(self.area - np.prod(self.extent)) <= 1e-12 * self.area)
 
     @cached_property

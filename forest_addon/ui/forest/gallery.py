@@ -107,7 +107,7 @@ def draw_gallery(layout: bpy.types.UILayout, operator: str) -> None:
 
 
 def words_of(preset: str) -> str:
-    """What one does with a preset, in a sentence; empty where the gallery does not show it."""
+    """Return what one does with a preset, in a sentence; empty where the gallery does not show it."""
     return next((label(card.words) for card in GALLERY if card.preset == preset), "")
 
 

@@ -78,7 +78,7 @@ def _renewed(drawn: tuple[Any, Any], depsgraph: bpy.types.Depsgraph) -> tuple[An
 
 
 def _takes_from_scene(settings: Scene) -> bool:
-    """Whether the intensity depends on objects, which may have changed."""
+    """Return whether the intensity depends on objects, which may have changed."""
     return bool(settings.forest.terrain.object or any(p.painted for p in settings.plantings))
 
 

@@ -1,4 +1,4 @@
-"""Whether what stands is what the settings say, and with *Live* on, a build whenever it is not.
+"""Comparison of what stands with what the settings say; with *Live* on, a build whenever they differ.
 
 A fingerprint sums up all that a forest is built from; the build leaves its own in the scene, where undo
 brings it back with the forest. Blender tells of every change; once nothing has changed for a moment, nobody
@@ -74,7 +74,7 @@ def unregister() -> None:
 
 
 def is_stale(scene: bpy.types.Scene) -> bool:
-    """Whether settings have changed since the forest was built; for drawing."""
+    """Return whether settings have changed since the forest was built; for drawing."""
     built = scene.forest_sensing.built
     return bool(built) and _now.get(scene.session_uid, built) != built
 
@@ -217,7 +217,8 @@ def _forget_changed(depsgraph: bpy.types.Depsgraph) -> None:
 
 
 def _settle() -> float | None:
-    """What is done when it has been quiet: seconds until the next look, None when there is nothing more."""
+    """Return what is done when it has been quiet: seconds until the next look, None when there is nothing
+    more."""
     left = _due - time.monotonic()
     if left > 0:
         return left

@@ -235,7 +235,7 @@ class FOREST_PT_ground(WithForest, bpy.types.Panel):
 
 
 def _draw_start(layout: bpy.types.UILayout) -> None:
-    """What a newcomer sees: two doors, and the way to a file."""
+    """Draw the start for a newcomer: two doors, and the way to a file."""
     _build_or_progress(layout, "OUTLINER_OB_CURVES", label("Grow a Forest"))
     scan = layout.row()
     scan.scale_y = BIG
@@ -286,7 +286,7 @@ def _build_or_progress(layout: bpy.types.UILayout, icon: str, text: str) -> None
 
 
 def _draw_job(layout: bpy.types.UILayout) -> None:
-    """How far the running job is, and the button that stops it."""
+    """Draw how far the running job is, and the button that stops it."""
     job = current()
     row = layout.row(align=True)
     row.scale_y = BIG

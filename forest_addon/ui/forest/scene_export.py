@@ -69,7 +69,7 @@ def _blend_for(scene: bpy.types.Scene, settings: spec.Scene, home: Path) -> tupl
 
 
 def _named_objects(settings: spec.Settings) -> set[str]:
-    """What settings name of the scene: objects, layers of them, collections."""
+    """Return what settings name of the scene: objects, layers of them, collections."""
     named: set[str] = set()
     for name, value in vars(settings).items():
         if name in OF_OBJECTS and value:

@@ -53,7 +53,7 @@ def _settings() -> dict[str, Any]:
 
 
 class FOREST_PG_grown(bpy.types.PropertyGroup):
-    """What a single tree was grown from; ``grown`` tells its mesh from any other."""
+    """Settings that a single tree was grown from; ``grown`` tells its mesh from any other."""
 
     __annotations__ = {
         "grown": bpy.props.StringProperty(options={"HIDDEN"}),  # the species, by its name

@@ -1,4 +1,4 @@
-"""What becomes of a result: written in a format of one's choice, or removed with its points."""
+"""Export and removal of a result: written in a format of one's choice, or removed with its points."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
         return {"FINISHED"}
 
     def _has_sounds(self, context: bpy.types.Context) -> bool:
-        """Whether there is a choice of what sounds: for a reverb that becomes a WAV."""
+        """Return whether there is a choice of what sounds: for a reverb that becomes a WAV."""
         found = find(context.scene, self.result)
         return found is not None and found[0].kind == "reverb" and self.ending == "WAV"
 

@@ -1,4 +1,4 @@
-"""What a run found, put where a user sees it: points in the scene, figures in the panel, a file.
+"""Display of a result: points in the scene, figures in the panel, a file.
 
 The panel keeps the last result of each kind, the newest first.
 """
@@ -139,7 +139,7 @@ def save_finding(
 
 
 def in_words(figures: list[Figure]) -> Words:
-    """What the panel shows of figures; kept in English, said in the language when it is read."""
+    """Return what the panel shows of figures; kept in English, said in the language when it is read."""
     return {
         keep(each.short): keep(each.pattern, **each.values) if each.pattern else each.text
         for each in figures
@@ -148,7 +148,7 @@ def in_words(figures: list[Figure]) -> Words:
 
 
 def _is_some(figure: Figure) -> bool:
-    """Whether a count or a share is more than none."""
+    """Return whether a count or a share is more than none."""
     return any(digit in "123456789" for digit in figure.text)
 
 
@@ -186,7 +186,7 @@ def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:
 
 
 def _labels(cloud: Cloud, geometry: SceneGeometry, species: Sequence[str]) -> dict[str, Labels]:
-    """What the points of a cloud can be labelled by when they are exported."""
+    """Return what the points of a cloud can be labelled by when they are exported."""
     return {
         "OBJECT": labels_by_object(cloud.returns, geometry),
         "SPECIES": labels_by_species(cloud.returns, species),

@@ -19,7 +19,7 @@ Kept = tuple[int, bpy.types.Mesh | None, bpy.types.Image | None, str]
 
 
 def of_result(result: Any) -> list[Kept]:
-    """What is kept of each frame: its number, points, picture, what is said of it."""
+    """Return what is kept of each frame: its number, points, picture, what is said of it."""
     return [(each.frame, each.points, each.picture, each.said) for each in result.frames]
 
 

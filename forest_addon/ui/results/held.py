@@ -1,4 +1,4 @@
-"""What sensors found in this session, held for export and play until another file is loaded.
+"""Results of this session, held for export and play until another file is loaded.
 
 Only what Blender shows is saved with a file; this is the finding itself, with all its labels.
 """
@@ -39,7 +39,7 @@ def hold(
 
 
 def find(scene: bpy.types.Scene, name: str) -> Held | None:
-    """What a sensor found in this session, None where that is not held."""
+    """Return what a sensor found in this session, None where that is not held."""
     return _held.get((scene.session_uid, name))
 
 

@@ -9,7 +9,7 @@ import bpy
 from ...blender.scene.layout import COLOUR_BY, COLOUR_MAP, RADIUS, SHARE
 from ...blender.scene.nodes import chosen_input, drawn_input, has_input
 from ...blender.show.cloud_nodes import is_measure
-from ..settings.drawing import ICONS, OnceStarted, split
+from ..settings.drawing import OnceStarted, icon_of, split
 from ..shell.words import label, label_of_kept
 from .swatches import draw_legend
 
@@ -28,7 +28,7 @@ class FOREST_PT_results(OnceStarted, bpy.types.Panel):
 
 def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
     header, body = layout.panel_prop(result, "opened")
-    header.label(text=result.title, icon=ICONS.get(result.kind, "DOT"))
+    header.label(text=result.title, icon=icon_of(result.kind))
     if result.shown:
         chosen = header.operator("forest.select_result", text="", icon="RESTRICT_SELECT_OFF")
         chosen.shown = result.shown
@@ -70,7 +70,7 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
 
 
 def _draw_end(layout: bpy.types.UILayout, result: Any) -> None:
-    """What can be done with a result: called otherwise, exported, removed."""
+    """Draw what can be done with a result: called otherwise, exported, removed."""
     row = layout.row(align=True)
     row.prop(result, "title", text="")
     row.operator("forest.export_result", text="", icon="EXPORT").result = result.name
@@ -78,7 +78,7 @@ def _draw_end(layout: bpy.types.UILayout, result: Any) -> None:
 
 
 def _draw_sound(layout: bpy.types.UILayout, props: Any) -> None:
-    """What is heard when a reverb is played."""
+    """Draw what is heard when a reverb is played."""
     column = split(layout)
     column.prop(props, "dry")
     if props.dry == "FILE":
@@ -86,7 +86,7 @@ def _draw_sound(layout: bpy.types.UILayout, props: Any) -> None:
 
 
 def _draw_points(layout: bpy.types.UILayout, result: Any) -> None:
-    """How the points of a cloud look: its modifier's menu and radius, and whether renders show them."""
+    """Draw how the points of a cloud look: its modifier's menu and radius, and whether renders show them."""
     cloud = bpy.data.objects.get(result.shown)
     for modifier in cloud.modifiers if cloud is not None else ():
         if not has_input(modifier, COLOUR_BY):

@@ -32,7 +32,7 @@ SCALE = np.array(
 
 @dataclass(frozen=True)
 class Axis:
-    """What stands along an edge: the values at its ends, and what they are."""
+    """Axis along an edge of a plot: the values at its ends, and their quantity."""
 
     low: float
     high: float
@@ -58,7 +58,7 @@ class Plot:
 
 
 def plot_of(found: Any, sensor: Any) -> Plot | None:
-    """What is drawn of a result; of a flight one ping after the other."""
+    """Return what is drawn of a result; of a flight one ping after the other."""
     if isinstance(found, TractorScan):
         return matrix_plot(found)
     if isinstance(found, Cloud):

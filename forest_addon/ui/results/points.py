@@ -80,7 +80,7 @@ def _batch(thing: bpy.types.Object, shader: gpu.types.GPUShader, context: Any) -
 
 
 def _nearer() -> Matrix:
-    """What brings everything a little nearer to the eye, after projection."""
+    """Return what brings everything a little nearer to the eye, after projection."""
     nearer = Matrix.Identity(4)
     nearer[2][3] = -NEARER
     return nearer

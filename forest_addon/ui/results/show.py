@@ -1,4 +1,4 @@
-"""What the icons of a result do: select its points, show its picture, play its sound."""
+"""Operators of a result's icons: select its points, show its picture, play its sound."""
 
 from __future__ import annotations
 
@@ -74,7 +74,8 @@ class FOREST_OT_play(bpy.types.Operator):
 
 
 def heard_of(scene: bpy.types.Scene, name: str) -> tuple[np.ndarray, float] | None:
-    """What a result sounds like: (N, C) samples and their rate, as its WAV has them; None: like nothing.
+    """Return what a result sounds like: (N, C) samples and their rate, as its WAV has them; None: like
+    nothing.
 
     An echo is slowed down; a reverb is what the scene's dry sound becomes in the forest. That of an earlier
     session is taken from its Speaker.

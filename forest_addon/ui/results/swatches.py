@@ -21,7 +21,7 @@ _swatches: Any = None
 
 
 def draw_legend(layout: bpy.types.UILayout, result: Any, choice: str, colour_map: str = "") -> None:
-    """What the colours of this choice mean, two in a row; nothing where nobody noted it.
+    """Draw what the colours of this choice mean, two in a row; nothing where nobody noted it.
 
     colour_map : the scale that values are coloured on; empty: as they were noted.
     """

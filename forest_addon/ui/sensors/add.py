@@ -34,7 +34,7 @@ def put(context: bpy.types.Context, which: str) -> bpy.types.Object:
 
 
 def around_cursor(context: bpy.types.Context) -> Around:
-    """Where the 3D cursor stands, and what there is to sense: a box around all surfaces and trees."""
+    """Return where the 3D cursor stands, and what there is to sense: a box around all surfaces and trees."""
     x, y, z = context.scene.cursor.location
     corners, heights = [], []
     results = find_part(context.scene, RESULTS)
@@ -56,7 +56,7 @@ def around_cursor(context: bpy.types.Context) -> Around:
 
 
 def _heights(thing: bpy.types.Object, x: float, y: float) -> list[float]:
-    """Where a vertical line first meets the surface of an evaluated mesh from above."""
+    """Return where a vertical line first meets the surface of an evaluated mesh from above."""
     inverse = thing.matrix_world.inverted_safe()
     start, end = inverse @ Vector((x, y, OUTER)), inverse @ Vector((x, y, -OUTER))
     way = end - start

@@ -136,7 +136,7 @@ class FOREST_OT_fly(Working, bpy.types.Operator):
 
 
 class FOREST_PT_flight(OnceStarted, bpy.types.Panel):
-    """What the flyer's body can do, and where it is to go."""
+    """Panel of a flyer: what its body can do, and where it is to go."""
 
     bl_label = spec.Flight.TITLE
     bl_parent_id = "FOREST_PT_sensors"

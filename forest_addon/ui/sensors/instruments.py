@@ -36,7 +36,7 @@ def draw_instrument(layout: bpy.types.UILayout, group: Any) -> None:
 
 
 def title_of(group: Any) -> str:
-    """What the settings of a scanner started from: an instrument, a file of the user's, or nothing."""
+    """Return what the settings of a scanner started from: an instrument, a file of the user's, or nothing."""
     file = instruments().get(group.scanner)
     if file is not None:
         return short(file.title)
@@ -49,7 +49,7 @@ def short(title: str) -> str:
 
 
 def figures_of(file: ScannerFile, kind: str) -> str:
-    """How far, how often and how narrow, of an instrument on a platform."""
+    """Return how far, how often and how narrow, of an instrument on a platform."""
     figures = file.tables[kind]
     parts = []
     if "max_range" in figures:

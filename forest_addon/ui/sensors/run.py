@@ -23,11 +23,11 @@ from .cost import chosen_things, costs, is_large
 from .cost import in_words as in_short
 
 if TYPE_CHECKING:
-    from ...blender.sensors.cost import Cost
+    from ...sensing.cost import Cost
 
 
 def _import_rooms(_tell: Any) -> None:
-    from ...blender.sensors import cost, observe  # noqa: F401
+    from ...blender.sensors import observe  # noqa: F401
     from ..results import finding  # noqa: F401
 
 
@@ -39,7 +39,8 @@ class Ahead:
         self._frame = sum(max(cost.seconds, 1e-3) for cost in of_sensors)
 
     def next(self, name: str) -> tuple[str, tuple[float, float], Cost]:
-        """What the next run is called, from which share of the job to which it leads, what it costs."""
+        """Return what the next run is called, from which share of the job to which it leads, what it
+        costs."""
         frame, number = divmod(self._done, len(self._of_sensors))
         self._done += 1
         before = sum(max(cost.seconds, 1e-3) for cost in self._of_sensors[:number])
@@ -94,7 +95,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, given: bpy.types.OperatorProperties) -> str:
-        """What it would do, with what that costs where the settings say."""
+        """Return what it would do, with what that costs where the settings say."""
         words = say(cls.__doc__ or "")
         try:
             found = costs(context, chosen_things(context.scene, given.sensor))
@@ -168,8 +169,8 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         ahead: Ahead,
     ) -> Work:
         """Run these sensors in the scene of one frame, None: as it is, of which nothing is numbered."""
-        from ...blender.sensors.cost import note_pace
         from ...blender.sensors.observe import Observer
+        from ...sensing.cost import note_pace
         from ...stand.plan import labels
         from ..results import frames
         from ..results.finding import keep_finding, note_audit, save_finding
@@ -332,7 +333,7 @@ def frames_of(scene: bpy.types.Scene) -> range:
 
 
 def _folder(output: str) -> Path | None:
-    """Where results are saved, made where it is missing; None where they are not.
+    """Return where results are saved, made where it is missing; None where they are not.
 
     Raises
     ------

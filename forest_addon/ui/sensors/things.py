@@ -1,4 +1,4 @@
-"""What an object of the scene is to sensors: whether they see it, and how much light it sends back.
+"""Objects of the scene as sensors see them: whether they are seen, and how much light they send back.
 
 Both stay what they are without the add-on, custom properties of the object (``blender/depsgraph``); here they
 get names, limits and help.

@@ -1,4 +1,4 @@
-"""What all panels share: where they are, icons of sensors, and how settings are drawn.
+"""Drawing that all panels share: their place, icons of sensors, and how settings are drawn.
 
 Drawing only reads properties; nothing is computed or loaded here.
 """
@@ -11,6 +11,7 @@ from typing import Any
 
 import bpy
 
+from ...sensing.kinds import KINDS
 from ...spec.depth import applies, is_advanced
 from ..shell.words import label
 from .exchange import forestless, untouched
@@ -20,19 +21,16 @@ from .shown import FACE
 
 FOLDED = True  # parts of settings are closed until someone opens them
 BIG = 1.4  # heights of a row: the buttons that start work
-ICONS = {
-    "forest": "OUTLINER_OB_CURVES",
-    "tractor": "MOD_ARRAY",
-    "terrestrial": "OUTLINER_OB_POINTCLOUD",
-    "mobile": "CURVE_PATH",
-    "airborne": "OUTLINER_OB_LIGHTPROBE",
-    "sonar": "OUTLINER_OB_SPEAKER",
-    "reverb": "RNDCURVE",
-}
+OF_FOREST = "OUTLINER_OB_CURVES"
+
+
+def icon_of(kind: str) -> str:
+    """The icon of a kind of sensor, or of the forest."""
+    return KINDS[kind].icon if kind in KINDS else OF_FOREST if kind == "forest" else "DOT"
 
 
 class Tab:
-    """Where our panels are."""
+    """Place of our panels."""
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
@@ -80,7 +78,7 @@ def draw_settings(
 
 
 def is_shown(group: Any, name: str) -> bool:
-    """Whether a setting is shown beside what the others are set to, at the depth that is chosen."""
+    """Return whether a setting is shown beside what the others are set to, at the depth that is chosen."""
     if not applies(group, name):
         return False
     settings = type(group).__name__.removeprefix("FOREST_PG_")
@@ -89,7 +87,7 @@ def is_shown(group: Any, name: str) -> bool:
 
 @functools.cache
 def _way(kind: type, name: str) -> tuple[str, str, str]:
-    """How a setting of a class is drawn, the property that shows it, and its name: looked up once."""
+    """Return how a setting of a class is drawn, the property that shows it, and its name: looked up once."""
     known = kind.bl_rna.properties  # type: ignore[attr-defined]
     face = f"{name}{FACE}" if f"{name}{FACE}" in known else name
     if f"{name}_pointer" in known:
@@ -126,7 +124,8 @@ def draw_field(layout: bpy.types.UILayout, group: Any, name: str) -> None:
 
 
 def draw_reference(layout: bpy.types.UILayout, group: Any, name: str) -> None:
-    """What a setting names, to be picked; a name that nothing here has stands below as a text."""
+    """Draw the thing that a setting names, to be picked; a name that nothing here has stands below as a
+    text."""
     layout.prop(group, f"{name}_pointer")
     if is_lost(group, name):
         layout.prop(group, name, text=label("Not Here"), icon="ERROR")

@@ -81,7 +81,7 @@ def sensor_of(thing: Any) -> Settings:
     cls = spec.SENSORS[kind]
     group = getattr(thing.forest_sensor, kind)
     given = {"name": file_name(thing.name)} | sensors.pose(thing)
-    if kind == "terrestrial":
+    if "azimuth_deg" not in given and hasattr(group, "azimuth_deg"):  # a window, not a direction
         given["azimuth_deg"] = _turned(_plain(group.azimuth_deg), sensors.heading(thing))
     return read(group, cls, file_name(thing.name), given)
 
@@ -159,12 +159,13 @@ def _all_of(scene: Any, things: Iterable[Any] | None) -> Iterable[Any]:
 
 
 def forestless(props: Any) -> bool:
-    """Whether no forest was asked for yet: all that is set is about sensors."""
+    """Return whether no forest was asked for yet: all that is set is about sensors."""
     return untouched(props, OF_SENSORS)
 
 
 def untouched(props: Any, but: frozenset[str] = frozenset()) -> bool:
-    """Whether nobody has set anything yet, except what ``but`` names: no scene file, no panel, no script."""
+    """Return whether nobody has set anything yet, except what ``but`` names: no scene file, no panel, no
+    script."""
     for known in props.bl_rna.properties:
         name = known.identifier
         if name in but:

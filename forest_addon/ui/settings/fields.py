@@ -1,6 +1,5 @@
-"""What fields a settings class of ``spec`` has, and how the panel keeps each: as a value, a text, a list, a
-group within the group, or as one that may be left out.
-"""
+"""Fields of a settings class of ``spec``, and how the panel keeps each: as a value, a text, a list, a
+group within the group, or as one that may be left out."""
 
 from __future__ import annotations
 
@@ -59,14 +58,13 @@ def items_of(kind: Any) -> type[Settings] | None:
 
 
 def is_group(kind: Any) -> bool:
-    """Whether a field is one group of settings within another."""
+    """Return whether a field is one group of settings within another."""
     return isinstance(kind, type) and issubclass(kind, Settings)
 
 
 def is_text(name: str, kind: Any) -> bool:
-    """Whether a field is written as text: corners and lists, which Blender has no property for, and what
-    needs more digits than Blender's numbers keep.
-    """
+    """Return whether a field is written as text: corners and lists, which Blender has no property for, and
+    what needs more digits than Blender's numbers keep."""
     nested = any(typing.get_origin(part) is tuple for part in typing.get_args(kind))
     return (
         name == "offset"

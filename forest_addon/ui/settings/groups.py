@@ -148,7 +148,7 @@ def make_group(
 
 
 def label_of(name: str, known: Param) -> str:
-    """What a field is called in the panel: ``angle_step_deg`` is Angle Step (°)."""
+    """Return what a field is called in the panel: ``angle_step_deg`` is Angle Step (°)."""
     for key in (name, f"{name} ({known.unit})"):
         if key in LABELS:
             return LABELS[key]
@@ -174,7 +174,7 @@ def _properties(name: str, kind: Any, known: Param, default: Any, update: Update
 
 
 def _shown_otherwise(annotations: Mapping[str, Any], settings: type[Settings]) -> dict[str, Any]:
-    """What stands beside settings whose unit is another in the panel than in a file."""
+    """Return what stands beside settings whose unit is another in the panel than in a file."""
     found = {}
     for name, _, known, default in fields_of(settings):
         start = WHEN_USED.get(name) if default is None else default
@@ -186,7 +186,7 @@ def _shown_otherwise(annotations: Mapping[str, Any], settings: type[Settings]) -
 
 
 def _switch(name: str, known: Param, default: Any) -> Any:
-    """Whether a value that may be left out is given."""
+    """Return whether a value that may be left out is given."""
     words: dict[str, Any] = {"name": f"Use {label_of(name, known)}", "description": help_of(known)}
     words["update"] = _noticed
     if name in ONE_OF:
@@ -274,7 +274,7 @@ def _how_shown(known: Param, values: Iterable[float]) -> dict[str, int]:
 
 
 def help_of(known: Param) -> str:
-    """What a field is for, as a panel says it."""
+    """Return what a field is for, as a panel says it."""
     text = known.help
     return text if "α" <= text[:1] <= "ω" else text[:1].upper() + text[1:]  # a symbol is no word
 

@@ -115,7 +115,7 @@ def _hills(props: Any) -> Iterator[tuple[Any, int, Any]]:
 
 
 def _stands(thing: bpy.types.Object | None) -> bool:
-    """Whether a handle is in a scene; one that was deleted lives on for the hill's sake alone."""
+    """Return whether a handle is in a scene; one that was deleted lives on for the hill's sake alone."""
     return thing is not None and bool(thing.users_collection)
 
 

@@ -20,7 +20,7 @@ Context = bpy.types.Context
 
 @dataclass(frozen=True)
 class Row:
-    """What a list shows of an item; ``right`` stands at the end of the row."""
+    """Row of a list; ``right`` stands at its end."""
 
     text: str
     icon: str
@@ -108,7 +108,7 @@ class _Button:
 
     @classmethod
     def obstacle(cls, context: Context) -> str:
-        """Why the list cannot be changed; empty where it can."""
+        """Return why the list cannot be changed; empty where it can."""
         if not context.scene.is_editable:
             return say(LINKED)
         return "" if cls.listed.owner(context) is not None else say(cls.listed.no_owner)

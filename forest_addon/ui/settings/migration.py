@@ -159,7 +159,7 @@ def _stored(scene: bpy.types.Scene) -> Any:
 
 
 def _holds_values(stored: Any) -> bool:
-    """Whether anything was set: to draw a panel makes empty groups."""
+    """Return whether anything was set: to draw a panel makes empty groups."""
     return any(
         _holds_values(value) if hasattr(value, "keys") else True for value in stored.values()
     )
@@ -238,7 +238,7 @@ def _adopt(scene: bpy.types.Scene) -> None:
 
 
 def _was_built(thing: bpy.types.Object, home: bpy.types.Collection) -> bool:
-    """Whether a tree, points that were found, or the ground; else the user put it there."""
+    """Return whether a tree, points that were found, or the ground; else the user put it there."""
     from ...blender.read.depsgraph import TREE_KEY  # brings in scipy, which no other file needs
 
     ground = home.get(layout.PART_KEY) == layout.GROUND_NAME and thing.name.startswith("Ground")
@@ -249,7 +249,8 @@ def _was_built(thing: bpy.types.Object, home: bpy.types.Collection) -> bool:
 
 
 def _names_become_pointers(scene: bpy.types.Scene, _stored: Any) -> list[str]:
-    """What settings named gets pointers. A tripod that was turned, which had no effect, is turned back."""
+    """Give pointers to settings that named things. A tripod that was turned, which had no effect, is
+    turned back."""
     references.resolve_all(_groups_that_name(scene))
     said = []
     for thing in sensors.sensors_of(scene):

@@ -1,4 +1,4 @@
-"""What can be chosen where a setting names something: objects, layers, files, species, scanners.
+"""Offers where a setting names something: objects, layers, files, species, scanners.
 
 Lists are made when a field is opened. A field that names several things, parted by commas, offers the last.
 A file is chosen in the file browser; Blender's ``//`` becomes a whole path, which scene files understand.
@@ -22,7 +22,8 @@ SPECIES = ASSETS / "species"
 
 
 def offered(name: str, known: Param) -> dict[str, Any]:
-    """What the property of a text needs so that something is offered for it; nothing for a free text."""
+    """Return what the property of a text needs so that something is offered for it; nothing for a free
+    text."""
     if name in SEARCHES:
         words = {"search": SEARCHES[name], "search_options": {"SUGGESTION"}}
         return words | ({"update": _take_scanner} if name == "scanner" else {})

@@ -33,7 +33,7 @@ def _ray_fields() -> dict[str, Any]:
 
 
 class FOREST_AP_preferences(bpy.types.AddonPreferences):
-    """What holds for every scene that does not say otherwise."""
+    """Preferences that hold for every scene that does not say otherwise."""
 
     bl_idname = ROOT
     __annotations__ = _ray_fields()
@@ -87,7 +87,7 @@ def chosen() -> Any:
 
 
 def rays_of(rays: spec.Rays) -> spec.Rays:
-    """How rays are cast: as the scene says, else as the preferences say."""
+    """Return how rays are cast: as the scene says, else as the preferences say."""
     mine = chosen()
     if mine is None:
         return rays
@@ -101,12 +101,12 @@ def cache_folder() -> Path:
 
 
 def species_folder() -> Path:
-    """Where one's own species are kept; it need not exist."""
+    """Return where one's own species are kept; it need not exist."""
     return _home() / "species"
 
 
 def library_folder() -> Path:
-    """Where trees are written as assets; it need not exist."""
+    """Return where trees are written as assets; it need not exist."""
     return _home() / "library"
 
 

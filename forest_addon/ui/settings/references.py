@@ -23,7 +23,7 @@ from ..shell.words import say
 
 @dataclass(frozen=True)
 class Reference:
-    """What a setting may name. many : several of them. layered : NAME:LAYER names a layer of it."""
+    """Reference to a thing of the scene. many : several of them. layered : NAME:LAYER names a layer of it."""
 
     fits: Callable[[Any, Any], bool]
     of: type = bpy.types.Object
@@ -103,7 +103,7 @@ def pointers(name: str, title: str, meaning: str) -> dict[str, Any]:
 
 
 def resolver(name: str) -> Callable[[Any, Any], None]:
-    """What follows when the text of this setting is set."""
+    """Return what follows when the text of this setting is set."""
     return lambda group, _context: resolve(group, name)
 
 
@@ -123,7 +123,7 @@ def resolve(group: Any, name: str) -> None:
 
 
 def name_of(group: Any, name: str) -> str:
-    """What a setting names, as that is called now.
+    """Return what a setting names, as that is called now.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def name_of(group: Any, name: str) -> str:
 
 
 def is_lost(group: Any, name: str) -> bool:
-    """Whether a text names what is not in this file."""
+    """Return whether a text names what is not in this file."""
     return bool(getattr(group, name)) and getattr(group, f"{name}_pointer") is None
 
 

@@ -1,4 +1,4 @@
-"""What is chosen in the panel's lists."""
+"""Items that are chosen in the panel's lists."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def choose_sensor(context: bpy.types.Context, thing: bpy.types.Object) -> None:
 
 
 def number_of_sensor(props: Any) -> int:
-    """Where the chosen sensor is in the list, -1 where there is none."""
+    """Return where the chosen sensor is in the list, -1 where there is none."""
     home = sensors.home_of(props.id_data)
     thing = chosen_sensor(bpy.context) if bpy.context.scene == props.id_data else None
     return -1 if home is None or thing is None else list(home.objects).index(thing)

@@ -32,7 +32,8 @@ def unregister() -> None:
 
 
 def read_catalog(text: str) -> Catalog:
-    """What a .po file translates; entries without a translation and doubtful (fuzzy) ones stay English.
+    """Return what a .po file translates; entries without a translation and doubtful (fuzzy) ones stay
+    English.
 
     Raises
     ------

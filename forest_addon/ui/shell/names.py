@@ -1,4 +1,4 @@
-"""What a species is called: by plantings, and by people."""
+"""Names of species: for plantings, and for people."""
 
 from __future__ import annotations
 
@@ -8,6 +8,6 @@ EDITED = "edited/"  # begins the name of a species that is edited
 
 
 def title_of(species: str) -> str:
-    """What people read for a preset or a species file: honda-birch is Honda Birch."""
+    """Return what people read for a preset or a species file: honda-birch is Honda Birch."""
     words = Path(species).stem.replace("-", " ").replace("_", " ").title()
     return words.replace("Abop ", "ABOP ")

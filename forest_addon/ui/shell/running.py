@@ -36,7 +36,7 @@ def current() -> Job | None:
 
 
 def how_far(job: Job) -> str:
-    """What a job is doing, how much of it is done, and when it will be."""
+    """Return what a job is doing, how much of it is done, and when it will be."""
     if job.left is None:
         return f"{job.label} {job.share:.0%}"
     left = duration(job.left)
@@ -83,7 +83,7 @@ class WhenReady:
 
 
 class Working(WhenReady):
-    """What every operator that computes shares: when it can run, how, and how it says what is wrong."""
+    """Base of every operator that computes: when it can run, how, and how it says what is wrong."""
 
     # No REGISTER: from the redo panel, or repeated, it would run to its end in a window that stands still.
     bl_options: ClassVar[set[str]] = {"UNDO"}
@@ -189,7 +189,7 @@ def getting_ready(import_rooms: Callable[[Tell], object]) -> Task:
 
 
 def obstacle(context: bpy.types.Context) -> str:
-    """Why nothing can be computed now; empty where it can."""
+    """Return why nothing can be computed now; empty where it can."""
     if requirements.missing():
         missing = requirements.in_words(requirements.missing())
         return say("{missing}. The panel says what to do", missing=missing)

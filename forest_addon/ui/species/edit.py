@@ -30,7 +30,7 @@ Edited = Mapping[str, tuple[spec.Species, Path]]  # by what plantings call it; w
 
 
 def edited_species(scene: bpy.types.Scene) -> dict[str, tuple[spec.Species, Path]]:
-    """What is edited in a scene and planted in it.
+    """Return what is edited in a scene and planted in it.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def relocated(species: spec.Species, origin: Path, home: Path) -> spec.Species:
 
 
 def from_folder(file: Path, home: Path) -> str:
-    """What a file is called in one that stands in another folder."""
+    """Return what a file is called in one that stands in another folder."""
     try:
         return Path(os.path.relpath(file, home)).as_posix()
     except ValueError:  # another drive
@@ -74,7 +74,7 @@ def from_folder(file: Path, home: Path) -> str:
 
 
 def edited_item(props: Any) -> Any:
-    """What is edited of the chosen planting's species, None where it is a preset or a file."""
+    """Return what is edited of the chosen planting's species, None where it is a preset or a file."""
     planting = chosen_planting(props)
     return None if planting is None else props.edited.get(planting.species)
 
@@ -215,7 +215,7 @@ def _is_preset(species: str) -> bool:
 
 
 def _called(path: Path, folder: str) -> str:
-    """What a planting calls a species file: within the scene's folder, relative to that."""
+    """Return what a planting calls a species file: within the scene's folder, relative to that."""
     home = Path(bpy.path.abspath(folder)).resolve()
     inside = folder and path.is_relative_to(home)
     return (path.relative_to(home) if inside else path).as_posix()

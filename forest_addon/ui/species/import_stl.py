@@ -122,7 +122,7 @@ CLASSES = (FOREST_OT_import_tree, FOREST_OT_make_species)
 
 
 def parts_of(files: Sequence[Path]) -> tuple[Path, Path | None]:
-    """Which of the files that were chosen is the wood and which the leaves.
+    """Return which of the files that were chosen is the wood and which the leaves.
 
     Raises
     ------

@@ -67,7 +67,7 @@ class FOREST_PT_edited(WithForest, bpy.types.Panel):
 
 
 def _is_idle(group: Any, part: str) -> bool:
-    """Whether a part of a species has no effect beside others that are in use."""
+    """Return whether a part of a species has no effect beside others that are in use."""
     if part in ("grammar", "jitter"):
         return any(getattr(group, f"use_{other}") for other in GROWN)
     if part == "siblings":
@@ -87,7 +87,7 @@ def _draw_part(layout: bpy.types.UILayout, group: Any) -> None:
 
 
 def _long_texts(group: Any) -> tuple[str, ...]:
-    """What needs the whole width: the texts of an L-system."""
+    """Return what needs the whole width: the texts of an L-system."""
     wide = ("axiom", "productions", "constants", "symbols")
     return tuple(name for name in group.shown if name in wide)
 

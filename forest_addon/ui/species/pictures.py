@@ -106,7 +106,7 @@ def _choices(
 
 @functools.cache
 def _files() -> dict[str, Path | None]:
-    """What a planting calls each species that is there, and its picture if it has one."""
+    """Return what a planting calls each species that is there, and its picture if it has one."""
     presets = sorted(file.stem for file in (ASSETS / "species").glob("*.toml"))
     pictures = {file.stem: file for file in (ASSETS / "species" / "pictures").glob("*.jpg")}
     own = sorted([*species_folder().glob("*.toml"), *species_folder().glob("*/*.toml")])

@@ -1,1 +1,1 @@
-"""What the commands do, as functions: no words of a command line in, files and sentences out."""
+"""Work of the commands, as functions: no words of a command line in, files and sentences out."""

@@ -70,7 +70,7 @@ def look_up_in(
 
 
 def lines(world: World, seen: Canopy) -> list[str]:
-    """What was seen, and what is true."""
+    """Return what was seen, and what is true."""
     leaf, wood = world.leaf_area_index, world.wood_area_index
     told = [
         f"{seen.points} points, {seen.rays:,} rays to zenith angles of 75°",

@@ -16,9 +16,9 @@ from forest_addon.growth.lsystem.production import System
 from forest_addon.growth.lsystem.rewrite import Prediction, predict, rewrite, written
 from forest_addon.growth.lsystem.ruled import system_of
 from forest_addon.growth.lsystem.word import Word
-from forest_addon.growth.template.fitted import Habit
-from forest_addon.growth.template.sibling import grow_sibling
-from forest_addon.growth.template.written import generations_of, write_string
+from forest_addon.growth.regrow.fitted import Habit
+from forest_addon.growth.regrow.sibling import grow_sibling
+from forest_addon.growth.regrow.written import generations_of, write_string
 from forest_addon.spec import Siblings, SpecError, Species
 
 BRANCHES = {"T20": "(+", "A20": "(+", "S": "[", "ABOP": "["}  # symbols that begin a side branch

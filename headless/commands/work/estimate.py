@@ -138,7 +138,7 @@ def _refuse_outside(path: Path, trees: TreeMap, window: Window) -> None:
 
 
 def _species(trees: TreeMap, words: Sequence[str], folder: Path) -> dict[str, str]:
-    """Which species to plant for each name of the map."""
+    """Return which species to plant for each name of the map."""
     presets = sorted(p.stem for p in (ASSETS / "species").glob("*.toml"))
     told = dict(word.split("=", 1) for word in words if "=" in word)
     for_all = next((word for word in words if "=" not in word), None)

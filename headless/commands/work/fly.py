@@ -41,7 +41,7 @@ class Cell:
 
     @property
     def arrived(self) -> int:
-        """How many came to their aim."""
+        """Return how many came to their aim."""
         return sum(track.end == "arrived" for track in self.tracks)
 
 

@@ -17,9 +17,9 @@ from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import load_species
 from forest_addon.growth.library.template_library import Library, NotUnderstoodError, make_library
 from forest_addon.growth.likeness import compare
-from forest_addon.growth.template.parts import Group
-from forest_addon.growth.template.relay import farthest_off
-from forest_addon.growth.template.sibling import grow_sibling
+from forest_addon.growth.recognise.parts import Group
+from forest_addon.growth.regrow.relay import farthest_off
+from forest_addon.growth.regrow.sibling import grow_sibling
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.spec import Siblings, SpecError, Species
 
@@ -92,7 +92,7 @@ def make_template(
 
 
 def _groups(wood: Path, leaves: Path | None) -> list[Group]:
-    """What files hold that are no STL; nothing where both are."""
+    """Return what files hold that are no STL; nothing where both are."""
     if all(path.suffix.lower() == ".stl" for path in (wood, leaves) if path):
         return []
     known = (".stl", ".ply", ".obj", ".gltf", ".glb")

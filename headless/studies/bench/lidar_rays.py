@@ -68,7 +68,7 @@ def run(say: Say) -> None:
 
 
 def _say_calls(say: Say) -> None:
-    """What one call costs: the first of a process, a scan's first and later ones, a few rays."""
+    """Print the cost of one call: the first of a process, a scan's first and later ones, a few rays."""
     say("\nOne call of a tripod's rays, CPU time; a fresh process counts its imports apart:\n")
     rows = []
     for count, size in ((1, "200k"), (1000, "20k")):

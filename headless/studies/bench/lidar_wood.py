@@ -1,4 +1,4 @@
-"""What a mesh of a branch is worth: tubes of some sides against the exact cones, as the tractor sees them.
+"""Accuracy of a branch's mesh: tubes of some sides against the exact cones, as the tractor sees them.
 
 One leafless apple tree of S is meshed with several tolerances and scanned; the same rays meet the exact
 cylinders of its skeleton. Ranges are compared where both meet the same wood; rays that meet another branch,
@@ -180,7 +180,7 @@ class _Cones:
         min_distance: float | np.ndarray = 0.0,
         leaving: Hits | None = None,
     ) -> np.ndarray:
-        """Whether anything is hit."""
+        """Return whether anything is hit."""
         return self.cast(
             origins, directions, max_distance, min_distance=min_distance, leaving=leaving
         ).found

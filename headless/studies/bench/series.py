@@ -1,4 +1,4 @@
-"""What a scene costs in a series: a fresh process runs one after the other, each with a seed of its own.
+"""Cost of a scene in a series: a fresh process runs one after the other, each with a seed of its own.
 
 Imports are named apart, the first scene is cold; of the later ones the median counts. Error is what each
 run's audit finds of its own rays.

@@ -52,7 +52,7 @@ class Orchard:
 
     @property
     def in_table_3(self) -> bool:
-        """Whether it has a row in S's Table 3, by iterations and number of trees."""
+        """Return whether it has a row in S's Table 3, by iterations and number of trees."""
         return self.pruned and self.stochastic
 
 

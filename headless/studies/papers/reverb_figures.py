@@ -38,7 +38,7 @@ STEADY = (0.15, 1.5)  # s over which echo density is compared
 
 @dataclass(frozen=True)
 class Study:
-    """What is computed: numbers of trees, distances in metres, seeds of forests."""
+    """Study: numbers of trees, distances in metres, seeds of forests."""
 
     numbers: tuple[int, ...] = (100_000, 200_000, 500_000)
     distances: tuple[float, ...] = (10.0, 25.0, 50.0, 100.0, 200.0)

@@ -44,7 +44,7 @@ class Finding:
 
     @property
     def orchard(self) -> Orchard:
-        """Which one it is."""
+        """Return which one it is."""
         return Orchard(self.iterations, self.trees, self.smallest_m, self.pruned, self.stochastic)
 
 
@@ -67,7 +67,7 @@ class TreeFinding:
 
     @property
     def orchard(self) -> Orchard:
-        """Which orchard it stands in."""
+        """Return which orchard it stands in."""
         return Orchard(self.iterations, self.trees, self.smallest_m, self.pruned, self.stochastic)
 
 

@@ -1,4 +1,5 @@
-"""What a validation says: a quantity, as measured and as simulated, each with an interval, and a verdict."""
+"""Comparisons of a validation: a quantity, as measured and as simulated, each with an interval, and a
+verdict."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ class Interval:
         return Interval(float(middle), float(low), float(high))
 
     def meets(self, other: Interval) -> bool:
-        """Whether the intervals overlap; a value without an interval is a point."""
+        """Return whether the intervals overlap; a value without an interval is a point."""
         mine, theirs = self._ends(), other._ends()
         return mine[0] <= theirs[1] and theirs[0] <= mine[1]
 

@@ -1,4 +1,5 @@
-"""How leaves incline: presets against leaves of the same species, photographed level (Chianucci et al. 2018).
+"""Inclination of leaves: presets against leaves of the same species, photographed level (Chianucci et al.
+2018).
 
 Both are samples of angles θ between leaf and horizontal. They are compared by the Kolmogorov-Smirnov
 distance, by mean and deviation, by the ellipsoidal parameter χ of the mean (Campbell 1990:

@@ -28,7 +28,7 @@ TAIL = """\
 
 @dataclass(frozen=True)
 class Part:
-    """What one subject says: its title, sentences before and after the table, and comparisons."""
+    """Subject of a validation: its title, sentences before and after the table, and comparisons."""
 
     name: str
     title: str

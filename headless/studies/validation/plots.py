@@ -151,7 +151,7 @@ def faded(echoed: Echoed) -> float:
 
 
 def look_at(scene: object, scanner: Airborne, seed: int) -> Echoed:
-    """What a scanner finds of the plot in the scene's middle."""
+    """Return what a scanner finds of the plot in the scene's middle."""
     half = np.deg2rad(scanner.field_deg[1])
     lines = int(np.sqrt(PULSES * scanner.position[2] * np.tan(half) / PLOT))
     track, speed = 40.0, 20.0
@@ -171,13 +171,13 @@ def compare_own(file: Path, scene: Path | None, out: Path) -> list[Comparison]:
     SpecError : no scene was given, it has no scanner, or the cloud cannot be read.
     """
     from forest_addon import api
-    from forest_addon.spec import Scanner
+    from forest_addon.sensing.kinds import of_family
 
     if scene is None:
         raise SpecError("--scene", "is needed beside a cloud; give the scene file that it is of")
     measured = read_returns(file)
     settings = api.read(scene)
-    scanners = [sensor for sensor in settings.sensors if isinstance(sensor, Scanner)]
+    scanners = [s for s in of_family(settings.sensors, "lidar") if s.kind != "tractor"]
     if not scanners:
         raise SpecError(str(scene), "has no LiDAR; add one under [[sensors]]")
     world = api.build(settings, folder=scene.parent)

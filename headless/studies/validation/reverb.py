@@ -164,7 +164,7 @@ def _koli(measured: Decay, every: list[Decay], before: list[Decay]) -> list[Comp
 
 
 def _missing(measured: Decay, responses: Sequence[np.ndarray]) -> list[Comparison]:
-    """What every path would have to lose besides, octave by octave."""
+    """Return what every path would have to lose besides, octave by octave."""
     found = []
     for n, band in enumerate(BANDS):
         needed = np.array(
@@ -187,7 +187,7 @@ def _missing(measured: Decay, responses: Sequence[np.ndarray]) -> list[Compariso
 
 
 def _shape(measured: Decay, every: list[Decay]) -> list[Comparison]:
-    """Which law the decay follows: residual of the power law over that of the exponential."""
+    """Return which law the decay follows: residual of the power law over that of the exponential."""
     found = []
     for n, band in enumerate(BANDS):
         ratio = np.array([each.power[n] / each.exponential[n] for each in every])

@@ -1,4 +1,4 @@
-"""What is read from a recorded or simulated decay: T20 and C50 by octave, and the decay's shape.
+"""Measures of a recorded or simulated decay: T20 and C50 by octave, and the decay's shape.
 
 A forest's sound falls as a power of time rather than as an exponential, because scattered sound spreads as it
 travels. Both laws are fitted, by least squares in dB, to the energy of short frames of an octave; the

@@ -1,4 +1,4 @@
-"""Which sum is right when: exact multiple scattering averaged over stands, against what stands in for it.
+"""Multiple scattering averaged over stands, exact, against the sums that stand in for it.
 
 A disc of trunks at random, a few sources and many receivers in it; in a band of frequencies the exact field
 (``acoustics.multiple``) and that of single scattering are computed, turned into energy by path length, and

@@ -1,4 +1,4 @@
-"""Where trees stand: mapped stands against stands drawn anew from processes that were fitted to them.
+"""Positions of trees: mapped stands against stands drawn anew from processes that were fitted to them.
 
 The L function of a map is held to the global envelope (5 %) of 39 stands of the same law: Poisson, of one
 intensity or one that goes with covariates, groups (Thomas), and repulsion (Strauss). The law whose envelope
@@ -180,7 +180,7 @@ def _between(corners: np.ndarray) -> np.ndarray:
 
 
 def _strays(excess: Envelope) -> float:
-    """How far a map strays from the mean of a law, in the law's global reach."""
+    """Return how far a map strays from the mean of a law, in the law's global reach."""
     half = np.maximum(excess.global_high - excess.mean, 1e-300)
     return float((np.abs(excess.observed - excess.mean) / half).max())
 

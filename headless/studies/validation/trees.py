@@ -1,4 +1,4 @@
-"""How presets' trees compare with measured ones of their stem diameter: bands of BAAD by functional type.
+"""Presets' trees against measured ones of their stem diameter: bands of BAAD by functional type.
 
 Around a tree's diameter at breast height (within a factor of 1.25) the measured trees of its type, deciduous
 broadleaf or evergreen conifer, give a band from 5 to 95 % of height, crown width, height of the crown's base

@@ -1,4 +1,4 @@
-"""How much thicker thin branches look in a scan: cylinders of known radius, circles through their points.
+"""Thickness of thin branches in a scan: cylinders of known radius, circles through their points.
 
 Upright cylinders are scanned from three sides at 8 m, without errors and with those of a phase scanner: a
 beam of finite width, whose edge meets a twig that its axis passes, and range noise. Weighted by how the

@@ -10,7 +10,7 @@ from references.model_tree import tree
 
 from forest_addon.formats.stl import read_stl, write_stl
 from forest_addon.growth.library.species_file import load_species
-from forest_addon.growth.template.unit import infer_unit
+from forest_addon.growth.recognise.unit import infer_unit
 from headless.cli import main
 
 MAPLE = Path(__file__).resolve().parents[4] / "shared" / "data" / "maple"

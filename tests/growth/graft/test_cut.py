@@ -10,9 +10,9 @@ from references.model_tree import UP, Model, at, blade, line, tree, tube
 
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.formats.stl import read_stl
-from forest_addon.growth.template import cut as template
-from forest_addon.growth.template.cut import TemplateError, split_tree
-from forest_addon.growth.template.recognise import recognise
+from forest_addon.growth.graft import cut as template
+from forest_addon.growth.graft.cut import TemplateError, split_tree
+from forest_addon.growth.recognise.recognise import recognise
 
 MAPLE = Path(__file__).resolve().parents[4] / "shared" / "data" / "maple"
 

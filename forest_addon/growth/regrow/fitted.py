@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.runs import Runs
+from ..recognise.pieces import lengths
 from .anatomy import Anatomy
-from .pieces import lengths
 
 NODE = 0.25  # mean spacings within which daughters share a node
 LIMB = (

@@ -18,8 +18,8 @@ import numpy as np
 
 from ...base.trimesh import LEAF, WOOD, TriMesh
 from ..mesh.leaves import Leaves, measure_leaves
-from .recognise import Recognition, TemplateError, checked_facets, recognise
-from .tubes import find_contacts
+from ..recognise.recognise import Recognition, TemplateError, checked_facets, recognise
+from ..recognise.tubes import find_contacts
 
 __all__ = ["BranchTemplate", "TemplateError", "TreeTemplate", "split_tree"]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from references.model_tree import Model, at, blade, line, tree, tube
 
-from forest_addon.growth.template.parts import (
+from forest_addon.growth.recognise.parts import (
     UPRIGHT,
     Group,
     likely_up,
@@ -15,8 +15,8 @@ from forest_addon.growth.template.parts import (
     stood,
     upright,
 )
-from forest_addon.growth.template.pieces import part
-from forest_addon.growth.template.recognise import recognise, recognise_pieces
+from forest_addon.growth.recognise.pieces import part
+from forest_addon.growth.recognise.recognise import recognise, recognise_pieces
 
 
 def card(base: np.ndarray, out: np.ndarray, across: np.ndarray) -> np.ndarray:

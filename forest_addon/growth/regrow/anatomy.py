@@ -14,15 +14,15 @@ import numpy as np
 
 from ...base.runs import Runs, bounds
 from ...base.trimesh import LEAF, WOOD, TriMesh
+from ..graft.cut import BARK_SLOT, LEAF_SLOT, turned_outwards
 from ..mesh.leaves import Leaves, measure_leaves
+from ..recognise.hierarchy import CLOSER
+from ..recognise.pieces import lengths
+from ..recognise.recognise import Recognition
 from .bones import find_bones
 from .copies import Stock
 from .courses import STEEP, angles_in, foot_frames, rolled, unbend, upper_frames, walk
-from .cut import BARK_SLOT, LEAF_SLOT, turned_outwards
-from .hierarchy import CLOSER
 from .lines import Lines, Seats, nearest, seats_on, share_of
-from .pieces import lengths
-from .recognise import Recognition
 
 GROUND = np.eye(3)  # the frame that a trunk stands in
 

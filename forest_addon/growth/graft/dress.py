@@ -13,7 +13,7 @@ from ...base.rng import daughter_keys
 from ...spec import Leaf
 from ..mesh.blades import Blade, lay
 from ..mesh.foliage import across, set_leaves
-from .recognise import recognise
+from ..recognise.recognise import recognise
 
 BARE = 0.25  # share of a twig, from its foot, that bears no leaves
 KEY = 0x1EAF  # every draw is keyed by twig and leaf below this

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...base.runs import bounds
+from ..recognise.recognise import Recognition
 from .lines import Lines, nearest
-from .recognise import Recognition
 
 STRAIGHT = np.deg2rad(12.0)  # of bend that one stretch stands for
 OFF_AXIS = 0.1  # radii that a chord may be off its line

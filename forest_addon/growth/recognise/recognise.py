@@ -2,7 +2,7 @@
 
 Facets of wood and of leaves go in, in any unit, z up. They are parted into pieces (``pieces``), joined
 wood is cut at its forks (``sever``) and a palm's fronds become branches (``fronds``); the wood gets
-centrelines (``centreline``) and parents (``hierarchy``), every leaf its bearer. ``template`` cuts the
+centrelines (``centreline``) and parents (``hierarchy``), every leaf its bearer. ``graft.cut`` cuts the
 tree along these lines; a picture of it can be drawn from them.
 """
 

@@ -1,0 +1,1 @@
+"""Branch templates, cut and grafted."""

@@ -1,0 +1,1 @@
+"""A tree recognised in facets."""

@@ -1,0 +1,1 @@
+"""Siblings by a grammar fitted to a tree."""

@@ -1,1 +1,0 @@
-"""Templates: a tree in facets is recognised, cut and grafted."""
