@@ -90,6 +90,17 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "full": ("All", "Branches, leaves and trunks as they are set"),
         "auto": ("What Matters", "Only what the scene's sensors can tell apart"),
     },
+    "model": {
+        "Attims": ("Attims", "A leader that grows all the time, branches anywhere on it"),
+        "Champagnat": ("Champagnat", "Arching shoots, each from the back of the one before"),
+        "Leeuwenberg": ("Leeuwenberg", "Equal shoots, each divided by its flower"),
+        "Mangenot": ("Mangenot", "Shoots that rise and then lie down"),
+        "Massart": ("Massart", "A leader with whorls of level branches (firs)"),
+        "Rauh": ("Rauh", "A leader with whorls of branches that rise as it does (pines, ashes, oaks)"),
+        "Roux": ("Roux", "A leader that grows all the time, with level branches"),
+        "Scarrone": ("Scarrone", "A leader with whorls of branches that flowers divide"),
+        "Troll": ("Troll", "Level shoots, of which some rise and become stems (beeches, elms)"),
+    },
     "limbs": {
         "auto": ("Automatic", "Smooth curves where limbs fill a crown, else straight"),
         "curves": ("Curves", "Smooth curves that leave their parent in a collar"),
