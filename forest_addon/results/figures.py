@@ -224,7 +224,7 @@ def _of_response(response: ImpulseResponse, trunks: int | None) -> list[Figure]:
 def _of_model(sensor: Reverb) -> list[Figure]:
     """What is in the model, and what is not."""
     held, missing = terms_of(sensor)
-    name = {"paper": "K, single scattering", "forest": "forest"}[sensor.model]
+    name = {"paper": "single scattering (Kaneko & Gamper 2021)", "forest": "forest"}[sensor.model]
     return [
         numbers("model", "", name),
         numbers("in the model", "", "; ".join(held)),
