@@ -37,7 +37,7 @@ def borne(parent: np.ndarray, own: np.ndarray) -> np.ndarray:
 
 
 def orders_of(nodes: Nodes, total: np.ndarray) -> np.ndarray:
-    """(N,) branching order: an axis goes on to the child that bears most and turns least, the stem to its top.
+    """(N,) branching order: an axis goes on to what bears most and turns least, the stem to its top.
 
     Where every child turns away by more than ``TURN`` the axis ends.
     """

@@ -62,7 +62,8 @@ def scaffold_of(
     if heavy:
         forked = _forked(plan, crown, size, heavy, rng)
         parts.append(forked)
-    top = base + (FORKED_TOP if heavy else max(crown.leader, 0.02) * 0.97) * (height - base)
+    leader = max(crown.leader, 0.02) if plan.fork >= 1 else 1.0
+    top = base + (FORKED_TOP if heavy else leader * 0.97) * (height - base)
     feet = np.concatenate([foot for foot, _ in parts])
     low = np.linspace(0.0, base, max(2, int(np.ceil(base / 0.6)) + 1))
     low = np.concatenate([low, np.minimum(FLARE * size[3], base)])
