@@ -10,6 +10,7 @@ else.
 from .air import Air
 from .allometry import Allometry, Law
 from .architecture import Architecture, DeadBranches
+from .auto import Choice
 from .base import (
     AUTO,
     Discrete,
@@ -81,6 +82,7 @@ __all__ = [
     "Allometry",
     "Architecture",
     "Beam",
+    "Choice",
     "Clusters",
     "Corners",
     "Crown",
