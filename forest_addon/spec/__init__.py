@@ -51,6 +51,7 @@ from .lidar import (
     Terrestrial,
     Tractor,
 )
+from .looks import Bark, Look
 from .problem import did_you_mean, unknown
 from .reverb import Place, Reverb
 from .scene import SENSORS, Accuracy, Output, Rays, Scene
@@ -64,7 +65,6 @@ from .species import (
     Inclination,
     Jitter,
     Leaf,
-    Look,
     Rules,
     Siblings,
     Species,
@@ -81,6 +81,7 @@ __all__ = [
     "Airborne",
     "Allometry",
     "Architecture",
+    "Bark",
     "Beam",
     "Choice",
     "Clusters",
