@@ -13,7 +13,8 @@ import argparse
 import errno
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from .command import Command, DoubtfulError, IncompleteError, UnlikeError
@@ -55,7 +56,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     kept = command.kept(chosen)
     with interruptible(kept):
         try:
-            command.run(chosen)
+            with _alone(command.lock(chosen)):
+                command.run(chosen)
         except ModuleNotFoundError as problem:
             from .report.drawing import DRAWERS, without
 
@@ -82,6 +84,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"\ninterrupted; {kept}", file=sys.stderr)
             return 130
     return 0
+
+
+@contextmanager
+def _alone(lock: Path | None) -> Iterator[None]:
+    """Hold what a command writes to, if it says what."""
+    if lock is None:
+        yield
+        return
+    from .lock import only_one
+
+    with only_one(lock.parent, lock.name):
+        yield
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -13,6 +13,8 @@ from typing import ClassVar
 
 from forest_addon.spec import Scene, SpecError
 
+LOCK = ".lock"  # in a folder that one command at a time writes to
+
 
 class DoubtfulError(Exception):
     """Results that were kept, but are not as exact as was asked for; exit code 3."""
@@ -41,6 +43,10 @@ class Command:
         """Return where results go, of a command that has ``--out``: what was asked for, or the default."""
         return Path(chosen.out)
 
+    def lock(self, chosen: argparse.Namespace) -> Path | None:
+        """The file that keeps other commands from writing to the same place meanwhile; None: none does."""
+        return None
+
     def kept(self, chosen: argparse.Namespace) -> str:
         """Return what an interrupted command says of the files that it leaves."""
         return (
@@ -59,6 +65,13 @@ class Command:
         UnlikeError : siblings of a tree are too unlike it; exit code 5.
         """
         raise NotImplementedError
+
+
+def name_of(scene: Path) -> str:
+    """What results of a scene file are called: its own name; of one that many have, with its folder's."""
+    if scene.stem in ("scene", "site"):
+        return f"{scene.resolve().parent.name}-{scene.stem}"
+    return scene.stem
 
 
 def read_scene(path: Path, seed: int | None) -> Scene:

@@ -31,8 +31,9 @@ from forest_addon.results.findings import write_finding
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.reverb.auralise import auralise
+from forest_addon.sensing.reverb.kind import trunks_of
 from forest_addon.sensing.reverb.response import ImpulseResponse, channels_of
-from forest_addon.spec import Scene, SpecError
+from forest_addon.spec import Scene, Sensor, SpecError
 from forest_addon.stand.forest import (
     Forest,
     angle_table,
@@ -46,10 +47,11 @@ from forest_addon.stand.inputs import Inputs
 from forest_addon.stand.targets import record
 
 from .command import DoubtfulError
-from .progress import Stages, hushed
+from .progress import Progress, Stages, hushed
 from .record import facts_of, write_record
 from .report import findings, page
 from .report.drawing import can_draw, without
+from .unfinished import Unfinished
 
 MOST_LEAVES = 5_000_000  # rows of leaves.npz; beyond, leaves are written once a variant
 Dry = tuple[str, np.ndarray, float]  # a sound's name, samples and sampling rate
@@ -79,12 +81,19 @@ class Run:
 
 
 def run_scene(
-    settings: Scene, folder: Path, out: Path, *, quiet: bool = False, dry: Path | None = None
+    settings: Scene,
+    folder: Path,
+    out: Path,
+    *,
+    quiet: bool = False,
+    dry: Path | None = None,
+    resume: bool = False,
 ) -> None:
     """Run a scene and write everything into a folder.
 
     folder : that paths in the scene file are relative to.
     dry : a WAV file that every reverb is also heard with.
+    resume : take what a run that was ended had finished.
 
     Raises
     ------
@@ -103,7 +112,8 @@ def run_scene(
         run = Run(settings, out, stages, site.grow(progress))
     _describe_stand(run, site.inputs)
     with stages.stage("build Blender scene"):
-        world = site.build(run.forest, as_assets=wanted.blend)
+        grown_in = stages.seconds["grow trees"]
+        world = site.build(run.forest, as_assets=wanted.blend, seconds=grown_in)
     with stages.stage("write truth"):
         _write_truth(run)
     with stages.stage("read evaluated scene"):
@@ -113,15 +123,17 @@ def run_scene(
             run.warn(observer.warning)
             run.findings.append(page.Finding("Warning", f"{observer.warning}.", {}))
         _audit_trees(run, world)
+        unfinished = Unfinished(out, world, resume)
         for sensor in settings.sensors:
             with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
-                _take(run, world, world.look(sensor, progress), sound)
+                _take(run, world, _looked(world, sensor, unfinished, progress), sound)
         facts = facts_of(world)
     del observer
     forget()  # a render needs the memory
     _write_scene(run)
     made = (run.findings, run.trees, run.targets, run.results, stages.seconds, run.files)
     write_record(run.path("run.json"), settings, facts, *made)
+    unfinished.drop()
     if wanted.report:
         with stages.stage("write report.html"):
             page.write(out / "report.html", settings, run.findings, stages.seconds, run.files)
@@ -131,6 +143,15 @@ def run_scene(
     doubtful = [f"{name}: {audit}" for name, audit in audits if audit and not audit.kept]
     if doubtful:
         raise DoubtfulError("; ".join(doubtful) + f"; the results are kept in {out}")
+
+
+def _looked(world: World, sensor: Sensor, unfinished: Unfinished, progress: Progress) -> Result:
+    """A sensor's result: as a run that was ended had it, or anew."""
+    result = unfinished.result(sensor)
+    if result is None:
+        result = world.look(sensor, progress)
+        unfinished.keep(result, sensor)
+    return result
 
 
 def _write_scene(run: Run) -> None:
@@ -190,7 +211,7 @@ def _describe(run: Run, world: World, result: Result) -> page.Finding:
         if picture is not None:
             run.files.append(path.name)
     if isinstance(found, ImpulseResponse):
-        finding = findings.reverb_finding(sensor, found, world.observer.trunks(sensor), picture)
+        finding = findings.reverb_finding(sensor, found, trunks_of(world.observer, sensor), picture)
     else:
         finding = findings.finding_of(sensor, found, picture)
     audits = () if result.audit is None else (result.audit,)

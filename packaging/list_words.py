@@ -18,9 +18,12 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 UI = ROOT / "forest_addon" / "ui"
-FIGURES = ROOT / "forest_addon" / "results" / "figures.py"
-OURS = {"say", "label", "keep"}  # of ui/words.py
-WORDED = {"numbers": 2, "words": 3}  # of formats/figures.py: the short name; and the pattern
+WORDED_FILES = (  # other rooms that say what the panel shows
+    *sorted((ROOT / "forest_addon" / "results").glob("*.py")),
+    *sorted((ROOT / "forest_addon" / "sensing").glob("*/kind.py")),
+)
+OURS = {"say", "label", "keep"}  # of ui/shell/words.py and base/words.py
+WORDED = {"numbers": 2, "words": 3}  # of results/figures.py: the short name; and the pattern
 SHOWN = {"text", "heading", "placeholder"}  # what a layout is given by these names
 BUTTONS = {"operator", "operator_menu_enum"}
 ANY, OPERATOR = "*", "Operator"
@@ -60,8 +63,8 @@ def template() -> str:
 
 
 def of_code() -> Iterator[Text]:
-    """Texts that are given to ``ui/words`` and ``formats/figures`` or, as they are, to Blender."""
-    for file in (*sorted(UI.rglob("*.py")), FIGURES):
+    """Texts that are given to ``words`` and ``figures`` or, as they are, to Blender."""
+    for file in (*sorted(UI.rglob("*.py")), *WORDED_FILES):
         place = file.relative_to(ROOT).as_posix()
         for call in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(call, ast.Call):

@@ -24,8 +24,8 @@ ROOMS = (
 PURE = ROOMS[: ROOMS.index("blender")]
 # The same for the parts of ``headless``; what stands in no folder is "" and comes where the commands do.
 HEADLESS = (
-    *("command", "interrupt", "memory", "progress"),
-    *("report", "record", "pipeline", "accuracy", "dataset"),
+    *("command", "lock", "interrupt", "memory", "progress"),
+    *("report", "record", "unfinished", "pipeline", "accuracy", "dataset"),
     *("commands/work", "studies/tables", "studies/papers", "studies/bench"),
     *("studies/validation", "studies/flight"),
     *(

@@ -22,13 +22,15 @@ _TRIPLE_POINT_KELVIN = 273.16
 _REFERENCE_KPA = 101.325
 
 
-def absorption_db(
+def absorption(
     frequency: ArrayLike,
     temperature_c: ArrayLike = 20.0,
     humidity: ArrayLike = 50.0,
     pressure_kpa: ArrayLike = 101.325,
 ) -> np.ndarray:
-    """Attenuation of a pure tone in dB/m; the arguments broadcast.
+    """Return the attenuation of a pure tone in nepers per metre; the arguments broadcast.
+
+    A pressure falls as exp(-absorption·distance); ``DB_PER_NEPER`` makes dB/m of it.
 
     frequency : Hz, 0 gives 0.
     temperature_c : °C.
@@ -39,16 +41,6 @@ def absorption_db(
     ------
     ValueError : humidity outside 0 to 100, pressure or absolute temperature not above 0.
     """
-    return DB_PER_NEPER * absorption(frequency, temperature_c, humidity, pressure_kpa)
-
-
-def absorption(
-    frequency: ArrayLike,
-    temperature_c: ArrayLike = 20.0,
-    humidity: ArrayLike = 50.0,
-    pressure_kpa: ArrayLike = 101.325,
-) -> np.ndarray:
-    """The same in nepers per metre: a pressure falls as exp(-absorption·distance)."""
     squared = np.square(np.asarray(frequency, dtype=np.float64))
     kelvin = np.asarray(temperature_c, dtype=np.float64) + 273.15
     warmth = kelvin / _REFERENCE_KELVIN

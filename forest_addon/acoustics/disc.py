@@ -30,11 +30,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from .disc_exact import hard_disc_amplitude
 from .disc_table import LAST, tabulated, tabulated_bound
 
 MODELS = ("paper", "piston", "exact")
-BISTATIC = ("piston", "exact")
 
 HANDOVER = 120.0  # ka from where the table passes over to the formula for large discs
 LOBES = 256  # of J₁ whose heights are known to the bound
@@ -66,41 +64,6 @@ def backscatter_amplitude(ka: ArrayLike, incidence: ArrayLike, model: str = "exa
     if model == "paper":
         return _paper(size, angle)
     raise _unknown(model, MODELS)
-
-
-def scattering_amplitude(
-    ka: ArrayLike,
-    incidence: ArrayLike,
-    scattered: ArrayLike,
-    azimuth: ArrayLike,
-    model: str = "exact",
-) -> np.ndarray:
-    """The complex k·f of sound that is sent from one direction and heard in another; broadcasts.
-
-    incidence, scattered : radians from the disc's normal to the source and to the receiver, 0 to π;
-        beyond π/2 is the other face's side.
-    azimuth : radians between the projections of these directions on the disc; 0 with equal angles
-        is straight back, π with equal angles the mirror's direction.
-    model : one of ``BISTATIC``. "exact" solves the disc's equations for each distinct ka, which takes
-        milliseconds (``disc_exact``). "piston" is k·f = i·(ka)²/2·|cosβ|·cosβ'/cosβ·2J₁(x)/x, x = ka
-        times the length of the sum of the projections; it is not reciprocal.
-
-    Raises
-    ------
-    ValueError : the model is not known, or has no such amplitude.
-    """
-    if model == "exact":
-        return hard_disc_amplitude(ka, incidence, scattered, azimuth)
-    if model != "piston":
-        raise _unknown(model, BISTATIC)
-    size = np.asarray(ka, dtype=np.float64)
-    sent, heard = np.sin(incidence), np.sin(scattered)
-    # The length of the sum of two vectors, without the cancellation of the law of cosines.
-    across = np.hypot(
-        sent - heard, 2.0 * np.sqrt(np.abs(sent * heard)) * np.cos(0.5 * np.asarray(azimuth))
-    )
-    side = np.sign(np.cos(incidence)) * np.cos(scattered)
-    return 0.5j * size**2 * side * jinc(size * across)
 
 
 def amplitude_bound(

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..formats.atomic import replacing
 from ..formats.las import write_las
 from ..formats.npz import write_npz
 from ..formats.ply import PlyFile
@@ -24,14 +25,13 @@ from ..results.findings import Finding, write_response
 from ..results.points import POINT, records
 from ..results.scan_file import write_npz_rows
 from ..sensing.audit import Audit
-from ..sensing.choice import Choice
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan, to_cloud
 from ..sensing.reverb.metrics import RoomMetrics, room_metrics
 from ..sensing.reverb.response import ImpulseResponse, channels_of
 from ..sensing.sonar.flight import Flight
 from ..sensing.sonar.ping import Echo
-from ..spec import Sensor, SpecError
+from ..spec import Choice, Sensor, SpecError
 from . import plots
 from .given import file_to_write, path_of
 
@@ -159,13 +159,12 @@ class PointCloud(Result):
         elif ending == ".csv":
             write_csv(path, {name: rows[name].tolist() for name in POINT.names or ()})
         else:
-            partial = path.with_name(f"{path.stem}.partial.ply")
-            file = PlyFile(partial, POINT, (f"Forest Sensing {self.sensor.kind} scan",))
-            try:
-                file.append(rows)
-            finally:
-                file.close()
-            partial.replace(path)
+            with replacing(path) as partial:
+                file = PlyFile(partial, POINT, (f"Forest Sensing {self.sensor.kind} scan",))
+                try:
+                    file.append(rows)
+                finally:
+                    file.close()
 
 
 class RowScan(Result):

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from ..blender.sensors.observe import Observer
     from ..sensing.audit import Audit
     from ..sensing.canopy import Canopy
-    from ..sensing.choice import Choice
+    from ..spec import Choice
     from ..stand.forest import Forest
     from ..stand.placed import PlacedTrees
 
@@ -51,7 +51,7 @@ class World:
 
     scene : its settings. folder : that relative paths in settings start from.
     forest : stand and variants as they were grown; None for a scene that was not grown here.
-    seconds : that growing and building took. chosen : what of it was left to the scene's sensors.
+    seconds : that growing and building took.
     """
 
     scene: Scene
@@ -59,7 +59,6 @@ class World:
     forest: Forest | None
     _place: Any
     seconds: float = 1.0
-    chosen: tuple[Choice, ...] = ()
     _taken: Observer | None = None
 
     def __repr__(self) -> str:
@@ -110,7 +109,7 @@ class World:
         ------
         SpecError : this is no sensor, or one that this scene cannot serve.
         """
-        from ..sensing.choice import choose, left_out
+        from ..sensing.kinds import choose, left_out
 
         if not isinstance(sensor, Settings) or not hasattr(sensor, "kind"):
             raise SpecError("look", f"takes a sensor, such as Terrestrial(), not {called(sensor)}")
@@ -130,7 +129,7 @@ class World:
         except ValueError as problem:
             raise SpecError(sensor.name, str(problem)) from None
         offset = self.scene.offset
-        chosen = (*chosen, *left_out(found))
+        chosen = (*chosen, *left_out(sensor, found))
         return result_of(sensor, found, seconds, audit, offset, chosen, warnings)
 
     @property
@@ -164,6 +163,11 @@ class World:
             yield self._taken
         finally:
             self._taken = None
+
+    @property
+    def chosen(self) -> tuple[Choice, ...]:
+        """What of the forest was left to the scene's sensors, as it was chosen."""
+        return () if self.forest is None else self.forest.chosen
 
     @property
     def audit(self) -> dict[str, Audit]:
@@ -267,7 +271,8 @@ class World:
 
     def skeleton(self, tree: int) -> dict[str, np.ndarray]:
         """The segments of a tree in the world: start (S, 3), end (S, 3), radius (S, 2) at both, metres;
-        parent (S,), -1 at the foot; order (S,), 0 for the trunk; generation (S,).
+        parent (S,), -1 at the foot; order (S,), 0 for the trunk; generation (S,);
+        dead (S,), whether it lives no more.
 
         tree : its number, a value of ``trees["tree"]``.
 

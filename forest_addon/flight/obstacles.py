@@ -293,22 +293,3 @@ class StemObstacles:
     def encloses(self, place: np.ndarray) -> bool:
         """See ``Obstacles``."""
         return bool((np.hypot(*(self._position - place[:2]).T) < self._radius).any())
-
-
-class Together:
-    """Several obstacles as one."""
-
-    def __init__(self, *parts: Obstacles) -> None:
-        self._parts = parts
-
-    def room(self, place: np.ndarray) -> np.ndarray:
-        """See ``Obstacles``."""
-        return np.min([part.room(place) for part in self._parts], axis=0)
-
-    def touch(self, start: np.ndarray, end: np.ndarray, radius: float) -> np.ndarray:
-        """See ``Obstacles``."""
-        return np.min([part.touch(start, end, radius) for part in self._parts], axis=0)
-
-    def encloses(self, place: np.ndarray) -> bool:
-        """See ``Obstacles``."""
-        return any(part.encloses(place) for part in self._parts)

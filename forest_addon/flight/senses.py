@@ -9,8 +9,9 @@ that nothing disturbs, their distances are all there is to it, else the whole sc
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy import fft
@@ -24,9 +25,10 @@ from ..sensing.sonar.beam import beam_frame
 from ..sensing.sonar.ping import Echo, ping
 from ..sensing.sonar.poses import Pose as Place
 from ..sensing.sonar.station import Equipment
-from ..spec import Air, Flight, Mobile, Pose, Scene, Sonar
+from ..spec import Air, Flight, Mobile, Pose, Scene, Sensor, Sonar
 from .bodies import State
 
+S = TypeVar("S", bound=Sensor)
 FLOOR_DB, TOP_DB = -120.0, -20.0  # what a cochleagram shows, re the call at 1 m
 HEARD = ("cochleagram", "waveforms")
 BANDS, BINS = 8, 64  # of a cochleagram
@@ -66,13 +68,18 @@ SONAR = Sonar(
 
 def lidar_of(scene: Scene) -> Mobile:
     """The scene's first mobile scanner that a flyer can carry, or 64 rays all around."""
-    return next((s for s in scene.sensors if isinstance(s, Mobile) and not s.follow), LIDAR)
+    return next((s for s in _of_kind(scene, LIDAR) if not s.follow), LIDAR)
 
 
 def sonar_of(scene: Scene) -> Sonar:
     """The scene's first sonar that stays where it is put, or a bat's."""
-    mine = (s for s in scene.sensors if isinstance(s, Sonar) and not (s.route or s.follow))
+    mine = (s for s in _of_kind(scene, SONAR) if not (s.route or s.follow))
     return next(mine, SONAR)
+
+
+def _of_kind(scene: Scene, like: S) -> Iterator[S]:
+    """The sensors of a scene that are of the same kind as one."""
+    return (s for s in scene.sensors if s.kind == like.kind)  # type: ignore[misc]
 
 
 def degrees(state: State, row: int) -> tuple[float, float, float]:

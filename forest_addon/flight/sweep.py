@@ -14,14 +14,6 @@ import numpy as np
 NEXT = (1, 2, 0)
 
 
-def first_touch(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarray) -> float:
-    """Share of the way (3,) at which a sphere first touches triangles (T, 3, 3); ``inf``: never.
-
-    A sphere that touches already stops at 0.
-    """
-    return float(touches(start, way, radius, corners).min(initial=np.inf))
-
-
 def touches(start: np.ndarray, way: np.ndarray, radius: float, corners: np.ndarray) -> np.ndarray:
     """(T,) shares of ways at which spheres touch one triangle each of (T, 3, 3); ``inf``: never.
 

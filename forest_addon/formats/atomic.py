@@ -8,9 +8,12 @@ Ctrl-C, the temporary file is removed and what had the final name before stays a
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+NUMBER = re.compile(r"\.(\d+)\.partial")  # of the process that writes
 
 _being_written: set[Path] = set()
 
@@ -41,6 +44,27 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     finally:
         partial.unlink(missing_ok=True)
         _being_written.discard(partial)
+
+
+def remove_abandoned(folder: Path) -> None:
+    """Remove what processes of this machine that are no more left half written in a folder."""
+    for partial in folder.glob(".*.partial*"):
+        number = NUMBER.search(partial.name)
+        if number is not None and not _lives(int(number[1])):
+            with suppress(OSError):
+                partial.unlink()
+
+
+def _lives(process: int) -> bool:
+    if os.name == "nt":  # there the signal would end it
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # another user's
+        return True
+    return True
 
 
 def remove_partial_files() -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..spec import AUTO, SENSORS, Sensor, Settings, SpecError, param_of
-from ..spec.base import refuse_unknown
+from ..spec.base import refuse_many, refuse_unknown
 from ..spec.typed import WORDS, shown, typed
 from .atomic import replacing
 from .foreign import guarded
@@ -130,12 +130,12 @@ def _converter(folder: Path) -> Any:
     for kind in WORDS:
         converter.register_structure_hook(kind, lambda value, kind: typed("", value, kind))
     converter.register_structure_hook_func(_is_tuple, lambda v, t: _tuple(converter, v, t))
-    converter.register_structure_hook_func(
-        lambda t: t == Sensor, lambda value, _: _sensor(converter, value, folder)
-    )
     converter.register_structure_hook_factory(
         lambda t: isinstance(t, type) and issubclass(t, Settings),
         lambda cls: _table_hook(converter, cls),
+    )
+    converter.register_structure_hook_func(  # comes before those of before
+        lambda t: t is Sensor, lambda value, _: _sensor(converter, value, folder)
     )
     return converter
 
@@ -153,6 +153,8 @@ def _table_hook(converter: Any, cls: type[Settings]) -> Any:
         if not isinstance(value, dict):
             raise SpecError("", f"{shown(value)} is not a table with {', '.join(fields)}")
         refuse_unknown(value, fields)
+        for key, item in value.items():
+            refuse_many(key, item, param_of(fields[key]))
         # "auto" stands for a number; one of a key that knows none is refused as a text
         left = {k: AUTO for k, v in value.items() if v == "auto" and param_of(fields[k]).auto}
         return fill(value | left, cls)

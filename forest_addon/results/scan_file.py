@@ -161,14 +161,15 @@ def _digest(scan: Scan, seed: int, offset: tuple[float, float, float]) -> str:
     settings = dataclasses.asdict(scan.scanner)
     said = json.dumps([settings, seed, offset, scan.caster.engine], sort_keys=True)
     total.update(said.encode())
-    total.update(_scene_digest(scan.caster.scene))
+    total.update(scene_digest(scan.caster.scene))
     probe = scan.pattern.pulses(np.linspace(0, scan.pulses - 1, 64).astype(np.int64))
     for array in (probe.origin, probe.direction):  # where an object that is followed goes
         total.update(np.ascontiguousarray(array).view(np.uint8).data)
     return total.hexdigest()
 
 
-def _scene_digest(scene: SceneGeometry) -> bytes:
+def scene_digest(scene: SceneGeometry) -> bytes:
+    """What decides what rays meet, in one number."""
     total = hashlib.blake2b(digest_size=16)
     for mesh in scene.meshes:
         for array in (mesh.vertices, mesh.triangles, mesh.part, mesh.leaf):

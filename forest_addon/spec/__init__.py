@@ -9,6 +9,8 @@ else.
 
 from .air import Air
 from .allometry import Allometry, Law
+from .architecture import Architecture, DeadBranches
+from .auto import Choice
 from .base import (
     AUTO,
     Discrete,
@@ -49,9 +51,11 @@ from .lidar import (
     Terrestrial,
     Tractor,
 )
+from .looks import Bark, Look
 from .problem import did_you_mean, unknown
 from .reverb import Place, Reverb
-from .scene import SENSORS, Accuracy, Output, Rays, Scene, Sensor
+from .scene import SENSORS, Accuracy, Output, Rays, Scene
+from .sensor import Sensor
 from .sonar import HORSESHOE_BAND, Sonar
 from .species import (
     MAX_REACH,
@@ -61,7 +65,6 @@ from .species import (
     Inclination,
     Jitter,
     Leaf,
-    Look,
     Rules,
     Siblings,
     Species,
@@ -77,10 +80,14 @@ __all__ = [
     "Air",
     "Airborne",
     "Allometry",
+    "Architecture",
+    "Bark",
     "Beam",
+    "Choice",
     "Clusters",
     "Corners",
     "Crown",
+    "DeadBranches",
     "Detail",
     "Discrete",
     "Distance",

@@ -6,9 +6,10 @@ from typing import ClassVar
 
 from .base import Settings, SpecError, param
 from .parts import azimuth, kind, output_name, place, range_limit
+from .sensor import Sensor
 
 
-class Tractor(Settings):
+class Tractor(Sensor):
     """SIMLIDAR's scanner: a vertical fan that drives past the trees and measures a matrix."""
 
     TITLE: ClassVar[str] = "LiDAR, tractor"
@@ -20,10 +21,10 @@ class Tractor(Settings):
     heading_deg: float = azimuth(90.0, "direction of travel")
     side: str = param("right", help="side it looks to", choices=("left", "right"))
     track: float = param(30.0, unit="m", help="length of the drive", gt=0, le=1e5)
-    step: float = param(0.002, unit="m", help="advance between scans (S)", gt=0, le=100)
+    step: float = param(0.002, unit="m", help="advance between scans (Méndez et al.)", gt=0, le=100)
     gap: int = param(0, help="scans skipped after each one taken", ge=0, le=100000)
     angle_step_deg: float = param(
-        0.25, unit="deg", help="angle between beams of a scan (S)", gt=0, le=90
+        0.25, unit="deg", help="angle between beams of a scan (Méndez et al.)", gt=0, le=90
     )
     reach: float = param(
         20.0,
@@ -126,7 +127,7 @@ class Noise(Settings):
     drop_out: float = param(0.0, help="share of the returns that get lost", ge=0, le=1)
 
 
-class Scanner(Settings):
+class Scanner(Sensor):
     """Settings that LiDAR scanners of every platform share."""
 
     scanner: str = param(
@@ -234,7 +235,9 @@ class Mobile(MovingScanner):
         "", help="curve or animated object that it follows; its X axis is forward, Z is up"
     )
     speed: float = param(1.5, unit="m/s", help="speed along a curve", gt=0, le=1e4)
-    poses: tuple[Pose, ...] = param((), help="where it is at what time, where it follows nothing")
+    poses: tuple[Pose, ...] = param(
+        (), help="where it is at what time, where it follows nothing", most=100_000
+    )
 
     def check(self) -> None:
         for index, (before, after) in enumerate(zip(self.poses, self.poses[1:], strict=False), 1):

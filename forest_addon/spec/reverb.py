@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from .base import Settings, SpecError, param
 from .parts import azimuth, elevation, kind, output_name, place
+from .sensor import Sensor
 
 
 class Place(Settings):
@@ -18,8 +19,8 @@ class Place(Settings):
             raise SpecError("position[2]", "must be above the ground, z = 0; raise it")
 
 
-class Reverb(Settings):
-    """The impulse response of a forest of trunks between sources and receivers (K)."""
+class Reverb(Sensor):
+    """The impulse response of a forest of trunks between sources and receivers (Kaneko & Gamper 2021)."""
 
     TITLE: ClassVar[str] = "Forest reverb"
     kind: str = kind("reverb")
@@ -68,7 +69,9 @@ class Reverb(Settings):
         ge=0,
         le=60,
     )
-    ground: float = param(0.8, help="reflection coefficient of a constant ground (K)", ge=-1, le=1)
+    ground: float = param(
+        0.8, help="reflection coefficient of a constant ground (Kaneko & Gamper 2021)", ge=-1, le=1
+    )
     surface: str = param(
         "constant",
         help="what the ground is: the same at all frequencies, or an impedance by flow resistivity",
@@ -80,13 +83,18 @@ class Reverb(Settings):
     flow_resistivity: float = param(
         0.0, unit="kPa·s/m²", help="of the surface; 0: its usual one", ge=0, le=1e6
     )
-    strength: float = param(2.0, help="β, weight of the scattered field (K)", ge=0, le=1000)
+    strength: float = param(
+        2.0, help="β, weight of the scattered field (Kaneko & Gamper 2021)", ge=0, le=1000
+    )
     spreading: float = param(
-        0.7, help="α, spreading from tree to receiver: 0.5 cylindrical, 1 spherical (K)", ge=0, le=2
+        0.7,
+        help="α, spreading from tree to receiver: 0.5 cylindrical, 1 spherical (Kaneko & Gamper 2021)",
+        ge=0,
+        le=2,
     )
     model: str = param(
         "paper",
-        help="paper: K's weights β and α, and no losses but the air's; forest: the cylinder's own "
+        help="paper: weights β and α, the air's losses alone; forest: the cylinder's own "
         "weights, and the losses below",
         choices=("paper", "forest"),
     )
@@ -159,8 +167,8 @@ class Reverb(Settings):
     )
     tolerance: float = param(
         1e-4,
-        help="relative error allowed to the sum over trunks; 0, and what is finer than 1e-6, sums every "
-        "trunk and frequency",
+        help="relative error allowed to the sum over trunks, in all, in each octave and in each tenth of "
+        "the record; 0, and from 1e-9 to 1e-6, sums every trunk and frequency",
         ge=0,
         le=0.01,
         auto=True,
@@ -177,6 +185,11 @@ class Reverb(Settings):
         for key in ("source", "receiver"):
             if getattr(self, key)[2] <= 0:
                 raise SpecError(f"{key}[2]", "must be above the ground, z = 0; raise it")
+        if 0 < self.tolerance < 1e-9:
+            raise SpecError(
+                "tolerance",
+                "is finer than float64 keeps; use 0 for the exact sum, or 1e-9 and more",
+            )
         if self.directivity == "measured" and not self.directivity_file:
             raise SpecError(
                 "directivity_file", "is needed where directivity is measured; name a CSV"

@@ -10,10 +10,11 @@ from .flight import Flight
 from .forest import Forest, Planting, Stems
 from .lidar import Airborne, Mobile, Terrestrial, Tractor
 from .reverb import Reverb
+from .sensor import Sensor
 from .sonar import Sonar
 
-Sensor = Tractor | Terrestrial | Mobile | Airborne | Sonar | Reverb
-SENSORS: dict[str, type[Settings]] = {
+SENSORS = Sensor.KINDS
+SENSORS |= {
     "tractor": Tractor,
     "terrestrial": Terrestrial,
     "mobile": Mobile,
@@ -46,6 +47,10 @@ class Accuracy(Settings):
         help="what is modelled: all as it is set, or (auto) of that what the scene's sensors can tell apart: "
         "far trees have fewer, larger leaves, thin beams finer branches; each with its bound in the report",
         choices=("full", "auto"),
+    )
+    relief: bool = param(
+        False,
+        help="stems with the relief of their bark and their oval shape, for scans that can tell them",
     )
 
 
@@ -89,11 +94,13 @@ class Scene(Settings):
         help="Blender file to start from, whose objects the settings name; left out: an empty one",
     )
     forest: Forest = param(Forest(), help="the field")
-    plantings: tuple[Planting, ...] = param((), help="species and where they stand")
-    stems: tuple[Stems, ...] = param((), help="trees that are cylinders only, for reverb")
+    plantings: tuple[Planting, ...] = param((), help="species and where they stand", most=1000)
+    stems: tuple[Stems, ...] = param(
+        (), help="trees that are cylinders only, for reverb", most=1000
+    )
     air: Air = param(Air(), help="the air")
     rays: Rays = param(Rays(), help="how rays are cast")
-    sensors: tuple[Sensor, ...] = param((), help="what looks at the forest")
+    sensors: tuple[Sensor, ...] = param((), help="what looks at the forest", most=10_000)
     flight: Flight = param(Flight(), help="a flyer that finds its way")
     accuracy: Accuracy = param(Accuracy(), help="how results are checked, and what is modelled")
     output: Output = param(Output(), help="what is written")

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from .architecture import Architecture
 from .base import Discrete, Normal, Settings, SpecError, param, within
 from .crown import Crown, Needles, Targets
+from .looks import Bark, Look
 
 MAX_REACH = 1000.0  # metres that a branch may end from the foot of its tree
 
 
 class Grammar(Settings):
-    """An L-system of T20 (g -> d(g)[g)+g, axiom g)) or of A20 (whorls on one trunk)."""
+    """An L-system of Tanveer et al. 2020a (g -> d(g)[g)+g, axiom g)) or of A20 (whorls on one trunk)."""
 
     dialect: str = param("T20", help="whose grammar", choices=("T20", "A20"))
-    whorls: int = param(2, help="A20 only: groups d(d)+d) on the trunk", ge=1, le=12)
+    whorls: int = param(2, help="the dialect A20 only: groups d(d)+d) on the trunk", ge=1, le=12)
     generations: int = param(7, help="how often the grammar is rewritten", ge=0, le=12)
     copies: int = param(
         2,
@@ -83,7 +85,7 @@ class Template(Settings):
 class Siblings(Settings):
     """Trees like the one in the template: a grammar is fitted to it, and its own pieces stand on what grows.
 
-    Left out, a template's branches are set on the grammar of T20 or A20.
+    Left out, a template's branches are set on the grammar of Tanveer et al. 2020a or 2020b.
     """
 
     variety: float = param(
@@ -119,25 +121,6 @@ class Siblings(Settings):
             raise SpecError(given, "cannot be used beside age; remove one of them")
 
 
-class Look(Settings):
-    """Colours of bark and leaves, linear RGB from 0 to 1."""
-
-    bark: tuple[float, float, float] = param((0.09, 0.06, 0.04), help="bark colour", ge=0, le=1)
-    leaf: tuple[float, float, float] = param((0.06, 0.15, 0.02), help="leaf colour", ge=0, le=1)
-    autumn: float = param(
-        0.0, help="how far leaves have turned: 0 summer, 1 autumn (winter: leaves off)", ge=0, le=1
-    )
-    autumn_leaf: tuple[float, float, float] = param(
-        (0.42, 0.19, 0.025), help="colour of leaves that have turned", ge=0, le=1
-    )
-
-    def foliage(self) -> tuple[float, float, float]:
-        """The colour that leaves have in their season."""
-        pairs = zip(self.leaf, self.autumn_leaf, strict=True)
-        r, g, b = (summer + self.autumn * (turned - summer) for summer, turned in pairs)
-        return r, g, b
-
-
 class Rules(Settings):
     """An L-system in full: productions as ABOP and cpfg write them, and a turtle that reads them.
 
@@ -158,7 +141,7 @@ class Rules(Settings):
         45.0, unit="deg", help="turn of + - & ^ without a number", ge=-360, le=360
     )
     rotation_deg: float = param(
-        45.0, unit="deg", help="turn of T t (S) without a number", ge=-360, le=360
+        45.0, unit="deg", help="turn of T t (Méndez et al.) without a number", ge=-360, le=360
     )
     length: float = param(1.0, help="length of F without a number, times scale", gt=0, le=1e6)
     diameter: float = param(0.1, help="diameter before the first !, times scale", gt=0, le=1e6)
@@ -170,11 +153,13 @@ class Rules(Settings):
     elasticity: float = param(
         0.0, unit="rad", help="bend of a segment at right angles to the tropism", ge=0, le=10
     )
-    prune_descending: bool = param(False, help="remove branches in which the turtle descends (S)")
+    prune_descending: bool = param(
+        False, help="remove branches in which the turtle descends (Méndez et al.)"
+    )
 
 
 class Honda(Settings):
-    """W's trees after Honda (1971): mothers bear daughters, smaller by a ratio, recursively."""
+    """Wahed et al.'s trees after Honda (1971): mothers bear daughters, smaller by a ratio, recursively."""
 
     levels: Discrete = param(
         Discrete(values=(5,)), help="per tree: how often branches bear daughters"
@@ -247,20 +232,38 @@ class Leaf(Settings):
 
     on: bool = param(True, help="grow leaves; switching them off moves no branch")
     shape: str = param(
-        "ellipse", help="shape of the blade", choices=("ellipse", "oval", "maple", "needle")
+        "ellipse",
+        help="shape of the blade",
+        choices=("ellipse", "oval", "maple", "needle", "beech", "birch", "oak", "palmate"),
     )
     mesh: str = param(
         "", help="STL file of one leaf instead of a shape, relative to the species file", file=True
     )
     length: Normal = param(Normal(mean=0.05, sd=0.01), unit="m", help="length of a leaf")
     width_ratio: Normal = param(Normal(mean=0.6, sd=0.05), help="width of a leaf over its length")
+    petiole: float = param(
+        0.0, help="length of the stalk over that of the blade; blades of species only", ge=0, le=2
+    )
+    curl_deg: float = param(
+        0.0,
+        unit="deg",
+        help="how far a blade bends down from its foot to its tip; blades of species only",
+        ge=-180,
+        le=180,
+    )
     angle_deg: Normal = param(
         Normal(mean=50.0, sd=10.0), unit="deg", help="angle between a leaf and its branch"
     )
-    nodes: int = param(4, help="leaf-bearing nodes of a growing tip (T20)", ge=1, le=100)
-    per_node: int = param(4, help="leaves at each node (T20)", ge=1, le=100)
+    nodes: int = param(
+        4, help="leaf-bearing nodes of a growing tip (Tanveer et al. 2020a)", ge=1, le=100
+    )
+    per_node: int = param(4, help="leaves at each node (Tanveer et al. 2020a)", ge=1, le=100)
     fan_deg: float = param(
-        10.0, unit="deg", help="turn from one node's leaves to the next (T20)", ge=-360, le=360
+        10.0,
+        unit="deg",
+        help="turn from one node's leaves to the next (Tanveer et al. 2020a)",
+        ge=-360,
+        le=360,
     )
 
     def check(self) -> None:
@@ -309,6 +312,10 @@ class Detail(Settings):
         "straight; auto: curves where they fill a crown",
         choices=("auto", "curves", "straight"),
     )
+    relief: bool = param(
+        False,
+        help="mesh the relief of the bark and the oval shape of the stem (bark.relief, bark.ovality)",
+    )
     leaves: float = param(
         1.0,
         help="share of the leaves that is made, each enlarged to keep their area; 0: none, also of a "
@@ -322,8 +329,8 @@ class Species(Settings):
     """One kind of tree and its looks.
 
     With a template, a grammar gives the trunk and the places of branches from STL files: one fitted to
-    that tree (``siblings``), or T20's. Without one the whole tree is grown: by ``rules``, by ``honda``,
-    into a ``crown``, or by the grammar alone.
+    that tree (``siblings``), or Tanveer et al.'s. Without one the whole tree is grown: by ``rules``, by
+    ``honda``, into a ``crown``, or by the grammar alone.
     """
 
     name: str = param(help="name of the species")
@@ -332,12 +339,16 @@ class Species(Settings):
         None, help="STL files that branches and leaves are taken from"
     )
     siblings: Siblings | None = param(
-        None, help="trees like the template's own, by a grammar fitted to it instead of T20's"
+        None,
+        help="trees like the template's own, by a grammar fitted to it instead of Tanveer et al.'s",
     )
-    grammar: Grammar = param(Grammar(), help="the L-system of T20 or A20")
+    grammar: Grammar = param(Grammar(), help="the L-system of Tanveer et al. 2020a or 2020b")
     rules: Rules | None = param(None, help="an L-system of your own, for the whole tree")
     honda: Honda | None = param(None, help="branching by angles and ratios, for the whole tree")
     crown: Crown | None = param(None, help="a crown that fills a shape, for the whole tree")
+    architecture: Architecture | None = param(
+        None, help="limbs and dead branches of a crown, by the architectural model of its species"
+    )
     targets: Targets | None = param(None, help="what a tree is to measure, without a template")
     needles: Needles | None = param(None, help="shoots of needles in place of leaves")
     jitter: Jitter = param(Jitter(), help="natural variation around the grammar")
@@ -348,6 +359,7 @@ class Species(Settings):
     )
     detail: Detail = param(Detail(), help="level of detail, where there is no template")
     look: Look = param(Look(), help="colours")
+    bark: Bark = param(Bark(), help="bark, in pictures and in relief")
 
     def check(self) -> None:
         given = [
@@ -361,5 +373,7 @@ class Species(Settings):
             if self.template is not None and getattr(self, key) is not None:
                 where = "; give them with a planting" if key == "targets" else ""
                 raise SpecError(key, f"cannot be used beside template{where}")
+        if self.architecture is not None and self.crown is None:
+            raise SpecError("architecture", "needs a crown that its limbs grow into; add one")
         if self.crown is not None and self.targets is None:
             raise SpecError("targets", "are needed beside crown: its allometry, or all measures")

@@ -42,7 +42,8 @@ def typed(key: str, value: Any, kind: Any) -> Any:
     if kind not in WORDS:
         if isinstance(value, kind):
             return value
-        raise SpecError(key, f"{shown(value)} is not settings; give {kind.__name__}(...)")
+        kinds = [known.__name__ for known in getattr(kind, "KINDS", {}).values()] or [kind.__name__]
+        raise SpecError(key, f"{shown(value)} is not settings; give {'(...), '.join(kinds)}(...)")
     plain = value.item() if getattr(value, "shape", None) == () else value  # numpy's own number
     if kind is str and isinstance(plain, os.PathLike):
         plain = os.fspath(plain)

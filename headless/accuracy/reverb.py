@@ -19,6 +19,7 @@ from forest_addon.base.rng import stream
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.sensing.reverb.ends import ends_of
 from forest_addon.sensing.reverb.forest.canopy import canopy_of
+from forest_addon.sensing.reverb.kind import trunks_between
 from forest_addon.sensing.reverb.response import impulse_response
 from forest_addon.sensing.reverb.trunks.continuation import continue_trunks
 from forest_addon.spec import Reverb, Scene
@@ -115,7 +116,7 @@ class _Extent:
 def _extents(one: Reverb, observer: Observer, settings: Scene, length: float) -> list[_Extent]:
     """Return where the forest may end, each against the farthest; none where it does not go on."""
     ends = ends_of(one, observer.places)
-    trunks = observer.trunks_between(one, settings, ends)(*ends.pairs[0])
+    trunks = trunks_between(observer, one, settings, ends)(*ends.pairs[0])
     field = (settings.forest.origin, settings.forest.size)
     density = len(trunks) / float(np.prod(settings.forest.size))
     soon = math.sqrt(MANY_TRUNKS / (math.pi * density)) if density else FARTHEST

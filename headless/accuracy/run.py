@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from forest_addon import api as forest
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.toml_file import write_settings
-from forest_addon.sensing.choice import choose
-from forest_addon.spec import Reverb, Scanner, Scene, Sensor, Sonar, SpecError, Tractor
+from forest_addon.sensing.kinds import choose
+from forest_addon.spec import Scene, Sensor, SpecError
 
 from ..progress import Stages, hushed
 from .lidar import sweep_scanner, sweep_tractor
@@ -62,17 +64,51 @@ def sweep_scene(path: Path, out: Path, error: float, seconds: float, say: Say = 
 def sweep_sensor(
     sensor: Sensor, observer: Observer, scene: Scene, meshes: Meshes, folder: Path = Path()
 ) -> Sweep:
-    """The sweep of one sensor."""
+    """The sweep of one sensor.
+
+    Raises
+    ------
+    SpecError : nobody has said which settings of such a sensor are worth trying.
+    """
     sensor, _ = choose(sensor)
-    way = observer.way(sensor, folder)
-    if isinstance(sensor, Tractor):
-        return sweep_tractor(sensor, observer, scene, meshes)
-    if isinstance(sensor, Scanner):
-        return sweep_scanner(sensor, observer, scene, meshes, way)
-    if isinstance(sensor, Sonar):
-        return sweep_sonar(sensor, observer, scene, way, folder)
-    assert isinstance(sensor, Reverb)
+    if sensor.kind not in SWEEPS:
+        known = ", ".join(SWEEPS)
+        raise SpecError(sensor.name, f"is a {sensor.kind}, which has no sweep; use one of {known}")
+    return SWEEPS[sensor.kind](sensor, observer, scene, meshes, folder)
+
+
+def _of_tractor(
+    sensor: Any, observer: Observer, scene: Scene, meshes: Meshes, _folder: Path
+) -> Sweep:
+    return sweep_tractor(sensor, observer, scene, meshes)
+
+
+def _of_scanner(
+    sensor: Any, observer: Observer, scene: Scene, meshes: Meshes, folder: Path
+) -> Sweep:
+    return sweep_scanner(sensor, observer, scene, meshes, observer.way(sensor, folder))
+
+
+def _of_sonar(
+    sensor: Any, observer: Observer, scene: Scene, _meshes: Meshes, folder: Path
+) -> Sweep:
+    return sweep_sonar(sensor, observer, scene, observer.way(sensor, folder), folder)
+
+
+def _of_reverb(
+    sensor: Any, observer: Observer, scene: Scene, _meshes: Meshes, folder: Path
+) -> Sweep:
     return sweep_reverb(sensor, observer, scene, folder)
+
+
+SWEEPS: dict[str, Callable[[Any, Observer, Scene, Meshes, Path], Sweep]] = {
+    "tractor": _of_tractor,
+    "terrestrial": _of_scanner,
+    "mobile": _of_scanner,
+    "airborne": _of_scanner,
+    "sonar": _of_sonar,
+    "reverb": _of_reverb,
+}
 
 
 def _tell(sweep: Sweep, error: float, seconds: float, say: Say) -> None:

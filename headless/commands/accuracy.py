@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import Command
+from ..command import LOCK, Command, name_of
 
 
 class AccuracyCommand(Command):
@@ -34,7 +34,10 @@ class AccuracyCommand(Command):
         )
 
     def output(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out or Path("out") / f"{chosen.scene.stem}-accuracy"
+        return chosen.out or Path("out") / f"{name_of(chosen.scene)}-accuracy"
+
+    def lock(self, chosen: argparse.Namespace) -> Path:
+        return chosen.out / LOCK
 
     def run(self, chosen: argparse.Namespace) -> None:
         from ..accuracy.run import sweep_scene

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import Command
+from ..command import LOCK, Command, name_of
 
 
 class CanopyCommand(Command):
@@ -37,7 +37,10 @@ class CanopyCommand(Command):
         parser.add_argument("--seed", type=int, help="another seed than the scene file's")
 
     def output(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out or Path("out") / chosen.scene.stem / "canopy"
+        return chosen.out or Path("out") / name_of(chosen.scene) / "canopy"
+
+    def lock(self, chosen: argparse.Namespace) -> Path:
+        return chosen.out / LOCK
 
     def run(self, chosen: argparse.Namespace) -> None:
         from .work.canopy import look_up_in

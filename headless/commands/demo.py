@@ -7,7 +7,7 @@ from pathlib import Path
 
 from forest_addon.base.places import ASSETS
 
-from ..command import Command
+from ..command import LOCK, Command
 from .run import add_run_options, run_file
 
 DEMO = ASSETS / "scenes" / "demo.toml"
@@ -24,6 +24,9 @@ class DemoCommand(Command):
 
     def output(self, chosen: argparse.Namespace) -> Path:
         return chosen.out or Path("out") / DEMO.stem
+
+    def lock(self, chosen: argparse.Namespace) -> Path:
+        return chosen.out / LOCK
 
     def run(self, chosen: argparse.Namespace) -> None:
         run_file(DEMO, chosen)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from forest_addon.spec import SpecError
 
-from ..command import Command, refuse_negative
+from ..command import LOCK, Command, name_of, refuse_negative
 
 POLICIES = ("straight", "gap", "echo", "trained")
 
@@ -41,7 +41,10 @@ examples:
         parser.add_argument("--out", type=Path, metavar="DIR", help="default out/fly-SCENE")
 
     def output(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out or Path("out") / f"fly-{chosen.scene.stem}"
+        return chosen.out or Path("out") / f"fly-{name_of(chosen.scene)}"
+
+    def lock(self, chosen: argparse.Namespace) -> Path:
+        return chosen.out / LOCK
 
     def run(self, chosen: argparse.Namespace) -> None:
         refuse_negative(chosen.seed)

@@ -72,6 +72,9 @@ with the same command and --resume, to the same bytes."""
             return Path(f"{chosen.out}.{chosen.format}")
         return Path(chosen.out)
 
+    def lock(self, chosen: argparse.Namespace) -> Path | None:
+        return None if chosen.list else chosen.out.with_name(f".{chosen.out.stem}.lock")
+
     def kept(self, chosen: argparse.Namespace) -> str:
         return f"what was scanned is kept beside {chosen.out}; --resume goes on with it"
 

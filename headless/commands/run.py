@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import Command, read_scene
+from ..command import LOCK, Command, name_of, read_scene
 
 
 class RunCommand(Command):
@@ -18,7 +18,13 @@ class RunCommand(Command):
         add_run_options(parser, "out/SCENE")
 
     def output(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out or Path("out") / chosen.scene.stem
+        return chosen.out or Path("out") / name_of(chosen.scene)
+
+    def lock(self, chosen: argparse.Namespace) -> Path:
+        return chosen.out / LOCK
+
+    def kept(self, chosen: argparse.Namespace) -> str:
+        return f"{super().kept(chosen)}; --resume goes on with it"
 
     def run(self, chosen: argparse.Namespace) -> None:
         run_file(chosen.scene, chosen)
@@ -36,6 +42,11 @@ def add_run_options(parser: argparse.ArgumentParser, folder: str) -> None:
         metavar="DRY.wav",
         help="also write what each reverb makes of this dry sound: NAME-DRY.wav",
     )
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with a run that was ended: sensors that it had finished do not look again",
+    )
     parser.add_argument("--quiet", action="store_true", help="say nothing but errors")
 
 
@@ -47,4 +58,11 @@ def run_file(scene: Path, chosen: argparse.Namespace) -> None:
     with hushed():  # Blender says where its colours come from
         from ..pipeline import run_scene
 
-    run_scene(settings, scene.resolve().parent, chosen.out, quiet=chosen.quiet, dry=chosen.convolve)
+    run_scene(
+        settings,
+        scene.resolve().parent,
+        chosen.out,
+        quiet=chosen.quiet,
+        dry=chosen.convolve,
+        resume=chosen.resume,
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import Command
+from ..command import Command, name_of
 
 
 class StandCommand(Command):
@@ -27,7 +27,7 @@ class StandCommand(Command):
         parser.add_argument("--seed", type=int, help="another seed than the scene file's")
 
     def output(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out or Path("out") / chosen.scene.stem / "points.csv"
+        return chosen.out or Path("out") / name_of(chosen.scene) / "points.csv"
 
     def run(self, chosen: argparse.Namespace) -> None:
         from .work.stand import sample_stand

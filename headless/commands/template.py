@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import Command
+from ..command import LOCK, Command
 
 
 class TemplateCommand(Command):
@@ -54,7 +54,7 @@ class TemplateCommand(Command):
             "--grammar",
             choices=("fitted", "t20"),
             default="fitted",
-            help="siblings of the tree, or its branches on T20's grammar (default fitted)",
+            help="siblings of the tree, or its branches on Tanveer et al.'s grammar (default fitted)",
         )
         parser.add_argument(
             "--siblings",
@@ -74,6 +74,9 @@ class TemplateCommand(Command):
 
     def output(self, chosen: argparse.Namespace) -> Path:
         return chosen.out or Path("out") / chosen.name
+
+    def lock(self, chosen: argparse.Namespace) -> Path:
+        return chosen.out / LOCK
 
     def run(self, chosen: argparse.Namespace) -> None:
         from forest_addon.growth.library.template_library import Brought

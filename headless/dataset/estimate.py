@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.spec import Airborne, Mobile, Terrestrial
+from forest_addon.sensing.kinds import KINDS, kind_of
 
 from . import disk
 from .child import Child, Outcome
@@ -163,8 +163,7 @@ def _made(recipe: Recipe, child: Child, timeout: float) -> Trial:
 
 
 def _has_pulses(recipe: Recipe) -> bool:
-    kinds = {Terrestrial.kind, Airborne.kind, Mobile.kind}
-    return any(one["kind"] in kinds for one in recipe.scene.get("sensors", []))
+    return any(KINDS[one["kind"]].thinned for one in recipe.scene.get("sensors", []))
 
 
 def thinned(recipe: Recipe, share: float) -> Recipe:
@@ -172,10 +171,8 @@ def thinned(recipe: Recipe, share: float) -> Recipe:
     scene = copy.deepcopy(recipe.scene)
     settings = recipe.settings()
     for table, sensor in zip(scene.get("sensors", []), settings.sensors, strict=True):
-        if isinstance(sensor, Terrestrial):
-            table["angle_step_deg"] = min(sensor.angle_step_deg * share**0.5, 90.0)
-        elif isinstance(sensor, Airborne | Mobile):
-            table["pulse_rate"] = sensor.pulse_rate / share
+        thin = kind_of(sensor).thinned
+        table |= {} if thin is None else thin(sensor, share)
     return replace(recipe, scene=scene)
 
 

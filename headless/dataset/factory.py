@@ -16,9 +16,9 @@ from forest_addon.formats.atomic import replacing
 from forest_addon.spec import SpecError
 
 from ..command import IncompleteError
+from ..lock import only_one
 from . import disk
 from .engine import Cluster, make_all
-from .lock import only_one
 from .manifest import write_manifest
 from .plan import Plan, Recipe, recipes
 from .versions import versions

@@ -63,8 +63,7 @@ def _stand_notes(settings: Scene, forest: Forest) -> Iterator[str]:
         yield f"{stand.off_ground.sum():,} trees were left out where the terrain has no ground."
     if stand.off_field.any():
         yield f"{stand.off_field.sum():,} places of rows or lists lie beyond the field."
-    if forest.detail is not None:
-        yield from forest.detail.notes
+    yield from forest.detail
 
 
 def targets_finding(met: Sequence[Met]) -> Finding | None:
@@ -187,7 +186,7 @@ def flight_finding(sensor: Sonar, flight: Flight, picture: Path | None) -> Findi
 
 def _call_in_words(sensor: Sonar) -> str:
     beam = {"horseshoe": "a horseshoe bat's", "file": "a measured", "omni": "an even"}
-    model = {"piston": "hard discs (physical optics)", "paper": "T20's fit"}
+    model = {"piston": "hard discs (physical optics)", "paper": "the fit of Tanveer et al. 2020a"}
     return (
         f"{sensor.band[0] / 1e3:g} to {sensor.band[1] / 1e3:g} kHz with "
         f"{beam.get(sensor.beam, f'a {sensor.beam_width_deg[0]:g}°')} beam, at {sensor.ears} "
@@ -273,7 +272,7 @@ def reverb_finding(
         f"Forest reverb: {sensor.name}",
         f"The impulse response over {distance:.1f} m, "
         + (
-            "from single scattering by trunks (K)."
+            "from single scattering by trunks (Kaneko & Gamper 2021)."
             if sensor.model == "paper"
             else "from scattering by trunks with what a forest takes."
         ),

@@ -9,6 +9,7 @@ from forest_addon.results.figures import Finding
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.tractor import TractorScan
 from forest_addon.sensing.sonar.flight import Flight
+from forest_addon.sensing.sonar.kind import targets_of
 from forest_addon.sensing.sonar.ping import Echo
 from forest_addon.spec import Sensor
 from forest_addon.stand.forest import Forest
@@ -26,7 +27,7 @@ def draw_result(
     if isinstance(found, Cloud):
         return draw_cloud(found, sensor, path)
     if isinstance(found, Echo):
-        return draw_echo(found, sensor, sample_leaves(observer.targets), forest, path)
+        return draw_echo(found, sensor, sample_leaves(observer.once(targets_of)), forest, path)
     if isinstance(found, Flight):
-        return draw_flight(found, sensor, sample_leaves(observer.targets), forest, path)
+        return draw_flight(found, sensor, sample_leaves(observer.once(targets_of)), forest, path)
     return draw_reverb(found, path)

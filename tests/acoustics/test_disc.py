@@ -10,14 +10,12 @@ from references.echo_direct import scattering_direct
 from scipy import integrate, special
 
 from forest_addon.acoustics.disc import (
-    BISTATIC,
     HANDOVER,
     MODELS,
     amplitude_bound,
     backscatter,
     backscatter_amplitude,
     jinc,
-    scattering_amplitude,
 )
 from forest_addon.acoustics.disc_exact import HardDisc
 from forest_addon.acoustics.disc_table import LAST
@@ -140,8 +138,6 @@ def test_unknown_model() -> None:
         backscatter(1.0, 0.0, "mirror")
     with pytest.raises(ValueError, match=known):
         amplitude_bound(1.0, 2.0, np.ones(1), np.zeros(1), "mirror")
-    with pytest.raises(ValueError, match='"paper" is not known; use one of "piston", "exact"'):
-        scattering_amplitude(1.0, 0.0, 0.0, 0.0, "paper")
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -178,37 +174,6 @@ def test_beyond_the_table() -> None:
             for ka in (np.nextafter(edge, 0), np.nextafter(edge, 999))
         )
         assert np.abs(above - below).max() < 1e-6 * edge**2 / 2
-
-
-@pytest.mark.parametrize("model", BISTATIC)
-def test_bistatic_holds_the_monostatic(model: str) -> None:
-    ka, angle = np.array([0.3, 4.0, 25.0])[:, None], np.linspace(0.01, 1.5, 9)
-    both = scattering_amplitude(ka, angle, angle, 0.0, model)
-    error = np.abs(both - backscatter_amplitude(ka, angle, model))
-    assert (error < 1e-5 * backscatter(ka, 0.0)).all()
-
-
-def test_bistatic_piston_is_the_kirchhoff_integral() -> None:
-    ka, incidence, scattered, azimuth = 6.0, 0.5, 1.1, 2.2
-    nodes, weights = np.polynomial.legendre.leggauss(60)
-    rho, turn = 0.5 * (nodes + 1), 2 * math.pi * np.arange(80) / 80
-    x, y = rho[:, None] * np.cos(turn), rho[:, None] * np.sin(turn)
-    phase = x * math.sin(incidence) + math.sin(scattered) * (
-        x * math.cos(azimuth) + y * math.sin(azimuth)
-    )
-    integral = (0.5 * weights * rho) @ np.exp(1j * ka * phase).sum(axis=1) * 2 * math.pi / 80
-    expected = 1j * ka**2 * math.cos(scattered) / (2 * math.pi) * integral
-    value = scattering_amplitude(ka, incidence, scattered, azimuth, "piston")
-    assert value == pytest.approx(expected, abs=1e-10)
-    # The other face is lit: what was ahead is now behind.
-    turned = scattering_amplitude(ka, math.pi - incidence, scattered, azimuth, "piston")
-    assert turned == pytest.approx(-expected, abs=1e-10)
-
-
-def test_piston_in_the_mirror_direction() -> None:
-    for incidence in (0.0, 0.4, 1.3):
-        value = scattering_amplitude(30.0, incidence, incidence, math.pi, "piston")
-        assert value == pytest.approx(450j * math.cos(incidence))
 
 
 def test_models_differ_as_published() -> None:

@@ -1,6 +1,7 @@
 """Drawings over the view: one that breaks takes no other along, and is tried again when something changes."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
 from forest_addon.blender.sensors import objects as sensors
+from forest_addon.sensing.kinds import KINDS
 from forest_addon.ui import overlay
 from forest_addon.ui.sensors import outlines
 
@@ -54,12 +56,10 @@ def test_a_scanner_that_follows_a_curve_has_no_lines_and_others_keep_theirs(prop
 def test_a_sensor_whose_lines_cannot_be_made_takes_no_other_along(
     props, sensor, monkeypatch, caplog
 ):
-    from forest_addon.sensing import outline
-
     def broken(_sonar):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(outline, "beam_outline", broken)
+    monkeypatch.setitem(KINDS, "sonar", replace(KINDS["sonar"], outline=broken))
     for kind in spec.SENSORS:
         sensor(kind)
     bpy.context.view_layer.update()
@@ -81,7 +81,7 @@ def test_lines_are_finite_wherever_a_sensor_is_put(props, sensor, kind, place):
 
 
 def test_the_chosen_sensor_is_drawn_strong_and_others_faint():
-    for colour in outlines.COLOURS.values():
+    for colour in (kind.colour for kind in KINDS.values()):
         (*_, strong), wide = outlines.strength(colour, True)
         (*_, faint), narrow = outlines.strength(colour, False)
         assert strong > 2 * faint

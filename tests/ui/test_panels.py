@@ -11,6 +11,7 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec, ui
 from forest_addon.blender.sensors import objects as sensors
+from forest_addon.sensing.kinds import KINDS
 from forest_addon.spec.depth import ADVANCED, APPLIES
 from forest_addon.ui import properties
 from forest_addon.ui.results.finding import OF_TREES
@@ -132,7 +133,7 @@ def test_every_setting_has_its_place(small, sensor):
     for thing in sensors.sensors_of(bpy.context.scene):
         bpy.context.view_layer.objects.active = thing
         seen += drawn()
-    posed = {name for names in sensors.POSED.values() for name in names} | {"name"}
+    posed = {name for names in KINDS.values() for name in names.posed} | {"name"}
     in_a_line = set(SPREADS)  # distributions: under the label of what is drawn
     for group in properties.GROUPS.values():
         if group.__name__ in in_a_line:

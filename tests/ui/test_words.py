@@ -21,7 +21,7 @@ FILES = sorted(FILES_ROOT.rglob("*.py"))
 CODE = {
     str(file.relative_to(FILES_ROOT)): ast.parse(file.read_text(encoding="utf-8")) for file in FILES
 }
-FIGURES = ROOT / "forest_addon" / "results" / "figures.py"
+RESULTS = sorted((ROOT / "forest_addon" / "results").glob("*.py"))
 OURS = {"say", "label", "keep"}
 # Where a text is shown: the number of the argument, or its name.
 SHOWN = {"report": 1, "poll_message_set": 0, "status_text_set": 0, "SpecError": 1, "Task": 0}
@@ -139,11 +139,12 @@ def test_poll_messages_are_looked_up():
 
 def figures_in_words():
     """(place, pattern, keywords) of every figure of a result that is said in words."""
-    for call in ast.walk(ast.parse(FIGURES.read_text(encoding="utf-8"))):
-        if isinstance(call, ast.Call) and name_of(call) == "words":
+    found = [(f.name, c) for f in RESULTS for c in ast.walk(ast.parse(f.read_text("utf-8")))]
+    for file, call in found:
+        if isinstance(call, ast.Call) and getattr(call.func, "id", "") == "words":
             spread = [a.value.elts if isinstance(a, ast.Starred) else [a] for a in call.args]
             yield (
-                f"figures.py:{call.lineno}",
+                f"{file}:{call.lineno}",
                 [a for part in spread for a in part][2],
                 call.keywords,
             )

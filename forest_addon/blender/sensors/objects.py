@@ -5,7 +5,7 @@ A sonar and a tractor look along their object's local X axis; a scanner on a tri
 azimuth counts from where that axis points (``heading``). A reverb
 is a Speaker at the source, which sends along its local -Z as Speakers do, with an Empty, its receiver.
 ``place`` puts settings into transforms, ``pose`` reads them back as a scene file would have them; what the
-pose is made of is not shown in the panel again (``POSED``).
+pose is made of is not shown in the panel again (``posed`` of its kind).
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...spec import Settings, SpecError
+from ...sensing.kinds import KINDS
+from ...spec import Sensor, SpecError
 from ..read.single import shortest
 from ..scene.layout import SENSORS, find_part, part
 
@@ -24,31 +25,14 @@ KIND_KEY = "forest_sensor_kind"  # custom property of a sensor's object: its kin
 RECEIVER_KEY = "forest_receiver"  # custom property of a reverb's source: its receiver
 PATH_KEY = "forest_path"  # custom property of a moving scanner: the curve that was made for it
 
-# Settings that an object's transform says.
-POSED: dict[str, tuple[str, ...]] = {
-    "tractor": ("position", "heading_deg"),
-    "terrestrial": ("position",),
-    "mobile": (),
-    "airborne": ("position", "heading_deg"),
-    "sonar": ("position", "azimuth_deg", "elevation_deg"),
-    "reverb": ("source", "receiver", "facing_azimuth_deg", "facing_elevation_deg"),
-}
-# Axes of its rotation that a sensor heeds; about the others no hand can turn it. A tripod stays upright.
-TURNS: dict[str, tuple[int, ...]] = {
-    "tractor": (2,),
-    "terrestrial": (2,),
-    "mobile": (),
-    "airborne": (2,),
-    "sonar": (1, 2),
-    "reverb": (0, 1, 2),
-}
+AZIMUTHS, ELEVATIONS = ("azimuth_deg", "heading_deg"), ("elevation_deg",)
 DEGREE_DIGITS = 4  # what single precision keeps of an angle: rounding gives 110 back
 
 
-def new_sensor(scene: bpy.types.Scene, settings: Settings) -> bpy.types.Object:
+def new_sensor(scene: bpy.types.Scene, settings: Sensor) -> bpy.types.Object:
     """A new object for a sensor among the scene's sensors, placed where its settings say."""
     home = part(scene, SENSORS)
-    if settings.kind == "reverb":
+    if KINDS[settings.kind].body == "speaker":
         thing = _speaker(settings.name)
         receiver = _empty(f"{settings.name} receiver", "SPHERE")
         home.objects.link(receiver)
@@ -62,7 +46,7 @@ def new_sensor(scene: bpy.types.Scene, settings: Settings) -> bpy.types.Object:
     return thing
 
 
-def put_sensor(scene: bpy.types.Scene, settings: Settings) -> bpy.types.Object:
+def put_sensor(scene: bpy.types.Scene, settings: Sensor) -> bpy.types.Object:
     """The object of a sensor: the one of its name and kind that the scene has, moved, or a new one."""
     for thing in sensors_of(scene):
         if file_name(thing.name) == settings.name and kind_of(thing) == settings.kind:
@@ -93,9 +77,9 @@ def new_path(
 
 def lock(thing: bpy.types.Object) -> None:
     """Keep a sensor from moves by hand that would have no effect."""
-    kind = kind_of(thing)
-    thing.lock_location = (kind == "mobile",) * 3
-    thing.lock_rotation = tuple(axis not in TURNS[kind] for axis in range(3))
+    kind = KINDS[kind_of(thing)]
+    thing.lock_location = (not kind.posed,) * 3
+    thing.lock_rotation = tuple(axis not in kind.turns for axis in range(3))
     thing.lock_scale = (True,) * 3
 
 
@@ -151,25 +135,25 @@ def home_of(scene: bpy.types.Scene) -> bpy.types.Collection | None:
     return find_part(scene, SENSORS)
 
 
-def place(thing: bpy.types.Object, settings: Settings) -> None:
+def place(thing: bpy.types.Object, settings: Sensor) -> None:
     """Move and turn an object to where its settings say."""
-    azimuth = elevation = 0.0
+    kind = KINDS[settings.kind]
     thing.rotation_mode = "XYZ"
-    if settings.kind == "reverb":
+    if kind.body == "speaker":
         _place_ends(thing, settings)
         return
-    if settings.kind == "sonar":
-        azimuth, elevation = settings.azimuth_deg, settings.elevation_deg
-    elif settings.kind in ("tractor", "airborne"):
-        azimuth = settings.heading_deg
+    azimuth, elevation = (
+        next((getattr(settings, name) for name in names if name in kind.posed), 0.0)
+        for names in (AZIMUTHS, ELEVATIONS)
+    )
     thing.rotation_euler = (0.0, -math.radians(elevation), math.radians(azimuth))
-    if settings.kind != "mobile":
-        thing.location = settings.position
-    elif settings.poses:
-        thing.location = settings.poses[0].position
+    if "position" in kind.posed:
+        thing.location = settings.position  # type: ignore[attr-defined]
+    elif poses := getattr(settings, "poses", ()):
+        thing.location = poses[0].position
 
 
-def _place_ends(thing: bpy.types.Object, reverb: Settings) -> None:
+def _place_ends(thing: bpy.types.Object, reverb: Any) -> None:
     """A Speaker to its source, pointing where that faces, and its receiver to where one listens."""
     up, turn = reverb.facing_elevation_deg, reverb.facing_azimuth_deg
     thing.location = reverb.source
@@ -186,8 +170,8 @@ def pose(thing: bpy.types.Object) -> dict[str, Any]:
     ------
     SpecError : a reverb whose receiver is gone.
     """
-    kind = kind_of(thing)
-    if kind == "reverb":
+    kind = KINDS[kind_of(thing)]
+    if kind.body == "speaker":
         receiver = receiver_of(thing)
         if receiver is None:
             raise SpecError(thing.name, "its receiver is gone; choose an object as receiver")
@@ -198,15 +182,12 @@ def pose(thing: bpy.types.Object) -> dict[str, Any]:
             "facing_azimuth_deg": azimuth,
             "facing_elevation_deg": elevation,
         }
-    if kind == "mobile":  # it goes where its poses, or what it follows, say
-        return {}
-    found: dict[str, Any] = {"position": _place_of(thing)}
+    found: dict[str, Any] = {}
+    if "position" in kind.posed:  # else it goes where its poses, or what it follows, say
+        found["position"] = _place_of(thing)
     azimuth, elevation = _direction_of(thing)
-    if kind == "sonar":
-        found |= {"azimuth_deg": azimuth, "elevation_deg": elevation}
-    elif kind in ("tractor", "airborne"):
-        found["heading_deg"] = azimuth
-    return found
+    found |= {name: azimuth for name in AZIMUTHS if name in kind.posed}
+    return found | {name: elevation for name in ELEVATIONS if name in kind.posed}
 
 
 def heading(thing: bpy.types.Object) -> float:

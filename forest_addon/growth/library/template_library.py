@@ -1,7 +1,7 @@
 """A user's tree in files becomes a species that grows: the folder of its library.
 
 Written: the tree in metres (wood.stl, leaves.stl), a species file by which siblings of it grow (or trees
-of T20's grammar, fitted to its habit), and a scene that plants it (scene.toml).
+of Tanveer et al.'s grammar, fitted to its habit), and a scene that plants it (scene.toml).
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from ..regrow.allometry import allometry_of
 from ..regrow.anatomy import dissect
 from ..regrow.fitted import Habit, fit
 from ..verdict import Verdict, judge
+from .species_file import MOST_OF_TREE
 
 Progress = Callable[[int, int], None]
 
@@ -122,7 +123,7 @@ def make_library(
 ) -> Library:
     """Make a template library from files of a tree.
 
-    grammar : "fitted" for siblings of the tree, "t20" for T20's grammar with its branches.
+    grammar : "fitted" for siblings of the tree, "t20" for Tanveer et al.'s grammar with its branches.
     siblings : how many to grow and judge; 0: none. Those that are too unlike the tree get no scene.
     accept : write the scene all the same.
 
@@ -192,11 +193,17 @@ def check_name(name: str) -> None:
 def _read(brought: Brought) -> Sorted:
     try:
         if brought.groups:
+            count = sum(len(group.facets) for group in brought.groups)
+            if count > 2 * MOST_OF_TREE:
+                raise SpecError(
+                    "template",
+                    f"has {count:,} facets, more than {2 * MOST_OF_TREE:,}; make it coarser",
+                )
             return sort_out(brought.groups)
-        timber = read_stl(brought.wood)
+        timber = read_stl(brought.wood, MOST_OF_TREE)
         if brought.leaves is None:
             return sort_out([Group("", "", timber)])
-        return Sorted(timber, read_stl(brought.leaves), "")
+        return Sorted(timber, read_stl(brought.leaves, MOST_OF_TREE), "")
     except FileNotFoundError as problem:
         raise SpecError(
             "template", f"there is no file {problem.filename}; check the path"
@@ -248,7 +255,7 @@ leaves = "{"leaves.stl" if leafy else ""}"
 
 def _siblings_text(settings: Siblings, variety: float) -> str:
     return f"""
-# Siblings of this tree; 0 is the tree itself. Without this table, T20's grammar sets its branches.
+# Siblings of this tree; 0 is the tree itself. Without this table, Tanveer et al.'s grammar sets its branches.
 [siblings]
 variety = {variety}
 allometry = "{settings.allometry}"

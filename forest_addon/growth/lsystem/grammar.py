@@ -1,8 +1,10 @@
-"""T20's and A20's L-systems, and plain ones: one character a symbol, no numbers, no chance.
+"""Tanveer et al.'s (2020a and 2020b) L-systems, and plain ones: one character a symbol, no numbers, no
+chance.
 
-T20 writes its rule g -> d(g)[g)+g) and its second iteration d(d(g)[g)+g)[d(g)[g)+g)+d(g)[g)+g). Both
-follow from axiom ``g)`` and g -> d(g)[g)+g: the branch that ``+`` starts is closed by the bracket of
-its mother. A20's rules are groups d(d)+d) joined by ``[``, one group a whorl: there each ``+`` has a
+Tanveer et al. (2020a) writes its rule g -> d(g)[g)+g) and its second iteration
+d(d(g)[g)+g)[d(g)[g)+g)+d(g)[g)+g). Both follow from axiom ``g)`` and g -> d(g)[g)+g: the branch that ``+``
+starts is closed by the bracket of its mother. Tanveer et al.'s (2020b) rules are groups d(d)+d) joined by
+``[``, one group a whorl: there each ``+`` has a
 ``)`` of its own.
 """
 
@@ -15,7 +17,7 @@ import numpy as np
 
 from ...spec import Grammar
 from .production import System, read_system
-from .rewrite import predict, rewrite
+from .rewrite import rewrite
 from .word import Notation
 
 
@@ -36,20 +38,15 @@ def whorled(whorls: int) -> LSystem:
 
 
 def system_of_grammar(grammar: Grammar) -> System:
-    """The L-system of a species' grammar, T20's or A20's."""
+    """The L-system of a species' grammar, Tanveer et al.'s (2020a or 2020b)."""
     return _system(whorled(grammar.whorls) if grammar.dialect == "A20" else T20)
 
 
 def string_of(grammar: Grammar) -> np.ndarray:
-    """The string of a species' grammar, T20's or A20's, as (S,) uint8 character codes."""
+    """The string of a species' grammar, Tanveer et al.'s (2020a or 2020b), as (S,) uint8 character codes."""
     if grammar.dialect == "A20":
         return derive(whorled(grammar.whorls), min(grammar.generations, 1))
     return derive(T20, grammar.generations)
-
-
-def predict_length(system: LSystem, generations: int) -> int:
-    """Return how many symbols the string has after so many generations, exactly."""
-    return int(predict(_system(system), generations).symbols)
 
 
 def derive(system: LSystem, generations: int) -> np.ndarray:
@@ -60,11 +57,6 @@ def derive(system: LSystem, generations: int) -> np.ndarray:
     ValueError : the string would be longer than ``rewrite.MAX_SYMBOLS``; says how long.
     """
     return rewrite(_system(system), generations).codes
-
-
-def to_text(symbols: np.ndarray) -> str:
-    """The string that character codes spell."""
-    return symbols.tobytes().decode("latin-1")
 
 
 def _system(system: LSystem) -> System:

@@ -31,16 +31,6 @@ def system_of(rules: Rules) -> System:
     return read_system(rules.axiom, rules.productions, constants, DIALECTS[rules.dialect].notation)
 
 
-def derive_rules(rules: Rules, rng: np.random.Generator | None = None) -> Word:
-    """The string of rules after their generations.
-
-    Raises
-    ------
-    ValueError : rules that cannot be read, or a string that would be too long.
-    """
-    return rewrite(system_of(rules), rules.generations, rng)
-
-
 def grow_ruled(
     rules: Rules, leaf: Leaf, key: int, rng: np.random.Generator
 ) -> tuple[Skeleton, LeafSites]:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...base.trimesh import GROUND, LEAF, OTHER, WOOD
+from ...base.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD
 from ...spec import Scanner, SpecError, Surfaces
 from ..rays.caster import Hits
 from ..rays.geometry import SceneGeometry
@@ -27,14 +27,6 @@ def intensity(
     with np.errstate(divide="ignore"):
         back: np.ndarray = reflectance * np.abs(cos_incidence) / distance**2
     return back * np.exp(-2 * extinction * distance) if extinction else back
-
-
-def received_energy(
-    intensity: np.ndarray, pulse_energy: float, aperture: float, efficiency: float = 1.0
-) -> np.ndarray:
-    """(R,) joules that reach the detector; pulse energy in joules, diameter of the aperture in metres."""
-    energy: np.ndarray = pulse_energy * efficiency * aperture**2 / 4 * intensity
-    return energy
 
 
 def detection_limit(scanner: Scanner) -> float:
@@ -80,10 +72,11 @@ def reflectance_of(
 ) -> np.ndarray:
     """(R,) reflectances: what material or object say, else what the part is."""
     of_part = np.zeros(128)
-    of_part[[OTHER, WOOD, LEAF, GROUND]] = (
+    of_part[[OTHER, WOOD, LEAF, GROUND, DEAD]] = (
         surfaces.other,
         surfaces.wood,
         surfaces.leaf,
         surfaces.ground,
+        surfaces.wood,
     )
     return scene.reflectance_at(hits.instance, hits.triangle, of_part[organ])

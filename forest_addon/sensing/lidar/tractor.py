@@ -1,9 +1,9 @@
-"""SIMLIDAR's tractor (S): a vertical fan across the direction of travel, repeated every step.
+"""SIMLIDAR's tractor (Méndez et al.): a vertical fan across the direction of travel, repeated every step.
 
 The result is the matrix of distances, scans by angles, and ``to_cloud`` makes points of it. A beam is one
-ray, or S's solid sector: from y to y + Δy, from θ to θ + Δθ, sampled by P + 1 points along each, its
-distance that of the nearest hit. S samples the range too; a ray needs no such steps. Neighbours share the
-rays on their borders, so the rays are cast once, as a lattice of P·N + 1 by P·M + 1.
+ray, or Méndez et al.'s solid sector: from y to y + Δy, from θ to θ + Δθ, sampled by P + 1 points along
+each, its distance that of the nearest hit. S samples the range too; a ray needs no such steps. Neighbours
+share the rays on their borders, so the rays are cast once, as a lattice of P·N + 1 by P·M + 1.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class TractorScan:
 
     @property
     def matrix(self) -> np.ndarray:
-        """(N, M) S's l: the distance, or the escape value."""
+        """(N, M) Méndez et al.'s l: the distance, or the escape value."""
         return np.where(np.isfinite(self.distance), self.distance, self.escape)
 
     @property
@@ -107,6 +107,21 @@ def axes(tractor: Tractor, scan: np.ndarray, step: np.ndarray) -> tuple[np.ndarr
     """(B, 3), (B, 3) origins and unit directions of the first rays of beams, by scan and step of the fan."""
     along = positions(tractor)[scan]
     return _origins(tractor, along), _directions(tractor, fan(tractor)[step])
+
+
+def beams(tractor: Tractor, caster: RayCaster, scan: np.ndarray, step: np.ndarray) -> Returns:
+    """What beams (B,) meet, by scan and step of the fan, each with rays of its own."""
+    split = max(tractor.splits, 1)
+    within = np.arange(tractor.splits + 1)
+    i, j = (part.ravel() for part in np.meshgrid(within, within, indexing="ij"))
+    along = tractor.step * ((scan[:, None] * (tractor.gap + 1) * split + i) / split)
+    lowest, turn = fan(tractor)[0], np.deg2rad(tractor.angle_step_deg)
+    angle = lowest + turn * ((step[:, None] * split + j) / split)
+    origins = _origins(tractor, along.ravel())
+    ways = _directions(tractor, angle.ravel())
+    hits = caster.cast(origins, ways, tractor.max_range)
+    near = hits.distance.reshape(len(scan), -1).argmin(axis=1) + len(i) * np.arange(len(scan))
+    return label(caster.scene, hits.take(near), ways[near])
 
 
 def _look(

@@ -1,4 +1,5 @@
-"""A ping at a scene: the echo of leaves, wood and ground, as a bat-like sonar hears it (T20).
+"""A ping at a scene: the echo of leaves, wood and ground, as a bat-like sonar hears it (Tanveer et al.
+2020a).
 
 What sounds back (``targets``) goes in; the echo's spectrum and impulse response at every ear come out.
 With f_i the scattering amplitude, S the beams of call and ear, b the absorption of the air, r_t and r_e
@@ -6,7 +7,8 @@ the distances from mouth and to ear,
 
     Y(f) = Σ_i S_emit·S_hear·f_i(k)/(r_t·r_e)·e^{-b(f)(r_t + r_e)}·e^{-ik(r_t + r_e)}
 
-is the echo's pressure relative to the sent one at 1 m on the axis; S·L·λ/(2πr²) of T20 is the same.
+is the echo's pressure relative to the sent one at 1 m on the axis; S·L·λ/(2πr²) of Tanveer et al. 2020a is
+the same.
 
 The impulse response is the echo of a call whose spectrum is a Hann window over the band and whose
 envelope at 1 m on the axis has the peak 1. So a leaf gives a pulse at 2r/c with the height of its |A|,
@@ -75,6 +77,7 @@ class Echo:
     frequency : (K,) Hz, the band. spectra : (E, K) complex, the transfer function, not windowed.
     time : (N,) s after the call. responses : (E, N) of the band's pulse. envelopes : (E, N) of their
     analytic signals. waveforms : (E, N) of the sonar's call; those of a pulse are the responses.
+    called : (E, K) spectra of the waveforms; of a pulse, its transfer function.
     leaves, others : how many leaves, and cylinders and facets before they are
     cut, the scene has of the kinds that sound. near, far, broken, hidden, late : scatterers outside the
     limits of range, not finite, behind wood, after the end of the record. close : leaves in the sum that
@@ -88,6 +91,7 @@ class Echo:
 
     frequency: np.ndarray
     spectra: np.ndarray
+    called: np.ndarray
     time: np.ndarray
     responses: np.ndarray
     envelopes: np.ndarray
@@ -183,7 +187,7 @@ def ping(
     window = band.window(grid.frequency)
     analytic = _in_time(spectra * window, grid, grid.length / window.sum())
     waveforms = np.ascontiguousarray(analytic.real)
-    responses = waveforms
+    responses, called = waveforms, spectra
     if call is not None:
         sent = call.spectrum(grid.frequency)
         if moving:
@@ -194,6 +198,7 @@ def ping(
     return Echo(
         frequency=grid.frequency,
         spectra=spectra,
+        called=called,
         time=np.arange(grid.samples) / rate,
         responses=responses,
         envelopes=np.abs(analytic),

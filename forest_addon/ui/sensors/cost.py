@@ -14,7 +14,7 @@ from ..shell.running import duration
 from ..shell.words import label
 
 if TYPE_CHECKING:
-    from ...blender.sensors.cost import Cost
+    from ...sensing.cost import Cost
 
 LONG = 60.0  # s; what takes longer is asked about
 LARGE = 2e9  # bytes; the same
@@ -29,8 +29,8 @@ def costs(context: bpy.types.Context, things: Iterable[bpy.types.Object]) -> lis
     ------
     SpecError, ValueError : settings that cannot be used.
     """
-    from ...blender.sensors.cost import cost_of
     from ...blender.sensors.observe import Observer
+    from ...sensing.kinds import kind_of
 
     home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
     found = []
@@ -38,7 +38,7 @@ def costs(context: bpy.types.Context, things: Iterable[bpy.types.Object]) -> lis
         settings = to_spec(context.scene, [thing])
         (sensor,) = settings.sensors
         engine = "bvhtree" if settings.rays.engine == "bvhtree" else "embree"
-        found.append(cost_of(sensor, Observer.way(sensor, home), engine))
+        found.append(kind_of(sensor).cost(sensor, Observer.way(sensor, home), engine))
     return found
 
 
@@ -72,6 +72,8 @@ def in_words(found: list[Cost], frames: int = 1, keep: bool = False) -> str:
         parts.append(label("{count} pings", count=count("pings")))
     if "channels" in there:
         parts.append(label("{count} channels", count=count("channels")))
+    if "runs" in there:
+        parts.append(label("{count} runs", count=count("runs")))
     parts.append(label("about {time}", time=duration(frames * sum(c.seconds for c in found))))
     memory = memory_of(found, frames if keep else 1)
     if memory >= 5e7:

@@ -11,7 +11,7 @@ import bpy
 
 from ...blender.sensors.objects import kind_of
 from ..settings import references
-from ..settings.drawing import ICONS
+from ..settings.drawing import icon_of
 from ..settings.lists import Listed, Row, buttons, rows
 from ..shell.chosen import chosen_sensor
 from ..shell.words import keep
@@ -23,7 +23,7 @@ class FOREST_UL_sensors(bpy.types.UIList):
     """Sensors of the scene, which are objects."""
 
     def draw_item(self, context, layout, data, item, icon, active, name, index=0) -> None:
-        layout.prop(item, "name", text="", emboss=False, icon=ICONS[kind_of(item)])
+        layout.prop(item, "name", text="", emboss=False, icon=icon_of(kind_of(item)))
         run = layout.operator("forest.run", text="", icon="PLAY", emboss=False)
         run.sensor, run.frames = item.name, "THIS"
 

@@ -12,19 +12,11 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 
 from ...blender.sensors.objects import kind_of, sensors_of
+from ...sensing.kinds import KINDS, outline
 from ...spec import SpecError
 from ..settings import exchange
 from ..shell.chosen import chosen_sensor
 
-LIDAR = (0.35, 0.75, 1.0, 0.8)
-COLOURS = {
-    "tractor": LIDAR,
-    "terrestrial": LIDAR,
-    "mobile": LIDAR,
-    "airborne": LIDAR,
-    "sonar": (1.0, 0.75, 0.25, 0.8),
-    "reverb": (0.75, 0.55, 1.0, 0.9),
-}
 WIDTH, CHOSEN = 1.5, 2.5  # pixels, of the chosen sensor's lines
 FAINT = 0.3  # share of the strength of a line that the other sensors' have
 
@@ -51,7 +43,7 @@ def draw(context: bpy.types.Context) -> None:
         _batches.clear()
         for thing, ends in lines(context.scene):
             batch = batch_for_shader(shader, "LINES", {"pos": ends})
-            _batches.append((batch, COLOURS[kind_of(thing)], thing.name))
+            _batches.append((batch, KINDS[kind_of(thing)].colour, thing.name))
     thing = chosen_sensor(context)
     name = "" if thing is None else thing.name
     shader.bind()
@@ -70,8 +62,6 @@ def strength(colour: tuple[float, ...], chosen: bool) -> tuple[tuple[float, ...]
 
 def lines(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Object, np.ndarray]]:
     """Sensors and ends of their lines, (2 N, 3) float32 with N > 0, of every sensor that has any."""
-    from ...sensing.outline import outline
-
     for thing in sensors_of(scene):
         try:
             ends = outline(exchange.sensor_of(thing)).reshape(-1, 3).astype(np.float32)

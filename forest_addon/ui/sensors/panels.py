@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import bpy
 
 from ... import spec
 from ...blender.sensors import objects as sensors
+from ...sensing.kinds import KINDS
 from ..settings import references
 from ..settings.drawing import BIG, OnceStarted, draw_settings, folded, split
 from ..settings.lists import draw_list
 from ..shell.chosen import chosen, chosen_sensor
-from ..shell.words import keep, label
+from ..shell.words import keep, label, label_kept
 from .instruments import draw_instrument
 from .things import seen_thing
 
@@ -99,17 +101,17 @@ def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
     """Draw where a sensor is and looks, and all its settings."""
     kind = sensors.kind_of(thing)
     group = getattr(thing.forest_sensor, kind)
-    column = split(layout)
-    if kind != "mobile":  # it goes where its poses say, or what it follows
+    record, column = KINDS[kind], split(layout)
+    if record.posed:  # else it goes where its poses say, or what it follows
         column.prop(thing, "location")
-    if kind == "reverb":
+    if record.body == "speaker":
         column.prop(thing, f'["{sensors.RECEIVER_KEY}"]', text="Receiver")
-    for axis in sensors.TURNS[kind]:
+    for axis in record.turns:
         column.prop(thing, "rotation_euler", index=axis, text=AXES[axis])
-    fixed = _why_fixed(kind, group)
+    fixed = record.fixed(group)
     if fixed:
-        column.label(text=fixed, icon="INFO")
-    hidden = {"name", *sensors.POSED.get(kind, ()), *references.HEARD_TYPES}
+        column.label(text=label_kept(fixed), icon="INFO")
+    hidden = {"name", *record.posed, *references.HEARD_TYPES}
     if "scanner" in group.shown:
         draw_instrument(split(layout), group)
     draw_settings(split(layout), group, hidden)
@@ -118,36 +120,34 @@ def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
         header.label(text=group.bl_rna.properties[part].name)
         if body is not None:
             draw_settings(split(body), getattr(group, part))
-    if kind == "mobile" and not group.follow:
-        layout.label(text="Where It Goes")
-        draw_list(layout, "FOREST_UL_poses", group, "poses", "pose")
-        if group.poses:
-            draw_settings(split(layout), chosen(group, "poses"))
-    if kind == "reverb":
-        layout.label(text="Further Sources")
-        _draw_ends(layout, group, "sources", "source")
-        _draw_objects(layout, group, "source_objects", "source_object")
-        layout.label(text="Further Receivers")
-        _draw_ends(layout, group, "receivers", "receiver")
-        _draw_objects(layout, group, "receiver_objects", "receiver_object")
+    if kind in LISTS:
+        LISTS[kind](layout, group)
 
 
-def _why_fixed(kind: str, group: Any) -> str:
-    """Return why moving a sensor by hand, or turning it about some axes, has no effect; empty where it
-    has."""
-    if kind == "mobile":
-        return label("Move what it follows") if group.follow else label("It moves by its poses")
-    if kind in ("terrestrial", "tractor"):
-        return label("It stays upright")
-    if kind == "airborne":
-        return label("It flies level")
-    if kind == "sonar" and (group.follow or group.route):
-        return label("Move what it follows") if group.follow else label("It flies its route")
-    if kind == "sonar":
-        return label("Its ears stay level")
-    if kind == "reverb" and group.directivity == "omni":
-        return label("It sends alike to all sides")
-    return ""
+def _draw_poses(layout: bpy.types.UILayout, group: Any) -> None:
+    """The poses of a scanner that follows nothing."""
+    if group.follow:
+        return
+    layout.label(text="Where It Goes")
+    draw_list(layout, "FOREST_UL_poses", group, "poses", "pose")
+    if group.poses:
+        draw_settings(split(layout), chosen(group, "poses"))
+
+
+def _draw_further(layout: bpy.types.UILayout, group: Any) -> None:
+    """Further sources and receivers of a reverb."""
+    layout.label(text="Further Sources")
+    _draw_ends(layout, group, "sources", "source")
+    _draw_objects(layout, group, "source_objects", "source_object")
+    layout.label(text="Further Receivers")
+    _draw_ends(layout, group, "receivers", "receiver")
+    _draw_objects(layout, group, "receiver_objects", "receiver_object")
+
+
+LISTS: dict[str, Callable[[bpy.types.UILayout, Any], None]] = {  # of the settings of a kind
+    "mobile": _draw_poses,
+    "reverb": _draw_further,
+}
 
 
 def _draw_ends(layout: bpy.types.UILayout, reverb: Any, name: str, thing: str) -> None:

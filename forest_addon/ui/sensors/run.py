@@ -23,11 +23,11 @@ from .cost import chosen_things, costs, is_large
 from .cost import in_words as in_short
 
 if TYPE_CHECKING:
-    from ...blender.sensors.cost import Cost
+    from ...sensing.cost import Cost
 
 
 def _import_rooms(_tell: Any) -> None:
-    from ...blender.sensors import cost, observe  # noqa: F401
+    from ...blender.sensors import observe  # noqa: F401
     from ..results import finding  # noqa: F401
 
 
@@ -169,8 +169,8 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         ahead: Ahead,
     ) -> Work:
         """Run these sensors in the scene of one frame, None: as it is, of which nothing is numbered."""
-        from ...blender.sensors.cost import note_pace
         from ...blender.sensors.observe import Observer
+        from ...sensing.cost import note_pace
         from ...stand.plan import labels
         from ..results import frames
         from ..results.finding import keep_finding, note_audit, save_finding

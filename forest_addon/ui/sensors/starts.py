@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from ... import spec
+from ...sensing.kinds import KINDS
 from ..shell.words import keep
 
 Point = tuple[float, float, float]
@@ -177,4 +178,17 @@ STARTS: dict[str, Start] = {
         keep("A clap among trunks, as it is heard at another place"),
         _reverb,
     ),
+}
+
+
+def _beside(settings: type[spec.Sensor]) -> Callable[[Around], spec.Sensor]:
+    return lambda around: settings(position=around.raised(1.5))
+
+
+STARTS |= {  # every other kind stands where it is put
+    name: Start(
+        kind.settings.TITLE or name.title(), name, kind.icon, kind.help, _beside(kind.settings)
+    )
+    for name, kind in KINDS.items()
+    if name not in {start.kind for start in STARTS.values()}
 }

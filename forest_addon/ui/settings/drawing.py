@@ -11,6 +11,7 @@ from typing import Any
 
 import bpy
 
+from ...sensing.kinds import KINDS
 from ...spec.depth import applies, is_advanced
 from ..shell.words import label
 from .exchange import forestless, untouched
@@ -20,15 +21,12 @@ from .shown import FACE
 
 FOLDED = True  # parts of settings are closed until someone opens them
 BIG = 1.4  # heights of a row: the buttons that start work
-ICONS = {
-    "forest": "OUTLINER_OB_CURVES",
-    "tractor": "MOD_ARRAY",
-    "terrestrial": "OUTLINER_OB_POINTCLOUD",
-    "mobile": "CURVE_PATH",
-    "airborne": "OUTLINER_OB_LIGHTPROBE",
-    "sonar": "OUTLINER_OB_SPEAKER",
-    "reverb": "RNDCURVE",
-}
+OF_FOREST = "OUTLINER_OB_CURVES"
+
+
+def icon_of(kind: str) -> str:
+    """The icon of a kind of sensor, or of the forest."""
+    return KINDS[kind].icon if kind in KINDS else OF_FOREST if kind == "forest" else "DOT"
 
 
 class Tab:

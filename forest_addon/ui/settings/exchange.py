@@ -81,7 +81,7 @@ def sensor_of(thing: Any) -> Settings:
     cls = spec.SENSORS[kind]
     group = getattr(thing.forest_sensor, kind)
     given = {"name": file_name(thing.name)} | sensors.pose(thing)
-    if kind == "terrestrial":
+    if "azimuth_deg" not in given and hasattr(group, "azimuth_deg"):  # a window, not a direction
         given["azimuth_deg"] = _turned(_plain(group.azimuth_deg), sensors.heading(thing))
     return read(group, cls, file_name(thing.name), given)
 

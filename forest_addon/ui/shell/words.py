@@ -3,15 +3,20 @@
 Blender itself looks up the name and help of a class or property, and what a call has as plain text:
 ``label(text="Images")``. What it cannot look up has values in it, or is on its way to where it is read.
 ``say`` and ``label`` look up the pattern and fill it then. What a file keeps stays English: ``keep`` notes
-what a text is made of, ``label_of_kept`` says it in the language of whoever opens the file.
+what a text is made of, ``label_of_kept`` says it in the language of whoever opens the file; ``say_kept`` and
+``label_kept`` say what came from rooms that have no catalogs.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 
 import bpy
 from bpy.app.translations import contexts, pgettext_iface, pgettext_rpt
+
+from ...base.words import Kept as Kept
+from ...base.words import keep as keep
 
 
 def say(pattern: str, /, **values: object) -> str:
@@ -29,23 +34,26 @@ def title_of_operator(operator: object) -> str:
     return str(pgettext_iface(operator.bl_label, contexts.operator_default))  # type: ignore[attr-defined]
 
 
-class Kept(str):
-    """A text in English; ``made_of`` is its pattern and what that is filled with."""
-
-    made_of: str
-
-
-def keep(pattern: str, /, **values: float | str) -> Kept:
-    """A text that is stored, or said later, in English until then."""
-    kept = Kept(_filled(pattern, pattern, values))
-    kept.made_of = json.dumps([pattern, values])
-    return kept
+def say_kept(text: str) -> str:
+    """A text that was kept, as a sentence that is reported; any other as it is."""
+    return _said(text, say)
 
 
 def label_of_kept(made_of: str) -> str:
     """Return what was kept, as it stands in a panel."""
     pattern, values = json.loads(made_of)
     return label(pattern, **values)
+
+
+def label_kept(text: str) -> str:
+    """A text that was kept, as it stands in a panel or a picture; any other as it is."""
+    return _said(text, label)
+
+
+def _said(text: str, how: Callable[..., str]) -> str:
+    if not isinstance(text, Kept):
+        return text
+    return how(text.pattern, **{name: _said(value, how) for name, value in text.values.items()})
 
 
 def language() -> str:

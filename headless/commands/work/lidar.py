@@ -29,7 +29,6 @@ def list_scanners() -> None:
         file = read_scanner(name)
         kind, table = next(iter(file.tables.items()))
         sensor = structure(table, SENSORS[kind])
-        assert isinstance(sensor, Scanner)
         spread = " x ".join(f"{a:g}" for a in dict.fromkeys(sensor.beam.divergence_mrad))
         print(
             f"{name:<20}{file.title:<34}{', '.join(file.tables):<22}"
@@ -149,7 +148,6 @@ def scan_blend(
 
         from forest_addon.blender.files.opening import empty_file, open_file
         from forest_addon.blender.sensors.observe import Observer
-        from forest_addon.blender.sensors.platform import path_of_object
     try:
         with stages.stage(f"open {blend.name}"), hushed(errors=True):
             open_file(blend)
@@ -162,8 +160,7 @@ def scan_blend(
             caster = observer.caster
         if observer.warning:
             stages.say(f"  Warning: {observer.warning}")
-        path = path_of_object(bpy.context.scene, sensor) if isinstance(sensor, Mobile) else None
-        scan = Scan(sensor, caster, seed, path)  # type: ignore[arg-type]
+        scan = Scan(sensor, caster, seed, observer.way(sensor))  # type: ignore[arg-type]
         started = time.perf_counter()
         with stages.stage(f"scan {scan.pulses:,} pulses") as progress:
             done = write_scan(

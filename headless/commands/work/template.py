@@ -28,7 +28,7 @@ from forest_addon.growth.verdict import Verdict
 from forest_addon.spec import Siblings, SpecError, Species
 
 from ...command import UnlikeError
-from ...progress import hushed
+from ...progress import Stages, hushed
 from ...report.drawing import can_draw, without
 from ...report.likeness import add_sensors, tell_likeness
 
@@ -61,7 +61,8 @@ def make_template(
         raise SpecError("--siblings", f"{siblings} is out of range; use 3 to 1000, or 0 for none")
     try:
         brought = replace(brought, groups=_groups(brought.wood, brought.leaves))
-        made = make_library(brought, name, out, grammar=grammar, siblings=siblings, accept=accept)
+        with Stages(False).stage("recognise the tree") as progress:
+            made = make_library(brought, name, out, progress, grammar, siblings, accept)
     except NotUnderstoodError as problem:
         raise SpecError("template", _drawn(problem, name, out)) from None
     except SpecError as problem:

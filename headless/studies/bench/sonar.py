@@ -1,4 +1,4 @@
-"""Echoes end to end: a ping among 5 and 1000 trees, T20's Table 1, culling, the leaf models.
+"""Echoes end to end: a ping among 5 and 1000 trees, Tanveer et al.'s Table 1, culling, the leaf models.
 
 The kernel's own speed and error, by the number of leaves and the tolerance, is in ``sonar_kernel``.
 """
@@ -16,6 +16,7 @@ from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.tree import grow
+from forest_addon.sensing.kinds import of_family
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.sonar.equipment_files import equip, find, read_route
 from forest_addon.sensing.sonar.flight import fly
@@ -131,7 +132,7 @@ def _table_1(say: Say) -> None:
         species = [load_species(find_species(p.species, Path())) for p in settings.plantings]
         forest = grow_forest(settings, species)
         scene = _scene_of(forest)
-        (sonar,) = (s for s in settings.sensors if isinstance(s, Sonar))
+        (sonar,) = of_family(settings.sensors, "sonar")
         poses = _poses(sonar)
         equipment = equip(sonar, ASSETS / "scenes")
         targets = Targets(scene)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from forest_addon.spec import SpecError
 
-from ...command import Command, refuse_negative
+from ...command import LOCK, Command, refuse_negative
 
 EXPERIMENTS = ("speed", "hedge", "senses", "learn")
 
@@ -31,6 +31,9 @@ class FlightCommand(Command):
 
     def output(self, chosen: argparse.Namespace) -> Path:
         return chosen.out or Path("out") / f"flight-{chosen.experiment}"
+
+    def lock(self, chosen: argparse.Namespace) -> Path:
+        return chosen.out / LOCK
 
     def run(self, chosen: argparse.Namespace) -> None:
         refuse_negative(chosen.seed)

@@ -171,13 +171,13 @@ def compare_own(file: Path, scene: Path | None, out: Path) -> list[Comparison]:
     SpecError : no scene was given, it has no scanner, or the cloud cannot be read.
     """
     from forest_addon import api
-    from forest_addon.spec import Scanner
+    from forest_addon.sensing.kinds import of_family
 
     if scene is None:
         raise SpecError("--scene", "is needed beside a cloud; give the scene file that it is of")
     measured = read_returns(file)
     settings = api.read(scene)
-    scanners = [sensor for sensor in settings.sensors if isinstance(sensor, Scanner)]
+    scanners = [s for s in of_family(settings.sensors, "lidar") if s.kind != "tractor"]
     if not scanners:
         raise SpecError(str(scene), "has no LiDAR; add one under [[sensors]]")
     world = api.build(settings, folder=scene.parent)

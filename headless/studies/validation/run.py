@@ -81,11 +81,6 @@ def find_data(given: Path | None, own: bool = False) -> Path:
     return folder
 
 
-def read_part(folder: Path) -> Part:
-    """Return what was kept of a subject."""
-    return _read(folder / KEPT, folder)
-
-
 def write_page(out: Path, docs: Path) -> Path:
     """All subjects as one page, pictures below it; returns the page.
 

@@ -12,7 +12,7 @@ from forest_addon.growth.lsystem.dialect import ABOP, read_commands
 from forest_addon.growth.lsystem.production import read_system
 from forest_addon.growth.lsystem.prune import prune_descending
 from forest_addon.growth.lsystem.rewrite import rewrite
-from forest_addon.growth.lsystem.ruled import derive_rules
+from forest_addon.growth.lsystem.ruled import system_of
 from forest_addon.growth.lsystem.walk import walk
 from forest_addon.growth.lsystem.word import GrammarError
 from forest_addon.growth.species import skeleton_of
@@ -34,7 +34,7 @@ def grown(species, seed=0):
 def test_internodes_of_s_have_their_length_and_diameter():
     species = but(preset("apple"), generations=5, prune_descending=False)
     skeleton, _ = grown(species)
-    text = derive_rules(species.rules).text()
+    text = rewrite(system_of(species.rules), species.rules.generations).text()
     tags = np.array([int(text[i + 1 : i + 3]) for i, c in enumerate(text) if c == "I"])
     assert len(skeleton) == len(tags)
     length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)

@@ -7,8 +7,8 @@ import pytest
 
 from forest_addon.spec import SpecError
 from headless.dataset import disk
-from headless.dataset.lock import only_one
 from headless.dataset.manifest import rows_of
+from headless.lock import only_one
 
 RECORD = {
     "split": "train",

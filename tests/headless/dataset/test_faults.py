@@ -11,7 +11,7 @@ import time
 import pytest
 
 from forest_addon.base.rng import stream
-from headless.dataset.lock import only_one
+from headless.lock import only_one
 from tests.references.dataset_runs import PLAN, ROOT, bytes_of, children_of, command, run
 
 pytestmark = [

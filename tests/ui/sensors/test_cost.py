@@ -6,9 +6,9 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.sensors import cost as costs_of
 from forest_addon.blender.sensors import objects as sensors
 from forest_addon.blender.sensors.observe import Observer
+from forest_addon.sensing import cost as costs_of
 from forest_addon.sensing.lidar.tractor import TractorScan
 from forest_addon.ui.sensors import cost
 from forest_addon.ui.sensors.run import Ahead

@@ -7,13 +7,13 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from forest_addon.blender.sensors.objects import PATH_KEY, TURNS, kind_of
+from forest_addon.blender.sensors.objects import PATH_KEY, kind_of
 from forest_addon.blender.sensors.observe import Observer
+from forest_addon.sensing.kinds import KINDS
 from forest_addon.sensing.lidar import tractor
 from forest_addon.sensing.lidar.scanner import pattern_of
 from forest_addon.sensing.reverb.ends import ends_of
 from forest_addon.sensing.sonar.poses import posed
-from forest_addon.ui.sensors.panels import _why_fixed
 from forest_addon.ui.sensors.starts import STARTS
 from forest_addon.ui.settings import exchange
 
@@ -60,7 +60,7 @@ def test_rays_move_and_turn_with_what_a_hand_may_move(props, which):
     thing = added(which)
     if kind_of(thing) == "mobile":
         assert all((*thing.lock_location, *thing.lock_rotation))
-        assert _why_fixed("mobile", thing.forest_sensor.mobile) == "Move what it follows"
+        assert KINDS["mobile"].fixed(thing.forest_sensor.mobile) == "Move what it follows"
         held = thing[PATH_KEY]
     else:
         held = thing
@@ -110,18 +110,18 @@ def test_a_parent_moves_and_turns_it_too(props, which):
 def test_where_a_turn_has_no_effect_the_panel_says_why(props, which):
     thing = added(which)
     kind = kind_of(thing)
-    if len(TURNS[kind]) < 3 or kind == "reverb":
-        assert _why_fixed(kind, getattr(thing.forest_sensor, kind))
+    if len(KINDS[kind].turns) < 3 or kind == "reverb":
+        assert KINDS[kind].fixed(getattr(thing.forest_sensor, kind))
 
 
 def test_a_bat_that_follows_says_so(props):
     thing, other = added("sonar"), bpy.data.objects["cube"]
     settings = thing.forest_sensor.sonar
     settings.follow = other.name
-    assert _why_fixed("sonar", settings) == "Move what it follows"
+    assert KINDS["sonar"].fixed(settings) == "Move what it follows"
     settings.follow, settings.route = "", "bat.csv"
-    assert _why_fixed("sonar", settings) == "It flies its route"
+    assert KINDS["sonar"].fixed(settings) == "It flies its route"
     reverb = added("reverb").forest_sensor.reverb
-    assert _why_fixed("reverb", reverb) == "It sends alike to all sides"
+    assert KINDS["reverb"].fixed(reverb) == "It sends alike to all sides"
     reverb.directivity = "cardioid"
-    assert not _why_fixed("reverb", reverb)
+    assert not KINDS["reverb"].fixed(reverb)

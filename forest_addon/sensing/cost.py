@@ -1,0 +1,54 @@
+"""Cost of a run, before it begins: how much it sends, how long that takes, how much it keeps.
+
+The time is a guess until sensors of a kind have run once in this process; then their own pace counts, which
+is that of this machine and this scene.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..spec import Sensor
+
+RAY = 2e-6  # s, a first guess: a ray of Embree
+SLOWER = 15.0  # times that BVHTree takes a ray
+RETURN = 300  # bytes of a point: what is computed of it, and what Blender keeps
+
+_pace: dict[str, float] = {}  # s a unit of work, of sensors of a kind that have run
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Of one run: ``count`` of what it sends (pulses, pings, channels), seconds, bytes.
+
+    work : what the time grows with: rays, pings, channels.
+    """
+
+    what: str
+    count: int
+    work: int
+    seconds: float
+    memory: int
+
+
+def cost_of_rays(sensor: Sensor, count: int, subrays: int, returns: float, engine: str) -> Cost:
+    """The cost of ``count`` pulses of ``subrays`` rays, each with so many returns, by a ray engine."""
+    ray = RAY if engine == "embree" else SLOWER * RAY
+    memory = int(count * returns) * RETURN
+    return cost_of_work(sensor, "pulses", count, ray, work=count * subrays, memory=memory)
+
+
+def cost_of_work(
+    sensor: Sensor, what: str, count: int, guess: float, *, work: int = 0, memory: int = 0
+) -> Cost:
+    """The cost of ``count`` of something.
+
+    guess : seconds of a unit of work, until a sensor of this kind has run. work : units; 0: ``count``.
+    """
+    work = work or count
+    return Cost(what, count, work, work * _pace.get(sensor.kind, guess), memory)
+
+
+def note_pace(sensor: Sensor, cost: Cost, seconds: float) -> None:
+    """Remember how long a run took."""
+    _pace[sensor.kind] = seconds / max(cost.work, 1)

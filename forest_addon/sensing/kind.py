@@ -1,0 +1,163 @@
+"""Record of a sensor, of all that it IS to the rest of the program; each sensor's ``kind.py`` fills it in.
+
+The record names the sensor's settings and says how it runs on a scene, how a sample of its result is
+computed again, where it goes, what it costs, what it shows in the viewport. Whoever runs, draws or times
+sensors looks the record up by the ``kind`` of the settings (``kinds``) and knows no sensor by name. What a
+sensor *gives* (figures, files, pictures, sound) is the record of the same kind in ``results``.
+
+Only settings, the scene and the run are of interest to a sensor that sends rays and stays where it is put;
+all else has a default.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+from ..spec import Choice, Scene, Sensor
+from .audit import Audit
+from .cost import Cost, cost_of_work
+from .looks import Look, look_at_leaves
+from .rays.caster import RayCaster
+from .rays.geometry import SceneGeometry
+
+T = TypeVar("T")
+Progress = Callable[[int, int], None]
+Colour = tuple[float, float, float, float]
+
+LIGHT, SOUND, ECHO = (0.35, 0.75, 1.0, 0.8), (0.75, 0.55, 1.0, 0.9), (1.0, 0.75, 0.25, 0.8)
+GUESS = 0.1  # s that a run takes, where a kind does not say
+
+
+class Seen(Protocol):
+    """An evaluated scene, as sensors see it.
+
+    places : metres, of the objects that can be a source or a receiver, by name. wood : rays that pass leaves.
+    expansions : what sums of sound have set up, kept from one scene to the next.
+    """
+
+    geometry: SceneGeometry
+    places: Mapping[str, tuple[float, float, float]]
+    expansions: Any
+
+    @property
+    def caster(self) -> RayCaster:
+        """Rays that meet everything."""
+        ...
+
+    @property
+    def wood(self) -> RayCaster:
+        """Rays that pass leaves: lines of sight of sound."""
+        ...
+
+    def once(self, make: Callable[..., T], *of: Any) -> T:
+        """``make(self, *of)``, made the first time that it is asked for."""
+        ...
+
+
+class Follower(Protocol):
+    """Blender's scene, asked where an object or a curve goes that a sensor follows.
+
+    Raises
+    ------
+    SpecError : there is no such object, or it cannot be followed.
+    """
+
+    def path(self, sensor: Any) -> Any:
+        """The path of a platform over time; None: by its own poses."""
+        ...
+
+    def poses(self, sensor: Any) -> Any:
+        """The poses of single measurements along it."""
+        ...
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One sensor in one scene.
+
+    sensor : its settings, with nothing left to "auto". seen : the scene. settings : the scene's.
+    folder : that files named in the settings are relative to. trajectory : where it goes, as its kind has
+    it; None: it stays.
+    """
+
+    sensor: Any
+    seen: Seen
+    settings: Scene
+    folder: Path = Path()
+    trajectory: Any = None
+
+
+def _stays(_sensor: Any, _folder: Path, _follower: Follower) -> None:
+    return None
+
+
+def _where_it_stands(job: Observation) -> np.ndarray:
+    return np.array([job.sensor.position])
+
+
+def _one_run(sensor: Any, _trajectory: Any, _engine: str) -> Cost:
+    return cost_of_work(sensor, "runs", 1, GUESS)
+
+
+def _no_lines(_sensor: Any) -> np.ndarray:
+    return np.empty((0, 2, 3))
+
+
+def _nothing_chosen(_given: Any) -> tuple[Choice, ...]:
+    return ()
+
+
+def _nothing_fixed(_group: Any) -> str:
+    return ""
+
+
+@dataclass(frozen=True)
+class SensorKind:
+    """Record of a kind of sensor; every function takes the settings, or the ``Observation`` that holds them.
+
+    settings : their class. run : what it finds in a scene, told of progress.
+    audit : a sample of what it found in so many seconds, computed again by the exact way.
+    trajectory : where it goes, by its settings, a folder and Blender's scene; None: it stays.
+    positions : (P, 3) m where it should not stand inside of a tree.
+    cost : of a run along a trajectory with a ray engine. outline : (N, 2, 3) m, ends of the lines that show
+        where it looks.
+    choose : what is left to "auto", chosen. left_out : what a finding left out, and the bound on that.
+    thinned : settings, as a table, by which one of so many of its pulses is sent; None: it has none.
+    look : what it needs of trees, where their detail is left to "auto".
+    family : "lidar", "sonar", "reverb", or a word of its own.
+
+    As an object in the view: help : what it is, in a sentence. icon, colour : Blender's name, linear RGBA.
+    body : "arrows", or "speaker" for what sends from one object to another. posed : settings that the
+        object's transform says. turns : axes of its rotation that it heeds. fixed : why other moves by hand
+        have no effect, by its settings; empty: they have.
+    """
+
+    settings: type[Sensor]
+    run: Callable[[Observation, Progress | None], Any]
+    audit: Callable[[Observation, Any, float], Audit] | None = None
+    trajectory: Callable[[Any, Path, Follower], Any] = _stays
+    positions: Callable[[Observation], np.ndarray] = _where_it_stands
+    cost: Callable[[Any, Any, str], Cost] = _one_run
+    outline: Callable[[Any], np.ndarray] = _no_lines
+    choose: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen
+    left_out: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen
+    thinned: Callable[[Any, float], dict[str, Any]] | None = None
+    look: Callable[[Any], Look] = look_at_leaves
+    family: str = ""
+    help: str = ""
+    icon: str = "DOT"
+    colour: Colour = LIGHT
+    body: str = "arrows"
+    posed: tuple[str, ...] = ("position", "azimuth_deg", "elevation_deg")
+    turns: tuple[int, ...] = (1, 2)
+    fixed: Callable[[Any], str] = _nothing_fixed
+
+    @property
+    def name(self) -> str:
+        """Its word in a scene file."""
+        return str(self.settings.__dataclass_fields__["kind"].default)

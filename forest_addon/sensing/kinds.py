@@ -1,0 +1,57 @@
+"""The table of all sensors: what each kind is (``kind``), by the word that names it in a scene file.
+
+A sensor's own module is light; its physics is imported when it runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ..spec import SENSORS, Choice, Sensor
+from .kind import SensorKind
+from .lidar.kind import AIRBORNE, MOBILE, TERRESTRIAL, TRACTOR
+from .reverb.kind import REVERB
+from .sonar.kind import SONAR
+
+S = TypeVar("S", bound=Sensor)
+
+KINDS: dict[str, SensorKind] = {}
+
+
+def add(kind: SensorKind) -> None:
+    """Add a kind of sensor; scene files know its word from then on."""
+    KINDS[kind.name] = kind
+    SENSORS[kind.name] = kind.settings
+
+
+for _kind in (TRACTOR, TERRESTRIAL, MOBILE, AIRBORNE, SONAR, REVERB):
+    add(_kind)
+
+
+def kind_of(sensor: Sensor) -> SensorKind:
+    """The record of a sensor's kind."""
+    return KINDS[sensor.kind]
+
+
+def of_family(sensors: Iterable[Sensor], family: str) -> list[Any]:
+    """Those of some sensors that are of a family: "lidar", "sonar", "reverb"."""
+    return [sensor for sensor in sensors if kind_of(sensor).family == family]
+
+
+def choose(sensor: S) -> tuple[S, tuple[Choice, ...]]:
+    """A sensor with nothing left to "auto", and what was chosen."""
+    made = kind_of(sensor).choose(sensor)
+    return sensor.changed(**{choice.key: choice.value for choice in made}), made
+
+
+def left_out(sensor: Sensor, found: Any) -> tuple[Choice, ...]:
+    """Return what a finding left out as too weak, with its bound."""
+    return kind_of(sensor).left_out(found)
+
+
+def outline(sensor: Sensor) -> np.ndarray:
+    """(N, 2, 3) m, ends of the lines that show where a sensor looks; nothing of the scene is needed."""
+    return kind_of(sensor).outline(sensor)

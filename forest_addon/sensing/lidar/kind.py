@@ -1,0 +1,179 @@
+"""Records of the four LiDARs: SIMLIDAR's tractor, scanners on a tripod, on a vehicle and in an aircraft."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...base.rng import stream
+from ...base.words import keep
+from ...spec import Airborne, Mobile, Terrestrial, Tractor
+from ..audit import Audit
+from ..cost import Cost, cost_of_rays
+from ..kind import Follower, Observation, Progress, SensorKind
+from .look import look_of_airborne, look_of_mobile, look_of_terrestrial, look_of_tractor
+
+MOST_RETURNS = 1.5  # of a pulse, as forests give them
+
+
+def _drive(job: Observation, progress: Progress | None) -> Any:
+    from .tractor import drive
+
+    return drive(job.sensor, job.seen.caster, progress)
+
+
+def _scan(job: Observation, progress: Progress | None) -> Any:
+    from .scan import scan
+
+    return scan(job.sensor, job.seen.caster, job.settings.seed, job.trajectory, progress)
+
+
+def _audit_drive(job: Observation, found: Any, seconds: float) -> Audit:
+    from .audit import audit_drive
+
+    rng = stream(job.settings.seed, "audit", job.sensor.name)
+    given = rng, seconds, job.settings.accuracy.audit, job.seen.geometry
+    return audit_drive(job.sensor, found, job.seen.caster, *given)
+
+
+def _audit_scan(job: Observation, found: Any, seconds: float) -> Audit:
+    from .audit import audit_scan
+    from .scan import Scan
+
+    work = Scan(job.sensor, job.seen.caster, job.settings.seed, job.trajectory)
+    rng = stream(job.settings.seed, "audit", job.sensor.name)
+    return audit_scan(work, found, rng, seconds, job.settings.accuracy.audit, job.seen.geometry)
+
+
+def _cost_of_drive(tractor: Tractor, _trajectory: Any, engine: str) -> Cost:
+    from .tractor import fan, positions
+
+    count = len(fan(tractor)) * len(positions(tractor))
+    return cost_of_rays(tractor, count, max(tractor.splits, 1) ** 2, 1.0, engine)
+
+
+def _cost_of_scan(scanner: Any, trajectory: Any, engine: str) -> Cost:
+    from .scanner import pattern_of
+
+    returns = min(scanner.beam.max_returns, MOST_RETURNS)
+    count = pattern_of(scanner, trajectory).count
+    return cost_of_rays(scanner, count, scanner.beam.subrays, returns, engine)
+
+
+def _path(scanner: Mobile, _folder: Path, follower: Follower) -> Any:
+    return follower.path(scanner)
+
+
+def _where_it_starts(job: Observation) -> np.ndarray:
+    if job.trajectory is not None:
+        return np.asarray(job.trajectory.position[:1])
+    return np.array([pose.position for pose in job.sensor.poses[:1]]).reshape(-1, 3)
+
+
+def _fan(tractor: Tractor) -> np.ndarray:
+    from .outline import fan_outline
+
+    return fan_outline(tractor)
+
+
+def _window(scanner: Terrestrial) -> np.ndarray:
+    from .outline import sweep_outline
+
+    return sweep_outline(scanner)
+
+
+def _strips(scanner: Airborne) -> np.ndarray:
+    from .outline import strips_outline
+
+    return strips_outline(scanner)
+
+
+def _poses(scanner: Mobile) -> np.ndarray:
+    from .outline import poses_outline
+
+    return poses_outline(scanner)
+
+
+def _fewer_angles(scanner: Terrestrial, share: float) -> dict[str, Any]:
+    return {"angle_step_deg": min(scanner.angle_step_deg * share**0.5, 90.0)}
+
+
+def _fewer_pulses(scanner: Any, share: float) -> dict[str, Any]:
+    return {"pulse_rate": scanner.pulse_rate / share}
+
+
+def _upright(_group: Any) -> str:
+    return keep("It stays upright")
+
+
+def _level(_group: Any) -> str:
+    return keep("It flies level")
+
+
+def _carried(group: Any) -> str:
+    return keep("Move what it follows") if group.follow else keep("It moves by its poses")
+
+
+TRACTOR = SensorKind(
+    Tractor,
+    run=_drive,
+    audit=_audit_drive,
+    cost=_cost_of_drive,
+    outline=_fan,
+    look=look_of_tractor,
+    family="lidar",
+    help=keep("A fan of beams to the side of a tractor, which drives along an orchard's row"),
+    icon="MOD_ARRAY",
+    posed=("position", "heading_deg"),
+    turns=(2,),
+    fixed=_upright,
+)
+TERRESTRIAL = SensorKind(
+    Terrestrial,
+    run=_scan,
+    audit=_audit_scan,
+    cost=_cost_of_scan,
+    outline=_window,
+    look=look_of_terrestrial,
+    thinned=_fewer_angles,
+    family="lidar",
+    help=keep("A scanner on a tripod, which looks all round"),
+    icon="OUTLINER_OB_POINTCLOUD",
+    posed=("position",),
+    turns=(2,),
+    fixed=_upright,
+)
+MOBILE = SensorKind(
+    Mobile,
+    run=_scan,
+    audit=_audit_scan,
+    trajectory=_path,
+    positions=_where_it_starts,
+    cost=_cost_of_scan,
+    outline=_poses,
+    look=look_of_mobile,
+    thinned=_fewer_pulses,
+    family="lidar",
+    help=keep("Turning beams on a vehicle, which drives along a curve"),
+    icon="CURVE_PATH",
+    posed=(),
+    turns=(),
+    fixed=_carried,
+)
+AIRBORNE = SensorKind(
+    Airborne,
+    run=_scan,
+    audit=_audit_scan,
+    cost=_cost_of_scan,
+    outline=_strips,
+    look=look_of_airborne,
+    thinned=_fewer_pulses,
+    family="lidar",
+    help=keep("A scanner in an aircraft, which flies straight strips"),
+    icon="OUTLINER_OB_LIGHTPROBE",
+    posed=("position", "heading_deg"),
+    turns=(2,),
+    fixed=_level,
+)

@@ -1,0 +1,183 @@
+"""Record of the reverb: impulse responses between sources and receivers among trunks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...base.rng import stream
+from ...base.words import keep
+from ...spec import AUTO, Choice, Reverb, Scene
+from ..audit import Audit
+from ..cost import Cost, cost_of_work
+from ..kind import SOUND, Observation, Progress, Seen, SensorKind
+from ..lines import chain
+from ..looks import Look
+
+CHANNEL = 0.2  # s, a first guess
+FINEST = 1e-6  # tolerance that the fast sum keeps
+END = 10 ** (-75 / 20)  # a record ends where that is left of it
+
+
+def cuts_of(seen: Seen, min_radius: float) -> Any:
+    """``TrunkCuts`` of a scene, of trunks from that radius on; ask for it by ``seen.once``."""
+    from .trunks.trunk_cuts import TrunkCuts
+
+    return TrunkCuts(seen.geometry, min_radius)
+
+
+def trunks_of(seen: Seen, reverb: Reverb) -> Any:
+    """``Trunks`` of the scene where the sound of the first channel passes them."""
+    from .ends import ends_of
+
+    source, receiver = ends_of(reverb, seen.places).pairs[0]
+    return seen.once(cuts_of, reverb.min_radius).between(source, receiver)
+
+
+def trunks_between(
+    seen: Seen, reverb: Reverb, settings: Scene, ends: Any
+) -> Callable[[np.ndarray, np.ndarray], Any]:
+    """Trunks of the scene, by source and receiver, and those that are stems only. ends : ``Ends``."""
+    from ...stand.stems import plant_stems
+    from .trunks.slices import Trunks
+
+    position, radius = plant_stems(settings.seed, settings.forest, settings.stems)
+    stems = Trunks(position, radius, np.full(len(radius), -1)).clear_of(ends.on_ground)
+    cuts = seen.once(cuts_of, reverb.min_radius)
+    return lambda source, receiver: cuts.between(source, receiver).joined(stems)
+
+
+def response_inputs(job: Observation) -> dict[str, Any]:
+    """Arguments of ``impulse_response`` and of ``pairs_of`` that a scene gives."""
+    from .directivity_file import directivity_of
+    from .ends import ends_of
+
+    reverb, seen, settings = job.sensor, job.seen, job.settings
+    ends = ends_of(reverb, seen.places)
+    return {
+        "trunks": trunks_between(seen, reverb, settings, ends),
+        "reverb": reverb,
+        "air": settings.air,
+        "ends": ends,
+        "directivity": directivity_of(reverb, job.folder),
+        "wood": seen.wood,
+        "rng": stream(settings.seed, "reverb", reverb.name, "continuation"),
+        "field": (settings.forest.origin, settings.forest.size),
+        "canopy": _canopy(job),
+        "key": (settings.seed, "reverb", reverb.name),
+    }
+
+
+def _respond(job: Observation, progress: Progress | None) -> Any:
+    """Impulse responses between all ends."""
+    from .response import impulse_response
+
+    return impulse_response(
+        **response_inputs(job),
+        expansions=job.seen.expansions,
+        progress=progress,
+        all_trunks=job.settings.accuracy.detail == "full",
+    )
+
+
+def _audit(job: Observation, found: Any, seconds: float) -> Audit:
+    from .audit import audit_response
+    from .response import pairs_of
+
+    reverb, settings = job.sensor, job.settings
+    if reverb.model != "forest":  # whose noise depends on what was asked for
+        reverb = reverb.changed(duration=len(found.samples) / found.sample_rate)
+    pairs = pairs_of(**response_inputs(replace(job, sensor=reverb)))
+    rng = stream(settings.seed, "audit", reverb.name)
+    share = settings.accuracy.audit
+    return audit_response(found, pairs, job.seen.expansions, rng, seconds, share)
+
+
+def _canopy(job: Observation) -> Any:
+    """Leaves and tops, as a model ``forest`` needs them."""
+    from .ends import ends_of
+    from .forest.canopy import canopy_of
+    from .forest.surroundings import BARE
+
+    if job.sensor.model != "forest":
+        return BARE
+    source, receiver = ends_of(job.sensor, job.seen.places).pairs[0]
+    area = float(np.prod(job.settings.forest.size))
+    return canopy_of(job.seen.geometry, (float(source[2]), float(receiver[2])), area)
+
+
+def _where_ends_are(job: Observation) -> np.ndarray:
+    from .ends import ends_of
+
+    pairs = np.concatenate(ends_of(job.sensor, job.seen.places).pairs)
+    return np.unique(pairs, axis=0)
+
+
+def _cost(reverb: Reverb, _trajectory: Any, _engine: str) -> Cost:
+    channels = (1 + len(reverb.sources)) * (1 + len(reverb.receivers)) * reverb.array
+    return cost_of_work(reverb, "channels", channels, CHANNEL)
+
+
+def sound_outline(reverb: Reverb) -> np.ndarray:
+    """The direct path, and the one that the ground z = 0 mirrors."""
+    source, receiver = np.asarray(reverb.source), np.asarray(reverb.receiver)
+    share = source[2] / (source[2] + receiver[2])
+    bounce = source + share * (receiver - source)
+    bounce[2] = 0.0
+    return np.concatenate(
+        [chain(np.array([source, receiver])), chain(np.array([source, bounce, receiver]))]
+    )
+
+
+def _choose(reverb: Reverb) -> tuple[Choice, ...]:
+    if reverb.tolerance == AUTO:
+        why = "of the whole; the record ends where so much is left of it"
+        return (Choice("tolerance", END, END, why),)
+    if 0 < reverb.tolerance < FINEST:
+        why = f"by the direct sum over every trunk and frequency; the fast one ends at {FINEST:.0e}"
+        asked = reverb.tolerance
+        return (Choice("tolerance", asked, asked, why, asked),)
+    return ()
+
+
+def _left_out(found: Any) -> tuple[Choice, ...]:
+    """Return what a response left out as too weak."""
+    if not found.weak:
+        return ()
+    why = (
+        f"of any octave: {found.weak:,} trunks are left out that add less than the end of a record, "
+        "75 dB down, were they all in phase"
+    )
+    return (Choice("weakest trunks", END, found.weak_bound, why),)
+
+
+def _look(reverb: Reverb) -> Look:
+    return Look(name=reverb.name, leaves=reverb.model == "forest")
+
+
+def _fixed(group: Any) -> str:
+    return keep("It sends alike to all sides") if group.directivity == "omni" else ""
+
+
+REVERB = SensorKind(
+    Reverb,
+    run=_respond,
+    audit=_audit,
+    positions=_where_ends_are,
+    cost=_cost,
+    outline=sound_outline,
+    choose=_choose,
+    left_out=_left_out,
+    look=_look,
+    family="reverb",
+    help=keep("A clap among trunks, as it is heard at another place"),
+    icon="RNDCURVE",
+    colour=SOUND,
+    body="speaker",
+    posed=("source", "receiver", "facing_azimuth_deg", "facing_elevation_deg"),
+    turns=(0, 1, 2),
+    fixed=_fixed,
+)

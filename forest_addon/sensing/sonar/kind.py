@@ -1,0 +1,164 @@
+"""Record of the sonar: pings at leaves, wood and ground, from one place or along a route."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...base.rng import stream
+from ...base.words import keep
+from ...spec import AUTO, Choice, Sonar
+from ..audit import Audit
+from ..cost import Cost, cost_of_work
+from ..kind import ECHO, Follower, Observation, Progress, Seen, SensorKind
+from ..lines import AROUND, chain, rays_to
+from ..looks import EchoLook
+
+PING = 0.1  # s, a first guess
+RAYS = 8  # lines from a sonar to the contour of its beam
+TABLE = 1e-5  # of its value straight on, that the exact disc is looked up within
+FORMULA = 1e-4  # far below the per cents that physical optics and the paper's fit are off by
+CULLED = 10.0  # times the tolerance: what is left out is known by a bound far above the truth
+
+
+def targets_of(seen: Seen) -> Any:
+    """``Targets``, everything in a scene that sounds back; ask for it by ``seen.once``."""
+    from .targets import Targets
+
+    return Targets(seen.geometry)
+
+
+def _listen(job: Observation, progress: Progress | None) -> Any:
+    """One ping, or one from every pose of a route."""
+    from .equipment_files import equip
+    from .flight import fly
+    from .ping import ping
+
+    sonar, seen, air = job.sensor, job.seen, job.settings.air
+    targets = seen.once(targets_of)
+    given: dict[str, Any] = {
+        "equipment": equip(sonar, job.folder),
+        "everything": seen.caster if "extinction" in sonar.shading else None,
+    }
+    wood = seen.wood if "trunks" in sonar.shading else None
+    if job.trajectory is None:
+        return ping(targets, sonar, air, wood, progress, **given)
+    return fly(targets, sonar, air, job.trajectory, wood, progress, **given)
+
+
+def _audit(job: Observation, found: Any, seconds: float) -> Audit:
+    from .audit import audit_echoes
+    from .equipment_files import equip
+
+    sonar, seen, settings = job.sensor, job.seen, job.settings
+    echoes = (found,) if job.trajectory is None else found.echoes
+    casters = seen.wood, seen.caster if "extinction" in sonar.shading else None
+    return audit_echoes(
+        echoes,
+        seen.once(targets_of),
+        sonar,
+        settings.air,
+        *casters,
+        equip(sonar, job.folder),
+        stream(settings.seed, "audit", sonar.name),
+        seconds,
+        settings.accuracy.audit,
+    )
+
+
+def _poses(sonar: Sonar, folder: Path, follower: Follower) -> Any:
+    """The poses of a route's file, or along what it follows."""
+    from .equipment_files import find, read_route
+
+    if sonar.route:
+        return read_route(find(sonar.route, folder, "route"), sonar.speed)
+    return follower.poses(sonar) if sonar.follow else None
+
+
+def _where_it_pings(job: Observation) -> np.ndarray:
+    if job.trajectory is None:
+        return np.array([job.sensor.position])
+    return np.array([pose.position for pose in job.trajectory])
+
+
+def _cost(sonar: Sonar, trajectory: Any, _engine: str) -> Cost:
+    return cost_of_work(sonar, "pings", 1 if trajectory is None else len(trajectory), PING)
+
+
+def beam_outline(sonar: Sonar) -> np.ndarray:
+    """The -3 dB contour of one way of the beam at ``max_range``, rays to it, and the axis."""
+    from .beam import beam_frame
+
+    turn = np.linspace(0.0, 2.0 * math.pi, AROUND + 1)
+    across, along = (math.radians(width) / 2.0 for width in sonar.beam_width_deg)
+    azimuth, elevation = across * np.cos(turn), along * np.sin(turn)
+    angle = np.minimum(np.hypot(azimuth, elevation), math.pi)
+    share = np.sinc(angle / math.pi)  # sin(angle)/angle: offsets are laid out along the side
+    local = np.stack([np.cos(angle), share * azimuth, share * elevation], axis=1)
+    frame = beam_frame(math.radians(sonar.azimuth_deg), math.radians(sonar.elevation_deg))
+    position = np.asarray(sonar.position)
+    contour = position + sonar.max_range * local @ frame
+    rays = contour[:: AROUND // RAYS][:RAYS]
+    return np.concatenate(
+        [
+            chain(contour),
+            rays_to(position, rays),
+            rays_to(position, position + sonar.max_range * frame[:1]),
+        ]
+    )
+
+
+def _choose(sonar: Sonar) -> tuple[Choice, ...]:
+    model, fine = f'the "{sonar.leaf_model}" leaf', FORMULA
+    if sonar.leaf_model == "exact":
+        model, fine = "the exact disc's table", TABLE
+    why = f"of all amplitudes; {model} is no truer"
+    made = []
+    if sonar.tolerance == AUTO:
+        made.append(Choice("tolerance", fine, fine, why))
+    if sonar.cull == AUTO:
+        value = CULLED * (fine if sonar.tolerance == AUTO else max(sonar.tolerance, fine))
+        made.append(Choice("cull", value, value, why))
+    return tuple(made)
+
+
+def _look(sonar: Sonar) -> EchoLook:
+    moves = bool(sonar.route or sonar.follow)
+    narrow = min(sonar.beam_width_deg) if sonar.beam == "gaussian" else 10.0
+    return EchoLook(
+        name=sonar.name,
+        corners=None if moves else np.array([sonar.position], dtype=float),
+        range=sonar.max_range,
+        leaves=sonar.leaves or "extinction" in sonar.shading,
+        exact_wood=sonar.wood or "trunks" in sonar.shading,
+        beam_width=math.radians(narrow),
+        band=sonar.band,
+        hears_leaves=sonar.leaves,
+    )
+
+
+def _fixed(group: Any) -> str:
+    if group.follow:
+        return keep("Move what it follows")
+    return keep("It flies its route") if group.route else keep("Its ears stay level")
+
+
+SONAR = SensorKind(
+    Sonar,
+    run=_listen,
+    audit=_audit,
+    trajectory=_poses,
+    positions=_where_it_pings,
+    cost=_cost,
+    outline=beam_outline,
+    choose=_choose,
+    look=_look,
+    family="sonar",
+    help=keep("A bat's call, and what it hears of leaves and branches"),
+    icon="OUTLINER_OB_SPEAKER",
+    colour=ECHO,
+    fixed=_fixed,
+)

@@ -1,0 +1,90 @@
+"""One command at a time in a folder: a lock of the system, which goes when its holder ends, however that
+comes. Whoever holds a folder also clears it of what a killed command left half written.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO
+
+from forest_addon.formats.atomic import remove_abandoned
+from forest_addon.spec import SpecError
+
+from .command import LOCK
+
+
+@contextmanager
+def only_one(root: Path, name: str = LOCK) -> Iterator[None]:
+    """Hold the folder, or what in it the lock is named for. A folder that stays empty is removed again.
+
+    Raises
+    ------
+    SpecError : another command holds it; says which. The folder cannot be made or written to.
+    """
+    made = not root.is_dir()
+    with _opened(root, name) as file:
+        file.truncate(0)
+        file.write(json.dumps({"pid": os.getpid(), "host": platform.node()}))
+        file.flush()
+        try:
+            remove_abandoned(root)
+            yield
+        finally:
+            with suppress(OSError):  # Windows removes no open file: it stays, and is taken again
+                (root / name).unlink()
+    if made:
+        with suppress(OSError):  # there is something in it
+            root.rmdir()
+
+
+def _opened(root: Path, name: str) -> IO[str]:
+    """The lock's file, held; another that its holder has removed meanwhile does not count."""
+    while True:
+        try:
+            root.mkdir(parents=True, exist_ok=True)
+            file = open(root / name, "a+", encoding="utf-8")  # noqa: SIM115
+        except OSError as problem:
+            why = problem.strerror or problem
+            raise SpecError(
+                f"--out {root}", f"cannot be written to ({why}); choose another folder"
+            ) from None
+        if not _take(file):
+            file.seek(0)
+            holder = _holder(file.read())
+            file.close()
+            raise SpecError(f"--out {root}", f"is in use by {holder}; wait for it, or end it")
+        with suppress(OSError):
+            if os.path.samestat(os.fstat(file.fileno()), os.stat(root / name)):
+                return file
+        file.close()
+
+
+def _take(file: IO[str]) -> bool:
+    try:
+        import fcntl
+    except ImportError:
+        import msvcrt
+
+        try:
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+        except OSError:
+            return False
+        return True
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _holder(text: str) -> str:
+    try:
+        said = json.loads(text)
+        return f"another command (process {int(said['pid'])} on {said['host']})"
+    except (ValueError, KeyError, TypeError):
+        return "another command"

@@ -1,0 +1,126 @@
+"""A folder of results: one command at a time, no leavings of killed ones, and a run that goes on."""
+
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("bpy")
+
+from forest_addon.api import World
+from forest_addon.formats.atomic import replacing
+from forest_addon.formats.ply import PlyFile
+from headless.command import name_of
+from headless.commands.lidar import LidarCommand
+from headless.lock import only_one
+from headless.unfinished import _Reader
+
+SMALL = Path(__file__).with_name("small.toml").read_text(encoding="utf-8")
+OFF = (
+    "pictures = false\ngoodness = false\nreport = false\nblend = false\nglb = false\n"
+    "preview = false\n[output]\n"
+)
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL[: SMALL.index("[output]")] + "\n".join(["[output]", OFF[:-10]]))
+    return path
+
+
+def dead_process():
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return process.pid
+
+
+def test_two_commands_do_not_share_a_folder(headless, scene, tmp_path):
+    out = tmp_path / "o"
+    with only_one(out):
+        done = headless("run", scene, "--out", out)
+        assert done.returncode == 2
+        assert "in use by another command" in done.stderr
+        assert os.listdir(out) == [".lock"]
+    assert not out.exists()  # nothing was written
+
+
+def test_a_folder_and_a_file_are_held_by_their_names(tmp_path):
+    class Chosen:
+        list = False
+        out = tmp_path / "a.laz"
+
+    assert LidarCommand().lock(Chosen()) == tmp_path / ".a.lock"
+    with only_one(tmp_path, ".a.lock"), only_one(tmp_path, ".b.lock"):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_a_killed_command_left_is_removed(tmp_path):
+    dead, alive = f".a.{dead_process()}.partial.laz", f".a.{os.getpid()}.partial.laz"
+    for name in (dead, alive, "a.partial.ply", ".other.txt"):
+        (tmp_path / name).write_text("x")
+    with only_one(tmp_path):
+        pass
+    assert {path.name for path in tmp_path.iterdir()} == {alive, "a.partial.ply", ".other.txt"}
+
+
+def test_an_error_names_the_file_that_was_meant(tmp_path):
+    with pytest.raises(FileNotFoundError) as said, replacing(tmp_path / "no" / "a.txt") as partial:
+        partial.write_text("x")
+    assert said.value.filename == str(tmp_path / "no" / "a.txt")
+
+
+def test_scenes_of_one_name_have_folders_of_their_own():
+    assert name_of(Path("elm/scene.toml")) == "elm-scene"
+    assert name_of(Path("plots/site.toml")) == "plots-site"
+    assert name_of(Path("plots/oak.toml")) == "oak"
+
+
+@pytest.mark.slow
+def test_a_run_that_was_ended_goes_on_to_the_same_bytes(headless, scene, tmp_path, monkeypatch):
+    whole, ended = tmp_path / "whole", tmp_path / "ended"
+    assert headless("run", scene, "--out", whole).returncode == 0
+    look, looked = World.look, []
+
+    def until_the_third(self, sensor, progress=None):
+        looked.append(sensor.name)
+        if len(looked) == 3:
+            raise KeyboardInterrupt
+        return look(self, sensor, progress)
+
+    monkeypatch.setattr(World, "look", until_the_third)
+    done = headless("run", scene, "--out", ended)
+    assert done.returncode == 130
+    assert "--resume goes on with it" in done.stderr
+    assert not (ended / "run.json").exists()
+    broken = next((ended / ".unfinished").glob("scan-*.pickle"))
+    broken.write_bytes(broken.read_bytes()[:1000])
+    done = headless("run", scene, "--out", ended, "--resume", "--seed", "9")
+    assert done.returncode == 2
+    assert "of other settings or files" in done.stderr
+    looked[:] = ["none"] * 5
+    assert headless("run", scene, "--out", ended, "--resume").returncode == 0
+    assert looked[5:] == ["scan", "echo", "reverb"]
+    names = {path.name for path in whole.iterdir()}
+    assert {path.name for path in ended.iterdir()} == names
+    for name in names - {"run.json"}:
+        assert (whole / name).read_bytes() == (ended / name).read_bytes(), name
+
+
+def test_what_lies_among_unfinished_results_runs_nothing(tmp_path):
+    class Evil:
+        def __reduce__(self):
+            return os.mkdir, (str(tmp_path / "made"),)
+
+    for thing in (Evil(), [os.system], eval, [np.memmap], [PlyFile]):
+        with open(tmp_path / "a.pickle", "w+b") as file:
+            pickle.dump(thing, file)
+            file.seek(0)
+            with pytest.raises(pickle.UnpicklingError):
+                _Reader(file).load()
+    assert not (tmp_path / "made").exists()
