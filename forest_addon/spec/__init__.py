@@ -9,6 +9,7 @@ else.
 
 from .air import Air
 from .allometry import Allometry, Law
+from .auto import Choice
 from .base import (
     AUTO,
     Discrete,
@@ -49,6 +50,7 @@ from .lidar import (
     Terrestrial,
     Tractor,
 )
+from .looks import Bark, Look
 from .problem import did_you_mean, unknown
 from .reverb import Place, Reverb
 from .scene import SENSORS, Accuracy, Output, Rays, Scene
@@ -62,7 +64,6 @@ from .species import (
     Inclination,
     Jitter,
     Leaf,
-    Look,
     Rules,
     Siblings,
     Species,
@@ -78,7 +79,9 @@ __all__ = [
     "Air",
     "Airborne",
     "Allometry",
+    "Bark",
     "Beam",
+    "Choice",
     "Clusters",
     "Corners",
     "Crown",
