@@ -91,9 +91,15 @@ def test_a_bad_action_leaves_the_episode_untouched(bare, action):
 @pytest.mark.parametrize(
     ("do", "words"),
     [
-        (lambda env: env.reset(options={"begin": 3}), '"begin" is not known; use one of forest, start'),
+        (
+            lambda env: env.reset(options={"begin": 3}),
+            '"begin" is not known; use one of forest, start',
+        ),
         (lambda env: env.reset(options={"goal": (1, 2)}), "goal: must be three finite numbers"),
-        (lambda _: FlightEnv(BARE, sensors=("smell",)), '"smell" is not known; use one of lidar, sonar'),
+        (
+            lambda _: FlightEnv(BARE, sensors=("smell",)),
+            '"smell" is not known; use one of lidar, sonar',
+        ),
         (lambda _: FlightEnv(BARE, forest="old"), '"old" is not known; use one of new, fixed'),
         (lambda _: FlightEnv(BARE, render_mode="ansi"), '"ansi" is not known'),
         (lambda _: FlightVectorEnv(0, BARE), "num_envs: 0 is out of range"),
