@@ -1,4 +1,5 @@
-"""W's trees after Honda (1971): a mother bears daughters by angle, divergence and ratios, recursively.
+"""Wahed et al.'s trees after Honda (1971): a mother bears daughters by angle, divergence and ratios,
+recursively.
 
 All branches of a level are grown at once. A branch is a chain of straight pieces, each bent at random
 and towards the ground, and its daughters leave it at its apex or at random places along it. Per tree

@@ -1,9 +1,9 @@
-"""One tree: grown to the last twig as a skeleton, or grafted from templates (T20).
+"""One tree: grown to the last twig as a skeleton, or grafted from templates (Tanveer et al. 2020a).
 
 A species without a template is a skeleton with leaf sites, of which meshes are made. With one, either a
-grammar fitted to that tree makes siblings of it out of its own pieces (``regrow.sibling``), or T20's
-L-system gives trunk and first-level nodes, templates give the branches: the trunk is a tube along the
-skeleton's axis of order 0; at every node where an axis of order 1 leaves it, and at the trunk's tip, a
+grammar fitted to that tree makes siblings of it out of its own pieces (``regrow.sibling``), or Tanveer et
+al.'s L-system gives trunk and first-level nodes, templates give the branches: the trunk is a tube along
+the skeleton's axis of order 0; at every node where an axis of order 1 leaves it, and at the trunk's tip, a
 branch template is grafted whose length is that of the whole axis. With as many templates as nodes they
 match one to one, from the lowest up; otherwise they are drawn.
 """
@@ -55,7 +55,8 @@ class Tree:
 
     mesh : wood in material slot 0, leaves in slot 1.
     leaves : the truth of its leaves; ``branch`` counts the first-level branches, -1 on the trunk.
-    skeleton : all of its wood; of one that is grafted by T20's grammar, trunk and first-level axes.
+    skeleton : all of its wood; of one that is grafted by Tanveer et al.'s grammar, trunk and first-level
+        axes.
     grafted : whether its branches come from templates, so that the mesh knows more than the skeleton.
     wanted : what it was to measure, None where nothing was said. missed : what of that could not be.
     """

@@ -1,4 +1,5 @@
-"""T20's and A20's trees without templates: all of the skeleton is wood, and tips bear leaves (T20).
+"""Tanveer et al.'s (2020a and 2020b) trees without templates: all of the skeleton is wood, and tips bear
+leaves (Tanveer et al. 2020a).
 
 First-level branches are set as often as the grammar's ``copies`` says, each copy turned about the
 vertical and raised along the trunk. Every growing tip bears nodes of leaves, each node turned on from

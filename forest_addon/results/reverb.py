@@ -69,7 +69,7 @@ def _of_model(reverb: Reverb) -> list[Figure]:
     from ..sensing.reverb.terms import terms_of
 
     held, missing = terms_of(reverb)
-    name = {"paper": "K, single scattering", "forest": "forest"}[reverb.model]
+    name = {"paper": "single scattering (Kaneko & Gamper 2021)", "forest": "forest"}[reverb.model]
     return [
         numbers("model", "", name),
         numbers("in the model", "", "; ".join(held)),
@@ -121,7 +121,7 @@ def _sentence(response: ImpulseResponse) -> str:
 def _story(reverb: Reverb, _response: ImpulseResponse) -> str:
     distance = float(np.linalg.norm(np.subtract(reverb.source, reverb.receiver)))
     how = (
-        "from single scattering by trunks (K)."
+        "from single scattering by trunks (Kaneko & Gamper 2021)."
         if reverb.model == "paper"
         else "from scattering by trunks with what a forest takes."
     )

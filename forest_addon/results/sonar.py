@@ -106,7 +106,7 @@ def _story(sonar: Sonar, found: Finding) -> str:
 
 def _call_in_words(sonar: Sonar) -> str:
     beam = {"horseshoe": "a horseshoe bat's", "file": "a measured", "omni": "an even"}
-    model = {"piston": "hard discs (physical optics)", "paper": "T20's fit"}
+    model = {"piston": "hard discs (physical optics)", "paper": "the fit of Tanveer et al. 2020a"}
     return (
         f"{sonar.band[0] / 1e3:g} to {sonar.band[1] / 1e3:g} kHz with "
         f"{beam.get(sonar.beam, f'a {sonar.beam_width_deg[0]:g}°')} beam, at {sonar.ears} "

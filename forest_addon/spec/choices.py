@@ -142,10 +142,13 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "heading": ("Heading", "Get so far in one direction"),
     },
     "dialect": {
-        "T20": ("T20", "A trunk whose branches branch again, by Tanveer and colleagues"),
-        "A20": ("A20", "Whorls of branches on one trunk"),
+        "T20": (
+            "Tanveer et al. 2020a",
+            "A trunk whose branches branch again, by Tanveer and colleagues",
+        ),
+        "A20": ("Tanveer et al. 2020b", "Whorls of branches on one trunk"),
         "ABOP": ("ABOP", "The symbols of The Algorithmic Beauty of Plants"),
-        "S": ("SIMLIDAR", "The symbols of Méndez and colleagues"),
+        "S": ("Méndez et al.", "The symbols of Méndez and colleagues"),
     },
 }
 

@@ -8,7 +8,8 @@ from .parts import azimuth
 
 
 class Gaussian(Settings):
-    """One hill of the intensity function: peak·exp(-(x-a)²/h² - (y-b)²/l²) (T20, squared form)."""
+    """One hill of the intensity function: peak·exp(-(x-a)²/h² - (y-b)²/l²) (Tanveer et al. 2020a, squared
+    form)."""
 
     peak: float = param(1.0, unit="trees/m²", help="intensity at the centre", ge=0, le=1e6)
     centre: tuple[float, float] = param(unit="m", help="centre (a, b)", ge=-1e7, le=1e7)
@@ -52,7 +53,7 @@ class Raster(Settings):
 
 
 class Rows(Settings):
-    """An orchard: parallel rows of trees (S)."""
+    """An orchard: parallel rows of trees (Méndez et al.)."""
 
     rows: int = param(0, help="how many rows; 0: as many as fit the field", ge=0, le=100000)
     trees: int = param(0, help="trees in each row; 0: as many as fit the field", ge=0, le=100000)
@@ -288,7 +289,8 @@ class Forest(Settings):
 
 
 class Stems(Settings):
-    """Trees that are upright cylinders only: reverb hears them, nothing is grown or drawn (K)."""
+    """Trees that are upright cylinders only: reverb hears them, nothing is grown or drawn (Kaneko & Gamper
+    2021)."""
 
     count: int = param(help="how many, evenly at random over the field", ge=0, le=20_000_000)
     radius: Normal = param(Normal(mean=0.25), unit="m", help="radius of each")

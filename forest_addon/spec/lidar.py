@@ -21,10 +21,10 @@ class Tractor(Sensor):
     heading_deg: float = azimuth(90.0, "direction of travel")
     side: str = param("right", help="side it looks to", choices=("left", "right"))
     track: float = param(30.0, unit="m", help="length of the drive", gt=0, le=1e5)
-    step: float = param(0.002, unit="m", help="advance between scans (S)", gt=0, le=100)
+    step: float = param(0.002, unit="m", help="advance between scans (Méndez et al.)", gt=0, le=100)
     gap: int = param(0, help="scans skipped after each one taken", ge=0, le=100000)
     angle_step_deg: float = param(
-        0.25, unit="deg", help="angle between beams of a scan (S)", gt=0, le=90
+        0.25, unit="deg", help="angle between beams of a scan (Méndez et al.)", gt=0, le=90
     )
     reach: float = param(
         20.0,

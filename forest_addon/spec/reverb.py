@@ -20,7 +20,7 @@ class Place(Settings):
 
 
 class Reverb(Sensor):
-    """The impulse response of a forest of trunks between sources and receivers (K)."""
+    """The impulse response of a forest of trunks between sources and receivers (Kaneko & Gamper 2021)."""
 
     TITLE: ClassVar[str] = "Forest reverb"
     kind: str = kind("reverb")
@@ -69,7 +69,9 @@ class Reverb(Sensor):
         ge=0,
         le=60,
     )
-    ground: float = param(0.8, help="reflection coefficient of a constant ground (K)", ge=-1, le=1)
+    ground: float = param(
+        0.8, help="reflection coefficient of a constant ground (Kaneko & Gamper 2021)", ge=-1, le=1
+    )
     surface: str = param(
         "constant",
         help="what the ground is: the same at all frequencies, or an impedance by flow resistivity",
@@ -81,13 +83,18 @@ class Reverb(Sensor):
     flow_resistivity: float = param(
         0.0, unit="kPa·s/m²", help="of the surface; 0: its usual one", ge=0, le=1e6
     )
-    strength: float = param(2.0, help="β, weight of the scattered field (K)", ge=0, le=1000)
+    strength: float = param(
+        2.0, help="β, weight of the scattered field (Kaneko & Gamper 2021)", ge=0, le=1000
+    )
     spreading: float = param(
-        0.7, help="α, spreading from tree to receiver: 0.5 cylindrical, 1 spherical (K)", ge=0, le=2
+        0.7,
+        help="α, spreading from tree to receiver: 0.5 cylindrical, 1 spherical (Kaneko & Gamper 2021)",
+        ge=0,
+        le=2,
     )
     model: str = param(
         "paper",
-        help="paper: K's weights β and α, and no losses but the air's; forest: the cylinder's own "
+        help="paper: weights β and α, the air's losses alone; forest: the cylinder's own "
         "weights, and the losses below",
         choices=("paper", "forest"),
     )

@@ -8,11 +8,11 @@ from .base import SpecError, param
 from .parts import PATTERNS, azimuth, beam_width, elevation, kind, output_name, place
 from .sensor import Sensor
 
-HORSESHOE_BAND = (60e3, 80e3)  # Hz, of the call whose beam width T20 give
+HORSESHOE_BAND = (60e3, 80e3)  # Hz, of the call whose beam width Tanveer et al. (2020a) give
 
 
 class Sonar(Sensor):
-    """A bat-like sonar that listens to the echo of foliage (T20)."""
+    """A bat-like sonar that listens to the echo of foliage (Tanveer et al. 2020a)."""
 
     TITLE: ClassVar[str] = "Biosonar"
     kind: str = kind("sonar")
@@ -42,8 +42,9 @@ class Sonar(Sensor):
     doppler: bool = param(False, help="shift the echoes of a call by the speed")
     beam: str = param(
         "gaussian",
-        help="how the call spreads: a Gaussian of the width below, the horseshoe bat's of T20 (its width "
-        "follows from the frequency), a measured pattern, or everywhere alike",
+        help="how the call spreads: a Gaussian of the width below, the "
+        "horseshoe bat's (Tanveer et al. 2020a; its width follows from the frequency), a measured "
+        "pattern, or everywhere alike",
         choices=PATTERNS,
     )
     beam_width_deg: tuple[float, float] = beam_width(30.0, "a Gaussian beam")
@@ -157,7 +158,9 @@ class Sonar(Sensor):
         if "horseshoe" in (self.beam, self.hearing) and not (
             HORSESHOE_BAND[0] <= self.band[0] and self.band[1] <= HORSESHOE_BAND[1]
         ):
-            raise SpecError("band", "must lie within 60 to 80 kHz, where T20's beam width is known")
+            raise SpecError(
+                "band", "must lie within 60 to 80 kHz, where Tanveer et al.'s beam width is known"
+            )
         if self.doppler and self.call == "impulse":
             raise SpecError(
                 "doppler", 'needs a call that lasts; use call = "fm", "cf-fm" or "file"'

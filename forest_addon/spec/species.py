@@ -9,10 +9,10 @@ MAX_REACH = 1000.0  # metres that a branch may end from the foot of its tree
 
 
 class Grammar(Settings):
-    """An L-system of T20 (g -> d(g)[g)+g, axiom g)) or of A20 (whorls on one trunk)."""
+    """An L-system of Tanveer et al. 2020a (g -> d(g)[g)+g, axiom g)) or of A20 (whorls on one trunk)."""
 
     dialect: str = param("T20", help="whose grammar", choices=("T20", "A20"))
-    whorls: int = param(2, help="A20 only: groups d(d)+d) on the trunk", ge=1, le=12)
+    whorls: int = param(2, help="the dialect A20 only: groups d(d)+d) on the trunk", ge=1, le=12)
     generations: int = param(7, help="how often the grammar is rewritten", ge=0, le=12)
     copies: int = param(
         2,
@@ -83,7 +83,7 @@ class Template(Settings):
 class Siblings(Settings):
     """Trees like the one in the template: a grammar is fitted to it, and its own pieces stand on what grows.
 
-    Left out, a template's branches are set on the grammar of T20 or A20.
+    Left out, a template's branches are set on the grammar of Tanveer et al. 2020a or 2020b.
     """
 
     variety: float = param(
@@ -158,7 +158,7 @@ class Rules(Settings):
         45.0, unit="deg", help="turn of + - & ^ without a number", ge=-360, le=360
     )
     rotation_deg: float = param(
-        45.0, unit="deg", help="turn of T t (S) without a number", ge=-360, le=360
+        45.0, unit="deg", help="turn of T t (Méndez et al.) without a number", ge=-360, le=360
     )
     length: float = param(1.0, help="length of F without a number, times scale", gt=0, le=1e6)
     diameter: float = param(0.1, help="diameter before the first !, times scale", gt=0, le=1e6)
@@ -170,11 +170,13 @@ class Rules(Settings):
     elasticity: float = param(
         0.0, unit="rad", help="bend of a segment at right angles to the tropism", ge=0, le=10
     )
-    prune_descending: bool = param(False, help="remove branches in which the turtle descends (S)")
+    prune_descending: bool = param(
+        False, help="remove branches in which the turtle descends (Méndez et al.)"
+    )
 
 
 class Honda(Settings):
-    """W's trees after Honda (1971): mothers bear daughters, smaller by a ratio, recursively."""
+    """Wahed et al.'s trees after Honda (1971): mothers bear daughters, smaller by a ratio, recursively."""
 
     levels: Discrete = param(
         Discrete(values=(5,)), help="per tree: how often branches bear daughters"
@@ -257,10 +259,16 @@ class Leaf(Settings):
     angle_deg: Normal = param(
         Normal(mean=50.0, sd=10.0), unit="deg", help="angle between a leaf and its branch"
     )
-    nodes: int = param(4, help="leaf-bearing nodes of a growing tip (T20)", ge=1, le=100)
-    per_node: int = param(4, help="leaves at each node (T20)", ge=1, le=100)
+    nodes: int = param(
+        4, help="leaf-bearing nodes of a growing tip (Tanveer et al. 2020a)", ge=1, le=100
+    )
+    per_node: int = param(4, help="leaves at each node (Tanveer et al. 2020a)", ge=1, le=100)
     fan_deg: float = param(
-        10.0, unit="deg", help="turn from one node's leaves to the next (T20)", ge=-360, le=360
+        10.0,
+        unit="deg",
+        help="turn from one node's leaves to the next (Tanveer et al. 2020a)",
+        ge=-360,
+        le=360,
     )
 
     def check(self) -> None:
@@ -322,8 +330,8 @@ class Species(Settings):
     """One kind of tree and its looks.
 
     With a template, a grammar gives the trunk and the places of branches from STL files: one fitted to
-    that tree (``siblings``), or T20's. Without one the whole tree is grown: by ``rules``, by ``honda``,
-    into a ``crown``, or by the grammar alone.
+    that tree (``siblings``), or Tanveer et al.'s. Without one the whole tree is grown: by ``rules``, by
+    ``honda``, into a ``crown``, or by the grammar alone.
     """
 
     name: str = param(help="name of the species")
@@ -332,9 +340,10 @@ class Species(Settings):
         None, help="STL files that branches and leaves are taken from"
     )
     siblings: Siblings | None = param(
-        None, help="trees like the template's own, by a grammar fitted to it instead of T20's"
+        None,
+        help="trees like the template's own, by a grammar fitted to it instead of Tanveer et al.'s",
     )
-    grammar: Grammar = param(Grammar(), help="the L-system of T20 or A20")
+    grammar: Grammar = param(Grammar(), help="the L-system of Tanveer et al. 2020a or 2020b")
     rules: Rules | None = param(None, help="an L-system of your own, for the whole tree")
     honda: Honda | None = param(None, help="branching by angles and ratios, for the whole tree")
     crown: Crown | None = param(None, help="a crown that fills a shape, for the whole tree")

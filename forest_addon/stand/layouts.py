@@ -15,7 +15,7 @@ MAX_PLACES = 20_000_000
 
 
 def orchard(rows: Rows, low: np.ndarray, high: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Places (N, 2) of an orchard's trees, row by row (S); not cut to the field.
+    """Places (N, 2) of an orchard's trees, row by row (Méndez et al.); not cut to the field.
 
     Raises
     ------

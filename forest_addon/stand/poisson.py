@@ -2,9 +2,10 @@
 
 Hills are sampled by component: each is a Poisson number of normal points over the whole plane; what falls
 outside the field, or a mask, is dropped. By superposition and restriction the rest is exactly the process
-on the field (T20; Kingman, Poisson Processes, ch. 2). Any other intensity is thinned: a homogeneous
-process under a true bound in every cell of a quadtree, of which a point stays with chance λ/bound (Lewis
-and Shedler 1979). A bound that is violated stops the work, because the sample would be wrong.
+on the field (Tanveer et al. 2020a; Kingman, Poisson Processes, ch. 2). Any other intensity is thinned: a
+homogeneous process under a true bound in every cell of a quadtree, of which a point stays with chance
+λ/bound (Lewis and Shedler 1979). A bound that is violated stops the work, because the sample would be
+wrong.
 """
 
 from __future__ import annotations

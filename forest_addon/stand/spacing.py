@@ -1,9 +1,9 @@
 """Hard cores: no two trees nearer than the distance of their pair.
 
 Every tree has an age, a uniform mark. By **Matérn II** (Matérn 1960) a tree goes if an older one stands
-too near, whether that one stays or not: every tree is judged alike. **Greedy** (W) keeps the oldest first,
-so a tree goes only if an older one that stays is too near: more trees stay, and those that do depend on
-each other over longer distances. Neither depends on the order of the trees.
+too near, whether that one stays or not: every tree is judged alike. **Greedy** (Wahed et al.) keeps the
+oldest first, so a tree goes only if an older one that stays is too near: more trees stay, and those that
+do depend on each other over longer distances. Neither depends on the order of the trees.
 
 The distance of a pair is that of its two kinds (rows of a matrix), or the sum of their crown radii where
 that is larger. Time grows with the number of trees, whatever the distance.

@@ -125,7 +125,7 @@ def sweep_tractor(sensor: Tractor, observer: Observer, settings: Scene, meshes: 
         rays = (splits + 1) ** 2
         return f"{rays} ray{'s' * (rays > 1)} a beam"
 
-    note = f"{len(along) * angles:,} beams; S's beam is a solid sector whose nearest hit counts"
+    note = f"{len(along) * angles:,} beams; Méndez et al.'s beam is a solid sector whose nearest hit counts"
     return _sweep(
         sensor,
         observer,

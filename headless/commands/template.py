@@ -54,7 +54,7 @@ class TemplateCommand(Command):
             "--grammar",
             choices=("fitted", "t20"),
             default="fitted",
-            help="siblings of the tree, or its branches on T20's grammar (default fitted)",
+            help="siblings of the tree, or its branches on Tanveer et al.'s grammar (default fitted)",
         )
         parser.add_argument(
             "--siblings",

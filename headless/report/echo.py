@@ -1,8 +1,9 @@
 """Pictures of echoes: the scene from above, waveforms, what an ear hears over time and frequency.
 
-T20's Figures 6 and 7 are drawn from results: the scene from above with the -3 dB contour of every pose,
-the leaves that are heard in red, and the waveforms below each other. Beside them stand the spectrogram
-and the cochleagram: the output of a bank of gammatone filters (order 4, constant quality), as levels.
+Tanveer et al.'s Figures 6 and 7 are drawn from results: the scene from above with the -3 dB contour of
+every pose, the leaves that are heard in red, and the waveforms below each other. Beside them stand the
+spectrogram and the cochleagram: the output of a bank of gammatone filters (order 4, constant quality), as
+levels.
 """
 
 from __future__ import annotations

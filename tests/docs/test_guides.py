@@ -46,7 +46,11 @@ def test_the_scene_file_page_has_every_key():
     where.loader.exec_module(module)
     text = module.reference()
     groups = {group for _, group in [*module.TABLES, *module.SPECIES]}
-    abstract = {spec.Scanner, spec.MovingScanner}  # their fields stand with each platform
+    abstract = {
+        spec.Sensor,
+        spec.Scanner,
+        spec.MovingScanner,
+    }  # their fields stand with each platform
     for group in vars(spec).values():
         if not (isinstance(group, type) and issubclass(group, spec.Settings)):
             continue

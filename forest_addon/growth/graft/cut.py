@@ -1,4 +1,5 @@
-"""Branch templates: a full tree in facets, cut into its trunk and its first-level branches (T20, A20).
+"""Branch templates: a full tree in facets, cut into its trunk and its first-level branches (Tanveer et al.
+2020a, b).
 
 A first-level branch is a piece of wood that hangs on the trunk, with all that hangs on it, wood and
 leaves. Each is brought into one canonical frame, so that it can be set on any node of a grammar: foot at

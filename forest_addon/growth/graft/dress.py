@@ -1,8 +1,9 @@
 """Leaves for a template tree that has none: set on its outermost branches, as facets like an STL file's.
 
 A piece of wood that bears no other is a twig. Along its outer part stand ``leaf.nodes`` nodes of
-``leaf.per_node`` leaves each, turned from node to node by ``leaf.fan_deg``, the last at the tip (T20's
-growing tips). What comes out goes the way of a user's own leaves: recognised, measured and grafted.
+``leaf.per_node`` leaves each, turned from node to node by ``leaf.fan_deg``, the last at the tip (Tanveer
+et al. 2020a's growing tips). What comes out goes the way of a user's own leaves: recognised, measured and
+grafted.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Branch templates onto nodes: rotate, scale and move so that foot and direction match (T20).
+"""Branch templates onto nodes: rotate, scale and move so that foot and direction match (Tanveer et al.
+2020a).
 
 A template lies along +X with its upper side towards +Z. At a node its axis is turned into the branch's
 direction and its upper side as far up as that direction allows, so that leaves keep facing the light.

@@ -1,7 +1,7 @@
 """A user's tree in files becomes a species that grows: the folder of its library.
 
 Written: the tree in metres (wood.stl, leaves.stl), a species file by which siblings of it grow (or trees
-of T20's grammar, fitted to its habit), and a scene that plants it (scene.toml).
+of Tanveer et al.'s grammar, fitted to its habit), and a scene that plants it (scene.toml).
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def make_library(
 
     wood, leaves : STL files; wood alone may hold leaves too.
     height : metres of the tree; 0: as the unit says.
-    grammar : "fitted" for siblings of the tree, "t20" for T20's grammar with its branches.
+    grammar : "fitted" for siblings of the tree, "t20" for Tanveer et al.'s grammar with its branches.
     groups : what the files hold, where they are no STL.
     unit : in which they are drawn, of ``UNITS``. up : axis that points up, of ``UPRIGHT``. Both are
         inferred where empty.
@@ -216,7 +216,7 @@ leaves = "{"leaves.stl" if leafy else ""}"
 
 def _siblings_text(name: str) -> str:
     return f"""
-# Siblings of this tree; 0 is the tree itself. Without this table, T20's grammar sets its branches.
+# Siblings of this tree; 0 is the tree itself. Without this table, Tanveer et al.'s grammar sets its branches.
 [siblings]
 variety = 1.0
 allometry = "{allometry_of(name)}"

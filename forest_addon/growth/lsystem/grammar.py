@@ -1,8 +1,10 @@
-"""T20's and A20's L-systems, and plain ones: one character a symbol, no numbers, no chance.
+"""Tanveer et al.'s (2020a and 2020b) L-systems, and plain ones: one character a symbol, no numbers, no
+chance.
 
-T20 writes its rule g -> d(g)[g)+g) and its second iteration d(d(g)[g)+g)[d(g)[g)+g)+d(g)[g)+g). Both
-follow from axiom ``g)`` and g -> d(g)[g)+g: the branch that ``+`` starts is closed by the bracket of
-its mother. A20's rules are groups d(d)+d) joined by ``[``, one group a whorl: there each ``+`` has a
+Tanveer et al. (2020a) writes its rule g -> d(g)[g)+g) and its second iteration
+d(d(g)[g)+g)[d(g)[g)+g)+d(g)[g)+g). Both follow from axiom ``g)`` and g -> d(g)[g)+g: the branch that ``+``
+starts is closed by the bracket of its mother. Tanveer et al.'s (2020b) rules are groups d(d)+d) joined by
+``[``, one group a whorl: there each ``+`` has a
 ``)`` of its own.
 """
 
@@ -36,12 +38,12 @@ def whorled(whorls: int) -> LSystem:
 
 
 def system_of_grammar(grammar: Grammar) -> System:
-    """The L-system of a species' grammar, T20's or A20's."""
+    """The L-system of a species' grammar, Tanveer et al.'s (2020a or 2020b)."""
     return _system(whorled(grammar.whorls) if grammar.dialect == "A20" else T20)
 
 
 def string_of(grammar: Grammar) -> np.ndarray:
-    """The string of a species' grammar, T20's or A20's, as (S,) uint8 character codes."""
+    """The string of a species' grammar, Tanveer et al.'s (2020a or 2020b), as (S,) uint8 character codes."""
     if grammar.dialect == "A20":
         return derive(whorled(grammar.whorls), min(grammar.generations, 1))
     return derive(T20, grammar.generations)

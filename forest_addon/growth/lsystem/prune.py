@@ -1,4 +1,4 @@
-"""S's pruning: a branch whose turtle descends is removed with all that it bears."""
+"""Méndez et al.'s pruning: a branch whose turtle descends is removed with all that it bears."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@
 node and ``[`` lets the axis grow on; ``)`` goes back to the node where they stood. ``+`` starts a branch
 at the place symmetric to the previous one, raised by a random height along the axis; it ends with its
 mother. A side branch leaves at the branching angle, its symmetric one at the opposite angle, and each
-internode on an axis is twisted about it (T20).
+internode on an axis is twisted about it (Tanveer et al. 2020a).
 """
 
 from __future__ import annotations
@@ -19,17 +19,18 @@ from ..skeleton import Skeleton
 
 CENTRE, SIDE, SYMMETRIC = 0, 1, 2
 _ROLE = {ord("["): CENTRE, ord("("): SIDE, ord("+"): SYMMETRIC}
-# Symbols whose segments ``)`` goes back from: a symmetric branch ends with its mother in T20, in A20 it
-# has a bracket of its own, and the trunk goes on without one.
+# Symbols whose segments ``)`` goes back from: a symmetric branch ends with its mother in Tanveer et al.
+# 2020a, in A20 it has a bracket of its own, and the trunk goes on without one.
 _OPENING = {"T20": b"[(", "A20": b"(+"}
 
 
 def parse(symbols: np.ndarray, dialect: str = "T20") -> tuple[np.ndarray, np.ndarray]:
-    """Mother (S,) and role (S,) of every segment of T20 or A20 symbols, in the order they are written.
+    """Mother (S,) and role (S,) of every segment of Tanveer et al. 2020a or 2020b symbols, in the order
+    they are written.
 
     Raises
     ------
-    ValueError : a bracket closes what was not opened, or a symbol is not T20's.
+    ValueError : a bracket closes what was not opened, or a symbol is not Tanveer et al.'s.
     """
     parent: list[int] = []
     role: list[int] = []

@@ -26,7 +26,7 @@ class Notation:
     """Notation of strings: whether ``(`` opens numbers, and the letters that bear a tag.
 
     tagged : a letter of these followed by ``n`` is given the generation in which it is made: ``In``
-        stands for I(n) and is printed I01, I02, ... (S).
+        stands for I(n) and is printed I01, I02, ... (Méndez et al.).
     """
 
     parametric: bool = True

@@ -1,7 +1,7 @@
 """Leaves and their truth: where each one is, how it faces, how large it is.
 
 Leaf triangles go in; for every leaf come out its centre, normal, axis, length, width and the radius of
-the disc of equal area, which is what a foliage echo is computed from (T20).
+the disc of equal area, which is what a foliage echo is computed from (Tanveer et al. 2020a).
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 Every axis becomes a closed tube as in ``tubes``: a ring of n corners is widened by π/(n·sin(π/n)), which
 gives it the circle's perimeter and so its mean silhouette; n follows from the tolerance. ``nodes`` sorts
 the axes by n, ``frames`` turns their rings; here rings of equal n become vertices by one matrix product
-and triangles by one sum. Where the radius steps, as between S's internodes, a node has two rings. Nothing
-loops over branches.
+and triangles by one sum. Where the radius steps, as between Méndez et al.'s internodes, a node has two
+rings. Nothing loops over branches.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""SIMLIDAR's tractor (S): a vertical fan across the direction of travel, repeated every step.
+"""SIMLIDAR's tractor (Méndez et al.): a vertical fan across the direction of travel, repeated every step.
 
 The result is the matrix of distances, scans by angles, and ``to_cloud`` makes points of it. A beam is one
-ray, or S's solid sector: from y to y + Δy, from θ to θ + Δθ, sampled by P + 1 points along each, its
-distance that of the nearest hit. S samples the range too; a ray needs no such steps. Neighbours share the
-rays on their borders, so the rays are cast once, as a lattice of P·N + 1 by P·M + 1.
+ray, or Méndez et al.'s solid sector: from y to y + Δy, from θ to θ + Δθ, sampled by P + 1 points along
+each, its distance that of the nearest hit. S samples the range too; a ray needs no such steps. Neighbours
+share the rays on their borders, so the rays are cast once, as a lattice of P·N + 1 by P·M + 1.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class TractorScan:
 
     @property
     def matrix(self) -> np.ndarray:
-        """(N, M) S's l: the distance, or the escape value."""
+        """(N, M) Méndez et al.'s l: the distance, or the escape value."""
         return np.where(np.isfinite(self.distance), self.distance, self.escape)
 
     @property

@@ -1,10 +1,11 @@
-"""What a tractor scan says of the wood that it met (S): the impacted area, and lines through the origin.
+"""What a tractor scan says of the wood that it met (Méndez et al.): the impacted area, and lines through
+the origin.
 
 A beam that meets wood at distance l stands for the area Δy·l·(sin(θ + Δθ) - sin θ); A_IM is their sum.
-With θ from the horizontal, as S's eq. 8 has it, that is the size of the sector where it is level; with θ from
-the vertical, as its eq. 14 can be read, level beams stand for nothing. Ours is the former.
-What it is compared with, the volume V_L, area A_L and projected area A_PR of all wood, is the truth of the
-skeleton (``growth.truth``). A gap between scans is not filled: A_IM is of what was scanned.
+With θ from the horizontal, as Méndez et al.'s eq. 8 has it, that is the size of the sector where it is
+level; with θ from the vertical, as its eq. 14 can be read, level beams stand for nothing. Ours is the
+former. What it is compared with, the volume V_L, area A_L and projected area A_PR of all wood, is the
+truth of the skeleton (``growth.truth``). A gap between scans is not filled: A_IM is of what was scanned.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ field that they scatter is computed twice, with every echo between trunks and wi
 
 Both are of cylinders alone in a plane, with a line source: amplitudes fall with 1/√(r_s·r_r), where K
 weighs the same paths by β/(r_s·r_r^α). The relative difference is that of the trunks' sound in the plane;
-K's weights, β and α, are not part of it.
+Kaneko & Gamper's weights, β and α, are not part of it.
 """
 
 from __future__ import annotations

@@ -5,8 +5,8 @@ az and el are measured from the beam axis in the sonar's own frame: the angle of
 along the side to which the direction lies off. So they are the plain azimuth and elevation in the two
 planes of the axis, have neither pole nor wrap, and a beam that looks straight up is like any other.
 
-``Gaussian``   exp(-az²/2σ_x² - el²/2σ_y²) with σ from the full -3 dB width (T20).
-``Horseshoe``  the same with T20's width of a horseshoe bat's call, which falls with the frequency.
+``Gaussian``   exp(-az²/2σ_x² - el²/2σ_y²) with σ from the full -3 dB width (Tanveer et al. 2020a).
+``Horseshoe``  the same with Tanveer et al.'s width of a horseshoe bat's call, which falls with the frequency.
 ``Measured``   a table of dB by angle off the axis and frequency, smoothed over the frequency.
 ``Omni``       everywhere alike.
 """
@@ -21,9 +21,14 @@ import numpy as np
 
 from ...acoustics.smoothness import Loss
 
-HALF_POWER = -2.0 * math.log(10.0 ** (-3.0 / 20.0))  # T20 print -2·ln 0.7079
+HALF_POWER = -2.0 * math.log(10.0 ** (-3.0 / 20.0))  # Tanveer et al. (2020a) print -2·ln 0.7079
 DEGREES = 4  # of the polynomials in frequency through a measured pattern
-HORSESHOE = (0.011333, -2.3219, 156.15, -3402.7)  # degrees, of the frequency in kHz (T20)
+HORSESHOE = (
+    0.011333,
+    -2.3219,
+    156.15,
+    -3402.7,
+)  # degrees, of the frequency in kHz (Tanveer et al. 2020a)
 
 
 class Beam(Protocol):

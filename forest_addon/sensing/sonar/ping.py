@@ -1,4 +1,5 @@
-"""A ping at a scene: the echo of leaves, wood and ground, as a bat-like sonar hears it (T20).
+"""A ping at a scene: the echo of leaves, wood and ground, as a bat-like sonar hears it (Tanveer et al.
+2020a).
 
 What sounds back (``targets``) goes in; the echo's spectrum and impulse response at every ear come out.
 With f_i the scattering amplitude, S the beams of call and ear, b the absorption of the air, r_t and r_e
@@ -6,7 +7,8 @@ the distances from mouth and to ear,
 
     Y(f) = Σ_i S_emit·S_hear·f_i(k)/(r_t·r_e)·e^{-b(f)(r_t + r_e)}·e^{-ik(r_t + r_e)}
 
-is the echo's pressure relative to the sent one at 1 m on the axis; S·L·λ/(2πr²) of T20 is the same.
+is the echo's pressure relative to the sent one at 1 m on the axis; S·L·λ/(2πr²) of Tanveer et al. 2020a is
+the same.
 
 The impulse response is the echo of a call whose spectrum is a Hann window over the band and whose
 envelope at 1 m on the axis has the peak 1. So a leaf gives a pulse at 2r/c with the height of its |A|,

@@ -1,7 +1,7 @@
 """Intensity functions: expected trees per square metre.
 
 An ``Intensity`` knows its value at points, true bounds over cells (what exact thinning needs), and its
-integral over a rectangle where that is closed. Hills are T20's formula in its squared form,
+integral over a rectangle where that is closed. Hills are Tanveer et al.'s formula in its squared form,
 λ(x, y) = Σ C·exp(-(x-a)²/h² - (y-b)²/l²). Masks are intensities of 0 and 1: a product of one with
 anything keeps it within. Images, painted meshes, polygons and limits of the terrain are in modules of
 their own.

@@ -1,10 +1,11 @@
 """Maximum-likelihood Gaussian mixture of an inhomogeneous Poisson process seen through a window.
 
-λ(s) = base + Σ C·exp(-(x-a)²/h² - (y-b)²/l²), T20's squared form, maximises Σ log λ(x_i) - ∫_W λ. A hill is
-followed by N, the trees that it puts *within* the window W, so that what it would put outside, unseen,
-does not pull its centre inwards (a truncated mixture; Lee & Scott 2012). Mass and derivatives over W are
-closed (``Window.gaussian_moments``); L-BFGS climbs. Hills are added one by one where trees are most in
-excess of the fit, without any draw, and their number has the smallest BIC, -2 log L + p log n.
+λ(s) = base + Σ C·exp(-(x-a)²/h² - (y-b)²/l²), Tanveer et al.'s squared form, maximises Σ log λ(x_i) - ∫_W
+λ. A hill is followed by N, the trees that it puts *within* the window W, so that what it would put
+outside, unseen, does not pull its centre inwards (a truncated mixture; Lee & Scott 2012). Mass and
+derivatives over W are closed (``Window.gaussian_moments``); L-BFGS climbs. Hills are added one by one
+where trees are most in excess of the fit, without any draw, and their number has the smallest BIC, -2 log
+L + p log n.
 """
 
 from __future__ import annotations

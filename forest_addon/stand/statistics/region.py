@@ -1,8 +1,8 @@
 """Region where an intensity is large enough to be judged: pixels of a window.
 
 A tree counts 1/λ in the inhomogeneous K function, so a few trees far out on a hill would outweigh all
-others. Pairs are therefore counted within a region where λ is not small, by K's own definition with that
-region as the window.
+others. Pairs are therefore counted within a region where λ is not small, by Kaneko & Gamper's own
+definition with that region as the window.
 """
 
 from __future__ import annotations

@@ -32,13 +32,13 @@ if TYPE_CHECKING:
 TITLE = "frontier: all simulators, error against seconds"
 ASSUMPTIONS = """\
 Filled: measured by this run, CPU seconds of one core. Hollow: not by this run; crosses have no known error.
-HELIOS++, BLAINDER, the codes of T20 (under Octave, 50,000 leaves in 19.5 s, taken twice) and of K, and the
-direct sum ran on a shared two-core machine, other than this run's or at another time; SIMLIDAR's 284
-beams/s is the mean of its authors' minutes, on theirs. Trees, leaves and trunks are as many, not the same
-ones: HELIOS++ scanned ten trees of 200,000 triangles, BLAINDER one tree with its rays as pulses, SIMLIDAR
-its own orchard. Errors of others follow from their rounding, not from a comparison: HELIOS++ rounds echoes
-to 7.49 cm, a quarter of it is the median; K's bins of 1° and 10 m are 2 to 6 % off. That of direct sums is
-rounding, about 1e-13, which is not measured either.
+HELIOS++, BLAINDER, the codes of Tanveer et al. 2020a (under Octave, 50,000 leaves in 19.5 s, taken twice)
+and of Kaneko & Gamper, and the direct sum ran on a shared two-core machine, other than this run's or at
+another time; SIMLIDAR's 284 beams/s is the mean of its authors' minutes, on theirs. Trees, leaves and
+trunks are as many, not the same ones: HELIOS++ scanned ten trees of 200,000 triangles, BLAINDER one tree
+with its rays as pulses, SIMLIDAR its own orchard. Errors of others follow from their rounding, not from a
+comparison: HELIOS++ rounds echoes to 7.49 cm, a quarter of it is the median; Kaneko & Gamper's bins of 1°
+and 10 m are 2 to 6 % off. That of direct sums is rounding, about 1e-13, which is not measured either.
 """
 PULSES = 1e6
 SUBRAYS, MANY = (1, 7, 19, 61), 397
@@ -161,7 +161,7 @@ def _reverb() -> list[Mark]:
     return [
         *ours,
         Mark("direct sum in float64", 144.0, DIRECT),
-        Mark("K's code, bins of 1° and 10 m", 1.45, (0.02, 0.06)),
+        Mark("Kaneko & Gamper's code, bins of 1° and 10 m", 1.45, (0.02, 0.06)),
     ]
 
 

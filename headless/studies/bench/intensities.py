@@ -11,7 +11,7 @@ from forest_addon.stand.intensity.functions import Intensity, Mixture
 from forest_addon.stand.intensity.layers import Raster
 
 SIDE = 300.0
-CENTRES = np.array([[61.0, 91.0], [62.0, 141.0], [71.0, 221.0], [205.0, 103.0]])  # W's
+CENTRES = np.array([[61.0, 91.0], [62.0, 141.0], [71.0, 221.0], [205.0, 103.0]])  # Wahed et al.'s
 
 
 class Thinned(Intensity):

@@ -67,7 +67,7 @@ def run(say: Say) -> None:
         ["P", "rays a beam", "A_IM", "times exact rays", f"to P = {SOLID}", "CPU s"],
         [_solid_row(tractor, caster, parts, area, solid) for parts in PARTS],
     )
-    say("\nThe whole of S's largest row, from the L-system to A_IM, one thread:\n")
+    say("\nThe whole of Méndez et al.'s largest row, from the L-system to A_IM, one thread:\n")
     table(
         say,
         [

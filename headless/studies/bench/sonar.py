@@ -1,4 +1,4 @@
-"""Echoes end to end: a ping among 5 and 1000 trees, T20's Table 1, culling, the leaf models.
+"""Echoes end to end: a ping among 5 and 1000 trees, Tanveer et al.'s Table 1, culling, the leaf models.
 
 The kernel's own speed and error, by the number of leaves and the tolerance, is in ``sonar_kernel``.
 """

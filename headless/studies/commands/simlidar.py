@@ -1,4 +1,4 @@
-"""``python -m headless simlidar``: S's experiment with 42 orchards (``papers/simlidar``)."""
+"""``python -m headless simlidar``: Méndez et al.'s experiment with 42 orchards (``papers/simlidar``)."""
 
 from __future__ import annotations
 

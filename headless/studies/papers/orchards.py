@@ -1,14 +1,15 @@
-"""The 42 orchards of S's experiment, as far as the paper says what they are, and as scenes of ours.
+"""The 42 orchards of Méndez et al.'s experiment, as far as the paper says what they are, and as scenes of
+ours.
 
 Four numbers of iterations, three diameters d_m, one or four trees, pruned or not, stochastic or not make 96
 orchards; which 42 of them S built is not said. Ours change one thing at a time. One stochastic, pruned
-tree is the base, and four of them in a row; both at all iterations, which are the eight rows of S's Table
-3. Then one tree that is not pruned and one that is not stochastic, from 5 iterations on, because at 4
-pruning takes hardly anything. 14 structures, three diameters each.
+tree is the base, and four of them in a row; both at all iterations, which are the eight rows of Méndez et
+al.'s Table 3. Then one tree that is not pruned and one that is not stochastic, from 5 iterations on,
+because at 4 pruning takes hardly anything. 14 structures, three diameters each.
 
-Two lengths are not given either. The first internode h0 makes crowns as wide as S's scans are long: its
-numbers of beams are all multiples of 601, so a scan has 601 beams (150° by 0.25°) and the drives past one
-tree are 1.68 to 1.93 m long. Trees stand 2.1 m apart, which gives the drives past four.
+Two lengths are not given either. The first internode h0 makes crowns as wide as Méndez et al.'s scans are
+long: its numbers of beams are all multiples of 601, so a scan has 601 beams (150° by 0.25°) and the drives
+past one tree are 1.68 to 1.93 m long. Trees stand 2.1 m apart, which gives the drives past four.
 """
 
 from __future__ import annotations
@@ -30,7 +31,12 @@ from forest_addon.stand.plan import Stand
 
 DIAMETERS = (0.005, 0.006, 0.007)  # d_m
 ITERATIONS = (4, 5, 6, 7)
-DRIVES = (930, 935, 840, 965)  # scans past one tree: S's beams by 601, of which all are multiples
+DRIVES = (
+    930,
+    935,
+    840,
+    965,
+)  # scans past one tree: Méndez et al.'s beams by 601, of which all are multiples
 STEP, ANGLE_STEP_DEG = 0.002, 0.25
 HALF_FAN_DEG = 75.0  # 601 beams of 0.25° are 150°; ours lie about the horizontal
 SCANNER = (1.0, 1.0)  # x0 and z0 of S
@@ -52,7 +58,7 @@ class Orchard:
 
     @property
     def in_table_3(self) -> bool:
-        """Return whether it has a row in S's Table 3, by iterations and number of trees."""
+        """Return whether it has a row in Méndez et al.'s Table 3, by iterations and number of trees."""
         return self.pruned and self.stochastic
 
 
@@ -74,7 +80,8 @@ def experiment(quick: bool = False) -> list[Orchard]:
 
 @cache
 def first_internode() -> float:
-    """h0 in metres, to the millimetre, at which crowns are as wide as S's drives past one tree are long.
+    """h0 in metres, to the millimetre, at which crowns are as wide as Méndez et al.'s drives past one tree
+    are long.
 
     The width of a crown grows with h0. It is the mean extent along x and y of stochastic, pruned trees,
     which are always the same: h0 depends on no seed.
@@ -141,7 +148,8 @@ def plant(orchard: Orchard, internode: float, seed: int) -> Forest:
 
 
 def tractor_for(forest: Forest, splits: int, gap: int = 0) -> Tractor:
-    """S's scanner, driving past all of an orchard; its drive is a whole number of centimetres, as S's."""
+    """Méndez et al.'s scanner, driving past all of an orchard; its drive is a whole number of centimetres,
+    as Méndez et al.'s."""
     low, high = extent_along(forest)
     low, high = np.floor(low * 100) / 100, np.ceil(high * 100) / 100
     slope = np.tan(np.deg2rad(HALF_FAN_DEG))

@@ -1,8 +1,8 @@
-"""S's experiment with 42 orchards, its table and regressions beside ours.
+"""Méndez et al.'s experiment with 42 orchards, its table and regressions beside ours.
 
 Each orchard is grown, built as a Blender scene, and scanned on the evaluated depsgraph twice: with one ray a
-beam, and with S's solid beam (P = 2). Its row is written when it is finished; an experiment that was
-interrupted goes on where it was.
+beam, and with Méndez et al.'s solid beam (P = 2). Its row is written when it is finished; an experiment
+that was interrupted goes on where it was.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from forest_addon.blender.sensors.observe import Observer
 
 Progress = Callable[[int, int], None]
-SOLID = 2  # S's P
+SOLID = 2  # Méndez et al.'s P
 QUICK_GAP = 9
 
 

@@ -1,4 +1,5 @@
-"""The report of S's experiment: Table 3 and the regressions, S's numbers beside ours, and their picture."""
+"""The report of Méndez et al.'s experiment: Table 3 and the regressions, Méndez et al.'s numbers beside
+ours, and their picture."""
 
 from __future__ import annotations
 
@@ -34,15 +35,18 @@ BEAMS = {
 
 DISCUSSION = """\
 Where and why they differ:
-- S's A_IM is smaller than ours for the same wood. Its thick beam is not the reason: a solid beam is hit as
+- Méndez et al.'s A_IM is smaller than ours for the same wood. Its thick beam is not the reason: a
+  solid beam is hit as
   soon as anything is in its sector, here about 2 by 6.5 mm and so as large as the twigs (5 to 7 mm), which
   makes A_IM larger and slopes smaller than one ray does. One ray sees the wood as thick as it is.
-- θ from the vertical, as S's eq. 14 can be read, may be a part of it: then level beams count for nothing,
-  slopes grow towards S's and R² falls a little. How much depends on how far off the trees stand.
+- θ from the vertical, as Méndez et al.'s eq. 14 can be read, may be a part of it: then level beams
+  count for nothing,
+  slopes grow towards Méndez et al.'s and R² falls a little. How much depends on how far off the trees stand.
 - That distance, h0, and which 42 of 96 orchards S built are not given (see headless/orchards.py for ours),
   nor whether leaves stood in the way. Ours have none.
-- S's two slopes have the ratio 2.99 and unequal R²; Σπdh and Σdh over the same internodes have the ratio
-  π and equal R², as ours. So S's A_PR and A_L cannot both be these sums.
+- Méndez et al.'s two slopes have the ratio 2.99 and unequal R²; Σπdh and Σdh over the same
+  internodes have the ratio
+  π and equal R², as ours. So Méndez et al.'s A_PR and A_L cannot both be these sums.
 - Our R² are higher; it may help that our orchards share trees, which differ in diameter and pruning only.
 - A_PR and A_L count all wood, A_IM what is in sight; the more branches, the more they hide each other. So
   slopes grow with the iterations, which no one line follows."""
@@ -118,7 +122,7 @@ def _regressions(found: Sequence[Finding]) -> list[list[str]]:
 
 
 def draw(found: Sequence[Finding], path: Path) -> Path:
-    """A_PR and A_L against A_IM: points, our lines and S's."""
+    """A_PR and A_L against A_IM: points, our lines and Méndez et al.'s."""
     figure = blank_figure((10, 4.4))
     for axes, (what, (name, theirs, _)) in zip(figure.subplots(1, 2), THEIRS.items(), strict=True):
         y = _column(found, what)

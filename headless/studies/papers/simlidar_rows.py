@@ -1,4 +1,4 @@
-"""The rows of S's experiment, and the two files that grow with every orchard that is finished."""
+"""The rows of Méndez et al.'s experiment, and the two files that grow with every orchard that is finished."""
 
 from __future__ import annotations
 

@@ -32,7 +32,8 @@ Koli: an impulse response of a boreal forest in summer (OpenAIR, CC BY 4.0), sou
 apart. The trees around it were not mapped. The simulations are stands drawn from what such forests are
 like: 400 to 1,500 stems/ha, radii of 5 to 15 cm, forest floor of 50 to 88 kPa·s/m², up to 0.5 m² of
 leaves a cubic metre at the height of the path, bark that absorbs 2 to 10 %, trees of 10 to 22 m; none is
-fitted. Intervals hold 90 % of them; *before* is K's model in the same stands, as the tool had it. T20
+fitted. Intervals hold 90 % of them; *before* is Kaneko & Gamper's model in the same stands, as the
+tool had it. T20
 agrees where the median stand is within 25 % of the recording, C50 within 3 dB.
 Albert et al. (2015, JASA 138:735): 30 m paths in seven stands; only their reverberation times are
 published."""
@@ -94,7 +95,9 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
         old = heard(stand, settings(stand, KOLI, model="paper"), KOLI.air)
         before.append(decay_of(old.samples, KOLI.rate, BANDS))
     bands = draw_bands(out / "reverb-koli.png", measured, every, before)
-    pictures = [Picture(bands, "Koli: recording, K's model and the model with all terms.")]
+    pictures = [
+        Picture(bands, "Koli: recording, Kaneko & Gamper's model and the model with all terms.")
+    ]
     rows = _ablation(stands[:ABLATED])
     pictures.append(
         Picture(

@@ -24,7 +24,7 @@ def draw_bands(
     ):
         place = np.arange(len(measured.band))
         for some, colour, label in (
-            (before, RED, "K's model"),
+            (before, RED, "Kaneko & Gamper's model"),
             (every, LEAF_GREEN, "all terms"),
         ):
             low, middle, high = np.nanquantile(
@@ -52,7 +52,11 @@ def draw_ablation(
     place = np.arange(len(measured.band))
     for axes, part, title in zip(figure.subplots(1, 2), (0, 1), ("T20, s", "C50, dB"), strict=True):
         for number, (name, values) in enumerate(rows.items()):
-            strong = {"all": (LEAF_GREEN, 2.6), "none": (FAINT, 2.6), "K's model": (RED, 2.6)}
+            strong = {
+                "all": (LEAF_GREEN, 2.6),
+                "none": (FAINT, 2.6),
+                "Kaneko & Gamper's model": (RED, 2.6),
+            }
             colour, width = strong.get(name, (colours[number % 10], 1.2))
             axes.plot(place, values[part], color=colour, lw=width, label=name)
         axes.plot(place, (measured.t20, measured.c50)[part], "o-", color=INK, label="recording")

@@ -108,10 +108,10 @@ def settings(stand: PlausibleStand, path: Path, **changes: object) -> Reverb:
 
 
 def variants(stand: PlausibleStand, path: Path) -> dict[str, Reverb]:
-    """The ablation: K's model, none of the terms, each, and all."""
+    """The ablation: Kaneko & Gamper's model, none of the terms, each, and all."""
     every = settings(stand, path)
     found = {
-        "K's model": settings(stand, path, model="paper"),
+        "Kaneko & Gamper's model": settings(stand, path, model="paper"),
         "none": settings(stand, path, **OFF),
     }
     for name, terms in TERMS.items():

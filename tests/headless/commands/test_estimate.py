@@ -117,7 +117,7 @@ def test_few_trees_make_a_scene_too(tmp_path, method, text):
     [
         ("", (), "is empty; it needs a header"),
         ("x,y\n", (), "has no trees below its header"),
-        ("a,b\n1,2\n", (), 'has no column x; its header is "a,b"'),
+        ("a,b\n1,2\n", (), "has no column x; call one of its columns x"),
         ("x,y\n1,2\n3,zwei\n", (), 'row 3: y is "zwei", not a finite number'),
         ("x,y\n1,2\n3,nan\n", (), 'row 3: y is "nan"'),
         ("x,y\n1\n", (), "row 2 has 1 values, its header 2"),

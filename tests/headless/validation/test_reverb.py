@@ -67,7 +67,7 @@ def test_stands_fill_their_ranges_and_each_variant_switches_its_terms():
     assert found["ground"].bark == 0
     assert found["bark"].bark == stands[0].bark
     assert found["all"] == settings(stands[0], path)
-    assert found["K's model"].model == "paper"
+    assert found["Kaneko & Gamper's model"].model == "paper"
 
 
 def test_a_map_says_what_it_lacks(tmp_path):

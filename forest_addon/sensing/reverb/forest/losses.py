@@ -4,7 +4,7 @@ Settings, heights and what the stand is like come in; two functions go out. A tr
 keeps a sound's vertical wavenumber: over any ground that is the same everywhere, sound by way of trunks is
 reflected as the direct sound is, once, along a path as long as all its legs together (the field separates in
 the plane and in height; four images, of source, receiver and both, are those of a point that scatters).
-With x = r_s + r_r, H of ``acoustics/cylinder`` and P the pressure of K's units,
+With x = r_s + r_r, H of ``acoustics/cylinder`` and P the pressure of Kaneko & Gamper's units,
 
     P = √(x/(r_s·r_r))/x · H(f, φ) · g(f, x) · e^{-(b(f) + κ(f))x - ikx}
 

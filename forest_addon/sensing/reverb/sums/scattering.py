@@ -78,7 +78,8 @@ def trunk_paths(
 
     strength, spreading : β and α.
     gain : (M,) further amplitude of each path; None: 1.
-    upright : weights √(x/(r_s·r_r))/x of an endless cylinder and a point source, in place of K's.
+    upright : weights √(x/(r_s·r_r))/x of an endless cylinder and a point source, in place of Kaneko &
+        Gamper's.
 
     A distance to a trunk's axis is at least its radius. The angle comes from both products of the legs,
     which keeps its digits straight ahead and straight back; it is 0 where a leg has no length.

@@ -74,8 +74,9 @@ def tree_response(
 
     reverb : its sample_rate, duration (0: as long as these paths need), strength, spreading and
         tolerance are used.
-    gain : (M,) amplitude of each trunk's path besides K's weight, as of a directed source; None: 1.
-    losses : of the paths, of a model ``forest``; None: K's weights, and the air's losses alone.
+    gain : (M,) amplitude of each trunk's path besides Kaneko & Gamper's weight, as of a directed source;
+        None: 1.
+    losses : of the paths, of a model ``forest``; None: Kaneko & Gamper's weights, and the air's losses alone.
     last : metres of path after which trunks are not summed; they are noise there.
     expansions : what the fast sum set up for other pairs; None: it is set up for this one.
     progress : called as progress(trunks done, all trunks), by the exact sum alone.
