@@ -30,8 +30,12 @@ def _matrix(_sensor: Any, found: Finding, _seen: Observer, _forest: Forest, path
     return draw_scan(found, path)
 
 
-def _cloud(sensor: Any, found: Finding, _seen: Observer, _forest: Forest, path: Path) -> Path:
+def _panorama(sensor: Any, found: Finding, _seen: Observer, _forest: Forest, path: Path) -> Path:
     return draw_cloud(found, sensor, path)
+
+
+def _cloud(_sensor: Any, found: Finding, _seen: Observer, _forest: Forest, path: Path) -> Path:
+    return draw_cloud(found, None, path)
 
 
 def _echoes(sensor: Any, found: Finding, seen: Observer, forest: Forest, path: Path) -> Path:
@@ -45,7 +49,7 @@ def _response(_sensor: Any, found: Finding, _seen: Observer, _forest: Forest, pa
 
 DRAWINGS: dict[str, Callable[[Any, Finding, Observer, Forest, Path], Path]] = {
     "tractor": _matrix,
-    "terrestrial": _cloud,
+    "terrestrial": _panorama,
     "mobile": _cloud,
     "airborne": _cloud,
     "sonar": _echoes,
