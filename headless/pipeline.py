@@ -109,7 +109,8 @@ def run_scene(
         run = Run(settings, out, stages, site.grow(progress))
     _describe_stand(run, site.inputs)
     with stages.stage("build Blender scene"):
-        world = site.build(run.forest, as_assets=wanted.blend)
+        grown_in = stages.seconds["grow trees"]
+        world = site.build(run.forest, as_assets=wanted.blend, seconds=grown_in)
     with stages.stage("write truth"):
         _write_truth(run)
     with stages.stage("read evaluated scene"):

@@ -19,14 +19,13 @@ from ..results.kind import Finding
 from ..results.kinds import figures_of, results_of, write_as
 from ..results.point_files import ENDINGS, write_points
 from ..sensing.audit import Audit
-from ..sensing.choice import Choice
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan, to_cloud
 from ..sensing.reverb.metrics import RoomMetrics, room_metrics
 from ..sensing.reverb.response import ImpulseResponse, channels_of
 from ..sensing.sonar.flight import Flight
 from ..sensing.sonar.ping import Echo
-from ..spec import Sensor, SpecError
+from ..spec import Choice, Sensor, SpecError
 from . import plots
 from .given import file_to_write, path_of
 

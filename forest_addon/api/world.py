@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from ..blender.sensors.observe import Observer
     from ..sensing.audit import Audit
     from ..sensing.canopy import Canopy
-    from ..sensing.choice import Choice
+    from ..spec import Choice
     from ..stand.forest import Forest
     from ..stand.placed import PlacedTrees
 
@@ -52,7 +52,7 @@ class World:
 
     scene : its settings. folder : that relative paths in settings start from.
     forest : stand and variants as they were grown; None for a scene that was not grown here.
-    seconds : that growing and building took. chosen : what of it was left to the scene's sensors.
+    seconds : that growing and building took.
     """
 
     scene: Scene
@@ -60,7 +60,6 @@ class World:
     forest: Forest | None
     _place: Any
     seconds: float = 1.0
-    chosen: tuple[Choice, ...] = ()
     _taken: Observer | None = None
 
     def __repr__(self) -> str:
@@ -163,6 +162,11 @@ class World:
             yield self._taken
         finally:
             self._taken = None
+
+    @property
+    def chosen(self) -> tuple[Choice, ...]:
+        """What of the forest was left to the scene's sensors, as it was chosen."""
+        return () if self.forest is None else self.forest.chosen
 
     @property
     def audit(self) -> dict[str, Audit]:

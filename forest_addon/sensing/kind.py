@@ -18,10 +18,10 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from ..spec import Scene, Sensor
+from ..spec import Choice, Scene, Sensor
 from .audit import Audit
-from .choice import Choice
 from .cost import Cost, cost_of_work
+from .looks import Look, look_at_leaves
 from .rays.caster import RayCaster
 from .rays.geometry import SceneGeometry
 
@@ -128,6 +128,7 @@ class SensorKind:
         where it looks.
     choose : what is left to "auto", chosen. left_out : what a finding left out, and the bound on that.
     thinned : settings, as a table, by which one of so many of its pulses is sent; None: it has none.
+    look : what it needs of trees, where their detail is left to "auto".
     family : "lidar", "sonar", "reverb", or a word of its own.
 
     As an object in the view: help : what it is, in a sentence. icon, colour : Blender's name, linear RGBA.
@@ -146,6 +147,7 @@ class SensorKind:
     choose: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen
     left_out: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen
     thinned: Callable[[Any, float], dict[str, Any]] | None = None
+    look: Callable[[Any], Look] = look_at_leaves
     family: str = ""
     help: str = ""
     icon: str = "DOT"

@@ -9,6 +9,7 @@ else.
 
 from .air import Air
 from .allometry import Allometry, Law
+from .auto import Choice
 from .base import (
     AUTO,
     Discrete,
@@ -79,6 +80,7 @@ __all__ = [
     "Airborne",
     "Allometry",
     "Beam",
+    "Choice",
     "Clusters",
     "Corners",
     "Crown",

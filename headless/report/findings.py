@@ -57,8 +57,7 @@ def _stand_notes(settings: Scene, forest: Forest) -> Iterator[str]:
         yield f"{stand.off_ground.sum():,} trees were left out where the terrain has no ground."
     if stand.off_field.any():
         yield f"{stand.off_field.sum():,} places of rows or lists lie beyond the field."
-    if forest.detail is not None:
-        yield from forest.detail.notes
+    yield from forest.detail
 
 
 def targets_finding(met: Sequence[Met]) -> Finding | None:

@@ -13,6 +13,7 @@ from ...spec import Airborne, Mobile, Terrestrial, Tractor
 from ..audit import Audit
 from ..cost import Cost, cost_of_rays
 from ..kind import Follower, Observation, Progress, SensorKind
+from .look import look_of_airborne, look_of_mobile, look_of_terrestrial, look_of_tractor
 
 MOST_RETURNS = 1.5  # of a pulse, as forests give them
 
@@ -121,6 +122,7 @@ TRACTOR = SensorKind(
     audit=_audit_drive,
     cost=_cost_of_drive,
     outline=_fan,
+    look=look_of_tractor,
     family="lidar",
     help=keep("A fan of beams to the side of a tractor, which drives along an orchard's row"),
     icon="MOD_ARRAY",
@@ -134,6 +136,7 @@ TERRESTRIAL = SensorKind(
     audit=_audit_scan,
     cost=_cost_of_scan,
     outline=_window,
+    look=look_of_terrestrial,
     thinned=_fewer_angles,
     family="lidar",
     help=keep("A scanner on a tripod, which looks all round"),
@@ -150,6 +153,7 @@ MOBILE = SensorKind(
     positions=_where_it_starts,
     cost=_cost_of_scan,
     outline=_poses,
+    look=look_of_mobile,
     thinned=_fewer_pulses,
     family="lidar",
     help=keep("Turning beams on a vehicle, which drives along a curve"),
@@ -164,6 +168,7 @@ AIRBORNE = SensorKind(
     audit=_audit_scan,
     cost=_cost_of_scan,
     outline=_strips,
+    look=look_of_airborne,
     thinned=_fewer_pulses,
     family="lidar",
     help=keep("A scanner in an aircraft, which flies straight strips"),

@@ -20,15 +20,15 @@ from .band import SPREAD
 from .forest.losses import Losses, Stand
 from .response import ImpulseResponse
 from .sums.fast_scattering import Expansions
-from .sums.scattering import RINGING, TrunkPaths, exact_ringing, transform_length, trunk_paths
-from .sums.tree_response import FINEST, THICK, direct_sum
+from .sums.scattering import TrunkPaths, direct_sum, trunk_paths
 from .trunks.slices import Trunks
 
 LEAST, MOST = 20, 200  # trunks at a time
 PACE = 2e-7  # s of a trunk at a frequency
 LONGEST = 12_000  # samples of the part of the record that is compared
 LOWEST = 20.0  # Hz
-CUT_OFF = 1e-6  # of an octave, that a direct sum to no tolerance cuts off, of thick trunks more
+RINGING = 1.0  # s of frequencies beside a record's, all bands together
+CUT_OFF = 1e-6  # of an octave, that a direct sum to no tolerance cuts off at most
 QUIET = 1e-9  # of the whole: octaves below that are noise of float64
 
 
@@ -55,28 +55,22 @@ def audit_response(
     upright = losses is not None
     paths = trunk_paths(trunks, *ends, reverb.strength, reverb.spreading, None, upright)
     rate = reverb.sample_rate
-    thickest = float(paths.radius.max(initial=0.0))
-    cut_off = CUT_OFF * max(1.0, thickest / THICK)
-    allowed = max(reverb.tolerance or cut_off, *found.errors.values(), 1e-12)
-    fine = min(reverb.tolerance or CUT_OFF, CUT_OFF) / 10
+    allowed = max(reverb.tolerance or CUT_OFF, *found.errors.values(), 1e-12)
     count = min(len(found.samples), LONGEST)
     heard = np.flatnonzero(paths.earliest <= count / rate * air.speed())
 
-    def direct(some: TrunkPaths, ringing: float) -> np.ndarray:
-        return direct_sum(some, rate, count + SPREAD, air, None, losses, ringing)
+    def direct(some: TrunkPaths, tolerance: float) -> np.ndarray:
+        return direct_sum(some, rate, count + SPREAD, air, None, losses, tolerance)
 
-    ringing = max(exact_ringing(paths, fine if found.exact and fine < FINEST else 0.0), RINGING)
-    frequencies = transform_length(paths, rate, count, air.speed(), ringing) / 2
+    frequencies = (count + SPREAD + RINGING * rate) / 2
     drawn = int(np.clip(share * seconds / (PACE * frequencies), LEAST, MOST))
 
     def batches() -> Iterator[np.ndarray]:
         while len(heard):
             some = paths.select(np.sort(rng.permutation(heard)[:drawn]))
-            exact = direct(some, ringing)
+            exact = direct(some, 0.0)
             if found.exact:
-                yield octave_errors(
-                    direct(some, exact_ringing(some, reverb.tolerance)), exact, rate
-                )
+                yield octave_errors(direct(some, reverb.tolerance), exact, rate)
                 continue
             fast = expansions.sum(some, rate, count + SPREAD, air, reverb.tolerance, losses).samples
             yield octave_errors(fast, exact, rate)

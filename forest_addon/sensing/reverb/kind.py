@@ -9,12 +9,12 @@ import numpy as np
 
 from ...base.rng import stream
 from ...base.words import keep
-from ...spec import AUTO, Reverb, Scene
+from ...spec import AUTO, Choice, Reverb, Scene
 from ..audit import Audit
-from ..choice import Choice
 from ..cost import Cost, cost_of_work
 from ..kind import SOUND, Observation, Progress, Seen, SensorKind
 from ..lines import chain
+from ..looks import Look
 
 CHANNEL = 0.2  # s, a first guess
 FINEST = 1e-6  # tolerance that the fast sum keeps
@@ -164,6 +164,10 @@ def _left_out(found: Any) -> tuple[Choice, ...]:
     return (Choice("weakest trunks", END, found.weak_bound, why),)
 
 
+def _look(reverb: Reverb) -> Look:
+    return Look(name=reverb.name, leaves=reverb.model == "forest")
+
+
 def _fixed(group: Any) -> str:
     return keep("It sends alike to all sides") if group.directivity == "omni" else ""
 
@@ -177,6 +181,7 @@ REVERB = SensorKind(
     outline=sound_outline,
     choose=_choose,
     left_out=_left_out,
+    look=_look,
     family="reverb",
     help=keep("A clap among trunks, as it is heard at another place"),
     icon="RNDCURVE",

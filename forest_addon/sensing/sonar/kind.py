@@ -10,12 +10,12 @@ import numpy as np
 
 from ...base.rng import stream
 from ...base.words import keep
-from ...spec import AUTO, Sonar
+from ...spec import AUTO, Choice, Sonar
 from ..audit import Audit
-from ..choice import Choice
 from ..cost import Cost, cost_of_work
 from ..kind import ECHO, Follower, Observation, Progress, Seen, SensorKind
 from ..lines import AROUND, chain, rays_to
+from ..looks import EchoLook
 
 PING = 0.1  # s, a first guess
 RAYS = 8  # lines from a sonar to the contour of its beam
@@ -125,6 +125,21 @@ def _choose(sonar: Sonar) -> tuple[Choice, ...]:
     return tuple(made)
 
 
+def _look(sonar: Sonar) -> EchoLook:
+    moves = bool(sonar.route or sonar.follow)
+    narrow = min(sonar.beam_width_deg) if sonar.beam == "gaussian" else 10.0
+    return EchoLook(
+        name=sonar.name,
+        corners=None if moves else np.array([sonar.position], dtype=float),
+        range=sonar.max_range,
+        leaves=sonar.leaves or "extinction" in sonar.shading,
+        exact_wood=sonar.wood or "trunks" in sonar.shading,
+        beam_width=math.radians(narrow),
+        band=sonar.band,
+        hears_leaves=sonar.leaves,
+    )
+
+
 def _fixed(group: Any) -> str:
     if group.follow:
         return keep("Move what it follows")
@@ -140,6 +155,7 @@ SONAR = SensorKind(
     cost=_cost,
     outline=beam_outline,
     choose=_choose,
+    look=_look,
     family="sonar",
     help=keep("A bat's call, and what it hears of leaves and branches"),
     icon="OUTLINER_OB_SPEAKER",
