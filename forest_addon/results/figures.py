@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..base.trimesh import GROUND, LEAF, WOOD
+from ..base.trimesh import DEAD, GROUND, LEAF, WOOD
 
 if TYPE_CHECKING:
     from ..stand.forest import Forest
@@ -84,6 +84,8 @@ def organ_figures(organ: np.ndarray) -> Iterator[Figure]:
     yield numbers("wood", "Wood", share(organ == WOOD))
     yield numbers("leaves", "Leaves", share(organ == LEAF))
     yield numbers("ground", "Ground", share(organ == GROUND))
+    if (organ == DEAD).any():
+        yield numbers("dead wood", "Dead Wood", share(organ == DEAD))
 
 
 def share(mask: np.ndarray) -> str:
