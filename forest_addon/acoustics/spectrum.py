@@ -48,13 +48,12 @@ class Panel:
     weights: np.ndarray
 
 
-def frequency_panels(last: int, spacing: float, width: float) -> list[Panel]:
-    """Panels over the bins 1 to ``last`` of a grid with ``spacing`` Hz, none wider than ``width`` Hz.
+def frequency_panels(last: int, spacing: float, width: float, first: int = 1) -> list[Panel]:
+    """Panels over the bins ``first`` to ``last`` of a grid with ``spacing`` Hz, none wider than ``width`` Hz.
 
     A panel of few bins takes these as nodes.
     """
     panels = []
-    first = 1
     while first <= last:
         high = min(RATIO * first * spacing, first * spacing + width)
         count = max(1, min(int(high / spacing), last) - first + 1)

@@ -167,8 +167,8 @@ class Reverb(Sensor):
     )
     tolerance: float = param(
         1e-4,
-        help="relative error allowed to the sum over trunks; 0, and what is finer than 1e-6, sums every "
-        "trunk and frequency",
+        help="relative error allowed to the sum over trunks, in all, in each octave and in each tenth of "
+        "the record; 0, and from 1e-9 to 1e-6, sums every trunk and frequency",
         ge=0,
         le=0.01,
         auto=True,
@@ -185,6 +185,11 @@ class Reverb(Sensor):
         for key in ("source", "receiver"):
             if getattr(self, key)[2] <= 0:
                 raise SpecError(f"{key}[2]", "must be above the ground, z = 0; raise it")
+        if 0 < self.tolerance < 1e-9:
+            raise SpecError(
+                "tolerance",
+                "is finer than float64 keeps; use 0 for the exact sum, or 1e-9 and more",
+            )
         if self.directivity == "measured" and not self.directivity_file:
             raise SpecError(
                 "directivity_file", "is needed where directivity is measured; name a CSV"

@@ -18,8 +18,7 @@ from forest_addon.sensing.reverb.band import roll_off
 from forest_addon.sensing.reverb.metrics import clarity_db, energy_decay_db, reverberation_time
 from forest_addon.sensing.reverb.model_error import model_error
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
-from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, trunk_paths
-from forest_addon.sensing.reverb.sums.tree_response import direct_sum
+from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, direct_sum, trunk_paths
 from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air
 

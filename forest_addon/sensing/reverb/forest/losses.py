@@ -26,6 +26,7 @@ from functools import lru_cache
 
 import numpy as np
 from scipy import special
+from scipy.interpolate import CubicSpline
 
 from ....acoustics.air import absorption
 from ....acoustics.extinction import cross_sections
@@ -111,6 +112,11 @@ class Losses:
         """(F,) nepers of amplitude per metre that leaves take."""
         return foliage_loss(frequency, self.stand.leaf_area_density, self.leaf_absorption)
 
+    @property
+    def absorbing_leaves(self) -> bool:
+        """Whether leaves take anything."""
+        return self.stand.leaf_area_density > 0 and self.leaf_absorption > 0
+
     def removed(self, frequency: np.ndarray) -> np.ndarray:
         """Share of a sound's energy that trunks take out of it per metre, by ``extinction``."""
         if self.extinction == "none" or not self.stand.radii or self.stand.density == 0:
@@ -118,11 +124,11 @@ class Losses:
         radii = np.array(self.stand.radii)
         wavenumber = 2.0 * math.pi * np.maximum(np.asarray(frequency), 0.0) / self.air.speed()
         highest = max(float(wavenumber.max(initial=0.0)) * float(radii.max()), 1.0)
-        size, width = _widths(2.0 ** math.ceil(math.log2(highest)), self.bark, self.extinction)
+        width = _widths(2.0 ** math.ceil(math.log2(highest)), self.bark, self.extinction)
         total: np.ndarray = np.zeros(np.shape(frequency))
         for radius in radii:
             ka = np.maximum(wavenumber * radius, SMALLEST)
-            total = total + radius * np.exp(np.interp(np.log(ka), size, width))
+            total = total + radius * np.exp(width(np.log(ka)))
         return np.where(wavenumber > 0, total * self.stand.density / len(radii), 0.0)
 
     @property
@@ -267,11 +273,12 @@ def loss_per_metre(frequency: np.ndarray, air: Air, losses: Losses | None) -> np
 
 
 @lru_cache(maxsize=16)
-def _widths(highest: float, bark: float, extinction: str) -> tuple[np.ndarray, np.ndarray]:
-    """Logarithms of sizes ka, and of what trunks of them take out, over the radius."""
+def _widths(highest: float, bark: float, extinction: str) -> CubicSpline:
+    """What trunks take out over the radius, both by logarithms, of sizes ka: smooth, or it would ring."""
     size = np.geomspace(SMALLEST, 1.001 * highest, SIZES)
     found = cross_sections(size, bark)
-    return np.log(size), np.log(found.energy if extinction == "energy" else found.extinction)
+    taken = found.energy if extinction == "energy" else found.extinction
+    return CubicSpline(np.log(size), np.log(taken))
 
 
 def stand_of(trunks: Trunks, area: float, leaf_area_density: float, trunk_height: float) -> Stand:

@@ -18,14 +18,16 @@ import numpy as np
 from scipy import fft, special
 
 from ....acoustics.air import absorption, relaxation
+from ....acoustics.foliage import LOWEST as LEAVES_RELAX
 from ....spec import Air
 from ..band import roll_off
 from ..forest.losses import Losses
 from .field_table import polynomials
 
 SHORTEST = 1536  # samples of a block at least
-LONGEST_TAIL = 0.1  # s for which a filter of the air answers, at most
-DECAYS = 16.0  # of the slowest relaxation, after which it has
+LONGEST_TAIL = 0.25  # s for which a filter of the air answers, at most
+DECAYS = 16.0  # of the slowest relaxation, after which it has; leaves answer as if they relaxed too
+ORDERS = 64  # of the series, at most
 FADE = 256  # samples over which a block gives way to the next: a cut would sound at all frequencies
 BLOCKS_AT_ONCE = 16
 ROUNDS = 1
@@ -41,6 +43,8 @@ class AirFilter:
         self.rate, self.air, self.tolerance, self.losses = rate, air, tolerance, losses
         self.step = air.speed() / rate  # metres a sample
         slowest = float(np.min(relaxation(air.temperature_c, air.humidity, air.pressure_kpa)))
+        if losses is not None and losses.absorbing_leaves:
+            slowest = min(slowest, LEAVES_RELAX)
         tail = min(LONGEST_TAIL, DECAYS / (2.0 * math.pi * slowest))
         self._tail = 64 + math.ceil(tail * rate)
         self._hop = max(SHORTEST, 3 * self._tail)
@@ -51,7 +55,7 @@ class AirFilter:
         frequency = np.arange(self._size // 2 + 1) * (rate / self._size)
         self._loss = self._loss_at(frequency)
         half = 0.5 * self._block * self.step
-        orders = np.arange(32)[:, None]
+        orders = np.arange(ORDERS)[:, None]
         # e^{-bh} is left of the series: at the block's near end it was 1
         gains = special.ive(orders, half * self._loss) * np.exp(half * self._loss)
         gains *= np.where(orders % 2 == 0, 1.0, -1.0) * np.where(orders == 0, 1.0, 2.0)
@@ -63,6 +67,11 @@ class AirFilter:
         window = np.concatenate([1.0 - fall, np.ones(self._block - 2 * FADE), fall])
         self._shapes = polynomials(place, terms) * window  # (Q, block)
         self._lifts: dict[int, tuple[int, np.ndarray, np.ndarray, np.ndarray]] = {}
+
+    @property
+    def tail(self) -> int:
+        """Samples for which it answers, to both sides."""
+        return self._tail
 
     def apply(self, samples: np.ndarray, first: int) -> np.ndarray:
         """(..., N) samples with the air's loss; samples[0] is heard ``first`` samples after the source.

@@ -25,17 +25,21 @@ from ..band import SPREAD, roll_off
 from ..forest.losses import Losses, loss_per_metre
 from ..forest.tail import Tail
 from .air_filter import AirFilter
+from .bands import bands_of, samples_of
 from .expansion import Layer, Sector, expand
+from .loud import loud_trunks
 from .panel_sum import panel_spectrum
 from .path_gain import PathGain, Zone
-from .scattering import TrunkPaths, transform_length
+from .scattering import Progress, TrunkPaths, direct_sum
 
 TRUNKS_AT_ONCE = 65536
 GRID_AT_ONCE = 1 << 23  # values of the even grid, of as many terms as that allows
 MOST_KEPT = 1 << 27  # bytes of filters that a layer keeps as spectra
 FEW_RADII = 4
-LONGEST_RINGING = 10.0  # s of a transform after the last arrival
-RINGING_SHARE = 4.0
+FINEST_FILTERS = (
+    1e-5,
+    1e-4,
+)  # tolerances from which on filters serve: of air alone, and of a path's gain
 SINGLE = 1e-4  # from this tolerance on, single precision does; not where seconds of filters are
 RINGING = 0.02  # s by which a gain of frequency spreads an arrival to both sides
 UNHEARD = 1e-5  # of the loudest frequency: where a layer has nothing but rounding
@@ -68,29 +72,41 @@ class Expansions:
         air: Air,
         tolerance: float,
         losses: Losses | None = None,
+        progress: Progress | None = None,
     ) -> FastSum:
         """(count,) samples at ``rate`` Hz, sample 0 when the source sounds.
 
         losses : of paths, besides what the air takes; None: nothing.
+        progress : called as progress(trunks done, all trunks); of many radii in parts of the work.
         """
-        gain = self._gain(losses, rate, tolerance)
         alike = len(paths.radius) > 0 and paths.radius.min() == paths.radius.max() > 0
         different = paths.radius[:1] if alike else np.unique(paths.radius[paths.radius > 0])
-        if len(different) > FEW_RADII:
-            return _by_panels(paths, rate, count, air, tolerance, losses, gain)
-        size = SPREAD + count + SPREAD
+        if len(different) > FEW_RADII or not _filters_serve(tolerance, losses):
+            unthinned = self._gain(losses and losses.unthinned, rate, tolerance)
+            loud = loud_trunks(paths, rate, count, air, losses)
+            rest = paths.select(~loud) if loud.any() else paths
+            found = _by_panels(rest, rate, count, air, tolerance, losses, unthinned, progress)
+            exact = direct_sum(paths.select(loud), rate, count, air, None, losses, tolerance)
+            return FastSum(found.samples + exact, found.errors)
+        gain = self._gain(losses, rate, tolerance)
+        air_filter = self._air(rate, air, tolerance, losses)
+        size = SPREAD + count + max(SPREAD, air_filter.tail)
         total = np.zeros(size)
-        cosine = np.cos(paths.angle)
+        cosine, done = np.cos(paths.angle), 0
         errors: dict[float, float] = {}
         for radius in different.tolist():
             rows = slice(None) if alike else paths.radius == radius
             some, turned = paths.select(rows), cosine[rows]
+            if progress:
+                progress(done, len(paths.length))
+            done += len(turned)
             for layer in self._set_up(radius, rate, air, tolerance, losses):
                 total += layer.sum(some, turned, size, gain)
                 for octave, error in layer.errors.items():
                     errors[octave] = max(error, errors.get(octave, 0.0))
-        air_filter = self._air(rate, air, tolerance, losses)
-        samples = air_filter.apply(total, -SPREAD)[SPREAD:-SPREAD]
+        samples = air_filter.apply(total, -SPREAD)[SPREAD : SPREAD + count]
+        if progress:
+            progress(len(paths.length), len(paths.length))
         return FastSum(samples, errors)
 
     def _gain(self, losses: Losses | None, rate: float, tolerance: float) -> PathGain | None:
@@ -120,6 +136,13 @@ class Expansions:
         return self._layers[key]
 
 
+def _filters_serve(tolerance: float, losses: Losses | None) -> bool:
+    """Not where tolerances are finer, and where leaves take much within seconds of ringing."""
+    if losses is None or losses.passes:
+        return tolerance >= FINEST_FILTERS[0] and not (losses and losses.absorbing_leaves)
+    return tolerance >= FINEST_FILTERS[1] and not losses.absorbing_leaves
+
+
 def _by_panels(
     paths: TrunkPaths,
     rate: float,
@@ -128,30 +151,34 @@ def _by_panels(
     tolerance: float,
     losses: Losses | None,
     gain: PathGain | None,
+    progress: Progress | None = None,
 ) -> FastSum:
-    ringing = ringing_of(paths, air.speed(), tolerance)
-    size = transform_length(paths, rate, count, air.speed(), ringing)
-    frequency = np.arange(size // 2 + 1) * (rate / size)
-    loss = loss_per_metre(frequency, air, losses)
-    bark = losses.bark if losses else 0.0
-    spectrum, checks = panel_spectrum(paths, rate / size, loss, air.speed(), tolerance, gain, bark)
+    speed, bark = air.speed(), losses.bark if losses else 0.0
     errors: dict[float, float] = {}
-    for check in checks:
-        octave = 20.0 * 2.0 ** math.floor(math.log2(check.frequency / 20.0))
-        if octave >= 20.0:
-            errors[octave] = max(check.error, errors.get(octave, 0.0))
-    samples = fft.irfft(spectrum * roll_off(frequency / rate), size)[:count]
+
+    def spectrum(spacing: float, lowest: int, highest: int) -> np.ndarray:
+        frequency = np.arange(highest + 1) * spacing
+        loss = loss_per_metre(frequency, air, losses)
+        if losses is not None:
+            loss += 0.5 * losses.removed(frequency)
+
+        def told(share: float) -> None:
+            if progress:
+                progress(int(share * len(paths.length)), len(paths.length))
+
+        found, checks = panel_spectrum(
+            paths, spacing, loss, speed, tolerance, gain, bark, lowest, told
+        )
+        for check in checks:
+            octave = 20.0 * 2.0 ** math.floor(math.log2(check.frequency / 20.0))
+            if octave >= 20.0:
+                errors[octave] = max(check.error, errors.get(octave, 0.0))
+        return found
+
+    thickest = float(paths.radius.max(initial=0.0))
+    last = float(paths.length.max(initial=0.0)) / speed
+    samples = samples_of(spectrum, bands_of(rate, thickest, speed, tolerance), rate, count, last)
     return FastSum(samples, errors)
-
-
-def ringing_of(paths: TrunkPaths, sound_speed: float, tolerance: float) -> float:
-    """Seconds after the last path until nothing is left that a tolerance would notice.
-
-    Trunks ring on as t^-2.5, and must not be heard again in low octaves or at the record's faint end.
-    """
-    thickest = float(paths.radius.max(initial=0.0)) / sound_speed
-    longest = max(0.01, thickest * 10.0) * tolerance**-0.4 * RINGING_SHARE
-    return min(LONGEST_RINGING, longest)
 
 
 class _LayerSum:

@@ -19,19 +19,22 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
 
 from ....acoustics import chebyshev
 from ....acoustics.cylinder import scattering_sum
 from ....acoustics.gridding import DelayGrid, width_for
 from ....base.rng import stream
 from ..forest.losses import NEAR
-from .field_table import FieldTable, middle, near_face, polynomials, series
+from .boxes import Boxes, Shift
+from .field_table import middle, near_face, series
 from .path_gain import PathGain
 from .scattering import TrunkPaths
 
-Shift = Callable[[np.ndarray], np.ndarray]  # of angles
-
+USUAL, LOST, MOST_GROUPS = (
+    500.0,
+    2.0,
+    16,
+)  # Hz; nepers by which paths that share panels differ there
 RATIO = 4.0  # thickest over thinnest radius of the trunks that share panels
 FIRST, GROWTH, WIDEST = (
     0.1,
@@ -42,11 +45,6 @@ MOST_NODES, TRIED_NODES = 40, 64  # of a panel; at which its series is looked at
 FARTHER = (0.0, 0.02, 0.1, 0.3, 0.6, 1.0)  # shares of the trunks, at which the air is looked at
 FEW_BINS = 6  # of a panel that needs no interpolation
 SHARE = 0.5  # of the tolerance, for each approximation
-REACH = 2.6  # radians by which H turns to both sides of its middle when ka grows by 1
-TURN, WIDEST_TURN = 1.5, 6.0  # radians by which H turns from the middle of a box to its side
-FULL = 40  # trunks a box; with fewer, boxes are larger
-SPARSE = 2  # trunks a node of a sector's angles, below which each trunk has an angle of its own
-VALUES_AT_ONCE = 1 << 21
 TRUNKS_AT_ONCE = 8192
 PROBES = 24  # trunks whose heights are checked in each panel
 
@@ -67,19 +65,25 @@ def panel_spectrum(
     tolerance: float,
     gain: PathGain | None = None,
     bark: float = 0.0,
+    lowest: int = 1,
+    told: Callable[[float], None] | None = None,
 ) -> tuple[np.ndarray, list[Check]]:
-    """(F,) spectrum at 0, 1, … F - 1 times ``spacing`` Hz, and what the checks found.
+    """(F,) spectrum at 0, 1, … F - 1 times ``spacing`` Hz, 0 below ``lowest``, and what checks found.
 
     loss : (F,) absorption of the air at these frequencies, nepers per metre.
     gain : of each path, by frequency and length; None: 1. bark : share that it absorbs head on.
+    told : called with the share of trunks that are done.
     """
     spectrum = np.zeros(len(loss), np.complex128)
-    checks = []
+    checks, done = [], 0
     for rows in _of_like_radius(paths.radius):
-        for near in _by_distance(paths.length[rows], gain):
+        lost = float(np.interp(USUAL / spacing, np.arange(len(loss)), loss))
+        for near in _by_distance(paths.length[rows], gain, lost):
             some = paths.select(rows[near])
             group = _Group(some, spacing, loss, speed, tolerance, gain, bark)
-            checks += group.add_to(spectrum)
+            before, done = done, done + len(some.length)
+            share = (before / len(paths.length), len(some.length) / len(paths.length))
+            checks += group.add_to(spectrum, lowest, told, share)
     return spectrum, checks
 
 
@@ -93,14 +97,17 @@ def _of_like_radius(radius: np.ndarray) -> Iterator[np.ndarray]:
         left = left[:start]
 
 
-def _by_distance(length: np.ndarray, gain: PathGain | None) -> Iterator[np.ndarray]:
-    """Rows of near trunks, over which a gain changes fast with frequency, and of the rest."""
-    if gain is None:
-        yield np.arange(len(length))
-        return
-    for rows in (np.flatnonzero(length < NEAR), np.flatnonzero(length >= NEAR)):
-        if len(rows):
-            yield rows
+def _by_distance(
+    length: np.ndarray, gain: PathGain | None, loss_per_metre: float
+) -> Iterator[np.ndarray]:
+    """Rows of trunks whose paths lose alike, and near ones, over which a gain changes fast, apart."""
+    span = float(np.ptp(length))
+    count = int(np.clip(math.ceil(span * loss_per_metre / LOST), 1, MOST_GROUPS))
+    number = np.minimum((length - length.min()) * (count / max(span, 1e-9)), count - 1).astype(int)
+    if gain is not None:
+        number = 2 * number + (length >= NEAR)
+    for n in np.unique(number):
+        yield np.flatnonzero(number == n)
 
 
 class _Group:
@@ -131,10 +138,18 @@ class _Group:
         )
         self.probes, self.rng = np.unique(drawn), rng
 
-    def add_to(self, spectrum: np.ndarray) -> list[Check]:
-        """Add these trunks' sound."""
+    def add_to(
+        self,
+        spectrum: np.ndarray,
+        lowest: int = 1,
+        told: Callable[[float], None] | None = None,
+        share: tuple[float, float] = (0.0, 1.0),
+    ) -> list[Check]:
+        """Add these trunks' sound. share : of all trunks that came before, and that these are."""
         of_bin = 2.0 * math.pi / self.speed * self.spacing * self.thickest  # ka
-        last, first, end, checks = len(spectrum) - 1, 1, FIRST, []
+        last, first, end, checks = len(spectrum) - 1, lowest, FIRST, []
+        while end < of_bin * first:
+            end = min(GROWTH * end, end + WIDEST)
         while first <= last:
             stop = min(last, max(first, int(end / of_bin)))
             panel = _Panel(self, first, stop)
@@ -143,6 +158,8 @@ class _Group:
                 panel = _Panel(self, first, stop)
             spectrum[first : stop + 1] += panel.spectrum()
             checks += panel.checks
+            if told:
+                told(share[0] + share[1] * stop / last)
             first, end = stop + 1, min(GROWTH * end, end + WIDEST)
         return checks
 
@@ -158,7 +175,7 @@ class _Panel:
         self.group, self.first = group, first
         self.frequency = np.arange(first, last + 1) * group.spacing
         ends = 2.0 * math.pi / group.speed * self.frequency[[0, -1]]
-        self.boxes = _Boxes(group.paths, ends, group.allowed, group.bark)
+        self.boxes = Boxes(group.paths, ends, group.allowed, group.bark)
         self.checks: list[Check] = []
         near = group.paths.length - group.paths.length.min()
         loud = np.square(group.paths.weight * group.paths.radius**2)
@@ -262,131 +279,6 @@ class _Panel:
         size = some.weight * some.radius**2
         error = np.linalg.norm(size * (found - exact)) / np.linalg.norm(size * exact)
         self.checks.append(Check(frequency, float(error)))
-
-
-class _Boxes:
-    """Trunks by radius and angle: in each box their heights are a Chebyshev series of both.
-
-    angles : (C,) of the table's columns. Sectors of the angle that hold few trunks have these trunks'
-    own angles for columns.
-    """
-
-    def __init__(
-        self, paths: TrunkPaths, wavenumber: np.ndarray, allowed: float, bark: float
-    ) -> None:
-        self.paths = paths
-        radius, angle, k = paths.radius, paths.angle, float(wavenumber[1])
-        across = REACH * k * float(np.ptp(radius)) / 2
-        # both creeping waves, and at the least Rayleigh's 1 - 2cos φ
-        around = (1.5 * k * float(radius.max()) + 4.0) * float(np.ptp(angle)) / 2
-        turn = TURN
-        while True:
-            self.bins = _Side(radius, across, turn, allowed, poles=REACH)
-            self.sectors = _Side(angle, around, turn, allowed)
-            population = np.bincount(self.sectors.of, minlength=self.sectors.count)
-            sparse = population <= SPARSE * self.sectors.nodes
-            boxes = self.bins.count * int((~sparse).sum())
-            if turn >= WIDEST_TURN or boxes * FULL <= len(radius):
-                break
-            turn *= math.sqrt(2.0)
-        self.alone = np.flatnonzero(sparse[self.sectors.of])
-        self.filled = np.flatnonzero(~sparse)
-        of_sectors = self.sectors.points()[self.filled].ravel()
-        self.angles = np.concatenate([of_sectors, angle[self.alone]])
-        low, high = wavenumber[0] * radius.min(), wavenumber[1] * radius.max()
-        self.table = FieldTable(float(low), float(high), self.angles, bark)
-
-    def heights(self, k: np.ndarray, shift: Shift) -> tuple[np.ndarray, np.ndarray]:
-        """Rows (M,) of all trunks in the order of boxes, and H·k^{-3/2}/a² (M, Q) at wavenumbers (Q,)."""
-        sectors, bins = self.sectors, self.bins
-        key = bins.of * sectors.count + sectors.of
-        key[self.alone] = bins.count * sectors.count
-        order = np.argsort(key, kind="stable")
-        held = len(order) - len(self.alone)
-        heights = np.empty((len(order), len(k)), np.complex128)
-        heights[held:] = self._each_alone(order[held:], k, shift)
-        rows = order[:held]
-        around, across = sectors.lagrange(rows), bins.lagrange(rows)
-        basis = (around[:, :, None] * across[:, None]).reshape(held, sectors.nodes * bins.nodes)
-        starts = np.flatnonzero(np.diff(key[rows], prepend=-1)).tolist()
-        ends = [*starts[1:], held]
-        box = key[rows[starts]] if starts else np.empty(0, np.int64)
-        several = max(1, VALUES_AT_ONCE // (bins.count * bins.nodes * sectors.nodes * len(k)))
-        for first in range(0, len(self.filled), several):
-            some = self.filled[first : first + several]
-            columns = slice(first * sectors.nodes, (first + len(some)) * sectors.nodes)
-            values = self._values(k, shift, columns)  # (bins, sectors, T, Q)
-            number = np.searchsorted(some, box % sectors.count)
-            inside = number < len(some)
-            inside[inside] = some[number[inside]] == (box % sectors.count)[inside]
-            for n in np.flatnonzero(inside):
-                here = slice(starts[n], ends[n])
-                of_box = values[box[n] // sectors.count, number[n]].view(np.float64)
-                np.matmul(basis[here], of_box, out=heights[here].view(np.float64))
-        return order, heights
-
-    def _values(self, k: np.ndarray, shift: Shift, columns: slice) -> np.ndarray:
-        """(B, S, T, Q) at the Chebyshev points of the boxes of all bins and some sectors."""
-        radii, angles = self.bins.points(), self.angles[columns]
-        z = np.multiply.outer(radii, k)  # (B, A, Q)
-        values = self.table.at(z.ravel(), columns)
-        if shift is not middle:
-            values *= np.exp(-1j * np.outer(z, shift(angles) - middle(angles)))
-        values = values.reshape(*z.shape, -1, self.sectors.nodes)  # (B, A, Q, S, C)
-        packed: np.ndarray = np.ascontiguousarray(values.transpose(0, 3, 4, 1, 2))
-        return packed.reshape(len(radii), -1, self.bins.nodes * self.sectors.nodes, len(k))
-
-    def _each_alone(self, rows: np.ndarray, k: np.ndarray, shift: Shift) -> np.ndarray:
-        """(m, Q) of the trunks of sparse sectors."""
-        first = len(self.filled) * self.sectors.nodes
-        column = first + np.searchsorted(self.alone, rows)
-        z = np.outer(self.paths.radius[rows], k)
-        angle = self.paths.angle[rows]
-        found = self.table.each(z, column)
-        if shift is not middle:
-            found *= np.exp(-1j * z * (shift(angle) - middle(angle))[:, None])
-        return found
-
-
-class _Side:
-    """One side of the boxes: equal parts of the span of values (M,) over which H turns so much."""
-
-    def __init__(
-        self, values: np.ndarray, turn: float, most: float, allowed: float, poles: float = 0.0
-    ) -> None:
-        """poles : how far in turns H has poles beside the side, which lie about 1 off in ka; 0: none."""
-        self.values = values
-        self.low, self.span = float(values.min()), float(np.ptp(values))
-        self.count = max(1, math.ceil(turn / most))
-        self.nodes = _nodes_for(turn / self.count, allowed, poles) if self.span > 0 else 1
-        self.step = self.span / self.count
-        share = (values - self.low) / (self.step or 1.0)
-        self.of = np.minimum(share.astype(np.int64), self.count - 1)
-
-    def points(self) -> np.ndarray:
-        """(parts, nodes) Chebyshev points of each part."""
-        within = 0.5 * (chebyshev.points(self.nodes) + 1.0)
-        found: np.ndarray = self.low + self.step * (np.arange(self.count)[:, None] + within)
-        return found
-
-    def lagrange(self, rows: np.ndarray) -> np.ndarray:
-        """(m, nodes) polynomials of each value's part, which are 1 at one of its points and 0 at others."""
-        place = 2.0 * ((self.values[rows] - self.low) / (self.step or 1.0) - self.of[rows]) - 1.0
-        found: np.ndarray = polynomials(place, self.nodes).T @ series(np.eye(self.nodes), 0)
-        return found
-
-
-def _nodes_for(turn: float, allowed: float, poles: float = 0.0) -> int:
-    """Terms of the Chebyshev series of e^{i·turn·x}, |x| <= 1: coefficients 2·i^n·J_n (DLMF 10.12.3).
-
-    With poles at ±i·poles/turn, coefficients fall as ρ^-n, ρ from the ellipse through them, at the least.
-    """
-    order = np.arange(64)
-    count = int(order[2.0 * np.abs(special.jv(order, turn)) > 0.1 * allowed].max()) + 2
-    if poles > 0 and turn > 0:
-        ellipse = poles / turn + math.hypot(1.0, poles / turn)
-        count = max(count, math.ceil(math.log(1.0 / allowed) / math.log(ellipse)) + 1)
-    return count
 
 
 def _turn(cycles: np.ndarray) -> np.ndarray:

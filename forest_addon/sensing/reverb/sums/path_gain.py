@@ -19,11 +19,11 @@ from functools import partial
 import numpy as np
 
 from ....acoustics import chebyshev
-from ..forest.losses import NEAR, Losses
+from ..forest.losses import LOWEST, NEAR, Losses
 from .field_table import polynomials, series
 
 FIRST_FAR = round(math.log2(NEAR))
-TRIED = 24  # frequencies at which a zone's nodes are counted
+TRIED = 96  # frequencies at which a zone's nodes are counted
 MOST = 1024
 SHARE = 0.5  # of the tolerance
 
@@ -88,7 +88,7 @@ class PathGain:
         wavenumber = 2.0 * math.pi * frequency / self.losses.air.speed()
         for zone, rows in self.zones(length):
             values = zone.values(frequency[None], zone.nodes[:, None])
-            part = zone.lagrange(length[rows]) @ values
+            part = zone.lagrange(length[rows]) @ values.astype(np.complex128)
             if zone.high <= NEAR and zone.rise > 0:
                 detour = self.losses.detour(length[rows], zone.rise)
                 part *= np.exp(-np.outer(detour, self.losses.along(frequency) + 1j * wavenumber))
@@ -108,7 +108,7 @@ class PathGain:
 
     def _nodes(self, low: float, ratio: float, of: Values) -> np.ndarray:
         """As few Chebyshev points in log x as serve at all frequencies."""
-        frequency = np.geomspace(min(20.0, self.highest), self.highest, TRIED)
+        frequency = np.geomspace(min(LOWEST, self.highest), self.highest, TRIED)
         count = 24
         while True:
             length = low * ratio ** (0.5 * (chebyshev.points(count) + 1.0))

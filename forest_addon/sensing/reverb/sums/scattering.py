@@ -14,24 +14,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
 
 from ....acoustics.cylinder import transfer
 from ....acoustics.spectrum import delay_factors, frequency_panels
-from ..band import SPREAD
+from ....spec import Air
+from ..forest.losses import Losses, loss_per_metre
 from ..trunks.slices import Trunks
+from .bands import bands_of, samples_of
 
 Progress = Callable[[int, int], None]
 Gain = Callable[[np.ndarray, np.ndarray], np.ndarray]  # of frequency and path length
 PANEL_KA = 3.0  # width of a panel in ka of the octave's thickest trunk
 TRUNKS_AT_ONCE = 512
 BINS_AT_ONCE = 512
-RINGING = 2.5  # s after the last arrival; a trunk's answer falls as t^-2.5 and is below 10 Hz then
-RUNG_WHOLE, RUNG_OCTAVE = (
-    3e-7,
-    9e-8,
-)  # what is heard again then: of all, a metre thick; of 20 to 40 Hz
-LONGEST_RINGING = 40.0  # s
 
 
 @dataclass(frozen=True)
@@ -105,27 +100,6 @@ def trunk_paths(
     )
 
 
-def exact_ringing(paths: TrunkPaths, tolerance: float) -> float:
-    """Seconds after the last arrival until what is cut off, and wraps around, is a third of a tolerance.
-
-    Of all it falls as t^-2.3, of the lowest octave as t^-3.3 (measured for radii of 2 cm to 0.5 m).
-    """
-    if tolerance <= 0:
-        return RINGING
-    thickest = float(paths.radius.max(initial=0.0))
-    whole = (3.0 * RUNG_WHOLE * max(thickest, 0.1) / tolerance) ** (1 / 2.3)
-    lowest = (3.0 * RUNG_OCTAVE / tolerance) ** (1 / 3.3)
-    return min(LONGEST_RINGING, RINGING * max(1.0, whole, lowest))
-
-
-def transform_length(
-    paths: TrunkPaths, rate: float, count: int, sound_speed: float, ringing: float = RINGING
-) -> int:
-    """Samples of a transform that is longer than the last path and its ringing: nothing wraps around."""
-    last = float(paths.length.max(initial=0.0)) / sound_speed + ringing
-    return int(fft.next_fast_len(max(math.ceil(last * rate), count) + 2 * SPREAD, real=True))
-
-
 def scattered_spectrum(
     paths: TrunkPaths,
     spacing: float,
@@ -134,8 +108,9 @@ def scattered_spectrum(
     progress: Progress | None = None,
     gain: Gain | None = None,
     bark: float = 0.0,
+    lowest: int = 1,
 ) -> np.ndarray:
-    """(F,) complex spectrum at 0, 1, … F - 1 times ``spacing`` Hz.
+    """(F,) complex spectrum at 0, 1, … F - 1 times ``spacing`` Hz; 0 below the bin ``lowest``.
 
     loss : (F,) absorption of the air at these frequencies, nepers per metre.
     progress : called as progress(trunks done, all trunks).
@@ -148,7 +123,7 @@ def scattered_spectrum(
     for number in np.unique(octave[wide]):
         rows = np.flatnonzero((octave == number) & wide)
         width = PANEL_KA * sound_speed / (2.0 * math.pi * paths.radius[rows].max())
-        panels = frequency_panels(len(loss) - 1, spacing, width)
+        panels = frequency_panels(len(loss) - 1, spacing, width, lowest)
         for start in range(0, len(rows), TRUNKS_AT_ONCE):
             some = paths.select(rows[start : start + TRUNKS_AT_ONCE])
             delay = some.length / sound_speed
@@ -170,3 +145,36 @@ def scattered_spectrum(
             if progress:
                 progress(done, len(paths.length))
     return spectrum
+
+
+def direct_sum(
+    paths: TrunkPaths,
+    rate: float,
+    count: int,
+    air: Air,
+    progress: Progress | None = None,
+    losses: Losses | None = None,
+    tolerance: float = 0.0,
+) -> np.ndarray:
+    """(count,) samples at ``rate`` Hz from every trunk at every frequency, in float64.
+
+    tolerance : that what rings on after the transforms' ends keeps to; 0: 1e-7.
+    """
+    if len(paths.length) == 0:
+        return np.zeros(count)
+    speed = air.speed()
+    gain = None if losses is None or losses.passes else losses.gain
+    bark = losses.bark if losses else 0.0
+    thickest, last = float(paths.radius.max()), float(paths.length.max()) / speed
+
+    bands = bands_of(rate, thickest, speed, tolerance)
+    left = len(bands)
+
+    def spectrum(spacing: float, lowest: int, highest: int) -> np.ndarray:
+        nonlocal left
+        left -= 1
+        told = None if left else progress  # the last band is nearly all of the work
+        loss = loss_per_metre(np.arange(highest + 1) * spacing, air, losses)
+        return scattered_spectrum(paths, spacing, loss, speed, told, gain, bark, lowest)
+
+    return samples_of(spectrum, bands, rate, count, last)

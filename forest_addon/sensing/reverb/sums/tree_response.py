@@ -13,27 +13,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
 
 from ....spec import Air, Reverb
-from ..band import SPREAD, roll_off
-from ..forest.losses import Losses, loss_per_metre
+from ..band import SPREAD
+from ..forest.losses import Losses
 from ..trunks.slices import Trunks
+from .contract import FINEST
 from .fast_scattering import FEW_RADII, Expansions
 from .record import left_out_db, record_length
-from .scattering import (
-    RINGING,
-    TrunkPaths,
-    exact_ringing,
-    scattered_spectrum,
-    transform_length,
-    trunk_paths,
-)
+from .scattering import direct_sum, trunk_paths
 
 Progress = Callable[[int, int], None]
 NEAREST = 0.1  # m; a source has an extent: its direct sound is not louder than at this distance
-FINEST, THICK = 1e-6, 0.5  # tolerance of the fast sum, and metres of radius beyond which it rises
-FEW = 50  # trunks of few different radii that are summed exactly
+FEW = 200  # trunks of few different radii that are summed exactly
 FEW_SUMMANDS = 5e6  # trunks of many radii by samples of the response that are summed exactly
 
 
@@ -79,7 +71,7 @@ def tree_response(
     losses : of the paths, of a model ``forest``; None: Kaneko & Gamper's weights, and the air's losses alone.
     last : metres of path after which trunks are not summed; they are noise there.
     expansions : what the fast sum set up for other pairs; None: it is set up for this one.
-    progress : called as progress(trunks done, all trunks), by the exact sum alone.
+    progress : called as progress(trunks done, all trunks).
     """
     ends = np.asarray(source)[:2], np.asarray(receiver)[:2]
     paths = trunk_paths(trunks, *ends, reverb.strength, reverb.spreading, gain, losses is not None)
@@ -90,55 +82,20 @@ def tree_response(
     heard = paths.earliest <= (duration + SPREAD / rate) * speed
     summed = heard & (paths.earliest <= last)
     within = paths.select(summed)
-    exact = reverb.tolerance < finest(within.radius)
+    exact = reverb.tolerance < FINEST
     exact = exact or len(within.length) <= _soon_summed(within.radius, count)
     errors: dict[float, float] = {}
     if exact:
-        ringing = exact_ringing(within, reverb.tolerance)
-        samples = direct_sum(within, rate, count, air, progress, losses, ringing)
+        samples = direct_sum(within, rate, count, air, progress, losses, reverb.tolerance)
     else:
         prepared = Expansions() if expansions is None else expansions
-        found = prepared.sum(within, rate, count, air, reverb.tolerance, losses)
+        found = prepared.sum(within, rate, count, air, reverb.tolerance, losses, progress)
         samples, errors = found.samples, found.errors
-    silent = float(within.earliest.min(initial=math.inf)) / speed * rate - SPREAD
-    samples[: int(min(max(silent, 0.0), count))] = 0.0  # but for rounding
     left = left_out_db(paths, heard, direct, rate, air, losses)
     return TreeResponse(samples, heard, int(paths.clamped.sum()), exact, left, errors)
-
-
-def finest(radius: np.ndarray) -> float:
-    """The least tolerance that the fast sum keeps: its tables and, of thick trunks, how long they ring."""
-    return FINEST * max(1.0, float(radius.max(initial=0.0)) / THICK)
 
 
 def _soon_summed(radius: np.ndarray, count: int) -> int:
     """Up to so many trunks the exact sum takes no longer than the fast one."""
     few = len(np.unique(radius)) <= FEW_RADII
     return FEW if few else int(FEW_SUMMANDS / count)
-
-
-def direct_sum(
-    paths: TrunkPaths,
-    rate: float,
-    count: int,
-    air: Air,
-    progress: Progress | None = None,
-    losses: Losses | None = None,
-    ringing: float = RINGING,
-) -> np.ndarray:
-    """(count,) samples at ``rate`` Hz from every trunk at every frequency, in float64.
-
-    ringing : seconds after the last path that count.
-
-    The transform is longer than the last path and its ringing: nothing wraps around.
-    """
-    if len(paths.length) == 0:
-        return np.zeros(count)
-    size = transform_length(paths, rate, count, air.speed(), ringing)
-    frequency = np.arange(size // 2 + 1) * (rate / size)
-    loss = loss_per_metre(frequency, air, losses)
-    gain = None if losses is None or losses.passes else losses.gain
-    bark = losses.bark if losses else 0.0
-    spectrum = scattered_spectrum(paths, rate / size, loss, air.speed(), progress, gain, bark)
-    whole: np.ndarray = fft.irfft(spectrum * roll_off(frequency / rate), size)
-    return whole[:count]

@@ -11,8 +11,7 @@ from forest_addon.acoustics.ground import spherical_reflection, surface_impedanc
 from forest_addon.sensing.reverb.audit import octave_errors
 from forest_addon.sensing.reverb.forest.losses import Losses, Stand
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
-from forest_addon.sensing.reverb.sums.scattering import trunk_paths
-from forest_addon.sensing.reverb.sums.tree_response import direct_sum
+from forest_addon.sensing.reverb.sums.scattering import direct_sum, trunk_paths
 from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air, Reverb
 

@@ -13,18 +13,16 @@ from hypothesis import strategies as st
 
 from forest_addon.acoustics.air import absorption
 from forest_addon.acoustics.cylinder import transfer
-from forest_addon.sensing.reverb.band import roll_off
+from forest_addon.sensing.reverb.sums.contract import judged
 from forest_addon.sensing.reverb.sums.expansion import expand
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
-from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, trunk_paths
-from forest_addon.sensing.reverb.sums.tree_response import direct_sum, tree_response
+from forest_addon.sensing.reverb.sums.scattering import TrunkPaths, direct_sum, trunk_paths
+from forest_addon.sensing.reverb.sums.tree_response import tree_response
 from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air, Reverb
 
 AIR = Air(sound_speed=343.0)
 slow = pytest.mark.slow
-FAINTEST, FAINTEST_TENTH = 1e-6, 1e-5  # of the whole, in amplitude
-EXACT = 3e-12  # of the whole: what the exact sum is good for at any time
 
 
 def paths(
@@ -42,42 +40,6 @@ def between(place: np.ndarray, radius: np.ndarray, distance: float) -> TrunkPath
     return trunk_paths(Trunks(place, radius, np.arange(len(radius))), *ends, 2.0, 0.7)
 
 
-def from_the_first(samples: np.ndarray, some: TrunkPaths, rate: float) -> np.ndarray:
-    """The samples, 0 where nothing can be heard yet."""
-    first = max(0, int(some.earliest.min() / 343.0 * rate) - 256)
-    return np.concatenate([np.zeros(first), samples[first:]])
-
-
-def errors(
-    found: np.ndarray, exact: np.ndarray, rate: float, tolerance: float, arrivals: np.ndarray
-) -> list[float]:
-    """Relative L2 errors of the whole, of each octave from 20 Hz, and of each tenth that trunks begin in.
-
-    arrivals : seconds. Left out is what is fainter than the exact sum is good for, octaves 120 dB below
-    the whole and tenths 100 dB below.
-    """
-    gap, whole = found - exact, float(np.linalg.norm(exact))
-    result = [float(np.linalg.norm(gap)) / whole]
-    end = int(0.04 * rate)  # a record that ends at once sounds at all frequencies
-    fade = np.ones(len(exact))
-    fade[-end:] = roll_off(0.45 + 0.05 * np.arange(end) / end)
-    of_gap, of_exact = np.fft.rfft(gap * fade), np.fft.rfft(exact * fade)
-    frequency = np.fft.rfftfreq(len(exact), 1 / rate)
-    low, all_of_it = 20.0, float(np.linalg.norm(of_exact))
-    while low < 0.45 * rate:
-        band = (frequency >= low) & (frequency < min(2 * low, 0.45 * rate))
-        size = float(np.linalg.norm(of_exact[band]))
-        if size > max(FAINTEST, EXACT / tolerance) * all_of_it:
-            result.append(float(np.linalg.norm(of_gap[band])) / size)
-        low *= 2
-    for part in np.array_split(np.arange(len(exact)), 10):
-        size = float(np.linalg.norm(exact[part]))
-        heard = ((arrivals * rate > part[0]) & (arrivals * rate < part[-1])).any()
-        if heard and size > max(FAINTEST_TENTH, EXACT / tolerance) * whole:
-            result.append(float(np.linalg.norm(gap[part])) / size)
-    return result
-
-
 def compare(
     some: TrunkPaths, rate: float, tolerance: float, seconds: float | None = None, **air: Any
 ) -> tuple[float, dict[float, float]]:
@@ -85,12 +47,11 @@ def compare(
     last = float(some.length.max()) / 343.0
     count = int((last + 0.05 if seconds is None else seconds) * rate)
     state = Air(sound_speed=343.0, **air)
-    spare = 8.0 if tolerance < 1e-5 else 4.0  # s; the exact sum's transform is periodic
-    exact = direct_sum(some, rate, count + int(spare * rate), state)[:count]
+    exact = direct_sum(some, rate, count, state)
     found = Expansions().sum(some, rate, count, state, tolerance)
     arrivals = (some.length - 2.0 * some.radius * np.sin(some.angle / 2)) / 343.0
-    pair = (from_the_first(samples, some, rate) for samples in (found.samples, exact))
-    return max(errors(*pair, rate, tolerance, arrivals)) / tolerance, found.errors
+    errors = judged(found.samples, exact, rate, tolerance, arrivals)
+    return max(errors.values()) / tolerance, found.errors
 
 
 @st.composite

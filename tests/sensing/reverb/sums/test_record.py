@@ -16,8 +16,7 @@ from forest_addon.sensing.reverb.sums.record import (
     arrival_energies,
     record_length,
 )
-from forest_addon.sensing.reverb.sums.scattering import trunk_paths
-from forest_addon.sensing.reverb.sums.tree_response import direct_sum
+from forest_addon.sensing.reverb.sums.scattering import direct_sum, trunk_paths
 from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air, Reverb
 
