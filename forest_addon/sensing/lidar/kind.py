@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,8 +12,11 @@ from ...base.words import keep
 from ...spec import Airborne, Mobile, Terrestrial, Tractor
 from ..audit import Audit
 from ..cost import Cost, cost_of_rays
-from ..kind import Follower, Observation, Progress, SensorKind
+from ..kind import Observation, Progress, SensorKind
 from .look import look_of_airborne, look_of_mobile, look_of_terrestrial, look_of_tractor
+
+if TYPE_CHECKING:
+    from ..trajectory import Follower, Trajectory
 
 MOST_RETURNS = 1.5  # of a pulse, as forests give them
 
@@ -62,8 +65,12 @@ def _cost_of_scan(scanner: Any, trajectory: Any, engine: str) -> Cost:
     return cost_of_rays(scanner, count, scanner.beam.subrays, returns, engine)
 
 
-def _path(scanner: Mobile, _folder: Path, follower: Follower) -> Any:
-    return follower.path(scanner)
+def _trajectory(scanner: Mobile, _folder: Path, follower: Follower) -> Trajectory | None:
+    from ..trajectory import followed, through
+
+    if scanner.follow:
+        return followed(follower, scanner.follow, scanner.speed)
+    return through(scanner.poses) if scanner.poses else None
 
 
 def _where_it_starts(job: Observation) -> np.ndarray:
@@ -149,7 +156,7 @@ MOBILE = SensorKind(
     Mobile,
     run=_scan,
     audit=_audit_scan,
-    trajectory=_path,
+    trajectory=_trajectory,
     positions=_where_it_starts,
     cost=_cost_of_scan,
     outline=_poses,

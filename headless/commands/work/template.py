@@ -27,7 +27,7 @@ from forest_addon.growth.tree import Tree, grow
 from forest_addon.growth.verdict import Verdict
 from forest_addon.spec import Siblings, SpecError, Species
 
-from ...command import UnlikeError
+from ...command import PROGRAM, UnlikeError
 from ...progress import Stages, hushed
 from ...report.drawing import can_draw, without
 from ...report.likeness import add_sensors, tell_likeness
@@ -83,7 +83,7 @@ def make_template(
         written += ", siblings.png" if can_draw() else ""
         _tell_verdict(made.verdict, written, accept, say)
     say(f"Wrote {written} and scene.toml.")
-    say(f"Next: python -m headless run {out / 'scene.toml'}")
+    say(f"Next: {PROGRAM} run {out / 'scene.toml'}")
     return made.species
 
 
