@@ -138,11 +138,12 @@ class World:
 
         Raises
         ------
-        SpecError : the file that the world stood in is closed.
+        SpecError : the file that the world stood in is closed, or another forest was built in its place.
         """
         if self._taken is not None:
             return self._taken
         bpy = import_blender()
+        from ..blender.scene.forest import stands
         from ..blender.sensors.observe import Observer
 
         try:
@@ -153,6 +154,10 @@ class World:
             ) from None
         if bpy.context.scene != self._place:
             raise SpecError("world", f'Blender shows another scene; go back to "{name}"')
+        if self.forest is not None and not stands(self._place, self.forest):
+            raise SpecError(
+                "world", "another forest was built in its place; build this one again to look at it"
+            )
         return Observer.of(bpy.context.evaluated_depsgraph_get(), self.scene.rays)
 
     @contextmanager

@@ -116,3 +116,22 @@ def test_too_little_memory_is_said(world, monkeypatch):
     monkeypatch.setattr(Observer, "observe", huge)
     with pytest.raises(forest.SpecError, match=r"needs more memory than there is \(Unable to all"):
         world.scan(COARSE)
+
+
+def test_a_world_that_was_replaced_says_so(world):
+    """It would scan another forest, and call that its own."""
+    try:
+        second = forest.build(SCENE.changed(seed=9))
+        for look in (
+            lambda: world.scan(COARSE),
+            lambda: world.impulse_response(CLAP),
+            lambda: world.hemisphere((0.0, 0.0, 1.0), pixels=8),
+            lambda: world.audit,
+        ):
+            with pytest.raises(forest.SpecError, match="another forest was built in its place"):
+                look()
+        assert len(second.scan(COARSE)) > 0
+        assert len(world.trees["tree"]) == 1  # what grew is known all the same
+    finally:
+        again = forest.build(SCENE)
+        world.forest, world._place = again.forest, again._place
