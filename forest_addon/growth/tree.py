@@ -32,11 +32,13 @@ from .measured.reshape import Parts, lowest_kept, reshaped
 from .measured.templates import fitted_template
 from .measured.wanted import Kind, Wanted, one_tree
 from .mesh.axes import first_level
-from .mesh.blades import SHAPES, Blade, lay, leaf_areas, thin_leaves, truth_of
+from .mesh.blades import Blade, lay, leaf_areas, thin_leaves, truth_of
 from .mesh.edges import repeated_edges
 from .mesh.incline import incline_leaves, incline_sites
 from .mesh.leaves import Leaves, join_leaves
 from .mesh.meshing import mesh_wood
+from .mesh.relief import SMALLEST, Relief
+from .mesh.shapes import leaf_blade
 from .mesh.tubes import sides_for, tube
 from .regrow.fitted import Habit
 from .regrow.relay import mesh_of, skeleton_of_grown
@@ -59,6 +61,7 @@ class Tree:
         axes.
     grafted : whether its branches come from templates, so that the mesh knows more than the skeleton.
     wanted : what it was to measure, None where nothing was said. missed : what of that could not be.
+    relief : of its bark, None where stems are round.
     """
 
     mesh: TriMesh
@@ -67,6 +70,7 @@ class Tree:
     grafted: bool = True
     wanted: Wanted | None = None
     missed: tuple[str, ...] = ()
+    relief: Relief | None = None
 
     @property
     def height(self) -> float:
@@ -112,7 +116,7 @@ def without_leaves(tree: Tree) -> Tree:
 
 def with_tolerance(tree: Tree, tolerance: float) -> Tree:
     """The same tree, whose wood is all in its skeleton, meshed to another tolerance."""
-    wood = mesh_wood(tree.skeleton, tolerance, sunk=SUNK)
+    wood = mesh_wood(tree.skeleton, tolerance, sunk=SUNK, relief=tree.relief)
     return replace(tree, mesh=join([wood, tree.mesh.select(tree.mesh.part == LEAF)]))
 
 
@@ -123,11 +127,11 @@ def blade_of(species: Species, own: Blade | None) -> Blade:
         length, blades = species.leaf.length.mean, blades_left(species)
         fewer = blades < (needles.blades or needles.count)
         return coarse_shoot(needles, length, blades) if fewer else shoot_of(needles, length)
-    return own or SHAPES[species.leaf.shape]()
+    return own or leaf_blade(species.leaf, species.detail.tolerance)
 
 
 def has_curves(species: Species) -> bool:
-    """Whether the limbs of a species are smooth curves: as it says, else those that fill a crown."""
+    """Tell whether the limbs of a species are smooth curves: as it says, else those that fill a crown."""
     limbs = species.detail.limbs
     return species.crown is not None if limbs == "auto" else limbs == "curves"
 
@@ -192,10 +196,20 @@ def _whole(
     known = sites.segment >= 0
     branch = np.where(known, first_level(skeleton)[bearer], -1) if len(sites) else sites.segment
     order = np.where(known, skeleton.order[bearer], 0) if len(sites) else sites.segment
-    wood = mesh_wood(skeleton, species.detail.tolerance, sunk=SUNK)
+    relief = _relief(species, rng)
+    wood = mesh_wood(skeleton, species.detail.tolerance, sunk=SUNK, relief=relief)
     mesh = lay(sites, blade, order=order, wood=wood)
     leaves = truth_of(sites, blade, branch)
-    return Tree(mesh, leaves, skeleton, grafted=False, wanted=wanted, missed=missed)
+    return Tree(mesh, leaves, skeleton, grafted=False, wanted=wanted, missed=missed, relief=relief)
+
+
+def _relief(species: Species, rng: np.random.Generator) -> Relief | None:
+    """The relief of a species' bark, where it is asked for."""
+    bark = species.bark
+    if not species.detail.relief or not (bark.relief or bark.ovality):
+        return None
+    texture = (bark.texture, max(bark.size, SMALLEST), bark.relief, bark.ovality, bark.upper_from)
+    return Relief(*texture, seed=int(rng.integers(2**63)))
 
 
 def _grafted(

@@ -50,6 +50,7 @@ from .lidar import (
     Terrestrial,
     Tractor,
 )
+from .looks import Bark, Look
 from .problem import did_you_mean, unknown
 from .reverb import Place, Reverb
 from .scene import SENSORS, Accuracy, Output, Rays, Scene
@@ -63,7 +64,6 @@ from .species import (
     Inclination,
     Jitter,
     Leaf,
-    Look,
     Rules,
     Siblings,
     Species,
@@ -79,6 +79,7 @@ __all__ = [
     "Air",
     "Airborne",
     "Allometry",
+    "Bark",
     "Beam",
     "Choice",
     "Clusters",

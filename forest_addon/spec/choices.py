@@ -50,6 +50,10 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "oval": ("Egg", "Broad near the stalk, folded along its midrib, of few triangles"),
         "maple": ("Maple", "Five lobes"),
         "needle": ("Needle", "Long and thin"),
+        "beech": ("Beech", "An ellipse with a short point and a waved edge"),
+        "birch": ("Birch", "A lozenge with a long point and a toothed edge"),
+        "oak": ("Oak", "Rounded lobes on both sides of a midrib"),
+        "palmate": ("Palmate", "Five pointed lobes with teeth, each folded along its vein"),
     },
     "directivity": {
         "omni": ("Everywhere", "The same in all directions"),
@@ -89,6 +93,13 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
     "detail": {
         "full": ("All", "Branches, leaves and trunks as they are set"),
         "auto": ("What Matters", "Only what the scene's sensors can tell apart"),
+    },
+    "texture": {
+        "cracked": ("Cracked", "Small scales between cracks"),
+        "smooth": ("Smooth", "Thin and even, with fine level marks, as of beech"),
+        "furrowed": ("Furrowed", "Long ridges that part and meet again, as of oak"),
+        "plated": ("Plated", "Broad plates between deep furrows, as of pine"),
+        "peeling": ("Peeling", "White with dark level marks, cracked at the foot, as of birch"),
     },
     "limbs": {
         "auto": ("Automatic", "Smooth curves where limbs fill a crown, else straight"),

@@ -48,6 +48,10 @@ class Accuracy(Settings):
         "far trees have fewer, larger leaves, thin beams finer branches; each with its bound in the report",
         choices=("full", "auto"),
     )
+    relief: bool = param(
+        False,
+        help="stems with the relief of their bark and their oval shape, for scans that can tell them",
+    )
 
 
 class Output(Settings):

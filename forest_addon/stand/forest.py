@@ -106,6 +106,8 @@ class ForestPlan:
         ValueError, SpecError : as ``plan_stand`` and ``with_targets``.
         """
         inputs = inputs or Inputs()
+        if scene.accuracy.relief:
+            species = [(with_relief(kind), template) for kind, template in species]
         stand = plan_stand(scene.seed, scene.forest, scene.plantings, inputs)
         names = labels(scene.plantings)
         measured = with_targets(scene.seed, stand, scene.plantings, names, species, inputs)
@@ -149,6 +151,11 @@ class ForestPlan:
             foot[mine] = float(tree.skeleton.radius[:1, 0].sum()) * stand.scale[mine]
         ground = self.inputs.ground(self.scene.forest.terrain.base)
         return replace(stand, sink=sink(ground, stand.position[:, :2], foot))
+
+
+def with_relief(species: Species) -> Species:
+    """The species with the relief of its bark meshed; a template's wood stays as it is."""
+    return species.changed(detail=species.detail.changed(relief=True))
 
 
 def grow_forest(

@@ -62,7 +62,15 @@ def _make_groups() -> dict[type, type]:
         spec.Clusters,
         spec.Strauss,
     )
-    of_species = (spec.Normal, spec.Discrete, spec.Grammar, spec.Jitter, spec.Template, spec.Look)
+    of_species = (
+        spec.Normal,
+        spec.Discrete,
+        spec.Grammar,
+        spec.Jitter,
+        spec.Template,
+        spec.Look,
+        spec.Bark,
+    )
     measured = (spec.Targets, spec.Crown, spec.Needles)
     of_trees = (spec.Rules, spec.Honda, spec.Siblings, spec.Leaf, spec.Inclination, spec.Detail)
     of_sensors = (spec.Beam, spec.Surfaces, spec.Noise, spec.Pose, spec.Place)

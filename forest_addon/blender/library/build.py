@@ -73,10 +73,7 @@ def write_species(folder: Path, species: Species, exhibits: Sequence[Exhibit]) -
     file = folder / f"{file_name(species.name)}.blend"
     x, made, paths = 0.0, set(), set()
     with _taken_back():
-        coats = (
-            materials.bark(f"{species.name} bark", species.look.bark),
-            materials.leaf(f"{species.name} leaf", species.look.foliage()),
-        )
+        coats = materials.coats_of(species)
         for variant, exhibit in enumerate(exhibits):
             truth = exhibit.truth
             half = 0.55 * max(truth["crown_width_m"], 0.3 * truth["height_m"])

@@ -137,13 +137,22 @@ def _plan(
 
 def _coats(forest: Forest) -> list[tuple[Coat, Coat]]:
     """Bark and leaves of every planting."""
-    looks = ((label, kind.look) for label, kind in zip(forest.labels, forest.species, strict=True))
+    kinds = zip(forest.labels, forest.species, strict=True)
     return [
         (
-            Coat(f"{label} bark", materials.bark, look.bark),
-            Coat(f"{label} leaf", materials.leaf, look.foliage()),
+            Coat(
+                f"{label} bark",
+                partial(materials.bark, coat=kind.bark),
+                kind.look.bark,
+                materials.style_of(kind.bark),
+            ),
+            Coat(
+                f"{label} leaf",
+                partial(materials.leaf, veins=kind.needles is None),
+                kind.look.foliage(),
+            ),
         )
-        for label, look in looks
+        for label, kind in kinds
     ]
 
 

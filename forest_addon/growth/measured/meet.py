@@ -15,6 +15,7 @@ from ...base.rng import daughter_keys, keyed_uniform
 from ...spec import SpecError, Species
 from ..mesh.axes import first_level
 from ..mesh.blades import Blade, leaf_areas
+from ..mesh.foliage import stalk_of
 from ..skeleton import LeafSites, Skeleton
 from ..species import skeleton_of
 from .colonise import colonise
@@ -45,7 +46,7 @@ def leaves_needed(species: Species, blade: Blade, area: float) -> int:
     """
     length, ratio = species.leaf.length, species.leaf.width_ratio.mean
     square = length.mean**2 + 0.77 * length.sd**2  # a normal cut at two has 0.77 of its variance
-    count = area / (blade.share * ratio * square)
+    count = area / (blade.share * (1 + stalk_of(species.leaf)) * ratio * square)
     if count > MOST_LEAVES:
         raise SpecError(
             species.name,
