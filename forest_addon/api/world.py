@@ -124,6 +124,8 @@ class World:
             seconds = time.perf_counter() - before
             audit = observer.audit(sensor, self.scene, found, seconds, self.folder, way)
             warnings = observer.warnings(sensor, way)
+            empty = observer.empty(sensor, self.scene, found, self.folder, way)
+            warnings = (*warnings, f"{sensor.name}: {empty}") if empty else warnings
         except SpecError:
             raise
         except ValueError as problem:
