@@ -28,6 +28,7 @@ from forest_addon.spec.base import Settings, with_files
 
 from . import dotted, vary
 from .chance import refuse_without_chance
+from .place import refuse_out_of_range
 from .settings import Ground, Head, Keep, Mix, Placing, Running, Splits
 
 PLANS = ASSETS / "plans"
@@ -305,22 +306,8 @@ def _resolved(
                 f'"{places[-1].sensor}" is no sensor of the scene; use one of {", ".join(names)}',
             )
         if not plan.keep.empty:
-            _refuse_flight_out_of_range(scene, places[-1], index)
+            refuse_out_of_range(scene, places[-1], index)
     return scene, {"terrain": _within("terrain", tables, Ground), "place": places}
-
-
-def _refuse_flight_out_of_range(scene: Scene, place: Placing, index: int) -> None:
-    """Refuse a flight over the ground that its scanner does not reach."""
-    for sensor in scene.sensors:
-        reach = getattr(sensor, "max_range", None)
-        if sensor.name != place.sensor or place.rule != "over" or reach is None:
-            continue
-        if place.height > reach:
-            raise SpecError(
-                f"place[{index}].height",
-                f'{place.height:g} m above the ground is beyond the range of "{sensor.name}", {reach:g} m: '
-                "its results would be empty; fly lower, raise its max_range, or say keep.empty = true",
-            )
 
 
 def _plantings(plan: Plan, mix: Mix, number: int) -> list[dict[str, Any]]:
