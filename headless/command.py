@@ -16,6 +16,17 @@ from forest_addon.spec import Scene, SpecError
 LOCK = ".lock"  # in a folder that one command at a time writes to
 
 
+# What a user types before a command's name: an installed wheel has a script of its own.
+PROGRAM = (
+    "forest-sensing" if (__package__ or "").startswith("forest_addon") else "python -m headless"
+)
+
+
+def typed(text: str | None) -> str | None:
+    """Return a help text with what a user types here in place of ``python -m headless``."""
+    return None if text is None else text.replace("python -m headless", PROGRAM)
+
+
 class DoubtfulError(Exception):
     """Results that were kept, but are not as exact as was asked for; exit code 3."""
 

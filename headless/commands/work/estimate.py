@@ -30,6 +30,7 @@ from forest_addon.stand.statistics.kernel import KernelEstimate, kernel_estimate
 from forest_addon.stand.statistics.mixture import FittedMixture, fit_mixture
 from forest_addon.stand.statistics.window import Window
 
+from ...command import PROGRAM
 from ...report.drawing import can_draw, without
 from ...report.species_of_site import SpeciesOfSite
 
@@ -103,7 +104,7 @@ def estimate_site(
     else:
         say(without("The picture is left out"))
     say(f"Wrote {', '.join(written)}.")
-    say(f"Next: python -m headless stand {out} --out points.csv")
+    say(f"Next: {PROGRAM} stand {out} --out points.csv")
     return out
 
 

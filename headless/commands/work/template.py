@@ -23,6 +23,7 @@ from forest_addon.growth.regrow.sibling import grow_sibling
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.spec import Siblings, SpecError, Species
 
+from ...command import PROGRAM
 from ...progress import Stages, hushed
 from ...report.drawing import can_draw, without
 from ...report.likeness import compare_with_sensors, tell_likeness
@@ -92,7 +93,7 @@ def make_template(
         _show_siblings(made, siblings, out / "siblings.png", say)
         written += ", siblings.png" if can_draw() else ""
     say(f"Wrote {written} and scene.toml.")
-    say(f"Next: python -m headless run {out / 'scene.toml'}")
+    say(f"Next: {PROGRAM} run {out / 'scene.toml'}")
     return made.species
 
 
