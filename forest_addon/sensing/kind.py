@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from .cost import Cost, cost_of_work
 from .looks import Look, look_at_leaves
 from .rays.caster import RayCaster
 from .rays.geometry import SceneGeometry
+
+if TYPE_CHECKING:  # it brings scipy, which what draws a panel does without
+    from .trajectory import Follower, Trajectory
 
 T = TypeVar("T")
 Progress = Callable[[int, int], None]
@@ -59,37 +62,19 @@ class Seen(Protocol):
         ...
 
 
-class Follower(Protocol):
-    """Blender's scene, asked where an object or a curve goes that a sensor follows.
-
-    Raises
-    ------
-    SpecError : there is no such object, or it cannot be followed.
-    """
-
-    def path(self, sensor: Any) -> Any:
-        """The path of a platform over time; None: by its own poses."""
-        ...
-
-    def poses(self, sensor: Any) -> Any:
-        """The poses of single measurements along it."""
-        ...
-
-
 @dataclass(frozen=True)
 class Observation:
     """One sensor in one scene.
 
     sensor : its settings, with nothing left to "auto". seen : the scene. settings : the scene's.
-    folder : that files named in the settings are relative to. trajectory : where it goes, as its kind has
-    it; None: it stays.
+    folder : that files named in the settings are relative to. trajectory : where it goes; None: it stays.
     """
 
     sensor: Any
     seen: Seen
     settings: Scene
     folder: Path = Path()
-    trajectory: Any = None
+    trajectory: Trajectory | None = None
 
 
 def _stays(_sensor: Any, _folder: Path, _follower: Follower) -> None:
@@ -145,7 +130,7 @@ class SensorKind:
     settings: type[Sensor]
     run: Callable[[Observation, Progress | None], Any]
     audit: Callable[[Observation, Any, float], Audit] | None = None
-    trajectory: Callable[[Any, Path, Follower], Any] = _stays
+    trajectory: Callable[[Any, Path, Follower], Trajectory | None] = _stays
     positions: Callable[[Observation], np.ndarray] = _where_it_stands
     empty: Callable[[Observation, Any], str] = _never_empty
     cost: Callable[[Any, Any, str], Cost] = _one_run

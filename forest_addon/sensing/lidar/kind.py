@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,8 +13,11 @@ from ...spec import Airborne, Mobile, Terrestrial, Tractor
 from ..audit import Audit
 from ..cost import Cost, cost_of_rays
 from ..emptiness import why_nothing
-from ..kind import Follower, Observation, Progress, SensorKind
+from ..kind import Observation, Progress, SensorKind
 from .look import look_of_airborne, look_of_mobile, look_of_terrestrial, look_of_tractor
+
+if TYPE_CHECKING:
+    from ..trajectory import Follower, Trajectory
 
 PLACES = 64  # along a way, that are looked at where nothing was found
 MOST_RETURNS = 1.5  # of a pulse, as forests give them
@@ -88,8 +91,12 @@ def _cost_of_scan(scanner: Any, trajectory: Any, engine: str) -> Cost:
     return cost_of_rays(scanner, count, scanner.beam.subrays, returns, engine)
 
 
-def _path(scanner: Mobile, _folder: Path, follower: Follower) -> Any:
-    return follower.path(scanner)
+def _trajectory(scanner: Mobile, _folder: Path, follower: Follower) -> Trajectory | None:
+    from ..trajectory import followed, through
+
+    if scanner.follow:
+        return followed(follower, scanner.follow, scanner.speed)
+    return through(scanner.poses) if scanner.poses else None
 
 
 def _where_it_starts(job: Observation) -> np.ndarray:
@@ -178,7 +185,7 @@ MOBILE = SensorKind(
     run=_scan,
     audit=_audit_scan,
     empty=_no_points,
-    trajectory=_path,
+    trajectory=_trajectory,
     positions=_where_it_starts,
     cost=_cost_of_scan,
     outline=_poses,

@@ -19,6 +19,7 @@ import numpy as np
 from ...base.rng import daughter_keys, first_key
 from ...base.trimesh import LEAF
 from ..rays.caster import RayCaster, hit_normals
+from ..trajectory import Trajectory
 from . import noise, patches
 from .cloud import Cloud, Lost, join
 from .footprint import spread
@@ -26,7 +27,6 @@ from .passage import Contacts, meet
 from .radiometry import detection_limit, intensity, reflectance_of, refuse_surplus
 from .returns import cosines, label
 from .scanner import LiDAR, Pulses, pattern_of
-from .trajectory import Trajectory
 from .waveform import LIGHT, Echoes, find_echoes, pulse_length
 
 Progress = Callable[[int, int], None]
