@@ -88,6 +88,7 @@ def read_scene(path: Path, seed: int | None) -> Scene:
     SpecError : the file, or ``--seed``, cannot be used.
     """
     from forest_addon.formats.toml_file import read_settings
+    from forest_addon.sensing import kinds  # noqa: F401  whose words a scene file may name
 
     settings = read_settings(path, Scene)
     if seed is None:

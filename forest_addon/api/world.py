@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..sensing.kinds import KINDS, choose, left_out
 from ..spec import (
     Airborne,
     Mobile,
@@ -82,7 +83,7 @@ class World:
         ------
         SpecError : settings that this scene cannot serve.
         """
-        return self._expect(sensor, (Tractor, Terrestrial, Mobile, Airborne), "scan", progress)
+        return self._expect(sensor, "lidar", "scan", progress)
 
     def ping(self, sensor: Sonar, progress: Progress | None = None) -> Echoes:
         """The echo of one ping, or of one from every pose of a route.
@@ -91,7 +92,7 @@ class World:
         ------
         SpecError : settings that this scene cannot serve.
         """
-        return self._expect(sensor, (Sonar,), "ping", progress)
+        return self._expect(sensor, "sonar", "ping", progress)
 
     def impulse_response(self, sensor: Reverb, progress: Progress | None = None) -> Response:
         """Return what receivers hear of sources by way of the trunks, a channel for each pair.
@@ -100,7 +101,7 @@ class World:
         ------
         SpecError : settings that this scene cannot serve.
         """
-        return self._expect(sensor, (Reverb,), "impulse_response", progress)
+        return self._expect(sensor, "reverb", "impulse_response", progress)
 
     def look(self, sensor: Sensor, progress: Progress | None = None) -> Result:
         """The result of a sensor of any kind.
@@ -109,8 +110,6 @@ class World:
         ------
         SpecError : this is no sensor, or one that this scene cannot serve.
         """
-        from ..sensing.kinds import choose, left_out
-
         if not isinstance(sensor, Settings) or not hasattr(sensor, "kind"):
             raise SpecError("look", f"takes a sensor, such as Terrestrial(), not {called(sensor)}")
         progress_of(progress)
@@ -302,11 +301,10 @@ class World:
         )
         return f"<b>{self.scene.name}</b>, seed {self.scene.seed}<table>{rows}</table>"
 
-    def _expect(
-        self, sensor: Any, kinds: tuple[type, ...], call: str, progress: Progress | None
-    ) -> Any:
-        if not isinstance(sensor, kinds):
-            wanted = " or ".join(kind.__name__ for kind in kinds)
+    def _expect(self, sensor: Any, family: str, call: str, progress: Progress | None) -> Any:
+        kinds = [kind for kind in KINDS.values() if kind.family == family]
+        if type(sensor) not in [kind.settings for kind in kinds]:
+            wanted = " or ".join(kind.settings.__name__ for kind in kinds)
             raise SpecError(call, f"takes a {wanted}, not {called(sensor)}")
         return self.look(sensor, progress)
 

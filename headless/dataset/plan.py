@@ -23,6 +23,7 @@ from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings, structure, table_of
 from forest_addon.formats.toml_text import parse_tables, read_tables
+from forest_addon.sensing import kinds as _kinds  # noqa: F401  whose words a plan may name
 from forest_addon.spec import Scene, SpecError, Species, did_you_mean, refuse_unknown, unknown
 from forest_addon.spec.base import Settings, with_files
 

@@ -79,7 +79,7 @@ def test_results_go_where_a_file_can_be(results, tmp_path):
     """Every kind of result in every format: a folder that is missing or no folder, a folder's own name."""
     (tmp_path / "file").write_text("x")
     for result in results:
-        for ending in result.ENDINGS:
+        for ending in result.endings:
             (tmp_path / f"folder{ending}").mkdir(exist_ok=True)
             for place, words in (
                 (tmp_path / "none" / f"x{ending}", "make it first"),

@@ -9,6 +9,7 @@ import bpy
 from ...blender.scene.layout import COLOUR_BY, COLOUR_MAP, RADIUS, SHARE
 from ...blender.scene.nodes import chosen_input, drawn_input, has_input
 from ...blender.show.cloud_nodes import is_measure
+from ...results.kinds import RESULTS
 from ..settings.drawing import OnceStarted, icon_of, split
 from ..shell.words import label, label_of_kept
 from .swatches import draw_legend
@@ -32,7 +33,8 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
     if result.shown:
         chosen = header.operator("forest.select_result", text="", icon="RESTRICT_SELECT_OFF")
         chosen.shown = result.shown
-    if result.kind in ("reverb", "sonar"):
+    record = RESULTS.get(result.kind)
+    if record is not None and record.sound is not None:
         header.operator("forest.play", text="", icon="PLAY_SOUND").sensor = result.name
     if result.picture is not None:
         shown = header.operator("forest.show_picture", text="", icon="IMAGE_DATA")
@@ -56,7 +58,7 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         )
         body.label(text=frames, icon="PLAY")
     _draw_points(body, result)
-    if result.kind == "reverb":
+    if record is not None and record.is_response:
         _draw_sound(body, result.id_data.forest_sensing)
     table = body.column(align=True)
     for figure in result.figures:
