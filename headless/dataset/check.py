@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from forest_addon.growth.mesh.trimesh import PART_NAMES
+from forest_addon.base.trimesh import PART_NAMES
 
 from forest_addon.spec import SpecError
 
