@@ -123,6 +123,8 @@ class World:
             seconds = time.perf_counter() - before
             audit = observer.audit(sensor, self.scene, found, seconds, self.folder, way)
             warnings = observer.warnings(sensor, way)
+            empty = observer.empty(sensor, self.scene, found, self.folder, way)
+            warnings = (*warnings, f"{sensor.name}: {empty}") if empty else warnings
         except SpecError:
             raise
         except ValueError as problem:
@@ -137,11 +139,12 @@ class World:
 
         Raises
         ------
-        SpecError : the file that the world stood in is closed.
+        SpecError : the file that the world stood in is closed, or another forest was built in its place.
         """
         if self._taken is not None:
             return self._taken
         bpy = import_blender()
+        from ..blender.scene.forest import stands
         from ..blender.sensors.observe import Observer
 
         try:
@@ -152,6 +155,10 @@ class World:
             ) from None
         if bpy.context.scene != self._place:
             raise SpecError("world", f'Blender shows another scene; go back to "{name}"')
+        if self.forest is not None and not stands(self._place, self.forest):
+            raise SpecError(
+                "world", "another forest was built in its place; build this one again to look at it"
+            )
         return Observer.of(bpy.context.evaluated_depsgraph_get(), self.scene.rays)
 
     @contextmanager

@@ -85,6 +85,10 @@ def _where_it_stands(job: Observation) -> np.ndarray:
     return np.array([job.sensor.position])
 
 
+def _never_empty(_job: Observation, _found: Any) -> str:
+    return ""
+
+
 def _one_run(sensor: Any, _trajectory: Any, _engine: str) -> Cost:
     return cost_of_work(sensor, "runs", 1, GUESS)
 
@@ -109,6 +113,7 @@ class SensorKind:
     audit : a sample of what it found in so many seconds, computed again by the exact way.
     trajectory : where it goes, by its settings, a folder and Blender's scene; None: it stays.
     positions : (P, 3) m where it should not stand inside of a tree.
+    empty : that a finding holds nothing, and why, in a sentence; "" of one that holds something.
     cost : of a run along a trajectory with a ray engine. outline : (N, 2, 3) m, ends of the lines that show
         where it looks.
     choose : what is left to "auto", chosen. left_out : what a finding left out, and the bound on that.
@@ -127,6 +132,7 @@ class SensorKind:
     audit: Callable[[Observation, Any, float], Audit] | None = None
     trajectory: Callable[[Any, Path, Follower], Trajectory | None] = _stays
     positions: Callable[[Observation], np.ndarray] = _where_it_stands
+    empty: Callable[[Observation, Any], str] = _never_empty
     cost: Callable[[Any, Any, str], Cost] = _one_run
     outline: Callable[[Any], np.ndarray] = _no_lines
     choose: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen

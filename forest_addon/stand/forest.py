@@ -139,8 +139,14 @@ class ForestPlan:
             variants=variants,
             wanted=self.measured.trees if self.measured.variants else None,
             laws=self.measured.laws,
-            notes=self.measured.ignored,
+            notes=(*self.measured.ignored, *self._bare()),
         )
+
+    def _bare(self) -> tuple[str, ...]:
+        """Say that nothing stands where something was planted."""
+        if not self.scene.plantings or len(self.measured.stand):
+            return ()
+        return ("no tree stands: expect more, or a larger field",)
 
     def placed(self, variants: Mapping[tuple[int, int], Tree]) -> Stand:
         """The stand with every tree in the size that it is to have, its foot in the ground."""

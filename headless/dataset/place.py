@@ -48,6 +48,25 @@ def place_sensors(
     return settings.changed(sensors=tuple(sensors)), files
 
 
+def refuse_out_of_range(scene: Scene, place: Placing, index: int) -> None:
+    """Refuse a flight over ground that its scanner does not reach. index : of the rule in the plan.
+
+    Raises
+    ------
+    SpecError : its results would be empty.
+    """
+    for sensor in scene.sensors:
+        reach = getattr(sensor, "max_range", None)
+        if sensor.name != place.sensor or place.rule != "over" or reach is None:
+            continue
+        if place.height > reach:
+            raise SpecError(
+                f"place[{index}].height",
+                f'{place.height:g} m above the ground is beyond the range of "{sensor.name}", {reach:g} m: '
+                "its results would be empty; fly lower, raise its max_range, or say keep.empty = true",
+            )
+
+
 class _Room:
     """The field of a scene, its trunks and its ground, and the chances of one rule."""
 

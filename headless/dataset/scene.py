@@ -108,6 +108,7 @@ class _Making:
         self.folder = folder
         self.seconds: dict[str, float] = {}
         self.points: dict[str, int] = {}
+        self.empty: dict[str, str] = {}
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -176,6 +177,7 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
             "leaf_area_m2": float(sum(table["leaf_area_m2"])),
             "species": sorted({str(name) for name in table["species"]}),
             "points": work.points,
+            "empty": work.empty | _no_trees(settings, forest),
             "engine": observer.caster.engine,
             "variants": variants,
         },
@@ -221,6 +223,9 @@ def _observe(
     with work.stage(OBSERVING):
         way = observer.way(sensor, folder)
         found = observer.observe(sensor, settings, None, folder, way)
+        empty = observer.empty(sensor, settings, found, folder, way)
+        if empty:
+            work.empty[sensor.name] = empty
     with work.stage("write"):
         is_cloud = results_of(sensor).is_cloud
         if not is_cloud or keep.clouds != "npz":
@@ -264,6 +269,13 @@ def _write_blender(settings: Scene, keep: Keep, folder: Path) -> None:
             export_glb(scene, folder / "forest.glb")
         if keep.preview:
             render(scene, settings.output, folder / "preview.png", lambda done, total: None)
+
+
+def _no_trees(settings: Scene, forest: Forest) -> dict[str, str]:
+    """Say that nothing stands where something was planted."""
+    if not settings.plantings or len(forest.stand):
+        return {}
+    return {"forest": "no tree stands: expect more, or a larger field"}
 
 
 def _digests(forest: Forest) -> dict[str, str]:

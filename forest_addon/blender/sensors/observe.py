@@ -117,6 +117,12 @@ class Observer:
             for tree in np.unique(trees[trees >= 0]).tolist()
         )
 
+    def empty(
+        self, sensor: Sensor, settings: Scene, found: Any, folder: Path = Path(), way: Any = None
+    ) -> str:
+        """Return that a finding holds nothing, and why, in a sentence; "" of one that holds something."""
+        return kind_of(sensor).empty(self._observation(sensor, settings, folder, way), found)
+
     def audit(
         self,
         sensor: Sensor,

@@ -13,12 +13,14 @@ from ...base.words import keep
 from ...spec import Airborne, Mobile, Terrestrial, Tractor
 from ..audit import Audit
 from ..cost import Cost, cost_of_rays
+from ..emptiness import why_nothing
 from ..kind import Observation, SensorKind
 from .look import look_of_airborne, look_of_mobile, look_of_terrestrial, look_of_tractor
 
 if TYPE_CHECKING:
     from ..trajectory import Follower, Trajectory
 
+PLACES = 64  # along a way, that are looked at where nothing was found
 MOST_RETURNS = 1.5  # of a pulse, as forests give them
 
 
@@ -49,6 +51,30 @@ def _audit_scan(job: Observation, found: Any, seconds: float) -> Audit:
     work = Scan(job.sensor, job.seen.caster, job.settings.seed, job.trajectory)
     rng = stream(job.settings.seed, "audit", job.sensor.name)
     return audit_scan(work, found, rng, seconds, job.settings.accuracy.audit, job.seen.geometry)
+
+
+def _no_hits(job: Observation, found: Any) -> str:
+    """The reason why no beam of a tractor met anything."""
+    from .tractor import positions
+
+    if np.isfinite(found.distance).any():
+        return ""
+    along = np.linspace(0, positions(job.sensor)[-1], PLACES)[:, None]
+    heading = np.deg2rad(job.sensor.heading_deg)
+    where = job.sensor.position + along * [np.cos(heading), np.sin(heading), 0.0]
+    return why_nothing("no beam met anything", where, job.sensor.max_range, job.seen.geometry)
+
+
+def _no_points(job: Observation, found: Any) -> str:
+    """The reason why a scan has no point."""
+    from .scanner import pattern_of
+
+    if len(found):
+        return ""
+    pattern = pattern_of(job.sensor, job.trajectory)
+    some = np.linspace(0, pattern.count - 1, PLACES).astype(np.int64)
+    where = pattern.pulses(some).origin
+    return why_nothing("0 points", where, job.sensor.max_range, job.seen.geometry)
 
 
 def _cost_of_drive(tractor: Tractor, _trajectory: Any, engine: str) -> Cost:
@@ -128,6 +154,7 @@ TRACTOR = SensorKind(
     Tractor,
     run=_drive,
     audit=_audit_drive,
+    empty=_no_hits,
     cost=_cost_of_drive,
     outline=_fan,
     look=look_of_tractor,
@@ -142,6 +169,7 @@ TERRESTRIAL = SensorKind(
     Terrestrial,
     run=_scan,
     audit=_audit_scan,
+    empty=_no_points,
     cost=_cost_of_scan,
     outline=_window,
     look=look_of_terrestrial,
@@ -157,6 +185,7 @@ MOBILE = SensorKind(
     Mobile,
     run=_scan,
     audit=_audit_scan,
+    empty=_no_points,
     trajectory=_trajectory,
     positions=_where_it_starts,
     cost=_cost_of_scan,
@@ -174,6 +203,7 @@ AIRBORNE = SensorKind(
     Airborne,
     run=_scan,
     audit=_audit_scan,
+    empty=_no_points,
     cost=_cost_of_scan,
     outline=_strips,
     look=look_of_airborne,

@@ -163,10 +163,21 @@ def _fixed(group: Any) -> str:
     return keep("It sends alike to all sides") if group.directivity == "omni" else ""
 
 
+def _bare(_job: Observation, found: Any) -> str:
+    """The words for a response that no trunk is in."""
+    if any(one.trunks or one.continued for one in (found, *found.further)):
+        return ""
+    return (
+        "no trunk is heard: what there is comes straight and by the ground; set plantings, stems or "
+        "continue_to"
+    )
+
+
 REVERB = SensorKind(
     Reverb,
     run=_respond,
     audit=_audit,
+    empty=_bare,
     positions=_where_ends_are,
     cost=_cost,
     outline=sound_outline,

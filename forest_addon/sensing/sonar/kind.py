@@ -14,6 +14,7 @@ from ...base.words import keep
 from ...spec import AUTO, Choice, Sonar
 from ..audit import Audit
 from ..cost import Cost, cost_of_work
+from ..emptiness import why_nothing
 from ..kind import ECHO, Observation, Seen, SensorKind
 from ..lines import AROUND, chain, rays_to
 from ..looks import EchoLook
@@ -95,6 +96,16 @@ def _where_it_pings(job: Observation) -> np.ndarray:
     return np.asarray(job.trajectory.position)
 
 
+def _silence(job: Observation, found: Any) -> str:
+    """The reason why no ping has an echo."""
+    echoes = getattr(found, "echoes", (found,))
+    if any(np.any(echo.spectra) for echo in echoes):
+        return ""
+    said = "silence" if len(echoes) == 1 else "silence in all pings"
+    where = np.array([echo.pose.position for echo in echoes])
+    return why_nothing(said, where, job.sensor.max_range, job.seen.geometry)
+
+
 def _cost(sonar: Sonar, trajectory: Any, _engine: str) -> Cost:
     return cost_of_work(sonar, "pings", 1 if trajectory is None else len(trajectory), PING)
 
@@ -161,6 +172,7 @@ SONAR = SensorKind(
     Sonar,
     run=_listen,
     audit=_audit,
+    empty=_silence,
     trajectory=_trajectory,
     positions=_where_it_pings,
     cost=_cost,
