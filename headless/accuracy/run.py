@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from forest_addon import api as forest
+from forest_addon.base.progress import Say
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.toml_file import write_settings
@@ -20,7 +21,7 @@ from .meshes import Meshes
 from .picture import draw_sweeps
 from .reverb import sweep_reverb
 from .sonar import sweep_sonar
-from .sweep import Say, Sweep
+from .sweep import Sweep
 
 
 def sweep_scene(path: Path, out: Path, error: float, seconds: float, say: Say = print) -> None:
