@@ -8,10 +8,10 @@ the species file; scene.toml is one.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import load_species
 from forest_addon.growth.library.template_library import (
@@ -32,7 +32,6 @@ from ...progress import Stages, hushed
 from ...report.drawing import can_draw, without
 from ...report.likeness import add_sensors, tell_likeness
 
-Say = Callable[[str], None]
 SHOWN = 5  # siblings in the picture
 SENSED = 8  # siblings that are scanned and listened to
 
