@@ -69,7 +69,8 @@ class ForestSite:
         return self.inputs.ground(self.scene.forest.terrain.base)
 
     def plan(self) -> Stand:
-        """Where trees stand, before any has grown: sizes and variants of trees with targets come later."""
+        """Return where trees stand, before any has grown: sizes and variants of trees with targets come
+        later."""
         scene = self.scene
         return plan_stand(scene.seed, scene.forest, scene.plantings, self.inputs)
 

@@ -74,7 +74,8 @@ class Command:
 
 
 def name_of(scene: Path) -> str:
-    """What results of a scene file are called: its own name; of one that many have, with its folder's."""
+    """Return what results of a scene file are called: its own name; of one that many have, with its
+    folder's."""
     if scene.stem in ("scene", "site"):
         return f"{scene.resolve().parent.name}-{scene.stem}"
     return scene.stem

@@ -29,7 +29,7 @@ PLAIN = {  # what results are made of, besides dataclasses of our own
 
 
 class Unfinished:
-    """What an ended run of the same scene left in a folder, and what this one will."""
+    """Results that an ended run of the same scene left in a folder, and those that this one will."""
 
     def __init__(self, out: Path, world: World, resume: bool) -> None:
         self._folder = out / NAME

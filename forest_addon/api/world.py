@@ -172,7 +172,7 @@ class World:
 
     @property
     def chosen(self) -> tuple[Choice, ...]:
-        """What of the forest was left to the scene's sensors, as it was chosen."""
+        """Return what of the forest was left to the scene's sensors, as it was chosen."""
         return () if self.forest is None else self.forest.chosen
 
     @property

@@ -45,7 +45,7 @@ def words(name: str, short: str, pattern: str, /, **values: float | str) -> Figu
 
 
 def facts(figures: Sequence[Figure]) -> dict[str, str]:
-    """What the report shows of figures."""
+    """Return what the report shows of figures."""
     return {each.name: each.text for each in figures if each.name}
 
 

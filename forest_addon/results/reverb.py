@@ -65,7 +65,7 @@ def of_response(response: ImpulseResponse, trunks: int | None = None) -> list[Fi
 
 
 def _of_model(reverb: Reverb) -> list[Figure]:
-    """What is in the model, and what is not."""
+    """Return what is in the model, and what is not."""
     from ..sensing.reverb.terms import terms_of
 
     held, missing = terms_of(reverb)
@@ -88,7 +88,7 @@ def _octaves(band: np.ndarray, value: np.ndarray, unit: str, digits: int) -> str
 
 
 def _passing(name: str, short: str, clear: Sequence[bool]) -> Figure:
-    """Whether a path is clear, for one channel or several."""
+    """Return whether a path is clear, for one channel or several."""
     free = sum(clear)
     if free == len(clear):
         return words(name, short, "clear")
@@ -101,7 +101,7 @@ def _passing(name: str, short: str, clear: Sequence[bool]) -> Figure:
 
 
 def _multiple_scattering(found: ModelError | None) -> Iterator[Figure]:
-    """What single scattering leaves out, if it was measured and there was something to measure."""
+    """Return what single scattering leaves out, if it was measured and there was something to measure."""
     if found is not None and len(found.frequency):
         yield numbers(
             "error of single scattering",

@@ -36,7 +36,7 @@ def loudest(flight: Flight) -> Echo:
 
 
 def strongest(echo: Echo) -> tuple[float, float] | None:
-    """How far away the loudest echo comes from, m, and its level, dB re call at 1 m; None: silence."""
+    """Return how far away the loudest echo comes from, m, and its level, dB re call at 1 m; None: silence."""
     if not np.any(echo.envelope):
         return None
     peak = int(np.argmax(echo.envelope))

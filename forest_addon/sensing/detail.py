@@ -1,4 +1,4 @@
-"""What each sensor of a scene needs of each tree, where ``[accuracy] detail = "auto"``.
+"""Detail that each sensor of a scene needs of each tree, where ``[accuracy] detail = "auto"``.
 
 ``grow_needed`` grows a forest with no more than that:
 

@@ -73,7 +73,7 @@ class Forest:
 
 @dataclass(frozen=True)
 class ForestPlan:
-    """Where trees stand and which of them are to be grown: a forest before anything has grown.
+    """Plan of a forest before anything has grown: places of trees, and which of them are to be grown.
 
     scene : its settings. species : what each planting plants, with its templates. inputs : rasters, lists
     and terrain. measured : the stand with its variants chosen, and what its trees are to measure.

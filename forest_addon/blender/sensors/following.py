@@ -1,4 +1,4 @@
-"""Where an animated object or a curve of a Blender scene goes, for sensors that follow it.
+"""Trajectories of animated objects and curves of a Blender scene, for sensors that follow them.
 
 An object's X axis is forward and its Z axis up, as the arrows of our sensors show; it is taken as it is
 evaluated, with constraints, parents and drivers. A curve counts as its line, whatever its bevel; a curve that

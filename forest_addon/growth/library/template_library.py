@@ -42,7 +42,7 @@ class NotUnderstoodError(SpecError):
 
 @dataclass(frozen=True)
 class Library:
-    """What was read and recognised, in file units, and what it was made into.
+    """Library of a user's tree: as read and recognised, in file units, and as made.
 
     wood, leaves : (T, 3, 3) facets as read, z up. leaf : median length of a leaf, None without leaves.
     unit : what one unit of the files is taken to be. habit : the tree taken apart, in metres.
@@ -68,12 +68,12 @@ class Library:
 
     @property
     def branches(self) -> int:
-        """How many first-level branches it has."""
+        """Return how many first-level branches it has."""
         return int(np.count_nonzero(self.habit.anatomy.order == 1))
 
     @property
     def leaf_count(self) -> int:
-        """How many leaves."""
+        """Return how many leaves."""
         return len(self.habit.anatomy.foliage.bearer)
 
 

@@ -1,4 +1,4 @@
-"""What LiDARs need of trees where their detail is left to "auto": their trajectories, beams and steps."""
+"""Needs of LiDARs where the detail of trees is left to "auto": trajectories, beams and steps."""
 
 from __future__ import annotations
 

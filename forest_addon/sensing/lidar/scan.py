@@ -120,7 +120,7 @@ class Scan:
         rays: tuple[np.ndarray, np.ndarray],
         contacts: Contacts,
     ) -> Cloud:
-        """What the receiver makes of the light that comes back to origins and directions of rays."""
+        """Return what the receiver makes of the light that comes back to origins and directions of rays."""
         scanner, scene = self.scanner, self.caster.scene
         hits, ways = contacts.hits, rays[1][contacts.ray]
         normal = hit_normals(scene, hits)

@@ -110,7 +110,7 @@ def axes(tractor: Tractor, scan: np.ndarray, step: np.ndarray) -> tuple[np.ndarr
 
 
 def beams(tractor: Tractor, caster: RayCaster, scan: np.ndarray, step: np.ndarray) -> Returns:
-    """What beams (B,) meet, by scan and step of the fan, each with rays of its own."""
+    """Return what beams (B,) meet, by scan and step of the fan, each with rays of its own."""
     split = max(tractor.splits, 1)
     within = np.arange(tractor.splits + 1)
     i, j = (part.ravel() for part in np.meshgrid(within, within, indexing="ij"))

@@ -1,4 +1,4 @@
-"""How wrong single scattering is for a stand: some of its trunks, solved exactly.
+"""Error of single scattering for a stand: some of its trunks, solved exactly.
 
 The trunks with the shortest paths around a source and a receiver go in; at third-octave frequencies the
 field that they scatter is computed twice, with every echo between trunks and with each trunk alone
@@ -28,7 +28,7 @@ FREQUENCIES = 1000.0 * 2.0 ** (np.arange(-12, 4) / 3)  # Hz, thirds of an octave
 
 @dataclass(frozen=True)
 class ModelError:
-    """What single scattering leaves out, at F frequencies.
+    """Error of single scattering at F frequencies.
 
     frequency : (F,) Hz; as far up as the systems can be solved.
     every, once : (F,) pressure with multiple and with single scattering, line source in the plane.

@@ -245,7 +245,7 @@ class Pair:
         )
 
     def _reflected(self, mirrored: np.ndarray, path: float) -> Gain:
-        """What is sent towards the mirrored receiver, times what the ground sends back."""
+        """Return what is sent towards the mirrored receiver, times what the ground sends back."""
         sent, reverb, losses = self._sent_to(mirrored), self.reverb, self.losses
         if losses is not None:
             level = max(float(np.hypot(*(mirrored - self.source)[:2])), NEAREST)

@@ -1,4 +1,4 @@
-"""How loud a sonar is in a direction: beams in the sonar's own frame.
+"""Beams: the amplitude of a sonar by direction, in its own frame.
 
 Directions go in, the amplitude relative to the axis comes out, for sending or for hearing. The offsets
 az and el are measured from the beam axis in the sonar's own frame: the angle off the axis is laid out
@@ -39,7 +39,7 @@ class Beam(Protocol):
         ...
 
     def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss] | None:
-        """What changes the gain over the frequency, none where nothing does; None: not known."""
+        """Return what changes the gain over the frequency, none where nothing does; None: not known."""
         ...
 
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:

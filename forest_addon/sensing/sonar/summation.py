@@ -101,7 +101,7 @@ def sum_echoes(
 
 
 def _together(group: Group, station: Station, ear: int, band: tuple[float, float]) -> float:
-    """What parts that are somewhere in phase have at least in common, of the largest of each."""
+    """Return what parts that are somewhere in phase have at least in common, of the largest of each."""
     first, last = (group.gain(station, ear, [end])[0].sum() for end in band)
     share = math.sqrt(band[0] / band[1]) * last / first if first > 0 else 1.0
     return PARTIAL * float(min(share, 1.0))
@@ -110,7 +110,7 @@ def _together(group: Group, station: Station, ear: int, band: tuple[float, float
 def _smooth(
     group: Group, strength: Strength, station: Station, ear: int, band: tuple[float, float]
 ) -> Smoothness | None:
-    """How smooth echoes are in a band; None where their beam does not say."""
+    """Return how smooth echoes are in a band; None where their beam does not say."""
     losses = group.paths.losses(station, ear)
     if losses is None:
         return None

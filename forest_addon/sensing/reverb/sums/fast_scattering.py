@@ -56,7 +56,7 @@ class FastSum:
 
 
 class Expansions:
-    """What the fast sum has set up so far, for any number of sources and receivers."""
+    """Expansions that the fast sum has set up so far, for any number of sources and receivers."""
 
     def __init__(self) -> None:
         self._layers: dict[tuple, list[_LayerSum]] = {}

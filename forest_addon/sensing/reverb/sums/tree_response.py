@@ -1,4 +1,4 @@
-"""What one receiver hears of one source by way of the trunks: the exact sum, or a fast one.
+"""Response of trunks at one receiver to one source: the exact sum, or a fast one.
 
 Trunks, a source and a receiver go in, samples come out. ``tolerance`` chooses the way: 0, or less
 than the fast sum keeps, sums every trunk at every frequency (``scattering``), a larger one allows a
