@@ -13,12 +13,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
+from .base.progress import Progress
 from .growth.library.species_file import find_species, load_species
 from .growth.tree import Tree
 from .sensing.detail import grow_needed
 from .spec import Scene
 from .stand.files import read_inputs
-from .stand.forest import Forest, ForestPlan, Grown, Planted, Progress
+from .stand.forest import Forest, ForestPlan, Grown, Planted
 from .stand.inputs import Inputs
 from .stand.intensity.terrain import Terrain
 from .stand.plan import Stand, plan_stand

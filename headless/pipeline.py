@@ -14,6 +14,7 @@ import bpy
 import numpy as np
 
 from forest_addon.api import Result, Site, World
+from forest_addon.base.progress import Progress
 from forest_addon.blender.files.export import export_glb, save_blend
 from forest_addon.blender.files.opening import empty_file
 from forest_addon.blender.read.kept import forget
@@ -45,7 +46,7 @@ from forest_addon.stand.inputs import Inputs
 from forest_addon.stand.targets import record
 
 from .command import DoubtfulError
-from .progress import Progress, Stages, hushed
+from .progress import Stages, hushed
 from .record import facts_of, write_record
 from .report import findings, page
 from .report.drawing import can_draw, without

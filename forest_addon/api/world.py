@@ -8,7 +8,7 @@ made, not when this is imported.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..base.progress import Progress
 from ..sensing.kinds import KINDS, choose, left_out
 from ..spec import (
     Airborne,
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
     from ..stand.forest import Forest
     from ..stand.placed import PlacedTrees
 
-Progress = Callable[[int, int], None]
 MOST_PIXELS = 8192  # along a side of a hemispherical picture
 
 

@@ -14,12 +14,12 @@ import dataclasses
 import hashlib
 import json
 import zipfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from ..base.progress import Progress
 from ..formats.atomic import replacing
 from ..formats.las import write_las
 from ..formats.ply import PlyFile
@@ -31,7 +31,6 @@ from .points import POINT, UNITS, records
 
 FORMATS = ("laz", "las", "ply", "npz")
 ROWS_AT_ONCE = 1_000_000
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
+from ..base.progress import Progress
 from ..spec import Choice, Scene, Sensor
 from .audit import Audit
 from .cost import Cost, cost_of_work
@@ -29,7 +30,6 @@ if TYPE_CHECKING:  # it brings scipy, which what draws a panel does without
     from .trajectory import Follower, Trajectory
 
 T = TypeVar("T")
-Progress = Callable[[int, int], None]
 Colour = tuple[float, float, float, float]
 
 LIGHT, SOUND, ECHO = (0.35, 0.75, 1.0, 0.8), (0.75, 0.55, 1.0, 0.9), (1.0, 0.75, 0.25, 0.8)

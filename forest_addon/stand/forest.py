@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..base.progress import Progress
 from ..base.rng import stream
 from ..growth.graft.cut import TreeTemplate
 from ..growth.measured.wanted import TARGETS, Kind
@@ -23,7 +24,6 @@ from .measured import Measured, dbh_at, scales_for, with_targets
 from .plan import Stand, labels, plan_stand
 from .targets import Met, found_in, in_band, not_met, targets_met
 
-Progress = Callable[[int, int], None]
 Planted = tuple[Species, TreeTemplate | Habit | Kind | Blade | None]  # and its templates
 Grown = Callable[[int, int, Species], Tree]  # of a planting and variant, by numbers
 

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import bpy
 import numpy as np
 
+from ...base.progress import Progress
 from ...sensing.audit import Audit
 from ...sensing.kind import Observation
 from ...sensing.kinds import choose, kind_of
@@ -29,7 +30,6 @@ from ..scene.asset_truth import placed_trees
 from ..scene.nodes import in_full
 from .following import SceneFollower
 
-Progress = Callable[[int, int], None]
 T = TypeVar("T")
 ENDS = {"SPEAKER", "EMPTY", "CAMERA"}  # what can be a source or a receiver
 

@@ -7,12 +7,13 @@ of Tanveer et al.'s grammar, fitted to its habit), and a scene that plants it (s
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from ...base.progress import Progress
 from ...base.trimesh import LEAF, TriMesh
 from ...formats.atomic import replacing
 from ...formats.stl import StlError, read_stl, write_stl
@@ -27,8 +28,6 @@ from ..regrow.allometry import allometry_of
 from ..regrow.anatomy import dissect
 from ..regrow.fitted import Habit, fit
 from .species_file import MOST_OF_TREE
-
-Progress = Callable[[int, int], None]
 
 
 class NotUnderstoodError(SpecError):

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...base.progress import Progress
 from ...base.rng import stream
 from ...base.words import keep
 from ...spec import Airborne, Mobile, Terrestrial, Tractor
 from ..audit import Audit
 from ..cost import Cost, cost_of_rays
 from ..emptiness import why_nothing
-from ..kind import Observation, Progress, SensorKind
+from ..kind import Observation, SensorKind
 from .look import look_of_airborne, look_of_mobile, look_of_terrestrial, look_of_tractor
 
 if TYPE_CHECKING:

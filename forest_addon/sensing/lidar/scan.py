@@ -10,12 +10,13 @@ is behind it all the same. Limits hold for the true range; noise is added after.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import replace
 
 import numpy as np
 
+from ...base.progress import Progress
 from ...base.rng import daughter_keys, first_key
 from ...base.trimesh import LEAF
 from ..rays.caster import RayCaster, hit_normals
@@ -29,7 +30,6 @@ from .returns import cosines, label
 from .scanner import LiDAR, Pulses, pattern_of
 from .waveform import LIGHT, Echoes, find_echoes, pulse_length
 
-Progress = Callable[[int, int], None]
 RAYS_AT_ONCE = 65_536
 MOST_LOST = 100  # pulses of a scan; beyond, it is not a pulse that is at fault
 

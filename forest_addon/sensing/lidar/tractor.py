@@ -8,19 +8,18 @@ share the rays on their borders, so the rays are cast once, as a lattice of P·N
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
+from ...base.progress import Progress
 from ...spec import Tractor
 from ..rays.caster import RayCaster
 from .cloud import Cloud
 from .returns import Returns, label, take
 from .steps import steps
 
-Progress = Callable[[int, int], None]
 RAYS_AT_ONCE = 131_072
 
 

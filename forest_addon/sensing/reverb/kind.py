@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from ...base.progress import Progress
 from ...base.rng import stream
 from ...base.words import keep
 from ...spec import AUTO, Choice, Reverb, Scene
 from ..audit import Audit
 from ..cost import Cost, cost_of_work
-from ..kind import SOUND, Observation, Progress, Seen, SensorKind
+from ..kind import SOUND, Observation, Seen, SensorKind
 from ..lines import chain
 from ..looks import Look
 

@@ -11,18 +11,17 @@ Kaneko & Gamper's weights, β and α, are not part of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from ...acoustics.multiple import LARGEST, scattered_field, unknowns
+from ...base.progress import Progress
 from ...spec import Air
 from .sums.scattering import trunk_paths
 from .trunks.slices import Trunks
 
-Progress = Callable[[int, int], None]
 FREQUENCIES = 1000.0 * 2.0 ** (np.arange(-12, 4) / 3)  # Hz, thirds of an octave from 62.5 to 2000
 
 

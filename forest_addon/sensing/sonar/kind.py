@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...base.progress import Progress
 from ...base.rng import stream
 from ...base.words import keep
 from ...spec import AUTO, Choice, Sonar
 from ..audit import Audit
 from ..cost import Cost, cost_of_work
 from ..emptiness import why_nothing
-from ..kind import ECHO, Observation, Progress, Seen, SensorKind
+from ..kind import ECHO, Observation, Seen, SensorKind
 from ..lines import AROUND, chain, rays_to
 from ..looks import EchoLook
 

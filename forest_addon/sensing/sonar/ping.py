@@ -25,6 +25,7 @@ from functools import cached_property, partial
 import numpy as np
 from scipy import fft
 
+from ...base.progress import Progress
 from ...spec import Air, Sonar
 from ..rays.caster import RayCaster
 from .bands import Band, Grid, grid_of
@@ -40,8 +41,6 @@ from .summation import sum_echoes
 from .targets import Targets
 
 __all__ = ["Contributions", "Echo", "LeafDiscs", "Targets", "leaf_discs", "ping"]
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

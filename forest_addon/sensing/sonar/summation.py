@@ -9,13 +9,13 @@ A scatterer may come in parts that are smoother than the whole, each with a dela
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...acoustics.nonuniform import sum_delayed
 from ...acoustics.smoothness import Smoothness, smoothness
+from ...base.progress import Progress
 from .bands import Grid
 from .scatterers import Part, Strength
 from .search import Group
@@ -23,8 +23,6 @@ from .station import Station
 
 SPLIT = 1e-12  # what parts may differ by from the whole
 PARTIAL = 0.8  # caution: parts are computed at a few frequencies
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

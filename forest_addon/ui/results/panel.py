@@ -9,7 +9,6 @@ import bpy
 from ...blender.scene.layout import COLOUR_BY, COLOUR_MAP, RADIUS, SHARE
 from ...blender.scene.nodes import chosen_input, drawn_input, has_input
 from ...blender.show.cloud_nodes import is_measure
-from ...results.kinds import RESULTS
 from ..settings.drawing import OnceStarted, icon_of, split
 from ..shell.words import label, label_of_kept
 from .swatches import draw_legend
@@ -28,6 +27,8 @@ class FOREST_PT_results(OnceStarted, bpy.types.Panel):
 
 
 def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
+    from ...results.kinds import RESULTS
+
     header, body = layout.panel_prop(result, "opened")
     header.label(text=result.title, icon=icon_of(result.kind))
     if result.shown:

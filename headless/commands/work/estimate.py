@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from forest_addon.base.places import ASSETS
+from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.tree_map import TreeMap, read_rings, read_tree_map
@@ -34,7 +35,6 @@ from ...command import PROGRAM
 from ...report.drawing import can_draw, without
 from ...report.species_of_site import SpeciesOfSite
 
-Say = Callable[[str], None]
 FAR = 10_000.0  # metres from the origin beyond which coordinates are kept as an offset
 HIGHEST = 1e5  # trees/m² of a peak that is written; only ratios count beside an expected number
 

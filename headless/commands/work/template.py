@@ -7,12 +7,12 @@ says how close siblings come. A scene then plants the species file; scene.toml i
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import load_species
 from forest_addon.growth.library.template_library import Library, NotUnderstoodError, make_library
@@ -28,7 +28,6 @@ from ...progress import Stages, hushed
 from ...report.drawing import can_draw, without
 from ...report.likeness import compare_with_sensors, tell_likeness
 
-Say = Callable[[str], None]
 SHOWN = 5  # siblings in the picture
 
 
