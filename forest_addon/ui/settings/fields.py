@@ -37,7 +37,6 @@ WHEN_USED = {
     "architecture": spec.Architecture(),
     "dbh": spec.Normal(mean=0.25, sd=0.06),
     "inclination": spec.Inclination(),
-    "architecture": spec.Architecture(),
 }
 
 
