@@ -3,7 +3,8 @@
 The parser is a loop over ``commands.COMMANDS``; nothing here knows one of them by name.
 Exit codes: 0 done; 1 something failed while running (a full disk); 2 bad input, one sentence says what,
 where and what to do; 3 an audit found an error beyond what was allowed, results are kept; 4 some of many
-scenes could not be made; 130 interrupted, finished files are kept.
+scenes could not be made; 5 siblings of a tree are too unlike it to be planted; 130 interrupted, finished
+files are kept.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from .command import Command, DoubtfulError, IncompleteError
+from .command import PROGRAM, Command, DoubtfulError, IncompleteError, UnlikeError, typed
 from .commands import COMMANDS
 from .interrupt import interruptible
 
@@ -76,6 +77,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _fail(problem, 3)
         except IncompleteError as problem:
             return _fail(problem, 4)
+        except UnlikeError as problem:
+            return _fail(problem, 5)
         except KeyboardInterrupt:
             sys.unraisablehook = _say_nothing
             print(f"\ninterrupted; {kept}", file=sys.stderr)
@@ -97,9 +100,9 @@ def _alone(lock: Path | None) -> Iterator[None]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="python -m headless",
+        prog=PROGRAM,
         description=DESCRIPTION,
-        epilog=EPILOG,
+        epilog=typed(EPILOG),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(required=True, dest="COMMAND", metavar="COMMAND")
@@ -108,7 +111,7 @@ def _parser() -> argparse.ArgumentParser:
             command.name,
             help=command.help,
             description=command.description,
-            epilog=command.epilog,
+            epilog=typed(command.epilog),
             formatter_class=argparse.RawDescriptionHelpFormatter
             if command.epilog
             else argparse.HelpFormatter,

@@ -84,7 +84,7 @@ class Loss:
 
 @dataclass(frozen=True)
 class Change:
-    """What else changes echoes over the frequency, by classes: bounds(band, N) are (G, N) on |c_n| of each,
+    """Another change of echoes over the frequency, by classes: bounds(band, N) are (G, N) on |c_n| of each,
     re its value at the lowest frequency; ``kind`` (M,) says which an echo is of.
 
     The bounds are the coefficients of a function themselves, of one whose products bound those of what it

@@ -1,4 +1,4 @@
-"""How large one tree is beside its template: stem, girth, crown, and how many branches follow.
+"""Size of one tree beside its template: stem, girth, crown, and how many branches follow.
 
 From age or a given height or diameter by measured allometry (``allometry``), and in between by chance as
 trees of one stand differ. A longer stem bears more nodes, not longer internodes alone; a longer branch
@@ -87,7 +87,7 @@ def height_of(anatomy: Anatomy) -> float:
 
 def dbh_of(anatomy: Anatomy) -> float:
     """Diameter of the trunk at breast height, or halfway up one that is lower than twice that."""
-    trunk = int(np.flatnonzero(anatomy.order == 0)[0])
+    trunk = int(anatomy.trunks[0])
     return 2 * _radius_at(anatomy, trunk, _breast_share(anatomy, trunk, 1.0))
 
 

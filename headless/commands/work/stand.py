@@ -7,10 +7,11 @@ removed is printed as a table.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 
-from forest_addon.results.stand_table import note_of, write_stand
+from forest_addon.base.progress import Say
+from forest_addon.results.coordinates import FILE, note_of, write_note
+from forest_addon.results.stand_table import write_stand
 from forest_addon.site import ForestSite
 from forest_addon.spec import SpecError
 from forest_addon.stand.files import read_inputs
@@ -18,8 +19,6 @@ from forest_addon.stand.plan import Stand, labels
 
 from ...command import read_scene
 from ...report.drawing import can_draw, without
-
-Say = Callable[[str], None]
 
 
 def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = print) -> Stand:
@@ -46,6 +45,7 @@ def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = pri
             f"--out {out}", f"cannot be written to ({problem.strerror}); choose another folder"
         ) from None
     write_stand(out, stand, names, settings.offset, settings.crs)
+    write_note(out.with_name(f"{out.stem}-{FILE}"), settings.offset, settings.crs)
     if can_draw():
         from ...report.stand import draw_stand
     else:
