@@ -14,7 +14,6 @@ from forest_addon.base.rng import stream
 from forest_addon.sensing.kind import Observation
 from forest_addon.sensing.lidar import cloud as clouds
 from forest_addon.sensing.lidar.audit import audit_drive, audit_scan
-from forest_addon.sensing.lidar.returns import take
 from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.sensing.reverb.audit import audit_response
 from forest_addon.sensing.reverb.kind import response_inputs
