@@ -90,7 +90,7 @@ def check(world, sensor, found, seed=0, caster=None):
 def some(cloud, rows):
     """A cloud without the rest of its points."""
     arrays = {k: v[rows] for k, v in vars(cloud).items() if isinstance(v, np.ndarray)}
-    return replace(cloud, **arrays, returns=take(cloud.returns, np.arange(len(cloud))[rows]))
+    return replace(cloud, **arrays, returns=cloud.returns.select(np.arange(len(cloud))[rows]))
 
 
 def without_pulses(cloud, every):
@@ -136,7 +136,9 @@ ROWSCANS = {
     "one per cent farther": lambda f: replace(
         f, returns=replace(f.returns, distance=1.01 * f.returns.distance)
     ),
-    "mirrored": lambda f: replace(f, returns=take(f.returns, np.arange(len(f.returns.leaf))[::-1])),
+    "mirrored": lambda f: replace(
+        f, returns=f.returns.select(np.arange(len(f.returns.leaf))[::-1])
+    ),
     "one beam in a hundred lost": lambda f: replace(
         f, returns=replace(f.returns, distance=lost(f.returns.distance))
     ),
