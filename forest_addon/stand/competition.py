@@ -19,6 +19,7 @@ REACH = 2.5  # of those, beyond which neighbours do not count
 CLOSED, SPREAD = 1.0, 0.7  # κ₀ and s
 MOST = 2.0  # of the score, either way
 BASE, WIDTH = 0.65, -0.55  # correlation of the score with residuals of crown base and width
+LAYER = 0.5  # of the stand's top height, below which a tree stands under the canopy
 OVERLAP = 1.8  # sum of two neighbours' radii over their distance, at most
 NARROWEST = 0.6  # of what was drawn, that neighbours may leave of a crown's width
 SHORTEST = 0.25  # length of a living crown over the height of its tree
@@ -67,9 +68,21 @@ def _near(
     return a, b, weight, np.maximum(seen, 0.2)
 
 
+def canopy_of(height: np.ndarray) -> np.ndarray:
+    """(N,) bool, whether trees of heights (N,) are of the canopy, not young ones below it."""
+    return np.asarray(height >= LAYER * np.quantile(height, 0.98)) if len(height) else height > 0
+
+
 def score(place: np.ndarray, height: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """(N,) of competition, about standard normal in closed stands."""
-    found = np.log(np.maximum(cover(place, height, width), 1e-3) / CLOSED) / SPREAD
+    """(N,) of competition, about standard normal in closed stands.
+
+    Young trees below the canopy suffer from it and take nothing from it.
+    """
+    found, canopy = np.zeros(len(place)), canopy_of(height)
+    found[canopy] = cover(place[canopy], height[canopy], width[canopy])
+    if not canopy.all():
+        found[~canopy] = cover(place, height, width)[~canopy]
+    found = np.log(np.maximum(found, 1e-3) / CLOSED) / SPREAD
     return np.asarray(np.clip(found, -MOST, MOST))
 
 

@@ -10,7 +10,7 @@ at which the stem, 1.3 m up, has its diameter, exactly.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from ..growth.measured.measure import BREAST, stem_profile
 from ..growth.measured.wanted import TARGETS, Kind, Wanted, draw_dbh, drawn, given_by
 from ..growth.skeleton import Skeleton
 from ..spec import Allometry, Planting, Species
-from .competition import apart, bounded, competed, score, thinned
+from .competition import apart, bounded, canopy_of, competed, score, thinned
 from .inputs import Inputs
 from .plan import Stand, chosen_of
 
@@ -75,14 +75,14 @@ def with_targets(
         uniform = competed(group.uniform, found[rows])
         where = f"plantings[{group.number}]"
         wanted[rows] = drawn(law, group.dbh, group.given, uniform, where, site)
-    rows, free = _free(wanted, groups, 1)
-    wanted[rows, 2] = apart(stand.position[rows, :2], wanted[rows, 2], free)
+    for rows, free in _free(wanted, groups, 1):
+        wanted[rows, 2] = apart(stand.position[rows, :2], wanted[rows, 2], free)
     for group in groups:
         if group.law is not None:
             most, free = band(group.law, group.dbh)[1, :, 3], np.isnan(group.given)
             wanted[group.rows] = bounded(wanted[group.rows], free, most)
-    rows, free = _free(wanted, groups, 3)
-    wanted[rows, 4] = thinned(stand.position[rows, :2], wanted[rows], free)
+    for rows, free in _free(wanted, groups, 3):
+        wanted[rows, 4] = thinned(stand.position[rows, :2], wanted[rows], free)
     for group in groups:
         rows, number = group.rows, group.number
         rng = stream(seed, "stand", names[number], "variants")
@@ -164,13 +164,18 @@ def _scores(stand: Stand, groups: Sequence[_Group]) -> np.ndarray:
 
 def _free(
     wanted: np.ndarray, groups: Sequence[_Group], measure: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (M,) of trees with targets, and of which this measure (one of ``MEASURES``) was not given (M,)."""
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """For the canopy and for what is below it, rows (M,) of trees with targets, and whether a measure, one of
+    ``MEASURES``, is free of each (M,).
+    """
     free = np.zeros(len(wanted), dtype=bool)
     for group in groups:
         free[group.rows] = np.isnan(group.given[:, measure]) & (group.law is not None)
     rows = np.flatnonzero(np.isfinite(wanted[:, 0]))
-    return rows, free[rows]
+    canopy = canopy_of(wanted[rows, 1])
+    for some in (rows[canopy], rows[~canopy]):
+        if len(some):
+            yield some, free[some]
 
 
 def groups_of(
