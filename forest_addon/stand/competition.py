@@ -70,7 +70,7 @@ def _near(
 
 def canopy_of(height: np.ndarray) -> np.ndarray:
     """(N,) bool, whether trees of heights (N,) are of the canopy, not young ones below it."""
-    return np.asarray(height >= LAYER * np.quantile(height, 0.98)) if len(height) else height > 0
+    return np.asarray(height >= LAYER * height.max()) if len(height) else height > 0
 
 
 def score(place: np.ndarray, height: np.ndarray, width: np.ndarray) -> np.ndarray:
