@@ -1,4 +1,4 @@
-"""What neighbours take from a crown: light from below it, and room at its sides.
+"""Competition of crowns: neighbours take light from below, and room at the sides.
 
 The crowns that stand about a tree, weighted by a normal kernel of twice its own crown's width and by the
 square of their height over its own (light comes from above), cover a share of the ground, κ. The score
@@ -19,7 +19,7 @@ REACH = 2.5  # of those, beyond which neighbours do not count
 CLOSED, SPREAD = 1.0, 0.7  # κ₀ and s
 MOST = 2.0  # of the score, either way
 BASE, WIDTH = 0.65, -0.55  # correlation of the score with residuals of crown base and width
-LAYER = 0.5  # of the stand's top height, below which a tree stands under the canopy
+YOUNG = 0.07  # metres of diameter, below which a tree stands under the canopy
 OVERLAP = 1.8  # sum of two neighbours' radii over their distance, at most
 NARROWEST = 0.6  # of what was drawn, that neighbours may leave of a crown's width
 SHORTEST = 0.25  # length of a living crown over the height of its tree
@@ -68,17 +68,20 @@ def _near(
     return a, b, weight, np.maximum(seen, 0.2)
 
 
-def canopy_of(height: np.ndarray) -> np.ndarray:
-    """(N,) bool, whether trees of heights (N,) are of the canopy, not young ones below it."""
-    return np.asarray(height >= LAYER * height.max()) if len(height) else height > 0
+def canopy_of(dbh: np.ndarray) -> np.ndarray:
+    """(N,) bool, whether trees of diameters (N,) are of the canopy; all of a stand that is young as a whole."""
+    canopy = dbh >= YOUNG
+    return np.asarray(canopy if canopy.any() else ~canopy)
 
 
-def score(place: np.ndarray, height: np.ndarray, width: np.ndarray) -> np.ndarray:
+def score(
+    place: np.ndarray, height: np.ndarray, width: np.ndarray, canopy: np.ndarray
+) -> np.ndarray:
     """(N,) of competition, about standard normal in closed stands.
 
-    Young trees below the canopy suffer from it and take nothing from it.
+    Young trees, not of the canopy (N,) bool, suffer from it and take nothing from it.
     """
-    found, canopy = np.zeros(len(place)), canopy_of(height)
+    found = np.zeros(len(place))
     found[canopy] = cover(place[canopy], height[canopy], width[canopy])
     if not canopy.all():
         found[~canopy] = cover(place, height, width)[~canopy]

@@ -147,18 +147,20 @@ def _groups(
 def _scores(stand: Stand, groups: Sequence[_Group]) -> np.ndarray:
     """(N,) competition of all trees that are to measure something; 0 of others."""
     found = np.zeros(len(stand))
-    rows, height, width = [], [], []
+    rows, dbh, height, width = [], [], [], []
     for group in groups:
         if group.law is not None:
             middles = [np.exp(middle(getattr(group.law, n), group.dbh)) for n in MEASURES[:2]]
             told = np.isfinite(group.given)
             rows.append(group.rows)
+            dbh.append(group.dbh)
             height.append(np.where(told[:, 0], group.given[:, 0], middles[0]))
             width.append(np.where(told[:, 1], group.given[:, 1], middles[1]))
     if rows:
         all_rows = np.concatenate(rows)
         place = stand.position[all_rows, :2]
-        found[all_rows] = score(place, np.concatenate(height), np.concatenate(width))
+        canopy = canopy_of(np.concatenate(dbh))
+        found[all_rows] = score(place, np.concatenate(height), np.concatenate(width), canopy)
     return found
 
 
@@ -172,7 +174,7 @@ def _free(
     for group in groups:
         free[group.rows] = np.isnan(group.given[:, measure]) & (group.law is not None)
     rows = np.flatnonzero(np.isfinite(wanted[:, 0]))
-    canopy = canopy_of(wanted[rows, 1])
+    canopy = canopy_of(wanted[rows, 0])
     for some in (rows[canopy], rows[~canopy]):
         if len(some):
             yield some, free[some]

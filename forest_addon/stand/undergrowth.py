@@ -31,7 +31,7 @@ LOW = ("bilberry", "grass", "fern", "litter")  # where a scanner may stand
 YOUNG = (350, 1500)  # young trees a hectare, sparse and dense
 VARIANTS = {"shrub": 6, "bilberry": 6, "stump": 4, "log": 6}
 FEWEST = 4  # variants of others
-YOUNGEST = (0.02, 0.03, 0.04, 0.06)  # m of diameter: the first with which all pass 1.3 m
+YOUNGEST = (0.02, 0.03, 0.04, 0.05)  # m of diameter: the first with which all pass 1.3 m
 SCALE = {"shrub": (0.6, 1.4), "log": (0.6, 1.5), "stump": (0.6, 1.4)}
 
 
@@ -98,7 +98,7 @@ def _young(planted: tuple[Species, object]) -> Targets | None:
     if not len(passed):
         return None
     least = float(low[passed[0]])
-    dbh = Normal(mean=1.4 * least, sd=0.5 * least, low=least, high=3 * least)
+    dbh = Normal(mean=1.4 * least, sd=0.5 * least, low=least, high=max(0.068, 1.1 * least))
     return Targets(allometry=species.targets.allometry, dbh=dbh)
 
 

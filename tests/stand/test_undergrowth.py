@@ -13,10 +13,11 @@ from forest_addon.stand.intensity.rough import roughened
 from forest_addon.stand.intensity.terrain import Flat, Heightmap, Triangulated
 from forest_addon.stand.undergrowth import PLANTS
 
+LOOKED_AT = (Terrestrial(),)
 SCENES = Path(__file__).parents[2] / "assets" / "scenes"
 
 
-def scene_of(undergrowth="auto", species="scots-pine", sensors=(Terrestrial(),), **field):
+def scene_of(undergrowth="auto", species="scots-pine", sensors=LOOKED_AT, **field):
     field = Forest(size=(20.0, 20.0), undergrowth=undergrowth, **field)
     planted = Planting(species=species, expected=20.0, exact=True)
     return Scene(seed=3, forest=field, plantings=(planted,), sensors=sensors)

@@ -63,7 +63,7 @@ def site_of(stems: np.ndarray, species: str, seed: int, undergrowth: str = "auto
 
 
 def geometry_of(site: ForestSite, forest: Forest) -> SceneGeometry:
-    """What rays meet: instances of the grown variants, and the ground."""
+    """Return what rays meet: instances of the grown variants, and the ground."""
     keys = list(forest.variants)
     number = {key: k for k, key in enumerate(keys)}
     stand = forest.stand
