@@ -56,6 +56,7 @@ SPECIES: list[tuple[str, type[spec.Settings]]] = [
     ("[inclination]", spec.Inclination),
     ("[detail]", spec.Detail),
     ("[look]", spec.Look),
+    ("[bark]", spec.Bark),
     ("An allometry file", spec.Allometry),
     ("[height], [crown_width], [crown_base], [leaf_area] of an allometry", spec.Law),
     ("A distribution: { mean, sd, low, high }", spec.Normal),

@@ -27,9 +27,7 @@ from forest_addon.blender.files.opening import empty_file
 from forest_addon.blender.scene.forest import build
 from forest_addon.blender.show.horizon import lay_horizon
 from forest_addon.blender.show.preview import SUN, render, set_stage
-from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.stand.files import read_inputs
-from forest_addon.stand.forest import grow_forest
+from forest_addon.site import ForestSite
 from headless.command import read_scene
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -97,8 +95,7 @@ def take(shot: Shot, path: Path, share: float, samples: int) -> None:
     settings = read_scene(file, None)
     settings = _with_undergrowth(settings.changed(sensors=()), shot.undergrowth)
     empty_file()
-    kinds = [load_species(find_species(p.species, file.parent)) for p in settings.plantings]
-    forest = grow_forest(settings, kinds, None, read_inputs(settings, file.parent))
+    forest = ForestSite.read(settings, file.parent).grow()
     scene = bpy.context.scene
     build(scene, settings, forest, as_assets=False)
     set_stage(scene, (round(shot.size[0] * share), round(shot.size[1] * share)), golden=True)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..results.plot import Plot
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan
 from ..sensing.reverb.metrics import energy_decay_db
@@ -15,8 +16,8 @@ from ..sensing.reverb.response import ImpulseResponse
 from ..sensing.sonar.ping import Echo
 from ..spec import SpecError
 
-ORGANS = ("other", "wood", "leaf", "ground")
-COLOURS = ("#7a7a7a", "#7a4a1f", "#3f8f3a", "#b8a06a")
+ORGANS = ("other", "wood", "leaf", "ground", "dead wood")
+COLOURS = ("#7a7a7a", "#7a4a1f", "#3f8f3a", "#b8a06a", "#8c8378")
 MOST_POINTS = 40_000  # drawn; more are thinned evenly
 SOME_STAND = 0.02  # share of points that are not ground, from which on a picture is of these
 
@@ -26,7 +27,7 @@ def draw_cloud(cloud: Cloud) -> Any:
     figure, (above, side) = _figure(1, 2, (10, 4.5))
     rows = slice(None, None, max(1, -(-len(cloud) // MOST_POINTS)))
     place = cloud.position[rows]
-    organ = np.clip(cloud.returns.organ[rows], 0, 3)
+    organ = np.clip(cloud.returns.organ[rows], 0, len(ORGANS) - 1)
     for number, (name, colour) in enumerate(zip(ORGANS, COLOURS, strict=True)):
         x, y, z = place[organ == number].T
         if len(x):
@@ -87,6 +88,16 @@ def draw_response(found: ImpulseResponse) -> Any:
     above.set(xlabel="time, s", ylabel="pressure re source at 1 m")
     below.plot(time, energy_decay_db(found.samples), lw=0.9, color="#8a4a2b")
     below.set(xlabel="time, s", ylabel="energy left, dB", ylim=(-80, 2))
+    return figure
+
+
+def draw_strips(plot: Plot) -> Any:
+    """Draw the picture of any result: its strips above one another, over their common axis."""
+    figure, axes = _figure(len(plot.strips), 1, (10, 2.5 * len(plot.strips)))
+    for each, strip in zip(np.atleast_1d(axes)[::-1], plot.strips, strict=True):
+        extent = (plot.across.low, plot.across.high, strip.up.low, strip.up.high)
+        each.imshow(strip.pixels, origin="lower", aspect="auto", extent=extent)
+        each.set(title=strip.title, ylabel=strip.up.label, xlabel=plot.across.label)
     return figure
 
 

@@ -1,27 +1,21 @@
-"""From a scene's settings to a forest in Blender, step by step: its files, its trees, what stands there.
+"""From a scene's settings to a forest in Blender.
 
-``build`` takes the steps in a row. Whoever draws, tests or writes something in between takes a ``Site``.
+``build`` takes all steps at once; a program that does something in between takes a ``Site``.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Self
 
+from ..base.progress import Progress
 from ..formats.toml_file import read_settings
-from ..spec import Scene, SpecError, with_files
+from ..site import ForestSite
+from ..spec import Scene, with_files
+from ..stand.forest import Forest
 from .given import enough_memory, path_of, progress_of, scene_of
 from .world import World, import_blender
-
-if TYPE_CHECKING:
-    from ..sensing.choice import Choice
-    from ..stand.forest import Forest
-    from ..stand.inputs import Inputs
-
-Progress = Callable[[int, int], None]
 
 
 def read(path: str | Path) -> Scene:
@@ -65,10 +59,12 @@ def build(scene: Scene, *, folder: str | Path = ".", progress: Progress | None =
     >>> len(world.trees["x_m"])
     3
     """
+    started = time.perf_counter()
     progress_of(progress)
     with enough_memory("build", "plant fewer trees, or coarser ones"):
         site = Site.of(scene, folder)
-        return site.build(site.grow(progress))
+        forest = site.grow(progress)
+        return site.build(forest, seconds=time.perf_counter() - started)
 
 
 def current(scene: Scene | None = None) -> World:
@@ -91,74 +87,50 @@ def current(scene: Scene | None = None) -> World:
     return World(settings, Path(), None, bpy.context.scene)
 
 
-@dataclass
-class Site:
-    """A scene whose files are read, in Blender with the file open that it starts from; nothing has grown.
-
-    species : what each planting plants, with its templates. inputs : rasters, lists and terrain.
-    seconds : that growing and building took so far. chosen : what was left to the scene's sensors.
-    """
-
-    scene: Scene
-    folder: Path
-    species: list[Any]
-    inputs: Inputs
-    seconds: float = 0.0
-    chosen: tuple[Choice, ...] = ()
+class Site(ForestSite):
+    """A scene whose files are read, in Blender with the file open that it starts from; nothing has grown."""
 
     @classmethod
-    def of(cls, scene: Scene, folder: str | Path = ".") -> Site:
-        """Read what a scene names, and open the file that it starts from.
+    def of(cls, scene: Scene, folder: str | Path = ".") -> Self:
+        """Read what a scene names, and open the Blender file that it starts from.
+
+        folder : that relative paths in the scene start from.
 
         Raises
         ------
         SpecError : ``bpy`` is missing; a species, a file or an object cannot be used.
+
+        >>> from forest_addon import api as forest
+        >>> bush = forest.Planting(species="hazelnut", variants=1, expected=3, exact=True)
+        >>> site = forest.Site.of(forest.Scene(seed=1, plantings=(bush,)))
+        >>> len(site.plan()), len(site.grow().stand)
+        (3, 3)
         """
-        bpy = import_blender()
+        import_blender()
         from ..blender.files.opening import open_for
-        from ..blender.read.inputs import inputs_from_scene
-        from ..growth.library.species_file import find_species, load_species
-        from ..stand.files import read_inputs
+        from ..blender.site import with_objects
 
         scene, folder = scene_of("build", scene), path_of("folder", folder)
-        species = [load_species(find_species(p.species, folder)) for p in scene.plantings]
+        site = cls.read(scene, folder)
         open_for(scene, folder)
-        depsgraph = bpy.context.evaluated_depsgraph_get()
-        return cls(
-            scene, folder, species, inputs_from_scene(scene, depsgraph, read_inputs(scene, folder))
-        )
+        return with_objects(site)
 
-    def grow(self, progress: Progress | None = None) -> Forest:
-        """Plan the stand and grow its trees; Blender stays as it is.
-
-        progress : called as progress(done, total).
-        """
-        from ..sensing.needs import grow_needed
-
-        started = time.perf_counter()
-        forest, self.chosen = grow_needed(self.scene, self.species, progress, self.inputs)
-        self.seconds += time.perf_counter() - started
-        return forest
-
-    def build(self, forest: Forest, *, as_assets: bool = True) -> World:
+    def build(self, forest: Forest, *, as_assets: bool = True, seconds: float = 0.0) -> World:
         """Put a forest that grew here, and the scene's sensors, into Blender's current scene.
 
-        as_assets : whether variants become assets, each with a picture.
+        as_assets : whether variants become assets, each with a picture. seconds : that growing took.
 
         Raises
         ------
-        SpecError : something that stands there is in the way.
+        SpecError : ``bpy`` is missing; something that stands there is in the way.
         """
         place = import_blender().context.scene
-        from ..blender.scene.forest import build as build_in_blender
         from ..blender.sensors.objects import put_sensor
+        from ..blender.site import build_site
 
         started = time.perf_counter()
-        try:
-            build_in_blender(place, self.scene, forest, self.inputs.terrain, as_assets=as_assets)
-        except ValueError as problem:
-            raise SpecError("build", str(problem)) from None
+        build_site(place, self, forest, as_assets=as_assets)
         for sensor in self.scene.sensors:
             put_sensor(place, sensor)
-        self.seconds += time.perf_counter() - started
-        return World(self.scene, self.folder, forest, place, self.seconds, self.chosen)
+        seconds += time.perf_counter() - started
+        return World(self.scene, self.folder, forest, place, seconds)

@@ -12,23 +12,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from ..api import World, build, read
-from ..api.world import import_blender
+from ..api import Site, World, read
 from ..sensing.rays.caster import RayCaster
 from ..sensing.rays.geometry import SceneGeometry
 from ..sensing.sonar.targets import Targets
 from ..spec import Scene, SpecError
-from ..stand.forest import Forest, sunk_stand
-from ..stand.plan import plan_stand
+from ..stand.forest import Forest
 from .obstacles import MeshObstacles, Obstacles
 from .solids import Solid
-
-if TYPE_CHECKING:
-    from ..stand.inputs import Inputs
 
 APART = 100.0  # metres between the single trees that are read
 
@@ -104,24 +99,27 @@ class Stock:
     def __init__(self, scene: Scene | str | Path, folder: str | Path = ".") -> None:
         if not isinstance(scene, Scene):
             scene = read(scene)
-        # Points, whatever the number of trees: what is told of them is told of any number.
-        self.settings = scene.changed(forest=scene.forest.changed(instancing="points"))
-        self.folder = Path(folder)
-        self._inputs: Inputs | None = None
-        self._read()
+        # Points, whatever the number of trees: what is told of them is told of any number. Full detail: a
+        # flyer is a sensor that may come near any tree.
+        self.settings = scene.changed(
+            forest=scene.forest.changed(instancing="points"),
+            accuracy=scene.accuracy.changed(detail="full"),
+        )
+        self._site: Site | None = None
+        self._read(Path(folder))
 
     @classmethod
     def standing(cls, world: World) -> Stock:
         """Return what stands in Blender now; there is one forest of it."""
         made = cls.__new__(cls)
-        made.settings, made.folder, made._inputs = world.scene, world.folder, None
+        made.settings, made._site = world.scene, None
         made._grown = world.forest
         made._keep(world.observer.geometry)
         return made
 
     def surroundings(self, seed: int | None = None) -> Surroundings:
         """The forest of a seed; None: of the scene's own, or what stands in Blender."""
-        if self._inputs is None:
+        if self._site is None:
             obstacles = MeshObstacles(self._geometry, self.solids)
             return Surroundings(self.settings, self, self._geometry, obstacles, self._grown)
         forest = self._forest(self.settings.seed if seed is None else seed)
@@ -132,12 +130,7 @@ class Stock:
 
     def built(self, forest: Forest) -> World:
         """A forest of this stock in Blender's current scene."""
-        from ..blender.scene.forest import build as build_in_blender
-
-        place = import_blender().context.scene
-        assert self._inputs is not None
-        build_in_blender(place, self.settings, forest, self._inputs.terrain)
-        return World(self.settings, self.folder, forest, place)
+        return self._standing_here().build(forest)
 
     @cached_property
     def caster(self) -> Any:
@@ -169,37 +162,22 @@ class Stock:
         """The terrain."""
         from ..stand.intensity.terrain import Flat
 
-        if self._inputs is None:
+        if self._site is None:
             return Flat(self.settings.forest.terrain.base)
-        return self._inputs.ground(self.settings.forest.terrain.base)
+        return self._site.ground
 
-    def _read(self) -> None:
+    def _read(self, folder: Path) -> None:
         """Grow every variant that can stand, build one of each in Blender and read all that is there."""
-        bpy = import_blender()
-        from ..base.rng import stream
-        from ..blender.read.inputs import inputs_from_scene
-        from ..growth.library.species_file import find_species, load_species
-        from ..growth.tree import grow
-        from ..stand.files import read_inputs
+        site = self._site = Site.of(self.settings, folder)
+        forest = site.grow()
+        self._grown = replace(forest, variants=site.every_variant(forest))
+        shown = self._catalogue() if self._grown.variants else forest
+        self._keep(site.build(shown).observer.geometry)
 
-        settings = self.settings
-        world = build(settings, folder=self.folder)
-        assert world.forest is not None
-        depsgraph = bpy.context.evaluated_depsgraph_get()
-        self._inputs = inputs_from_scene(settings, depsgraph, read_inputs(settings, self.folder))
-        variants = dict(world.forest.variants)
-        for number, planting in enumerate(settings.plantings):
-            known = load_species(find_species(planting.species, self.folder))
-            for variant in range(planting.variants):
-                if (number, variant) not in variants:
-                    rng = stream(settings.seed, "tree", world.forest.labels[number], variant)
-                    variants[number, variant] = grow(*known, rng)
-        self._grown = replace(world.forest, variants=dict(sorted(variants.items())))
-        if len(variants):
-            catalogue = self.built(self._catalogue())
-            self._keep(catalogue.observer.geometry)
-        else:
-            self._keep(world.observer.geometry)
+    def _standing_here(self) -> Site:
+        """The site with the settings of now, which may have changed since it was read."""
+        assert self._site is not None
+        return replace(self._site, scene=self.settings)
 
     def _catalogue(self) -> Forest:
         """One tree of every variant, far from each other."""
@@ -222,7 +200,7 @@ class Stock:
 
     def _keep(self, geometry: SceneGeometry) -> None:
         self._geometry = geometry
-        if self._inputs is None:
+        if self._site is None:
             return
         assert self._grown is not None
         single = np.flatnonzero(geometry.tree >= 0)
@@ -233,13 +211,10 @@ class Stock:
         }
 
     def _forest(self, seed: int) -> Forest:
-        settings, inputs = self.settings, self._inputs
-        assert inputs is not None
         assert self._grown is not None
-        stand = plan_stand(seed, settings.forest, settings.plantings, inputs)
-        ground = inputs.ground(settings.forest.terrain.base)
-        sunk = sunk_stand(stand, self._grown.variants, ground)
-        return replace(self._grown, stand=sunk)
+        site = self._standing_here()
+        plan = replace(site, scene=site.scene.changed(seed=seed)).planned()
+        return replace(self._grown, stand=plan.placed(self._grown.variants))
 
     def _placed(self, forest: Forest) -> SceneGeometry:
         """The geometry that Blender's scene of this forest would be read as."""

@@ -10,8 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..spec import SENSORS, Sensor
-from .choice import Choice
+from ..spec import SENSORS, Choice, Sensor
 from .kind import SensorKind
 from .lidar.kind import AIRBORNE, MOBILE, TERRESTRIAL, TRACTOR
 from .reverb.kind import REVERB

@@ -9,6 +9,8 @@ else.
 
 from .air import Air
 from .allometry import Allometry, Law
+from .architecture import Architecture, DeadBranches
+from .auto import Choice
 from .base import (
     AUTO,
     Discrete,
@@ -49,6 +51,7 @@ from .lidar import (
     Terrestrial,
     Tractor,
 )
+from .looks import Bark, Look
 from .problem import did_you_mean, unknown
 from .reverb import Place, Reverb
 from .scene import SENSORS, Accuracy, Output, Rays, Scene
@@ -62,7 +65,6 @@ from .species import (
     Inclination,
     Jitter,
     Leaf,
-    Look,
     Rules,
     Siblings,
     Species,
@@ -78,10 +80,14 @@ __all__ = [
     "Air",
     "Airborne",
     "Allometry",
+    "Architecture",
+    "Bark",
     "Beam",
+    "Choice",
     "Clusters",
     "Corners",
     "Crown",
+    "DeadBranches",
     "Detail",
     "Discrete",
     "Distance",

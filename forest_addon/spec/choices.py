@@ -50,6 +50,10 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "oval": ("Egg", "Broad near the stalk, folded along its midrib, of few triangles"),
         "maple": ("Maple", "Five lobes"),
         "needle": ("Needle", "Long and thin"),
+        "beech": ("Beech", "An ellipse with a short point and a waved edge"),
+        "birch": ("Birch", "A lozenge with a long point and a toothed edge"),
+        "oak": ("Oak", "Rounded lobes on both sides of a midrib"),
+        "palmate": ("Palmate", "Five pointed lobes with teeth, each folded along its vein"),
     },
     "directivity": {
         "omni": ("Everywhere", "The same in all directions"),
@@ -71,6 +75,18 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
     "model": {
         "paper": ("As the Paper", "Kaneko's weights, no losses but the air's"),
         "forest": ("Forest", "Cylinders' own scattering, with what ground, bark and leaves take"),
+        "Attims": ("Attims", "A leader that grows all the time, branches anywhere on it"),
+        "Champagnat": ("Champagnat", "Arching shoots, each from the back of the one before"),
+        "Leeuwenberg": ("Leeuwenberg", "Equal shoots, each divided by its flower"),
+        "Mangenot": ("Mangenot", "Shoots that rise and then lie down"),
+        "Massart": ("Massart", "A leader with whorls of level branches (firs)"),
+        "Rauh": (
+            "Rauh",
+            "A leader with whorls of branches that rise as it does (pines, ashes, oaks)",
+        ),
+        "Roux": ("Roux", "A leader that grows all the time, with level branches"),
+        "Scarrone": ("Scarrone", "A leader with whorls of branches that flowers divide"),
+        "Troll": ("Troll", "Level shoots, of which some rise and become stems (beeches, elms)"),
     },
     "extinction": {
         "none": ("None", "Trunks in the way take nothing from a sound"),
@@ -89,6 +105,13 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
     "detail": {
         "full": ("All", "Branches, leaves and trunks as they are set"),
         "auto": ("What Matters", "Only what the scene's sensors can tell apart"),
+    },
+    "texture": {
+        "cracked": ("Cracked", "Small scales between cracks"),
+        "smooth": ("Smooth", "Thin and even, with fine level marks, as of beech"),
+        "furrowed": ("Furrowed", "Long ridges that part and meet again, as of oak"),
+        "plated": ("Plated", "Broad plates between deep furrows, as of pine"),
+        "peeling": ("Peeling", "White with dark level marks, cracked at the foot, as of birch"),
     },
     "limbs": {
         "auto": ("Automatic", "Smooth curves where limbs fill a crown, else straight"),

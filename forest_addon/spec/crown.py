@@ -112,6 +112,9 @@ class Needles(Settings):
     diameter: float = param(0.001, unit="m", help="diameter of a needle", gt=0, le=0.02)
     count: int = param(100, help="needles of a shoot", ge=2, le=2000)
     angle_deg: float = param(50.0, unit="deg", help="angle between needle and shoot", ge=5, le=90)
+    together: int = param(
+        1, help="needles of a fascicle, which spring from one place: 2 of Scots pine", ge=1, le=8
+    )
     blades: int = param(
         16, help="blades that are drawn for a shoot; 0: every needle", ge=0, le=2000
     )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from .architecture import Architecture
 from .base import Discrete, Normal, Settings, SpecError, param, within
 from .crown import Crown, Needles, Targets
+from .looks import Bark, Look
 
 MAX_REACH = 1000.0  # metres that a branch may end from the foot of its tree
 
@@ -119,25 +121,6 @@ class Siblings(Settings):
             raise SpecError(given, "cannot be used beside age; remove one of them")
 
 
-class Look(Settings):
-    """Colours of bark and leaves, linear RGB from 0 to 1."""
-
-    bark: tuple[float, float, float] = param((0.09, 0.06, 0.04), help="bark colour", ge=0, le=1)
-    leaf: tuple[float, float, float] = param((0.06, 0.15, 0.02), help="leaf colour", ge=0, le=1)
-    autumn: float = param(
-        0.0, help="how far leaves have turned: 0 summer, 1 autumn (winter: leaves off)", ge=0, le=1
-    )
-    autumn_leaf: tuple[float, float, float] = param(
-        (0.42, 0.19, 0.025), help="colour of leaves that have turned", ge=0, le=1
-    )
-
-    def foliage(self) -> tuple[float, float, float]:
-        """The colour that leaves have in their season."""
-        pairs = zip(self.leaf, self.autumn_leaf, strict=True)
-        r, g, b = (summer + self.autumn * (turned - summer) for summer, turned in pairs)
-        return r, g, b
-
-
 class Rules(Settings):
     """An L-system in full: productions as ABOP and cpfg write them, and a turtle that reads them.
 
@@ -249,13 +232,25 @@ class Leaf(Settings):
 
     on: bool = param(True, help="grow leaves; switching them off moves no branch")
     shape: str = param(
-        "ellipse", help="shape of the blade", choices=("ellipse", "oval", "maple", "needle")
+        "ellipse",
+        help="shape of the blade",
+        choices=("ellipse", "oval", "maple", "needle", "beech", "birch", "oak", "palmate"),
     )
     mesh: str = param(
         "", help="STL file of one leaf instead of a shape, relative to the species file", file=True
     )
     length: Normal = param(Normal(mean=0.05, sd=0.01), unit="m", help="length of a leaf")
     width_ratio: Normal = param(Normal(mean=0.6, sd=0.05), help="width of a leaf over its length")
+    petiole: float = param(
+        0.0, help="length of the stalk over that of the blade; blades of species only", ge=0, le=2
+    )
+    curl_deg: float = param(
+        0.0,
+        unit="deg",
+        help="how far a blade bends down from its foot to its tip; blades of species only",
+        ge=-180,
+        le=180,
+    )
     angle_deg: Normal = param(
         Normal(mean=50.0, sd=10.0), unit="deg", help="angle between a leaf and its branch"
     )
@@ -317,6 +312,10 @@ class Detail(Settings):
         "straight; auto: curves where they fill a crown",
         choices=("auto", "curves", "straight"),
     )
+    relief: bool = param(
+        False,
+        help="mesh the relief of the bark and the oval shape of the stem (bark.relief, bark.ovality)",
+    )
     leaves: float = param(
         1.0,
         help="share of the leaves that is made, each enlarged to keep their area; 0: none, also of a "
@@ -347,6 +346,9 @@ class Species(Settings):
     rules: Rules | None = param(None, help="an L-system of your own, for the whole tree")
     honda: Honda | None = param(None, help="branching by angles and ratios, for the whole tree")
     crown: Crown | None = param(None, help="a crown that fills a shape, for the whole tree")
+    architecture: Architecture | None = param(
+        None, help="limbs and dead branches of a crown, by the architectural model of its species"
+    )
     targets: Targets | None = param(None, help="what a tree is to measure, without a template")
     needles: Needles | None = param(None, help="shoots of needles in place of leaves")
     jitter: Jitter = param(Jitter(), help="natural variation around the grammar")
@@ -357,6 +359,7 @@ class Species(Settings):
     )
     detail: Detail = param(Detail(), help="level of detail, where there is no template")
     look: Look = param(Look(), help="colours")
+    bark: Bark = param(Bark(), help="bark, in pictures and in relief")
 
     def check(self) -> None:
         given = [
@@ -370,5 +373,7 @@ class Species(Settings):
             if self.template is not None and getattr(self, key) is not None:
                 where = "; give them with a planting" if key == "targets" else ""
                 raise SpecError(key, f"cannot be used beside template{where}")
+        if self.architecture is not None and self.crown is None:
+            raise SpecError("architecture", "needs a crown that its limbs grow into; add one")
         if self.crown is not None and self.targets is None:
             raise SpecError("targets", "are needed beside crown: its allometry, or all measures")

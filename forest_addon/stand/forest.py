@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from ..base.progress import Progress
 from ..base.rng import stream
 from ..growth.graft.cut import TreeTemplate
 from ..growth.measured.wanted import TARGETS, Kind
@@ -16,15 +17,15 @@ from ..growth.mesh.leaves import Leaves, join_leaves
 from ..growth.regrow.fitted import Habit
 from ..growth.tree import Tree, grow
 from ..growth.truth import crown_base, crown_width, leaf_angles, wood_of_tree
-from ..spec import Allometry, Scene, Species
-from .detail import Detail, with_coarse
+from ..spec import Allometry, Choice, Scene, Species
 from .inputs import Inputs
-from .intensity.terrain import Terrain, sink
-from .measured import dbh_at, scales_for, with_targets
+from .intensity.terrain import sink
+from .measured import Measured, dbh_at, scales_for, with_targets
 from .plan import Stand, labels, plan_stand
 from .targets import Met, found_in, in_band, not_met, targets_met
 
-Progress = Callable[[int, int], None]
+Planted = tuple[Species, TreeTemplate | Habit | Kind | Blade | None]  # and its templates
+Grown = Callable[[int, int, Species], Tree]  # of a planting and variant, by numbers
 
 
 @dataclass(frozen=True)
@@ -34,8 +35,8 @@ class Forest:
     labels : a name for every planting. species : what each plants.
     variants : grown trees by (planting, variant).
     wanted : (N, 5) what trees were to measure, NaN where nothing was said; None where of none.
-    detail : which trees have coarser leaves, where that was left to "auto".
     laws : the allometry of each planting with targets. notes : sentences about what a list says in vain.
+    chosen : what was left to the scene's sensors, and detail : sentences about it (``sensing/detail``).
     """
 
     stand: Stand
@@ -43,9 +44,10 @@ class Forest:
     species: tuple[Species, ...]
     variants: dict[tuple[int, int], Tree]
     wanted: np.ndarray | None = None
-    detail: Detail | None = None
     laws: tuple[Allometry | None, ...] = ()
     notes: tuple[str, ...] = ()
+    chosen: tuple[Choice, ...] = ()
+    detail: tuple[str, ...] = ()
 
     @cached_property
     def truth(self) -> dict[tuple[int, int], dict[str, float]]:
@@ -69,54 +71,115 @@ class Forest:
         return matrix
 
 
-def grow_forest(
-    scene: Scene,
-    species: Sequence[tuple[Species, TreeTemplate | Habit | Kind | Blade | None]],
-    progress: Progress | None = None,
-    inputs: Inputs | None = None,
-    grown: Callable[[int, int], Tree] | None = None,
-) -> Forest:
-    """Plan the stand, grow the variants that occur in it and sink their feet into the ground.
+@dataclass(frozen=True)
+class ForestPlan:
+    """Plan of a forest before anything has grown: places of trees, and which of them are to be grown.
 
-    species : what each of ``scene.plantings`` plants, with its templates.
-    inputs : rasters, lists and terrain that the settings name.
-    grown : gives the tree of a planting and variant, by numbers, in place of growing it.
+    scene : its settings. species : what each planting plants, with its templates. inputs : rasters, lists
+    and terrain. measured : the stand with its variants chosen, and what its trees are to measure.
 
     A variant's stream is keyed by the name of its planting and its number, so it is the same tree
     whatever else grows.
     """
-    inputs = inputs or Inputs()
-    stand = plan_stand(scene.seed, scene.forest, scene.plantings, inputs)
-    names = labels(scene.plantings)
-    measured = with_targets(scene.seed, stand, scene.plantings, names, species, inputs)
-    stand = measured.stand
-    wanted = sorted({(int(s), int(v)) for s, v in zip(stand.species, stand.variant, strict=True)})
-    variants: dict[tuple[int, int], Tree] = {}
 
-    def fresh(planting: int, variant: int, kind: Species) -> Tree:
-        rng = stream(scene.seed, "tree", names[planting], variant)
-        target = measured.variants.get((planting, variant))
-        return grow(kind, species[planting][1], rng, target)
+    scene: Scene
+    species: tuple[Planted, ...]
+    inputs: Inputs
+    measured: Measured
+    grown: Grown | None = None
 
-    for done, (planting, variant) in enumerate(wanted):
-        if grown and (planting, variant) not in measured.variants:
-            variants[planting, variant] = grown(planting, variant)
-        else:
-            variants[planting, variant] = fresh(planting, variant, species[planting][0])
-        if progress:
-            progress(done + 1, len(wanted))
-    stand = _sized(stand, variants, measured.trees)
-    sunk = sunk_stand(stand, variants, inputs.ground(scene.forest.terrain.base))
-    asked = measured.trees if measured.variants else None
-    kinds, detail = tuple(kind for kind, _ in species), None
-    if scene.accuracy.detail == "auto":
-        sunk, variants, detail = with_coarse(scene, kinds, sunk, variants, fresh)
-    return Forest(
-        sunk, tuple(names), kinds, variants, asked, detail, measured.laws, measured.ignored
-    )
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        species: Sequence[Planted],
+        inputs: Inputs | None = None,
+        grown: Grown | None = None,
+    ) -> ForestPlan:
+        """Plan the stand of a scene.
+
+        species : what each of ``scene.plantings`` plants, with its templates.
+        grown : gives the tree of a planting and variant, by numbers, of a species, in place of growing it.
+
+        Raises
+        ------
+        ValueError, SpecError : as ``plan_stand`` and ``with_targets``.
+        """
+        inputs = inputs or Inputs()
+        if scene.accuracy.relief:
+            species = [(with_relief(kind), template) for kind, template in species]
+        stand = plan_stand(scene.seed, scene.forest, scene.plantings, inputs)
+        names = labels(scene.plantings)
+        measured = with_targets(scene.seed, stand, scene.plantings, names, species, inputs)
+        return cls(scene, tuple(species), inputs, measured, grown)
+
+    def tree(self, planting: int, variant: int, species: Species | None = None) -> Tree:
+        """Grow a variant of a planting, by numbers; of a species in place of the planting's own."""
+        own, templates = self.species[planting]
+        species = species or own
+        target = self.measured.variants.get((planting, variant))
+        if self.grown and target is None:
+            return self.grown(planting, variant, species)
+        name = labels(self.scene.plantings)[planting]
+        return grow(species, templates, stream(self.scene.seed, "tree", name, variant), target)
+
+    def grow(self, progress: Progress | None = None) -> Forest:
+        """Grow the variants that occur in the stand and sink their feet into the ground."""
+        stand = self.measured.stand
+        wanted = keys_of(stand)
+        variants: dict[tuple[int, int], Tree] = {}
+        for done, key in enumerate(wanted):
+            variants[key] = self.tree(*key)
+            if progress:
+                progress(done + 1, len(wanted))
+        return Forest(
+            stand=self.placed(variants),
+            labels=tuple(labels(self.scene.plantings)),
+            species=tuple(species for species, _ in self.species),
+            variants=variants,
+            wanted=self.measured.trees if self.measured.variants else None,
+            laws=self.measured.laws,
+            notes=(*self.measured.ignored, *self._bare()),
+        )
+
+    def _bare(self) -> tuple[str, ...]:
+        """Say that nothing stands where something was planted."""
+        if not self.scene.plantings or len(self.measured.stand):
+            return ()
+        return ("no tree stands: expect more, or a larger field",)
+
+    def placed(self, variants: Mapping[tuple[int, int], Tree]) -> Stand:
+        """The stand with every tree in the size that it is to have, its foot in the ground."""
+        stand = _sized(self.measured.stand, variants, self.measured.trees)
+        foot = np.zeros(len(stand))
+        for (planting, variant), tree in variants.items():
+            mine = (stand.species == planting) & (stand.variant == variant)
+            foot[mine] = float(tree.skeleton.radius[:1, 0].sum()) * stand.scale[mine]
+        ground = self.inputs.ground(self.scene.forest.terrain.base)
+        return replace(stand, sink=sink(ground, stand.position[:, :2], foot))
 
 
-def _sized(stand: Stand, variants: dict[tuple[int, int], Tree], wanted: np.ndarray) -> Stand:
+def with_relief(species: Species) -> Species:
+    """The species with the relief of its bark meshed; a template's wood stays as it is."""
+    return species.changed(detail=species.detail.changed(relief=True))
+
+
+def grow_forest(
+    scene: Scene,
+    species: Sequence[Planted],
+    progress: Progress | None = None,
+    inputs: Inputs | None = None,
+) -> Forest:
+    """Plan a stand and grow its trees in full; what sensors need of them is for ``site`` to decide."""
+    return ForestPlan.of(scene, species, inputs).grow(progress)
+
+
+def keys_of(stand: Stand) -> list[tuple[int, int]]:
+    """(planting, variant) of all trees that stand, each once, in order."""
+    return sorted({(int(s), int(v)) for s, v in zip(stand.species, stand.variant, strict=True)})
+
+
+def _sized(stand: Stand, variants: Mapping[tuple[int, int], Tree], wanted: np.ndarray) -> Stand:
     """The stand with every tree that has a diameter to meet in the size at which it meets it."""
     scale = stand.scale.copy()
     for (planting, variant), tree in variants.items():
@@ -124,15 +187,6 @@ def _sized(stand: Stand, variants: dict[tuple[int, int], Tree], wanted: np.ndarr
         if mine.any() and len(tree.skeleton):
             scale[mine] = scales_for(tree.skeleton, wanted[mine, 0])
     return replace(stand, scale=scale)
-
-
-def sunk_stand(stand: Stand, variants: dict[tuple[int, int], Tree], ground: Terrain) -> Stand:
-    """The stand with every foot so deep that no gap shows on a slope."""
-    foot = np.zeros(len(stand))
-    for (planting, variant), tree in variants.items():
-        mine = (stand.species == planting) & (stand.variant == variant)
-        foot[mine] = float(tree.skeleton.radius[:1, 0].sum()) * stand.scale[mine]
-    return replace(stand, sink=sink(ground, stand.position[:, :2], foot))
 
 
 def leaf_table(forest: Forest) -> dict[str, np.ndarray]:

@@ -62,8 +62,16 @@ def _make_groups() -> dict[type, type]:
         spec.Clusters,
         spec.Strauss,
     )
-    of_species = (spec.Normal, spec.Discrete, spec.Grammar, spec.Jitter, spec.Template, spec.Look)
-    measured = (spec.Targets, spec.Crown, spec.Needles)
+    of_species = (
+        spec.Normal,
+        spec.Discrete,
+        spec.Grammar,
+        spec.Jitter,
+        spec.Template,
+        spec.Look,
+        spec.Bark,
+    )
+    measured = (spec.Targets, spec.Crown, spec.Needles, spec.DeadBranches, spec.Architecture)
     of_trees = (spec.Rules, spec.Honda, spec.Siblings, spec.Leaf, spec.Inclination, spec.Detail)
     of_sensors = (spec.Beam, spec.Surfaces, spec.Noise, spec.Pose, spec.Place)
     of_scene = (spec.Forest, spec.Planting, spec.Stems, spec.Air, spec.Rays, spec.Accuracy)

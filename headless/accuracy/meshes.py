@@ -14,10 +14,10 @@ import numpy as np
 from forest_addon.api import Site, World
 from forest_addon.blender.rays.casters import make_caster
 from forest_addon.growth.tree import Tree, with_tolerance
+from forest_addon.sensing.detail import COARSE, coarse_species
 from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Rays
-from forest_addon.stand.forest import grow_forest
 
 MOST = 12_000_000  # triangles of all variants; finer ones are not made
 ENGINES = {"embree": "Embree", "bvhtree": "BVHTree"}
@@ -84,12 +84,16 @@ class Meshes:
         """With a share of today's leaves, enlarged to keep their area."""
 
         def others() -> dict[int, Tree]:
-            site, thin = self.site, []
-            for species, *rest in site.species:
+            plan = self.site.planned()
+
+            def thin(planting: int, variant: int) -> Tree:
+                species = self.site.species[planting][0]
+                if variant >= COARSE:
+                    species = coarse_species(species) or species
                 detail = replace(species.detail, leaves=share * species.detail.leaves)
-                thin.append((species.changed(detail=detail), *rest))
-            grown = grow_forest(site.scene, thin, None, site.inputs)
-            return {m: grown.variants[key] for m, key in self.of_mesh.items()}
+                return plan.tree(planting, variant % COARSE, species.changed(detail=detail))
+
+            return {m: thin(*key) for m, key in self.of_mesh.items()}
 
         return self._kept(("leaves", share), others)
 

@@ -12,6 +12,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,30 +21,25 @@ import numpy as np
 
 from forest_addon.base.rng import stream
 from forest_addon.blender.files.opening import empty_file, open_file
-from forest_addon.blender.read.inputs import inputs_from_scene
-from forest_addon.blender.scene.forest import build
 from forest_addon.blender.sensors.observe import Observer
+from forest_addon.blender.site import build_site, with_objects
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.digits import write_numbers
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.toml_file import write_settings
-from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.tree import Tree, grow
-from forest_addon.results.findings import write_finding
+from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.results.points import records
 from forest_addon.results.scan_file import write_npz_rows
 from forest_addon.sensing.lidar import scan as lidar
-from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.occlusion import occlusion, on_the_line
 from forest_addon.sensing.rays.cells import Cells
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
-from forest_addon.sensing.sonar.flight import Flight
-from forest_addon.spec import Rays, Scanner, Scene, Terrain
-from forest_addon.stand.files import read_inputs
-from forest_addon.stand.forest import Forest, angle_table, grow_forest, leaf_table
-from forest_addon.stand.inputs import Inputs
-from forest_addon.stand.plan import labels, plan_stand
+from forest_addon.site import ForestSite
+from forest_addon.spec import Rays, Scene, Species, Terrain
+from forest_addon.stand.forest import Forest, Grown, angle_table, leaf_table
+from forest_addon.stand.plan import labels
 from forest_addon.stand.truth import cylinder_table, inventory, voxel_arrays
 
 from ..progress import hushed
@@ -76,17 +72,26 @@ class Session:
         with hushed():
             empty_file()
 
-    def tree(self, key: tuple[Any, ...], species: tuple[Any, Any], seed: int) -> Tree:
-        """A tree of a library, grown where it is not kept."""
-        if key in self._trees:
+    def trees_of(self, site: ForestSite, seed: int) -> Grown:
+        """The trees of a library, as a site takes them: grown where they are not kept."""
+        names = labels(site.scene.plantings)
+
+        def grown(planting: int, variant: int, species: Species) -> Tree:
+            key = (seed, names[planting], variant, species.detail)
+            if key not in self._trees:
+                rng = stream(seed, "library", names[planting], variant)
+                self._keep(key, grow(species, site.species[planting][1], rng))
             self._trees.move_to_end(key)
             return self._trees[key]
-        tree = self._trees[key] = grow(*species, stream(seed, "library", *key[1:]))
+
+        return grown
+
+    def _keep(self, key: tuple[Any, ...], tree: Tree) -> None:
+        self._trees[key] = tree
         self._bytes += _size(tree)
         while self._bytes > MOST_KEPT and len(self._trees) > 1:
             _, oldest = self._trees.popitem(last=False)
             self._bytes -= _size(oldest)
-        return tree
 
 
 def _size(tree: Tree) -> int:
@@ -103,6 +108,7 @@ class _Making:
         self.folder = folder
         self.seconds: dict[str, float] = {}
         self.points: dict[str, int] = {}
+        self.empty: dict[str, str] = {}
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -123,20 +129,16 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
     work = _Making(folder)
     keep, root = Keep(**recipe.keep), Path(recipe.folder)
     with work.stage("read"):
-        settings = recipe.settings()
-        species = [load_species(find_species(p.species, root)) for p in settings.plantings]
-        _open(settings, root)
+        site = ForestSite.read(recipe.settings(), root)
+        _open(site.scene, root)
     with work.stage("place"):
-        settings, inputs = _place(recipe, settings, root, folder)
+        site = _place(recipe, site, folder)
+        settings = site.scene
     with work.stage("grow"):
-        grown = None
-        if recipe.library:
-            seed = recipe.library[1]
-            names = labels(settings.plantings)
-            grown = lambda p, v: session.tree((seed, names[p], v), species[p], seed)  # noqa: E731
-        forest = grow_forest(settings, species, None, inputs, grown)
+        grown = session.trees_of(site, recipe.library[1]) if recipe.library else None
+        forest = site.grow(grown=grown)
     with work.stage("build"):
-        build(bpy.context.scene, settings, forest, inputs.terrain, as_assets=keep.blend or keep.glb)
+        build_site(bpy.context.scene, site, forest, as_assets=keep.blend or keep.glb)
     with work.stage("evaluate"):
         rays = Rays(engine=settings.rays.engine, threads=session.threads)
         observer = Observer(bpy.context.evaluated_depsgraph_get(), rays, session.expansions)
@@ -175,6 +177,7 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
             "leaf_area_m2": float(sum(table["leaf_area_m2"])),
             "species": sorted({str(name) for name in table["species"]}),
             "points": work.points,
+            "empty": work.empty | _no_trees(settings, forest),
             "engine": observer.caster.engine,
             "variants": variants,
         },
@@ -189,29 +192,27 @@ def _open(settings: Scene, root: Path) -> None:
             open_file(root / settings.blend)
 
 
-def _place(recipe: Recipe, settings: Scene, root: Path, folder: Path) -> tuple[Scene, Inputs]:
-    """The scene on its ground with its sensors placed; the files that this takes are written."""
-    ground = Ground(**recipe.ground)
-    inputs = inputs_from_scene(
-        settings, bpy.context.evaluated_depsgraph_get(), read_inputs(settings, root)
-    )
+def _place(recipe: Recipe, site: ForestSite, folder: Path) -> ForestSite:
+    """The site on its ground with its sensors placed; the files that this takes are written."""
+    ground, site = Ground(**recipe.ground), with_objects(site)
     if ground.relief > 0:
-        heights, low, size = heights_of(ground, recipe.seed, settings.forest)
+        field = site.scene.forest
+        heights, low, size = heights_of(ground, recipe.seed, field)
         with replacing(folder / FILE) as partial:
             np.save(partial, heights)
-        inputs = Inputs(
-            inputs.rasters, inputs.painted, inputs.lists, terrain_of(heights, low, size)
-        )
         floor = Terrain(file=FILE, origin=tuple(map(float, low)), size=tuple(map(float, size)))
-        settings = settings.changed(forest=settings.forest.changed(terrain=floor))
-    stand = plan_stand(settings.seed, settings.forest, settings.plantings, inputs)
+        site = replace(
+            site,
+            scene=site.scene.changed(forest=field.changed(terrain=floor)),
+            inputs=replace(site.inputs, terrain=terrain_of(heights, low, size)),
+        )
     rules = [Placing(**one) for one in recipe.places]
-    terrain = inputs.ground(settings.forest.terrain.base)
-    settings, files = place_sensors(settings, rules, stand.position[:, :2], terrain)
+    stems = site.plan().position[:, :2]
+    settings, files = place_sensors(site.scene, rules, stems, site.ground)
     for name, text in files.items():
         with replacing(folder / name) as partial:
             partial.write_text(text, encoding="utf-8")
-    return settings, inputs
+    return replace(site, scene=settings)
 
 
 def _observe(
@@ -222,18 +223,22 @@ def _observe(
     with work.stage(OBSERVING):
         way = observer.way(sensor, folder)
         found = observer.observe(sensor, settings, None, folder, way)
+        empty = observer.empty(sensor, settings, found, folder, way)
+        if empty:
+            work.empty[sensor.name] = empty
     with work.stage("write"):
-        if not isinstance(found, Cloud) or keep.clouds != "npz":
+        is_cloud = results_of(sensor).is_cloud
+        if not is_cloud or keep.clouds != "npz":
             write_finding(folder, sensor, found, settings.offset)
-        if isinstance(found, Cloud):
+        if is_cloud:
             work.points[sensor.name] = len(found)
             if keep.clouds != "laz":
                 write_npz_rows(
                     folder / f"{sensor.name}-points.npz", records(found, settings.offset)
                 )
-        elif isinstance(found, Flight):
+        elif way is not None:
             work.points[sensor.name] = 0
-    if not isinstance(sensor, Scanner) or not isinstance(found, Cloud):
+    if not is_cloud:
         return
     with work.stage("occlusion"):
         scan = lidar.Scan(sensor, observer.caster, settings.seed, way)
@@ -264,6 +269,13 @@ def _write_blender(settings: Scene, keep: Keep, folder: Path) -> None:
             export_glb(scene, folder / "forest.glb")
         if keep.preview:
             render(scene, settings.output, folder / "preview.png", lambda done, total: None)
+
+
+def _no_trees(settings: Scene, forest: Forest) -> dict[str, str]:
+    """Say that nothing stands where something was planted."""
+    if not settings.plantings or len(forest.stand):
+        return {}
+    return {"forest": "no tree stands: expect more, or a larger field"}
 
 
 def _digests(forest: Forest) -> dict[str, str]:

@@ -28,9 +28,8 @@ def draw_sheet(grown: Sequence[tuple[Species, Tree]], path: Path) -> Path:
     columns = max(1, min(6, math.ceil(math.sqrt(1.6 * len(grown)))))
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
-        trees = [(species.name, species.look, tree) for species, tree in grown]
         rendered = Path(folder) / "trees.png"
-        cells = render_sheet(trees, columns, WIDTH, rendered)
+        cells = render_sheet(grown, columns, WIDTH, rendered)
         image = imread(rendered)
     figure, axes = figure_on(image)
     high, wide = image.shape[:2]
@@ -61,8 +60,7 @@ def draw_pictures(grown: Sequence[tuple[Species, Tree]], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as held:
         rendered = Path(held) / "trees.png"
-        trees = [(species.name, species.look, tree) for species, tree in grown]
-        cells = render_sheet(trees, columns, columns * wide, rendered)
+        cells = render_sheet(grown, columns, columns * wide, rendered)
         with Image.open(rendered) as image:
             whole = image.convert("RGBA")
     above, below = round((FIELD[1] - FOOT) * wide), round(0.03 * wide)

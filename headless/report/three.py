@@ -14,7 +14,7 @@ from forest_addon.base.trimesh import LEAF, WOOD, TriMesh, join
 from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.growth.recognise.recognise import Recognition
 from forest_addon.growth.tree import Tree
-from forest_addon.spec import Look
+from forest_addon.spec import Look, Species
 
 from .pictures import FAINT, INK, PAPER, figure_on, save_figure
 
@@ -41,7 +41,7 @@ def render_three(
     with tempfile.TemporaryDirectory() as folder:
         rendered = Path(folder) / "trees.png"
         cells = render_sheet(
-            [(name, look, tree) for name, tree in trees],
+            [(Species(name=name, look=look), tree) for name, tree in trees],
             len(trees),
             WIDTH,
             rendered,

@@ -13,6 +13,9 @@ from forest_addon.blender.rays.casters import make_caster
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.measured.wanted import Wanted
 from forest_addon.growth.tree import grow
+from forest_addon.sensing.detail import BOUND, COARSE, SHARE, far_trees, grow_needed
+from forest_addon.sensing.lidar.look import look_of_terrestrial
+from forest_addon.sensing.looks import loudness
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import (
     Accuracy,
@@ -27,8 +30,7 @@ from forest_addon.spec import (
     Sonar,
     Terrestrial,
 )
-from forest_addon.stand.detail import BOUND, COARSE, SHARE, loudness, resolved
-from forest_addon.stand.forest import grow_forest, tree_table
+from forest_addon.stand.forest import tree_table
 
 MEASURED = sorted(
     path.stem
@@ -106,17 +108,22 @@ def forest(*sensors, species="silver-birch", detail="auto"):
         sensors=sensors,
     )
     loaded = load_species(find_species(species, Path()))
-    return scene, grow_forest(scene, [loaded])
+    return scene, grow_needed(scene, [loaded])
 
 
 def test_trees_are_coarse_where_a_scanner_cannot_tell_their_leaves_apart():
     """A scanner every 0.1°: a tree is far from where its pulses lie a coarse leaf apart, and no nearer."""
-    scanner = Terrestrial(position=(0.0, 0.0, 2.0), angle_step_deg=0.2, elevation_deg=(-30.0, 30.0))
+    scanner = Terrestrial(
+        position=(0.0, 0.0, 2.0),
+        angle_step_deg=0.2,
+        elevation_deg=(-30.0, 30.0),
+        max_range=400.0,
+    )
     _, grown = forest(scanner)
-    far, stand = grown.detail.far, grown.stand
+    far, stand = far_trees(grown), grown.stand
     away = np.hypot(*stand.position[:, :2].T)
     leaf = max(tree.leaves.length.max() for tree in grown.variants.values())
-    edge = leaf / resolved(scanner, np.ones(1))[0]
+    edge = leaf / look_of_terrestrial(scanner).resolves(np.ones(1))[0]
     assert far[away > edge + 2.5].all()
     assert not far[away < 0.8 * edge].any()
     assert 0 < far.sum() < len(far)
@@ -124,15 +131,15 @@ def test_trees_are_coarse_where_a_scanner_cannot_tell_their_leaves_apart():
     few = [len(grown.variants[key].leaves) for key in grown.variants if key[1] >= COARSE]
     many = [len(grown.variants[key].leaves) for key in grown.variants if key[1] < COARSE]
     assert max(few) < 0.4 * min(many)
-    assert "trees have 25% of their leaves" in grown.detail.notes[0]
-    assert "cm apart" in grown.detail.notes[1]
+    assert "trees have 25% of their leaves" in grown.detail[0]
+    assert "cm apart" in grown.detail[1]
 
 
 def test_full_detail_is_the_forest_as_it_was_and_auto_moves_no_wood():
-    scanner = Terrestrial(angle_step_deg=0.2)
+    scanner = Terrestrial(angle_step_deg=0.2, max_range=400.0)
     _, auto = forest(scanner)
     _, full = forest(scanner, detail="full")
-    assert full.detail is None
+    assert full.detail == ()
     assert Scene().accuracy.detail == "full"
     assert np.array_equal(full.transforms(), auto.transforms())
     for (planting, variant), tree in auto.variants.items():
@@ -146,14 +153,14 @@ def test_full_detail_is_the_forest_as_it_was_and_auto_moves_no_wood():
 def test_a_wide_beam_makes_trees_coarse_and_one_that_may_be_anywhere_none():
     narrow = Terrestrial(name="a", angle_step_deg=0.001, max_range=400.0)
     wide = replace(narrow, beam=Beam(divergence_mrad=(3.0, 3.0), subrays=7))
-    assert not forest(narrow)[1].detail.far.any()
-    assert forest(wide)[1].detail.far.any()
-    assert not forest(wide, narrow.changed(name="b"))[1].detail.far.any()  # the finer one decides
+    assert not far_trees(forest(narrow)[1]).any()
+    assert far_trees(forest(wide)[1]).any()
+    assert not far_trees(forest(wide, narrow.changed(name="b"))[1]).any()  # the finer one decides
     lost = Sonar(follow="bat", max_range=15.0)
-    found = forest(wide, lost)[1].detail
-    assert not found.far.any()
-    assert "not known yet" in found.notes[0]
-    assert not forest(Reverb())[1].detail.far.any()  # nobody looks
+    found = forest(wide, lost)[1]
+    assert not far_trees(found).any()
+    assert "not known yet" in found.detail[0]
+    assert not far_trees(forest(Reverb())[1]).any()  # nobody looks
 
 
 def test_beyond_a_sonars_range_leaves_may_be_coarse():
@@ -161,9 +168,9 @@ def test_beyond_a_sonars_range_leaves_may_be_coarse():
     sonar = Sonar(position=(0.0, -5.0, 3.0), azimuth_deg=90.0, max_range=30.0)
     _, grown = forest(sonar)
     away = np.hypot(grown.stand.position[:, 0], grown.stand.position[:, 1] + 5.0)
-    assert grown.detail.far.any()
-    assert away[grown.detail.far].min() > 30.0
-    assert "beyond its range" in grown.detail.notes[1]
+    assert far_trees(grown).any()
+    assert away[far_trees(grown)].min() > 30.0
+    assert "beyond its range" in grown.detail[1]
 
 
 def test_large_discs_send_back_by_their_area_and_small_ones_do_not():

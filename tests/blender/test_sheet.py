@@ -13,8 +13,9 @@ from forest_addon.spec import Grammar, Look, Species
 @pytest.mark.parametrize("autumn", [0.0, 0.5, 1.0])
 def test_leaves_turn(empty_blender, autumn):
     look = Look(leaf=(0.1, 0.2, 0.0), autumn=autumn, autumn_leaf=(0.5, 0.3, 0.1))
-    tree = grow(Species(name="plain", grammar=Grammar(generations=2)), None, stream(1, "sheet"))
-    _hang(bpy.context.scene, "plain", look, tree, 0.0, 0.0, 1.0)
+    plain = Species(name="plain", grammar=Grammar(generations=2), look=look)
+    tree = grow(plain, None, stream(1, "sheet"))
+    _hang(bpy.context.scene, plain, tree, 0.0, 0.0, 1.0)
     leaf = bpy.context.scene.objects["plain"].data.materials[1]
     expected = (0.1 + 0.4 * autumn, 0.2 + 0.1 * autumn, 0.1 * autumn)
     assert tuple(leaf[LOOK_KEY]) == pytest.approx(expected)

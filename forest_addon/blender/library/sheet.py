@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
 from ... import spec
+from ...base.progress import Progress
 from ...growth.tree import Tree
 from ..files.opening import empty_file
 from ..scene import materials
@@ -25,8 +26,6 @@ TILT = math.radians(7.0)
 FIELD = (1.0, 1.28)  # width and height of a cell, Blender's units
 ROOM = (0.90, 0.98)  # of a tree in its cell
 FOOT = 0.20  # of a tree above the lower edge of its cell, for a label
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class Cell:
 
 
 def render_sheet(
-    trees: Sequence[tuple[str, spec.Look, Tree]],
+    trees: Sequence[tuple[spec.Species, Tree]],
     columns: int,
     width: int,
     path: str | os.PathLike[str],
@@ -47,7 +46,7 @@ def render_sheet(
     progress: Progress | None = None,
     one_scale: bool = False,
 ) -> list[Cell]:
-    """Render trees (name, look, tree) in rows; returns where each stands.
+    """Render trees of species in rows; returns where each stands.
 
     width : of the picture, pixels. one_scale : all as large as the largest needs, not each as its cell
         allows.
@@ -63,13 +62,13 @@ def render_sheet(
     high = rows * FIELD[1]
     scene.render.resolution_x, scene.render.resolution_y = width, round(high * pixels)
     cells = []
-    least = min((_fit(tree) for _, _, tree in trees), default=1.0)
-    for number, (name, look, tree) in enumerate(trees):
+    least = min((_fit(tree) for _, tree in trees), default=1.0)
+    for number, (species, tree) in enumerate(trees):
         row, column = divmod(number, columns)
         x = (column + 0.5) * FIELD[0]
         up = high - (row + 1) * FIELD[1] + FOOT  # on the picture; the camera's tilt shortens z
         size = least if one_scale else _fit(tree)
-        _hang(scene, name, look, tree, x, up / math.cos(TILT), size)
+        _hang(scene, species, tree, x, up / math.cos(TILT), size)
         cells.append(Cell(x * pixels, (high - up) * pixels, 1 / (size * pixels)))
     _aim(scene, columns * FIELD[0], high)
     _light(scene)
@@ -90,8 +89,7 @@ def _fit(tree: Tree) -> float:
 
 def _hang(
     scene: bpy.types.Scene,
-    name: str,
-    look: spec.Look,
+    species: spec.Species,
     tree: Tree,
     x: float,
     z: float,
@@ -100,10 +98,10 @@ def _hang(
     """Put a tree with its foot at (x, 0, z), scaled to this size."""
     low, top = tree.mesh.vertices.min(axis=0), tree.mesh.vertices.max(axis=0)
     middle = (low[0] + top[0]) / 2
-    mesh = to_mesh(name, tree.mesh)
-    mesh.materials.append(materials.bark(f"{name} bark", look.bark))
-    mesh.materials.append(materials.leaf(f"{name} leaf", look.foliage()))
-    thing = bpy.data.objects.new(name, mesh)
+    mesh = to_mesh(species.name, tree.mesh)
+    for material in materials.coats_of(species):
+        mesh.materials.append(material)
+    thing = bpy.data.objects.new(species.name, mesh)
     thing.scale = (size, size, size)
     thing.location = (x - middle * size, 0.0, z)
     scene.collection.objects.link(thing)

@@ -8,83 +8,102 @@ from __future__ import annotations
 
 import bpy
 
-Colour = tuple[float, float, float]
-LOOK_KEY = "forest_look"
+from ... import spec
+from .bark import covered, surface_of
+from .graph import Colour, Graph, Value
+
+LOOK_KEY, STYLE_KEY = "forest_look", "forest_bark"
+PLAIN_BARK = spec.Bark()
 BARK_TONES, LEAF_TONES = "Bark Tones", "Leaf Tones"  # names of nodes
 VIEWPORT = 2.5  # Solid shading has no light between leaves: true colours are too dark to see there
 
 
-def bark(name: str, colour: Colour) -> bpy.types.Material:
-    """Bark in plates: furrows between long cells, finer cracks and two tones in them, with a bump."""
-    material, shader = _principled(name)
-    tree = material.node_tree
-    place = tree.nodes.new("ShaderNodeTexCoord")
-    warp = _noise(tree, 6.0, 3.0)
-    bent = tree.nodes.new("ShaderNodeMix")  # furrows wander
-    bent.data_type, bent.blend_type = "RGBA", "LINEAR_LIGHT"
-    bent.inputs[0].default_value = 0.06
-    stretch = tree.nodes.new("ShaderNodeMapping")
-    stretch.inputs["Scale"].default_value = (27.0, 27.0, 8.0)
-    plates = tree.nodes.new("ShaderNodeTexVoronoi")
-    plates.feature = "DISTANCE_TO_EDGE"
-    plates.inputs["Scale"].default_value = 1.0
-    furrows = _ramp(tree, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.02, 0.28)
-    fine = _noise(tree, 3.0, 8.0)
-    height = tree.nodes.new("ShaderNodeMath")
-    height.operation = "MULTIPLY_ADD"
-    height.inputs[1].default_value = 0.45
-    bump = tree.nodes.new("ShaderNodeBump")
-    bump.inputs["Strength"].default_value = 0.6
-    bump.inputs["Distance"].default_value = 0.012
-    tone = tree.nodes.new("ShaderNodeMath")
-    tone.operation = "MULTIPLY"
-    tones = _ramp(tree, *_tones(BARK_TONES, colour), 0.05, 0.75)
+def bark(
+    name: str,
+    colour: Colour,
+    coat: spec.Bark = PLAIN_BARK,
+    into: bpy.types.Material | None = None,
+) -> bpy.types.Material:
+    """Bark of a colour with the texture, the moss and the upper stem of ``coat``.
+
+    into : a bark to make anew in place of another material.
+    """
+    material, shader = _principled(name, into)
+    graph = Graph(material.node_tree)
+    surface = surface_of(graph, coat)
+    tones = _ramp(graph.tree, *_tones(BARK_TONES, colour), 0.05, 0.75)
     tones.name = BARK_TONES
-    for made in (warp, fine):
-        tree.links.new(place.outputs["Object"], made.inputs["Vector"])
-    tree.links.new(place.outputs["Object"], bent.inputs[6])
-    tree.links.new(warp.outputs["Color"], bent.inputs[7])
-    tree.links.new(bent.outputs[2], stretch.inputs["Vector"])
-    tree.links.new(stretch.outputs["Vector"], plates.inputs["Vector"])
-    tree.links.new(stretch.outputs["Vector"], fine.inputs["Vector"])
-    tree.links.new(plates.outputs["Distance"], furrows.inputs["Fac"])
-    tree.links.new(fine.outputs["Fac"], height.inputs[0])
-    tree.links.new(furrows.outputs["Color"], height.inputs[2])
-    tree.links.new(height.outputs["Value"], bump.inputs["Height"])
-    tree.links.new(height.outputs["Value"], tone.inputs[0])
-    tone.inputs[1].default_value = 0.62
-    tree.links.new(tone.outputs["Value"], tones.inputs["Fac"])
-    tree.links.new(bump.outputs["Normal"], shader.inputs["Normal"])
-    tree.links.new(tones.outputs["Color"], shader.inputs["Base Color"])
-    shader.inputs["Roughness"].default_value = 0.95
+    graph.put(tones.inputs["Fac"], surface.tone)
+    graph.put(shader.inputs["Base Color"], covered(graph, coat, tones.outputs["Color"], surface))
+    graph.put(shader.inputs["Normal"], graph.bump(surface.height, surface.metres, 0.85))
+    shader.inputs["Roughness"].default_value = 0.9
     shader.inputs["Specular IOR Level"].default_value = 0.2
+    material[STYLE_KEY] = style_of(coat)
     _note(material, colour)
     return material
 
 
-def leaf(name: str, colour: Colour) -> bpy.types.Material:
-    """Leaves that let light through; each leaf and each tree has its own shade of green."""
+def coats_of(species: spec.Species) -> tuple[bpy.types.Material, bpy.types.Material]:
+    """New materials of a species: its bark and its leaves."""
+    return (
+        bark(f"{species.name} bark", species.look.bark, species.bark),
+        leaf(f"{species.name} leaf", species.look.foliage(), species.needles is None),
+    )
+
+
+def style_of(coat: spec.Bark) -> str:
+    """Name what tells barks apart, beside their colour."""
+    return repr(coat)
+
+
+def leaf(name: str, colour: Colour, veins: bool = True) -> bpy.types.Material:
+    """Leaves that let light through, with a paler underside; each leaf has its own shade.
+
+    veins : a midrib and side veins, as texture coordinates along and across the blade give them.
+    """
     material, shader = _principled(name)
-    tree = material.node_tree
-    number = tree.nodes.new("ShaderNodeAttribute")
-    number.attribute_name = "leaf"
-    shade = tree.nodes.new("ShaderNodeTexWhiteNoise")
-    shade.noise_dimensions = "1D"
-    tones = _ramp(tree, *_tones(LEAF_TONES, colour))
+    graph = Graph(material.node_tree)
+    number = graph.attribute("leaf")
+    shade = graph.add("TexWhiteNoise", {"W": number}, noise_dimensions="1D").outputs["Value"]
+    tones = _ramp(graph.tree, *_tones(LEAF_TONES, colour))
     tones.name = LEAF_TONES
-    through = tree.nodes.new("ShaderNodeBsdfTranslucent")
-    mix = tree.nodes.new("ShaderNodeMixShader")
-    mix.inputs["Fac"].default_value = 0.4
-    tree.links.new(number.outputs["Fac"], shade.inputs["W"])
-    tree.links.new(shade.outputs["Value"], tones.inputs["Fac"])
-    tree.links.new(tones.outputs["Color"], shader.inputs["Base Color"])
-    tree.links.new(tones.outputs["Color"], through.inputs["Color"])
-    tree.links.new(shader.outputs["BSDF"], mix.inputs[1])
-    tree.links.new(through.outputs["BSDF"], mix.inputs[2])
-    tree.links.new(mix.outputs["Shader"], _output(tree).inputs["Surface"])
-    shader.inputs["Roughness"].default_value = 0.55
+    graph.put(tones.inputs["Fac"], shade)
+    above = tones.outputs["Color"]
+    if veins:
+        vein, between = _veins(graph)
+        above = graph.mix(graph.math("MULTIPLY", vein, 0.35), above, (1.5, 1.5, 1.2), "MULTIPLY")
+        above = graph.mix(
+            graph.math("MULTIPLY", between, 0.18), above, (0.6, 0.62, 0.5), "MULTIPLY"
+        )
+        lit = graph.mix(
+            graph.math("MULTIPLY", vein, 0.6), tones.outputs["Color"], (0.45, 0.5, 0.3), "MULTIPLY"
+        )
+        graph.put(shader.inputs["Normal"], graph.bump(vein, 0.0006, 0.5))
+    else:
+        lit = above
+    below = graph.mix(0.35, above, (0.20, 0.24, 0.15))
+    side = graph.add("NewGeometry").outputs["Backfacing"]
+    graph.put(shader.inputs["Base Color"], graph.mix(side, above, below))
+    through = graph.mix(1.0, lit, (1.35, 1.45, 0.75), "MULTIPLY")
+    glow = graph.add("BsdfTranslucent", {"Color": through}).outputs["BSDF"]
+    both = graph.add("MixShader", {"Fac": 0.42, 1: shader.outputs["BSDF"], 2: glow})
+    graph.put(_output(graph.tree).inputs["Surface"], both.outputs["Shader"])
+    shader.inputs["Roughness"].default_value = 0.48
+    shader.inputs["Specular IOR Level"].default_value = 0.35
     _note(material, colour)
     return material
+
+
+def _veins(graph: Graph) -> tuple[Value, Value]:
+    """Veins, and the blade between them, from 0 to 1."""
+    uv = graph.place("UV")
+    along = graph.axis(uv, "X")
+    aside = graph.math("ABSOLUTE", graph.math("SUBTRACT", graph.axis(uv, "Y"), 0.5))
+    midrib = graph.step(aside, 0.022, 0.008)
+    slant = graph.math("MULTIPLY_ADD", aside, -0.75, along)
+    wave = graph.math("ABSOLUTE", graph.math("SINE", graph.math("MULTIPLY", slant, 30.0)))
+    side = graph.math("MULTIPLY", graph.step(wave, 0.14, 0.03), 0.7)
+    return graph.math("MAXIMUM", midrib, side), graph.step(wave, 0.3, 0.9)
 
 
 def recolour(material: bpy.types.Material, colour: Colour) -> None:
@@ -180,11 +199,17 @@ def _noise(
     return node
 
 
-def _principled(name: str) -> tuple[bpy.types.Material, bpy.types.Node]:
-    material = bpy.data.materials.new(name)
+def _principled(
+    name: str, into: bpy.types.Material | None = None
+) -> tuple[bpy.types.Material, bpy.types.Node]:
+    """A material with its shader: a new one, or an old one with nothing else in it."""
+    material = into or bpy.data.materials.new(name)
     if material.node_tree is None:  # Blender 5 makes it with the material
         material.use_nodes = True
     nodes = material.node_tree.nodes
+    for node in list(nodes) if into else ():
+        if node.type not in ("BSDF_PRINCIPLED", "OUTPUT_MATERIAL"):
+            nodes.remove(node)
     return material, next(n for n in nodes if n.type == "BSDF_PRINCIPLED")
 
 

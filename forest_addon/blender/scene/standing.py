@@ -17,7 +17,7 @@ import bpy
 
 from ...base.trimesh import TriMesh
 from .layout import within_reach
-from .materials import Colour, recolour
+from .materials import STYLE_KEY, Colour, recolour
 from .ours import ROLE_KEY, by_role, own
 
 DATA_KEY = "forest_data"  # the mesh that an object was given last, by its name
@@ -26,11 +26,15 @@ SHAPE_KEY = "forest_shape"  # of the mesh that was made, whatever has been done 
 
 @dataclass(frozen=True)
 class Coat:
-    """A material of ours: its name, what makes it, and of what colour if it can have another."""
+    """A material of ours: its name, what makes it, and of what colour if it can have another.
+
+    style : what it is made anew for when that changes (``materials.style_of``).
+    """
 
     name: str
     make: Callable[..., bpy.types.Material]
     colour: Colour | None = None
+    style: str | None = None
 
 
 @dataclass(frozen=True)
@@ -101,6 +105,9 @@ class Standing:
                 elif data.materials[slot] is None:
                     data.materials[slot] = material
         for coat in coats:
+            worn = self.materials.get(coat.name)
+            if worn and coat.style and worn.get(STYLE_KEY, coat.style) != coat.style:
+                coat.make(coat.name, coat.colour, into=worn)
             if coat.colour is not None and coat.name in self.materials:
                 recolour(self.materials[coat.name], coat.colour)
 

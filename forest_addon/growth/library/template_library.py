@@ -7,12 +7,13 @@ of Tanveer et al.'s grammar, fitted to its habit), and a scene that plants it (s
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from ...base.progress import Progress
 from ...base.trimesh import LEAF, TriMesh
 from ...formats.atomic import replacing
 from ...formats.stl import StlError, read_stl, write_stl
@@ -26,8 +27,7 @@ from ..recognise.unit import UNITS, Unit, infer_unit
 from ..regrow.allometry import allometry_of
 from ..regrow.anatomy import dissect
 from ..regrow.fitted import Habit, fit
-
-Progress = Callable[[int, int], None]
+from .species_file import MOST_OF_TREE
 
 
 class NotUnderstoodError(SpecError):
@@ -41,7 +41,7 @@ class NotUnderstoodError(SpecError):
 
 @dataclass(frozen=True)
 class Library:
-    """What was read and recognised, in file units, and what it was made into.
+    """Library of a user's tree: as read and recognised, in file units, and as made.
 
     wood, leaves : (T, 3, 3) facets as read, z up. leaf : median length of a leaf, None without leaves.
     unit : what one unit of the files is taken to be. habit : the tree taken apart, in metres.
@@ -67,12 +67,12 @@ class Library:
 
     @property
     def branches(self) -> int:
-        """How many first-level branches it has."""
+        """Return how many first-level branches it has."""
         return int(np.count_nonzero(self.habit.anatomy.order == 1))
 
     @property
     def leaf_count(self) -> int:
-        """How many leaves."""
+        """Return how many leaves."""
         return len(self.habit.anatomy.foliage.bearer)
 
 
@@ -160,11 +160,17 @@ def check_name(name: str) -> None:
 def _read(wood: Path, leaves: Path | None, groups: Sequence[Group]) -> Sorted:
     try:
         if groups:
+            count = sum(len(group.facets) for group in groups)
+            if count > 2 * MOST_OF_TREE:
+                raise SpecError(
+                    "template",
+                    f"has {count:,} facets, more than {2 * MOST_OF_TREE:,}; make it coarser",
+                )
             return sort_out(groups)
-        timber = read_stl(wood)
+        timber = read_stl(wood, MOST_OF_TREE)
         if leaves is None:
             return sort_out([Group("", "", timber)])
-        return Sorted(timber, read_stl(leaves), "")
+        return Sorted(timber, read_stl(leaves, MOST_OF_TREE), "")
     except FileNotFoundError as problem:
         raise SpecError(
             "template", f"there is no file {problem.filename}; check the path"

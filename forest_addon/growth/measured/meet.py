@@ -15,11 +15,13 @@ from ...base.rng import daughter_keys, keyed_uniform
 from ...spec import SpecError, Species
 from ..mesh.axes import first_level
 from ..mesh.blades import Blade, leaf_areas
+from ..mesh.foliage import stalk_of
 from ..skeleton import LeafSites, Skeleton
 from ..species import skeleton_of
 from .colonise import colonise
 from .measure import BREAST, crown_base_of, dbh_of, leaf_tips, width_of
 from .pipes import borne, scaled_to, skeleton_of_nodes, with_radii
+from .scaffold import scaffold_of
 from .twigs import leaves_on, seat_twigs, with_twigs
 from .wanted import Wanted
 
@@ -37,7 +39,7 @@ class Met:
 
 
 def leaves_needed(species: Species, blade: Blade, area: float) -> int:
-    """How many leaves, or shoots, of a species make a leaf area.
+    """Return how many leaves, or shoots, of a species make a leaf area.
 
     Raises
     ------
@@ -45,7 +47,7 @@ def leaves_needed(species: Species, blade: Blade, area: float) -> int:
     """
     length, ratio = species.leaf.length, species.leaf.width_ratio.mean
     square = length.mean**2 + 0.77 * length.sd**2  # a normal cut at two has 0.77 of its variance
-    count = area / (blade.share * ratio * square)
+    count = area / (blade.share * (1 + stalk_of(species.leaf)) * ratio * square)
     if count > MOST_LEAVES:
         raise SpecError(
             species.name,
@@ -80,7 +82,12 @@ def grow_crown(species: Species, wanted: Wanted, blade: Blade, key: int) -> Met:
     margin = min(
         0.4 * wanted.crown_width, 2 * (crown.twig.mean * 0.6 + 0.5 * species.leaf.length.mean)
     )
-    nodes = colonise(crown, wanted.height, wanted.crown_base, wanted.crown_width - margin, rng)
+    size = (wanted.height, wanted.crown_base, wanted.crown_width - margin)
+    frame = None
+    if species.architecture is not None:
+        made = scaffold_of(species.architecture, crown, (*size, wanted.dbh), rng)
+        frame = made.nodes, made.bearing
+    nodes = colonise(crown, *size, rng, frame)
     ends = np.ones(len(nodes.parent), dtype=bool)
     ends[nodes.parent[1:]] = False
     tips = borne(nodes.parent, ends)

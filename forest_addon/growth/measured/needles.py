@@ -21,6 +21,7 @@ GOLDEN = np.pi * (3 - np.sqrt(5))
 DIRECTIONS, PIXELS = 16, 256
 CLOSELY = 150, 128  # directions and pixels
 BARE = 0.06  # of a shoot's foot without needles
+APART = 0.12  # radians between a needle and the middle of its fascicle
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +56,7 @@ def shoot_of(needles: Needles, length: float) -> Shoot:
     """The blade of a shoot of this length, metres, in its unit frame (width = length)."""
     reach, wide = needles.length / length, np.pi / 2 * needles.diameter / length
     area = needles.count * reach * wide
-    full = _strips(needles.count, reach, wide, needles.angle_deg)
+    full = _strips(needles.count, reach, wide, needles)
     shadow = mean_shadow(*full)
     count = needles.blades
     if not count or count >= needles.count:
@@ -64,9 +65,9 @@ def shoot_of(needles: Needles, length: float) -> Shoot:
         wide * needles.count / count * shadow / (area / 2)
     )  # as if they hid nothing of each other
     for _ in range(4):
-        found = mean_shadow(*_strips(count, reach, width, needles.angle_deg))
+        found = mean_shadow(*_strips(count, reach, width, needles))
         width *= (shadow / found) ** 1.2
-    return Shoot(*_strips(count, reach, width, needles.angle_deg), area, shadow)
+    return Shoot(*_strips(count, reach, width, needles), area, shadow)
 
 
 @lru_cache(maxsize=32)
@@ -80,9 +81,9 @@ def coarse_shoot(needles: Needles, length: float, blades: int) -> Shoot:
     reach = needles.length / length
     width = np.pi / 2 * needles.diameter / length * needles.count / blades
     for _ in range(6):
-        strips = _strips(blades, reach, width, needles.angle_deg)
+        strips = _strips(blades, reach, width, needles)
         width *= (wanted / mean_shadow(*strips, *CLOSELY)) ** 1.2
-    return Shoot(*_strips(blades, reach, width, needles.angle_deg), fine.needle_area, fine.shadow)
+    return Shoot(*_strips(blades, reach, width, needles), fine.needle_area, fine.shadow)
 
 
 def mean_shadow(
@@ -126,18 +127,30 @@ def _drawn(corners: np.ndarray, triangles: np.ndarray, pixels: int) -> float:
 
 
 def _strips(
-    count: int, reach: float, wide: float, angle_deg: float
+    count: int, reach: float, wide: float, needles: Needles
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and triangles of needles around x from 0 to 1: narrow kites, each turned about itself."""
-    k = np.arange(count)
-    tip_room = reach * np.cos(np.deg2rad(angle_deg))
-    along = BARE + (1 - BARE - max(min(tip_room, 0.9), 0)) * (k + 0.5) / count
-    azimuth, lean = GOLDEN * k, np.deg2rad(angle_deg) * (1 - 0.5 * (k / count) ** 3)
+    """Vertices and triangles of needles around x from 0 to 1: narrow kites, each turned about itself.
+
+    Those of a fascicle spring from one place and lean apart.
+    """
+    k, angle = np.arange(count), np.deg2rad(needles.angle_deg)
+    bundle, of_bundle = np.divmod(k, needles.together)
+    bundles = -(-count // needles.together)
+    tip_room = reach * np.cos(angle)
+    along = BARE + (1 - BARE - max(min(tip_room, 0.9), 0)) * (bundle + 0.5) / bundles
+    azimuth, lean = GOLDEN * bundle, angle * (1 - 0.5 * (bundle / bundles) ** 3)
     radial = np.stack([np.zeros(count), np.cos(azimuth), np.sin(azimuth)], axis=1)
     way = np.cos(lean)[:, None] * [1.0, 0, 0] + np.sin(lean)[:, None] * radial
     side = np.cross(way, radial)
     side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-9)
     third = np.cross(way, side)
+    if needles.together > 1:
+        round_it = 2 * np.pi * of_bundle[:, None] / needles.together
+        apart = np.cos(round_it) * side + np.sin(round_it) * third
+        way = np.cos(APART) * way + np.sin(APART) * apart
+        side = np.cross(way, radial)
+        side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-9)
+        third = np.cross(way, side)
     turn = 2.4 * k[:, None]
     side = np.cos(turn) * side + np.sin(turn) * third
     foot = along[:, None] * [1.0, 0, 0]

@@ -1,4 +1,4 @@
-"""What a tree is to measure: taken from targets and drawn by the allometry of its kind, or refused."""
+"""Measures that a tree is to have: taken from targets and drawn by the allometry of its kind, or refused."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MOST_TIMES = 5.0  # over the largest leaf area that 95 % of the kind have
 
 @dataclass(frozen=True)
 class Kind:
-    """What a species that is grown to measure takes from files: its allometry, and its own leaf or None."""
+    """Files of a species that is grown to measure: its allometry, and its own leaf or None."""
 
     allometry: Allometry | None
     blade: Blade | None = None
@@ -49,9 +49,16 @@ def given_by(targets: Targets | None) -> np.ndarray:
 
 
 def drawn(
-    kind: Allometry | None, dbh: np.ndarray, given: np.ndarray, uniform: np.ndarray, where: str
+    kind: Allometry | None,
+    dbh: np.ndarray,
+    given: np.ndarray,
+    uniform: np.ndarray,
+    where: str,
+    stand: np.ndarray | None = None,
 ) -> np.ndarray:
     """(N, 5) targets of trees in the order of ``TARGETS``: what is given (N, 4), the rest drawn.
+
+    stand : (4,) what its trees share, as ``draw`` takes it.
 
     Raises
     ------
@@ -67,7 +74,7 @@ def drawn(
             )
         found = given
     else:
-        found = draw(kind, dbh, given, uniform)
+        found = draw(kind, dbh, given, uniform, stand)
     for row, told in zip(np.column_stack([dbh, found]), np.isfinite(given), strict=True):
         refuse_contradictions(Wanted(*row), kind, where, told=bool(told.any()))
     return np.column_stack([dbh, found])

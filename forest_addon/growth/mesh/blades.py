@@ -8,7 +8,7 @@ the unit frame (its area, its middle) gives the truth of every leaf without meas
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -34,10 +34,12 @@ class Blade:
 
     vertices : (K, 3); z, in leaf lengths, is how the leaf is curved.
     triangles : (F, 3) int32, facing up.
+    atlas : (K, 2) texture coordinates along the blade and across it, 0 to 1; None: x, and y + 0.5.
     """
 
     vertices: np.ndarray
     triangles: np.ndarray
+    atlas: np.ndarray | None = field(default=None, kw_only=True)
 
     @cached_property
     def middle(self) -> tuple[float, float]:
@@ -49,12 +51,13 @@ class Blade:
 
     @cached_property
     def curved(self) -> bool:
-        """Whether it leaves the plane."""
+        """Return whether it leaves the plane."""
         return bool(self.vertices[:, 2].any())
 
     @property
     def by_facets(self) -> bool:
-        """Whether its area is that of its facets: of a curved leaf, not of one that stands for more."""
+        """Return whether its area is that of its facets: of a curved leaf, not of one that stands for
+        more."""
         return self.curved
 
     @cached_property
@@ -171,8 +174,9 @@ def lay(
     foot = (v + corners * np.arange(count)).astype(np.int32)
     pattern = blade.triangles.reshape(-1).astype(np.int32)
     np.add(foot[:, None], pattern, out=triangles[t:].reshape(count, 3 * facets))
-    atlas = np.stack([blade.vertices[:, 0], blade.vertices[:, 1] + 0.5], axis=1).astype(np.float32)
-    own = np.clip(atlas, 0, 1)[blade.triangles].reshape(-1)
+    atlas = np.stack([blade.vertices[:, 0], blade.vertices[:, 1] + 0.5], axis=1)
+    atlas = atlas if blade.atlas is None else blade.atlas
+    own = np.clip(atlas, 0, 1).astype(np.float32)[blade.triangles].reshape(-1)
     uv = None
     if wood is None or wood.uv is not None:
         uv = np.empty((t + count * facets, 3, 2), dtype=np.float32)

@@ -8,6 +8,7 @@ from ...base.vectors import cross_rows
 from ...spec import Leaf
 from ..draw import draw_normal
 from ..skeleton import LeafSites
+from .shapes import HALVES
 
 
 def set_leaves(
@@ -30,9 +31,15 @@ def set_leaves(
     around = around + np.sin(azimuth)[:, None] * cross_rows(heading, across)
     direction = np.cos(angle) * heading + np.sin(angle) * around
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    length = draw_normal(leaf.length, keys, "leaf length")
-    width = length * draw_normal(leaf.width_ratio, keys, "leaf width")
+    blade = draw_normal(leaf.length, keys, "leaf length")
+    width = blade * draw_normal(leaf.width_ratio, keys, "leaf width")
+    length = blade * (1 + stalk_of(leaf))
     return LeafSites(foot, direction, skyward(direction), length, width, segment)
+
+
+def stalk_of(leaf: Leaf) -> float:
+    """Length of a leaf's stalk over its blade's; 0 of shapes that have none."""
+    return leaf.petiole if leaf.shape in HALVES and not leaf.mesh else 0.0
 
 
 def skyward(direction: np.ndarray) -> np.ndarray:

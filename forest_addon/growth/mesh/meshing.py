@@ -18,13 +18,19 @@ from ..skeleton import Skeleton
 from .edges import tube_edges
 from .frames import ring_frames
 from .nodes import Line, lines_of, thin_nodes
+from .relief import FROM, Relief
 
 STEP = 1e-12  # metres between two radii of a node from which it has two rings
 POINTED = 2e-5  # metres; a thinner tip is a point: float32 would flatten its ring
 
 
 def mesh_wood(
-    skeleton: Skeleton, tolerance: float = 0.001, *, sunk: float = 0.0, uv: bool = True
+    skeleton: Skeleton,
+    tolerance: float = 0.001,
+    *,
+    sunk: float = 0.0,
+    uv: bool = True,
+    relief: Relief | None = None,
 ) -> TriMesh:
     """The wood of a skeleton: closed tubes, facing outwards, in material slot 0.
 
@@ -32,11 +38,15 @@ def mesh_wood(
         so nearly in line that they are left out.
     sunk : metres that a root goes on below its start, so that no gap shows at the ground.
     uv : also make texture coordinates: u whole turns of about a metre around, v metres from the foot.
+    relief : of the bark of thick axes; None: rings are round.
 
     Branches without a radius have no mesh. ``order`` of the result is that of each triangle's axis.
     """
-    line = thin_nodes(lines_of(skeleton, tolerance, sunk), tolerance)
-    return _tubes(line, uv)
+    corners = None if relief is None else relief.corners
+    line = thin_nodes(lines_of(skeleton, tolerance, sunk, corners), tolerance)
+    if relief is not None:
+        line = relief.densified(line)
+    return _tubes(line, uv, relief)
 
 
 @dataclass(frozen=True)
@@ -48,6 +58,7 @@ class _Rings:
     axis: np.ndarray  # (R,)
     wall: np.ndarray  # (R,) whether there is a wall above: not on the last ring of an axis
     metres: np.ndarray  # (R,) along the axis from its foot
+    radius: np.ndarray  # (R,)
 
 
 def _rings(line: Line) -> _Rings:
@@ -68,10 +79,10 @@ def _rings(line: Line) -> _Rings:
     plane = np.concatenate(
         [line.point[node], across[node] * widened[:, None], beside[node] * widened[:, None]], axis=1
     )
-    return _Rings(plane, first, axis, wall, _along(line)[node])
+    return _Rings(plane, first, axis, wall, _along(line)[node], radius)
 
 
-def _tubes(line: Line, with_uv: bool) -> TriMesh:
+def _tubes(line: Line, with_uv: bool, relief: Relief | None = None) -> TriMesh:
     """Rings around nodes, walls between rings, a fan at each end."""
     sides, last = line.sides, line.first[1:] - 1
     rings = _rings(line)
@@ -101,6 +112,8 @@ def _tubes(line: Line, with_uv: bool) -> TriMesh:
         spread = np.einsum("pc,ij->picj", circle, np.eye(3)).reshape(9, 3 * n)
         middle = v + size * n
         np.matmul(rings.plane[low:high], spread, out=vertices[v:middle].reshape(size, 3 * n))
+        if relief is not None:
+            _roughen(vertices[v:middle].reshape(size, n, 3), rings, (int(a), int(b)), relief)
         vertices[middle : middle + tubes] = line.point[line.first[a:b]]
         vertices[middle + tubes : middle + 2 * tubes] = line.point[last[a:b]]
         _triangulate(triangles[t:stop], n, v, wall, feet, tips, middle)
@@ -131,6 +144,21 @@ def _tubes(line: Line, with_uv: bool) -> TriMesh:
             np.concatenate([e.of_corner for e in known] or [np.empty((0, 3), np.int32)]),
         ),
     )
+
+
+def _roughen(out: np.ndarray, rings: _Rings, axes: tuple[int, int], relief: Relief) -> None:
+    """Give rings (R, n, 3) of a range of axes, which have as many corners, the relief of their bark."""
+    low = rings.first[axes[0]]
+    for axis in range(*axes):
+        rows = slice(rings.first[axis] - low, rings.first[axis + 1] - low)
+        mine = slice(rings.first[axis], rings.first[axis + 1])
+        radius = rings.radius[mine]
+        if not len(radius) or radius.max() < FROM:
+            continue
+        metres = rings.metres[mine]
+        factor = relief.factor(out.shape[1], radius, metres, float(metres[-1]), axis)
+        centre = rings.plane[mine, None, :3]
+        out[rows] = centre + factor[:, :, None] * (out[rows] - centre)
 
 
 def _triangulate(

@@ -9,6 +9,7 @@ the line passes within the tolerance anyway are left out.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,8 +35,16 @@ class Line:
     sides: np.ndarray  # (A,) ascending
 
 
-def lines_of(skeleton: Skeleton, tolerance: float, sunk: float) -> Line:
-    """Nodes of every axis that has a length and a radius, thinnest polygons first."""
+def lines_of(
+    skeleton: Skeleton,
+    tolerance: float,
+    sunk: float,
+    corners: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> Line:
+    """Nodes of every axis that has a length and a radius, polygons of fewest corners first.
+
+    corners : how many rings of radii (A,) have at least.
+    """
     axes = find_axes(skeleton)
     span = skeleton.end - skeleton.start
     length = np.sqrt(np.einsum("si,si->s", span, span))
@@ -48,6 +57,8 @@ def lines_of(skeleton: Skeleton, tolerance: float, sunk: float) -> Line:
     segment, axis = axes.segment[kept], axis[kept]
 
     sides = sides_of(thick, tolerance)
+    if corners is not None:
+        sides = np.maximum(sides, corners(thick))
     size = np.bincount(axis, minlength=len(axes))
     rank = np.argsort(sides, kind="stable")
     rank = rank[size[rank] > 0]
@@ -81,7 +92,7 @@ def _inner(
     sunk: float,
     tolerance: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Whether each axis (A,) starts a ring earlier, where, and how wide it may be there.
+    """Return whether each axis (A,) starts a ring earlier, where, and how wide it may be there.
 
     foot : (A,) first segment of each axis. chain : (S,) all segments, axis by axis.
     """

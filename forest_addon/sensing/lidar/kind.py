@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...base.progress import Progress
 from ...base.rng import stream
 from ...base.words import keep
 from ...spec import Airborne, Mobile, Terrestrial, Tractor
 from ..audit import Audit
 from ..cost import Cost, cost_of_rays
-from ..kind import Follower, Observation, Progress, SensorKind
+from ..emptiness import why_nothing
+from ..kind import Observation, SensorKind
+from .look import look_of_airborne, look_of_mobile, look_of_terrestrial, look_of_tractor
 
+if TYPE_CHECKING:
+    from ..trajectory import Follower, Trajectory
+
+PLACES = 64  # along a way, that are looked at where nothing was found
 MOST_RETURNS = 1.5  # of a pulse, as forests give them
 
 
@@ -29,21 +36,45 @@ def _scan(job: Observation, progress: Progress | None) -> Any:
     return scan(job.sensor, job.seen.caster, job.settings.seed, job.trajectory, progress)
 
 
-def _audit_drive(job: Observation, _found: Any, seconds: float) -> Audit:
+def _audit_drive(job: Observation, found: Any, seconds: float) -> Audit:
     from .audit import audit_drive
 
     rng = stream(job.settings.seed, "audit", job.sensor.name)
-    share = job.settings.accuracy.audit
-    return audit_drive(job.sensor, job.seen.caster, rng, seconds, share)
+    given = rng, seconds, job.settings.accuracy.audit, job.seen.geometry
+    return audit_drive(job.sensor, found, job.seen.caster, *given)
 
 
-def _audit_scan(job: Observation, _found: Any, seconds: float) -> Audit:
+def _audit_scan(job: Observation, found: Any, seconds: float) -> Audit:
     from .audit import audit_scan
     from .scan import Scan
 
     work = Scan(job.sensor, job.seen.caster, job.settings.seed, job.trajectory)
     rng = stream(job.settings.seed, "audit", job.sensor.name)
-    return audit_scan(work, rng, seconds, job.settings.accuracy.audit)
+    return audit_scan(work, found, rng, seconds, job.settings.accuracy.audit, job.seen.geometry)
+
+
+def _no_hits(job: Observation, found: Any) -> str:
+    """The reason why no beam of a tractor met anything."""
+    from .tractor import positions
+
+    if np.isfinite(found.distance).any():
+        return ""
+    along = np.linspace(0, positions(job.sensor)[-1], PLACES)[:, None]
+    heading = np.deg2rad(job.sensor.heading_deg)
+    where = job.sensor.position + along * [np.cos(heading), np.sin(heading), 0.0]
+    return why_nothing("no beam met anything", where, job.sensor.max_range, job.seen.geometry)
+
+
+def _no_points(job: Observation, found: Any) -> str:
+    """The reason why a scan has no point."""
+    from .scanner import pattern_of
+
+    if len(found):
+        return ""
+    pattern = pattern_of(job.sensor, job.trajectory)
+    some = np.linspace(0, pattern.count - 1, PLACES).astype(np.int64)
+    where = pattern.pulses(some).origin
+    return why_nothing("0 points", where, job.sensor.max_range, job.seen.geometry)
 
 
 def _cost_of_drive(tractor: Tractor, _trajectory: Any, engine: str) -> Cost:
@@ -61,8 +92,12 @@ def _cost_of_scan(scanner: Any, trajectory: Any, engine: str) -> Cost:
     return cost_of_rays(scanner, count, scanner.beam.subrays, returns, engine)
 
 
-def _path(scanner: Mobile, _folder: Path, follower: Follower) -> Any:
-    return follower.path(scanner)
+def _trajectory(scanner: Mobile, _folder: Path, follower: Follower) -> Trajectory | None:
+    from ..trajectory import followed, through
+
+    if scanner.follow:
+        return followed(follower, scanner.follow, scanner.speed)
+    return through(scanner.poses) if scanner.poses else None
 
 
 def _where_it_starts(job: Observation) -> np.ndarray:
@@ -119,8 +154,10 @@ TRACTOR = SensorKind(
     Tractor,
     run=_drive,
     audit=_audit_drive,
+    empty=_no_hits,
     cost=_cost_of_drive,
     outline=_fan,
+    look=look_of_tractor,
     family="lidar",
     help=keep("A fan of beams to the side of a tractor, which drives along an orchard's row"),
     icon="MOD_ARRAY",
@@ -132,8 +169,10 @@ TERRESTRIAL = SensorKind(
     Terrestrial,
     run=_scan,
     audit=_audit_scan,
+    empty=_no_points,
     cost=_cost_of_scan,
     outline=_window,
+    look=look_of_terrestrial,
     thinned=_fewer_angles,
     family="lidar",
     help=keep("A scanner on a tripod, which looks all round"),
@@ -146,10 +185,12 @@ MOBILE = SensorKind(
     Mobile,
     run=_scan,
     audit=_audit_scan,
-    trajectory=_path,
+    empty=_no_points,
+    trajectory=_trajectory,
     positions=_where_it_starts,
     cost=_cost_of_scan,
     outline=_poses,
+    look=look_of_mobile,
     thinned=_fewer_pulses,
     family="lidar",
     help=keep("Turning beams on a vehicle, which drives along a curve"),
@@ -162,8 +203,10 @@ AIRBORNE = SensorKind(
     Airborne,
     run=_scan,
     audit=_audit_scan,
+    empty=_no_points,
     cost=_cost_of_scan,
     outline=_strips,
+    look=look_of_airborne,
     thinned=_fewer_pulses,
     family="lidar",
     help=keep("A scanner in an aircraft, which flies straight strips"),

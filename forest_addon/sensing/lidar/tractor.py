@@ -8,19 +8,18 @@ share the rays on their borders, so the rays are cast once, as a lattice of P·N
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
+from ...base.progress import Progress
 from ...spec import Tractor
 from ..rays.caster import RayCaster
 from .cloud import Cloud
 from .returns import Returns, label, take
 from .steps import steps
 
-Progress = Callable[[int, int], None]
 RAYS_AT_ONCE = 131_072
 
 
@@ -107,6 +106,21 @@ def axes(tractor: Tractor, scan: np.ndarray, step: np.ndarray) -> tuple[np.ndarr
     """(B, 3), (B, 3) origins and unit directions of the first rays of beams, by scan and step of the fan."""
     along = positions(tractor)[scan]
     return _origins(tractor, along), _directions(tractor, fan(tractor)[step])
+
+
+def beams(tractor: Tractor, caster: RayCaster, scan: np.ndarray, step: np.ndarray) -> Returns:
+    """Return what beams (B,) meet, by scan and step of the fan, each with rays of its own."""
+    split = max(tractor.splits, 1)
+    within = np.arange(tractor.splits + 1)
+    i, j = (part.ravel() for part in np.meshgrid(within, within, indexing="ij"))
+    along = tractor.step * ((scan[:, None] * (tractor.gap + 1) * split + i) / split)
+    lowest, turn = fan(tractor)[0], np.deg2rad(tractor.angle_step_deg)
+    angle = lowest + turn * ((step[:, None] * split + j) / split)
+    origins = _origins(tractor, along.ravel())
+    ways = _directions(tractor, angle.ravel())
+    hits = caster.cast(origins, ways, tractor.max_range)
+    near = hits.distance.reshape(len(scan), -1).argmin(axis=1) + len(i) * np.arange(len(scan))
+    return label(caster.scene, hits.take(near), ways[near])
 
 
 def _look(

@@ -1,5 +1,4 @@
-"""What a tractor scan says of the wood that it met (Méndez et al.): the impacted area, and lines through
-the origin.
+"""Wood indices of a tractor scan (Méndez et al.): the impacted area, and lines through the origin.
 
 A beam that meets wood at distance l stands for the area Δy·l·(sin(θ + Δθ) - sin θ); A_IM is their sum.
 With θ from the horizontal, as Méndez et al.'s eq. 8 has it, that is the size of the sector where it is
@@ -14,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...base.trimesh import WOOD
+from ...base.trimesh import is_wood
 from ...spec import Tractor
 from .tractor import TractorScan
 
@@ -27,7 +26,7 @@ def beam_areas(scan: TractorScan, tractor: Tractor, *, from_vertical: bool = Fal
     angle = np.pi / 2 - scan.angle if from_vertical else scan.angle
     step = np.deg2rad(tractor.angle_step_deg) * (-1 if from_vertical else 1)
     wide = np.abs(np.sin(angle + step) - np.sin(angle))
-    reach = np.where(scan.organ == WOOD, scan.distance, 0.0)
+    reach = np.where(is_wood(scan.organ), scan.distance, 0.0)
     area: np.ndarray = tractor.step * reach * wide
     return area
 

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from ...base.progress import Progress
 from ...base.rng import stream
 from ...base.words import keep
-from ...spec import AUTO, Reverb, Scene
+from ...spec import AUTO, Choice, Reverb, Scene
 from ..audit import Audit
-from ..choice import Choice
 from ..cost import Cost, cost_of_work
-from ..kind import SOUND, Observation, Progress, Seen, SensorKind
+from ..kind import SOUND, Observation, Seen, SensorKind
 from ..lines import chain
+from ..looks import Look
 
 CHANNEL = 0.2  # s, a first guess
 FINEST = 1e-6  # tolerance that the fast sum keeps
@@ -49,61 +51,50 @@ def trunks_between(
     return lambda source, receiver: cuts.between(source, receiver).joined(stems)
 
 
-def _respond(job: Observation, progress: Progress | None) -> Any:
-    """Impulse responses between all ends."""
+def response_inputs(job: Observation) -> dict[str, Any]:
+    """Arguments of ``impulse_response`` and of ``pairs_of`` that a scene gives."""
     from .directivity_file import directivity_of
     from .ends import ends_of
-    from .response import impulse_response
 
     reverb, seen, settings = job.sensor, job.seen, job.settings
     ends = ends_of(reverb, seen.places)
+    return {
+        "trunks": trunks_between(seen, reverb, settings, ends),
+        "reverb": reverb,
+        "air": settings.air,
+        "ends": ends,
+        "directivity": directivity_of(reverb, job.folder),
+        "wood": seen.wood,
+        "rng": stream(settings.seed, "reverb", reverb.name, "continuation"),
+        "field": (settings.forest.origin, settings.forest.size),
+        "canopy": _canopy(job),
+        "key": (settings.seed, "reverb", reverb.name),
+    }
+
+
+def _respond(job: Observation, progress: Progress | None) -> Any:
+    """Impulse responses between all ends."""
+    from .response import impulse_response
+
     return impulse_response(
-        trunks_between(seen, reverb, settings, ends),
-        reverb,
-        settings.air,
-        ends=ends,
-        directivity=directivity_of(reverb, job.folder),
-        wood=seen.wood,
-        rng=stream(settings.seed, "reverb", reverb.name, "continuation"),
-        field=(settings.forest.origin, settings.forest.size),
-        expansions=seen.expansions,
+        **response_inputs(job),
+        expansions=job.seen.expansions,
         progress=progress,
-        canopy=_canopy(job),
-        key=(settings.seed, "reverb", reverb.name),
-        all_trunks=settings.accuracy.detail == "full",
+        all_trunks=job.settings.accuracy.detail == "full",
     )
 
 
 def _audit(job: Observation, found: Any, seconds: float) -> Audit:
     from .audit import audit_response
-    from .ends import ends_of
+    from .response import pairs_of
 
     reverb, settings = job.sensor, job.settings
-    ends = ends_of(reverb, job.seen.places)
-    pair = ends.pairs[0]
-    trunks = trunks_between(job.seen, reverb, settings, ends)(*pair)
-    return audit_response(
-        found,
-        trunks,
-        *pair,
-        reverb,
-        settings.air,
-        job.seen.expansions,
-        stream(settings.seed, "audit", reverb.name),
-        seconds,
-        settings.accuracy.audit,
-        _stand_around(job, trunks),
-    )
-
-
-def _stand_around(job: Observation, trunks: Any) -> Any:
-    """The stand that paths lose to, of a model ``forest``."""
-    from .forest.surroundings import surroundings
-
-    if job.sensor.model != "forest":
-        return None
-    field = (job.settings.forest.origin, job.settings.forest.size)
-    return surroundings(trunks, job.sensor, field, _canopy(job)).stand
+    if reverb.model != "forest":  # whose noise depends on what was asked for
+        reverb = reverb.changed(duration=len(found.samples) / found.sample_rate)
+    pairs = pairs_of(**response_inputs(replace(job, sensor=reverb)))
+    rng = stream(settings.seed, "audit", reverb.name)
+    share = settings.accuracy.audit
+    return audit_response(found, pairs, job.seen.expansions, rng, seconds, share)
 
 
 def _canopy(job: Observation) -> Any:
@@ -164,19 +155,35 @@ def _left_out(found: Any) -> tuple[Choice, ...]:
     return (Choice("weakest trunks", END, found.weak_bound, why),)
 
 
+def _look(reverb: Reverb) -> Look:
+    return Look(name=reverb.name, leaves=reverb.model == "forest")
+
+
 def _fixed(group: Any) -> str:
     return keep("It sends alike to all sides") if group.directivity == "omni" else ""
+
+
+def _bare(_job: Observation, found: Any) -> str:
+    """The words for a response that no trunk is in."""
+    if any(one.trunks or one.continued for one in (found, *found.further)):
+        return ""
+    return (
+        "no trunk is heard: what there is comes straight and by the ground; set plantings, stems or "
+        "continue_to"
+    )
 
 
 REVERB = SensorKind(
     Reverb,
     run=_respond,
     audit=_audit,
+    empty=_bare,
     positions=_where_ends_are,
     cost=_cost,
     outline=sound_outline,
     choose=_choose,
     left_out=_left_out,
+    look=_look,
     family="reverb",
     help=keep("A clap among trunks, as it is heard at another place"),
     icon="RNDCURVE",

@@ -23,8 +23,7 @@ import numpy as np
 
 from ...acoustics.cylinder import scattering_sum
 from ...acoustics.smoothness import Profile
-from ...base.trimesh import WOOD as WOOD_PART
-from ...base.trimesh import TriMesh
+from ...base.trimesh import TriMesh, is_wood
 from ...growth.recognise.centreline import find_centrelines
 from ...growth.recognise.pieces import part
 from .clusters import cluster
@@ -165,7 +164,7 @@ class WoodPopulation:
 
 def wood_segments(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Start and end (N, 3) and radius (N,) of the wood of a mesh, local metres."""
-    triangles = mesh.triangles[mesh.part == WOOD_PART]
+    triangles = mesh.triangles[is_wood(mesh.part)]
     triangles = triangles[np.isfinite(mesh.vertices).all(axis=1)[triangles].all(axis=1)]
     nothing = np.empty((0, 3)), np.empty((0, 3)), np.empty(0)
     if not len(triangles):
@@ -258,7 +257,7 @@ def _largest_backscatter(size: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _bend() -> complex:
-    """What S/√ka still changes by, relative to it, from ``LARGEST`` to infinity: ∝ 1/ka."""
+    """Return what S/√ka still changes by, relative to it, from ``LARGEST`` to infinity: ∝ 1/ka."""
     half, last = (
         _table()(_coordinate(np.array(x))) * x**1.5 / (1.0 + x**1.5) for x in (LARGEST / 2, LARGEST)
     )

@@ -30,8 +30,8 @@ DEMO = ASSETS / "scenes" / "demo.toml"
 
 
 def _import_rooms(_tell: Any) -> None:
-    from ...blender.read import inputs  # noqa: F401
-    from ...stand import files as stand_files  # noqa: F401
+    from ... import site  # noqa: F401
+    from ...blender import site as blender_site  # noqa: F401
     from ..results import finding  # noqa: F401
 
 
@@ -44,11 +44,9 @@ class FOREST_OT_build(Working, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> Work:
         started, scene = time.perf_counter(), context.scene
         yield getting_ready(_import_rooms)
-        from ...blender.read.inputs import inputs_from_scene
-        from ...blender.scene.forest import build
+        from ...blender.site import build_site, with_objects
         from ...formats.toml_file import read_settings
-        from ...stand.files import read_inputs
-        from ...stand.forest import grow_forest
+        from ...site import ForestSite
         from ..results.finding import keep_forest
 
         demo = forestless(scene.forest_sensing)
@@ -58,19 +56,18 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         edited = edited_species(scene)
         folder = DEMO.parent if demo else Path(bpy.path.abspath(scene.forest_sensing.folder))
         mark = "" if demo else live.fingerprint(scene, context.evaluated_depsgraph_get())
-        files = yield Task(say("reading files"), lambda _: read_inputs(settings, folder))
-        inputs = inputs_from_scene(settings, context.evaluated_depsgraph_get(), files)
 
-        def grow(tell: Any) -> Any:
-            species = [load(planting.species, folder, edited) for planting in settings.plantings]
-            return grow_forest(settings, species, tell, inputs)
+        def read(_tell: Any) -> Any:
+            return ForestSite.read(settings, folder, lambda name, home: load(name, home, edited))
 
-        forest = yield Task(say("growing trees"), grow)
+        site = yield Task(say("reading files"), read)
+        site = with_objects(site, context.evaluated_depsgraph_get())
+        forest = yield Task(say("growing trees"), site.grow)
         if demo:  # only now: whoever cancels has the scene of before
             take_scene(scene, settings, folder, keep_sensors=True)
             mark = live.fingerprint(scene, context.evaluated_depsgraph_get())
         first = "forest" not in scene.forest_sensing.results
-        build(scene, settings, forest, inputs.terrain)
+        build_site(scene, site, forest)
         scene.forest_sensing.built = mark
         if first and context.area is not None and context.area.type == "VIEW_3D":
             look_at(context.area, settings.forest)

@@ -83,14 +83,16 @@ def _takes_from_scene(settings: Scene) -> bool:
 
 
 def _batch_of(settings: Scene, folder: Path, depsgraph: bpy.types.Depsgraph) -> Any:
-    from ...blender.read.inputs import inputs_from_scene
+    from ...blender.site import with_objects
+    from ...site import ForestSite
     from ...stand.compose import corners_of, process_of
     from ...stand.files import read_inputs
 
     try:
-        inputs = inputs_from_scene(settings, depsgraph, read_inputs(settings, folder))
+        site = ForestSite(settings, folder, inputs=read_inputs(settings, folder))
+        site = with_objects(site, depsgraph)
         scattered = [p for p in settings.plantings if p.layout not in ("rows", "list")]
-        processes = [process_of(planting, settings.forest, inputs) for planting in scattered]
+        processes = [process_of(planting, settings.forest, site.inputs) for planting in scattered]
     except (SpecError, ValueError, OSError):
         return None
     if not processes:
@@ -99,9 +101,8 @@ def _batch_of(settings: Scene, folder: Path, depsgraph: bpy.types.Depsgraph) -> 
     def together(places: np.ndarray) -> np.ndarray:
         return np.sum([process.at(places) for process in processes], axis=0)
 
-    ground = inputs.ground(settings.forest.terrain.base)
     places, colours, triangles = intensity_surface(together, *corners_of(settings.forest))
-    height = ground.height(places[:, :2])
+    height = site.ground.height(places[:, :2])
     places[:, 2] += np.where(np.isfinite(height), height, settings.forest.terrain.base)
     shader = gpu.shader.from_builtin("SMOOTH_COLOR")
     return shader, batch_for_shader(

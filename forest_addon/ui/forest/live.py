@@ -92,6 +92,8 @@ def fingerprint(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> str:
     folder = bpy.path.abspath(scene.forest_sensing.folder)
     said = (settings.seed, settings.offset, settings.forest, settings.plantings)
     parts = [repr((*said, edited_species(scene), folder))]
+    if settings.accuracy.detail == "auto":  # what grows depends on who looks
+        parts.append(repr(exchange.to_spec(scene).sensors))
     surface = settings.forest.terrain.object
     if surface:
         make = partial(_of_terrain, surface, depsgraph)

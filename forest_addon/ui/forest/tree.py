@@ -206,8 +206,8 @@ def _grow(
     tree = grow(species, template, stream(seed, "tree", name))
     mesh = tree.mesh if leaves else tree.mesh.select(tree.mesh.part != LEAF)
     data = to_mesh(species.name, mesh)
-    data.materials.append(materials.bark(f"{species.name} bark", species.look.bark))
-    data.materials.append(materials.leaf(f"{species.name} leaf", species.look.foliage()))
+    for material in materials.coats_of(species):
+        data.materials.append(material)
     data[SHAPE_OF] = name
     noted = data.forest_grown
     noted.grown, noted.seed, noted.generations, noted.leaves = name, seed, generations, leaves

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-import bpy
 import numpy as np
 
-from forest_addon.api import World, build
-from forest_addon.blender.read.inputs import inputs_from_scene
+from forest_addon.api import Site, World
+from forest_addon.base.progress import Say
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.table import write_csv
 from forest_addon.sensing.canopy import Canopy
 from forest_addon.spec import Scene, SpecError
-from forest_addon.stand.files import read_inputs
 
 from ...command import read_scene
 
-Say = Callable[[str], None]
 MOST = 100  # points along a side of the grid
 SHOWN = 9  # pictures
 INNER = 0.6  # of the field's width and depth, in its middle: what is seen at 75° is in the field, mostly
@@ -48,8 +45,9 @@ def look_up_in(
     if not 1 <= grid <= MOST:
         raise SpecError("--grid", f"{grid} is out of range; use 1 to {MOST}")
     places = [_point(text) for text in at] or _grid(settings, grid)
-    world = build(settings, folder=folder)
-    points = _on_ground(world, folder, places, height)
+    site = Site.of(settings, folder)
+    points = _on_ground(site, places, height)
+    world = site.build(site.grow())
     seen = world.canopy(points)
     out.mkdir(parents=True, exist_ok=True)
     for line in lines(world, seen):
@@ -131,14 +129,10 @@ def _grid(settings: Scene, side: int) -> list[tuple[float, ...]]:
     return [tuple((low + size * (x, y)).tolist()) for y in share for x in share]
 
 
-def _on_ground(
-    world: World, folder: Path, places: Sequence[tuple[float, ...]], height: float
-) -> np.ndarray:
+def _on_ground(site: Site, places: Sequence[tuple[float, ...]], height: float) -> np.ndarray:
     """(N, 3) places, those without a height so high above the ground."""
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    inputs = inputs_from_scene(world.scene, depsgraph, read_inputs(world.scene, folder))
     flat = np.array([place[:2] for place in places])
-    ground = inputs.ground(world.scene.forest.terrain.base).height(flat)
+    ground = site.ground.height(flat)
     if not np.isfinite(ground).all():
         x, y = flat[int(np.argmin(np.isfinite(ground)))]
         raise SpecError("--at", f"there is no ground at ({x:g}, {y:g}) m; choose another point")

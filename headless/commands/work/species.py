@@ -5,10 +5,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import find_species, load_species, species_names
 from forest_addon.growth.tree import Tree, grow
@@ -16,8 +17,6 @@ from forest_addon.growth.truth import tree_truth
 from forest_addon.spec import Detail, SpecError, Species
 
 from ...report.drawing import can_draw, without
-
-Say = Callable[[str], None]
 
 
 def show_species(

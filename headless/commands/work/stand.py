@@ -7,18 +7,17 @@ removed is printed as a table.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 
+from forest_addon.base.progress import Say
 from forest_addon.results.stand_table import note_of, write_stand
+from forest_addon.site import ForestSite
 from forest_addon.spec import SpecError
 from forest_addon.stand.files import read_inputs
-from forest_addon.stand.plan import Stand, labels, plan_stand
+from forest_addon.stand.plan import Stand, labels
 
 from ...command import read_scene
 from ...report.drawing import can_draw, without
-
-Say = Callable[[str], None]
 
 
 def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = print) -> Stand:
@@ -30,9 +29,10 @@ def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = pri
     ValueError : an intensity that cannot be used, or asks for too many trees.
     """
     settings = read_scene(scene, seed)
-    inputs = read_inputs(settings, scene.resolve().parent)
+    folder = scene.resolve().parent
+    site = ForestSite(settings, folder, inputs=read_inputs(settings, folder))  # no tree is grown
     started = time.perf_counter()
-    stand = plan_stand(settings.seed, settings.forest, settings.plantings, inputs)
+    stand = site.plan()
     took = time.perf_counter() - started
     names = labels(settings.plantings)
     for line in stand_lines(stand, names):
@@ -50,7 +50,7 @@ def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = pri
         from ...report.plain import draw_stand
 
         say(without("The map is plain"))
-    picture = draw_stand(stand, names, settings, inputs, out.with_suffix(".png"))
+    picture = draw_stand(stand, names, settings, site.inputs, out.with_suffix(".png"))
     say(f"\nSampled in {took:.2f} s. Wrote {out} and {picture}")
     note = note_of(settings.offset, settings.crs)
     if note:

@@ -21,7 +21,9 @@ from .scatter import ANGLES, Scatter
 from .transport import PhaseFunction
 
 SMEAR = 0.12  # radians
-NEAREST = 0.5  # m; energy that is turned nearer to the receiver is counted as its mean over that ball
+NEAREST = (
+    0.5  # m; energy that is turned nearer to the receiver is counted as its mean over that ball
+)
 FAINT = 1e-4  # of a packet, below which it is not followed
 MOST = 2000  # meetings, real or not
 

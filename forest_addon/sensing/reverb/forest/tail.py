@@ -40,7 +40,7 @@ NO_TRUNK = PhaseFunction(0.0, 1.0, np.zeros(1440), np.full(1440, 0.5 / math.pi))
 
 @dataclass(frozen=True)
 class Tail:
-    """What a pair's noise is made of.
+    """Noise of a pair.
 
     band : (B,) Hz. energy : of each. lift : (B,) per metre, by which the sum over trunks keeps more of the
     sound scattered once than transport does. joint : metres of path from which all is noise.

@@ -1,15 +1,10 @@
-"""Values left to "auto": tolerances as fine as a sensor and its model can tell apart, and no finer.
-
-A finer sum than the model of a leaf, or than what is cut off the end of a record, costs time and makes
-nothing truer. Each choice comes with a bound on what it may be off by and with its reason; the report and
-run.json hold both.
-"""
+"""A value that was left to "auto", as it was chosen: with a bound on the error it makes and the reason."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
-from ..spec import AUTO
+from .base import AUTO
 
 
 @dataclass(frozen=True)

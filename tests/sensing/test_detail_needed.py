@@ -8,7 +8,7 @@ import pytest
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, WOOD
 from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.sensing.needs import grow_needed
+from forest_addon.sensing.detail import grow_needed
 from forest_addon.sensing.trees_audit import audit_tubes
 from forest_addon.spec import (
     Accuracy,
@@ -41,7 +41,8 @@ def scene(*sensors, species="honda-birch", detail="auto", **forest):
 def grown(asked):
     planted = [load_species(find_species(p.species, None)) for p in asked.plantings]
     full = grow_forest(asked, planted)
-    return full, *grow_needed(asked, planted)
+    some = grow_needed(asked, planted)
+    return full, some, some.chosen
 
 
 def same_wood(some, full):
@@ -137,9 +138,10 @@ def test_a_templates_mesh_stays():
     assert np.array_equal(some.variants[key].mesh.vertices, full.variants[key].mesh.vertices)
 
 
-def test_the_forest_itself_is_handed_back_where_all_is_asked_for():
-    from forest_addon.sensing.needs import forest_for
-
+def test_nothing_is_chosen_where_all_is_asked_for():
     asked = replace(scene(PLANE), accuracy=Accuracy())
-    full, _, _ = grown(asked)
-    assert forest_for(asked, full)[0] is full
+    full, some, chosen = grown(asked)
+    assert chosen == () == some.detail
+    for key, tree in full.variants.items():
+        assert np.array_equal(some.variants[key].mesh.vertices, tree.mesh.vertices)
+        assert np.array_equal(some.variants[key].mesh.triangles, tree.mesh.triangles)

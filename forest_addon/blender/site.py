@@ -1,0 +1,44 @@
+"""A site in Blender: what objects of the open file add to it, and the forest that grew there as a scene."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TypeVar
+
+import bpy
+
+from ..site import ForestSite
+from ..spec import SpecError
+from ..stand.forest import Forest
+from .read.inputs import inputs_from_scene
+from .scene.forest import build
+
+S = TypeVar("S", bound=ForestSite)
+
+
+def with_objects(site: S, depsgraph: bpy.types.Depsgraph | None = None) -> S:
+    """Add the ground, painted weights and places of trees that objects of the open scene give.
+
+    Raises
+    ------
+    SpecError : there is no such object, layer or collection; says what there is.
+    """
+    depsgraph = depsgraph or bpy.context.evaluated_depsgraph_get()
+    return replace(site, inputs=inputs_from_scene(site.scene, depsgraph, site.inputs))
+
+
+def build_site(
+    place: bpy.types.Scene, site: ForestSite, forest: Forest, *, as_assets: bool = True
+) -> None:
+    """Put a forest that grew on a site into a Blender scene, in place of the one that stands there.
+
+    as_assets : whether variants become assets, each with a picture.
+
+    Raises
+    ------
+    SpecError : something that stands there is in the way; nothing is changed.
+    """
+    try:
+        build(place, site.scene, forest, site.inputs.terrain, as_assets=as_assets)
+    except ValueError as problem:
+        raise SpecError("build", str(problem)) from None

@@ -1,0 +1,181 @@
+"""Looks of each kind of sensor at trees: from where, how far, and how fine it tells things apart.
+
+A ``Look`` is what ``detail`` asks of a sensor, and what the record of each kind makes of its settings; there
+is one class for beams, one for echoes and one for responses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+TOGETHER = 50  # coarse leaves that must sound as one
+LOUDNESS = 0.05  # the energy that coarse leaves may send back more or less, as a share
+SHARE = 0.25  # of its leaves that a coarse tree has
+SOUND = 340.0  # m/s, rounded: N is a matter of factors
+ORIENTATIONS = 500
+
+
+@dataclass(frozen=True)
+class Upright:
+    """N trees as upright cylinders.
+
+    place : (N, 2) metres. reach : (N,) radius of the cylinder, m. low, high : (N,) heights of its ends, m.
+    """
+
+    place: np.ndarray
+    reach: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    def distance(self, corners: np.ndarray) -> np.ndarray:
+        """(N,) metres, or less, from each tree to the nearest place of a line through corners (P, 3)."""
+        aside = np.full(len(self.place), np.inf)
+        for a, b in pairwise(corners if len(corners) > 1 else corners[[0, 0]]):
+            step = b[:2] - a[:2]
+            at = np.clip(((self.place - a[:2]) @ step) / max(float(step @ step), 1e-12), 0, 1)
+            aside = np.minimum(aside, np.hypot(*(self.place - a[:2] - at[:, None] * step).T))
+        aside = np.maximum(aside - self.reach, 0)
+        lowest, highest = corners[:, 2].min(), corners[:, 2].max()
+        over = np.maximum(np.maximum(lowest - self.high, self.low - highest), 0)
+        return np.asarray(np.hypot(aside, over))
+
+
+@dataclass(frozen=True)
+class Leafy(Upright):
+    """The same with the coarse leaves of trees that can have such.
+
+    length : (N,) of the longest coarse leaf, m; 0: it has none. radius : (N,) of the disc of a full leaf, m;
+    0 of needles. density : (N,) coarse leaves in a cubic metre of the crown.
+    """
+
+    length: np.ndarray
+    radius: np.ndarray
+    density: np.ndarray
+
+
+@dataclass(frozen=True)
+class Look:
+    """A sensor as ``detail`` asks it; this one hears trees wherever they are.
+
+    name : of the sensor. corners : (P, 3) of its trajectory, m; None where it is not known before the sensor
+    runs. range : m, beyond which it finds nothing. leaves : whether a leaf may change what it finds.
+    exact_wood : whether wood must be known as it is set. slack : m that it may reach beside its trajectory.
+    """
+
+    name: str
+    corners: np.ndarray | None = None
+    range: float = np.inf
+    leaves: bool = True
+    exact_wood: bool = True
+    slack: float = 0.0
+
+    tells_leaves = False  # whether it can tell one leaf from another
+    meets_wood = False  # by beams
+
+    def distance(self, trees: Upright) -> np.ndarray:
+        """(N,) metres, or less, to each tree; 0 where the trajectory is not known."""
+        if self.corners is None:
+            return np.zeros(len(trees.place))
+        return np.maximum(trees.distance(self.corners) - self.slack, 0.0)
+
+    def blurs(self, trees: Leafy, away: np.ndarray) -> np.ndarray:
+        """(N,) bool, whether coarse leaves of trees at distances (N,) are as good as all."""
+        raise NotImplementedError
+
+    def why_blurred(self, trees: Leafy, away: np.ndarray, row: int) -> str:
+        """The reason in words, of a tree."""
+        raise NotImplementedError
+
+    def footprint(self, distance: float) -> float:
+        """Metres across the narrowest that a beam is at a distance or beyond; 0: a line."""
+        raise NotImplementedError
+
+
+def _a_line(_distance: float) -> float:
+    return 0.0
+
+
+@dataclass(frozen=True)
+class BeamLook(Look):
+    """A scanner: ``resolves`` gives (N,) metres that it tells apart at distances (N,), ``widths`` the
+    footprint at one."""
+
+    resolves: Callable[[np.ndarray], np.ndarray] = np.zeros_like
+    widths: Callable[[float], float] = _a_line
+
+    tells_leaves = True
+    meets_wood = True
+
+    def blurs(self, trees: Leafy, away: np.ndarray) -> np.ndarray:
+        return np.asarray(self.resolves(away) >= trees.length)
+
+    def why_blurred(self, trees: Leafy, away: np.ndarray, row: int) -> str:
+        fine, long = 100 * self.resolves(away)[row], 100 * trees.length[row]
+        return f"which tells {fine:.1f} cm apart there; leaves have up to {long:.1f} cm"
+
+    def footprint(self, distance: float) -> float:
+        return self.widths(distance)
+
+
+@dataclass(frozen=True)
+class EchoLook(Look):
+    """A sonar; ``beam_width`` is the narrowest full width in radians, ``band`` in Hz."""
+
+    beam_width: float = 0.0
+    band: tuple[float, float] = (0.0, 1.0)
+    hears_leaves: bool = True
+
+    tells_leaves = True
+
+    def blurs(self, trees: Leafy, away: np.ndarray) -> np.ndarray:
+        if not self.hears_leaves:
+            return np.ones(len(away), dtype=bool)
+        many = self.heard_together(trees, away) >= TOGETHER
+        sizes, which = np.unique(np.round(trees.radius, 4), return_inverse=True)
+        louder = np.array([loudness(self.band, float(size)) for size in sizes])
+        return many & (np.abs(louder - 1) <= LOUDNESS)[which] & (trees.radius > 0)
+
+    def why_blurred(self, trees: Leafy, away: np.ndarray, row: int) -> str:
+        many = self.heard_together(trees, away)[row]
+        louder = loudness(self.band, round(float(trees.radius[row]), 4))
+        return f"where {many:.0f} sound as one, {10 * np.log10(louder):+.2f} dB"
+
+    def heard_together(self, trees: Leafy, away: np.ndarray) -> np.ndarray:
+        """(N,) coarse leaves in the beam within half a pulse, at the distances of trees (N,)."""
+        low, high = self.band
+        deep = SOUND / (2 * max(high - low, 1.0))
+        across = np.minimum(away * self.beam_width, 2 * trees.reach)
+        return np.asarray(trees.density * np.pi / 4 * across**2 * np.minimum(deep, trees.reach))
+
+
+@cache
+def loudness(band: tuple[float, float], radius: float) -> float:
+    """Energy that coarse discs send back over that of full ones of this radius, metres, facing all ways."""
+    from ..acoustics.disc import backscatter
+
+    t = (np.arange(ORIENTATIONS) + 0.5) / ORIENTATIONS
+    angle = np.pi / 2 * t**2  # close together straight on, where a large disc glints
+    weight = np.sin(angle) * t
+    k = 2 * np.pi * np.linspace(*band, 15) / SOUND
+
+    def energy(a: float) -> float:
+        return float((weight * (backscatter((k * a)[:, None], angle) / k[:, None]) ** 2).sum())
+
+    return SHARE * energy(radius / np.sqrt(SHARE)) / max(energy(radius), 1e-300)
+
+
+def look_at_leaves(sensor: Any) -> Look:
+    """The look of a sensor that may tell any two leaves apart, from its place and as far as it reaches."""
+    place = getattr(sensor, "position", None)
+    return BeamLook(
+        name=sensor.name,
+        corners=None if place is None else np.array([place], dtype=float),
+        range=float(getattr(sensor, "max_range", np.inf)),
+        exact_wood=False,
+    )

@@ -1,0 +1,102 @@
+"""The door to a forest: settings, inputs and species in, a grown forest out; without Blender.
+
+A ``ForestSite`` holds all that a forest is made of. ``read`` takes it from files, ``blender/site`` adds what
+objects of a Blender scene say, ``plan`` says where trees stand, and ``grow`` decides how much of each tree
+the scene's sensors need (once, ``sensing/detail``) and grows that. The API, the panel, datasets, flights and
+the commands all come this way, so the same settings and seed are the same forest to the bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Self
+
+from .base.progress import Progress
+from .growth.library.species_file import find_species, load_species
+from .growth.tree import Tree
+from .sensing.detail import grow_needed
+from .spec import Scene
+from .stand.files import read_inputs
+from .stand.forest import Forest, ForestPlan, Grown, Planted
+from .stand.inputs import Inputs
+from .stand.intensity.terrain import Terrain
+from .stand.plan import Stand, plan_stand
+
+Load = Callable[[str, Path], Planted]
+
+
+def load_planted(name: str, folder: Path) -> Planted:
+    """A species by the name that a planting gives it, with its templates.
+
+    Raises
+    ------
+    SpecError : there is no such species, or it cannot be used.
+    """
+    return load_species(find_species(name, folder))
+
+
+@dataclass(frozen=True)
+class ForestSite:
+    """All that a forest is made of; nothing has grown.
+
+    scene : its settings. folder : that relative paths in them start from. species : what each planting
+    plants, with its templates. inputs : rasters, lists, allometries and terrain.
+    """
+
+    scene: Scene
+    folder: Path = Path()
+    species: Sequence[Planted] = ()
+    inputs: Inputs = field(default_factory=Inputs)
+
+    @classmethod
+    def read(cls, scene: Scene, folder: str | Path = ".", load: Load = load_planted) -> Self:
+        """Read the species and the files that a scene names.
+
+        load : gives a species by its name and the folder.
+
+        Raises
+        ------
+        SpecError : a species or a file is missing or cannot be used.
+        """
+        folder = Path(folder)
+        species = tuple(load(planting.species, folder) for planting in scene.plantings)
+        return cls(scene, folder, species, read_inputs(scene, folder))
+
+    @property
+    def ground(self) -> Terrain:
+        """The terrain, flat where none was given."""
+        return self.inputs.ground(self.scene.forest.terrain.base)
+
+    def plan(self) -> Stand:
+        """Return where trees stand, before any has grown: sizes and variants of trees with targets come
+        later."""
+        scene = self.scene
+        return plan_stand(scene.seed, scene.forest, scene.plantings, self.inputs)
+
+    def grow(self, progress: Progress | None = None, grown: Grown | None = None) -> Forest:
+        """Plan the stand and grow its trees, as far as the scene's sensors need them.
+
+        progress : called as progress(done, total). grown : gives the tree of a planting and variant, by
+        numbers, of a species, in place of growing it; of trees without targets of their own.
+
+        Raises
+        ------
+        ValueError : an intensity or a list that cannot be used.
+        SpecError : targets that contradict each other.
+        """
+        return grow_needed(self.scene, self.species, progress, self.inputs, grown)
+
+    def planned(self) -> ForestPlan:
+        """The stand with variants and targets of its trees; grows single trees in full."""
+        return ForestPlan.of(self.scene, self.species, self.inputs)
+
+    def every_variant(self, forest: Forest) -> dict[tuple[int, int], Tree]:
+        """The variants of a forest that grew here in full, with those that could stand and do not."""
+        plan, variants = self.planned(), dict(forest.variants)
+        for number, planting in enumerate(self.scene.plantings):
+            for variant in range(planting.variants):
+                if (number, variant) not in variants:
+                    variants[number, variant] = plan.tree(number, variant)
+        return dict(sorted(variants.items()))
