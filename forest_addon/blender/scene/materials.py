@@ -165,6 +165,24 @@ def ground(name: str) -> bpy.types.Material:
     return material
 
 
+def meadow(name: str) -> bpy.types.Material:
+    """Grassland far away: greens and dry tufts in patches."""
+    material, shader = _principled(name)
+    graph = Graph(material.node_tree)
+    place = graph.place()
+    broad = graph.step(graph.noise(place, 0.05, 5.0, 0.6), 0.35, 0.65)
+    fine = graph.noise(graph.scaled(place, (0.6, 0.6, 0.6)), 1.0, 6.0, 0.75)
+    green = graph.mix(broad, (0.075, 0.105, 0.022), (0.135, 0.150, 0.045))
+    colour = graph.mix(
+        graph.step(fine, 0.3, 0.75), graph.mix(0.5, green, (0.02, 0.03, 0.008)), green
+    )
+    graph.put(shader.inputs["Base Color"], colour)
+    shader.inputs["Roughness"].default_value = 1.0
+    shader.inputs["Specular IOR Level"].default_value = 0.1
+    material.diffuse_color = (0.16, 0.2, 0.08, 1.0)
+    return material
+
+
 def coloured_points(name: str) -> bpy.types.Material:
     """Points in the colour that their attribute ``colour`` says."""
     material, shader = _principled(name)
