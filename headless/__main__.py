@@ -1,7 +1,11 @@
 """``python -m headless``."""
 
-import sys
+from .interrupt import quietly
 
-from .cli import main
+quietly()  # before the first import that takes a while
+
+import sys  # noqa: E402
+
+from .cli import main  # noqa: E402
 
 sys.exit(main())

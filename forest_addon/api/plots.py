@@ -15,8 +15,8 @@ from ..sensing.reverb.response import ImpulseResponse
 from ..sensing.sonar.ping import Echo
 from ..spec import SpecError
 
-ORGANS = ("other", "wood", "leaf", "ground")
-COLOURS = ("#7a7a7a", "#7a4a1f", "#3f8f3a", "#b8a06a")
+ORGANS = ("other", "wood", "leaf", "ground", "dead wood")
+COLOURS = ("#7a7a7a", "#7a4a1f", "#3f8f3a", "#b8a06a", "#8c8378")
 MOST_POINTS = 40_000  # drawn; more are thinned evenly
 SOME_STAND = 0.02  # share of points that are not ground, from which on a picture is of these
 
@@ -26,7 +26,7 @@ def draw_cloud(cloud: Cloud) -> Any:
     figure, (above, side) = _figure(1, 2, (10, 4.5))
     rows = slice(None, None, max(1, -(-len(cloud) // MOST_POINTS)))
     place = cloud.position[rows]
-    organ = np.clip(cloud.returns.organ[rows], 0, 3)
+    organ = np.clip(cloud.returns.organ[rows], 0, len(ORGANS) - 1)
     for number, (name, colour) in enumerate(zip(ORGANS, COLOURS, strict=True)):
         x, y, z = place[organ == number].T
         if len(x):

@@ -67,6 +67,7 @@ def skeleton(forest: Forest | None, placed: PlacedTrees, tree: int) -> Table:
         "parent": wood.parent,
         "order": wood.order,
         "generation": wood.generation,
+        "dead": wood.is_dead,
     }
 
 

@@ -271,7 +271,8 @@ class World:
 
     def skeleton(self, tree: int) -> dict[str, np.ndarray]:
         """The segments of a tree in the world: start (S, 3), end (S, 3), radius (S, 2) at both, metres;
-        parent (S,), -1 at the foot; order (S,), 0 for the trunk; generation (S,).
+        parent (S,), -1 at the foot; order (S,), 0 for the trunk; generation (S,);
+        dead (S,), whether it lives no more.
 
         tree : its number, a value of ``trees["tree"]``.
 

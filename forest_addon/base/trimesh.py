@@ -11,8 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-OTHER, WOOD, LEAF, GROUND = 0, 1, 2, 3
-PART_NAMES = ("other", "wood", "leaf", "ground")
+OTHER, WOOD, LEAF, GROUND, DEAD = 0, 1, 2, 3, 4
+PART_NAMES = ("other", "wood", "leaf", "ground", "dead wood")
+
+
+def is_wood(part: np.ndarray) -> np.ndarray:
+    """(N,) whether parts are wood, living or dead."""
+    return np.asarray((part == WOOD) | (part == DEAD))
 
 
 @dataclass(frozen=True)
@@ -33,7 +38,7 @@ class TriMesh:
 
     vertices : (V, 3) float64, metres.
     triangles : (T, 3) int32, indices into ``vertices``.
-    part : (T,) int8, ``OTHER``, ``WOOD``, ``LEAF`` or ``GROUND``.
+    part : (T,) int8, ``OTHER``, ``WOOD``, ``LEAF``, ``GROUND`` or ``DEAD``.
     leaf : (T,) int32, the leaf a triangle belongs to, -1 where it is no leaf.
     material : (T,) int32, material slot.
     uv : (T, 3, 2) float32 texture coordinates by corner, or None.

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import os
+import stat
 from collections.abc import Callable
 from pathlib import Path
 from typing import Concatenate, ParamSpec, TypeVar
@@ -19,15 +20,17 @@ P = ParamSpec("P")
 Found = TypeVar("Found")
 StrPath = str | os.PathLike[str]
 LONGEST = 160  # characters of another program's words
+MOST = 4_000_000_000  # bytes of a file
 
 
 def guarded(
-    what: str, *, key: str = "", meant: tuple[type[Exception], ...] = ()
+    what: str, *, key: str = "", meant: tuple[type[Exception], ...] = (), most: int = MOST
 ) -> Callable[[Callable[Concatenate[Path, P], Found]], Callable[Concatenate[StrPath, P], Found]]:
     """For a function that reads the file of its first argument: it raises a ``SpecError`` or what is meant.
 
     what : what the file should be, as in "an npy array". key : the setting that names the file, if the
     sentence should start with that. meant : errors that callers know.
+    most : bytes of a file.
     """
 
     known: tuple[type[Exception], ...] = (SpecError, *meant)
@@ -39,6 +42,7 @@ def guarded(
         def guarded_read(path: StrPath, /, *more: P.args, **named: P.kwargs) -> Found:
             place = str(os.fspath(path))
             try:
+                _refuse_endless(path, most)
                 return read(Path(path), *more, **named)
             except known:
                 raise
@@ -50,6 +54,23 @@ def guarded(
         return guarded_read
 
     return around
+
+
+def _refuse_endless(path: StrPath, most: int) -> None:
+    """Refuse what has no end, or more than any reader here should hold; what is missing is told later."""
+    try:
+        status = os.stat(path)
+    except OSError:
+        return
+    kind = stat.S_IFMT(status.st_mode)
+    if kind not in (stat.S_IFREG, stat.S_IFDIR):
+        raise SpecError(str(path), "is a device or a pipe; name a file")
+    if status.st_size > most:
+        raise SpecError(
+            str(path),
+            f"has {status.st_size / 1e9:.1f} GB, more than the {most / 1e9:g} GB that are read; "
+            "give a smaller file",
+        )
 
 
 def _sentence(problem: Exception, what: str) -> str:

@@ -3,7 +3,7 @@
 Coordinates are stored as whole numbers of 0.1 mm from an offset, so that a point is exact to 0.05 mm
 anywhere (1 mm for clouds wider than 200 km). The intensity is a level in steps of 0.002 dB over -100 dB,
 the same scale for every scan; the extra bytes ``amplitude`` hold it as it is. Labels are ``tree``,
-``species``, ``organ`` (0 other, 1 wood, 2 leaf, 3 ground), ``leaf`` and ``object``, -1 where there is none.
+``species``, ``organ`` (0 other, 1 wood, 2 leaf, 3 ground, 4 dead wood), ``leaf`` and ``object``, or -1.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import lazrs
 import numpy as np
 
 from ..base.labels import Labels
-from ..base.trimesh import GROUND, LEAF, WOOD
+from ..base.trimesh import DEAD, GROUND, LEAF, WOOD
 from ..spec import SpecError
 from .atomic import replacing
 
@@ -29,11 +29,11 @@ ROWS_AT_ONCE = 50_000  # a chunk of LAZ
 FILLED_AT_ONCE = 5_000  # what stays in the cache while its fields are copied
 OWN_CLASSES, CLASSES = 64, 192  # the first class that is the user's, and how many there are
 CLASS_OF_ORGAN = np.ones(128, dtype=np.uint8)  # ASPRS: unclassified, high vegetation, ground
-CLASS_OF_ORGAN[[WOOD, LEAF, GROUND]] = 5, 5, 2
+CLASS_OF_ORGAN[[WOOD, LEAF, GROUND, DEAD]] = 5, 5, 2, 5
 EXTRA = {
     "tree": "number of the tree",
     "species": "number of the species",
-    "organ": "0 other 1 wood 2 leaf 3 ground",
+    "organ": "0 other wood leaf ground 4 dead",
     "leaf": "number of the leaf",
     "object": "number of the instance",
     "amplitude": "1: white, facing, 1 m away",

@@ -17,11 +17,16 @@ SIGNATURE = b"\x89PNG\r\n\x1a\n"
 CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # by colour type; 3 is a palette
 DEPTHS = {0: (1, 2, 4, 8, 16), 3: (1, 2, 4, 8)}  # of the others: 8 and 16
 MOST = 2**30  # bytes of pixels
+MOST_PIXELS = 100_000_000  # ten seconds of reading
 # Adam7: first column and row of each pass, and its steps.
 PASSES = (
     *((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4)),
     *((0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2)),
 )
+
+
+class TooLargeError(ValueError):
+    """An image of more pixels than are read."""
 
 
 def read_png(data: bytes) -> tuple[np.ndarray, float]:
@@ -54,6 +59,7 @@ def read_png(data: bytes) -> tuple[np.ndarray, float]:
     ]
     strides = [-(-columns * channels * depth // 8) for *_, columns, _ in parts]
     size = sum((1 + stride) * part[-1] for stride, part in zip(strides, parts, strict=True))
+    refuse_large(wide, high)
     if size > MOST:
         raise ValueError("it is too large")
     raw = np.frombuffer(zlib.decompressobj().decompress(b"".join(packed), size), dtype=np.uint8)
@@ -71,6 +77,19 @@ def read_png(data: bytes) -> tuple[np.ndarray, float]:
         return pixels, float(2**depth - 1)
     table = np.frombuffer(palette, dtype=np.uint8).reshape(-1, 3)
     return table[pixels[..., 0]], 255.0
+
+
+def refuse_large(wide: int, high: int) -> None:
+    """Refuse an image that would take minutes and most of a machine's memory.
+
+    Raises
+    ------
+    TooLargeError : it has more than ``MOST_PIXELS``.
+    """
+    if wide * high > MOST_PIXELS:
+        raise TooLargeError(
+            f"has {wide:,} x {high:,} pixels, more than {MOST_PIXELS:,}; make it coarser, or cut it"
+        )
 
 
 def write_png(pixels: np.ndarray) -> bytes:

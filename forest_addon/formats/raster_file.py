@@ -6,7 +6,9 @@ they are. Other images, and rare kinds of TIFF, are read where Pillow is there; 
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
@@ -36,12 +38,28 @@ def read_raster(path: Path) -> np.ndarray:
 
 def _read_array(path: Path) -> np.ndarray:
     try:
+        with open(path, "rb") as file:
+            shape = _shape_of(file)
+        if math.prod(shape) > png.MOST_PIXELS:
+            raise SpecError(
+                str(path), f"has the shape {list(shape)}, more than {png.MOST_PIXELS:,} numbers"
+            )
         array = np.load(path, allow_pickle=False)
     except (ValueError, EOFError) as problem:
         raise SpecError(str(path), f"is not an npy file of numbers: {problem}") from None
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "buif":
         raise SpecError(str(path), "is not an npy file of real numbers; save a plain array")
     return array
+
+
+def _shape_of(file: IO[bytes]) -> tuple[int, ...]:
+    """The shape that the header of an npy file says; () of another file."""
+    try:
+        version = np.lib.format.read_magic(file)
+        read = {1: np.lib.format.read_array_header_1_0, 2: np.lib.format.read_array_header_2_0}
+        return tuple(read[version[0]](file)[0])
+    except Exception:  # np.load says what it is
+        return ()
 
 
 def _read_image(path: Path) -> np.ndarray:
@@ -53,6 +71,8 @@ def _read_image(path: Path) -> np.ndarray:
             pixels, white = tiff.read_tiff(data)
         else:
             raise ValueError("it is neither PNG nor TIFF")
+    except png.TooLargeError as problem:
+        raise SpecError(str(path), str(problem)) from None
     except Exception as problem:  # a damaged image fails anywhere
         pixels, white = _read_by_pillow(path, problem)
     if pixels.shape[2] in (2, 4):  # with alpha, which says nothing about shades
@@ -72,7 +92,10 @@ def _read_by_pillow(path: Path, problem: Exception) -> tuple[np.ndarray, float]:
         raise refused from None
     try:
         with Image.open(path) as image:
+            png.refuse_large(*image.size)
             mode, pixels = image.mode, np.asarray(image)
+    except png.TooLargeError as large:
+        raise SpecError(str(path), str(large)) from None
     except (OSError, ValueError, Image.DecompressionBombError):
         raise refused from None
     if mode == "F" or mode.startswith("I"):

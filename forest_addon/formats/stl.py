@@ -23,6 +23,7 @@ from .foreign import guarded
 
 HEADER_BYTES = 84  # 80 of text, then the facet count
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+MOST_FACETS = 20_000_000
 CHUNK = 1 << 24  # bytes of ASCII parsed at a time: large enough for numpy, small enough for memory
 BLANK = 32  # a byte up to this one, space, separates words
 
@@ -35,25 +36,26 @@ class StlWarning(UserWarning):
     """Facets were left out of what was read."""
 
 
-def read_stl(path: str | os.PathLike[str]) -> np.ndarray:
+def read_stl(path: str | os.PathLike[str], most: int = MOST_FACETS) -> np.ndarray:
     """Facets of an STL file: (T, 3, 3) float64, T >= 1, every number finite, in the file's order.
 
     Facets with a corner that is NaN or infinite are left out, and an ``StlWarning`` says how many.
+    most : facets that make sense of what the file should be.
 
     Raises
     ------
-    StlError : the file is empty, cut off, no STL, says another count than it holds, or has no facet.
+    StlError : the file is empty, cut off, no STL, says another count than it holds, has no facet or too many.
     OSError : it cannot be opened.
     """
     try:
-        return _read(path)
+        return _read(path, most)
     except SpecError as problem:
         name = os.path.basename(os.fspath(path))
         raise StlError(f"{name} {problem.problem}.") from None
 
 
 @guarded("an STL file", meant=(StlError, OSError))
-def _read(path: Path) -> np.ndarray:
+def _read(path: Path, most: int) -> np.ndarray:
     name = path.name
     data = path.read_bytes()
     if not data.strip(b"\0 \t\r\n"):
@@ -61,8 +63,10 @@ def _read(path: Path) -> np.ndarray:
     counted = int.from_bytes(data[80:HEADER_BYTES], "little")
     if len(data) >= HEADER_BYTES and len(data) == HEADER_BYTES + FACET.itemsize * counted:
         records = np.frombuffer(data, FACET, offset=HEADER_BYTES)
+        _refuse_many(name, counted, most)
         facets = records["corners"].astype(np.float64)
     elif _is_text(data):
+        _refuse_many(name, data.lower().count(b"endloop"), most)
         facets = _parse_ascii(data.lower(), name)
     else:
         raise _wrong_size(data, counted, name)
@@ -81,6 +85,11 @@ def _read(path: Path) -> np.ndarray:
         )
         facets = facets[finite]
     return facets
+
+
+def _refuse_many(name: str, count: int, most: int) -> None:
+    if count > most:
+        raise StlError(f"{name} has {count:,} facets, more than {most:,}; make it coarser.")
 
 
 def write_stl(

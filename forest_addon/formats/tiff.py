@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .png import MOST, unpacked
+from .png import MOST, refuse_large, unpacked
 
 WIDTH, HEIGHT, BITS, COMPRESSION, PHOTOMETRIC, FILL_ORDER = 256, 257, 258, 259, 262, 266
 STRIPS, SAMPLES, ROWS, STRIP_SIZES, PLANAR, PREDICTOR, PALETTE = 273, 277, 278, 279, 284, 317, 320
@@ -77,6 +77,7 @@ def _tags(data: bytes, order: str) -> Tags:
 def _pixels(data: bytes, tags: Tags, order: str, kind: str, depth: int) -> np.ndarray:
     """(H, W, C) as they are stored, from strips or tiles."""
     wide, high = tags[WIDTH][0], tags[HEIGHT][0]
+    refuse_large(wide, high)
     samples = tags.get(SAMPLES, (1,))[0]
     tiled = TILES in tags
     across = tags[TILE_WIDTH][0] if tiled else wide

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..spec import AUTO, SENSORS, Sensor, Settings, SpecError, param_of
-from ..spec.base import refuse_unknown
+from ..spec.base import refuse_many, refuse_unknown
 from ..spec.typed import WORDS, shown, typed
 from .atomic import replacing
 from .foreign import guarded
@@ -153,6 +153,8 @@ def _table_hook(converter: Any, cls: type[Settings]) -> Any:
         if not isinstance(value, dict):
             raise SpecError("", f"{shown(value)} is not a table with {', '.join(fields)}")
         refuse_unknown(value, fields)
+        for key, item in value.items():
+            refuse_many(key, item, param_of(fields[key]))
         # "auto" stands for a number; one of a key that knows none is refused as a text
         left = {k: AUTO for k, v in value.items() if v == "auto" and param_of(fields[k]).auto}
         return fill(value | left, cls)

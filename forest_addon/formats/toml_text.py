@@ -10,10 +10,11 @@ from typing import Any
 from ..spec import SpecError
 from .foreign import guarded
 
+MOST_BYTES = 100_000_000  # minutes of reading
 DIGITS = re.compile(r"[0-9](?:_?[0-9]){999,}")
 
 
-@guarded("a .toml file")
+@guarded("a .toml file", most=MOST_BYTES)
 def read_tables(path: Path) -> dict[str, Any]:
     """The tables of a TOML file.
 

@@ -20,6 +20,7 @@ class Skeleton:
     parent : (S,) int64, -1 for the root.
     order : (S,) int64, 0 for the trunk, 1 for first-level branches, ...
     generation : (S,) int64, number of segments below on the way to the root.
+    dead : (S,) bool, wood that lives no more, leafless and broken; None: all of it lives.
     """
 
     start: np.ndarray
@@ -28,9 +29,30 @@ class Skeleton:
     parent: np.ndarray
     order: np.ndarray
     generation: np.ndarray
+    dead: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.parent)
+
+    @property
+    def is_dead(self) -> np.ndarray:
+        """(S,) bool, whether each segment is dead."""
+        return np.zeros(len(self), dtype=bool) if self.dead is None else self.dead
+
+    def some(self, keep: np.ndarray) -> Skeleton:
+        """The segments where ``keep`` (S,) is true; one whose mother is not kept becomes a root."""
+        number = np.cumsum(keep) - 1
+        mother = self.parent[keep]
+        known = (mother >= 0) & keep[np.maximum(mother, 0)]
+        return Skeleton(
+            start=self.start[keep],
+            end=self.end[keep],
+            radius=self.radius[keep],
+            parent=np.where(known, number[np.maximum(mother, 0)], -1),
+            order=self.order[keep],
+            generation=self.generation[keep],
+            dead=None if self.dead is None else self.dead[keep],
+        )
 
     def axis(self, first: int) -> list[int]:
         """The segments of one axis, from ``first`` on, each followed by its daughter of equal order."""

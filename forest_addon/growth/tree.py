@@ -17,7 +17,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..base.rng import daughter_keys, truncated_normal
-from ..base.trimesh import LEAF, WOOD, TriMesh, join
+from ..base.trimesh import DEAD, LEAF, WOOD, TriMesh, join
 from ..spec import Siblings, Species
 from .draw import draw_inclination
 from .graft.cut import TreeTemplate
@@ -25,6 +25,7 @@ from .graft.graft import Scion, Site, graft, prepare
 from .lsystem.grammar import string_of
 from .lsystem.turtle import interpret
 from .measured.curves import curved
+from .measured.dead import with_dead
 from .measured.meet import grow_measured
 from .measured.needles import coarse_shoot, shoot_of
 from .measured.pipes import scaled_to
@@ -114,9 +115,19 @@ def without_leaves(tree: Tree) -> Tree:
     return replace(tree, mesh=tree.mesh.select(tree.mesh.part != LEAF), leaves=leaves)
 
 
+def wood_of(skeleton: Skeleton, tolerance: float, relief: Relief | None = None) -> TriMesh:
+    """Mesh a skeleton's wood; dead branches have the part ``DEAD``, and no bark."""
+    dead = skeleton.is_dead
+    if not dead.any():
+        return mesh_wood(skeleton, tolerance, sunk=SUNK, relief=relief)
+    gone = mesh_wood(skeleton.some(dead), tolerance)
+    gone = replace(gone, part=np.full_like(gone.part, DEAD))
+    return gone if dead.all() else join([wood_of(skeleton.some(~dead), tolerance, relief), gone])
+
+
 def with_tolerance(tree: Tree, tolerance: float) -> Tree:
     """The same tree, whose wood is all in its skeleton, meshed to another tolerance."""
-    wood = mesh_wood(tree.skeleton, tolerance, sunk=SUNK, relief=tree.relief)
+    wood = wood_of(tree.skeleton, tolerance, tree.relief)
     return replace(tree, mesh=join([wood, tree.mesh.select(tree.mesh.part == LEAF)]))
 
 
@@ -186,18 +197,21 @@ def _whole(
     if has_curves(species):
         skeleton, sites = curved(skeleton, sites, species.crown.collar if species.crown else 0.0)
         skeleton = skeleton if wanted is None else scaled_to(skeleton, wanted.dbh)
+    if species.architecture is not None and wanted is not None:
+        key = rng.integers(2**63, size=1).astype(np.uint64)
+        skeleton = with_dead(skeleton, species.architecture, wanted, key)
     if species.inclination is not None and len(sites):
         angle = draw_inclination(species.inclination, _leaf_keys(len(sites), rng))
         sites = incline_sites(sites, angle)
     left = leaves_left(species)
-    area = leaf_areas(sites, blade) if blade.by_facets else None
+    area = leaf_areas(sites, blade) if blade.by_facets and left < 1 else None
     sites = thin_leaves(sites, left, rng, blade.middle[0], area) if left else sites.none()
     bearer = np.maximum(sites.segment, 0)
     known = sites.segment >= 0
     branch = np.where(known, first_level(skeleton)[bearer], -1) if len(sites) else sites.segment
     order = np.where(known, skeleton.order[bearer], 0) if len(sites) else sites.segment
     relief = _relief(species, rng)
-    wood = mesh_wood(skeleton, species.detail.tolerance, sunk=SUNK, relief=relief)
+    wood = wood_of(skeleton, species.detail.tolerance, relief)
     mesh = lay(sites, blade, order=order, wood=wood)
     leaves = truth_of(sites, blade, branch)
     return Tree(mesh, leaves, skeleton, grafted=False, wanted=wanted, missed=missed, relief=relief)
@@ -336,23 +350,9 @@ def _above(skeleton: Skeleton, lowest: float) -> Skeleton:
     for segment in np.flatnonzero(skeleton.order == 1).tolist():
         if skeleton.order[skeleton.parent[segment]] == 1:
             foot[segment] = foot[skeleton.parent[segment]]
-    return _some(skeleton, (skeleton.order == 0) | (skeleton.start[foot, 2] >= lowest))
+    return skeleton.some((skeleton.order == 0) | (skeleton.start[foot, 2] >= lowest))
 
 
 def _first_levels(skeleton: Skeleton) -> Skeleton:
     """Trunk and first-level axes only; what branches further comes from the templates."""
-    return _some(skeleton, skeleton.order <= 1)
-
-
-def _some(skeleton: Skeleton, keep: np.ndarray) -> Skeleton:
-    """Some segments (S,) of a skeleton, each with its mother."""
-    renumbered = np.cumsum(keep) - 1
-    parent = skeleton.parent[keep]
-    return Skeleton(
-        start=skeleton.start[keep],
-        end=skeleton.end[keep],
-        radius=skeleton.radius[keep],
-        parent=np.where(parent < 0, -1, renumbered[parent]),
-        order=skeleton.order[keep],
-        generation=skeleton.generation[keep],
-    )
+    return skeleton.some(skeleton.order <= 1)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..base.trimesh import WOOD, TriMesh
+from ..base.trimesh import TriMesh, is_wood
 from .measured.measure import dbh_of, lowest_branch, width_of
 from .mesh.leaves import Leaves
 from .skeleton import Skeleton
@@ -76,7 +76,7 @@ def wood_of_skeleton(skeleton: Skeleton) -> Wood:
 
 def wood_of_mesh(mesh: TriMesh) -> Wood:
     """The wood of a mesh of closed tubes, facing outwards; pieces without caps make the volume a guess."""
-    triangles = mesh.triangles[mesh.part == WOOD]
+    triangles = mesh.triangles[is_wood(mesh.part)]
     if not len(triangles):
         return Wood(0.0, 0.0, 0.0)
     a, b, c = (mesh.vertices[triangles[:, k]] - mesh.vertices[triangles[0, 0]] for k in range(3))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..base.trimesh import GROUND, LEAF, WOOD
+from ..base.trimesh import DEAD, GROUND, LEAF, WOOD
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan
 from ..sensing.reverb.metrics import room_metrics
@@ -151,6 +151,8 @@ def _organs(organ: np.ndarray) -> Iterator[Figure]:
     yield numbers("wood", "Wood", _share(organ == WOOD))
     yield numbers("leaves", "Leaves", _share(organ == LEAF))
     yield numbers("ground", "Ground", _share(organ == GROUND))
+    if (organ == DEAD).any():
+        yield numbers("dead wood", "Dead Wood", _share(organ == DEAD))
 
 
 def _share(mask: np.ndarray) -> str:

@@ -28,7 +28,7 @@ POINT = np.dtype(
         ("leaf", "<i4"),
         ("object", "<i4"),
         ("species", "<i2"),
-        ("organ", "i1"),  # 0 other, 1 wood, 2 leaf, 3 ground
+        ("organ", "i1"),  # 0 other, 1 wood, 2 leaf, 3 ground, 4 dead wood
         ("return_number", "u1"),
         ("number_of_returns", "u1"),
     ]

@@ -1,39 +1,49 @@
-"""What an audit says: a random sample of a result, computed again by the slow exact way.
+"""What an audit says: parts of a result, held against the same computed again by the slow exact way.
 
-A sensor's own audit (``lidar/audit``, ``sonar/audit``, ``reverb/audit``) hands over batches of errors in a
-seeded order; batches are taken until they have cost their share of the time that the result took, at
-least one. So the sample does not depend on what it will find.
+A sensor's own audit (``lidar/audit``, ``sonar/audit``, ``reverb/audit``) makes a ``Check`` of each kind of
+thing that its result holds. A check takes batches of errors in a seeded order, until they have cost their
+share of the time that the result took and are ``LEAST``, or until patience ends. So the sample does not
+depend on what it will find.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+LEAST = 100  # values of each kind
+PATIENCE = 0.1  # s that a check may take beyond its share, to see as many
+
 
 @dataclass(frozen=True)
-class Audit:
-    """How far a result is from the exact one.
+class Check:
+    """One kind of thing in a result.
 
-    what : what was compared, and with what. checked : how many values. error, rms : largest and root mean
-    square difference, in ``unit``. allowed : the largest that was asked for. seconds : the fast way took for
-    the whole result. exact_seconds : the exact way would take for it, estimated from the sample.
-    audit_seconds : the audit itself took.
+    what : what was compared, and with what. checked, of : how many values, and how many the result has.
+    error, rms : largest and root mean square difference, in ``unit``; infinite where something is missing
+    or is called what it is not. allowed : the largest that was asked for.
     """
 
     what: str
     checked: int
+    of: int
     error: float
     rms: float
     allowed: float
-    seconds: float
-    exact_seconds: float
     unit: str = ""
-    audit_seconds: float = 0.0
+
+    @classmethod
+    def on(cls, what: str, errors: np.ndarray, of: int, allowed: float, unit: str = "") -> Check:
+        """Of errors (N,)."""
+        errors = np.asarray(errors, dtype=np.float64)
+        rms = float(np.sqrt(np.mean(errors**2))) if len(errors) else 0.0
+        return cls(
+            what, len(errors), of, float(errors.max(initial=0.0)), rms, allowed, unit
+        )  # NaN where any is
 
     @property
     def kept(self) -> bool:
@@ -41,28 +51,85 @@ class Audit:
         return self.error <= self.allowed
 
     @property
+    def share(self) -> float:
+        """Of all that the result has of this kind."""
+        return min(self.checked / self.of, 1.0) if self.of else 1.0
+
+    def __str__(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        verdict = "" if self.kept else f", MORE than the {self.allowed:.0e}{unit} allowed"
+        some = "all" if self.checked >= self.of else f"{_percent(self.share)} of {self.of:,}"
+        off = f"{self.error:.0e}{unit} off at most" if np.isfinite(self.error) else "WRONG"
+        return f"{self.checked:,} {self.what} ({some}), {off}{verdict}"
+
+    def record(self) -> dict[str, float | int | str]:
+        """What stands in run.json."""
+        said = {name: _written(value) for name, value in vars(self).items()}
+        return said | {"share": self.share, "kept": self.kept}
+
+
+@dataclass(frozen=True)
+class Audit:
+    """How far a result is from the exact one.
+
+    checks : of each kind of thing in it, at least one. seconds : the fast way took for the whole result.
+    exact_seconds : the exact way would take for it, estimated from the sample. audit_seconds : the audit
+    itself took.
+    """
+
+    checks: tuple[Check, ...]
+    seconds: float
+    exact_seconds: float
+    audit_seconds: float = 0.0
+
+    @property
+    def worst(self) -> Check:
+        """The check that uses most of what it is allowed."""
+        return max(self.checks, key=_used)
+
+    @property
+    def kept(self) -> bool:
+        """Whether every check is."""
+        return all(check.kept for check in self.checks)
+
+    @property
+    def checked(self) -> int:
+        """How many values, of all kinds."""
+        return sum(check.checked for check in self.checks)
+
+    @property
+    def error(self) -> float:
+        """Of the worst check, in its ``unit``."""
+        return self.worst.error
+
+    @property
+    def allowed(self) -> float:
+        """Of the worst check."""
+        return self.worst.allowed
+
+    @property
+    def unit(self) -> str:
+        """Of the worst check."""
+        return self.worst.unit
+
+    @property
     def times(self) -> float:
         """How many times as fast the result was made as the exact way would."""
         return self.exact_seconds / self.seconds if self.seconds > 0 else math.inf
 
     def __str__(self) -> str:
-        unit = f" {self.unit}" if self.unit else ""
-        verdict = "" if self.kept else f", MORE than the {self.allowed:.0e}{unit} allowed"
-        faster = f"; about {self.times:,.3g} times as fast" if self.times > 1 else ""
-        return (
-            f"{self.what}: {self.checked:,} checked, {self.error:.0e}{unit} off at most"
-            f"{verdict}{faster}"
-        )
+        faster = f"; about {self.times:,.3g} times as fast as the exact way"
+        return "; ".join(map(str, self.checks)) + (faster if self.times > 1 else "")
 
-    def record(self) -> dict[str, float | int | str]:
+    def record(self) -> dict[str, object]:
         """What stands in run.json."""
         return {
-            "what": self.what,
+            "kept": self.kept,
             "checked": self.checked,
-            "error": self.error,
-            "rms": self.rms,
+            "error": _written(self.error),
             "allowed": self.allowed,
             "unit": self.unit,
+            "checks": [check.record() for check in self.checks],
             "seconds": self.seconds,
             "exact_seconds": self.exact_seconds,
             "audit_seconds": self.audit_seconds,
@@ -77,24 +144,44 @@ class Sampled:
     errors: np.ndarray
     seconds_each: float
 
-    @property
-    def largest(self) -> float:
-        """NaN where any is."""
-        return float(self.errors.max(initial=0.0))
 
-    @property
-    def rms(self) -> float:
-        return float(np.sqrt(np.mean(self.errors**2))) if len(self.errors) else 0.0
+def sample(
+    batches: Iterable[np.ndarray], seconds: float, least: int = 0, patience: float = PATIENCE
+) -> Sampled:
+    """Take batches of errors until they have cost ``seconds``, at least one.
 
-
-def sample(batches: Iterable[np.ndarray], seconds: float) -> Sampled:
-    """Take batches of errors until they have cost ``seconds``, at least one."""
-    begin = time.process_time()
+    least : values that are wanted, even if they cost more; at most ``patience`` s are spent on that.
+    """
+    begin = time.perf_counter()
     taken: list[np.ndarray] = []
+    count = 0
     for errors in batches:
         taken.append(np.asarray(errors, dtype=np.float64))
-        if time.process_time() - begin >= seconds:
+        count += len(taken[-1])
+        spent = time.perf_counter() - begin
+        if spent >= (seconds if count >= least else max(seconds, patience)):
             break
     found = np.concatenate(taken) if taken else np.empty(0)
-    spent = time.process_time() - begin
+    spent = time.perf_counter() - begin
     return Sampled(found, spent / max(len(found), 1))
+
+
+def joined(checks: Sequence[Check | None]) -> tuple[Check, ...]:
+    """Those there are."""
+    return tuple(check for check in checks if check is not None)
+
+
+def _written(value: float | int | str) -> float | int | str:
+    """A number as a file of numbers has it, which knows none that is not finite."""
+    return value if isinstance(value, str) or math.isfinite(value) else str(value)
+
+
+def _used(check: Check) -> float:
+    """Share of what is allowed; infinite where it is not kept and the error is no number."""
+    if not check.kept and not np.isfinite(check.error):
+        return math.inf
+    return check.error / check.allowed if check.allowed else (math.inf if check.error else 0.0)
+
+
+def _percent(share: float) -> str:
+    return "<0.1 %" if share < 0.001 else f"{100 * share:.{0 if share >= 0.1 else 1}f} %"

@@ -17,7 +17,7 @@ from ..base.trimesh import WOOD
 from ..growth.skeleton import Skeleton
 from ..growth.tree import Tree
 from ..stand.forest import Forest
-from .audit import Audit, sample
+from .audit import LEAST, Audit, Check, sample
 from .rays.geometry import SceneGeometry
 from .sonar.discs import Foliage
 
@@ -64,20 +64,14 @@ def audit_tubes(
         while True:
             one = int(rng.integers(len(known)))
             points = points_on_cones(known[one][0].skeleton, BATCH, rng)
-            yield np.array([float(_to_triangles(p, meshed[one]).min()) for p in points])
+            yield np.array([float(_to_triangles(p, _near(p, meshed[one])).min()) for p in points])
 
-    found = sample(batches(), share * seconds)
+    found = sample(batches(), share * seconds, LEAST)
     cones = sum(len(tree.skeleton) for tree, _ in known)
-    return Audit(
-        what="points of branches by the nearest of all triangles",
-        checked=len(found.errors),
-        error=found.largest,
-        rms=found.rms,
-        allowed=max(allowed for _, allowed in known),
-        seconds=seconds,
-        exact_seconds=found.seconds_each * cones,
-        unit="m",
-    )
+    allowed = max(allowed for _, allowed in known)
+    what = "points of branches by the nearest of all triangles"
+    check = Check.on(what, found.errors, cones, allowed, "m")
+    return Audit((check,), seconds, found.seconds_each * cones)
 
 
 def audit_leaves(
@@ -112,16 +106,9 @@ def audit_leaves(
     found = sample(batches(), share * seconds)
     leaves = sum(len(tree.leaves) for _, tree, _ in known)
     far = max(float(np.abs(tree.leaves.centre).max()) for _, tree, _ in known)
-    return Audit(
-        what="leaves' centres and sizes by the triangles in Blender",
-        checked=len(found.errors),
-        error=found.largest,
-        rms=found.rms,
-        allowed=ROUNDING * max(far, 1.0),
-        seconds=seconds,
-        exact_seconds=found.seconds_each * leaves,
-        unit="m",
-    )
+    what = "leaves' centres and sizes by the triangles in Blender"
+    check = Check.on(what, found.errors, leaves, ROUNDING * max(far, 1.0), "m")
+    return Audit((check,), seconds, found.seconds_each * leaves)
 
 
 def _leaf_errors(tree: Tree, measured: Foliage, shoots: bool) -> np.ndarray:
@@ -177,6 +164,14 @@ def _solid(wood: Skeleton) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
     kept = (length > 1e-9) & (wood.radius.max(axis=1) > 0)
     axis = span[kept] / length[kept, None]
     return wood.start[kept], axis, length[kept], np.maximum(wood.radius[kept], 0.0)
+
+
+def _near(point: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Those of triangles (T, 3, 3) that may be the nearest to a point, by their first corners and sizes."""
+    first = corners[:, 0]
+    away = np.linalg.norm(first - point, axis=1)
+    size = np.linalg.norm(corners[:, 1:] - first[:, None], axis=2).max(axis=1)
+    return corners[away - size <= away.min(initial=np.inf)]
 
 
 def _to_triangles(point: np.ndarray, corners: np.ndarray) -> np.ndarray:

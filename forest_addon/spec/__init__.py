@@ -9,6 +9,7 @@ else.
 
 from .air import Air
 from .allometry import Allometry, Law
+from .architecture import Architecture, DeadBranches
 from .auto import Choice
 from .base import (
     AUTO,
@@ -79,12 +80,14 @@ __all__ = [
     "Air",
     "Airborne",
     "Allometry",
+    "Architecture",
     "Bark",
     "Beam",
     "Choice",
     "Clusters",
     "Corners",
     "Crown",
+    "DeadBranches",
     "Detail",
     "Discrete",
     "Distance",

@@ -24,6 +24,9 @@ class Law(Settings):
         unit="m", help="smallest and largest diameter measured", gt=0, le=20
     )
     trees: int = param(help="how many trees were measured", ge=1, le=10**9)
+    within: float = param(
+        1.0, help="spread of residuals within one study, or stand, over that of all", gt=0, le=1
+    )
     of: str = param("", help="whose trees, where they are not of the kind itself")
 
     def check(self) -> None:

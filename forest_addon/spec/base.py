@@ -16,6 +16,7 @@ from .typed import shown, typed, types_of
 T = TypeVar("T", bound="Settings")
 
 
+MOST_ITEMS = 1_000_000  # of a list, unless it says fewer
 AUTO = -1.0  # in place of a number: chosen by what the sensor can tell apart; files say "auto"
 
 
@@ -34,6 +35,7 @@ class Param:
     )
     required: bool = False
     auto: bool = False  # may be left to "auto"
+    most: int = MOST_ITEMS  # of a list
 
     def allowed(self) -> str:
         """The allowed values in words."""
@@ -67,6 +69,7 @@ def param(
     choices: tuple[str, ...] = (),
     file: bool = False,
     auto: bool = False,
+    most: int = MOST_ITEMS,
 ) -> Any:
     """A dataclass field with its unit, range and help; without a default it must be given."""
     known = Param(
@@ -79,6 +82,7 @@ def param(
         file=file,
         required=default is dataclasses.MISSING,
         auto=auto,
+        most=most,
     )
     return dataclasses.field(default=default, metadata={"param": known})
 
@@ -110,6 +114,7 @@ class Settings:
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
             name, known, value = field.name, param_of(field), getattr(self, field.name)
             value = AUTO if known.auto and isinstance(value, str) and value == "auto" else value
+            refuse_many(name, value, known)
             value = typed(name, value, kinds[name])
             object.__setattr__(self, name, value)
             _check(name, value, known)
@@ -140,6 +145,13 @@ def with_files(settings: T, rename: Callable[[str], str]) -> T:
         elif param_of(field).file and value:
             changed[field.name] = rename(value)
     return dataclasses.replace(settings, **changed)
+
+
+def refuse_many(key: str, value: Any, known: Param) -> None:
+    """Refuse a list that is longer than anything here could make sense of, before it is looked at."""
+    count = len(value) if isinstance(value, (list, tuple)) else 0
+    if count > known.most:
+        raise SpecError(key, f"has {count:,} entries; give at most {known.most:,}")
 
 
 def refuse_unknown(keys: Iterable[str], known: Iterable[str]) -> None:

@@ -75,6 +75,18 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
     "model": {
         "paper": ("As the Paper", "Kaneko's weights, no losses but the air's"),
         "forest": ("Forest", "Cylinders' own scattering, with what ground, bark and leaves take"),
+        "Attims": ("Attims", "A leader that grows all the time, branches anywhere on it"),
+        "Champagnat": ("Champagnat", "Arching shoots, each from the back of the one before"),
+        "Leeuwenberg": ("Leeuwenberg", "Equal shoots, each divided by its flower"),
+        "Mangenot": ("Mangenot", "Shoots that rise and then lie down"),
+        "Massart": ("Massart", "A leader with whorls of level branches (firs)"),
+        "Rauh": (
+            "Rauh",
+            "A leader with whorls of branches that rise as it does (pines, ashes, oaks)",
+        ),
+        "Roux": ("Roux", "A leader that grows all the time, with level branches"),
+        "Scarrone": ("Scarrone", "A leader with whorls of branches that flowers divide"),
+        "Troll": ("Troll", "Level shoots, of which some rise and become stems (beeches, elms)"),
     },
     "extinction": {
         "none": ("None", "Trunks in the way take nothing from a sound"),

@@ -235,7 +235,9 @@ class Mobile(MovingScanner):
         "", help="curve or animated object that it follows; its X axis is forward, Z is up"
     )
     speed: float = param(1.5, unit="m/s", help="speed along a curve", gt=0, le=1e4)
-    poses: tuple[Pose, ...] = param((), help="where it is at what time, where it follows nothing")
+    poses: tuple[Pose, ...] = param(
+        (), help="where it is at what time, where it follows nothing", most=100_000
+    )
 
     def check(self) -> None:
         for index, (before, after) in enumerate(zip(self.poses, self.poses[1:], strict=False), 1):

@@ -99,11 +99,13 @@ class Scene(Settings):
         help="Blender file to start from, whose objects the settings name; left out: an empty one",
     )
     forest: Forest = param(Forest(), help="the field")
-    plantings: tuple[Planting, ...] = param((), help="species and where they stand")
-    stems: tuple[Stems, ...] = param((), help="trees that are cylinders only, for reverb")
+    plantings: tuple[Planting, ...] = param((), help="species and where they stand", most=1000)
+    stems: tuple[Stems, ...] = param(
+        (), help="trees that are cylinders only, for reverb", most=1000
+    )
     air: Air = param(Air(), help="the air")
     rays: Rays = param(Rays(), help="how rays are cast")
-    sensors: tuple[Sensor, ...] = param((), help="what looks at the forest")
+    sensors: tuple[Sensor, ...] = param((), help="what looks at the forest", most=10_000)
     flight: Flight = param(Flight(), help="a flyer that finds its way")
     accuracy: Accuracy = param(Accuracy(), help="how results are checked, and what is modelled")
     output: Output = param(Output(), help="what is written")

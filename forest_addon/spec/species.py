@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .architecture import Architecture
 from .base import Discrete, Normal, Settings, SpecError, param, within
 from .crown import Crown, Needles, Targets
 from .looks import Bark, Look
@@ -345,6 +346,9 @@ class Species(Settings):
     rules: Rules | None = param(None, help="an L-system of your own, for the whole tree")
     honda: Honda | None = param(None, help="branching by angles and ratios, for the whole tree")
     crown: Crown | None = param(None, help="a crown that fills a shape, for the whole tree")
+    architecture: Architecture | None = param(
+        None, help="limbs and dead branches of a crown, by the architectural model of its species"
+    )
     targets: Targets | None = param(None, help="what a tree is to measure, without a template")
     needles: Needles | None = param(None, help="shoots of needles in place of leaves")
     jitter: Jitter = param(Jitter(), help="natural variation around the grammar")
@@ -369,5 +373,7 @@ class Species(Settings):
             if self.template is not None and getattr(self, key) is not None:
                 where = "; give them with a planting" if key == "targets" else ""
                 raise SpecError(key, f"cannot be used beside template{where}")
+        if self.architecture is not None and self.crown is None:
+            raise SpecError("architecture", "needs a crown that its limbs grow into; add one")
         if self.crown is not None and self.targets is None:
             raise SpecError("targets", "are needed beside crown: its allometry, or all measures")

@@ -1,10 +1,11 @@
 """Trees of a stand that are to measure something: targets of each, and which variant stands for it.
 
 A tree's targets are what its list or its planting says, the rest drawn by the allometry of its kind from a
-stream of its own. No more trees than variants: each is grown for itself. More: trees of like proportions
-share a variant (k-means over log H/D, W/D, leaf area/D², the odds of the base, and less so log D, each over
-its measured spread), which is grown to the targets of the one nearest to their middle. A tree is its variant
-in the size at which the stem, 1.3 m up, has its diameter, exactly.
+stream of its own; one part is the stand's, as studies differ, one is what neighbours leave (``competition``).
+No more trees than variants: each is grown for itself. More: trees of like proportions share a variant
+(k-means over log H/D, W/D, leaf area/D², the odds of the base, and less so log D, each over its measured
+spread), which is grown to the targets of the one nearest to their middle. A tree is its variant in the size
+at which the stem, 1.3 m up, has its diameter, exactly.
 """
 
 from __future__ import annotations
@@ -13,17 +14,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtri
 
 from ..base.rng import daughter_keys, first_key, keyed_uniform, stream
-from ..growth.measured.allometry import MEASURES, Z90
+from ..growth.measured.allometry import MEASURES, Z90, band, middle
 from ..growth.measured.measure import BREAST, stem_profile
 from ..growth.measured.wanted import TARGETS, Kind, Wanted, draw_dbh, drawn, given_by
 from ..growth.skeleton import Skeleton
 from ..spec import Allometry, Planting, Species
+from .competition import apart, bounded, competed, score, thinned
 from .inputs import Inputs
 from .plan import Stand, chosen_of
 
 ROUNDS = 40
+SITE = np.arange(4)  # what the trees of a stand share, by measure
 SPREADS = np.array([0.2, 0.25, 0.8, 0.4])  # of residuals, where no allometry tells them
 DBH_SPREAD = 0.2  # of log D, within which proportions hardly change
 
@@ -61,8 +65,60 @@ def with_targets(
     wanted = np.full((len(stand), 5), np.nan)
     variant, scale = stand.variant.copy(), stand.scale.copy()
     variants: dict[tuple[int, int], Wanted] = {}
+    groups, ignored = _groups(seed, stand, plantings, names, species, inputs)
     laws: list[Allometry | None] = [None] * len(plantings)
-    ignored: list[str] = []
+    site = ndtri(keyed_uniform(daughter_keys(np.repeat(first_key(seed, "site"), 4), SITE), "site"))
+    found = _scores(stand, groups)
+    for group in groups:
+        rows, law = group.rows, group.law
+        laws[group.number] = law
+        uniform = competed(group.uniform, found[rows])
+        where = f"plantings[{group.number}]"
+        wanted[rows] = drawn(law, group.dbh, group.given, uniform, where, site)
+    rows, free = _free(wanted, groups, 1)
+    wanted[rows, 2] = apart(stand.position[rows, :2], wanted[rows, 2], free)
+    for group in groups:
+        if group.law is not None:
+            most, free = band(group.law, group.dbh)[1, :, 3], np.isnan(group.given)
+            wanted[group.rows] = bounded(wanted[group.rows], free, most)
+    rows, free = _free(wanted, groups, 3)
+    wanted[rows, 4] = thinned(stand.position[rows, :2], wanted[rows], free)
+    for group in groups:
+        rows, number = group.rows, group.number
+        rng = stream(seed, "stand", names[number], "variants")
+        label, models = groups_of(wanted[rows], plantings[number].variants, group.law, rng)
+        variant[rows], scale[rows] = label, 1.0
+        variants |= {
+            (number, k): Wanted(*wanted[rows[model]].tolist()) for k, model in enumerate(models)
+        }
+    sized = replace(stand, variant=variant, scale=scale)
+    return Measured(sized, wanted, variants, tuple(laws), tuple(ignored))
+
+
+@dataclass(frozen=True)
+class _Group:
+    """The R trees of a planting with targets: their rows, diameters (R,), measures given (R, 4), NaN for
+    none, and uniform numbers (R, 4) that the others are drawn by.
+    """
+
+    number: int
+    law: Allometry | None
+    rows: np.ndarray
+    dbh: np.ndarray
+    given: np.ndarray
+    uniform: np.ndarray
+
+
+def _groups(
+    seed: int,
+    stand: Stand,
+    plantings: Sequence[Planting],
+    names: Sequence[str],
+    species: Sequence[tuple[Species, object]],
+    inputs: Inputs,
+) -> tuple[list[_Group], list[str]]:
+    """Plantings whose trees are to measure something, and sentences about what lists say in vain."""
+    groups, ignored = list[_Group](), list[str]()
     for number, planting in enumerate(plantings):
         kind, own = species[number][1], species[number][0].targets
         targets = planting.targets or own
@@ -74,7 +130,6 @@ def with_targets(
         law = inputs.allometries.get(planting.targets.allometry) if planting.targets else None
         if law is None and isinstance(kind, Kind):
             law = kind.allometry
-        laws[number] = law
         key = first_key(seed, "stand", names[number], "measures")
         keys = daughter_keys(np.repeat(key, len(rows)), stand.number[rows])
         given = np.tile(given_by(targets), (len(rows), 1))
@@ -85,16 +140,37 @@ def with_targets(
             dbh = np.where(np.isfinite(told[:, 0]), told[:, 0], dbh)
             given = np.where(np.isfinite(told[:, 1:]), told[:, 1:], given)
         uniform = np.stack([keyed_uniform(keys, name) for name in MEASURES], axis=1)
-        where = f"plantings[{number}]"
-        wanted[rows] = drawn(law, dbh, given, uniform, where)
-        rng = stream(seed, "stand", names[number], "variants")
-        group, models = groups_of(wanted[rows], planting.variants, law, rng)
-        variant[rows], scale[rows] = group, 1.0
-        variants |= {
-            (number, k): Wanted(*wanted[rows[model]].tolist()) for k, model in enumerate(models)
-        }
-    sized = replace(stand, variant=variant, scale=scale)
-    return Measured(sized, wanted, variants, tuple(laws), tuple(ignored))
+        groups.append(_Group(number, law, rows, dbh, given, uniform))
+    return groups, ignored
+
+
+def _scores(stand: Stand, groups: Sequence[_Group]) -> np.ndarray:
+    """(N,) competition of all trees that are to measure something; 0 of others."""
+    found = np.zeros(len(stand))
+    rows, height, width = [], [], []
+    for group in groups:
+        if group.law is not None:
+            middles = [np.exp(middle(getattr(group.law, n), group.dbh)) for n in MEASURES[:2]]
+            told = np.isfinite(group.given)
+            rows.append(group.rows)
+            height.append(np.where(told[:, 0], group.given[:, 0], middles[0]))
+            width.append(np.where(told[:, 1], group.given[:, 1], middles[1]))
+    if rows:
+        all_rows = np.concatenate(rows)
+        place = stand.position[all_rows, :2]
+        found[all_rows] = score(place, np.concatenate(height), np.concatenate(width))
+    return found
+
+
+def _free(
+    wanted: np.ndarray, groups: Sequence[_Group], measure: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (M,) of trees with targets, and of which this measure (one of ``MEASURES``) was not given (M,)."""
+    free = np.zeros(len(wanted), dtype=bool)
+    for group in groups:
+        free[group.rows] = np.isnan(group.given[:, measure]) & (group.law is not None)
+    rows = np.flatnonzero(np.isfinite(wanted[:, 0]))
+    return rows, free[rows]
 
 
 def groups_of(

@@ -146,6 +146,7 @@ def placed_skeleton(grown: Grown, matrix: np.ndarray) -> dict[str, np.ndarray]:
         "parent": wood.parent,
         "order": wood.order,
         "generation": wood.generation,
+        "dead": wood.is_dead,
     }
 
 

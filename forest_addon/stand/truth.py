@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..base.trimesh import LEAF, WOOD
+from ..base.trimesh import LEAF, is_wood
 from ..growth.cylinders import Cylinders, cylinders_of, diameter_at
 from ..growth.mesh.cells import CellAreas, areas_by_cell, join_areas, triangle_areas
 from ..growth.portrait import crown_base, crown_width
@@ -98,12 +98,12 @@ def _faces(tree: Tree) -> tuple[np.ndarray, ...]:
     size.
     """
     triangles, part = tree.mesh.triangles, tree.mesh.part
-    ours = (part == LEAF) | (part == WOOD)
+    ours = (part == LEAF) | is_wood(part)
     if not ours.all():
         triangles, part = triangles[ours], part[ours]
     area = triangle_areas(tree.mesh.vertices, triangles)
     columns = np.ascontiguousarray(tree.mesh.vertices.T)
-    return columns, np.asfortranarray(triangles), (part == WOOD).astype(np.int64), area
+    return columns, np.asfortranarray(triangles), is_wood(part).astype(np.int64), area
 
 
 def voxel_arrays(forest: Forest, edge: float) -> dict[str, np.ndarray]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,10 +18,11 @@ import numpy as np
 
 from forest_addon.base.rng import stream
 from forest_addon.blender.sensors.observe import Observer
-from forest_addon.sensing.audit import Audit
-from forest_addon.sensing.lidar.audit import audit_drive, audit_scan
+from forest_addon.sensing.audit import sample
+from forest_addon.sensing.lidar.audit import ray_errors
+from forest_addon.sensing.lidar.footprint import spread
 from forest_addon.sensing.lidar.scan import Scan
-from forest_addon.sensing.lidar.tractor import drive, fan, positions
+from forest_addon.sensing.lidar.tractor import axes, drive, fan, positions
 from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.spec import Scanner, Scene, Tractor
 
@@ -38,8 +39,10 @@ JUMP = 0.1  # m, and more: another surface
 TUBES = (0.25, 4.0, 16.0)  # times today's tolerance
 FINEST = 1 / 16
 LEAVES = (1 / 4, 1 / 16)  # of today's
-EXACTLY = 1.5  # CPU seconds of brute force
+EXACTLY = 1.5  # seconds of float64
+BATCH = 64  # rays of it at a time
 
+Draw = Callable[[np.random.Generator, int], tuple[np.ndarray, np.ndarray]]
 Look = Callable[[RayCaster, int], tuple[np.ndarray, float]]  # ranges, seconds of the whole sensor
 
 
@@ -49,7 +52,7 @@ class _Beams:
 
     look : ranges (P,) of the same beams by a caster and a number of rays, NaN where there is none, and
     seconds. today : the number of rays; fine : one that is as good as all; tried : others. changes, label :
-    of a number. exactly : an audit by brute force.
+    of a number. exactly : metres (rms) that an engine is off, and seconds of the whole sensor in float64.
     """
 
     what: str
@@ -59,7 +62,7 @@ class _Beams:
     tried: tuple[int, ...]
     changes: Callable[[int], dict[str, Any]]
     label: Callable[[int], str]
-    exactly: Callable[[RayCaster], Audit]
+    exactly: Callable[[RayCaster], tuple[float, float]]
     notes: tuple[str, ...] = ()
 
 
@@ -82,6 +85,15 @@ def sweep_scanner(
         found = np.concatenate([_first_ranges(scan, int(start)) for start in starts])
         return found, (time.process_time() - begin) * scan.pulses / len(found)
 
+    def rays(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
+        number, keys = (
+            rng.integers(0, whole.pulses, count),
+            rng.integers(0, 2**63, count, np.uint64),
+        )
+        origins, ways = spread(whole.pattern.pulses(number), sensor.beam, keys)
+        one = np.arange(count) * today + rng.integers(0, today, count)
+        return origins[one], ways[one]
+
     return _sweep(
         sensor,
         observer,
@@ -94,7 +106,7 @@ def sweep_scanner(
             SUBRAYS if wide else (),
             lambda n: {"beam": replace(sensor.beam, subrays=n)},
             lambda n: f"{n} sub-ray{'s' * (n > 1)}",
-            lambda c: audit_scan(Scan(sensor, c, settings.seed, way), stream(*key), EXACTLY, 1.0),
+            lambda c: _exactly(c, rays, sensor.max_range, whole.pulses * today, stream(*key)),
             () if wide else ("the beam has no width: one ray is all of it",),
         ),
     )
@@ -122,9 +134,13 @@ def sweep_tractor(sensor: Tractor, observer: Observer, settings: Scene, meshes: 
         return distance, spent * len(along) / len(chosen)
 
     def label(splits: int) -> str:
-        rays = (splits + 1) ** 2
-        return f"{rays} ray{'s' * (rays > 1)} a beam"
+        many = (splits + 1) ** 2
+        return f"{many} ray{'s' * (many > 1)} a beam"
 
+    def rays(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
+        return axes(sensor, rng.integers(0, len(along), count), rng.integers(0, angles, count))
+
+    count = len(along) * angles * (sensor.splits + 1) ** 2
     note = f"{len(along) * angles:,} beams; Méndez et al.'s beam is a solid sector whose nearest hit counts"
     return _sweep(
         sensor,
@@ -138,10 +154,23 @@ def sweep_tractor(sensor: Tractor, observer: Observer, settings: Scene, meshes: 
             SPLITS,
             lambda n: {"splits": n},
             label,
-            lambda c: audit_drive(sensor, c, stream(*key), EXACTLY, 1.0),
+            lambda c: _exactly(c, rays, sensor.max_range, count, stream(*key)),
             (note,),
         ),
     )
+
+
+def _exactly(
+    caster: RayCaster, draw: Draw, reach: float, rays: int, rng: np.random.Generator
+) -> tuple[float, float]:
+    """Metres (rms) that an engine is off, and seconds of so many rays in float64."""
+
+    def batches() -> Iterator[np.ndarray]:
+        while True:
+            yield ray_errors(caster, *draw(rng, BATCH), reach)
+
+    found = sample(batches(), EXACTLY)
+    return float(np.sqrt(np.mean(found.errors**2))), found.seconds_each * rays
 
 
 def _sweep(sensor: Scanner | Tractor, observer: Observer, meshes: Meshes, beams: _Beams) -> Sweep:
@@ -151,10 +180,10 @@ def _sweep(sensor: Scanner | Tractor, observer: Observer, meshes: Meshes, beams:
     truth = many if tubes is None else beams.look(tubes, beams.fine)[0]
     today_found = beams.look(observer.caster, beams.today)
 
-    audit = beams.exactly(observer.caster)
+    numerics, slowly = beams.exactly(observer.caster)
 
     def point(
-        found: tuple[np.ndarray, float], label: str, numerics: float = audit.rms, **given: Any
+        found: tuple[np.ndarray, float], label: str, numerics: float = numerics, **given: Any
     ) -> Point:
         error, spread = _rms(found[0] - truth)
         return Point({}, label, math.hypot(error, numerics), spread, found[1], **given)
@@ -169,12 +198,12 @@ def _sweep(sensor: Scanner | Tractor, observer: Observer, meshes: Meshes, beams:
     for name, title in ENGINES.items():
         caster = meshes.engine(name)
         if caster is not None:
-            exact = beams.exactly(caster).rms
+            exact, _ = beams.exactly(caster)
             found = beams.look(caster, beams.today)
             others.append(point(found, f"rays by {title}", exact, engine=name))
-    slow = seen, audit.exact_seconds
+    slow = seen, slowly
     others.append(point(slow, "float64 brute force", 0.0, elsewhere="as audits do"))
-    terms = {"sampling": _rms(seen - many)[0], "numerics": audit.rms}
+    terms = {"sampling": _rms(seen - many)[0], "numerics": numerics}
     if tubes is not None:
         terms["mesh"] = _rms(many - truth)[0]
         for times in TUBES:

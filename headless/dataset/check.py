@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from forest_addon.growth.mesh.trimesh import PART_NAMES
 
 from forest_addon.spec import SpecError
 
@@ -125,7 +126,7 @@ def _wrong_points(folder: Path, name: str, count: int, leaves: np.ndarray) -> It
         if (tree >= len(leaves)).any() or (tree < -1).any():
             yield f"{kind} names trees that trees.csv has not"
             continue
-        if ((organ < 0) | (organ > 3)).any():
+        if ((organ < 0) | (organ >= len(PART_NAMES))).any():
             yield f"{kind} has organs that there are not"
         of_tree = tree >= 0
         if (leaf[of_tree] >= leaves[tree[of_tree]]).any():

@@ -11,7 +11,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from forest_addon.base.trimesh import GROUND, LEAF, OTHER, WOOD
+from forest_addon.base.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD
 from forest_addon.formats.atomic import replacing
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.panorama import range_image
@@ -36,6 +36,7 @@ ORGANS = {
     WOOD: ("wood", BARK),
     LEAF: ("leaf", LEAF_GREEN),
     GROUND: ("ground", SOIL),
+    DEAD: ("dead wood", "#8c8378"),
 }
 PAPER = "#f4f2ec"
 STYLE = {
@@ -91,7 +92,7 @@ def draw_cloud(cloud: Cloud, scanner: Scanner, path: Path) -> Path:
     every = max(1, len(cloud) // 150_000)
     order = np.argsort(cloud.position[::every, 2], kind="stable")
     points, organ = cloud.position[::every][order], cloud.returns.organ[::every][order]
-    colours = np.array([ORGANS[o][1] for o in range(GROUND + 1)])[organ]
+    colours = np.array([ORGANS[o][1] for o in range(DEAD + 1)])[organ]
     if isinstance(scanner, Terrestrial):
         _panorama(figure, left, cloud, scanner)
         near = np.abs(points[:, :2] - np.array(scanner.position)[:2]).max(axis=1) < 22.0
@@ -109,7 +110,8 @@ def draw_cloud(cloud: Cloud, scanner: Scanner, path: Path) -> Path:
     above.set_title("Points from above")
     above.set_xlabel("x, m")
     above.set_ylabel("y, m")
-    _organ_legend(above, (WOOD, LEAF, GROUND))
+    found = (DEAD,) if (organ == DEAD).any() else ()
+    _organ_legend(above, (WOOD, LEAF, GROUND, *found))
     return save_figure(figure, path)
 
 

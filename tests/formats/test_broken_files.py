@@ -5,8 +5,10 @@ something to some reader. What is read nonetheless must be finite.
 """
 
 import json
+import os
 import struct
 import warnings
+import zlib
 
 import numpy as np
 import pytest
@@ -243,6 +245,93 @@ def test_a_species_whose_solid_cannot_be_used(tmp_path):
     path.write_text('name = "a"\n[template]\nwood = "wood.stl"\n[rules]\n')
     _, refused = outcome(load_species, path)
     assert "a.toml" in refused
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such files")
+@pytest.mark.parametrize("kind", READERS)
+def test_what_has_no_end_is_not_read(tmp_path, kind):
+    """Devices and pipes would be read for ever; a file of 5 GB takes all memory."""
+    name, _, read = READERS[kind]
+    path = tmp_path / name
+    path.symlink_to("/dev/zero")
+    with pytest.raises((SpecError, StlError), match=r"is a device or a pipe|is not known"):
+        read(path)
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises((SpecError, StlError), match=r"is a device or a pipe|is not known"):
+        read(path)
+    path.unlink()
+    with open(path, "wb") as file:
+        file.truncate(5 * 10**9)
+    with pytest.raises((SpecError, StlError), match=r"has 5.0 GB, more than the"):
+        read(path)
+
+
+def huge_png(path):
+    head = struct.pack(">IIBBBBB", 30_000, 30_000, 8, 0, 0, 0, 0)
+    chunks = [(b"IHDR", head), (b"IDAT", zlib.compress(b"")), (b"IEND", b"")]
+    path.write_bytes(
+        b"\x89PNG\r\n\x1a\n"
+        + b"".join(
+            struct.pack(">I", len(c)) + k + c + struct.pack(">I", zlib.crc32(k + c))
+            for k, c in chunks
+        )
+    )
+
+
+def huge_tiff(path):
+    entries = [
+        (256, 30_000),
+        (257, 30_000),
+        (258, 8),
+        (259, 1),
+        (262, 1),
+        (273, 8),
+        (277, 1),
+        (279, 1),
+    ]
+    rows = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in entries)
+    path.write_bytes(b"II*\0" + struct.pack("<IH", 8, len(entries)) + rows + struct.pack("<I", 0))
+
+
+def huge_bmp(path):
+    head = struct.pack(
+        "<2sIHHIIiiHHIIiiII", b"BM", 54, 0, 0, 54, 40, 12_000, 12_000, 1, 24, *([0] * 6)
+    )
+    path.write_bytes(head)
+
+
+def huge_npy(path):
+    np.lib.format.open_memmap(path, "w+", np.uint8, (30_000, 30_000)).flush()
+
+
+@pytest.mark.parametrize(
+    ("name", "make"),
+    [("a.png", huge_png), ("a.tif", huge_tiff), ("a.bmp", huge_bmp), ("a.npy", huge_npy)],
+)
+def test_a_raster_that_would_take_all_memory_is_refused(tmp_path, name, make):
+    make(tmp_path / name)
+    with pytest.raises(SpecError, match="more than 100,000,000"):
+        read_raster(tmp_path / name)
+
+
+def test_an_stl_of_too_many_facets_is_refused(tmp_path):
+    for write in (lambda path: write_stl(path, stream(0, "stl").random((5, 3, 3))), ascii_stl):
+        write(tmp_path / "a.stl")
+        with pytest.raises(StlError, match="facets, more than 3; make it coarser"):
+            read_stl(tmp_path / "a.stl", 3)
+    leaf = stream(0, "leaf").random((10_001, 3, 3))
+    write_stl(tmp_path / "leaf.stl", leaf)
+    (tmp_path / "s.toml").write_text('name = "a"\n[honda]\n[leaf]\nmesh = "leaf.stl"\n')
+    with pytest.raises(SpecError, match="10,001 facets, more than 10,000"):
+        load_species(tmp_path / "s.toml")
+
+
+def test_a_list_that_is_too_long_is_refused(tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_text('[[plantings]]\nspecies = "maple"\nexpected = 1\n' * 1001)
+    with pytest.raises(SpecError, match="plantings: has 1,001 entries; give at most 1,000"):
+        read_settings(path, Scene)
 
 
 SECRET = "root:x:0:0:WORD-THAT-NO-ONE-MAY-READ:/root:/bin/bash"

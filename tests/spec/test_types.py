@@ -38,6 +38,7 @@ NEEDED = {
     "Template": {"wood": "a.stl"},
     "Rules": {"axiom": "F"},
     "Species": {"name": "oak"},
+    "Architecture": {"model": "Rauh"},
     "Placing": {"sensor": "a", "rule": "centre"},
 }
 LAW = spec.Law(**NEEDED["Law"])

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...base.rng import stream
-from ...base.trimesh import LEAF, WOOD, TriMesh
+from ...base.trimesh import LEAF, TriMesh, is_wood
 from ...sensing.rays.caster import hit_normals
 from ...sensing.rays.geometry import SceneGeometry
 from ...spec import Look, Rays
@@ -73,7 +73,7 @@ def _seen(
     normal *= -np.sign(normal @ forward)[:, None]  # towards the eye
     is_leaf = mesh.part[met.triangle] == LEAF
     tone = np.full((len(rows), 3), 0.2)
-    tone[mesh.part[met.triangle] == WOOD] = look.bark
+    tone[is_wood(mesh.part[met.triangle])] = look.bark
     tone[is_leaf] = look.foliage()
     leaf = mesh.leaf[met.triangle][is_leaf].astype(np.uint64)
     shade = (leaf * np.uint64(2654435761) % np.uint64(1 << 32)) / 2.0**32

@@ -36,8 +36,9 @@ COLUMNS: Mapping[str, tuple[str, str, str, int, type]] = {
     "length": ("length", "FLOAT", "value", 1, np.float32),
     "width": ("width", "FLOAT", "value", 1, np.float32),
     "branch": ("branch", "INT", "value", 1, np.int32),
+    "dead": ("dead", "INT", "value", 1, np.int32),
 }
-OF_SEGMENTS = ("parent", "order", "generation")
+OF_SEGMENTS = ("parent", "order", "generation", "dead")
 OF_LEAVES = ("normal", "axis", "length", "width", "radius", "branch")
 
 
@@ -111,7 +112,7 @@ def _skeleton_mesh(name: str, wood: Skeleton) -> bpy.types.Mesh:
         data.edges.foreach_set("vertices", np.arange(2 * count, dtype=np.int32))
     _put(data, "POINT", "radius", wood.radius)
     for column in OF_SEGMENTS:
-        _put(data, "EDGE", column, getattr(wood, column))
+        _put(data, "EDGE", column, wood.is_dead if column == "dead" else getattr(wood, column))
     data.update()
     return data
 
@@ -122,7 +123,8 @@ def _read_skeleton(data: bpy.types.Mesh) -> Skeleton:
         start=ends[:, 0],
         end=ends[:, 1],
         radius=_get(data, "radius").reshape(-1, 2),
-        **{column: _get(data, column) for column in OF_SEGMENTS},
+        **{column: _get(data, column) for column in OF_SEGMENTS if column != "dead"},
+        dead=_get(data, "dead") > 0 if "dead" in data.attributes else None,
     )
 
 

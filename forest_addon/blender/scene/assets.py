@@ -12,7 +12,7 @@ import numpy as np
 
 from ... import spec
 from ...base.rng import stream
-from ...base.trimesh import LEAF, WOOD, TriMesh
+from ...base.trimesh import DEAD, LEAF, WOOD, TriMesh
 
 PIXELS = 128
 DOTS = 60_000
@@ -36,7 +36,7 @@ def portray(species: spec.Species, label: str, mesh: TriMesh) -> Portrait:
     """Describe and draw a tree, Z up, of a species."""
     height = float(mesh.vertices[:, 2].max(initial=0.0))
     leaves = int(mesh.leaf.max(initial=-1)) + 1
-    colours = {WOOD: species.look.bark, LEAF: species.look.foliage()}
+    colours = {WOOD: species.look.bark, DEAD: species.look.bark, LEAF: species.look.foliage()}
     described = f"{label}, {height:.1f} m tall, {leaves:,} leaves"
     return Portrait(label, described, draw(mesh, colours))
 

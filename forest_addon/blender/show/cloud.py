@@ -13,7 +13,7 @@ from collections.abc import Callable
 import bpy
 import numpy as np
 
-from ...base.trimesh import GROUND, LEAF, WOOD
+from ...base.trimesh import DEAD, GROUND, LEAF, WOOD
 from ...sensing.lidar.cloud import Cloud
 from ...sensing.sonar.ping import Contributions
 from ..scene.layout import CLOUD_KEY, COLOUR_BY, FRAME_KEY
@@ -25,6 +25,7 @@ COLOUR_OF_ORGAN = {
     WOOD: (0.30, 0.17, 0.08, 1.0),
     LEAF: (0.08, 0.42, 0.06, 1.0),
     GROUND: (0.45, 0.40, 0.30, 1.0),
+    DEAD: (0.42, 0.40, 0.38, 1.0),
 }
 OTHER = (0.5, 0.5, 0.5, 1.0)  # organs that have no colour of nature
 QUIETEST = 1e-3  # amplitude, of the loudest, that is shown faintest

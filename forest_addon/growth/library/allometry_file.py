@@ -2,7 +2,7 @@
 
 Wherever an allometry is named, a name without an ending means a file of ``assets/allometry``. A table is a
 CSV with columns ``species``, ``pft``, ``dbh_m``, ``height_m``, ``crown_width_m``, ``crown_base_m``,
-``leaf_area_m2``, empty where nothing was measured.
+``leaf_area_m2``, empty where nothing was measured, and perhaps ``study``, who measured.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def _read(path: Path, _changed: int) -> Allometry:
 
 @guarded("a CSV file of measured trees")
 def read_measured(path: Path) -> dict[str, np.ndarray]:
-    """A table of measured trees: texts ``species`` and ``pft``, and the numbers of ``COLUMNS``.
+    """A table of measured trees: texts ``species``, ``pft`` and ``study``, and the numbers of ``COLUMNS``.
 
     Raises
     ------
@@ -72,6 +72,7 @@ def read_measured(path: Path) -> dict[str, np.ndarray]:
     if missing:
         raise SpecError(str(path), f"has no column {missing[0]}; it needs {', '.join(needed)}")
     table = {key: np.array([row[key] or "" for row in rows]) for key in ("species", "pft")}
+    table["study"] = np.array([row.get("study") or "" for row in rows])
     for key, column in COLUMNS.items():
         table[key] = np.array(
             [_number(path, line, column, row[column]) for line, row in enumerate(rows, 2)]

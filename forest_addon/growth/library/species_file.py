@@ -29,6 +29,7 @@ from ..regrow.anatomy import dissect
 from ..regrow.fitted import Habit, fit
 from .allometry_file import read_allometry
 
+MOST_OF_TREE, MOST_OF_LEAF = 3_000_000, 10_000  # facets of a file
 KEPT = 16  # trees that stay recognised; as many as a process keeps ready to graft
 _recognised: dict[tuple[bytes, tuple[str, float]], TreeTemplate | Habit] = {}
 
@@ -82,14 +83,14 @@ def complete_species(
     template, leaf = species.template, species.leaf
     what = "leaf.mesh" if template is None else "template"
     try:
-        blade = blade_from(read_stl(folder / leaf.mesh)) if leaf.mesh else None
+        blade = blade_from(read_stl(folder / leaf.mesh, MOST_OF_LEAF)) if leaf.mesh else None
         if template is None and species.targets is not None:
             named = species.targets.allometry
             return species, Kind(read_allometry(named, folder) if named else None, blade)
         if template is None:
             return species, blade
-        wood = read_stl(folder / template.wood)
-        leaves = read_stl(folder / template.leaves) if template.leaves else None
+        wood = read_stl(folder / template.wood, MOST_OF_TREE)
+        leaves = read_stl(folder / template.leaves, MOST_OF_TREE) if template.leaves else None
         if leaves is None and template.grow_leaves and leaf.on:
             unit = template.height / float(np.ptp(wood[:, :, 2])) if template.height else 1.0
             leaves = dress(wood, leaf, blade or SHAPES[leaf.shape](), unit)

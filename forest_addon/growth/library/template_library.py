@@ -26,6 +26,7 @@ from ..recognise.unit import UNITS, Unit, infer_unit
 from ..regrow.allometry import allometry_of
 from ..regrow.anatomy import dissect
 from ..regrow.fitted import Habit, fit
+from .species_file import MOST_OF_TREE
 
 Progress = Callable[[int, int], None]
 
@@ -160,11 +161,17 @@ def check_name(name: str) -> None:
 def _read(wood: Path, leaves: Path | None, groups: Sequence[Group]) -> Sorted:
     try:
         if groups:
+            count = sum(len(group.facets) for group in groups)
+            if count > 2 * MOST_OF_TREE:
+                raise SpecError(
+                    "template",
+                    f"has {count:,} facets, more than {2 * MOST_OF_TREE:,}; make it coarser",
+                )
             return sort_out(groups)
-        timber = read_stl(wood)
+        timber = read_stl(wood, MOST_OF_TREE)
         if leaves is None:
             return sort_out([Group("", "", timber)])
-        return Sorted(timber, read_stl(leaves), "")
+        return Sorted(timber, read_stl(leaves, MOST_OF_TREE), "")
     except FileNotFoundError as problem:
         raise SpecError(
             "template", f"there is no file {problem.filename}; check the path"

@@ -73,14 +73,22 @@ def scores(kind: Allometry, dbh: np.ndarray, given: np.ndarray) -> np.ndarray:
     return found
 
 
-def draw(kind: Allometry, dbh: np.ndarray, given: np.ndarray, uniform: np.ndarray) -> np.ndarray:
+def draw(
+    kind: Allometry,
+    dbh: np.ndarray,
+    given: np.ndarray,
+    uniform: np.ndarray,
+    stand: np.ndarray | None = None,
+) -> np.ndarray:
     """(N, 4) the measures of trees: those given (N, 4) as they are, the others, NaN, drawn.
 
-    uniform : (N, 4) numbers between 0 and 1, from the stream of each tree.
+    uniform : (N, 4) numbers between 0 and 1, from the stream of each tree. stand : (4,) normals that
+    the trees of a stand share, by which they differ as studies do (``Law.within``); None: of many stands.
     """
     known = np.isfinite(given)
     z = np.clip(scores(kind, dbh, given), -4, 4)
     noise = ndtri(uniform)
+    own = np.array([getattr(kind, name).within for name in MEASURES])
     matrix = correlation_matrix(kind)
     for pattern in np.unique(known, axis=0):
         rows = np.flatnonzero((known == pattern).all(axis=1))
@@ -93,6 +101,8 @@ def draw(kind: Allometry, dbh: np.ndarray, given: np.ndarray, uniform: np.ndarra
         value, vector = np.linalg.eigh(left)
         root = vector * np.sqrt(np.maximum(value, 0.0))
         drawn = noise[np.ix_(rows, free)] @ root.T
+        if stand is not None:
+            drawn = own[free] * drawn + np.sqrt(1 - own[free] ** 2) * (root @ stand[free])
         z[np.ix_(rows, free)] = _cut(z[np.ix_(rows, told)] @ weight.T + drawn)
     found = measures(kind, dbh, z)
     share = found[:, 2] / found[:, 0]

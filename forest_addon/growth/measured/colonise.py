@@ -44,20 +44,32 @@ def outline(crown: Crown, share: np.ndarray) -> np.ndarray:
 
 
 def colonise(
-    crown: Crown, height: float, base: float, width: float, rng: np.random.Generator
+    crown: Crown,
+    height: float,
+    base: float,
+    width: float,
+    rng: np.random.Generator,
+    scaffold: tuple[Nodes, np.ndarray] | None = None,
 ) -> Nodes:
-    """The axes of a tree whose crown reaches from ``base`` to ``height`` and is ``width`` wide, metres."""
+    """The axes of a tree whose crown reaches from ``base`` to ``height`` and is ``width`` wide, metres.
+
+    scaffold : its stem and limbs, and which of their nodes (N,) bear branches; None: a stem alone.
+    """
     points = _points(crown, height, base, width, rng)
     span = height - base
     volume = np.pi * (width / 2) ** 2 * span * 0.45
     apart = (volume / max(len(points), 1)) ** (1 / 3)
     step, kill = STEP * apart, KILL * apart
-    place = [_trunk(crown, height, base, width, step, rng)]
-    parent = [np.arange(-1, len(place[0]) - 1)]
-    count = first = len(place[0])
-    fresh, number = place[0], np.arange(count)
-    # Below the crown the stem bears nothing: its nodes attract no points.
-    bearing = fresh[:, 2] >= base - 1e-9
+    if scaffold is None:
+        stem = _trunk(crown, height, base, step, rng)
+        along = np.arange(-1, len(stem) - 1)
+        # Below the crown the stem bears nothing: its nodes attract no points.
+        bearing = stem[:, 2] >= base - 1e-9
+        scaffold = Nodes(stem, along, np.ones(len(stem), dtype=bool)), bearing
+    given, bearing = scaffold
+    place, parent = [given.place], [given.parent]
+    count = len(given.place)
+    fresh, number = given.place, np.arange(count)
     fresh, number = (
         (fresh[bearing], number[bearing]) if bearing.any() else (fresh[-1:], number[-1:])
     )
@@ -96,7 +108,7 @@ def colonise(
         every = np.concatenate([every, fresh])
         steps = np.concatenate([steps, np.zeros_like(fresh)])
     trunk = np.zeros(count, dtype=bool)
-    trunk[:first] = True
+    trunk[: len(given.trunk)] = given.trunk
     return Nodes(every, np.concatenate(parent).astype(np.int64), trunk)
 
 
@@ -119,13 +131,17 @@ def _points(
 
 
 def _trunk(
-    crown: Crown, height: float, base: float, width: float, step: float, rng: np.random.Generator
+    crown: Crown, height: float, base: float, step: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """(T, 3) the first stem, from the ground to where it divides; straight, but for a slow sway."""
+    """(T, 3) the first stem, from the ground to where it divides."""
     top = base + max(crown.leader, 0.02) * 0.97 * (height - base)
     below = np.linspace(0.0, base, max(2, int(np.ceil(base / max(step, 0.25))) + 1))
     above = np.linspace(base, top, max(2, int(np.ceil((top - base) / step)) + 1))[1:]
-    z = np.concatenate([below, above])
+    return stem_line(crown, np.concatenate([below, above]), height, rng)
+
+
+def stem_line(crown: Crown, z: np.ndarray, height: float, rng: np.random.Generator) -> np.ndarray:
+    """(T, 3) a stem at heights (T,), metres; straight, but for a slow sway."""
     sway = 0.06 * crown.crook * height * rng.standard_normal((2, 2))
     t = (z / height)[:, None]
     aside = sway[0] * t**2 + 0.5 * sway[1] * np.sin(2 * np.pi * t) * t

@@ -4,7 +4,8 @@ Columns of species, type, DBH, height, crown width, crown base and leaf area go 
 squares on logarithms, the curve only where enough trees tell it, moved to the median of the residuals; their
 5 and 95 % points and their correlations are those of the trees themselves. What too few trees of a species
 tell is taken from its genus, its functional type, or all trees, and the law says so. Leaf areas above
-1 m² a cm² of stem are left out: at 40 m²/ha of stems they would make a leaf area index above 40.
+1 m² a cm² of stem are left out: at 40 m²/ha of stems they would make a leaf area index above 40. How much of
+the spread is found within one study, as in a stand, is told where five studies measured eight trees or more.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from .allometry import MEASURES, PAIRS, middle
 
 ENOUGH = 30  # trees that a law, or a correlation, is fitted to
 ENOUGH_CURVE = 100
+STUDIES, OF_STUDY = 5, 8  # studies, and trees of each, that tell how trees of one differ
 MOST_LEAVES = 1e4  # m² a m² of the stem's cross section
 WIDE = (
     0.5  # of the range of log D that its heights were measured over, for a law to hold for a kind
@@ -63,7 +65,8 @@ def fit_kind(name: str, table: Mapping[str, np.ndarray], source: str) -> Allomet
         for group, rows in groups.items():
             law = _law(table, measure, rows)
             if law is not None:
-                laws[measure] = law.changed(of="" if group == name else group)
+                own = "" if group == name else group
+                laws[measure] = law.changed(of=own, within=_within(table, measure, groups, rows))
                 break
         else:
             raise SpecError(
@@ -154,6 +157,33 @@ def _law(table: Mapping[str, np.ndarray], measure: str, rows: np.ndarray) -> Law
         dbh=(float(table["dbh"][used].min()), float(table["dbh"][used].max())),
         trees=int(used.sum()),
     )
+
+
+def _within(
+    table: Mapping[str, np.ndarray],
+    measure: str,
+    groups: Mapping[str, np.ndarray],
+    own: np.ndarray,
+) -> float:
+    """Standard deviation of residuals within studies over that of all, of the first group that can tell."""
+    if "study" not in table:
+        return 1.0
+    for rows in groups.values():
+        law = _law(table, measure, rows) if (rows | ~own).all() else None
+        if law is None:
+            continue
+        left = residuals(table, measure, law)
+        used = rows & np.isfinite(left)
+        _, study, trees = np.unique(table["study"][used], return_inverse=True, return_counts=True)
+        value = left[used]
+        many = (trees >= OF_STUDY)[study]
+        if (trees >= OF_STUDY).sum() < STUDIES:
+            continue
+        apart = value - (np.bincount(study, value) / trees)[study]
+        free = many.sum() - (trees >= OF_STUDY).sum()
+        share = np.sqrt((apart[many] ** 2).sum() / free) / value.std()
+        return round(float(np.clip(share, 0.2, 1.0)), 3)
+    return 1.0
 
 
 def _correlation(table: Mapping[str, np.ndarray], a: str, b: str, rows: np.ndarray) -> float | None:

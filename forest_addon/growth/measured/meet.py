@@ -21,6 +21,7 @@ from ..species import skeleton_of
 from .colonise import colonise
 from .measure import BREAST, crown_base_of, dbh_of, leaf_tips, width_of
 from .pipes import borne, scaled_to, skeleton_of_nodes, with_radii
+from .scaffold import scaffold_of
 from .twigs import leaves_on, seat_twigs, with_twigs
 from .wanted import Wanted
 
@@ -81,7 +82,12 @@ def grow_crown(species: Species, wanted: Wanted, blade: Blade, key: int) -> Met:
     margin = min(
         0.4 * wanted.crown_width, 2 * (crown.twig.mean * 0.6 + 0.5 * species.leaf.length.mean)
     )
-    nodes = colonise(crown, wanted.height, wanted.crown_base, wanted.crown_width - margin, rng)
+    size = (wanted.height, wanted.crown_base, wanted.crown_width - margin)
+    frame = None
+    if species.architecture is not None:
+        made = scaffold_of(species.architecture, crown, (*size, wanted.dbh), rng)
+        frame = made.nodes, made.bearing
+    nodes = colonise(crown, *size, rng, frame)
     ends = np.ones(len(nodes.parent), dtype=bool)
     ends[nodes.parent[1:]] = False
     tips = borne(nodes.parent, ends)

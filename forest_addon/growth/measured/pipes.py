@@ -16,6 +16,8 @@ from ..skeleton import Skeleton
 from .colonise import Nodes
 from .measure import dbh_of
 
+TURN = np.deg2rad(60.0)  # by which an axis goes on at most
+
 
 def borne(parent: np.ndarray, own: np.ndarray) -> np.ndarray:
     """(N,) what each of N things bears itself and by all that descend from it; mothers come first."""
@@ -35,14 +37,23 @@ def borne(parent: np.ndarray, own: np.ndarray) -> np.ndarray:
 
 
 def orders_of(nodes: Nodes, total: np.ndarray) -> np.ndarray:
-    """(N,) branching order: an axis goes on to the daughter that bears most, the first stem to its top."""
+    """(N,) branching order: an axis goes on to what bears most and turns least, the stem to its top.
+
+    Where every child turns away by more than ``TURN`` the axis ends.
+    """
     count = len(nodes.parent)
-    rank = total + np.where(nodes.trunk, total.max() + 1, 0)
+    parent = np.maximum(nodes.parent, 0)
+    way = nodes.place - nodes.place[parent]
+    length = np.linalg.norm(way, axis=1)
+    turn = np.einsum("ni,ni->n", way, way[parent]) / np.maximum(length * length[parent], 1e-12)
+    turn = np.where(length[parent] > 0, turn, 1.0)
+    rank = total * ((1 + turn) / 2) ** 2 + np.where(nodes.trunk, total.max() + 1, 0)
     up = np.lexsort((rank, nodes.parent))  # of each mother the last is the one that goes on
     last = np.ones(count, dtype=bool)
     last[:-1] = np.diff(nodes.parent[up]) != 0
     goes_on = np.zeros(count, dtype=bool)
     goes_on[up[last]] = True
+    goes_on &= nodes.trunk | (turn > np.cos(TURN))
     order = np.zeros(count, dtype=np.int64)
     for node in range(1, count):
         order[node] = order[nodes.parent[node]] + (not goes_on[node])

@@ -49,9 +49,16 @@ def given_by(targets: Targets | None) -> np.ndarray:
 
 
 def drawn(
-    kind: Allometry | None, dbh: np.ndarray, given: np.ndarray, uniform: np.ndarray, where: str
+    kind: Allometry | None,
+    dbh: np.ndarray,
+    given: np.ndarray,
+    uniform: np.ndarray,
+    where: str,
+    stand: np.ndarray | None = None,
 ) -> np.ndarray:
     """(N, 5) targets of trees in the order of ``TARGETS``: what is given (N, 4), the rest drawn.
+
+    stand : (4,) what its trees share, as ``draw`` takes it.
 
     Raises
     ------
@@ -67,7 +74,7 @@ def drawn(
             )
         found = given
     else:
-        found = draw(kind, dbh, given, uniform)
+        found = draw(kind, dbh, given, uniform, stand)
     for row, told in zip(np.column_stack([dbh, found]), np.isfinite(given), strict=True):
         refuse_contradictions(Wanted(*row), kind, where, told=bool(told.any()))
     return np.column_stack([dbh, found])

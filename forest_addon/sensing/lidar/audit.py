@@ -1,121 +1,215 @@
-"""A scan held against the exact one: rays of random pulses, by brute force in float64.
+"""A scan held against the exact one: random pulses of what was returned, measured again.
 
-Both engines search in float32 and refine what they find; here the first surface of a ray is found again
-over all triangles that it may meet (``rays/exact``). Where the two part, the ray may pass an edge so
-closely that either is right: then a ray that is moved aside by ``EDGE`` finds what the engine found. And two
-surfaces may lie so closely behind one another, as the front and the back beside an outer edge do, that
-single precision does not tell which is first: then the distance to the triangle that the engine named counts.
+Of all points is looked at whether they are in order and their pulses complete. Then pulses are drawn: as many
+as time allows are sent again by the engine, and at least ``LEAST`` of those that came back and of those
+that did not are followed ray by ray in float64 (``rays/referee``), each to everything that the cloud says of
+it. A pulse that lacks a return, or has one too many or with another label, is infinitely far off.
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from ...spec import Tractor
-from ..audit import Audit, sample
+from ..audit import LEAST, Audit, Check, Sampled, sample
 from ..rays.caster import RayCaster
-from ..rays.exact import cast_exactly, meet_exactly
-from .footprint import spread
+from ..rays.geometry import SceneGeometry
+from ..rays.referee import Referee
+from .cloud import Cloud
+from .returns import Returns, take
 from .scan import Scan
-from .tractor import axes, fan, positions
+from .tractor import TractorScan, beams
 
-BATCH = 4  # rays
-EDGE = 2e-5  # m; engines search in float32, whose steps are so large 100 m away
-SURE = 1e-10  # m; where an engine is off by more, it may have named another triangle
-SAME = 1e-3  # m; nearer surfaces count as the same one when a ray is moved aside
+BATCH = 50  # pulses in float64 at a time
+AGAIN = 2048  # pulses by the engine at a time
+RUNS = 16  # pulses that follow each other in such a batch
 ALLOWED = 1e-9  # m, and rounding of the coordinates
+OF_VALUE = 1e-7  # of intensities and widths; of angles and times, rad and s
+LABELS = ("organ", "leaf", "tree", "species", "instance", "triangle")
 
-Draw = Callable[[np.random.Generator, int], tuple[np.ndarray, np.ndarray]]
-
-
-def audit_scan(scan: Scan, rng: np.random.Generator, seconds: float, share: float) -> Audit:
-    """Of a scan that took ``seconds``, at a cost of about ``share`` of that."""
-
-    def draw(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
-        number = rng.integers(0, scan.pulses, count)
-        keys = rng.integers(0, 2**63, count, dtype=np.uint64)
-        origins, directions = spread(scan.pattern.pulses(number), scan.scanner.beam, keys)
-        chosen = np.arange(count) * scan.scanner.beam.subrays
-        chosen += rng.integers(0, scan.scanner.beam.subrays, count)
-        return origins[chosen], directions[chosen]
-
-    rays = scan.pulses * scan.scanner.beam.subrays
-    return _audit(scan.caster, draw, scan.scanner.max_range, rays, rng, seconds, share)
+Draw = Callable[[np.random.Generator, int], np.ndarray]
 
 
-def audit_drive(
-    tractor: Tractor, caster: RayCaster, rng: np.random.Generator, seconds: float, share: float
-) -> Audit:
-    """Of a tractor's scan, as ``audit_scan``."""
-    scans, angles = len(positions(tractor)), len(fan(tractor))
-
-    def draw(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
-        return axes(tractor, rng.integers(0, scans, count), rng.integers(0, angles, count))
-
-    rays = scans * angles * (tractor.splits + 1) ** 2
-    return _audit(caster, draw, tractor.max_range, rays, rng, seconds, share)
-
-
-def _audit(
-    caster: RayCaster,
-    draw: Draw,
-    reach: float,
-    rays: int,
+def audit_scan(
+    scan: Scan,
+    cloud: Cloud,
     rng: np.random.Generator,
     seconds: float,
     share: float,
+    scene: SceneGeometry | None = None,
 ) -> Audit:
-    def batches() -> Iterator[np.ndarray]:
-        while True:
-            yield ray_errors(caster, *draw(rng, BATCH), reach)
+    """Of a cloud that took ``seconds``, at a cost of about ``share`` of that.
 
-    found = sample(batches(), share * seconds)
-    return Audit(
-        what="rays by brute force in float64",
-        checked=len(found.errors),
-        error=found.largest,
-        rms=found.rms,
-        allowed=ALLOWED + 64 * np.finfo(float).eps * _extent(caster),
-        seconds=seconds,
-        exact_seconds=found.seconds_each * rays,
-        unit="m",
+    scan : the same scan, ready to look again. scene : the true one; left out: the caster's.
+    """
+    exact = scan.seen_by(Referee(scan.caster, scene))
+    came = cloud.pulse[np.diff(cloud.pulse, prepend=-1) != 0]
+    nothing = np.ones(scan.pulses, dtype=bool)
+    nothing[came[(came >= 0) & (came < scan.pulses)]] = False
+    lost = np.concatenate([np.arange(one.first, one.stop) for one in cloud.lost] or [came[:0]])
+    values: list[np.ndarray] = []
+
+    def check(again: Scan, draw: Draw, size: int, within: float, least: int) -> Sampled:
+        def batches() -> Iterator[np.ndarray]:
+            while True:
+                number = np.unique(draw(rng, size))
+                number = number[~np.isin(number, lost)] if len(lost) else number
+                places, of_value = apart(cloud, again.look_at(number), number)
+                values.append(of_value)
+                yield places
+
+        return sample(batches(), within, least)
+
+    def back(rng: np.random.Generator, size: int) -> np.ndarray:
+        return came[rng.integers(0, len(came), size)]
+
+    def empty(rng: np.random.Generator, size: int) -> np.ndarray:
+        number = rng.integers(0, scan.pulses, size)
+        return number[nothing[number]]
+
+    def runs(rng: np.random.Generator, size: int) -> np.ndarray:
+        first = rng.integers(0, scan.pulses, max(size // RUNS, 1))
+        number = np.unique(first[:, None] + np.arange(RUNS))
+        return number[number < scan.pulses]
+
+    wanted, budget = ALLOWED + _rounding(scan.caster), share * seconds
+    begin = time.perf_counter()
+    what, checks = "in float64, ray by ray", [_in_order(scan, cloud)]
+    each = 0.0
+    if len(came):
+        found = check(exact, back, BATCH, budget / 4, LEAST)
+        each = found.seconds_each
+        checks.append(Check.on(f"pulses {what}", found.errors, len(came), wanted, "m"))
+    none = scan.pulses - len(came) - len(lost)
+    if none > 0:
+        size = BATCH * min(scan.pulses // none, 64)
+        found = check(exact, empty, size, budget / 4, min(LEAST, none))
+        each = each or found.seconds_each
+        checks.append(Check.on(f"pulses that met nothing {what}", found.errors, none, wanted, "m"))
+    found = check(scan, runs, AGAIN, budget - (time.perf_counter() - begin), 0)
+    checks.append(Check.on("pulses sent again", found.errors, scan.pulses, wanted, "m"))
+    rest = np.concatenate(values)
+    checks.append(
+        Check.on("intensities, widths, angles and times", rest, scan.pulses, OF_VALUE, "of each")
     )
+    return Audit(tuple(checks), seconds, each * scan.pulses)
+
+
+def audit_drive(
+    tractor: Tractor,
+    found: TractorScan,
+    caster: RayCaster,
+    rng: np.random.Generator,
+    seconds: float,
+    share: float,
+    scene: SceneGeometry | None = None,
+) -> Audit:
+    """Of a tractor's scan, as ``audit_scan``."""
+    exact, returns = Referee(caster, scene), found.returns
+    met = np.isfinite(returns.distance)
+    wanted, budget = ALLOWED + _rounding(caster), share * seconds
+    begin = time.perf_counter()
+
+    def check(again: RayCaster, among: np.ndarray, size: int, within: float, least: int) -> Sampled:
+        def batches() -> Iterator[np.ndarray]:
+            while True:
+                beam = among[rng.integers(0, len(among), size)]
+                row, step = np.divmod(beam, len(found.angle))
+                there = beams(tractor, again, row, step)
+                yield np.fmax(*_differ(take(returns, beam), there))
+
+        return sample(batches(), within, least)
+
+    checks, each = [], 0.0
+    kinds = (("beams", np.flatnonzero(met)), ("beams that met nothing", np.flatnonzero(~met)))
+    for name, among in kinds:
+        if len(among):
+            seen = check(exact, among, BATCH, budget / 4, LEAST)
+            what = f"{name} in float64, ray by ray"
+            checks.append(Check.on(what, seen.errors, len(among), wanted, "m"))
+            each = each or seen.seconds_each
+    everything = np.arange(len(met))
+    seen = check(caster, everything, AGAIN, budget - (time.perf_counter() - begin), 0)
+    checks.append(Check.on("beams sent again", seen.errors, len(met), wanted, "m"))
+    return Audit(tuple(checks), seconds, each * len(met))
+
+
+def apart(found: Cloud, again: Cloud, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(P,) metres, and (P,) of each value, between what two clouds say of pulses (P,), ascending."""
+    ours, theirs = _rows(found, number), _rows(again, number)
+    many = ours[1] - ours[0]
+    places, values = np.zeros(len(number)), np.zeros(len(number))
+    places[many != theirs[1] - theirs[0]] = np.inf
+    same = np.flatnonzero((places == 0) & (many > 0))
+    pulse = np.repeat(same, many[same])
+    within = np.arange(len(pulse)) - np.repeat(np.cumsum(many[same]) - many[same], many[same])
+    a, b = ours[0][pulse] + within, theirs[0][pulse] + within
+    far, off = _differ(take(found.returns, a), take(again.returns, b))
+    far = np.fmax(far, np.linalg.norm(found.position[a] - again.position[b], axis=1))
+    far = np.fmax(far, np.abs(found.true_range[a] - again.true_range[b]))
+    for name in ("number", "count"):
+        far[getattr(found, name)[a] != getattr(again, name)[b]] = np.inf
+    far[~np.isfinite(found.position[a]).all(axis=1)] = np.inf
+    for name in ("intensity", "width"):
+        one, other = getattr(found, name)[a], getattr(again, name)[b]
+        off = np.fmax(off, np.abs(one - other) / np.where(other > 0, other, 1.0))
+    for name in ("time", "azimuth", "elevation", "scan_angle"):
+        off = np.fmax(off, np.abs(getattr(found, name)[a] - getattr(again, name)[b]))
+    np.maximum.at(places, pulse, far)
+    np.maximum.at(values, pulse, off)
+    return places, values
 
 
 def ray_errors(
     caster: RayCaster, origins: np.ndarray, directions: np.ndarray, reach: float
 ) -> np.ndarray:
-    """(R,) metres between what an engine and brute force find; a miss counts as a hit at ``reach``."""
-    found = caster.cast(origins, directions, reach)
-    ours = np.minimum(found.distance, reach)
-    exact = np.minimum(cast_exactly(caster.scene, origins, directions).distance, reach)
-    errors = np.abs(ours - exact)
-    for row in np.flatnonzero((errors > SURE) & (errors <= EDGE) & found.found):
-        named = int(found.instance[row]), int(found.triangle[row])
-        there = meet_exactly(caster.scene, origins[row], directions[row], *named)
-        errors[row] = min(errors[row], abs(ours[row] - there))
-    for row in np.flatnonzero(errors > SAME):
-        if _at_an_edge(caster, origins[row], directions[row], float(ours[row]), reach):
-            errors[row] = 0.0
+    """(R,) metres between what an engine and float64 find; a miss counts as a hit at ``reach``."""
+    ours = np.minimum(caster.cast(origins, directions, reach).distance, reach)
+    right = np.minimum(Referee(caster).cast(origins, directions, reach).distance, reach)
+    errors: np.ndarray = np.abs(ours - right)
     return errors
 
 
-def _at_an_edge(
-    caster: RayCaster, origin: np.ndarray, way: np.ndarray, ours: float, reach: float
-) -> bool:
-    """Whether a ray that is moved aside a little finds, by brute force, what the engine found."""
-    way = way / np.linalg.norm(way)
-    across = np.cross(way, np.eye(3)[np.abs(way).argmin()])
-    across /= np.linalg.norm(across)
-    turn = np.arange(8) * np.pi / 4
-    aside = np.cos(turn)[:, None] * across + np.sin(turn)[:, None] * np.cross(way, across)
-    moved = cast_exactly(caster.scene, origin + EDGE * aside, np.repeat(way[None], 8, axis=0))
-    return bool((np.abs(np.minimum(moved.distance, reach) - ours) < SAME).any())
+def _in_order(scan: Scan, cloud: Cloud) -> Check:
+    """Of all points: pulses in order and of this scan, each with all its returns, every number finite."""
+    pulse, number, last = cloud.pulse, cloud.number, cloud.number == cloud.count
+    step = pulse[1:] - pulse[:-1]
+    wrong = ~np.isfinite(cloud.position.sum(axis=1))
+    if len(pulse):
+        wrong[0] |= (pulse[0] < 0) | (number[0] != 1)
+        wrong[-1] |= (pulse[-1] >= scan.pulses) | ~last[-1]
+    goes_on = step == 0
+    wrong[1:] |= (step < 0) | (number[1:] != number[:-1] * goes_on + 1) | (last[:-1] == goes_on)
+    count = int(np.count_nonzero(wrong)) + abs(cloud.pulses - scan.pulses)
+    what = "points in order, with all returns of their pulses"
+    return Check(what, len(pulse), len(pulse), float(count), float(count), 0.0, "points")
 
 
-def _extent(caster: RayCaster) -> float:
-    """The largest coordinate of the scene."""
+def _differ(one: Returns, other: Returns) -> tuple[np.ndarray, np.ndarray]:
+    """(R,) metres between ranges, infinite where labels differ; (R,) between normals and cosines."""
+    both_miss = ~np.isfinite(one.distance) & ~np.isfinite(other.distance)
+    with np.errstate(invalid="ignore"):
+        far = np.where(both_miss, 0.0, np.abs(one.distance - other.distance))
+    far[np.isnan(far)] = np.inf
+    for name in LABELS:
+        far[getattr(one, name) != getattr(other, name)] = np.inf
+    off = np.abs(one.cos_incidence - other.cos_incidence)
+    off = np.fmax(off, np.abs(one.normal - other.normal).max(axis=1, initial=0.0))
+    return far, np.where(both_miss, 0.0, off)
+
+
+def _rows(cloud: Cloud, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where the returns of pulses begin and end."""
+    return (
+        np.searchsorted(cloud.pulse, number, side="left"),
+        np.searchsorted(cloud.pulse, number, side="right"),
+    )
+
+
+def _rounding(caster: RayCaster) -> float:
+    """Metres, at the largest coordinate of the scene."""
     shift = np.abs(caster.scene.transform[:, :, 3])
-    return float(np.nanmax(shift, initial=0.0))
+    return float(64 * np.finfo(float).eps * np.nanmax(shift, initial=0.0))

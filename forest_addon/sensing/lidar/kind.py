@@ -30,21 +30,21 @@ def _scan(job: Observation, progress: Progress | None) -> Any:
     return scan(job.sensor, job.seen.caster, job.settings.seed, job.trajectory, progress)
 
 
-def _audit_drive(job: Observation, _found: Any, seconds: float) -> Audit:
+def _audit_drive(job: Observation, found: Any, seconds: float) -> Audit:
     from .audit import audit_drive
 
     rng = stream(job.settings.seed, "audit", job.sensor.name)
-    share = job.settings.accuracy.audit
-    return audit_drive(job.sensor, job.seen.caster, rng, seconds, share)
+    given = rng, seconds, job.settings.accuracy.audit, job.seen.geometry
+    return audit_drive(job.sensor, found, job.seen.caster, *given)
 
 
-def _audit_scan(job: Observation, _found: Any, seconds: float) -> Audit:
+def _audit_scan(job: Observation, found: Any, seconds: float) -> Audit:
     from .audit import audit_scan
     from .scan import Scan
 
     work = Scan(job.sensor, job.seen.caster, job.settings.seed, job.trajectory)
     rng = stream(job.settings.seed, "audit", job.sensor.name)
-    return audit_scan(work, rng, seconds, job.settings.accuracy.audit)
+    return audit_scan(work, found, rng, seconds, job.settings.accuracy.audit, job.seen.geometry)
 
 
 def _cost_of_drive(tractor: Tractor, _trajectory: Any, engine: str) -> Cost:

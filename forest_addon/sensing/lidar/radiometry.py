@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...base.trimesh import GROUND, LEAF, OTHER, WOOD
+from ...base.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD
 from ...spec import Scanner, SpecError, Surfaces
 from ..rays.caster import Hits
 from ..rays.geometry import SceneGeometry
@@ -72,10 +72,11 @@ def reflectance_of(
 ) -> np.ndarray:
     """(R,) reflectances: what material or object say, else what the part is."""
     of_part = np.zeros(128)
-    of_part[[OTHER, WOOD, LEAF, GROUND]] = (
+    of_part[[OTHER, WOOD, LEAF, GROUND, DEAD]] = (
         surfaces.other,
         surfaces.wood,
         surfaces.leaf,
         surfaces.ground,
+        surfaces.wood,
     )
     return scene.reflectance_at(hits.instance, hits.triangle, of_part[organ])

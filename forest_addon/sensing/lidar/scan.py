@@ -61,10 +61,19 @@ class Scan:
         other.pulses = other.pattern.count
         return other
 
+    def seen_by(self, caster: RayCaster) -> Scan:
+        """The same scan by another caster of the same scene."""
+        other = copy(self)
+        other.caster = caster
+        return other
+
     def look(self, first: int, stop: int) -> Cloud:
         """The returns of the pulses from number ``first`` to before ``stop``."""
+        return self.look_at(np.arange(first, stop))
+
+    def look_at(self, number: np.ndarray) -> Cloud:
+        """The returns of the pulses of these numbers (P,), ascending."""
         scanner, beam = self.scanner, self.scanner.beam
-        number = np.arange(first, stop)
         pulses = self.pattern.pulses(number)
         keys = daughter_keys(self._key, number)
         origins, directions = spread(pulses, beam, keys)

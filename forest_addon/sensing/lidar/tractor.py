@@ -109,6 +109,21 @@ def axes(tractor: Tractor, scan: np.ndarray, step: np.ndarray) -> tuple[np.ndarr
     return _origins(tractor, along), _directions(tractor, fan(tractor)[step])
 
 
+def beams(tractor: Tractor, caster: RayCaster, scan: np.ndarray, step: np.ndarray) -> Returns:
+    """What beams (B,) meet, by scan and step of the fan, each with rays of its own."""
+    split = max(tractor.splits, 1)
+    within = np.arange(tractor.splits + 1)
+    i, j = (part.ravel() for part in np.meshgrid(within, within, indexing="ij"))
+    along = tractor.step * ((scan[:, None] * (tractor.gap + 1) * split + i) / split)
+    lowest, turn = fan(tractor)[0], np.deg2rad(tractor.angle_step_deg)
+    angle = lowest + turn * ((step[:, None] * split + j) / split)
+    origins = _origins(tractor, along.ravel())
+    ways = _directions(tractor, angle.ravel())
+    hits = caster.cast(origins, ways, tractor.max_range)
+    near = hits.distance.reshape(len(scan), -1).argmin(axis=1) + len(i) * np.arange(len(scan))
+    return label(caster.scene, hits.take(near), ways[near])
+
+
 def _look(
     tractor: Tractor, scans: int, angles: int, caster: RayCaster, progress: Progress | None
 ) -> Returns:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...base.trimesh import WOOD
+from ...base.trimesh import is_wood
 from ...spec import Tractor
 from .tractor import TractorScan
 
@@ -27,7 +27,7 @@ def beam_areas(scan: TractorScan, tractor: Tractor, *, from_vertical: bool = Fal
     angle = np.pi / 2 - scan.angle if from_vertical else scan.angle
     step = np.deg2rad(tractor.angle_step_deg) * (-1 if from_vertical else 1)
     wide = np.abs(np.sin(angle + step) - np.sin(angle))
-    reach = np.where(scan.organ == WOOD, scan.distance, 0.0)
+    reach = np.where(is_wood(scan.organ), scan.distance, 0.0)
     area: np.ndarray = tractor.step * reach * wide
     return area
 

@@ -1,8 +1,8 @@
 """Rays against every triangle near them, in float64: what audits and benchmarks hold the engines against.
 
-Slow and plain: triangles stand in groups of those that follow each other in their mesh, most often
-neighbours; a ray is tested against the box of each group of each instance it may meet, and against each
-triangle of the groups whose box it meets (Möller & Trumbore 1997). It shares no code with the engines.
+Triangles that follow each other in their mesh are most often neighbours: eight share a box, eight boxes a
+larger one, and so on to the whole mesh. All rays go down these boxes together, and meet each triangle of the
+groups whose boxes they meet (Möller & Trumbore 1997). It shares no code with the engines.
 """
 
 from __future__ import annotations
@@ -11,98 +11,201 @@ import numpy as np
 
 from ...base.trimesh import TriMesh
 from .caster import Hits
-from .geometry import SceneGeometry
+from .geometry import SceneGeometry, invert_transforms
 
-GROUP = 128  # triangles
+GROUP = 8  # triangles of a box, and boxes of a larger one
+PAIRS = 500_000  # rays by instances, and by boxes, at a time
 EDGE = 1e-12  # barycentric slack: a ray at a shared edge meets at least one of its triangles
+
+Level = tuple[np.ndarray, np.ndarray]  # smallest and largest corners (G, 3)
+
+
+class ExactCaster:
+    """The ``RayCaster`` protocol in float64."""
+
+    engine = "float64"
+
+    def __init__(self, scene: SceneGeometry) -> None:
+        self.scene = scene
+        self._low, self._high = scene.bounds()
+        self._inverse = invert_transforms(scene.transform)[:, :, :3]
+
+    def cast(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_distance: float | np.ndarray = np.inf,
+        *,
+        min_distance: float | np.ndarray = 0.0,
+        leaving: Hits | None = None,
+    ) -> Hits:
+        """The closest hits of rays (R, 3), (R, 3)."""
+        count = len(origins)
+        ways = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        far = np.broadcast_to(np.asarray(max_distance, np.float64), count)
+        near = np.broadcast_to(np.asarray(min_distance, np.float64), count)
+        hits = Hits.misses(count)
+        at_once = max(1, PAIRS // max(len(self.scene), 1))
+        for first in range(0, count, at_once):
+            rows = np.arange(first, min(first + at_once, count))
+            left = None if leaving is None else leaving.take(rows)
+            part = self._cast(origins[rows], ways[rows], near[rows], far[rows], left)
+            hits.put(rows, part)
+        return hits
+
+    def occluded(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_distance: float | np.ndarray = np.inf,
+        *,
+        min_distance: float | np.ndarray = 0.0,
+        leaving: Hits | None = None,
+    ) -> np.ndarray:
+        """(R,) bool: whether ``cast`` finds anything."""
+        return self.cast(
+            origins, directions, max_distance, min_distance=min_distance, leaving=leaving
+        ).found
+
+    def meets(self, origins: np.ndarray, directions: np.ndarray, hits: Hits) -> np.ndarray:
+        """(R,) metres along rays to the triangles that hits name; inf where one passes its triangle by."""
+        ways = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        found = np.full(len(origins), np.inf)
+        named = np.flatnonzero(hits.found)
+        mesh_of = self.scene.mesh_index[hits.instance[named]]
+        for index in np.unique(mesh_of).tolist():
+            rows = named[mesh_of == index]
+            start, way = self._local(origins[rows], ways[rows], hits.instance[rows])
+            found[rows] = _meet(self.scene.meshes[index], hits.triangle[rows], start, way)
+        return found
+
+    def _local(
+        self, origins: np.ndarray, ways: np.ndarray, instance: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Rays in the space of their instances; distances stay those of the world."""
+        inverse = self._inverse[instance]
+        start = np.einsum("pij,pj->pi", inverse, origins - self.scene.transform[instance, :, 3])
+        return start, np.einsum("pij,pj->pi", inverse, ways)
+
+    def _cast(
+        self,
+        origins: np.ndarray,
+        ways: np.ndarray,
+        near: np.ndarray,
+        far: np.ndarray,
+        leaving: Hits | None,
+    ) -> Hits:
+        met = _slabs(origins[:, None], ways[:, None], self._low, self._high, far[:, None])
+        ray, instance = np.nonzero(met)
+        mesh_of = self.scene.mesh_index[instance]
+        rays, distances, instances, triangles = [], [], [], []
+        for index in np.unique(mesh_of).tolist():
+            rows = np.flatnonzero(mesh_of == index)
+            mine, here = ray[rows], instance[rows]
+            start, way = self._local(origins[mine], ways[mine], here)
+            mesh = self.scene.meshes[index]
+            pair, triangle = _candidates(mesh, start, way, far[mine])
+            distance = _meet(mesh, triangle, start[pair], way[pair])
+            mine, here = mine[pair], here[pair]
+            counts = (distance >= near[mine]) & (distance <= far[mine])
+            if leaving is not None:
+                left = leaving.found[mine]
+                counts &= ~(left & (distance <= near[mine]))
+                own = (leaving.instance[mine] == here) & (leaving.triangle[mine] == triangle)
+                counts &= ~own
+            some = np.flatnonzero(counts & np.isfinite(distance))
+            rays.append(mine[some])
+            distances.append(distance[some])
+            instances.append(here[some])
+            triangles.append(triangle[some])
+        hits = Hits.misses(len(origins))
+        if not rays:
+            return hits
+        of_ray, distance = np.concatenate(rays), np.concatenate(distances)
+        order = np.lexsort((distance, of_ray))
+        order = order[np.diff(of_ray[order], prepend=-1) != 0]
+        found = Hits(distance, np.concatenate(instances), np.concatenate(triangles)).take(order)
+        hits.put(of_ray[order], found)
+        return hits
 
 
 def cast_exactly(scene: SceneGeometry, origins: np.ndarray, directions: np.ndarray) -> Hits:
-    """The closest hits of rays (R, 3), (R, 3), one ray after the other."""
-    low, high = scene.bounds()
-    hits = Hits.misses(len(origins))
-    ways = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    for ray, (origin, way) in enumerate(zip(origins, ways, strict=True)):
-        entry, leave = _slabs(origin, way, low, high)
-        met = np.flatnonzero(entry <= leave)
-        for instance in met[np.argsort(entry[met])].tolist():
-            if entry[instance] > hits.distance[ray]:
-                break
-            matrix = scene.transform[instance]
-            local = np.linalg.solve(
-                matrix[:, :3], np.stack([origin - matrix[:, 3], way], axis=1)
-            ).T  # the length of the direction stays: distances are those of the world
-            mesh = scene.meshes[int(scene.mesh_index[instance])]
-            distance, triangle = _nearest(mesh, *local)
-            if distance < hits.distance[ray]:
-                hits.put(
-                    slice(ray, ray + 1),
-                    Hits(np.array([distance]), np.array([instance]), np.array([triangle])),
-                )
-    return hits
+    """The closest hits of rays (R, 3), (R, 3)."""
+    return ExactCaster(scene).cast(origins, directions)
 
 
-def meet_exactly(
-    scene: SceneGeometry, origin: np.ndarray, direction: np.ndarray, instance: int, triangle: int
-) -> float:
-    """Metres along a ray (3,), (3,) to one triangle of an instance; inf where it passes it by."""
-    matrix = scene.transform[instance]
-    way = direction / np.linalg.norm(direction)
-    local = np.linalg.solve(matrix[:, :3], np.stack([origin - matrix[:, 3], way], axis=1)).T
-    mesh = scene.meshes[int(scene.mesh_index[instance])]
-    return _meet(mesh, np.array([triangle]), *local)[0]
+def _candidates(
+    mesh: TriMesh, start: np.ndarray, way: np.ndarray, far: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rays (K,) by number and triangles (K,) whose boxes they meet before ``far``."""
+    levels = _levels(mesh)
+    if not levels:
+        none = np.empty(0, np.int64)
+        return none, none
+    top = len(levels[-1][0])
+    ray, box = np.repeat(np.arange(len(start)), top), np.tile(np.arange(top), len(start))
+    for number, (low, high) in enumerate(reversed(levels)):
+        kept = []
+        for first in range(0, len(ray), PAIRS):
+            part = slice(first, first + PAIRS)
+            r, b = ray[part], box[part]
+            kept.append(first + np.flatnonzero(_slabs(start[r], way[r], low[b], high[b], far[r])))
+        some = np.concatenate(kept) if kept else np.empty(0, np.int64)
+        below = len(mesh.triangles) if number == len(levels) - 1 else len(levels[-2 - number][0])
+        box = (box[some, None] * GROUP + np.arange(GROUP)).ravel()
+        ray = np.repeat(ray[some], GROUP)
+        inside = box < below
+        ray, box = ray[inside], box[inside]
+    return ray, box
 
 
-def _nearest(mesh: TriMesh, origin: np.ndarray, way: np.ndarray) -> tuple[float, int]:
-    """Distance and triangle, inf and -1 for a miss."""
-    entry, leave = _slabs(origin, way, *_boxes(mesh))
-    met = np.flatnonzero(entry <= leave)
-    rows = (met[:, None] * GROUP + np.arange(GROUP)).ravel()
-    return _meet(mesh, rows[rows < len(mesh.triangles)], origin, way)
-
-
-def _boxes(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray]:
-    """(G, 3), (G, 3) around groups of triangles; kept with the mesh, which many scenes may share."""
-    kept: tuple[np.ndarray, np.ndarray] | None = vars(mesh).get("_groups")
+def _levels(mesh: TriMesh) -> list[Level]:
+    """Boxes around groups of triangles, and around groups of these, up to at most ``GROUP``; kept with the
+    mesh, which many scenes may share.
+    """
+    kept: list[Level] | None = vars(mesh).get("_groups")
     if kept is None:
-        first = np.arange(0, len(mesh.triangles), GROUP)
-        corners = [mesh.vertices[mesh.triangles[:, k]] for k in range(3)]
-        least = np.minimum(np.minimum(corners[0], corners[1]), corners[2])
-        most = np.maximum(np.maximum(corners[0], corners[1]), corners[2])
-        if not len(first):
-            return least, most
-        kept = (
-            np.minimum.reduceat(least, first) - 1e-9,
-            np.maximum.reduceat(most, first) + 1e-9,
-        )
+        kept = []
+        if len(mesh.triangles):
+            corners = [mesh.vertices[mesh.triangles[:, k]] for k in range(3)]
+            low = np.minimum(np.minimum(corners[0], corners[1]), corners[2])
+            high = np.maximum(np.maximum(corners[0], corners[1]), corners[2])
+            low, high = low - 1e-9, high + 1e-9
+            while not kept or len(low) > GROUP:
+                first = np.arange(0, len(low), GROUP)
+                low = np.fmin.reduceat(low, first)
+                high = np.fmax.reduceat(high, first)
+                kept.append((low, high))
         vars(mesh)["_groups"] = kept
     return kept
 
 
-def _meet(
-    mesh: TriMesh, rows: np.ndarray, origin: np.ndarray, way: np.ndarray
-) -> tuple[float, int]:
-    """The nearest of some triangles of a mesh."""
-    a, b, c = (mesh.vertices[mesh.triangles[rows, k]] for k in range(3))
+def _meet(mesh: TriMesh, triangle: np.ndarray, origin: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """(K,) metres along rays (K, 3), (K, 3) to triangles (K,); inf for a miss."""
+    a, b, c = (mesh.vertices[mesh.triangles[triangle, k]] for k in range(3))
     u, v, s = b - a, c - a, origin - a
     with np.errstate(all="ignore"):
         p = np.cross(way, v)
-        determinant = np.einsum("ti,ti->t", u, p)
-        first = np.einsum("ti,ti->t", s, p) / determinant
+        determinant = np.einsum("ki,ki->k", u, p)
+        first = np.einsum("ki,ki->k", s, p) / determinant
         q = np.cross(s, u)
-        second = q @ way / determinant
-        t = np.einsum("ti,ti->t", v, q) / determinant
+        second = np.einsum("ki,ki->k", q, way) / determinant
+        t = np.einsum("ki,ki->k", v, q) / determinant
         inside = (first >= -EDGE) & (second >= -EDGE) & (first + second <= 1 + EDGE)
-    t = np.where(inside & (t >= 0), t, np.inf)
-    if not len(t) or np.isinf(best := t.min()):
-        return np.inf, -1
-    return float(best), int(rows[t.argmin()])
+    met: np.ndarray = np.where(inside & (t >= 0), t, np.inf)
+    return met
 
 
 def _slabs(
-    origin: np.ndarray, way: np.ndarray, low: np.ndarray, high: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    origin: np.ndarray, way: np.ndarray, low: np.ndarray, high: np.ndarray, far: np.ndarray
+) -> np.ndarray:
+    """Whether rays (..., 3) meet boxes (..., 3) before ``far`` (...)."""
+    entry, leave = np.zeros(1), far
     with np.errstate(divide="ignore", invalid="ignore"):
-        a, b = (low - origin) / way, (high - origin) / way
-    entry = np.fmax.reduce(np.fmin(a, b), axis=1)
-    return np.maximum(entry, 0.0), np.fmin.reduce(np.fmax(a, b), axis=1)
+        for k in range(3):
+            a = (low[..., k] - origin[..., k]) / way[..., k]
+            b = (high[..., k] - origin[..., k]) / way[..., k]
+            entry = np.fmax(entry, np.fmin(a, b))
+            leave = np.fmin(leave, np.fmax(a, b))
+    met: np.ndarray = entry <= leave * (1 + 1e-12)
+    return met & ~np.isnan(low[..., 0])

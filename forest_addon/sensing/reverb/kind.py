@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -49,61 +50,50 @@ def trunks_between(
     return lambda source, receiver: cuts.between(source, receiver).joined(stems)
 
 
-def _respond(job: Observation, progress: Progress | None) -> Any:
-    """Impulse responses between all ends."""
+def response_inputs(job: Observation) -> dict[str, Any]:
+    """Arguments of ``impulse_response`` and of ``pairs_of`` that a scene gives."""
     from .directivity_file import directivity_of
     from .ends import ends_of
-    from .response import impulse_response
 
     reverb, seen, settings = job.sensor, job.seen, job.settings
     ends = ends_of(reverb, seen.places)
+    return {
+        "trunks": trunks_between(seen, reverb, settings, ends),
+        "reverb": reverb,
+        "air": settings.air,
+        "ends": ends,
+        "directivity": directivity_of(reverb, job.folder),
+        "wood": seen.wood,
+        "rng": stream(settings.seed, "reverb", reverb.name, "continuation"),
+        "field": (settings.forest.origin, settings.forest.size),
+        "canopy": _canopy(job),
+        "key": (settings.seed, "reverb", reverb.name),
+    }
+
+
+def _respond(job: Observation, progress: Progress | None) -> Any:
+    """Impulse responses between all ends."""
+    from .response import impulse_response
+
     return impulse_response(
-        trunks_between(seen, reverb, settings, ends),
-        reverb,
-        settings.air,
-        ends=ends,
-        directivity=directivity_of(reverb, job.folder),
-        wood=seen.wood,
-        rng=stream(settings.seed, "reverb", reverb.name, "continuation"),
-        field=(settings.forest.origin, settings.forest.size),
-        expansions=seen.expansions,
+        **response_inputs(job),
+        expansions=job.seen.expansions,
         progress=progress,
-        canopy=_canopy(job),
-        key=(settings.seed, "reverb", reverb.name),
-        all_trunks=settings.accuracy.detail == "full",
+        all_trunks=job.settings.accuracy.detail == "full",
     )
 
 
 def _audit(job: Observation, found: Any, seconds: float) -> Audit:
     from .audit import audit_response
-    from .ends import ends_of
+    from .response import pairs_of
 
     reverb, settings = job.sensor, job.settings
-    ends = ends_of(reverb, job.seen.places)
-    pair = ends.pairs[0]
-    trunks = trunks_between(job.seen, reverb, settings, ends)(*pair)
-    return audit_response(
-        found,
-        trunks,
-        *pair,
-        reverb,
-        settings.air,
-        job.seen.expansions,
-        stream(settings.seed, "audit", reverb.name),
-        seconds,
-        settings.accuracy.audit,
-        _stand_around(job, trunks),
-    )
-
-
-def _stand_around(job: Observation, trunks: Any) -> Any:
-    """The stand that paths lose to, of a model ``forest``."""
-    from .forest.surroundings import surroundings
-
-    if job.sensor.model != "forest":
-        return None
-    field = (job.settings.forest.origin, job.settings.forest.size)
-    return surroundings(trunks, job.sensor, field, _canopy(job)).stand
+    if reverb.model != "forest":  # whose noise depends on what was asked for
+        reverb = reverb.changed(duration=len(found.samples) / found.sample_rate)
+    pairs = pairs_of(**response_inputs(replace(job, sensor=reverb)))
+    rng = stream(settings.seed, "audit", reverb.name)
+    share = settings.accuracy.audit
+    return audit_response(found, pairs, job.seen.expansions, rng, seconds, share)
 
 
 def _canopy(job: Observation) -> Any:

@@ -1,21 +1,27 @@
-"""Echoes held against the exact sum: random bins of random pings, scatterer by scatterer.
+"""Echoes held against the exact sum: random bins of random pings, scatterer by scatterer, and random samples.
 
 The sum at a bin is made again with a tolerance of 0, over everything in range, also what was culled as too
 weak, where that fits the time; else over what was heard, and the audit says so. Errors are shares of
-Σ max|A|, in which tolerance and cull are asked for.
+Σ max|A|, in which tolerance and cull are asked for. Responses, envelopes and waveforms are held against their
+spectra, by the Fourier sum at single samples; the spectrum of a call's echo is held against that of the
+transfer function, or, of a sonar that moves, against the sum over every path at its own speed.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...acoustics import chebyshev
 from ...spec import Air, Sonar
-from ..audit import Audit, sample
+from ..audit import LEAST, Audit, Check, joined, sample
 from ..rays.caster import RayCaster
 from .bands import Band, Grid
+from .calls import Call
+from .doppler import factors
 from .ping import Echo, heard_from
 from .search import Group
 from .station import Equipment, Station
@@ -23,8 +29,33 @@ from .summation import sum_echoes
 from .targets import Targets
 
 MOST = 300_000  # scatterers in range that are all summed
-BINS = 4  # of a ping whose scatterers have to be looked for
+BINS = (4, 32)  # of a ping at a time; of one whose scatterers have to be looked for
+SAMPLES = 16  # of a ping at a time
 ROUNDING = 1e-12
+OF_SAMPLES = 1e-9  # of the largest
+PLACES = 48  # Chebyshev points of a call's spectrum over the speeds of all paths
+PARTS = (0.5, 0.3, 0.2)  # of the time, for bins, bins of moving calls, samples
+
+
+@dataclass(frozen=True)
+class _Pings:
+    """What was sent and heard, and how to look again."""
+
+    echoes: Sequence[Echo]
+    sonar: Sonar
+    air: Air
+    equipment: Equipment
+
+    def station(self, echo: Echo) -> Station:
+        return Station(replace(self.sonar, cull=0.0), self.air, echo.pose, self.equipment)
+
+    def moving(self, echo: Echo) -> bool:
+        call = self.equipment.call
+        return bool(call and self.sonar.doppler and np.linalg.norm(echo.pose.velocity) > 0)
+
+    @property
+    def bins(self) -> int:
+        return sum(echo.spectra.size for echo in self.echoes)
 
 
 def audit_echoes(
@@ -43,32 +74,32 @@ def audit_echoes(
 
     wood, everything : casters as of ``ping``.
     """
+    pings = _Pings(echoes, sonar, air, equipment)
     band = Band(*sonar.band)
     culled = sonar.cull > 0 and _affordable(echoes, share)
 
     def batches() -> Iterator[np.ndarray]:
         while True:
             echo = echoes[int(rng.integers(len(echoes)))]
-            station = Station(replace(sonar, cull=0.0), air, echo.pose, equipment)
-            groups = echo.groups
+            station, groups = pings.station(echo), echo.groups
             if culled:
                 groups = heard_from(station, targets, band, wood, everything).groups
-            bins = rng.integers(0, len(echo.frequency), BINS if culled else 1)
-            yield np.array([_error(echo, int(k), groups, station) for k in bins])
+            count = min(BINS[culled], len(echo.frequency))
+            stride = int(rng.integers(1, max(len(echo.frequency) // count, 1) + 1))
+            first = int(rng.integers(0, len(echo.frequency) - (count - 1) * stride))
+            rows = first + stride * np.arange(count)
+            yield _bin_errors(echo, rows, groups, station)
 
-    found = sample(batches(), share * seconds)
+    found = sample(batches(), PARTS[0] * share * seconds, LEAST)
     which = "everything heard" if sonar.cull > 0 and not culled else "everything in range"
-    bins = sum(len(echo.frequency) for echo in echoes)
-    return Audit(
-        what=f"bins of the spectrum by the direct sum over {which}",
-        checked=len(found.errors),
-        error=found.largest,
-        rms=found.rms,
-        allowed=sonar.tolerance + (sonar.cull if culled else 0.0) + ROUNDING,
-        seconds=seconds,
-        exact_seconds=found.seconds_each * bins,
-        unit="of all amplitudes",
+    allowed = sonar.tolerance + (sonar.cull if culled else 0.0) + ROUNDING
+    what = f"bins of the spectrum by the direct sum over {which}"
+    checks = (
+        Check.on(what, found.errors, pings.bins, allowed, "of all amplitudes"),
+        _called(pings, rng, PARTS[1] * share * seconds),
+        _samples(pings, rng, PARTS[2] * share * seconds),
     )
+    return Audit(joined(checks), seconds, found.seconds_each * pings.bins)
 
 
 def _affordable(echoes: Sequence[Echo], share: float) -> bool:
@@ -79,9 +110,114 @@ def _affordable(echoes: Sequence[Echo], share: float) -> bool:
     return in_range <= MOST and in_range <= share * len(echoes) * max(heard, 1)
 
 
-def _error(echo: Echo, row: int, groups: list[Group], station: Station) -> float:
-    """The largest error at all ears of one bin, as a share of Σ max|A|."""
-    one = Grid(float(echo.frequency[row]), station.sonar.sample_rate, 1, 1, 1)
-    exact = sum_echoes(groups, station, one, 0.0).spectrum[:, 0]
-    apart = np.abs(echo.spectra[:, row] - exact)
-    return float((apart / np.where(echo.size > 0, echo.size, 1.0)).max())
+def _bin_errors(echo: Echo, rows: np.ndarray, groups: list[Group], station: Station) -> np.ndarray:
+    """(E·R,) errors of bins that are evenly apart, at the ears, as shares of Σ max|A|."""
+    exact = sum_echoes(groups, station, _bins(echo, rows), 0.0).spectrum
+    return _shares(echo.spectra[:, rows] - exact, echo).ravel()
+
+
+def _called(pings: _Pings, rng: np.random.Generator, seconds: float) -> Check | None:
+    """Bins of the spectra of a call's echoes; None where there is no call."""
+    call = pings.equipment.call
+    if call is None:
+        return None
+    loudest = float(np.abs(call.spectrum(pings.echoes[0].frequency)).max(initial=0.0))
+
+    def batches() -> Iterator[np.ndarray]:
+        while True:
+            echo = pings.echoes[int(rng.integers(len(pings.echoes)))]
+            if pings.moving(echo):
+                row = int(rng.integers(len(echo.frequency)))
+                exact = _played(echo, row, call, pings.station(echo))
+                yield _shares(echo.called[:, row] - exact, echo) / loudest
+            else:
+                rows = rng.integers(0, len(echo.frequency), SAMPLES)
+                sent = _spectrum(call, echo.frequency[rows])
+                exact = echo.spectra[:, rows] * sent
+                yield (_shares(echo.called[:, rows] - exact, echo) / loudest).ravel()
+
+    found = sample(batches(), seconds, LEAST)
+    allowed = pings.sonar.tolerance + 1e-9
+    what = "bins of the call's echo, path by path"
+    return Check.on(what, found.errors, pings.bins, allowed, "of all amplitudes")
+
+
+def _samples(pings: _Pings, rng: np.random.Generator, seconds: float) -> Check:
+    """Samples of responses, envelopes and waveforms by the Fourier sums of their spectra."""
+    call, band = pings.equipment.call, Band(*pings.sonar.band)
+
+    def batches() -> Iterator[np.ndarray]:
+        while True:
+            echo = pings.echoes[int(rng.integers(len(pings.echoes)))]
+            rows = rng.integers(0, len(echo.time), SAMPLES)
+            window = band.window(echo.frequency)
+            analytic = _fourier(echo, echo.spectra * window, rows) / window.sum()
+            exact = [analytic.real, np.abs(analytic)]
+            made = [echo.responses, echo.envelopes]
+            if call is None:
+                exact.append(analytic.real)
+            else:
+                exact.append(_fourier(echo, echo.called, rows).real * 2.0 / _length(echo))
+            for true, whole in zip(exact, [*made, echo.waveforms], strict=True):
+                size = max(float(np.abs(whole).max(initial=0.0)), 1e-300)
+                yield (np.abs(whole[:, rows] - true) / size).ravel()
+
+    whole = sum(3 * echo.responses.size for echo in pings.echoes)
+    found = sample(batches(), seconds, 3 * LEAST)
+    what = "samples of responses, envelopes and waveforms by their spectra"
+    return Check.on(what, found.errors, whole, OF_SAMPLES, "of the largest")
+
+
+def _length(echo: Echo) -> int:
+    """Samples of the transform that made a record; 1 of a tone."""
+    if len(echo.frequency) == 1:
+        return 1
+    return round(echo.sample_rate / float(np.diff(echo.frequency).mean()))
+
+
+def _fourier(echo: Echo, spectra: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(E, R) Σ_k S_k·e^{i2πf_k t} at some samples."""
+    turns = np.outer(echo.frequency, rows / echo.sample_rate)
+    summed: np.ndarray = spectra @ np.exp(2j * math.pi * np.remainder(turns, 1.0))
+    return summed
+
+
+def _spectrum(call: Call, frequency: np.ndarray) -> np.ndarray:
+    """(K,) the call's spectrum, sample by sample."""
+    turns = np.outer(frequency, np.arange(len(call.samples)) / call.sample_rate)
+    summed: np.ndarray = np.exp(-2j * math.pi * np.remainder(turns, 1.0)) @ call.samples
+    return summed
+
+
+def _played(echo: Echo, row: int, call: Call, station: Station) -> np.ndarray:
+    """(E,) the echo of a call at one frequency, of a sonar that moves: every path at its own speed."""
+    one, frequency = _bins(echo, np.array([row])), float(echo.frequency[row])
+    total = np.zeros(len(station.ear), dtype=np.complex128)
+    for group in echo.groups:
+        alpha = factors(group, station, 0)
+        low, high = float(alpha.min()), float(alpha.max())
+        middle, half = (low + high) / 2, max((high - low) / 2, 1e-15)
+        at = middle + half * chebyshev.points(PLACES)
+        weight = chebyshev.lagrange(PLACES, (alpha - middle) / half).T @ (
+            _spectrum(call, frequency / at) / at
+        )
+        parts = np.stack([weight.real, weight.imag], axis=1)
+        summed = sum_echoes([group], station, one, 0.0, weights=[parts]).spectrum[:, :, 0]
+        total += summed[:, 0] + 1j * summed[:, 1]
+    return total
+
+
+def _bins(echo: Echo, rows: np.ndarray) -> Grid:
+    """The grid of some of the bins, evenly apart."""
+    frequency = echo.frequency[rows]
+    spacing = echo.sample_rate
+    if len(rows) > 1:
+        spacing = float(frequency[-1] - frequency[0]) / (len(rows) - 1)
+    return Grid(float(frequency[0]), spacing, len(rows), 1, 1)
+
+
+def _shares(apart: np.ndarray, echo: Echo) -> np.ndarray:
+    """Of differences (E,) or (E, K): shares of Σ max|A| at each ear."""
+    size = np.where(echo.size > 0, echo.size, 1.0)
+    share: np.ndarray = np.abs(apart) / (size if apart.ndim == 1 else size[:, None])
+    return share

@@ -20,8 +20,7 @@ from typing import ClassVar
 import numpy as np
 
 from ...acoustics.smoothness import Profile
-from ...base.trimesh import WOOD as WOOD_PART
-from ...base.trimesh import TriMesh
+from ...base.trimesh import TriMesh, is_wood
 from ...growth.recognise.pieces import part
 from .clusters import cluster
 from .scatterers import (
@@ -157,7 +156,7 @@ class FacetPopulation:
 def _facets(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Corners (F, 3, 3), which edges are rims (F, 3), and which side is outside (F,): 1 that of the
     normal, -1 the other, 0 both."""
-    kept = (mesh.leaf < 0) & (mesh.part != WOOD_PART)
+    kept = (mesh.leaf < 0) & ~is_wood(mesh.part)
     triangles = mesh.triangles[kept]
     triangles = triangles[np.isfinite(mesh.vertices).all(axis=1)[triangles].all(axis=1)]
     if not len(triangles):

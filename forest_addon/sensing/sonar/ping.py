@@ -77,6 +77,7 @@ class Echo:
     frequency : (K,) Hz, the band. spectra : (E, K) complex, the transfer function, not windowed.
     time : (N,) s after the call. responses : (E, N) of the band's pulse. envelopes : (E, N) of their
     analytic signals. waveforms : (E, N) of the sonar's call; those of a pulse are the responses.
+    called : (E, K) spectra of the waveforms; of a pulse, its transfer function.
     leaves, others : how many leaves, and cylinders and facets before they are
     cut, the scene has of the kinds that sound. near, far, broken, hidden, late : scatterers outside the
     limits of range, not finite, behind wood, after the end of the record. close : leaves in the sum that
@@ -90,6 +91,7 @@ class Echo:
 
     frequency: np.ndarray
     spectra: np.ndarray
+    called: np.ndarray
     time: np.ndarray
     responses: np.ndarray
     envelopes: np.ndarray
@@ -185,7 +187,7 @@ def ping(
     window = band.window(grid.frequency)
     analytic = _in_time(spectra * window, grid, grid.length / window.sum())
     waveforms = np.ascontiguousarray(analytic.real)
-    responses = waveforms
+    responses, called = waveforms, spectra
     if call is not None:
         sent = call.spectrum(grid.frequency)
         if moving:
@@ -196,6 +198,7 @@ def ping(
     return Echo(
         frequency=grid.frequency,
         spectra=spectra,
+        called=called,
         time=np.arange(grid.samples) / rate,
         responses=responses,
         envelopes=np.abs(analytic),

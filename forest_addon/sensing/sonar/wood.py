@@ -23,8 +23,7 @@ import numpy as np
 
 from ...acoustics.cylinder import scattering_sum
 from ...acoustics.smoothness import Profile
-from ...base.trimesh import WOOD as WOOD_PART
-from ...base.trimesh import TriMesh
+from ...base.trimesh import TriMesh, is_wood
 from ...growth.recognise.centreline import find_centrelines
 from ...growth.recognise.pieces import part
 from .clusters import cluster
@@ -165,7 +164,7 @@ class WoodPopulation:
 
 def wood_segments(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Start and end (N, 3) and radius (N,) of the wood of a mesh, local metres."""
-    triangles = mesh.triangles[mesh.part == WOOD_PART]
+    triangles = mesh.triangles[is_wood(mesh.part)]
     triangles = triangles[np.isfinite(mesh.vertices).all(axis=1)[triangles].all(axis=1)]
     nothing = np.empty((0, 3)), np.empty((0, 3)), np.empty(0)
     if not len(triangles):

@@ -23,7 +23,7 @@ from forest_addon.growth.regrow.sibling import grow_sibling
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.spec import Siblings, SpecError, Species
 
-from ...progress import hushed
+from ...progress import Stages, hushed
 from ...report.drawing import can_draw, without
 from ...report.likeness import compare_with_sensors, tell_likeness
 
@@ -58,9 +58,14 @@ def make_template(
         raise SpecError("--siblings", f"{siblings} is out of range; use 3 to 1000, or 0 for none")
     try:
         groups = _groups(wood, leaves)
-        made = make_library(
-            wood, leaves, name, height, out, grammar=grammar, groups=groups, unit=unit, up=up
-        )
+        with Stages(False).stage("recognise the tree") as progress:
+            made = make_library(
+                *(wood, leaves, name, height, out, progress),
+                grammar=grammar,
+                groups=groups,
+                unit=unit,
+                up=up,
+            )
     except NotUnderstoodError as problem:
         said = problem.problem
         if can_draw():

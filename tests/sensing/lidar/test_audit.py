@@ -6,12 +6,13 @@ from references.rays_brute import BruteCaster
 
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, TriMesh
-from forest_addon.sensing.audit import Audit, sample
+from forest_addon.sensing.audit import Check, sample
 from forest_addon.sensing.lidar.audit import audit_drive, audit_scan, ray_errors
-from forest_addon.sensing.lidar.scan import Scan
+from forest_addon.sensing.lidar.scan import Scan, scan
+from forest_addon.sensing.lidar.tractor import drive
 from forest_addon.sensing.rays.caster import Hits
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.spec import Beam, Terrestrial, Tractor
+from forest_addon.spec import Beam, Surfaces, Terrestrial, Tractor
 
 
 def scene(count: int = 300, shift: float = 0.0) -> SceneGeometry:
@@ -43,29 +44,45 @@ class Off(BruteCaster):
 def test_a_right_scan_passes_and_says_what_it_took(shift):
     caster = BruteCaster(scene(shift=shift))
     looks = Terrestrial(position=(shift,) * 3, angle_step_deg=5, beam=Beam(subrays=7))
-    found = audit_scan(Scan(looks, caster), stream(1, "audit"), seconds=2.0, share=0.05)
-    assert found.kept
+    found = audit(Scan(looks, caster), scan(looks, caster))
+    assert found.kept, str(found)
     assert found.checked >= 8
-    assert found.rms <= found.error <= found.allowed
+    assert all(check.rms <= check.error <= check.allowed for check in found.checks)
     assert found.exact_seconds > 0
 
 
-@pytest.mark.slow
+def audit(work, cloud):
+    return audit_scan(work, cloud, stream(1, "audit"), seconds=2.0, share=0.05)
+
+
 @pytest.mark.parametrize("wrong", [{"factor": 1 + 1e-8}, {"blind": True}])
 def test_a_wrong_engine_is_found(wrong):
     caster = Off(scene(), **wrong)
     looks = Terrestrial(position=(0, 0, 0), angle_step_deg=5)
-    found = audit_scan(Scan(looks, caster), stream(1, "audit"), seconds=6.0, share=0.05)
+    found = audit(Scan(looks, caster), scan(looks, caster))
     assert not found.kept
     assert "MORE than" in str(found)
 
 
+def test_light_that_passes_leaves_is_followed_too():
+    caster = BruteCaster(scene())
+    shines = Surfaces(leaf_transmittance=0.3, passing="share")
+    looks = Terrestrial(position=(0, 0, 0), angle_step_deg=5, surfaces=shines)
+    cloud = scan(looks, caster)
+    assert audit(Scan(looks, caster), cloud).kept
+    behind = Off(scene(), factor=1 + 1e-7)
+    assert not audit(Scan(looks, behind), scan(looks, behind)).kept
+
+
 def test_a_drive_is_audited_too():
     drives = Tractor(position=(-5, -3, 1), track=6.0, step=0.5, angle_step_deg=5, splits=2)
-    right = audit_drive(drives, BruteCaster(scene()), stream(1, "a"), seconds=2.0, share=0.05)
-    wrong = audit_drive(drives, Off(scene(), 1.001), stream(1, "a"), seconds=2.0, share=0.05)
-    assert right.kept
-    assert not wrong.kept
+
+    def audit(caster):
+        given = stream(1, "a"), 2.0, 0.05
+        return audit_drive(drives, drive(drives, caster), caster, *given)
+
+    assert audit(BruteCaster(scene())).kept
+    assert not audit(Off(scene(), 1.001)).kept
 
 
 def test_either_side_of_an_edge_is_right():
@@ -116,8 +133,13 @@ def test_the_sample_takes_its_share_and_at_least_one():
     batches = iter([np.array([1e-3, 2e-3]), np.array([9.0])])
     found = sample(batches, seconds=0.0)
     assert found.errors.tolist() == [1e-3, 2e-3]
-    assert np.isclose(found.rms, np.sqrt(2.5e-6))
+    assert np.isclose(Check.on("x", found.errors, 2, 1.0).rms, np.sqrt(2.5e-6))
+
+
+def test_the_sample_goes_on_to_the_least_that_is_wanted():
+    assert len(sample(iter(np.zeros((9, 20))), seconds=0.0, least=100).errors) == 100
+    assert len(sample(iter(np.zeros((9, 20))), seconds=0.0, least=100, patience=0.0).errors) == 20
 
 
 def test_an_error_that_is_no_number_is_not_kept():
-    assert not Audit("x", 1, float("nan"), 0.0, 1.0, 1.0, 1.0).kept
+    assert not Check("x", 1, 1, float("nan"), 0.0, 1.0).kept

@@ -14,6 +14,7 @@ from forest_addon.base.trimesh import LEAF, WOOD, TriMesh, join
 from forest_addon.growth.mesh.tubes import tube
 from forest_addon.sensing.sonar.audit import audit_echoes
 from forest_addon.sensing.sonar.ping import ping
+from forest_addon.sensing.sonar.poses import posed
 from forest_addon.sensing.sonar.station import Equipment
 from forest_addon.sensing.sonar.targets import Targets
 from forest_addon.spec import Air, Sonar
@@ -61,7 +62,7 @@ def test_what_is_right_is_kept(tolerance, cull, model):
     sonar = BAT.changed(tolerance=tolerance, cull=cull, leaf_model=model)
     found = audit(ping(targets(), sonar, AIR), sonar, share=0.05)
     assert found.kept, str(found)
-    assert found.allowed <= tolerance + cull + 1e-11
+    assert found.checks[0].allowed <= tolerance + cull + 1e-11
     assert found.checked >= 4
 
 
@@ -122,12 +123,22 @@ def test_what_was_left_out_without_leave_is_found():
 
 
 def test_a_short_ping_is_not_looked_for_again():
-    """Half a millisecond a bin, not the search for all that could be heard."""
+    """A tenth of a second of bins, not the search for all that could be heard."""
     sonar = BAT.changed(cull=1e-3)
     found = audit(ping(targets(), sonar, AIR), sonar, share=1e-3)
-    assert found.checked == 1
-    assert "everything heard" in found.what
-    assert found.allowed <= sonar.tolerance + 1e-11
+    assert "everything heard" in found.checks[0].what
+    assert found.checks[0].allowed <= sonar.tolerance + 1e-11
+
+
+@pytest.mark.parametrize("speed", [0.0, 12.0])
+@pytest.mark.parametrize("name", ["waveforms", "called", "responses", "envelopes"])
+def test_waveforms_are_looked_at(speed, name):
+    sonar = BAT.changed(call="fm", doppler=True)
+    pose = posed(sonar)
+    echo = ping(targets(), sonar, AIR, pose=replace(pose, velocity=speed * pose.frame[0]))
+    assert audit(echo, sonar, 0.05).kept
+    louder = {name: 1.01 * getattr(echo, name)}
+    assert not audit(replace(echo, **louder), sonar, 0.05).kept
 
 
 def test_silence_is_right():

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ....base.trimesh import LEAF, WOOD, TriMesh
+from ....base.trimesh import LEAF, TriMesh, is_wood
 from ...rays.geometry import SceneGeometry
 from .surroundings import Canopy
 
@@ -22,7 +22,7 @@ def canopy_of(scene: SceneGeometry, heights: tuple[float, float], area: float) -
     low, high = min(heights) - BESIDE, max(heights) + BESIDE
     low = max(low, 0.0)
     leaves = {n: _leaves(scene.meshes[n]) for n in np.unique(scene.mesh_index).tolist()}
-    wooden = {n: bool((scene.meshes[n].part == WOOD).any()) for n in leaves}
+    wooden = {n: bool(is_wood(scene.meshes[n].part).any()) for n in leaves}
     tops, found = [], 0.0
     highest = scene.bounds()[1][:, 2]
     for instance, number in enumerate(scene.mesh_index.tolist()):

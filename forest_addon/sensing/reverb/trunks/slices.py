@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from ....base.trimesh import WOOD, TriMesh
+from ....base.trimesh import TriMesh, is_wood
 from ...rays.geometry import SceneGeometry
 from .contours import equivalent_circle
 
@@ -122,7 +122,7 @@ class _WeldedWood:
     """The wood of one mesh in local space; vertices at the same place are one vertex."""
 
     def __init__(self, mesh: TriMesh) -> None:
-        triangles = mesh.triangles[mesh.part == WOOD]
+        triangles = mesh.triangles[is_wood(mesh.part)]
         finite = np.isfinite(mesh.vertices).all(axis=1)
         triangles = triangles[finite[triangles].all(axis=1)]
         used, packed = np.unique(triangles, return_inverse=True)

@@ -1,0 +1,285 @@
+"""One source and one receiver in a forest: what is heard of it, and its parts.
+
+Direct sound, the ground's, that of trunks and the noise of what is scattered more than once; the formulas
+are in ``response``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import fft
+
+from ...acoustics.ground import SURFACES, spherical_reflection, surface_impedance
+from ...base.rng import stream
+from ...spec import Air, Reverb
+from .arrivals import Gain, arrival
+from .directivity import Directivity, Term
+from .forest.losses import Losses
+from .forest.surroundings import Surroundings
+from .forest.tail import FADE, Tail, tail_of
+from .model_error import ModelError, model_error
+from .sums.fast_scattering import Expansions
+from .sums.tree_response import NEAREST, TreeResponse, tree_response
+from .sums.weak import weak_between
+from .trunks.slices import Trunks
+
+Progress = Callable[[int, int], None]
+LOWEST = 1.0  # Hz; below it, the ground is as it is there
+
+
+@dataclass(frozen=True)
+class ImpulseResponse:
+    """The pressure at the receiver, sample 0 when the source sounds.
+
+    sample_rate : Hz. direct, ground, trees : (N,) the three parts, re the source's impulse at 1 m.
+    direct_delay : seconds from source to receiver in a straight line, whether blocked or not.
+    direct_clear, ground_clear : whether wood leaves the direct and the ground sound their way.
+    trunks : how many trunks were heard. continued : how many of them stand beyond the field.
+    late : how many more are so far away that they would be heard after the end.
+    left_db : (1 + B,) their energy, dB re all, estimated: of the whole band and of octaves (``record``).
+    clamped : how many trunks cover the source or the receiver.
+    exact : whether every trunk was summed at every frequency, rather than to the tolerance.
+    errors : {lower end of an octave in Hz: relative error of the fast sum, found by its checks}.
+    model_error : what single scattering leaves out, None if it was not asked for.
+    tail : (N,) noise of sound scattered more than once, part of ``trees``; None where there is none.
+    joint : seconds from when all of the trunks' sound is noise; inf: never.
+    channel : which source and which receiver. further : the responses of further pairs.
+    weak : trunks that are left out because they add next to nothing. weak_bound : what they add to any
+    octave at most, as a share of it.
+    """
+
+    sample_rate: float
+    direct: np.ndarray
+    ground: np.ndarray
+    trees: np.ndarray
+    direct_delay: float
+    direct_clear: bool
+    ground_clear: bool
+    trunks: int
+    continued: int
+    late: int
+    clamped: int
+    exact: bool
+    left_db: np.ndarray
+    errors: dict[float, float]
+    model_error: ModelError | None = None
+    tail: np.ndarray | None = None
+    joint: float = math.inf
+    channel: str = "source to receiver"
+    further: tuple[ImpulseResponse, ...] = ()
+    weak: int = 0
+    weak_bound: float = 0.0
+
+    @property
+    def channels(self) -> tuple[ImpulseResponse, ...]:
+        """This response and the further ones."""
+        return (self, *self.further)
+
+    @property
+    def samples(self) -> np.ndarray:
+        """(N,) the impulse response, all parts together."""
+        return self.direct + self.ground + self.trees
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A source, a receiver and what is between them.
+
+    clear : direct and ground sound pass. around, key : of a model ``forest``. trunks : of the field; beyond :
+    those around it. all_trunks : also those that add next to nothing.
+    """
+
+    source: np.ndarray
+    receiver: np.ndarray
+    reverb: Reverb
+    air: Air
+    directivity: Directivity
+    clear: tuple[bool, bool]
+    around: Surroundings | None
+    key: tuple[int | str, ...]
+    channel: str
+    trunks: Trunks
+    beyond: Trunks
+    all_trunks: bool = True
+
+    @cached_property
+    def losses(self) -> Losses | None:
+        """Of a model ``forest``."""
+        if self.around is None:
+            return None
+        return Losses.of(self.reverb, self.air, self.around.stand, self.source, self.receiver)
+
+    def response(
+        self, expansions: Expansions, rescattering: int | None, progress: Progress | None
+    ) -> ImpulseResponse:
+        """The response with trunks of the field and those beyond it."""
+        forest, ours = self.forest, len(self.trunks)
+        rate, air = self.reverb.sample_rate, self.air
+        weak = None
+        if not self.all_trunks:
+            given = self.reverb, air, self.losses, self.directivity, self.clear[0]
+            weak = weak_between(forest, self.source, self.receiver, *given)
+            forest, ours = forest.select(~weak.rows), ours - int(weak.rows[:ours].sum())
+        tail = self.tail(expansions)
+        last = FADE * tail.joint if tail else math.inf
+        trees = self._trees(forest, expansions, progress, last)
+        count = len(trees.samples)
+        noise = None
+        if tail:
+            kept = tail.kept(np.arange(count) * (air.speed() / rate))
+            noise = self.noise(tail, count)
+            trees = replace(trees, samples=trees.samples * kept + noise)
+        (straight, sent), (bounced, reflected) = self.arrivals()
+        direct, ground = self.clear
+        found = ImpulseResponse(
+            sample_rate=rate,
+            direct=arrival(straight, sent, rate, count, air) if direct else np.zeros(count),
+            ground=arrival(bounced, reflected, rate, count, air) if ground else np.zeros(count),
+            trees=trees.samples,
+            direct_delay=math.dist(self.source, self.receiver) / air.speed(),
+            direct_clear=direct,
+            ground_clear=ground,
+            trunks=int(trees.heard.sum()),
+            continued=int(trees.heard[ours:].sum()),
+            late=int((~trees.heard).sum()),
+            clamped=trees.clamped,
+            exact=trees.exact,
+            left_db=trees.left_db,
+            errors=trees.errors,
+            model_error=model_error(forest, self.source, self.receiver, rescattering, air)
+            if rescattering
+            else None,
+            tail=noise,
+            joint=tail.joint / air.speed() if tail else math.inf,
+            channel=self.channel,
+        )
+        return found if weak is None else replace(found, **weak.told(found.samples, rate))
+
+    @property
+    def forest(self) -> Trunks:
+        """All trunks."""
+        return self.trunks.joined(self.beyond)
+
+    def arrivals(self) -> tuple[tuple[float, Gain], tuple[float, Gain]]:
+        """Metres and gain of the direct sound and of the ground's."""
+        mirrored = self.receiver * (1.0, 1.0, -1.0)
+        straight, bounced = (
+            max(math.dist(self.source, end), NEAREST) for end in (self.receiver, mirrored)
+        )
+        direct = self._sent_to(self.receiver)
+        return (straight, direct), (bounced, self._reflected(mirrored, bounced))
+
+    def tail(self, expansions: Expansions) -> Tail | None:
+        """Of sound scattered more than once; None where the model has none. Kept in ``expansions``."""
+        if not (self.losses and self.around and self.reverb.tail == "transport"):
+            return None
+        ends, length = (self.source, self.receiver), self.reverb.duration
+        density = self.around.density
+        stand = (density.cells.tobytes(), density.corner, density.cell, density.around)
+        same = (self.reverb, self.losses, str(ends), length, self.key, stand)
+        if same not in expansions.tails:
+            expansions.tails[same] = tail_of(
+                self.reverb, self.losses, density, *ends, length, self.key
+            )
+        return expansions.tails[same]
+
+    def noise(self, tail: Tail, count: int) -> np.ndarray:
+        """(count,) samples of a tail."""
+        rng = stream(int(self.key[0]), *self.key[1:], "tail")
+        return tail.samples(self.reverb.sample_rate, count, self.air, rng) * self._all_round()
+
+    def terms(self, trunks: Trunks) -> list[tuple[Term, np.ndarray]]:
+        """The products that the directivity is made of, with their gains (M,) towards trunks."""
+        away = np.zeros((len(trunks), 3))
+        away[:, :2] = trunks.position - self.source[:2]
+        cosine = self._from_axis(away)
+        allowed = max(0.1 * self.reverb.tolerance, 1e-9)
+        return [(term, term.gains(cosine)) for term in self.directivity.terms(allowed)]
+
+    def _all_round(self) -> float:
+        """Root mean square of what a directed source sends level, at 1 kHz."""
+        turn = np.linspace(0.0, math.pi, 37)
+        level = math.cos(math.radians(self.reverb.facing_elevation_deg))
+        gains = [self.directivity.at(level * math.cos(a), np.array([1000.0])) for a in turn]
+        return float(np.sqrt(np.mean(np.square(np.abs(gains)))))
+
+    def _trees(
+        self,
+        forest: Trunks,
+        expansions: Expansions,
+        progress: Progress | None,
+        last: float = math.inf,
+    ) -> TreeResponse:
+        """The trunks' sound: a sum for each product that the directivity is made of."""
+        parts = []
+        for term, gain in self.terms(forest):
+            part = tree_response(
+                forest,
+                self.source,
+                self.receiver,
+                self.reverb,
+                self.air,
+                gain=gain,
+                losses=self.losses,
+                last=last,
+                expansions=expansions,
+                progress=progress,
+            )
+            parts.append(
+                replace(part, samples=filtered(part.samples, term, self.reverb.sample_rate))
+            )
+        return replace(parts[0], samples=np.sum([part.samples for part in parts], axis=0))
+
+    def _sent_to(self, end: np.ndarray) -> Gain:
+        cosine = float(self._from_axis((end - self.source)[None])[0])
+        if self.losses is None or self.losses.stand.leaf_area_density == 0:
+            return lambda frequency: self.directivity.at(cosine, frequency)
+        losses, path = self.losses, math.dist(self.source, end)
+        return lambda frequency: (
+            self.directivity.at(cosine, frequency) * np.exp(-path * losses.of_leaves(frequency))
+        )
+
+    def _reflected(self, mirrored: np.ndarray, path: float) -> Gain:
+        """What is sent towards the mirrored receiver, times what the ground sends back."""
+        sent, reverb, losses = self._sent_to(mirrored), self.reverb, self.losses
+        if losses is not None:
+            level = max(float(np.hypot(*(mirrored - self.source)[:2])), NEAREST)
+            return lambda frequency: sent(frequency) * losses.bounce(frequency, level)
+        if reverb.surface == "constant":
+            return lambda frequency: reverb.ground * sent(frequency)
+        resistivity = reverb.flow_resistivity or SURFACES[reverb.surface]
+        rise = float(self.source[2] + self.receiver[2])
+
+        def reflected(frequency: np.ndarray) -> np.ndarray:
+            audible = np.maximum(frequency, LOWEST)
+            impedance = surface_impedance(audible, resistivity, reverb.impedance_model)
+            return sent(frequency) * spherical_reflection(
+                audible, path, rise, impedance, self.air.speed()
+            )
+
+        return reflected
+
+    def _from_axis(self, way: np.ndarray) -> np.ndarray:
+        """(M,) cosines between ways (M, 3) and the source's axis; 1 where a way has no length."""
+        azimuth = math.radians(self.reverb.facing_azimuth_deg)
+        elevation = math.radians(self.reverb.facing_elevation_deg)
+        level = math.cos(elevation)
+        axis = np.array([level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)])
+        length = np.linalg.norm(way, axis=1)
+        cosine = np.divide(way @ axis, length, out=np.ones(len(way)), where=length > 0)
+        return np.clip(cosine, -1.0, 1.0)
+
+
+def filtered(samples: np.ndarray, term: Term, rate: float) -> np.ndarray:
+    """(N,) samples through a term's factors of frequency, which have no phase."""
+    if term.flat:
+        return samples * term.of_frequency[0]
+    size = fft.next_fast_len(2 * len(samples), real=True)
+    spectrum = fft.rfft(samples, size) * term.spectrum(np.arange(size // 2 + 1) * (rate / size))
+    filtered: np.ndarray = fft.irfft(spectrum, size)[: len(samples)]
+    return filtered

@@ -1,0 +1,50 @@
+"""Ctrl-C at any moment, also while modules are imported: one line, exit code 130."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("bpy")
+
+ROOT = Path(__file__).resolve().parents[2]
+SMALL = Path(__file__).with_name("small.toml")
+WHEN = """
+import os, runpy, signal, sys
+
+class Finger:
+    def find_spec(self, name, path=None, target=None):
+        if name == {moment!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Finger())
+sys.argv = ["headless", "run", {scene!r}, "--out", {out!r}]
+runpy.run_module("headless", run_name="__main__", alter_sys=True)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "moment",
+    [
+        *("headless.cli", "forest_addon.spec", "headless.commands", "cattrs", "headless.pipeline"),
+        *("bpy", "addon_utils", "numpy._core.multiarray", "scipy.special", "laspy"),
+    ],
+)
+def test_ctrl_c_during_an_import(tmp_path, moment):
+    text = WHEN.format(moment=moment, scene=str(SMALL), out=str(tmp_path / "o"))
+    done = subprocess.run(
+        [sys.executable, "-c", text],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    assert done.returncode == 130, done.stderr
+    lines = (done.stdout + done.stderr).split("\n")
+    assert [line for line in lines if line.startswith("interrupted; ")], lines
+    assert not [line for line in lines if "Traceback" in line or "Error" in line], lines
+    assert not list(tmp_path.glob("o/.*partial*"))

@@ -1,0 +1,104 @@
+"""Competition of crowns against brute force, and in stands that are alike but for their spacing."""
+
+import numpy as np
+import pytest
+
+from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.measured.allometry import band
+from forest_addon.spec import Planting, Scene, Targets
+from forest_addon.stand.competition import (
+    MOST_INDEX,
+    OVERLAP,
+    SHORTEST,
+    apart,
+    cover,
+    leaf_area_index,
+)
+from forest_addon.stand.inputs import Inputs, TreeList
+from forest_addon.stand.measured import with_targets
+from forest_addon.stand.plan import labels, plan_stand
+
+
+def stand_of(gap, seed=1, count=12):
+    axis = (np.arange(count) + 0.5) * gap
+    place = np.stack(np.meshgrid(axis, axis), -1).reshape(-1, 2)
+    place = place + 0.2 * gap * np.random.default_rng(3).uniform(-1, 1, place.shape)
+    measures = np.full((len(place), 5), np.nan)
+    measures[:, 0], measures[:, 1] = 0.2, 16.0
+    listed = TreeList(place, measures=measures)
+    planting = Planting(species="scots-pine", layout="list", trees="all", variants=len(place))
+    scene = Scene(seed=seed, plantings=(planting,))
+    scene = scene.changed(forest=scene.forest.changed(size=(gap * count, gap * count)))
+    inputs = Inputs(lists={"all": listed})
+    stand = plan_stand(scene.seed, scene.forest, scene.plantings, inputs)
+    kinds = [load_species(find_species("scots-pine", None))]
+    names = labels(scene.plantings)
+    found = with_targets(scene.seed, stand, scene.plantings, names, kinds, inputs)
+    return stand, found.trees, found.laws[0]
+
+
+def test_cover_is_the_sum_over_all_neighbours():
+    rng = np.random.default_rng(0)
+    place, height = rng.uniform(0, 60, (200, 2)), rng.uniform(10, 20, 200)
+    width = rng.uniform(2, 4, 200)
+    middle = np.argmin(np.linalg.norm(place - 30, axis=1))
+    sd, total = width.mean(), 0.0
+    for other in range(200):
+        away = np.linalg.norm(place[other] - place[middle])
+        if other != middle and away <= 2.5 * sd:
+            kernel = np.exp(-(away**2) / (2 * sd**2)) / (2 * np.pi * sd**2)
+            taller = np.clip(height[other] / height[middle], 0.2, 3.0) ** 2
+            taller = (
+                taller
+                if other < middle
+                else 1 / np.clip(height[middle] / height[other], 0.2, 3) ** 2
+            )
+            total += kernel * np.pi / 4 * width[other] ** 2 * taller
+    assert cover(place, height, width)[middle] == pytest.approx(total, rel=1e-6)
+
+
+def test_a_large_stand_covers_what_its_crowns_cover():
+    rng = np.random.default_rng(1)
+    place = rng.uniform(0, 100, (4000, 2))
+    width = np.full(4000, 3.0)
+    found = cover(place, np.full(4000, 15.0), width)
+    kept = 1 - np.exp(-(2.5**2) / 2)  # of a normal kernel that is cut at 2.5 standard deviations
+    assert found.mean() == pytest.approx(kept * 0.4 * np.pi / 4 * 9, rel=0.03)
+    index = leaf_area_index(place, width, np.full(4000, 20.0))
+    assert index.mean() == pytest.approx(kept * 8.0 + 20 / (2 * np.pi * 9), rel=0.05)
+
+
+def test_crowns_of_a_dense_stand_are_higher_and_narrower():
+    dense, wide = (stand_of(gap)[1] for gap in (2.0, 8.0))
+    assert np.median(dense[:, 3]) > np.median(wide[:, 3]) + 2.0  # crown bases, m
+    assert np.median(dense[:, 2]) < 0.8 * np.median(wide[:, 2])  # widths
+
+
+def test_no_parasol_no_surplus_of_leaves_and_little_overlap():
+    for seed in range(4):
+        stand, trees, law = stand_of(2.2, seed)
+        assert (trees[:, 3] <= (1 - SHORTEST) * trees[:, 1] + 1e-9).all()
+        assert (trees[:, 4] <= band(law, trees[:, 0])[1, :, 3] + 1e-9).all()
+        place = stand.position[:, :2]
+        inner = (abs(place - place.mean(axis=0)) < 7).all(axis=1)
+        index = trees[inner, 4].sum() / 14.0**2
+        assert index < 1.25 * MOST_INDEX
+        assert apart(place, trees[:, 2], np.ones(len(trees), bool)) == pytest.approx(
+            trees[:, 2], rel=0.35
+        )
+    assert OVERLAP < 2
+
+
+def test_trees_of_one_stand_are_more_alike_than_trees_of_many():
+    one = [stand_of(3.0, seed)[1] for seed in range(6)]
+    odds = [np.log(t[:, 3] / (t[:, 1] - t[:, 3])) for t in one]
+    within = np.mean([o.std() for o in odds])
+    assert within < 0.95 * np.concatenate(odds).std()
+    assert np.std([o.mean() for o in odds]) > 3 * within / np.sqrt(len(odds[0]))  # not by chance
+
+
+def test_what_is_given_stays():
+    _, trees, _ = stand_of(1.2)
+    assert (trees[:, 0] == 0.2).all()
+    assert (trees[:, 1] == 16.0).all()
+    assert Targets().crown_base == 0
