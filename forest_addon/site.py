@@ -13,12 +13,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
+from .base.progress import Progress
 from .growth.library.species_file import find_species, load_species
 from .growth.tree import Tree
 from .sensing.detail import grow_needed
 from .spec import Scene
 from .stand.files import read_inputs
-from .stand.forest import Forest, ForestPlan, Grown, Planted, Progress
+from .stand.forest import Forest, ForestPlan, Grown, Planted
 from .stand.inputs import Inputs
 from .stand.intensity.terrain import Terrain
 from .stand.plan import Stand, plan_stand
@@ -69,7 +70,8 @@ class ForestSite:
         return self.inputs.ground(self.scene.forest.terrain.base)
 
     def plan(self) -> Stand:
-        """Where trees stand, before any has grown: sizes and variants of trees with targets come later."""
+        """Return where trees stand, before any has grown: sizes and variants of trees with targets come
+        later."""
         scene = self.scene
         return plan_stand(scene.seed, scene.forest, scene.plantings, self.inputs)
 

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from .command import Command, DoubtfulError, IncompleteError
+from .command import PROGRAM, Command, DoubtfulError, IncompleteError, typed
 from .commands import COMMANDS
 from .interrupt import interruptible
 
@@ -97,9 +97,9 @@ def _alone(lock: Path | None) -> Iterator[None]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="python -m headless",
+        prog=PROGRAM,
         description=DESCRIPTION,
-        epilog=EPILOG,
+        epilog=typed(EPILOG),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(required=True, dest="COMMAND", metavar="COMMAND")
@@ -108,7 +108,7 @@ def _parser() -> argparse.ArgumentParser:
             command.name,
             help=command.help,
             description=command.description,
-            epilog=command.epilog,
+            epilog=typed(command.epilog),
             formatter_class=argparse.RawDescriptionHelpFormatter
             if command.epilog
             else argparse.HelpFormatter,

@@ -16,6 +16,17 @@ from forest_addon.spec import Scene, SpecError
 LOCK = ".lock"  # in a folder that one command at a time writes to
 
 
+# What a user types before a command's name: an installed wheel has a script of its own.
+PROGRAM = (
+    "forest-sensing" if (__package__ or "").startswith("forest_addon") else "python -m headless"
+)
+
+
+def typed(text: str | None) -> str | None:
+    """Return a help text with what a user types here in place of ``python -m headless``."""
+    return None if text is None else text.replace("python -m headless", PROGRAM)
+
+
 class DoubtfulError(Exception):
     """Results that were kept, but are not as exact as was asked for; exit code 3."""
 
@@ -63,7 +74,8 @@ class Command:
 
 
 def name_of(scene: Path) -> str:
-    """What results of a scene file are called: its own name; of one that many have, with its folder's."""
+    """Return what results of a scene file are called: its own name; of one that many have, with its
+    folder's."""
     if scene.stem in ("scene", "site"):
         return f"{scene.resolve().parent.name}-{scene.stem}"
     return scene.stem
@@ -77,6 +89,7 @@ def read_scene(path: Path, seed: int | None) -> Scene:
     SpecError : the file, or ``--seed``, cannot be used.
     """
     from forest_addon.formats.toml_file import read_settings
+    from forest_addon.sensing import kinds  # noqa: F401  whose words a scene file may name
 
     settings = read_settings(path, Scene)
     if seed is None:

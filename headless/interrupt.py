@@ -71,9 +71,8 @@ def interruptible(kept: str) -> Iterator[None]:
 
 
 def _unsafe(frame: FrameType | None) -> bool:
-    """Whether a step of the program is within an import, or within a script that Blender called: it prints
-    what such a script raises, and goes on.
-    """
+    """Return whether a step of the program is within an import, or within a script that Blender called: it
+    prints what such a script raises, and goes on."""
     while frame is not None:
         file = frame.f_code.co_filename
         if file.startswith("<frozen importlib") or BLENDERS in file:

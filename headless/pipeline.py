@@ -14,6 +14,7 @@ import bpy
 import numpy as np
 
 from forest_addon.api import Result, Site, World
+from forest_addon.base.progress import Progress
 from forest_addon.blender.files.export import export_glb, save_blend
 from forest_addon.blender.files.opening import empty_file
 from forest_addon.blender.read.kept import forget
@@ -28,12 +29,9 @@ from forest_addon.formats.atomic import replacing
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.wav import read_wav, write_wav
-from forest_addon.results.findings import write_finding
+from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.sensing.audit import Audit
-from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.reverb.auralise import auralise
-from forest_addon.sensing.reverb.kind import trunks_of
-from forest_addon.sensing.reverb.response import ImpulseResponse, channels_of
 from forest_addon.spec import Scene, Sensor, SpecError
 from forest_addon.stand.forest import (
     Forest,
@@ -49,7 +47,7 @@ from forest_addon.stand.intensity.terrain import Terrain
 from forest_addon.stand.targets import record
 
 from .command import DoubtfulError
-from .progress import Progress, Stages, hushed
+from .progress import Stages, hushed
 from .record import facts_of, write_record
 from .report import findings, page
 from .report.drawing import can_draw, without
@@ -184,15 +182,16 @@ def _take(run: Run, world: World, result: Result, sound: Dry | None) -> None:
     sensor, found, scene = result.sensor, result.found, bpy.context.scene
     files = write_finding(run.out, sensor, found, run.settings.offset)
     run.files += [file.name for file in files]
-    if isinstance(found, ImpulseResponse):
-        heard = channels_of(found)
+    record = results_of(sensor)
+    if record.is_response and record.sound is not None:
+        heard, rate = record.sound(sensor, found)
         if sound is not None:
-            name, samples, rate = sound
-            heard = auralise(heard, samples, found.sample_rate, rate)
-            write_wav(run.path(f"{sensor.name}-{name}.wav"), heard, found.sample_rate)
+            name, samples, dry_rate = sound
+            heard = auralise(heard, samples, rate, dry_rate)
+            write_wav(run.path(f"{sensor.name}-{name}.wav"), heard, rate)
         with hushed():
-            give_sound(put_sensor(scene, sensor), sensor.name, heard, found.sample_rate)
-    if isinstance(found, Cloud):
+            give_sound(put_sensor(scene, sensor), sensor.name, heard, rate)
+    if record.is_cloud:
         show_cloud(part(scene, RESULTS), sensor.name, found)
     for warning in result.warnings:
         run.warn(warning)
@@ -217,10 +216,7 @@ def _describe(run: Run, world: World, result: Result) -> page.Finding:
             picture = draw_plainly(sensor, found, path)
         if picture is not None:
             run.files.append(path.name)
-    if isinstance(found, ImpulseResponse):
-        finding = findings.reverb_finding(sensor, found, trunks_of(world.observer, sensor), picture)
-    else:
-        finding = findings.finding_of(sensor, found, picture)
+    finding = findings.finding_of(sensor, found, picture, world.observer)
     audits = () if result.audit is None else (result.audit,)
     return dataclasses.replace(finding, audits=audits, notes=(*finding.notes, *result.notes))
 

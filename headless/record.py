@@ -14,6 +14,7 @@ import bpy
 import numpy as np
 
 from forest_addon.api import Result, World
+from forest_addon.base.places import version
 from forest_addon.formats.atomic import replacing
 from forest_addon.sensing.audit import Audit
 from forest_addon.spec import Scene
@@ -58,7 +59,7 @@ def write_record(
 
     record = {
         "versions": {
-            "forest_sensing": page.version(),
+            "forest_sensing": version(),
             "blender": bpy.app.version_string,
             "python": platform.python_version(),
             "numpy": np.__version__,

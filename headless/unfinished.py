@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from forest_addon.api import Result, World
+from forest_addon.base.places import version
 from forest_addon.formats.atomic import replacing
 from forest_addon.results.scan_file import scene_digest
 from forest_addon.spec import Scene, Sensor, SpecError, with_files
-
-from .report.page import version
 
 NAME = ".unfinished"
 PLAIN = {  # what results are made of, besides dataclasses of our own
@@ -30,7 +29,7 @@ PLAIN = {  # what results are made of, besides dataclasses of our own
 
 
 class Unfinished:
-    """What an ended run of the same scene left in a folder, and what this one will."""
+    """Results that an ended run of the same scene left in a folder, and those that this one will."""
 
     def __init__(self, out: Path, world: World, resume: bool) -> None:
         self._folder = out / NAME

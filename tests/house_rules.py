@@ -417,6 +417,86 @@ def public_names_are_used(house: House) -> Iterator[str]:
                     yield f"{path}: {name}"
 
 
+def sensors_are_looked_up(house: House) -> Iterator[str]:
+    """Sensors and results are told apart by their records: no test of their class or kind elsewhere."""
+    at_home = re.compile(r"forest_addon/(sensing/(lidar|sonar|reverb)|results)/")
+    sensors = sensor_classes(house)
+    for path, text in house.sources.items():
+        if at_home.match(path):
+            continue
+        tree = tree_of(text)
+        known = names_of(tree, sensors | RESULT_CLASSES)
+        for node in ast.walk(tree):
+            if tests_class(node, known) or tests_kind(node):
+                yield f"{path}: {ast.unparse(node).splitlines()[0]}"
+
+
+RESULT_CLASSES = {"Cloud", "TractorScan", "Echo", "Flight", "ImpulseResponse"}
+KIND_WORDS = {"tractor", "terrestrial", "mobile", "airborne", "sonar", "reverb"}
+
+
+def sensor_classes(house: House) -> set[str]:
+    """Return the names of the classes of settings that are sensors', by what they are made from."""
+    found, more = set[str](), {"Sensor"}
+    classes = [
+        node
+        for path, text in house.sources.items()
+        if path.startswith("forest_addon/spec/")
+        for node in ast.walk(tree_of(text))
+        if isinstance(node, ast.ClassDef)
+    ]
+    while more:
+        found |= more
+        more = {
+            c.name for c in classes if {b.id for b in c.bases if isinstance(b, ast.Name)} & found
+        }
+        more -= found
+    return found
+
+
+def names_of(tree: ast.Module, classes: set[str]) -> set[str]:
+    """Return how a file calls some classes: by their names, other names of imports, tuples and unions."""
+    known = set(classes)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            known |= {a.asname for a in node.names if a.asname and a.name in classes}
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Tuple | ast.BinOp):
+            parts = {n.id for n in ast.walk(node.value) if isinstance(n, ast.Name)}
+            if parts & known:
+                known |= {t.id for t in node.targets if isinstance(t, ast.Name)}
+    return known
+
+
+def tests_class(node: ast.AST, known: set[str]) -> bool:
+    """Return whether a node asks for the class of a thing, one of those known."""
+    asked: list[ast.AST] = []
+    match node:
+        case ast.Call(func=ast.Name("isinstance" | "issubclass"), args=[_, kinds]):
+            asked = [kinds]
+        case ast.MatchClass(cls=kind):
+            asked = [kind]
+        case ast.Compare(left=ast.Call(func=ast.Name("type")), comparators=kinds):
+            asked = list(kinds)
+    parts = [part for one in asked for part in ast.walk(one)]
+    named = {part.id for part in parts if isinstance(part, ast.Name)}
+    named |= {part.attr for part in parts if isinstance(part, ast.Attribute)}
+    return bool(named & known)
+
+
+def tests_kind(node: ast.AST) -> bool:
+    """Return whether a node compares a kind with the word of a sensor."""
+    if not isinstance(node, ast.Compare):
+        return False
+    sides = [node.left, *node.comparators]
+    words = {c.value for side in sides for c in ast.walk(side) if isinstance(c, ast.Constant)}
+    names = {getattr(side, "attr", getattr(side, "id", "")) for side in sides}
+    names |= {called(side) for side in sides if isinstance(side, ast.Call)}
+    return bool(words & KIND_WORDS) and any(
+        str(name).endswith(("kind", "kind_of")) for name in names
+    )
+
+
 def no_eval_no_path_tricks_no_global_random(house: House) -> Iterator[str]:
     allowed = {"Generator", "SeedSequence", "PCG64", "Philox"}
     for path, text in house.sources.items():
@@ -460,5 +540,6 @@ RULES: tuple[Callable[[House], Iterator[str]], ...] = (
     class_names_are_unique,
     public_names_are_used,
     no_eval_no_path_tricks_no_global_random,
+    sensors_are_looked_up,
     docstrings_open_with_a_verb_or_a_noun,
 )

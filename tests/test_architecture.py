@@ -16,6 +16,9 @@ EXCEPTIONS = {
         "forest_addon/growth/lsystem/turtle.py: interpret": "one pass over a string, array by array",
         "forest_addon/growth/lsystem/walk.py: _states": "the same for turtles without templates",
     },
+    "sensors_are_looked_up": {
+        "forest_addon/ui/settings/migration.py": "what old files have, by the words that they had",
+    },
     "functions_take_few_parameters": {
         "forest_addon/spec/base.py: param": "all that a parameter says of itself",
         "forest_addon/ui/settings/lists.py: draw_item": "Blender gives them",
@@ -128,6 +131,26 @@ PLANTED = {
         rules.the_addon_is_relative_and_offline,
         "forest_addon/formats/glb.py",
         "\n\nfrom forest_addon.base import rng\n",
+    ),
+    "the class of a sensor is asked for": (
+        rules.sensors_are_looked_up,
+        "headless/pipeline.py",
+        "\n\nfrom forest_addon.spec import Sonar as S\n\n\ndef f(x):\n    return isinstance(x, int | S)\n",
+    ),
+    "the class of a result is asked for, by a tuple": (
+        rules.sensors_are_looked_up,
+        "forest_addon/ui/results/finding.py",
+        "\n\nKINDS = (Cloud, str)\n\n\ndef f(x):\n    return isinstance(x, KINDS)\n",
+    ),
+    "a result is matched by its class": (
+        rules.sensors_are_looked_up,
+        "headless/record.py",
+        "\n\ndef f(x):\n    match x:\n        case api.Echo():\n            return 1\n",
+    ),
+    "the kind of a sensor is compared": (
+        rules.sensors_are_looked_up,
+        "headless/dataset/scene.py",
+        "\n\ndef f(sensor):\n    return sensor.kind in ('sonar', 'reverb')\n",
     ),
     "a file that is too long": (
         rules.files_are_short,

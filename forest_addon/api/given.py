@@ -1,4 +1,5 @@
-"""What a script hands over, checked at the door: one sentence in place of what breaks further in."""
+"""Arguments that a script hands over, checked at the door: one sentence in place of what breaks further
+in."""
 
 from __future__ import annotations
 

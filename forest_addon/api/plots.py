@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..results.plot import Plot
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan
 from ..sensing.reverb.metrics import energy_decay_db
@@ -87,6 +88,16 @@ def draw_response(found: ImpulseResponse) -> Any:
     above.set(xlabel="time, s", ylabel="pressure re source at 1 m")
     below.plot(time, energy_decay_db(found.samples), lw=0.9, color="#8a4a2b")
     below.set(xlabel="time, s", ylabel="energy left, dB", ylim=(-80, 2))
+    return figure
+
+
+def draw_strips(plot: Plot) -> Any:
+    """Draw the picture of any result: its strips above one another, over their common axis."""
+    figure, axes = _figure(len(plot.strips), 1, (10, 2.5 * len(plot.strips)))
+    for each, strip in zip(np.atleast_1d(axes)[::-1], plot.strips, strict=True):
+        extent = (plot.across.low, plot.across.high, strip.up.low, strip.up.high)
+        each.imshow(strip.pixels, origin="lower", aspect="auto", extent=extent)
+        each.set(title=strip.title, ylabel=strip.up.label, xlabel=plot.across.label)
     return figure
 
 

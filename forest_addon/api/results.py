@@ -10,20 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from ..formats.atomic import replacing
-from ..formats.las import write_las
 from ..formats.npz import write_npz
-from ..formats.ply import PlyFile
-from ..formats.table import write_csv
-from ..formats.wav import write_wav
-from ..results.echo_files import write_echo_arrays, write_echo_sound
-from ..results.findings import Finding, write_response
-from ..results.points import POINT, records
-from ..results.scan_file import write_npz_rows
+from ..results.kind import Finding
+from ..results.kinds import figures_of, results_of, write_as
+from ..results.point_files import ENDINGS, write_points
 from ..sensing.audit import Audit
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan, to_cloud
@@ -55,8 +49,6 @@ class Result:
     chosen: tuple[Choice, ...] = ()
     warnings: tuple[str, ...] = ()
 
-    ENDINGS: ClassVar[tuple[str, ...]] = ()
-
     def save(self, path: str | Path) -> Path:
         """Write it to a file, in the format that the ending of its name says; returns its path.
 
@@ -67,28 +59,39 @@ class Result:
         """
         path = path_of("save", path)
         ending = path.suffix.lower()
-        if ending not in self.ENDINGS:
+        if ending not in self.endings:
             raise SpecError(
-                str(path), f"cannot be written; end its name in {', '.join(self.ENDINGS)}"
+                str(path), f"cannot be written; end its name in {', '.join(self.endings)}"
             )
         self._write(file_to_write(path), ending)
         return path
+
+    @property
+    def endings(self) -> tuple[str, ...]:
+        """Endings of the names of files that it can be saved to, the usual one first."""
+        return results_of(self.sensor).endings
 
     def plot(self) -> Any:
         """A matplotlib figure of it.
 
         Raises
         ------
-        SpecError : matplotlib is not installed.
+        SpecError : matplotlib is not installed; there is nothing to draw.
         """
-        raise SpecError("plot", "is not known of this result")
+        plot = results_of(self.sensor).plot(self.sensor, self.found)
+        if plot is None:
+            raise SpecError("plot", "is not known of this result")
+        return plots.draw_strips(plot)
 
     def _write(self, path: Path, ending: str) -> None:
-        raise SpecError(str(path), "cannot be written")
+        write_as(path, self.sensor, self.found, self.offset)
 
     def summary(self) -> dict[str, str]:
         """Its figures in words."""
-        return {}
+        figures = {
+            each.name or each.short: each.text for each in figures_of(self.sensor, self.found)
+        }
+        return figures | {"time": f"{self.seconds:.2f} s"}
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -119,7 +122,6 @@ class PointCloud(Result):
     """
 
     found: Cloud
-    ENDINGS = (".laz", ".las", ".ply", ".npz", ".csv")
 
     def __len__(self) -> int:
         return len(self.found)
@@ -147,31 +149,21 @@ class PointCloud(Result):
             "time": f"{self.seconds:.2f} s",
         }
 
+    @property
+    def endings(self) -> tuple[str, ...]:
+        return ENDINGS
+
     def plot(self) -> Any:
         return plots.draw_cloud(self.found)
 
     def _write(self, path: Path, ending: str) -> None:
-        rows = records(self.found, self.offset)
-        if ending in (".laz", ".las"):
-            write_las(path, rows)
-        elif ending == ".npz":
-            write_npz_rows(path, rows)
-        elif ending == ".csv":
-            write_csv(path, {name: rows[name].tolist() for name in POINT.names or ()})
-        else:
-            with replacing(path) as partial:
-                file = PlyFile(partial, POINT, (f"Forest Sensing {self.sensor.kind} scan",))
-                try:
-                    file.append(rows)
-                finally:
-                    file.close()
+        write_points(path, self.found, self.offset)
 
 
 class RowScan(Result):
     """The matrix of a tractor's scan; ``found`` is a ``TractorScan``."""
 
     found: TractorScan
-    ENDINGS = (".npz", ".laz", ".las", ".ply", ".csv")
 
     @property
     def matrix(self) -> np.ndarray:
@@ -183,6 +175,13 @@ class RowScan(Result):
         """The beams that met something, as points."""
         made = to_cloud(self.found, self.sensor)
         return PointCloud(self.sensor, made, self.seconds, self.audit, self.offset)
+
+    def _write(self, path: Path, ending: str) -> None:
+        if ending == ".npz":  # the matrix, as a run writes it
+            record = results_of(self.sensor)
+            write_npz(path, record.arrays(self.found), dict(record.units))  # type: ignore[misc]
+        else:
+            self.cloud.save(path)
 
     def summary(self) -> dict[str, str]:
         scans, angles = self.matrix.shape
@@ -196,25 +195,16 @@ class RowScan(Result):
     def plot(self) -> Any:
         return plots.draw_matrix(self.found)
 
-    def _write(self, path: Path, ending: str) -> None:
-        if ending != ".npz":
-            self.cloud.save(path)
-            return
-        arrays = {"distance": self.matrix, "organ": self.found.organ}
-        arrays |= {"angle": self.found.angle, "track": self.found.track}
-        write_npz(path, arrays, {"distance": "m", "angle": "rad", "track": "m"})
-
 
 class Echoes(Result):
     """The echo of a ping (``found`` is an ``Echo``), or of a flight (a ``Flight``)."""
 
     found: Echo | Flight
-    ENDINGS = (".npz", ".wav")
 
     @property
     def pings(self) -> tuple[Echo, ...]:
         """The echoes, one a pose."""
-        return self.found.echoes if isinstance(self.found, Flight) else (self.found,)
+        return getattr(self.found, "echoes", (self.found,))
 
     @property
     def time(self) -> np.ndarray:
@@ -238,18 +228,11 @@ class Echoes(Result):
     def plot(self) -> Any:
         return plots.draw_echo(self.pings[0])
 
-    def _write(self, path: Path, ending: str) -> None:
-        if ending == ".npz":
-            write_echo_arrays(path, self.found)
-        else:
-            write_echo_sound(path, self.found, self.sensor.time_expansion)
-
 
 class Response(Result):
     """Impulse responses, a channel for each pair of source and receiver; ``found`` is the first."""
 
     found: ImpulseResponse
-    ENDINGS = (".wav", ".npz")
 
     @property
     def samples(self) -> np.ndarray:
@@ -277,19 +260,14 @@ class Response(Result):
     def plot(self) -> Any:
         return plots.draw_response(self.found)
 
-    def _write(self, path: Path, ending: str) -> None:
-        if ending == ".wav":
-            write_wav(path, self.samples, self.sample_rate)
-        else:
-            write_response(path.parent, path.stem, self.found)
 
-
-KINDS: Mapping[type, Callable[..., Result]] = {
-    Cloud: PointCloud,
-    TractorScan: RowScan,
-    Echo: Echoes,
-    Flight: Echoes,
-    ImpulseResponse: Response,
+CLASSES: Mapping[str, Callable[..., Result]] = {  # of kinds whose results have arrays with names
+    "tractor": RowScan,
+    "terrestrial": PointCloud,
+    "mobile": PointCloud,
+    "airborne": PointCloud,
+    "sonar": Echoes,
+    "reverb": Response,
 }
 
 
@@ -303,4 +281,4 @@ def result_of(
     warnings: tuple[str, ...] = (),
 ) -> Result:
     """A sensor's finding as a result."""
-    return KINDS[type(found)](sensor, found, seconds, audit, offset, chosen, warnings)
+    return CLASSES.get(sensor.kind, Result)(sensor, found, seconds, audit, offset, chosen, warnings)

@@ -6,18 +6,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
+from ..base.progress import Progress
 from ..formats.toml_file import read_settings
 from ..site import ForestSite
 from ..spec import Scene, with_files
 from ..stand.forest import Forest
 from .given import enough_memory, path_of, progress_of, scene_of
 from .world import World, import_blender
-
-Progress = Callable[[int, int], None]
 
 
 def read(path: str | Path) -> Scene:

@@ -8,7 +8,7 @@ made, not when this is imported.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..base.progress import Progress
+from ..sensing.kinds import KINDS, choose, left_out
 from ..spec import (
     Airborne,
     Mobile,
@@ -41,7 +43,6 @@ if TYPE_CHECKING:
     from ..stand.forest import Forest
     from ..stand.placed import PlacedTrees
 
-Progress = Callable[[int, int], None]
 MOST_PIXELS = 8192  # along a side of a hemispherical picture
 
 
@@ -82,7 +83,7 @@ class World:
         ------
         SpecError : settings that this scene cannot serve.
         """
-        return self._expect(sensor, (Tractor, Terrestrial, Mobile, Airborne), "scan", progress)
+        return self._expect(sensor, "lidar", "scan", progress)
 
     def ping(self, sensor: Sonar, progress: Progress | None = None) -> Echoes:
         """The echo of one ping, or of one from every pose of a route.
@@ -91,7 +92,7 @@ class World:
         ------
         SpecError : settings that this scene cannot serve.
         """
-        return self._expect(sensor, (Sonar,), "ping", progress)
+        return self._expect(sensor, "sonar", "ping", progress)
 
     def impulse_response(self, sensor: Reverb, progress: Progress | None = None) -> Response:
         """Return what receivers hear of sources by way of the trunks, a channel for each pair.
@@ -100,7 +101,7 @@ class World:
         ------
         SpecError : settings that this scene cannot serve.
         """
-        return self._expect(sensor, (Reverb,), "impulse_response", progress)
+        return self._expect(sensor, "reverb", "impulse_response", progress)
 
     def look(self, sensor: Sensor, progress: Progress | None = None) -> Result:
         """The result of a sensor of any kind.
@@ -109,8 +110,6 @@ class World:
         ------
         SpecError : this is no sensor, or one that this scene cannot serve.
         """
-        from ..sensing.kinds import choose, left_out
-
         if not isinstance(sensor, Settings) or not hasattr(sensor, "kind"):
             raise SpecError("look", f"takes a sensor, such as Terrestrial(), not {called(sensor)}")
         progress_of(progress)
@@ -124,6 +123,8 @@ class World:
             seconds = time.perf_counter() - before
             audit = observer.audit(sensor, self.scene, found, seconds, self.folder, way)
             warnings = observer.warnings(sensor, way)
+            empty = observer.empty(sensor, self.scene, found, self.folder, way)
+            warnings = (*warnings, f"{sensor.name}: {empty}") if empty else warnings
         except SpecError:
             raise
         except ValueError as problem:
@@ -138,11 +139,12 @@ class World:
 
         Raises
         ------
-        SpecError : the file that the world stood in is closed.
+        SpecError : the file that the world stood in is closed, or another forest was built in its place.
         """
         if self._taken is not None:
             return self._taken
         bpy = import_blender()
+        from ..blender.scene.forest import stands
         from ..blender.sensors.observe import Observer
 
         try:
@@ -153,6 +155,10 @@ class World:
             ) from None
         if bpy.context.scene != self._place:
             raise SpecError("world", f'Blender shows another scene; go back to "{name}"')
+        if self.forest is not None and not stands(self._place, self.forest):
+            raise SpecError(
+                "world", "another forest was built in its place; build this one again to look at it"
+            )
         return Observer.of(bpy.context.evaluated_depsgraph_get(), self.scene.rays)
 
     @contextmanager
@@ -166,7 +172,7 @@ class World:
 
     @property
     def chosen(self) -> tuple[Choice, ...]:
-        """What of the forest was left to the scene's sensors, as it was chosen."""
+        """Return what of the forest was left to the scene's sensors, as it was chosen."""
         return () if self.forest is None else self.forest.chosen
 
     @property
@@ -295,11 +301,10 @@ class World:
         )
         return f"<b>{self.scene.name}</b>, seed {self.scene.seed}<table>{rows}</table>"
 
-    def _expect(
-        self, sensor: Any, kinds: tuple[type, ...], call: str, progress: Progress | None
-    ) -> Any:
-        if not isinstance(sensor, kinds):
-            wanted = " or ".join(kind.__name__ for kind in kinds)
+    def _expect(self, sensor: Any, family: str, call: str, progress: Progress | None) -> Any:
+        kinds = [kind for kind in KINDS.values() if kind.family == family]
+        if type(sensor) not in [kind.settings for kind in kinds]:
+            wanted = " or ".join(kind.settings.__name__ for kind in kinds)
             raise SpecError(call, f"takes a {wanted}, not {called(sensor)}")
         return self.look(sensor, progress)
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 import hashlib
 
 import numpy as np
-from scipy.special import ndtr, ndtri
 
 
 def stream(seed: int, *key: int | str) -> np.random.Generator:
@@ -33,6 +32,8 @@ def stream(seed: int, *key: int | str) -> np.random.Generator:
 
 def truncated_normal(rng: np.random.Generator, count: int, limit: float = 2.0) -> np.ndarray:
     """(count,) standard normals within ±limit, by inversion: one uniform draw each, no rejection."""
+    from scipy.special import ndtr, ndtri
+
     low, high = ndtr(-limit), ndtr(limit)
     z: np.ndarray = ndtri(low + (high - low) * rng.random(count))
     return z
@@ -68,6 +69,8 @@ def keyed_uniform(keys: np.ndarray, purpose: str) -> np.ndarray:
 
 def keyed_normal(keys: np.ndarray, purpose: str) -> np.ndarray:
     """(N,) standard normals, a function of key and purpose alone: ``keyed_uniform`` by inversion."""
+    from scipy.special import ndtri
+
     z: np.ndarray = ndtri(keyed_uniform(keys, purpose))
     return z
 

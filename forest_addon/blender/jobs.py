@@ -24,7 +24,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-Tell = Callable[[int, int], None]
+from ..base.progress import Progress
+
 SOON, LITTLE = 2.0, 0.02  # s, and share, before which nothing is said of the time that is left
 TURN = 5e-4  # s that a task keeps Python's lock while the window waits for it
 
@@ -38,7 +39,7 @@ class Task:
     """
 
     label: str
-    run: Callable[[Tell], Any]
+    run: Callable[[Progress], Any]
     whole: bool = False
     span: tuple[float, float] | None = None
 
@@ -106,7 +107,7 @@ class Job:
         self._thread.start()
         return False
 
-    def finish(self, tell: Tell | None = None) -> None:
+    def finish(self, tell: Progress | None = None) -> None:
         """Do all the work here and now; ``tell`` also hears how far each task is."""
         while True:
             try:
@@ -154,7 +155,7 @@ class Job:
         except CancelledError:
             pass  # it came when the task was done already
 
-    def _run(self, task: Task, listener: Tell | None = None) -> None:
+    def _run(self, task: Task, listener: Progress | None = None) -> None:
         def tell(done: int, total: int) -> None:
             if self._stopped.is_set():
                 raise CancelledError

@@ -20,11 +20,10 @@ from scipy.spatial.transform import Rotation
 from ..base.rng import stream
 from ..sensing.lidar.scan import Scan
 from ..sensing.lidar.scanner import Sweep
-from ..sensing.lidar.trajectory import Path, path_of
-from ..sensing.sonar.beam import beam_frame
 from ..sensing.sonar.ping import Echo, ping
 from ..sensing.sonar.poses import Pose as Place
 from ..sensing.sonar.station import Equipment
+from ..sensing.trajectory import Trajectory, frame_of, through
 from ..spec import Air, Flight, Mobile, Pose, Scene, Sensor, Sonar
 from .bodies import State
 
@@ -93,7 +92,7 @@ class Lidar:
 
     def __init__(self, scanner: Mobile) -> None:
         self.scanner = scanner
-        self._sweep = Sweep(scanner, path_of([Pose()]))
+        self._sweep = Sweep(scanner, through([Pose()]))
         self.rays = self._sweep.count
         self.ways, _, _ = self._sweep.ways(np.arange(self.rays))
         beam, surfaces = scanner.beam, scanner.surfaces
@@ -143,8 +142,8 @@ class Lidar:
 
     def _whole(self, around: Any, place: np.ndarray, attitude: Rotation, seed: int) -> np.ndarray:
         if self._scan is None or self._scan[0] is not around:
-            self._scan = (around, Scan(self.scanner, around.caster, seed, path_of([Pose()])))
-        path = Path(np.zeros(1), place[None], attitude)
+            self._scan = (around, Scan(self.scanner, around.caster, seed, through([Pose()])))
+        path = Trajectory(np.zeros(1), place[None], attitude)
         cloud = self._scan[1].moved(seed, path).look(0, self.rays)
         found = np.full(self.rays, self.scanner.max_range)
         first = cloud.number == 1
@@ -173,7 +172,7 @@ class Ears:
     def place(self, state: State, row: int = 0) -> Place:
         """Return where a flyer's sonar is."""
         heading, pitch, _ = degrees(state, row)
-        frame = beam_frame(math.radians(heading), math.radians(pitch))
+        frame = frame_of(math.radians(heading), math.radians(pitch))
         return Place(state.position[row].copy(), frame, self.sonar.speed * frame[0])
 
     def settings(self, state: State, row: int = 0) -> Sonar:

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from ..base.places import ASSETS
-from ..spec import SENSORS, Scanner, SpecError, unknown
+from ..spec import SENSORS, SpecError, unknown
 from .toml_text import read_tables
 
 FOLDER = ASSETS / "scanners"
-PLATFORMS = tuple(kind for kind, settings in SENSORS.items() if issubclass(settings, Scanner))
+PLATFORMS = tuple(kind for kind, settings in SENSORS.items() if hasattr(settings, "scanner"))
 
 
 @dataclass(frozen=True)

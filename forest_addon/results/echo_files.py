@@ -1,4 +1,4 @@
-"""What a sonar heard, as files: arrays with units, a sound slowed down for human ears, who sounded.
+"""Files of a sonar's echoes: arrays with units, a sound slowed down for human ears, the scatterers.
 
 ``NAME.npz`` holds axes, impulse responses, spectra and the echoes of the call, with poses; of a flight all
 arrays are stacked and padded to one length. ``NAME.wav`` plays the echoes ``time_expansion`` times slower,
@@ -75,13 +75,13 @@ def _flight(found: Echo | Flight) -> Flight:
 
 
 def _gain(waveform: np.ndarray) -> float:
-    """What the loudest sample of (P, E, N) needs to fill the WAV."""
+    """Return what the loudest sample of (P, E, N) needs to fill the WAV."""
     peak = float(np.abs(waveform).max(initial=0.0))
     return LOUD / peak if peak > 0 else 1.0
 
 
 def _arrays(flight: Flight, waveform: np.ndarray, single: bool) -> dict[str, np.ndarray]:
-    """What the NPZ holds; of one ping at one ear, records are (N,)."""
+    """Return what the NPZ holds; of one ping at one ear, records are (N,)."""
     first = flight.echoes[0]
     position, axis = flight.poses()
     stacked = {"impulse_response": flight.stacked("responses"), "waveform": waveform}

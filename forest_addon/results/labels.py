@@ -1,4 +1,4 @@
-"""What points are, in words: a number for each point, and a name for each number.
+"""Labels of points: a number for each point, and a name for each number.
 
 By class they are organs (other, wood, leaf, ground), which every file has; by object, species or material
 they are numbered from the most frequent on, so that a format with few classes keeps the ones that matter.

@@ -14,12 +14,12 @@ import dataclasses
 import hashlib
 import json
 import zipfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from ..base.progress import Progress
 from ..formats.atomic import replacing
 from ..formats.las import write_las
 from ..formats.ply import PlyFile
@@ -31,14 +31,12 @@ from .points import POINT, UNITS, records
 
 FORMATS = ("laz", "las", "ply", "npz")
 ROWS_AT_ONCE = 1_000_000
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
 class Written:
-    """What a scan wrote: its file, pulses and points; ``resumed_at`` is the pulse that it went on from,
-    ``lost`` what could not be measured.
-    """
+    """Facts of a written scan: its file, pulses and points; ``resumed_at`` is the pulse that it went on
+    from, ``lost`` what could not be measured."""
 
     path: Path
     pulses: int
@@ -49,9 +47,8 @@ class Written:
 
 @dataclass(frozen=True)
 class State:
-    """How far an unfinished scan is: which scan, its pulses, those of a chunk, those done, those of them that
-    were lost, its points.
-    """
+    """State of an unfinished scan: which scan, its pulses, those of a chunk, those done, those of them
+    that were lost, its points."""
 
     scan: str
     pulses: int
@@ -139,7 +136,7 @@ def write_npz_rows(path: Path, rows: np.ndarray) -> None:
 
 
 def _resumed(noted: Path, fresh: State) -> State:
-    """What an unfinished scan says of itself; its chunks go on as they were."""
+    """Return what an unfinished scan says of itself; its chunks go on as they were."""
     try:
         said = json.loads(noted.read_text(encoding="utf-8"))
         known = State(**said | {"lost": tuple(Lost(**one) for one in said.get("lost", ()))})
@@ -156,7 +153,7 @@ def _resumed(noted: Path, fresh: State) -> State:
 
 
 def _digest(scan: Scan, seed: int, offset: tuple[float, float, float]) -> str:
-    """What decides the bytes of a scan, in one number: settings, seed, scene, engine."""
+    """Return what decides the bytes of a scan, in one number: settings, seed, scene, engine."""
     total = hashlib.blake2b(digest_size=16)
     settings = dataclasses.asdict(scan.scanner)
     said = json.dumps([settings, seed, offset, scan.caster.engine], sort_keys=True)
@@ -169,7 +166,7 @@ def _digest(scan: Scan, seed: int, offset: tuple[float, float, float]) -> str:
 
 
 def scene_digest(scene: SceneGeometry) -> bytes:
-    """What decides what rays meet, in one number."""
+    """Return what decides what rays meet, in one number."""
     total = hashlib.blake2b(digest_size=16)
     for mesh in scene.meshes:
         for array in (mesh.vertices, mesh.triangles, mesh.part, mesh.leaf):

@@ -38,7 +38,7 @@ def write_stand(
 
 
 def note_of(offset: Sequence[float], crs: str) -> str:
-    """What the coordinates are, in words; empty for a scene without offset and coordinate system."""
+    """Return what the coordinates are, in words; empty for a scene without offset and coordinate system."""
     if not crs and not any(offset):
         return ""
     system = f" in {crs}" if crs else ""

@@ -1,4 +1,4 @@
-"""What an audit says: parts of a result, held against the same computed again by the slow exact way.
+"""Audits: parts of a result, held against the same computed again by the slow exact way.
 
 A sensor's own audit (``lidar/audit``, ``sonar/audit``, ``reverb/audit``) makes a ``Check`` of each kind of
 thing that its result holds. A check takes batches of errors in a seeded order, until they have cost their
@@ -47,7 +47,7 @@ class Check:
 
     @property
     def kept(self) -> bool:
-        """Whether the largest error is within what was asked for; one that is not a number is not."""
+        """Return whether the largest error is within what was asked for; one that is not a number is not."""
         return self.error <= self.allowed
 
     @property
@@ -63,14 +63,14 @@ class Check:
         return f"{self.checked:,} {self.what} ({some}), {off}{verdict}"
 
     def record(self) -> dict[str, float | int | str]:
-        """What stands in run.json."""
+        """Return what stands in run.json."""
         said = {name: _written(value) for name, value in vars(self).items()}
         return said | {"share": self.share, "kept": self.kept}
 
 
 @dataclass(frozen=True)
 class Audit:
-    """How far a result is from the exact one.
+    """Distance of a result from the exact one, kind by kind.
 
     checks : of each kind of thing in it, at least one. seconds : the fast way took for the whole result.
     exact_seconds : the exact way would take for it, estimated from the sample. audit_seconds : the audit
@@ -89,12 +89,12 @@ class Audit:
 
     @property
     def kept(self) -> bool:
-        """Whether every check is."""
+        """Return whether every check is."""
         return all(check.kept for check in self.checks)
 
     @property
     def checked(self) -> int:
-        """How many values, of all kinds."""
+        """Return how many values, of all kinds."""
         return sum(check.checked for check in self.checks)
 
     @property
@@ -114,7 +114,7 @@ class Audit:
 
     @property
     def times(self) -> float:
-        """How many times as fast the result was made as the exact way would."""
+        """Return how many times as fast the result was made as the exact way would."""
         return self.exact_seconds / self.seconds if self.seconds > 0 else math.inf
 
     def __str__(self) -> str:
@@ -122,7 +122,7 @@ class Audit:
         return "; ".join(map(str, self.checks)) + (faster if self.times > 1 else "")
 
     def record(self) -> dict[str, object]:
-        """What stands in run.json."""
+        """Return what stands in run.json."""
         return {
             "kept": self.kept,
             "checked": self.checked,

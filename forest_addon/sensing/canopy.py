@@ -22,7 +22,7 @@ FEWEST = 0.5  # of a ray: a ring without a gap has at most one in twice its rays
 
 @dataclass(frozen=True)
 class Canopy:
-    """What is seen from below.
+    """View of a canopy from below.
 
     zenith : (Z,) middle of each ring, radians. gap : (Z,) share of its rays that meet nothing.
     open : share of the sky that is open, by solid angle. effective : Le, m²/m², wood counted.

@@ -1,4 +1,4 @@
-"""What each sensor of a scene needs of each tree, where ``[accuracy] detail = "auto"``.
+"""Detail that each sensor of a scene needs of each tree, where ``[accuracy] detail = "auto"``.
 
 ``grow_needed`` grows a forest with no more than that:
 
@@ -25,9 +25,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..base.progress import Progress
 from ..growth.tree import Tree, leaves_left, with_tolerance, without_leaves
 from ..spec import Choice, Scene, Species
-from ..stand.forest import Forest, ForestPlan, Grown, Planted, Progress, keys_of
+from ..stand.forest import Forest, ForestPlan, Grown, Planted, keys_of
 from ..stand.inputs import Inputs
 from .kinds import kind_of
 from .looks import Leafy, Look, Upright

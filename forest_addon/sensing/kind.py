@@ -14,10 +14,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
+from ..base.progress import Progress
 from ..spec import Choice, Scene, Sensor
 from .audit import Audit
 from .cost import Cost, cost_of_work
@@ -25,8 +26,10 @@ from .looks import Look, look_at_leaves
 from .rays.caster import RayCaster
 from .rays.geometry import SceneGeometry
 
+if TYPE_CHECKING:  # it brings scipy, which what draws a panel does without
+    from .trajectory import Follower, Trajectory
+
 T = TypeVar("T")
-Progress = Callable[[int, int], None]
 Colour = tuple[float, float, float, float]
 
 LIGHT, SOUND, ECHO = (0.35, 0.75, 1.0, 0.8), (0.75, 0.55, 1.0, 0.9), (1.0, 0.75, 0.25, 0.8)
@@ -59,37 +62,19 @@ class Seen(Protocol):
         ...
 
 
-class Follower(Protocol):
-    """Blender's scene, asked where an object or a curve goes that a sensor follows.
-
-    Raises
-    ------
-    SpecError : there is no such object, or it cannot be followed.
-    """
-
-    def path(self, sensor: Any) -> Any:
-        """The path of a platform over time; None: by its own poses."""
-        ...
-
-    def poses(self, sensor: Any) -> Any:
-        """The poses of single measurements along it."""
-        ...
-
-
 @dataclass(frozen=True)
 class Observation:
     """One sensor in one scene.
 
     sensor : its settings, with nothing left to "auto". seen : the scene. settings : the scene's.
-    folder : that files named in the settings are relative to. trajectory : where it goes, as its kind has
-    it; None: it stays.
+    folder : that files named in the settings are relative to. trajectory : where it goes; None: it stays.
     """
 
     sensor: Any
     seen: Seen
     settings: Scene
     folder: Path = Path()
-    trajectory: Any = None
+    trajectory: Trajectory | None = None
 
 
 def _stays(_sensor: Any, _folder: Path, _follower: Follower) -> None:
@@ -98,6 +83,10 @@ def _stays(_sensor: Any, _folder: Path, _follower: Follower) -> None:
 
 def _where_it_stands(job: Observation) -> np.ndarray:
     return np.array([job.sensor.position])
+
+
+def _never_empty(_job: Observation, _found: Any) -> str:
+    return ""
 
 
 def _one_run(sensor: Any, _trajectory: Any, _engine: str) -> Cost:
@@ -124,6 +113,7 @@ class SensorKind:
     audit : a sample of what it found in so many seconds, computed again by the exact way.
     trajectory : where it goes, by its settings, a folder and Blender's scene; None: it stays.
     positions : (P, 3) m where it should not stand inside of a tree.
+    empty : that a finding holds nothing, and why, in a sentence; "" of one that holds something.
     cost : of a run along a trajectory with a ray engine. outline : (N, 2, 3) m, ends of the lines that show
         where it looks.
     choose : what is left to "auto", chosen. left_out : what a finding left out, and the bound on that.
@@ -140,8 +130,9 @@ class SensorKind:
     settings: type[Sensor]
     run: Callable[[Observation, Progress | None], Any]
     audit: Callable[[Observation, Any, float], Audit] | None = None
-    trajectory: Callable[[Any, Path, Follower], Any] = _stays
+    trajectory: Callable[[Any, Path, Follower], Trajectory | None] = _stays
     positions: Callable[[Observation], np.ndarray] = _where_it_stands
+    empty: Callable[[Observation, Any], str] = _never_empty
     cost: Callable[[Any, Any, str], Cost] = _one_run
     outline: Callable[[Any], np.ndarray] = _no_lines
     choose: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen

@@ -1,4 +1,4 @@
-"""How each kind of sensor looks at trees: from where, how far, and how fine it tells things apart.
+"""Looks of each kind of sensor at trees: from where, how far, and how fine it tells things apart.
 
 A ``Look`` is what ``detail`` asks of a sensor, and what the record of each kind makes of its settings; there
 is one class for beams, one for echoes and one for responses.

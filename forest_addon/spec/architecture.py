@@ -52,7 +52,7 @@ class Architecture(Settings):
     the limbs with branches and twigs.
     """
 
-    model: str = param(help="architectural model of Hallé & Oldeman (1970)", choices=MODELS)
+    model: str = param("Rauh", help="architectural model of Hallé & Oldeman (1970)", choices=MODELS)
     fork: float = param(
         1.0,
         help="where the stem first divides, from the crown's base 0 to its top; 1: it does not",

@@ -31,5 +31,5 @@ class Choice:
         return f"{self.key} was left to auto: {value}, {bound} {self.why}."
 
     def record(self) -> dict[str, float | str]:
-        """What stands in run.json."""
+        """Return what stands in run.json."""
         return asdict(self)

@@ -154,13 +154,13 @@ def refuse_many(key: str, value: Any, known: Param) -> None:
         raise SpecError(key, f"has {count:,} entries; give at most {known.most:,}")
 
 
-def refuse_unknown(keys: Iterable[str], known: Iterable[str]) -> None:
+def refuse_unknown(keys: Iterable[str], known: Iterable[str], place: str = "") -> None:
     """Refuse the first key that is not among those known, and name the nearest of them."""
     names = list(known)
     for key in keys:
         if key not in names:
             hint = did_you_mean(key, names)
-            raise SpecError(str(key), f"is not known; {hint}Allowed: {', '.join(names)}")
+            raise SpecError(f"{place}{key}", f"is not known; {hint}Allowed: {', '.join(names)}")
 
 
 def _by_name(cls: type[Settings], make: Callable[..., None]) -> Callable[..., None]:

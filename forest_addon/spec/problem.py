@@ -1,4 +1,4 @@
-"""What cannot be used, in one sentence."""
+"""Error for what cannot be used, in one sentence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What neighbours take from a crown: light from below it, and room at its sides.
+"""Competition of crowns: neighbours take light from below, and room at the sides.
 
 The crowns that stand about a tree, weighted by a normal kernel of twice its own crown's width and by the
 square of their height over its own (light comes from above), cover a share of the ground, κ. The score

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..base.progress import Progress
 from ..base.rng import stream
 from ..growth.graft.cut import TreeTemplate
 from ..growth.measured.wanted import TARGETS, Kind
@@ -23,7 +24,6 @@ from .measured import Measured, dbh_at, scales_for, with_targets
 from .plan import Stand, labels, plan_stand
 from .targets import Met, found_in, in_band, not_met, targets_met
 
-Progress = Callable[[int, int], None]
 Planted = tuple[Species, TreeTemplate | Habit | Kind | Blade | None]  # and its templates
 Grown = Callable[[int, int, Species], Tree]  # of a planting and variant, by numbers
 
@@ -79,7 +79,7 @@ class Forest:
 
 @dataclass(frozen=True)
 class ForestPlan:
-    """Where trees stand and which of them are to be grown: a forest before anything has grown.
+    """Plan of a forest before anything has grown: places of trees, and which of them are to be grown.
 
     scene : its settings. species : what each planting plants, with its templates. inputs : rasters, lists
     and terrain. measured : the stand with its variants chosen, and what its trees are to measure.
@@ -145,8 +145,14 @@ class ForestPlan:
             variants=variants,
             wanted=self.measured.trees if self.measured.variants else None,
             laws=self.measured.laws,
-            notes=self.measured.ignored,
+            notes=(*self.measured.ignored, *self._bare()),
         )
+
+    def _bare(self) -> tuple[str, ...]:
+        """Say that nothing stands where something was planted."""
+        if not self.scene.plantings or len(self.measured.stand):
+            return ()
+        return ("no tree stands: expect more, or a larger field",)
 
     def placed(self, variants: Mapping[tuple[int, int], Tree]) -> Stand:
         """The stand with every tree in the size that it is to have, its foot in the ground."""

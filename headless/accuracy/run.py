@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from forest_addon import api as forest
+from forest_addon.base.progress import Say
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.toml_file import write_settings
@@ -20,7 +21,7 @@ from .meshes import Meshes
 from .picture import draw_sweeps
 from .reverb import sweep_reverb
 from .sonar import sweep_sonar
-from .sweep import Say, Sweep
+from .sweep import Sweep
 
 
 def sweep_scene(path: Path, out: Path, error: float, seconds: float, say: Say = print) -> None:
@@ -45,35 +46,34 @@ def sweep_scene(path: Path, out: Path, error: float, seconds: float, say: Say = 
     sweeps = []
     with world.still() as observer:
         for sensor in scene.sensors:
+            if sensor.kind not in SWEEPS:
+                say(f"{sensor.name} is left as it is: a {sensor.kind} has no settings to try")
+                continue
             with stages.stage(f"try settings of {sensor.name}"):
                 sweeps.append(sweep_sensor(sensor, observer, scene, meshes))
+    if not sweeps:
+        return
     chosen = [sweep.choice(error, seconds) for sweep in sweeps]
     for sweep in sweeps:
         _tell(sweep, error, seconds, say)
     _write(sweeps, out / "accuracy.csv")
     draw_sweeps(sweeps, chosen, out / "accuracy.png")
-    better = tuple(
-        replace(sweep.sensor, **point.changes) for sweep, point in zip(sweeps, chosen, strict=True)
-    )
+    better = {
+        sweep.sensor.name: replace(sweep.sensor, **point.changes)
+        for sweep, point in zip(sweeps, chosen, strict=True)
+    }
+    sensors = tuple(better.get(sensor.name, sensor) for sensor in scene.sensors)
     engines = {point.engine for point in chosen if point.engine}
     rays = replace(scene.rays, engine=engines.pop()) if len(engines) == 1 else scene.rays
-    write_settings(out / "recommended.toml", scene.changed(sensors=better, rays=rays))
+    write_settings(out / "recommended.toml", scene.changed(sensors=sensors, rays=rays))
     say(f"\nWrote {out / 'accuracy.png'}, accuracy.csv and recommended.toml.")
 
 
 def sweep_sensor(
     sensor: Sensor, observer: Observer, scene: Scene, meshes: Meshes, folder: Path = Path()
 ) -> Sweep:
-    """The sweep of one sensor.
-
-    Raises
-    ------
-    SpecError : nobody has said which settings of such a sensor are worth trying.
-    """
+    """Sweep the settings of one sensor, of a kind of ``SWEEPS``."""
     sensor, _ = choose(sensor)
-    if sensor.kind not in SWEEPS:
-        known = ", ".join(SWEEPS)
-        raise SpecError(sensor.name, f"is a {sensor.kind}, which has no sweep; use one of {known}")
     return SWEEPS[sensor.kind](sensor, observer, scene, meshes, folder)
 
 

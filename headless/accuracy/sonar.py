@@ -16,7 +16,7 @@ import numpy as np
 
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.sensing.sonar.ping import Echo
-from forest_addon.sensing.sonar.poses import Pose, posed
+from forest_addon.sensing.trajectory import Trajectory, looking
 from forest_addon.spec import Scene, Sonar
 
 from .sweep import Point, Sweep, mean_and_spread, timed
@@ -31,11 +31,11 @@ MOST = 6e7  # scatterers by bins, ears and pings summed directly; beyond, a tole
 
 
 def sweep_sonar(
-    sensor: Sonar, observer: Observer, settings: Scene, poses: list[Pose] | None, folder: Path
+    sensor: Sonar, observer: Observer, settings: Scene, way: Trajectory | None, folder: Path
 ) -> Sweep:
     """Errors and seconds of a sonar by tolerance and cull."""
-    given = poses or [posed(sensor)]
-    some = [given[k] for k in np.unique(np.linspace(0, len(given) - 1, POSES).astype(int))]
+    given = where_it_stands(sensor) if way is None else way
+    some = given.take(np.unique(np.linspace(0, len(given) - 1, POSES).astype(int)))
 
     # a record without what is culled would be shorter, its bins others; the spectrum knows no Doppler
     fixed: dict[str, object] = {"doppler": False}
@@ -97,6 +97,12 @@ def sweep_sonar(
         (note, f"{heard:,.0f} scatterers in range of a ping"),
         terms,
     )
+
+
+def where_it_stands(sonar: Sonar) -> Trajectory:
+    """A trajectory of the one pose that the settings say."""
+    turn, rise = np.radians([[sonar.azimuth_deg], [sonar.elevation_deg]])
+    return looking(np.array([sonar.position], dtype=float), turn, rise, speed=sonar.speed)
 
 
 def _models(sensor: Sonar) -> list[tuple[dict[str, object], str]]:

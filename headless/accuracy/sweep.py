@@ -17,7 +17,6 @@ import numpy as np
 
 from forest_addon.spec import Settings
 
-Say = Callable[[str], None]
 T = TypeVar("T")
 NOTABLY = 0.95  # of the error: settings that gain less are not worth their seconds
 SOME, ENOUGH = 0.3, 1.0  # s of several runs, and of one, that tell how long it takes

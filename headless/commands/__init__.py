@@ -27,7 +27,7 @@ COMMANDS = (
     *(AllometryCommand(), AssetsCommand(), CanopyCommand()),
     *(LidarCommand(), ConvolveCommand(), FlyCommand()),
 )
-if find_spec("headless.studies") is not None:
+if find_spec("..studies", __package__) is not None:
     from ..studies.commands import COMMANDS as STUDIES
 
     COMMANDS += STUDIES

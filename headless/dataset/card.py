@@ -70,6 +70,7 @@ def card_text(plan: Plan, wanted: Sequence[Recipe], done: Sequence[disk.Done]) -
         f"| leaf area | {sum(record['leaf_area_m2'] for record in records):,.0f} m² |",
         f"| species | {', '.join(species) or 'none'} |",
         f"| points | {points:,} |",
+        *_what_is_empty(records),
         f"| size | {sum(one.size for one in done) / 1e9:.2f} GB |",
         *(
             f"| {split} | {sum(r['split'] == split for r in records):,} scenes |"
@@ -102,6 +103,12 @@ def card_text(plan: Plan, wanted: Sequence[Recipe], done: Sequence[disk.Done]) -
         "",
     ]
     return "\n".join(lines)
+
+
+def _what_is_empty(records: Sequence[dict[str, Any]]) -> list[str]:
+    """A row that counts results without a point or an echo, and scenes without a tree."""
+    whys = [why for record in records for why in record.get("empty", {}).values()]
+    return [f"| empty | {len(whys):,} results; first: {whys[0]} |"] if whys else []
 
 
 def _is_there(pattern: str, records: Sequence[dict[str, Any]]) -> bool:

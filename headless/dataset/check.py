@@ -2,7 +2,7 @@
 
 Labels: a point's tree is one of trees.csv and of that species, its leaf one that this tree has; the areas of
 voxels.npz are those of trees.csv (leaves) within 1e-9; a cylinder's parent is of the same tree and stands
-before it; no two splits share a grown tree unless the plan says so.
+before it; no two splits share a grown tree unless the plan says so; no result is empty, likewise.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from forest_addon.growth.mesh.trimesh import PART_NAMES
 
+from forest_addon.base.trimesh import PART_NAMES
 from forest_addon.spec import SpecError
 
 from ..command import IncompleteError
@@ -36,7 +36,7 @@ def check_dataset(root: Path, say: Callable[[str], None]) -> None:
     folder = root / disk.SCENES
     if not folder.is_dir():
         raise SpecError(f"--check {root}", "holds no scenes; give the folder of a dataset")
-    faults, records = [], []
+    faults, records, may_be_empty = [], [], _says(root, "keep", "empty")
     for path in sorted(folder.iterdir()):
         if not path.name.isdigit():
             continue
@@ -47,9 +47,9 @@ def check_dataset(root: Path, say: Callable[[str], None]) -> None:
             )
             continue
         records.append(one.record)
-        faults += [f"{path.name}: {fault}" for fault in faults_of(one)]
+        faults += [f"{path.name}: {fault}" for fault in faults_of(one, may_be_empty)]
     shared = shared_trees(records)
-    if shared and not _may_share(root):
+    if shared and not _says(root, "splits", "share_trees"):
         faults.append(
             f"{shared} grown trees stand in scenes of more than one split: a species of the plan knows no "
             "chance; "
@@ -66,18 +66,19 @@ def check_dataset(root: Path, say: Callable[[str], None]) -> None:
     )
 
 
-def _may_share(root: Path) -> bool:
+def _says(root: Path, table: str, key: str) -> bool:
+    """Return whether the plan of a dataset says yes to a key."""
     import tomllib
 
     try:
         plan = tomllib.loads((root / "plan.toml").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
-    return bool(plan.get("splits", {}).get("share_trees", False))
+    return bool(plan.get(table, {}).get(key, False))
 
 
-def faults_of(one: disk.Done) -> Iterator[str]:
-    """Return what is wrong in a scene."""
+def faults_of(one: disk.Done, may_be_empty: bool = False) -> Iterator[str]:
+    """Faults of a scene. may_be_empty : what found nothing is none."""
     files = one.record["files"]
     for path in sorted(one.folder.iterdir()):
         if path.name not in files and path.name != disk.RECORD:
@@ -88,6 +89,8 @@ def faults_of(one: disk.Done) -> Iterator[str]:
     yield from (f"{name} has another SHA-256 than when it was made" for name in bad)
     if one.record["digest"] != disk.digest_of_files(files):
         yield "the digest of all files is wrong"
+    if not may_be_empty:
+        yield from (f"{name}: {why}" for name, why in one.record.get("empty", {}).items())
     if bad:
         return
     try:

@@ -85,7 +85,7 @@ class Child:
         }
         self._words = tempfile.TemporaryFile()  # noqa: SIM115 - it lives as long as the process
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "headless.dataset.maker", str(self.threads)],
+            [sys.executable, "-m", f"{__package__}.maker", str(self.threads)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._words,

@@ -7,23 +7,15 @@ where there is no room, the one of many that is farthest from trunks is taken.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from forest_addon.base.rng import stream
-from forest_addon.spec import (
-    Airborne,
-    Mobile,
-    Pose,
-    Reverb,
-    Scene,
-    Sensor,
-    Sonar,
-    SpecError,
-    Terrestrial,
-)
+from forest_addon.sensing.kinds import kind_of
+from forest_addon.spec import Pose, Scene, Sensor, SpecError
 from forest_addon.stand.intensity.terrain import Terrain
 
 from .settings import Placing
@@ -54,6 +46,25 @@ def place_sensors(
         room = _Room(settings, rule, trunks, ground)
         sensors += _placed(sensor, rule, room, files)
     return settings.changed(sensors=tuple(sensors)), files
+
+
+def refuse_out_of_range(scene: Scene, place: Placing, index: int) -> None:
+    """Refuse a flight over ground that its scanner does not reach. index : of the rule in the plan.
+
+    Raises
+    ------
+    SpecError : its results would be empty.
+    """
+    for sensor in scene.sensors:
+        reach = getattr(sensor, "max_range", None)
+        if sensor.name != place.sensor or place.rule != "over" or reach is None:
+            continue
+        if place.height > reach:
+            raise SpecError(
+                f"place[{index}].height",
+                f'{place.height:g} m above the ground is beyond the range of "{sensor.name}", {reach:g} m: '
+                "its results would be empty; fly lower, raise its max_range, or say keep.empty = true",
+            )
 
 
 class _Room:
@@ -102,13 +113,13 @@ class _Room:
 
 
 def _placed(sensor: Sensor, rule: Placing, room: _Room, files: dict[str, str]) -> list[Sensor]:
-    if rule.rule == "path":
-        return [_along(sensor, rule, room, files)]
-    if rule.rule == "over":
-        return [_over(sensor, rule, room)]
-    if rule.rule == "pairs":
-        return _pairs(sensor, rule, room)
-    if not isinstance(sensor, (Terrestrial, Sonar)):
+    if rule.rule in FOLLOWERS:
+        if sensor.kind not in FOLLOWERS[rule.rule]:
+            said = f'a {sensor.kind} sensor cannot follow the rule "{rule.rule}"'
+            raise SpecError("place", said)
+        return FOLLOWERS[rule.rule][sensor.kind](sensor, rule, room, files)
+    posed = kind_of(sensor).posed
+    if "position" not in posed or "heading_deg" in posed:
         raise SpecError("place", f'a {sensor.kind} sensor cannot stand by the rule "{rule.rule}"')
     if rule.rule == "centre":
         points = [room.near((room.low + room.high) / 2)]
@@ -127,7 +138,7 @@ def _placed(sensor: Sensor, rule: Placing, room: _Room, files: dict[str, str]) -
     placed = []
     for number, place in enumerate(where):
         name = sensor.name if len(where) == 1 else f"{sensor.name}-{number + 1}"
-        more = {"azimuth_deg": float(turn[number])} if isinstance(sensor, Sonar) else {}
+        more = {"azimuth_deg": float(turn[number])} if "azimuth_deg" in posed else {}
         placed.append(sensor.changed(name=name, position=_tuple(place), **more))
     return placed
 
@@ -161,52 +172,51 @@ def _way(room: _Room) -> np.ndarray:
     return np.column_stack([np.interp(wanted, gone, line[:, k]) for k in range(2)])
 
 
-def _along(sensor: Sensor, rule: Placing, room: _Room, files: dict[str, str]) -> Sensor:
+def _above_ground(room: _Room) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a path through the field: metres gone (K,), places (K, 3) and headings (K,) in degrees."""
     line = room.above(_way(room))
     gone = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
-    heading = (
-        np.rad2deg(np.arctan2(*np.gradient(line[:, :2], axis=0).T[::-1]))
-        if len(line) > 1
-        else [0.0]
+    if len(line) == 1:
+        return gone, line, np.zeros(1)
+    return gone, line, np.rad2deg(np.arctan2(*np.gradient(line[:, :2], axis=0).T[::-1]))
+
+
+def _poses_along(sensor: Any, rule: Placing, room: _Room, _files: dict[str, str]) -> list[Sensor]:
+    gone, line, heading = _above_ground(room)
+    poses = tuple(
+        Pose(time=float(s / rule.speed), position=_tuple(place), heading_deg=float(turn))
+        for s, place, turn in zip(gone, line, heading, strict=True)
     )
-    if isinstance(sensor, Mobile):
-        poses = tuple(
-            Pose(time=float(s / rule.speed), position=_tuple(place), heading_deg=float(turn))
-            for s, place, turn in zip(gone, line, heading, strict=True)
-        )
-        return sensor.changed(poses=poses, follow="", speed=rule.speed)
-    if isinstance(sensor, Sonar):
-        rows = np.unique(np.rint(np.linspace(0, len(line) - 1, rule.count)).astype(int))
-        text = [ROUTE_HEAD]
-        for row in rows:
-            x, y, z = line[row].tolist()
-            text.append(
-                f"{x:.4f},{y:.4f},{z:.4f},{float(heading[row]):.3f},{sensor.elevation_deg:g}"
-            )
-        files[f"{sensor.name}-route.csv"] = "\n".join(text) + "\n"
-        return sensor.changed(route=f"{sensor.name}-route.csv", follow="", speed=rule.speed)
-    raise SpecError("place", f'a {sensor.kind} sensor cannot follow the rule "path"')
+    return [sensor.changed(poses=poses, follow="", speed=rule.speed)]
 
 
-def _over(sensor: Sensor, rule: Placing, room: _Room) -> Sensor:
-    """Strips towards +y that cover the field between their outermost ones."""
-    if not isinstance(sensor, Airborne):
-        raise SpecError("place", f'a {sensor.kind} sensor cannot follow the rule "over"')
+def _route_along(sensor: Any, rule: Placing, room: _Room, files: dict[str, str]) -> list[Sensor]:
+    _, line, heading = _above_ground(room)
+    rows = np.unique(np.rint(np.linspace(0, len(line) - 1, rule.count)).astype(int))
+    text = [ROUTE_HEAD]
+    for row in rows:
+        x, y, z = line[row].tolist()
+        text.append(f"{x:.4f},{y:.4f},{z:.4f},{float(heading[row]):.3f},{sensor.elevation_deg:g}")
+    files[f"{sensor.name}-route.csv"] = "\n".join(text) + "\n"
+    return [sensor.changed(route=f"{sensor.name}-route.csv", follow="", speed=rule.speed)]
+
+
+def _strips_over(sensor: Any, _rule: Placing, room: _Room, _files: dict[str, str]) -> list[Sensor]:
+    """Place strips towards +y that cover the field between their outermost ones."""
     wide, long = (room.high - room.low).tolist()
     strips = max(1, int(np.ceil(wide / sensor.spacing))) if sensor.spacing > 0 else 1
     x = float((room.low + room.high)[0] / 2 - (strips - 1) * sensor.spacing / 2)
     base = room.above((room.low + room.high)[None] / 2)[0, 2]
-    return sensor.changed(
+    over = sensor.changed(
         position=(x, float(room.low[1]), float(base)),
         heading_deg=90.0,
         track=max(long, 1.0),
         strips=strips,
     )
+    return [over]
 
 
-def _pairs(sensor: Sensor, rule: Placing, room: _Room) -> list[Sensor]:
-    if not isinstance(sensor, Reverb):
-        raise SpecError("place", f'a {sensor.kind} sensor cannot follow the rule "pairs"')
+def _pairs(sensor: Any, rule: Placing, room: _Room, _files: dict[str, str]) -> list[Sensor]:
     placed = []
     for number in range(rule.count):
         source = room.anywhere()
@@ -221,6 +231,14 @@ def _pairs(sensor: Sensor, rule: Placing, room: _Room) -> list[Sensor]:
         name = sensor.name if rule.count == 1 else f"{sensor.name}-{number + 1}"
         placed.append(replace(sensor, name=name, source=ends[0], receiver=ends[1]))
     return placed
+
+
+Follower = Callable[[Any, Placing, _Room, dict[str, str]], list[Sensor]]
+FOLLOWERS: dict[str, dict[str, Follower]] = {  # by rule and by kind of sensor
+    "path": {"mobile": _poses_along, "sonar": _route_along},
+    "over": {"airborne": _strips_over},
+    "pairs": {"reverb": _pairs},
+}
 
 
 def _tuple(place: np.ndarray) -> tuple[float, ...]:

@@ -23,11 +23,13 @@ from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings, structure, table_of
 from forest_addon.formats.toml_text import parse_tables, read_tables
-from forest_addon.spec import Scene, SpecError, Species, did_you_mean, refuse_unknown, unknown
+from forest_addon.sensing import kinds as _kinds  # noqa: F401  whose words a plan may name
+from forest_addon.spec import Scene, SpecError, Species, refuse_unknown, unknown
 from forest_addon.spec.base import Settings, with_files
 
 from . import dotted, vary
 from .chance import refuse_without_chance
+from .place import refuse_out_of_range
 from .settings import Ground, Head, Keep, Mix, Placing, Running, Splits
 
 PLANS = ASSETS / "plans"
@@ -195,11 +197,7 @@ def _bases(tables: dict[str, Any], folder: Path) -> tuple[Base, ...]:
         place = f"scenes[{number}]"
         if not isinstance(one, dict) or ("file" in one) == ("scene" in one):
             raise SpecError(place, "needs either file or scene")
-        for key in one.keys() - {"name", "file", "scene", "weight"}:
-            hint = did_you_mean(key, ("name", "file", "scene", "weight"))
-            raise SpecError(
-                f"{place}.{key}", f"is not known; {hint}Allowed: name, file, scene, weight"
-            )
+        refuse_unknown(one, ("name", "file", "scene", "weight"), f"{place}.")
         weight = one.get("weight", 1.0)
         if not isinstance(weight, (int, float)) or not weight > 0:
             raise SpecError(f"{place}.weight", "must be a number above 0")
@@ -304,6 +302,8 @@ def _resolved(
                 f"place[{index}].sensor",
                 f'"{places[-1].sensor}" is no sensor of the scene; use one of {", ".join(names)}',
             )
+        if not plan.keep.empty:
+            refuse_out_of_range(scene, places[-1], index)
     return scene, {"terrain": _within("terrain", tables, Ground), "place": places}
 
 

@@ -29,17 +29,15 @@ from forest_addon.formats.npz import write_npz
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.toml_file import write_settings
 from forest_addon.growth.tree import Tree, grow
-from forest_addon.results.findings import write_finding
+from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.results.points import records
 from forest_addon.results.scan_file import write_npz_rows
 from forest_addon.sensing.lidar import scan as lidar
-from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.occlusion import occlusion, on_the_line
 from forest_addon.sensing.rays.cells import Cells
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
-from forest_addon.sensing.sonar.flight import Flight
 from forest_addon.site import ForestSite
-from forest_addon.spec import Rays, Scanner, Scene, Species, Terrain
+from forest_addon.spec import Rays, Scene, Species, Terrain
 from forest_addon.stand.forest import Forest, Grown, angle_table, leaf_table
 from forest_addon.stand.plan import labels
 from forest_addon.stand.truth import cylinder_table, inventory, voxel_arrays
@@ -110,6 +108,7 @@ class _Making:
         self.folder = folder
         self.seconds: dict[str, float] = {}
         self.points: dict[str, int] = {}
+        self.empty: dict[str, str] = {}
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -178,6 +177,7 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
             "leaf_area_m2": float(sum(table["leaf_area_m2"])),
             "species": sorted({str(name) for name in table["species"]}),
             "points": work.points,
+            "empty": work.empty | _no_trees(settings, forest),
             "engine": observer.caster.engine,
             "variants": variants,
         },
@@ -223,18 +223,22 @@ def _observe(
     with work.stage(OBSERVING):
         way = observer.way(sensor, folder)
         found = observer.observe(sensor, settings, None, folder, way)
+        empty = observer.empty(sensor, settings, found, folder, way)
+        if empty:
+            work.empty[sensor.name] = empty
     with work.stage("write"):
-        if not isinstance(found, Cloud) or keep.clouds != "npz":
+        is_cloud = results_of(sensor).is_cloud
+        if not is_cloud or keep.clouds != "npz":
             write_finding(folder, sensor, found, settings.offset)
-        if isinstance(found, Cloud):
+        if is_cloud:
             work.points[sensor.name] = len(found)
             if keep.clouds != "laz":
                 write_npz_rows(
                     folder / f"{sensor.name}-points.npz", records(found, settings.offset)
                 )
-        elif isinstance(found, Flight):
+        elif way is not None:
             work.points[sensor.name] = 0
-    if not isinstance(sensor, Scanner) or not isinstance(found, Cloud):
+    if not is_cloud:
         return
     with work.stage("occlusion"):
         scan = lidar.Scan(sensor, observer.caster, settings.seed, way)
@@ -265,6 +269,13 @@ def _write_blender(settings: Scene, keep: Keep, folder: Path) -> None:
             export_glb(scene, folder / "forest.glb")
         if keep.preview:
             render(scene, settings.output, folder / "preview.png", lambda done, total: None)
+
+
+def _no_trees(settings: Scene, forest: Forest) -> dict[str, str]:
+    """Say that nothing stands where something was planted."""
+    if not settings.plantings or len(forest.stand):
+        return {}
+    return {"forest": "no tree stands: expect more, or a larger field"}
 
 
 def _digests(forest: Forest) -> dict[str, str]:

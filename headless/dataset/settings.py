@@ -123,6 +123,11 @@ class Keep(Settings):
         ge=0,
         le=1000000,
     )
+    empty: bool = param(
+        False,
+        help="a scene without a tree and a result without a point or an echo may be part of the dataset; "
+        "else the check fails on them, and a flight above its scanner's range is refused",
+    )
     leaves: bool = param(False, help="leaves.npz, the truth of every leaf")
     blend: bool = param(False, help="forest.blend")
     glb: bool = param(False, help="forest.glb")

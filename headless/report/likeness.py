@@ -7,11 +7,12 @@ ground) and the echo of its leaves, or bare wood, from all sides.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
+from forest_addon.base.progress import Say
 from forest_addon.base.trimesh import GROUND, TriMesh
 from forest_addon.blender.rays.casters import make_caster
 from forest_addon.growth.likeness import Likeness
@@ -21,7 +22,6 @@ from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.sonar.ping import Targets, ping
 from forest_addon.spec import Air, Rays, Sonar
 
-Say = Callable[[str], None]
 PULSES = 128  # along a side of the grid
 SIDES = 12  # from which a sonar pings at each sibling
 OF_TEMPLATE = 48  # and at the template, of which there is one only

@@ -9,12 +9,11 @@ from __future__ import annotations
 import base64
 import html
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from forest_addon.base.places import ROOT
+from forest_addon.base.places import version
 from forest_addon.formats.atomic import replacing
 from forest_addon.sensing.audit import Audit
 from forest_addon.spec import Scene
@@ -71,12 +70,6 @@ def write(
 """
     with replacing(path) as partial:
         partial.write_text(page, encoding="utf-8")
-
-
-def version() -> str:
-    """The version of Forest Sensing, from its manifest."""
-    manifest = ROOT / "blender_manifest.toml"
-    return str(tomllib.loads(manifest.read_text(encoding="utf-8"))["version"])
 
 
 def _section(finding: Finding) -> str:

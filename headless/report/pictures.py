@@ -19,7 +19,7 @@ from forest_addon.sensing.lidar.returns import ESCAPED
 from forest_addon.sensing.lidar.tractor import TractorScan
 from forest_addon.sensing.reverb import metrics
 from forest_addon.sensing.reverb.response import ImpulseResponse
-from forest_addon.spec import Scanner, Terrestrial
+from forest_addon.spec import Terrestrial
 
 INK, FAINT, LEAF_GREEN, BARK, SOIL, SKY, RED = (
     "#24302a",
@@ -86,16 +86,16 @@ def draw_scan(scan: TractorScan, path: Path) -> Path:
     return save_figure(figure, path)
 
 
-def draw_cloud(cloud: Cloud, scanner: Scanner, path: Path) -> Path:
+def draw_cloud(cloud: Cloud, tripod: Terrestrial | None, path: Path) -> Path:
     """A scan of points: from a tripod the panorama by distance, else the side; and from above."""
     figure, (left, above) = _figure(1, 2, (12.5, 5.2), widths=(1.75, 1))
     every = max(1, len(cloud) // 150_000)
     order = np.argsort(cloud.position[::every, 2], kind="stable")
     points, organ = cloud.position[::every][order], cloud.returns.organ[::every][order]
     colours = np.array([ORGANS[o][1] for o in range(DEAD + 1)])[organ]
-    if isinstance(scanner, Terrestrial):
-        _panorama(figure, left, cloud, scanner)
-        near = np.abs(points[:, :2] - np.array(scanner.position)[:2]).max(axis=1) < 22.0
+    if tripod is not None:
+        _panorama(figure, left, cloud, tripod)
+        near = np.abs(points[:, :2] - np.array(tripod.position)[:2]).max(axis=1) < 22.0
         points, colours = points[near], colours[near]
     else:
         left.scatter(*points[:, [0, 2]].T, s=0.5, c=colours, linewidths=0, rasterized=True)
@@ -104,8 +104,8 @@ def draw_cloud(cloud: Cloud, scanner: Scanner, path: Path) -> Path:
         left.set_xlabel("x, m")
         left.set_ylabel("z, m")
     above.scatter(*points[:, :2].T, s=0.5, c=colours, linewidths=0, rasterized=True)
-    if isinstance(scanner, Terrestrial):
-        _mark_scanner(above, scanner)
+    if tripod is not None:
+        _mark_scanner(above, tripod)
     above.set_aspect("equal")
     above.set_title("Points from above")
     above.set_xlabel("x, m")

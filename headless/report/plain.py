@@ -10,13 +10,14 @@ import numpy as np
 
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.png import write_png
-from forest_addon.results.figures import Finding
+from forest_addon.results.kind import Finding
+from forest_addon.results.kinds import results_of
+from forest_addon.results.plot import PAPER, Axis, Plot, Strip
 from forest_addon.spec import Scene, Sensor
 from forest_addon.stand.compose import corners_of, process_of
 from forest_addon.stand.inputs import Inputs
 from forest_addon.stand.plan import Stand
 from forest_addon.ui.results.images import drawn
-from forest_addon.ui.results.plots import PAPER, Axis, Plot, Strip, plot_of
 
 # Told apart by those who see no red or green, too (Okabe and Ito 2008), on dark paper.
 COLOURS = {
@@ -36,7 +37,7 @@ MANY = 20_000  # trees from which on each is a pixel
 
 def draw_result(sensor: Sensor, found: Finding, path: Path) -> Path | None:
     """Draw what a sensor found into a PNG; returns its path, None where there is nothing to draw."""
-    plot = plot_of(found, sensor)
+    plot = results_of(sensor).plot(sensor, found)
     return _save(plot, path) if plot else None
 
 

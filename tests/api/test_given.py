@@ -25,7 +25,7 @@ def world():
 
 @pytest.fixture(scope="module")
 def results(world):
-    row = forest.Tractor(track=1.0, step=0.5, angle_step_deg=5.0)
+    row = forest.Tractor(track=1.0, step=0.5, angle_step_deg=5.0, reach=3.0)
     bat = forest.Sonar(position=(-2.0, 3.0, 1.5), cull=0.01)
     return [world.scan(COARSE), world.scan(row), world.ping(bat), world.impulse_response(CLAP)]
 
@@ -79,7 +79,7 @@ def test_results_go_where_a_file_can_be(results, tmp_path):
     """Every kind of result in every format: a folder that is missing or no folder, a folder's own name."""
     (tmp_path / "file").write_text("x")
     for result in results:
-        for ending in result.ENDINGS:
+        for ending in result.endings:
             (tmp_path / f"folder{ending}").mkdir(exist_ok=True)
             for place, words in (
                 (tmp_path / "none" / f"x{ending}", "make it first"),
@@ -116,3 +116,58 @@ def test_too_little_memory_is_said(world, monkeypatch):
     monkeypatch.setattr(Observer, "observe", huge)
     with pytest.raises(forest.SpecError, match=r"needs more memory than there is \(Unable to all"):
         world.scan(COARSE)
+
+
+def test_a_world_that_was_replaced_says_so(world):
+    """It would scan another forest, and call that its own."""
+    try:
+        second = forest.build(SCENE.changed(seed=9))
+        for look in (
+            lambda: world.scan(COARSE),
+            lambda: world.impulse_response(CLAP),
+            lambda: world.hemisphere((0.0, 0.0, 1.0), pixels=8),
+            lambda: world.audit,
+        ):
+            with pytest.raises(forest.SpecError, match="another forest was built in its place"):
+                look()
+        assert len(second.scan(COARSE)) > 0
+        assert len(world.trees["tree"]) == 1  # what grew is known all the same
+    finally:
+        again = forest.build(SCENE)
+        world.forest, world._place = again.forest, again._place
+
+
+AWAY = (4000.0, 0.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "words"),
+    [
+        (COARSE.changed(position=AWAY), "0 points: the nearest thing is 3,994 m away and it reaches 120 m"),
+        (COARSE.changed(elevation_deg=(60.0, 80.0)), "0 points: nothing that sends enough back"),
+        (forest.Airborne(position=(0, -2, 90.0), track=5.0, max_range=40.0, pulse_rate=99.0), "reaches 40 m"),
+        (forest.Tractor(position=AWAY, track=1.0, step=0.5, angle_step_deg=9.0), "no beam met anything: the"),
+        (forest.Sonar(position=AWAY), "silence: the nearest thing is 3,994 m away and it reaches 15 m"),
+        (CLAP.changed(min_radius=2.0), "no trunk is heard"),
+    ],
+)  # fmt: skip
+def test_a_result_that_is_empty_says_why(world, sensor, words):
+    result = world.look(sensor)
+    assert [warning for warning in result.warnings if words in warning], result.warnings
+    assert [note for note in result.notes if words in note]
+
+
+def test_a_result_that_is_not_empty_says_nothing(results):
+    assert [result.warnings for result in results[:3]] == [()] * 3
+
+
+def test_nothing_in_the_scene_is_said():
+    empty = forest.build(forest.Scene(forest=forest.Forest(margin=0.0)))
+    for thing in list(bpy.data.objects):
+        bpy.data.objects.remove(thing)
+    assert empty.scan(COARSE).warnings == ("cloud: 0 points: there is nothing in the scene",)
+
+
+def test_a_forest_without_trees_is_said():
+    bare = forest.build(SCENE.changed(plantings=(BUSH.changed(expected=0.0),)))
+    assert bare.forest.notes == ("no tree stands: expect more, or a larger field",)

@@ -5,7 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from forest_addon.results.figures import facts, figures_of, words
+from forest_addon.results.figures import facts, words
+from forest_addon.results.kinds import figures_of
+from forest_addon.results.reverb import of_response
 from forest_addon.sensing.reverb.metrics import octave_bands
 from forest_addon.sensing.reverb.response import ImpulseResponse
 from forest_addon.spec import Reverb
@@ -35,7 +37,7 @@ def response(direct_clear=True, further=()):
 
 
 def test_numbers_of_a_response():
-    shown = facts(figures_of(Reverb(), response(), trunks=5000))
+    shown = facts(of_response(response(), trunks=5000))
     assert shown["trunks cut from the scene"] == "5,000"
     assert shown["trunks heard"] == "1,234"
     assert float(shown["reverberation time"].removesuffix(" s")) == pytest.approx(1.0, abs=0.01)
@@ -51,7 +53,7 @@ def test_a_path_of_several_channels():
 
 
 def test_no_name_twice():
-    found = figures_of(Reverb(), response(), trunks=1)
+    found = of_response(response(), trunks=1)
     for names in ([each.name for each in found], [each.short for each in found]):
         named = [name for name in names if name]
         assert len(named) == len(set(named))

@@ -15,7 +15,7 @@ from forest_addon.results.echo_files import write_echo
 from forest_addon.sensing.sonar.equipment_files import equip, find, read_pattern, read_route
 from forest_addon.sensing.sonar.flight import fly
 from forest_addon.sensing.sonar.ping import Targets, ping
-from forest_addon.sensing.sonar.poses import posed
+from forest_addon.sensing.sonar.poses import posed, poses_of
 from forest_addon.spec import Air, Scene, Sonar, SpecError
 
 LEAVES = discs_of([[2, 0, 2], [3, 0.2, 2]], [1.0, 0, 0], 0.02)
@@ -57,7 +57,7 @@ def test_routes(tmp_path: Path) -> None:
     path.write_text(
         "x_m,y_m,z_m,azimuth_deg,elevation_deg,beam_width_deg\n0,0,1,90,0,30\n0,2,1,90,0,65\n"
     )
-    first, last = read_route(path, 4.0)
+    first, last = poses_of(read_route(path, 4.0))
     np.testing.assert_allclose(first.frame[0], [0, 1, 0], atol=1e-15)
     np.testing.assert_allclose(first.velocity, [0, 4, 0])
     assert np.rad2deg([first.width, last.width]) == pytest.approx([30, 65])

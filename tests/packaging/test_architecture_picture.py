@@ -58,7 +58,7 @@ for module in sys.argv[1:]:
 @pytest.mark.slow
 def test_what_python_really_loads_is_below_in_the_picture(drawing, project):
     """The arrows are read from the text; here Python says what an import brought in."""
-    modules = ["sensing.lidar.scan", "sensing.reverb.response", "stand.plan", "results.export"]
+    modules = ["sensing.lidar.scan", "sensing.reverb.response", "stand.plan", "results.kinds"]
     words = [sys.executable, "-c", LOADS, *modules]
     loaded = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
     wings = [(wing, wing.split("/")[0]) for wing in drawing.WINGS]  # a package loads its own file

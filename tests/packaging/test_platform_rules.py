@@ -100,7 +100,7 @@ def test_permissions_are_those_that_are_used_and_say_why(code):
 
 def test_it_says_the_oldest_blender_that_is_tested():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    tested = re.findall(r"bpy>=(\d+\.\d+)", " ".join(project["dependencies"]))
+    tested = re.findall(r"bpy>=(\d+\.\d+)", " ".join(project["optional-dependencies"]["bpy"]))
     assert MANIFEST["blender_version_min"] == f"{min(tested)}.0"
 
 

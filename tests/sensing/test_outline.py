@@ -7,7 +7,8 @@ import pytest
 
 from forest_addon.sensing.kinds import outline
 from forest_addon.sensing.lines import AROUND
-from forest_addon.sensing.sonar.beam import beam_frame, beam_offsets
+from forest_addon.sensing.sonar.beam import beam_offsets
+from forest_addon.sensing.trajectory import frame_of
 from forest_addon.spec import Airborne, Mobile, Pose, Reverb, Sonar, Terrestrial, Tractor
 
 
@@ -23,7 +24,7 @@ def test_the_contour_of_a_beam_is_where_it_has_lost_3_db(axis, width):
     )
     contour = outline(sonar)[:AROUND, 0] - sonar.position
     np.testing.assert_allclose(np.linalg.norm(contour, axis=1), 7.0, rtol=1e-12)
-    az, el = np.degrees(beam_offsets(contour / 7.0, beam_frame(*np.radians(axis))))
+    az, el = np.degrees(beam_offsets(contour / 7.0, frame_of(*np.radians(axis))))
     lost = 3.0 * ((2 * az / width[0]) ** 2 + (2 * el / width[1]) ** 2)  # dB of a Gaussian
     np.testing.assert_allclose(lost, 3.0, atol=1e-9)
 

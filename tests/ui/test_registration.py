@@ -83,7 +83,10 @@ forest_addon.register()
 new = {name.split(".")[0] for name in set(sys.modules) - before}
 heavy = new & {"scipy", "laspy", "lazrs", "cattrs", "matplotlib", "tqdm"}
 rooms = {n for n in sys.modules if n.startswith("forest_addon.")}
-print(sorted(heavy), sorted(r for r in rooms if r.split(".")[1] not in ("base", "ui", "spec", "blender")))
+rooms = {r for r in rooms if r.split(".")[1] not in ("base", "ui", "spec", "blender")}
+records = {"kind", "kinds", "look", "looks", "cost", "audit", "lines"}  # of sensors: light
+records |= {"emptiness", "sensing", "lidar", "sonar", "reverb", "rays", "boxes", "geometry", "caster"}
+print(sorted(heavy), sorted(r for r in rooms if not set(r.split(".")[1:]) <= records))
 """
 
 

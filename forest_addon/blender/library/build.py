@@ -9,7 +9,7 @@ object can be appended or linked by itself. What sensors know of the tree lies o
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +19,7 @@ import bpy
 import numpy as np
 
 from ...base.places import file_name
+from ...base.progress import Progress
 from ...base.rng import stream
 from ...formats.atomic import replacing
 from ...growth.tree import Tree, grow
@@ -31,7 +32,6 @@ from ..scene.standing import fingerprint
 from . import asset_picture
 from .catalogs import ROOT, add_catalogs, catalog_id, catalog_of
 
-Progress = Callable[[int, int], None]
 AUTHOR = ROOT
 
 

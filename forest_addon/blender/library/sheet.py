@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
 from ... import spec
+from ...base.progress import Progress
 from ...growth.tree import Tree
 from ..files.opening import empty_file
 from ..scene import materials
@@ -25,8 +26,6 @@ TILT = math.radians(7.0)
 FIELD = (1.0, 1.28)  # width and height of a cell, Blender's units
 ROOM = (0.90, 0.98)  # of a tree in its cell
 FOOT = 0.20  # of a tree above the lower edge of its cell, for a label
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ one is touched, and what was made of one that fails is taken back; then the obje
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -39,6 +40,7 @@ SHOWN_IN_FULL = (
     30_000_000  # triangles; where there are more, views show outlines until told otherwise
 )
 PICTURE_KEY = "forest_picture"  # what the picture of a variant was drawn from
+_stands: dict[int, weakref.ref[Forest]] = {}  # built last, by scene
 POINTS_ROLE, GROUND_ROLE = f"{TREES}/points", f"{GROUND_NAME}/ground"
 
 
@@ -82,7 +84,14 @@ def build(
         give_instancer(things[POINTS_ROLE], *libraries, light=plan.light)
     if GROUND_ROLE in things:
         show_near(things[GROUND_ROLE], settings.forest, terrain)
+    _stands[scene.session_uid] = weakref.ref(forest)
     return root(scene)
+
+
+def stands(scene: bpy.types.Scene, forest: Forest) -> bool:
+    """Return whether a forest is the one that was last built in a Blender scene."""
+    last = _stands.get(scene.session_uid)
+    return last is not None and last() is forest
 
 
 @dataclass

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import bpy
 import numpy as np
 
+from ...base.progress import Progress
 from ...sensing.audit import Audit
 from ...sensing.kind import Observation
 from ...sensing.kinds import choose, kind_of
@@ -19,17 +20,16 @@ from ...sensing.rays.caster import RayCaster
 from ...sensing.rays.inside import tree_around
 from ...sensing.rays.precision import rounding_warning
 from ...sensing.reverb.sums.fast_scattering import Expansions
-from ...spec import Mobile, Rays, Scene, Sensor, Sonar
+from ...sensing.trajectory import Trajectory
+from ...spec import Rays, Scene, Sensor
 from ...stand.placed import PlacedTrees
 from ..rays.casters import make_caster
 from ..read.depsgraph import read_scene
 from ..read.kept import kept
 from ..scene.asset_truth import placed_trees
 from ..scene.nodes import in_full
-from .motion import follow
-from .platform import path_of_object
+from .following import SceneFollower
 
-Progress = Callable[[int, int], None]
 T = TypeVar("T")
 ENDS = {"SPEAKER", "EMPTY", "CAMERA"}  # what can be a source or a receiver
 
@@ -95,7 +95,7 @@ class Observer:
         settings: Scene,
         progress: Progress | None = None,
         folder: Path = Path(),
-        way: Any = None,
+        way: Trajectory | None = None,
     ) -> Any:
         """Run one sensor of a scene; with its ``way`` given, this touches no Blender data.
 
@@ -107,7 +107,7 @@ class Observer:
         """
         return kind_of(sensor).run(self._observation(sensor, settings, folder, way), progress)
 
-    def warnings(self, sensor: Sensor, way: Any = None) -> tuple[str, ...]:
+    def warnings(self, sensor: Sensor, way: Trajectory | None = None) -> tuple[str, ...]:
         """Return what a user would not want of where a sensor stands, in sentences: inside of a tree."""
         points = kind_of(sensor).positions(Observation(sensor, self, Scene(), Path(), way))
         trees = tree_around(self.wood, points)
@@ -117,6 +117,12 @@ class Observer:
             for tree in np.unique(trees[trees >= 0]).tolist()
         )
 
+    def empty(
+        self, sensor: Sensor, settings: Scene, found: Any, folder: Path = Path(), way: Any = None
+    ) -> str:
+        """Return that a finding holds nothing, and why, in a sentence; "" of one that holds something."""
+        return kind_of(sensor).empty(self._observation(sensor, settings, folder, way), found)
+
     def audit(
         self,
         sensor: Sensor,
@@ -124,7 +130,7 @@ class Observer:
         found: Any,
         seconds: float,
         folder: Path = Path(),
-        way: Any = None,
+        way: Trajectory | None = None,
     ) -> Audit | None:
         """A random sample of a finding, computed again by the exact way; None where audits are off.
 
@@ -154,18 +160,3 @@ class Observer:
         ValueError : what it should follow, or the file of its route, is not there or cannot be used.
         """
         return kind_of(sensor).trajectory(sensor, folder, SceneFollower(bpy.context.scene))
-
-
-class SceneFollower:
-    """Trajectories of objects and curves of a Blender scene."""
-
-    def __init__(self, scene: bpy.types.Scene) -> None:
-        self._scene = scene
-
-    def path(self, sensor: Mobile) -> Any:
-        """The path of a platform over time; None: by its own poses."""
-        return path_of_object(self._scene, sensor)
-
-    def poses(self, sensor: Sonar) -> Any:
-        """The poses of single pings along an object or a curve."""
-        return follow(self._scene, sensor)

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
 
 import bpy
 import numpy as np
 from mathutils import Vector
 
 from ... import spec
+from ...base.progress import Progress
 from ...formats.atomic import replacing
 from ..scene import materials
 from ..scene.instances import read_points
 from ..scene.layout import TREES, objects_in, part
 from ..scene.standings import IGNORED_KEY
 
-Progress = Callable[[int, int], None]
 Field = tuple[tuple[float, float], tuple[float, float]]
 LEVEL, FROM_ABOVE = -0.055, -0.45  # how much a camera looks down, a metre forward
 WHOLE = 1.06  # of the picture for what is seen from above: all of it, with an edge

@@ -41,7 +41,7 @@ class Scion:
 
 @dataclass(frozen=True)
 class Site:
-    """Where a branch is grafted: its foot (3,), unit direction (3,) and length in metres."""
+    """Place of a graft: its foot (3,), unit direction (3,) and length in metres."""
 
     foot: np.ndarray
     direction: np.ndarray

@@ -35,7 +35,7 @@ def allometry_names() -> list[str]:
 
 
 def file_stem(name: str) -> str:
-    """What the file of a kind is called: "Picea abies" becomes picea-abies."""
+    """Return what the file of a kind is called: "Picea abies" becomes picea-abies."""
     return file_name(name.lower()).replace(" ", "-")
 
 

@@ -115,7 +115,7 @@ def complete_species(
 def _once(
     what: tuple[str, float], wood: np.ndarray, leaves: np.ndarray | None, make: Callable[[], Any]
 ) -> Any:
-    """What ``make`` makes of facets; of the trees that were last asked for it is kept.
+    """Return what ``make`` makes of facets; of the trees that were last asked for it is kept.
 
     Every update of a forest, and every scene of a series, reads its species anew, and recognising one takes
     up to seconds. What is made of a template is kept by the object: the same one comes back.

@@ -7,12 +7,13 @@ of Tanveer et al.'s grammar, fitted to its habit), and a scene that plants it (s
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from ...base.progress import Progress
 from ...base.trimesh import LEAF, TriMesh
 from ...formats.atomic import replacing
 from ...formats.stl import StlError, read_stl, write_stl
@@ -28,8 +29,6 @@ from ..regrow.anatomy import dissect
 from ..regrow.fitted import Habit, fit
 from .species_file import MOST_OF_TREE
 
-Progress = Callable[[int, int], None]
-
 
 class NotUnderstoodError(SpecError):
     """Facets that are no tree, with the (T, 3, 3) facets themselves, z up, and (N, 3) places in them."""
@@ -42,7 +41,7 @@ class NotUnderstoodError(SpecError):
 
 @dataclass(frozen=True)
 class Library:
-    """What was read and recognised, in file units, and what it was made into.
+    """Library of a user's tree: as read and recognised, in file units, and as made.
 
     wood, leaves : (T, 3, 3) facets as read, z up. leaf : median length of a leaf, None without leaves.
     unit : what one unit of the files is taken to be. habit : the tree taken apart, in metres.
@@ -68,12 +67,12 @@ class Library:
 
     @property
     def branches(self) -> int:
-        """How many first-level branches it has."""
+        """Return how many first-level branches it has."""
         return int(np.count_nonzero(self.habit.anatomy.order == 1))
 
     @property
     def leaf_count(self) -> int:
-        """How many leaves."""
+        """Return how many leaves."""
         return len(self.habit.anatomy.foliage.bearer)
 
 

@@ -85,7 +85,7 @@ def curved(skeleton: Skeleton, sites: LeafSites, collar: float = 0.0) -> tuple[S
 
 @dataclass(frozen=True)
 class _Joints:
-    """Where the first segments of axes sit on their parents.
+    """Joints of the first segments of axes with their parents.
 
     head : (S,) whether a segment starts an axis. share : (S,) of the parent's length; 1 at its end.
     aside : (S, 3) from there to the start, 0 of all but first segments. level : (S,) of the axis: 0 of roots.
@@ -234,7 +234,7 @@ def _within(tangent: np.ndarray, way: np.ndarray) -> np.ndarray:
 
 
 def _cuts(skeleton: Skeleton, curves: Curves, collars: Collars) -> tuple[np.ndarray, np.ndarray]:
-    """Where segments are to start: piece (N,) and share of it (N,), ascending; every piece at 0."""
+    """Return where segments are to start: piece (N,) and share of it (N,), ascending; every piece at 0."""
     chord = curves.end - curves.start
     length = np.maximum(np.sqrt(np.einsum("si,si->s", chord, chord)), 1e-12)
     aside = [np.sqrt(((t - chord) ** 2).sum(axis=1)) for t in (curves.out, curves.into)]

@@ -1,4 +1,4 @@
-"""What a forester would measure of a grown tree, by the definitions of the tables of measured ones.
+"""Measures of a grown tree as a forester takes them, by the definitions of the tables of measured ones.
 
 Diameter: of the stem 1.3 m above the ground. Height: of the highest point. Base of the crown: where the
 lowest branch that bears leaves leaves the stem. Width: the mean diameter of the crown seen from above,

@@ -39,7 +39,7 @@ class Met:
 
 
 def leaves_needed(species: Species, blade: Blade, area: float) -> int:
-    """How many leaves, or shoots, of a species make a leaf area.
+    """Return how many leaves, or shoots, of a species make a leaf area.
 
     Raises
     ------

@@ -88,7 +88,7 @@ def lowest_kept(foot: np.ndarray, leaf: np.ndarray, top: float, wanted: Wanted) 
 
 
 def measures_of(parts: Parts) -> dict[str, float]:
-    """What the tree measures, by the names of ``TARGETS``."""
+    """Return what the tree measures, by the names of ``TARGETS``."""
     leaves, wood = parts.leaves, parts.skeleton
     reach = 0.5 * leaves.length[:, None] * leaves.axis
     ends = np.concatenate([leaves.centre - reach, leaves.centre + reach])

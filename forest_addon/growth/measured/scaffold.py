@@ -93,7 +93,8 @@ def scaffold_of(
 
 
 def _heavy_count(plan: Architecture, dbh: float) -> int:
-    """How many heavy limbs a stem divides into; 0 of one that has a leader, as any has when it is young."""
+    """Return how many heavy limbs a stem divides into; 0 of one that has a leader, as any has when it is
+    young."""
     if plan.fork >= 1 or dbh < plan.control:
         return 0
     return max(FEWEST, round(plan.limbs * (dbh / THICK_AT) ** plan.growth))
@@ -218,7 +219,7 @@ def _divided(
     first: int,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What heavy limbs, as of ``_nodes_of``, divide into: curves to places beside their tips.
+    """Return what heavy limbs, as of ``_nodes_of``, divide into: curves to places beside their tips.
 
     first : number of the limbs' first node.
     """

@@ -1,4 +1,4 @@
-"""What a tree is to measure: taken from targets and drawn by the allometry of its kind, or refused."""
+"""Measures that a tree is to have: taken from targets and drawn by the allometry of its kind, or refused."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MOST_TIMES = 5.0  # over the largest leaf area that 95 % of the kind have
 
 @dataclass(frozen=True)
 class Kind:
-    """What a species that is grown to measure takes from files: its allometry, and its own leaf or None."""
+    """Files of a species that is grown to measure: its allometry, and its own leaf or None."""
 
     allometry: Allometry | None
     blade: Blade | None = None

@@ -1,4 +1,4 @@
-"""Which segments of a skeleton make one axis, and which first-level branch each belongs to.
+"""Axes of a skeleton: the segments of each, and the first-level branch that each belongs to.
 
 An axis goes on from a segment to its first daughter of equal order that starts where the segment ends;
 every other daughter starts an axis of its own. Both questions are answered for all segments at once by

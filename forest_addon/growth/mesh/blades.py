@@ -51,12 +51,13 @@ class Blade:
 
     @cached_property
     def curved(self) -> bool:
-        """Whether it leaves the plane."""
+        """Return whether it leaves the plane."""
         return bool(self.vertices[:, 2].any())
 
     @property
     def by_facets(self) -> bool:
-        """Whether its area is that of its facets: of a curved leaf, not of one that stands for more."""
+        """Return whether its area is that of its facets: of a curved leaf, not of one that stands for
+        more."""
         return self.curved
 
     @cached_property

@@ -1,4 +1,4 @@
-"""How much area of a mesh lies in each cell of a grid: triangles cut exactly at the cells' walls.
+"""Area of a mesh in each cell of a grid: triangles cut exactly at the cells' walls.
 
 Most triangles lie in one cell. A wall that passes through a triangle cuts off the corner that stands alone
 on its side, with the share s·t of the area, s and t being the shares of its two edges that do. Of a triangle
@@ -123,7 +123,7 @@ class _Grid:
         return number
 
     def sums(self, number: np.ndarray, kind: np.ndarray, size: np.ndarray, parts: int) -> CellAreas:
-        """What lies in each cell, of each part, of sizes (N,) in cells of these numbers."""
+        """Return what lies in each cell, of each part, of sizes (N,) in cells of these numbers."""
         count = self.size[0] * self.size[1] * self.size[2]
         named: np.ndarray | None = None
         if count * parts > DENSE * len(number):

@@ -92,7 +92,7 @@ def _inner(
     sunk: float,
     tolerance: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Whether each axis (A,) starts a ring earlier, where, and how wide it may be there.
+    """Return whether each axis (A,) starts a ring earlier, where, and how wide it may be there.
 
     foot : (A,) first segment of each axis. chain : (S,) all segments, axis by axis.
     """

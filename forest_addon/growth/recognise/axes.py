@@ -106,7 +106,7 @@ def _heaviest(slices: Slices, mass: np.ndarray) -> np.ndarray:
 
 
 def _walk(step: np.ndarray, start: np.ndarray, many: np.ndarray) -> np.ndarray:
-    """Where one is after so many steps."""
+    """Return where one is after so many steps."""
     at = start.copy()
     for taken in range(int(many.max(initial=0))):
         going = many > taken

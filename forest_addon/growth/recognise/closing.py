@@ -1,4 +1,4 @@
-"""Where a joined mesh was cut: the mother's hole is closed, the daughter goes on to her axis.
+"""Closing of a joined mesh where it was cut: the parent's hole is closed, the child goes on to its axis.
 
 A daughter's rim is a ring of edges beyond which her mother's triangles lie. A fan over it closes the
 mother; the ring, moved along to where the two axes meet and made to fit within her, gives the daughter
@@ -182,9 +182,8 @@ def loose_edges_of(pieces: Pieces, keys: np.ndarray) -> np.ndarray:
 def _meetings(
     slices: Slices, axes: Axes, course: Course, middle: np.ndarray, wide: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where the axes of daughters meet those of their mothers (A, 3), the middle of the mother's bark
-    there (A, 3), and her radius (A,).
-    """
+    """Return where the axes of daughters meet those of their mothers (A, 3), the middle of the mother's
+    bark there (A, 3), and her radius (A,)."""
     start, heading, _ = beginnings(slices, axes, course)
     foot, apex, thick = middle.copy(), middle.copy(), np.ones(len(axes))
     chain = np.flatnonzero(axes.chain)

@@ -22,7 +22,7 @@ SIDES = 4
 
 
 def are_fronds(trunk: Centrelines, leaves: Pieces) -> bool:
-    """Whether the leaves are so long that they are a palm's fronds."""
+    """Return whether the leaves are so long that they are a palm's fronds."""
     if leaves.count < FEWEST:
         return False
     low, high = np.full((leaves.count, 3), np.inf), np.full((leaves.count, 3), -np.inf)

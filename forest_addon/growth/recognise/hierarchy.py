@@ -1,4 +1,4 @@
-"""Which branch grows on which: trunk, parents, and the bearers of leaves.
+"""Hierarchy of branches: trunk, parents, and the bearers of leaves.
 
 The trunk is, of the pieces at least ``STOUT`` times as thick at an end as the thickest is, the one that
 reaches lowest; where several begin at the same level (a bush), the largest. Roots are too thin to be
@@ -33,7 +33,7 @@ CLOSER = 1.25  # lengths by which one comes nearer to a tapering surface, at mos
 
 @dataclass(frozen=True)
 class Hierarchy:
-    """Who hangs on whom, for C pieces.
+    """Parents of C pieces.
 
     trunk : piece.
     parent : (C,) piece it hangs on, -1 for the trunk.
@@ -51,7 +51,7 @@ class Hierarchy:
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of C pieces before they are hung, because they were cut from one another.
+    """Knowledge of C pieces before they are hung, because they were cut from one another.
 
     mother : (C,) piece, -1 where it has to be found. foot : (C, 3) where it begins, on her axis.
     radius : (C,) hers there.

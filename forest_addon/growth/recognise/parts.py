@@ -1,4 +1,4 @@
-"""What a file holds of a tree: meshes with names, told apart into wood and leaves, and set upright.
+"""Parts of a tree in a file: meshes with names, told apart into wood and leaves, and set upright.
 
 Names of objects and materials tell first ("leaf", "bark"); a mesh whose name does not tell is what most
 of its area looks like, and a file without names is looked at piece by piece. A piece is a leaf where its
@@ -171,7 +171,7 @@ def upright(facets: np.ndarray, up: str) -> np.ndarray:
 
 
 def _kind_by_name(group: Group) -> str:
-    """What the material's name says, or else the object's; empty where neither says."""
+    """Return what the material's name says, or else the object's; empty where neither says."""
     for name in (group.material.lower(), group.name.lower()):
         found = [
             kind

@@ -41,12 +41,12 @@ class TemplateError(ValueError):
 
 
 class LeanError(TemplateError):
-    """What looks like the trunk lies down: perhaps another axis points up."""
+    """Error: the piece that looks like the trunk lies down; perhaps another axis points up."""
 
 
 @dataclass(frozen=True)
 class Doubt:
-    """What was recognised but may be wrong: a sentence, and the (N, 3) places where."""
+    """Doubt about what was recognised: a sentence, and the (N, 3) places where."""
 
     sentence: str
     places: np.ndarray
@@ -54,7 +54,7 @@ class Doubt:
 
 @dataclass(frozen=True)
 class Recognition:
-    """What was recognised, in the units of the facets: C pieces of wood and L leaves.
+    """Result of the recognition, in the units of the facets: C pieces of wood and L leaves.
 
     wood : the pieces of wood; ``wood.piece`` is the piece of each triangle.
     lines : their centrelines.

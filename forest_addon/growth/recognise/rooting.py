@@ -1,4 +1,4 @@
-"""Which pieces begin deep within another one, so that their mother is plain.
+"""Rooting of pieces that begin deep within another one, so that their parent is plain.
 
 A tip or a flank may touch any wood; a foot that was drawn from its mother's axis lies near that axis. An end
 is rooted in a piece where it is at most half her radius off her axis, she is no thinner there than the end,
@@ -26,7 +26,7 @@ NEAREST = 12  # balls looked at, of each group
 
 
 def root(lines: Centrelines, trunk: int, known: Known) -> Known:
-    """What is known of mothers, and the mothers of pieces that are rooted deep in one."""
+    """Return what is known of mothers, and the mothers of pieces that are rooted deep in one."""
     count = len(lines.first) - 1
     free = np.flatnonzero((known.mother < 0) & (np.arange(count) != trunk))
     if not len(free):
@@ -66,7 +66,8 @@ def root(lines: Centrelines, trunk: int, known: Known) -> Known:
 def _begins_there(
     lines: Centrelines, mother: np.ndarray, along: np.ndarray, radius: np.ndarray, tapers: float
 ) -> np.ndarray:
-    """Whether places along pieces are where these begin: at an end, unless that tapers by this factor."""
+    """Return whether places along pieces are where these begin: at an end, unless that tapers by this
+    factor."""
     length, ends = lines.length()[mother], lines.end_radius[mother]
     first = (along <= FEET * radius) & (ends[..., 0] * tapers > ends[..., 1])
     last = (length - along <= FEET * radius) & (ends[..., 1] * tapers > ends[..., 0])

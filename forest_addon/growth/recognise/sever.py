@@ -120,7 +120,7 @@ def _take_back(pieces: Pieces, slices: Slices, axes: Axes, course: Course) -> np
 
 
 def _outside(pieces: Pieces, slices: Slices, course: Course, place: np.ndarray) -> np.ndarray:
-    """Whether vertices lie beyond the tube of the axis whose slice they are in."""
+    """Return whether vertices lie beyond the tube of the axis whose slice they are in."""
     of = slices.of_vertex[place]
     offset = pieces.vertices[place] - course.centre[of]
     along = np.einsum("ni,ni->n", offset, course.heading[of])

@@ -78,7 +78,7 @@ class _Look:
     doubt: np.ndarray
 
     def of(self, rows: np.ndarray) -> _Look:
-        """What was seen of some of the points."""
+        """Return what was seen of some of the points."""
         return _Look(self.gap[:, rows], self.doubt[:, rows])
 
 

@@ -1,4 +1,5 @@
-"""How height and crown go with the stem: measured exponents, and how much trees of one stand differ.
+"""Allometry of siblings: measured exponents of height and crown over the stem, and the spread within one
+stand.
 
 log H = log H' + h·log(D/D') along a tree's life, log W likewise with w for the width of the crown, D the
 diameter at breast height. Exponents by ordinary least squares on logarithms within each study and
@@ -62,7 +63,7 @@ NAMES = {
 
 
 def allometry_of(name: str) -> str:
-    """Whose measurements to take for a species of this name; "any" where the name does not tell."""
+    """Return whose measurements to take for a species of this name; "any" where the name does not tell."""
     words = name.lower().replace("_", "-").split("-")
     for genus, names in NAMES.items():
         if any(word in words for word in names):

@@ -1,4 +1,4 @@
-"""How the branches of one order are laid: bent otherwise than in the template, each at its own slope.
+"""Laying of the branches of one order: bent otherwise than in the template, each at its own slope.
 
 A trunk leaves the ground as it does in the template, so that its base lies as flat, and does not lean much
 more. A branch is bent about its line; how its foot's slope differs fades along it, and where it would grow

@@ -38,7 +38,7 @@ class Lines:
 
 @dataclass(frozen=True)
 class Seats:
-    """Where N things sit on a line.
+    """Seats of N things on a line.
 
     stretch : (N,) of their line, from 0. part : (N,) how far along it, 0 .. 1.
     away : (N,) how far off the axis. aside : (N,) radians about T, from N, where that is.

@@ -1,4 +1,4 @@
-"""Where the daughters of axes stand: on nodes, moved along and turned about the axis.
+"""Nodes of axes, where their children stand: moved along and turned about the axis.
 
 The nodes of a production are kept in their order. Where an axis is longer or shorter than its template it
 has more or fewer of them, evenly (systematic sampling); each is moved by as much as spacing is uneven in

@@ -115,7 +115,7 @@ def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Shoot
 
 
 def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: int) -> Shoots:
-    """What the axes of the order below bear."""
+    """Return what the axes of the order below bear."""
     anatomy = habit.anatomy
     count = size.branches if order == 1 else below.scale**size.count_exponent
     placed = place_daughters(

@@ -1,4 +1,4 @@
-"""How large one tree is beside its template: stem, girth, crown, and how many branches follow.
+"""Size of one tree beside its template: stem, girth, crown, and how many branches follow.
 
 From age or a given height or diameter by measured allometry (``allometry``), and in between by chance as
 trees of one stand differ. A longer stem bears more nodes, not longer internodes alone; a longer branch

@@ -48,7 +48,7 @@ def write_string(habit: Habit, grown: Grown, variety: float, generations: int) -
 
 
 def generations_of(habit: Habit) -> int:
-    """How often a string is rewritten until the leaves are set."""
+    """Return how often a string is rewritten until the leaves are set."""
     return int(habit.anatomy.order.max(initial=0)) + 2
 
 
@@ -95,7 +95,7 @@ def _seats(grown: Grown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _way_to(grown: Grown, branch: int, seat: tuple[np.ndarray, np.ndarray, np.ndarray]) -> str:
-    """How the turtle gets from her mother's axis into a branch's frame."""
+    """Return how the turtle gets from her mother's axis into a branch's frame."""
     mother = int(grown.mother[branch])
     stretch, off = seat[0][branch], seat[2][branch]
     frame = GROUND if mother < 0 else grown.lines.frame[grown.lines.first[mother] + stretch]

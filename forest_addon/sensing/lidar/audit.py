@@ -202,7 +202,7 @@ def _differ(one: Returns, other: Returns) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rows(cloud: Cloud, number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the returns of pulses begin and end."""
+    """Return where the returns of pulses begin and end."""
     return (
         np.searchsorted(cloud.pulse, number, side="left"),
         np.searchsorted(cloud.pulse, number, side="right"),

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...base.progress import Progress
 from ...base.rng import stream
 from ...base.words import keep
 from ...spec import Airborne, Mobile, Terrestrial, Tractor
 from ..audit import Audit
 from ..cost import Cost, cost_of_rays
-from ..kind import Follower, Observation, Progress, SensorKind
+from ..emptiness import why_nothing
+from ..kind import Observation, SensorKind
 from .look import look_of_airborne, look_of_mobile, look_of_terrestrial, look_of_tractor
 
+if TYPE_CHECKING:
+    from ..trajectory import Follower, Trajectory
+
+PLACES = 64  # along a way, that are looked at where nothing was found
 MOST_RETURNS = 1.5  # of a pulse, as forests give them
 
 
@@ -47,6 +53,30 @@ def _audit_scan(job: Observation, found: Any, seconds: float) -> Audit:
     return audit_scan(work, found, rng, seconds, job.settings.accuracy.audit, job.seen.geometry)
 
 
+def _no_hits(job: Observation, found: Any) -> str:
+    """The reason why no beam of a tractor met anything."""
+    from .tractor import positions
+
+    if np.isfinite(found.distance).any():
+        return ""
+    along = np.linspace(0, positions(job.sensor)[-1], PLACES)[:, None]
+    heading = np.deg2rad(job.sensor.heading_deg)
+    where = job.sensor.position + along * [np.cos(heading), np.sin(heading), 0.0]
+    return why_nothing("no beam met anything", where, job.sensor.max_range, job.seen.geometry)
+
+
+def _no_points(job: Observation, found: Any) -> str:
+    """The reason why a scan has no point."""
+    from .scanner import pattern_of
+
+    if len(found):
+        return ""
+    pattern = pattern_of(job.sensor, job.trajectory)
+    some = np.linspace(0, pattern.count - 1, PLACES).astype(np.int64)
+    where = pattern.pulses(some).origin
+    return why_nothing("0 points", where, job.sensor.max_range, job.seen.geometry)
+
+
 def _cost_of_drive(tractor: Tractor, _trajectory: Any, engine: str) -> Cost:
     from .tractor import fan, positions
 
@@ -62,8 +92,12 @@ def _cost_of_scan(scanner: Any, trajectory: Any, engine: str) -> Cost:
     return cost_of_rays(scanner, count, scanner.beam.subrays, returns, engine)
 
 
-def _path(scanner: Mobile, _folder: Path, follower: Follower) -> Any:
-    return follower.path(scanner)
+def _trajectory(scanner: Mobile, _folder: Path, follower: Follower) -> Trajectory | None:
+    from ..trajectory import followed, through
+
+    if scanner.follow:
+        return followed(follower, scanner.follow, scanner.speed)
+    return through(scanner.poses) if scanner.poses else None
 
 
 def _where_it_starts(job: Observation) -> np.ndarray:
@@ -120,6 +154,7 @@ TRACTOR = SensorKind(
     Tractor,
     run=_drive,
     audit=_audit_drive,
+    empty=_no_hits,
     cost=_cost_of_drive,
     outline=_fan,
     look=look_of_tractor,
@@ -134,6 +169,7 @@ TERRESTRIAL = SensorKind(
     Terrestrial,
     run=_scan,
     audit=_audit_scan,
+    empty=_no_points,
     cost=_cost_of_scan,
     outline=_window,
     look=look_of_terrestrial,
@@ -149,7 +185,8 @@ MOBILE = SensorKind(
     Mobile,
     run=_scan,
     audit=_audit_scan,
-    trajectory=_path,
+    empty=_no_points,
+    trajectory=_trajectory,
     positions=_where_it_starts,
     cost=_cost_of_scan,
     outline=_poses,
@@ -166,6 +203,7 @@ AIRBORNE = SensorKind(
     Airborne,
     run=_scan,
     audit=_audit_scan,
+    empty=_no_points,
     cost=_cost_of_scan,
     outline=_strips,
     look=look_of_airborne,

@@ -1,4 +1,4 @@
-"""What LiDARs need of trees where their detail is left to "auto": their trajectories, beams and steps."""
+"""Needs of LiDARs where the detail of trees is left to "auto": trajectories, beams and steps."""
 
 from __future__ import annotations
 
@@ -21,9 +21,11 @@ def look_of_tractor(tractor: Tractor) -> BeamLook:
         across = distance * float(np.deg2rad(tractor.angle_step_deg))
         return min(tractor.step, across) if tractor.splits else 0.0
 
+    heading, start = np.deg2rad(tractor.heading_deg), np.array(tractor.position, dtype=float)
+    onward = np.array([np.cos(heading), np.sin(heading), 0.0]) * tractor.track
     return BeamLook(
         name=tractor.name,
-        corners=_straight(tractor),
+        corners=np.stack([start, start + onward]),
         exact_wood=False,
         slack=tractor.step,  # a beam is as wide as a step
         range=tractor.max_range,
@@ -48,7 +50,9 @@ def look_of_mobile(scanner: Mobile) -> BeamLook:
 
 def look_of_airborne(scanner: Airborne) -> BeamLook:
     """The look of a scanner in an aircraft, along its strips."""
-    return _look(scanner, _straight(scanner, scanner.strips, scanner.spacing))
+    from ..trajectory import strips
+
+    return _look(scanner, strips(scanner).position)
 
 
 def _look(scanner: Any, corners: np.ndarray | None, apart: float = 0.0) -> BeamLook:
@@ -74,12 +78,3 @@ def _look(scanner: Any, corners: np.ndarray | None, apart: float = 0.0) -> BeamL
         resolves=resolves,
         widths=width,
     )
-
-
-def _straight(sensor: Any, strips: int = 1, spacing: float = 0.0) -> np.ndarray:
-    """(P, 3) corners of straight parallel lines, back and forth."""
-    heading, start = np.deg2rad(sensor.heading_deg), np.array(sensor.position, dtype=float)
-    onward = np.array([np.cos(heading), np.sin(heading), 0.0]) * sensor.track
-    right = np.array([np.sin(heading), -np.cos(heading), 0.0])
-    starts = [start + k * spacing * right for k in range(strips)]
-    return np.concatenate([[s, s + onward][:: 1 - 2 * (k % 2)] for k, s in enumerate(starts)])

@@ -1,4 +1,4 @@
-"""What a scanner measures wrongly, drawn for each return by its key: seed, scan, pulse, return.
+"""Noise of a scanner, drawn for each return by its key: seed, scan, pulse, return.
 
 No draw depends on another, so a scan has the same bytes in any chunks and after any interruption.
 """

@@ -1,4 +1,4 @@
-"""What a scan could not see: cells that pulses reached or did not, and trees that stood behind others.
+"""Occlusion of a scan: cells that pulses reached or did not, and trees that stood behind others.
 
 A pulse is its axis. It goes in at every cell that it passes before its last return (all, if nothing came
 back), hits the cells that its returns lie in, and is blocked from those behind its last return, up to the
@@ -59,7 +59,7 @@ def occlusion(scan: Scan, cloud: Cloud, cells: Cells, every: int) -> dict[str, n
 
 
 class _Tally:
-    """How often numbers below a limit are named; they are collected until there are as many."""
+    """Return how often numbers below a limit are named; they are collected until there are as many."""
 
     def __init__(self, limit: int) -> None:
         self._total = np.zeros(limit, np.int64)

@@ -1,4 +1,4 @@
-"""What a ray meets on its way: the first surface, and where leaves let light through, those behind.
+"""Passage of a ray: the first surface, and where leaves let light through, those behind.
 
 A leaf of transmittance τ passes a whole ray with probability τ, as if it had holes that are the same on
 the way back; or it passes a share τ of the light, there and back again, so that what is behind n leaves

@@ -1,4 +1,4 @@
-"""Where the light of a pulse comes from a surface that goes on between its sub-rays.
+"""Patches that a pulse's light comes from where a surface goes on between its sub-rays.
 
 At grazing incidence a footprint is longer than the pulse, and rays that are farther apart than that would
 each make an echo of its own. But the surface goes on between them. Contacts of one pulse that lie on one

@@ -1,4 +1,4 @@
-"""How much light comes back: the LiDAR equation for surfaces that scatter as Lambert's law says.
+"""Radiometry: the LiDAR equation for surfaces that scatter as Lambert's law says.
 
 An energy E sent into a beam gives back to an aperture of diameter D from a surface at range R
 

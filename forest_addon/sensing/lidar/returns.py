@@ -1,4 +1,4 @@
-"""What rays met, in words: organ, leaf, tree, species, and the angle of incidence.
+"""Labels of what rays met: organ, leaf, tree, species, and the angle of incidence.
 
 A caster says which triangle of which instance a ray hit; ``label`` reads from the scene what that is.
 """
@@ -17,7 +17,7 @@ ESCAPED = -1  # organ of a beam that meets nothing
 
 @dataclass(frozen=True)
 class Returns:
-    """What R rays met; where a ray met nothing: inf, NaN or -1.
+    """Hits of R rays with their labels; where a ray met nothing: inf, NaN or -1.
 
     distance : (R,) metres. normal : (R, 3) unit normal of the triangle, as it was made, in the world.
     cos_incidence : (R,) |cos| between ray and surface normal.
@@ -39,7 +39,7 @@ class Returns:
 def label(
     scene: SceneGeometry, hits: Hits, directions: np.ndarray, normal: np.ndarray | None = None
 ) -> Returns:
-    """What hits are: organ, leaf, tree, species, and the angle of incidence of unit directions (R, 3).
+    """Return what hits are: organ, leaf, tree, species, and the angle of incidence of unit directions (R, 3).
 
     normal : (R, 3) normals of the triangles, where they are known already.
     """

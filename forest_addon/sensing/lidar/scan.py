@@ -10,15 +10,17 @@ is behind it all the same. Limits hold for the true range; noise is added after.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import replace
 
 import numpy as np
 
+from ...base.progress import Progress
 from ...base.rng import daughter_keys, first_key
 from ...base.trimesh import LEAF
 from ..rays.caster import RayCaster, hit_normals
+from ..trajectory import Trajectory
 from . import noise, patches
 from .cloud import Cloud, Lost, join
 from .footprint import spread
@@ -26,10 +28,8 @@ from .passage import Contacts, meet
 from .radiometry import detection_limit, intensity, reflectance_of, refuse_surplus
 from .returns import cosines, label
 from .scanner import LiDAR, Pulses, pattern_of
-from .trajectory import Trajectory
 from .waveform import LIGHT, Echoes, find_echoes, pulse_length
 
-Progress = Callable[[int, int], None]
 RAYS_AT_ONCE = 65_536
 MOST_LOST = 100  # pulses of a scan; beyond, it is not a pulse that is at fault
 
@@ -120,7 +120,7 @@ class Scan:
         rays: tuple[np.ndarray, np.ndarray],
         contacts: Contacts,
     ) -> Cloud:
-        """What the receiver makes of the light that comes back to origins and directions of rays."""
+        """Return what the receiver makes of the light that comes back to origins and directions of rays."""
         scanner, scene = self.scanner, self.caster.scene
         hits, ways = contacts.hits, rays[1][contacts.ray]
         normal = hit_normals(scene, hits)

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...spec import Airborne, Mobile, MovingScanner, SpecError, Terrestrial
+from ..trajectory import Trajectory, strips, through
 from .steps import steps
-from .trajectory import Strips, Trajectory, path_of
 
 LiDAR = Terrestrial | Mobile | Airborne
 
@@ -60,11 +60,11 @@ def pattern_of(scanner: LiDAR, path: Trajectory | None = None) -> Pattern:
     if isinstance(scanner, Terrestrial):
         return Tripod(scanner)
     if isinstance(scanner, Airborne):
-        return Sweep(scanner, Strips(scanner))
+        return Sweep(scanner, strips(scanner))
     if path is None:
         if not scanner.poses:
             raise SpecError("poses", "are missing; give poses, or the object to follow")
-        path = path_of(scanner.poses)
+        path = through(scanner.poses)
     return Sweep(scanner, path)
 
 

@@ -8,19 +8,18 @@ share the rays on their borders, so the rays are cast once, as a lattice of P·N
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
+from ...base.progress import Progress
 from ...spec import Tractor
 from ..rays.caster import RayCaster
 from .cloud import Cloud
 from .returns import Returns, label, take
 from .steps import steps
 
-Progress = Callable[[int, int], None]
 RAYS_AT_ONCE = 131_072
 
 
@@ -110,7 +109,7 @@ def axes(tractor: Tractor, scan: np.ndarray, step: np.ndarray) -> tuple[np.ndarr
 
 
 def beams(tractor: Tractor, caster: RayCaster, scan: np.ndarray, step: np.ndarray) -> Returns:
-    """What beams (B,) meet, by scan and step of the fan, each with rays of its own."""
+    """Return what beams (B,) meet, by scan and step of the fan, each with rays of its own."""
     split = max(tractor.splits, 1)
     within = np.arange(tractor.splits + 1)
     i, j = (part.ravel() for part in np.meshgrid(within, within, indexing="ij"))

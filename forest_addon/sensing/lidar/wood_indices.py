@@ -1,5 +1,4 @@
-"""What a tractor scan says of the wood that it met (Méndez et al.): the impacted area, and lines through
-the origin.
+"""Wood indices of a tractor scan (Méndez et al.): the impacted area, and lines through the origin.
 
 A beam that meets wood at distance l stands for the area Δy·l·(sin(θ + Δθ) - sin θ); A_IM is their sum.
 With θ from the horizontal, as Méndez et al.'s eq. 8 has it, that is the size of the sector where it is

@@ -1,4 +1,4 @@
-"""Which instances a ray may meet: a tree of axis-aligned boxes, walked by many rays at a time.
+"""Instances that a ray may meet: a tree of axis-aligned boxes, walked by many rays at a time.
 
 The boxes, in the order of their centres along a Morton curve, are the leaves of an implicit tree with
 ``WIDTH`` children a node; a level is two arrays. A block of rays meets the whole top level at once, then
@@ -111,7 +111,8 @@ def clip(
     start: np.ndarray | float,
     limit: np.ndarray | float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where rays (3, R) enter and leave a box (3,), (3,), within their limits; leave < enter: never."""
+    """Return where rays (3, R) enter and leave a box (3,), (3,), within their limits; leave < enter:
+    never."""
     slope = inverse(directions)
     a = low[:, None] - origins
     a *= slope
@@ -136,7 +137,8 @@ def inverse(directions: np.ndarray) -> np.ndarray:
 def slabs(
     origin: np.ndarray, slope: np.ndarray, box: Box, start: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where rays enter boxes, not before ``start``, and where they leave them; slope is 1/direction."""
+    """Return where rays enter boxes, not before ``start``, and where they leave them; slope is
+    1/direction."""
     low, high = box
     entry: np.ndarray | float = start
     leave: np.ndarray | None = None

@@ -20,7 +20,7 @@ SHORT, LONG = 1e-200, 1e200  # squared lengths that can be taken as they are
 
 @dataclass(frozen=True)
 class Hits:
-    """What R rays hit first.
+    """First hits of R rays.
 
     distance : (R,) float64 metres along the unit direction, ``inf`` for a miss.
     instance, triangle : (R,) int64, -1 for a miss.

@@ -199,7 +199,7 @@ def _meet(mesh: TriMesh, triangle: np.ndarray, origin: np.ndarray, way: np.ndarr
 def _slabs(
     origin: np.ndarray, way: np.ndarray, low: np.ndarray, high: np.ndarray, far: np.ndarray
 ) -> np.ndarray:
-    """Whether rays (..., 3) meet boxes (..., 3) before ``far`` (...)."""
+    """Return whether rays (..., 3) meet boxes (..., 3) before ``far`` (...)."""
     entry, leave = np.zeros(1), far
     with np.errstate(divide="ignore", invalid="ignore"):
         for k in range(3):

@@ -1,4 +1,4 @@
-"""Which rays pass by a mesh that stands in a box they meet: a few boxes around groups of its triangles.
+"""Hulls of a mesh: a few boxes around groups of its triangles tell which rays pass by within its box.
 
 A tree fills its box badly: of rays among a thousand trees that come to one's box, six in seven meet
 nothing in it. Rays in a mesh's own space go in; out comes whether any of its hulls is met, in float32 with

@@ -1,4 +1,4 @@
-"""Whether a point lies inside the wood of a tree: all rays that leave it meet the back of one tree's faces.
+"""Test for points inside the wood of a tree: all rays that leave them meet the back of one tree's faces.
 
 Points and a caster over wood go in, tree numbers come out. Faces of wood look outwards; where an instance
 is mirrored, they are turned back. A point among branches sees sky, or a front.

@@ -1,4 +1,4 @@
-"""How finely a scene's places are known: Blender keeps coordinates in float32.
+"""Precision of a scene's places: Blender keeps coordinates in float32.
 
 Beyond 8 km from the origin neighbouring float32 numbers are a millimetre apart and more (at UTM northings
 half a metre), so what stands there has been moved by up to half of that before anything is sensed.

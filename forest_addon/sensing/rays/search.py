@@ -1,4 +1,4 @@
-"""What the engines share: batches in tasks, limits on both ends, chained rays, exact distances.
+"""Search that the engines share: batches in tasks, limits on both ends, chained rays, exact distances.
 
 An engine only searches in float32: which triangle does each ray meet first behind its ``start``?
 ``Search`` answers all of ``RayCaster`` with that. The search begins a little before ``min_distance`` and
@@ -89,7 +89,7 @@ class Search(ABC):
         min_distance: float | np.ndarray = 0.0,
         leaving: Hits | None = None,
     ) -> np.ndarray:
-        """Whether anything is hit; see ``RayCaster``."""
+        """Return whether anything is hit; see ``RayCaster``."""
         return self.cast(
             origins, directions, max_distance, min_distance=min_distance, leaving=leaving
         ).found

@@ -42,7 +42,7 @@ def arrival(path: float, gain: Gain, rate: float, count: int, air: Air) -> np.nd
 def lines_of_sight(
     source: np.ndarray, receiver: np.ndarray, wood: RayCaster | None
 ) -> tuple[bool, bool]:
-    """Whether the direct and the ground sound, from (3,) to (3,), pass the wood.
+    """Return whether the direct and the ground sound, from (3,) to (3,), pass the wood.
 
     The ground sound goes down towards z = 0 and up again; below ``GROUND_CLEARANCE`` its way is cut
     short, so that the ground does not hide itself.

@@ -116,7 +116,7 @@ def audit_response(
 
 
 def _counted(channel: _Channel) -> Check:
-    """Whether every trunk was heard, or is said to be left out."""
+    """Return whether every trunk was heard, or is said to be left out."""
     found, asked = channel.found, len(channel.paths.length)
     missing = float(abs(found.trunks + found.late + found.weak - asked))
     return Check(
@@ -319,5 +319,5 @@ def _by_octave(
 
 
 def _allowed(channel: _Channel) -> float:
-    """What was asked for, with what is known to be left out."""
+    """Return what was asked for, with what is known to be left out."""
     return (channel.pair.reverb.tolerance or CUT_OFF) + channel.found.weak_bound

@@ -1,4 +1,4 @@
-"""How a source sends: amplitude by the angle from its axis and by frequency.
+"""Directivity of a source: amplitude by the angle from its axis and by frequency.
 
 A table goes in, gains come out. Between the angles of the table the amplitude is linear in their cosine,
 between its frequencies linear in the logarithm; beyond its frequencies it stays. So a directivity is a
@@ -57,7 +57,7 @@ class Term:
 
     @property
     def flat(self) -> bool:
-        """Whether the gain is the same at all frequencies."""
+        """Return whether the gain is the same at all frequencies."""
         return bool(np.all(self.of_frequency == self.of_frequency[0]))
 
     def gains(self, cosine: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ from .directivity import CARDIOID, OMNI, Directivity
 
 
 def directivity_of(reverb: Reverb, folder: Path) -> Directivity:
-    """How the sources of a reverb send; ``folder`` is where the name of its file starts from.
+    """Return how the sources of a reverb send; ``folder`` is where the name of its file starts from.
 
     Raises
     ------

@@ -78,7 +78,7 @@ def ends_of(reverb: Reverb, objects: Places | None = None) -> Ends:
 def _places(
     kind: str, first: tuple[float, ...], further: tuple, named: str, objects: Places
 ) -> dict[str, tuple[float, ...]]:
-    """Where each source, or each receiver, is, by its name."""
+    """Return where each source, or each receiver, is, by its name."""
     found = {kind: first}
     found |= {f"{kind} {number}": place.position for number, place in enumerate(further, 2)}
     for name in filter(None, (part.strip() for part in named.split(","))):

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from ...base.progress import Progress
 from ...base.rng import stream
 from ...base.words import keep
 from ...spec import AUTO, Choice, Reverb, Scene
 from ..audit import Audit
 from ..cost import Cost, cost_of_work
-from ..kind import SOUND, Observation, Progress, Seen, SensorKind
+from ..kind import SOUND, Observation, Seen, SensorKind
 from ..lines import chain
 from ..looks import Look
 
@@ -162,10 +163,21 @@ def _fixed(group: Any) -> str:
     return keep("It sends alike to all sides") if group.directivity == "omni" else ""
 
 
+def _bare(_job: Observation, found: Any) -> str:
+    """The words for a response that no trunk is in."""
+    if any(one.trunks or one.continued for one in (found, *found.further)):
+        return ""
+    return (
+        "no trunk is heard: what there is comes straight and by the ground; set plantings, stems or "
+        "continue_to"
+    )
+
+
 REVERB = SensorKind(
     Reverb,
     run=_respond,
     audit=_audit,
+    empty=_bare,
     positions=_where_ends_are,
     cost=_cost,
     outline=sound_outline,

@@ -1,4 +1,4 @@
-"""What an impulse response says of a place: energy decay, reverberation time, clarity (ISO 3382-1).
+"""Room measures of an impulse response: energy decay, reverberation time, clarity (ISO 3382-1).
 
 An impulse response goes in as samples, numbers come out, of the whole band or of octaves. The onset,
 where early and late sound are counted from, is the first sample within 20 dB of the largest (ISO

@@ -1,4 +1,4 @@
-"""How wrong single scattering is for a stand: some of its trunks, solved exactly.
+"""Error of single scattering for a stand: some of its trunks, solved exactly.
 
 The trunks with the shortest paths around a source and a receiver go in; at third-octave frequencies the
 field that they scatter is computed twice, with every echo between trunks and with each trunk alone
@@ -11,24 +11,23 @@ Kaneko & Gamper's weights, β and α, are not part of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from ...acoustics.multiple import LARGEST, scattered_field, unknowns
+from ...base.progress import Progress
 from ...spec import Air
 from .sums.scattering import trunk_paths
 from .trunks.slices import Trunks
 
-Progress = Callable[[int, int], None]
 FREQUENCIES = 1000.0 * 2.0 ** (np.arange(-12, 4) / 3)  # Hz, thirds of an octave from 62.5 to 2000
 
 
 @dataclass(frozen=True)
 class ModelError:
-    """What single scattering leaves out, at F frequencies.
+    """Error of single scattering at F frequencies.
 
     frequency : (F,) Hz; as far up as the systems can be solved.
     every, once : (F,) pressure with multiple and with single scattering, line source in the plane.

@@ -7,7 +7,6 @@ are in ``response``.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,6 +14,7 @@ import numpy as np
 from scipy import fft
 
 from ...acoustics.ground import SURFACES, spherical_reflection, surface_impedance
+from ...base.progress import Progress
 from ...base.rng import stream
 from ...spec import Air, Reverb
 from .arrivals import Gain, arrival
@@ -28,7 +28,6 @@ from .sums.tree_response import NEAREST, TreeResponse, tree_response
 from .sums.weak import weak_between
 from .trunks.slices import Trunks
 
-Progress = Callable[[int, int], None]
 LOWEST = 1.0  # Hz; below it, the ground is as it is there
 
 
@@ -245,7 +244,7 @@ class Pair:
         )
 
     def _reflected(self, mirrored: np.ndarray, path: float) -> Gain:
-        """What is sent towards the mirrored receiver, times what the ground sends back."""
+        """Return what is sent towards the mirrored receiver, times what the ground sends back."""
         sent, reverb, losses = self._sent_to(mirrored), self.reverb, self.losses
         if losses is not None:
             level = max(float(np.hypot(*(mirrored - self.source)[:2])), NEAREST)

@@ -32,6 +32,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...base.progress import Progress
 from ...spec import Air, Reverb
 from ..rays.caster import RayCaster
 from .arrivals import lines_of_sight
@@ -47,7 +48,6 @@ from .sums.tree_response import NEAREST
 from .trunks.continuation import Field, continuation
 from .trunks.slices import Trunks
 
-Progress = Callable[[int, int], None]
 TrunksBetween = Callable[[np.ndarray, np.ndarray], Trunks]  # by source and receiver
 
 __all__ = ["ImpulseResponse", "channels_of", "impulse_response", "pairs_of"]

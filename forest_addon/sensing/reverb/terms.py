@@ -1,4 +1,4 @@
-"""What a reverb's settings put into its model and what they leave out, in words."""
+"""Terms of a reverb's model: what its settings put in and what they leave out, in words."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ NEVER = (
 
 
 def terms_of(reverb: Reverb) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What is in the model, and what is not."""
+    """Return what is in the model, and what is not."""
     forest = reverb.model == "forest"
     terms = {
         "trunks that scatter once, exactly": True,

@@ -39,7 +39,7 @@ PARTS = (0.5, 0.3, 0.2)  # of the time, for bins, bins of moving calls, samples
 
 @dataclass(frozen=True)
 class _Pings:
-    """What was sent and heard, and how to look again."""
+    """Pings as sent and heard, and a way to look again."""
 
     echoes: Sequence[Echo]
     sonar: Sonar
@@ -103,7 +103,7 @@ def audit_echoes(
 
 
 def _affordable(echoes: Sequence[Echo], share: float) -> bool:
-    """Whether looking for all that one ping could hear fits into a share of the time of all pings."""
+    """Return whether looking for all that one ping could hear fits into a share of the time of all pings."""
     first = echoes[0]
     in_range = first.leaves + first.others - first.far
     heard = sum(len(group) for group in first.groups)

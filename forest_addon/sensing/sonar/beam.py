@@ -1,4 +1,4 @@
-"""How loud a sonar is in a direction: beams in the sonar's own frame.
+"""Beams: the amplitude of a sonar by direction, in its own frame.
 
 Directions go in, the amplitude relative to the axis comes out, for sending or for hearing. The offsets
 az and el are measured from the beam axis in the sonar's own frame: the angle off the axis is laid out
@@ -39,7 +39,7 @@ class Beam(Protocol):
         ...
 
     def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss] | None:
-        """What changes the gain over the frequency, none where nothing does; None: not known."""
+        """Return what changes the gain over the frequency, none where nothing does; None: not known."""
         ...
 
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
@@ -158,7 +158,7 @@ class Omni:
 def beam_offsets(directions: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Azimuth and elevation (L,) off the axis, radians; their hypotenuse is the angle off the axis.
 
-    frame : (3, 3) of ``beam_frame``. Positive to the left and up. Straight behind, where the side is
+    frame : (3, 3) of ``trajectory.frame_of``. Positive to the left and up. Straight behind, where the side is
     open, all of it is azimuth.
     """
     forward, left, up = frame @ directions.T
@@ -167,13 +167,6 @@ def beam_offsets(directions: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray,
     aside = side > 0
     share = np.where(aside, angle, 0.0) / np.where(aside, side, 1.0)
     return np.where(aside, share * left, angle), share * up
-
-
-def beam_frame(azimuth: float, elevation: float) -> np.ndarray:
-    """(3, 3) rows: the axis, to its left (level), and up; defined for a vertical axis too."""
-    ca, sa = math.cos(azimuth), math.sin(azimuth)
-    ce, se = math.cos(elevation), math.sin(elevation)
-    return np.array([[ce * ca, ce * sa, se], [-sa, ca, 0.0], [-se * ca, -se * sa, ce]])
 
 
 def _exponent(az: np.ndarray, el: np.ndarray) -> np.ndarray:

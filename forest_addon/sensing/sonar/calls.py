@@ -1,4 +1,4 @@
-"""What a sonar sends: calls, as samples and as spectra.
+"""Calls of a sonar, as samples and as spectra.
 
 A pulse of the whole band (Hann window, the seed's), a hyperbolic sweep (FM), a tone that ends in such a
 sweep (CF-FM, a horseshoe bat's), or samples of one's own. A call is sent at 1 m on the axis with a

@@ -106,7 +106,8 @@ class Foliage:
 
 
 def own_pieces(number: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which piece of which leaf each triangle (F, 3) is: pieces counted on (F,), and their leaves (L,).
+    """Return which piece of which leaf each triangle (F, 3) is: pieces counted on (F,), and their leaves
+    (L,).
 
     number : (F,) of the leaf, sorted.
     """

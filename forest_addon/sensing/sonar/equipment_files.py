@@ -16,9 +16,9 @@ from ...base.places import ASSETS
 from ...formats.foreign import guarded
 from ...formats.wav import read_wav
 from ...spec import Sonar, SpecError
+from ..trajectory import Trajectory, looking
 from .beam import Beam, Measured
 from .calls import Call, resampled
-from .poses import Pose, along
 from .station import Equipment
 
 PLACES = ("x_m", "y_m", "z_m", "azimuth_deg", "elevation_deg")
@@ -84,8 +84,8 @@ def read_pattern(path: Path) -> Measured:
 
 
 @guarded("a CSV of poses")
-def read_route(path: Path, speed: float) -> list[Pose]:
-    """Poses of a route, flown at a speed in m/s.
+def read_route(path: Path, speed: float) -> Trajectory:
+    """The trajectory of a route, flown at a speed in m/s.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def read_route(path: Path, speed: float) -> list[Pose]:
     width = np.deg2rad(column[WIDTH]) if WIDTH in column else None
     if width is not None and not (width > 0).all():
         raise SpecError(str(path), f"{WIDTH} must be larger than 0")
-    return along(
+    return looking(
         np.stack([column[name] for name in PLACES[:3]], axis=1),
         np.deg2rad(column["azimuth_deg"]),
         np.deg2rad(column["elevation_deg"]),

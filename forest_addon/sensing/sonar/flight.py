@@ -6,19 +6,18 @@ in length with what is heard; stacked, they are padded with silence to the longe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.progress import Progress
 from ...spec import Air, Sonar
 from ..rays.caster import RayCaster
 from .ping import Echo, ping
 from .poses import Pose
 from .station import Equipment
 from .targets import Targets
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

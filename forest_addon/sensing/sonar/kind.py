@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...base.progress import Progress
 from ...base.rng import stream
 from ...base.words import keep
 from ...spec import AUTO, Choice, Sonar
 from ..audit import Audit
 from ..cost import Cost, cost_of_work
-from ..kind import ECHO, Follower, Observation, Progress, Seen, SensorKind
+from ..emptiness import why_nothing
+from ..kind import ECHO, Observation, Seen, SensorKind
 from ..lines import AROUND, chain, rays_to
 from ..looks import EchoLook
+
+if TYPE_CHECKING:
+    from ..trajectory import Follower, Trajectory
 
 PING = 0.1  # s, a first guess
 RAYS = 8  # lines from a sonar to the contour of its beam
@@ -36,6 +41,7 @@ def _listen(job: Observation, progress: Progress | None) -> Any:
     from .equipment_files import equip
     from .flight import fly
     from .ping import ping
+    from .poses import poses_of
 
     sonar, seen, air = job.sensor, job.seen, job.settings.air
     targets = seen.once(targets_of)
@@ -46,7 +52,7 @@ def _listen(job: Observation, progress: Progress | None) -> Any:
     wood = seen.wood if "trunks" in sonar.shading else None
     if job.trajectory is None:
         return ping(targets, sonar, air, wood, progress, **given)
-    return fly(targets, sonar, air, job.trajectory, wood, progress, **given)
+    return fly(targets, sonar, air, poses_of(job.trajectory), wood, progress, **given)
 
 
 def _audit(job: Observation, found: Any, seconds: float) -> Audit:
@@ -69,19 +75,35 @@ def _audit(job: Observation, found: Any, seconds: float) -> Audit:
     )
 
 
-def _poses(sonar: Sonar, folder: Path, follower: Follower) -> Any:
+def _trajectory(sonar: Sonar, folder: Path, follower: Follower) -> Trajectory | None:
     """The poses of a route's file, or along what it follows."""
+    from ..trajectory import followed
     from .equipment_files import find, read_route
 
     if sonar.route:
         return read_route(find(sonar.route, folder, "route"), sonar.speed)
-    return follower.poses(sonar) if sonar.follow else None
+    if not sonar.follow:
+        return None
+    if follower.curve(sonar.follow) is None:
+        return follower.motion(sonar.follow, sonar.poses)
+    turn, rise = math.radians(sonar.azimuth_deg), math.radians(sonar.elevation_deg)
+    return followed(follower, sonar.follow, 1.0).visits(sonar.poses, turn, rise, sonar.speed)
 
 
 def _where_it_pings(job: Observation) -> np.ndarray:
     if job.trajectory is None:
         return np.array([job.sensor.position])
-    return np.array([pose.position for pose in job.trajectory])
+    return np.asarray(job.trajectory.position)
+
+
+def _silence(job: Observation, found: Any) -> str:
+    """The reason why no ping has an echo."""
+    echoes = getattr(found, "echoes", (found,))
+    if any(np.any(echo.spectra) for echo in echoes):
+        return ""
+    said = "silence" if len(echoes) == 1 else "silence in all pings"
+    where = np.array([echo.pose.position for echo in echoes])
+    return why_nothing(said, where, job.sensor.max_range, job.seen.geometry)
 
 
 def _cost(sonar: Sonar, trajectory: Any, _engine: str) -> Cost:
@@ -90,7 +112,7 @@ def _cost(sonar: Sonar, trajectory: Any, _engine: str) -> Cost:
 
 def beam_outline(sonar: Sonar) -> np.ndarray:
     """The -3 dB contour of one way of the beam at ``max_range``, rays to it, and the axis."""
-    from .beam import beam_frame
+    from ..trajectory import frame_of
 
     turn = np.linspace(0.0, 2.0 * math.pi, AROUND + 1)
     across, along = (math.radians(width) / 2.0 for width in sonar.beam_width_deg)
@@ -98,7 +120,7 @@ def beam_outline(sonar: Sonar) -> np.ndarray:
     angle = np.minimum(np.hypot(azimuth, elevation), math.pi)
     share = np.sinc(angle / math.pi)  # sin(angle)/angle: offsets are laid out along the side
     local = np.stack([np.cos(angle), share * azimuth, share * elevation], axis=1)
-    frame = beam_frame(math.radians(sonar.azimuth_deg), math.radians(sonar.elevation_deg))
+    frame = frame_of(math.radians(sonar.azimuth_deg), math.radians(sonar.elevation_deg))
     position = np.asarray(sonar.position)
     contour = position + sonar.max_range * local @ frame
     rays = contour[:: AROUND // RAYS][:RAYS]
@@ -150,7 +172,8 @@ SONAR = SensorKind(
     Sonar,
     run=_listen,
     audit=_audit,
-    trajectory=_poses,
+    empty=_silence,
+    trajectory=_trajectory,
     positions=_where_it_pings,
     cost=_cost,
     outline=beam_outline,

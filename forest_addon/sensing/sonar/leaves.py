@@ -72,8 +72,8 @@ class DiscStrength(Rows):
 
 
 def count_doubtful(leaves: Leaves, point: np.ndarray, wavenumber: float) -> int:
-    """How many exact discs are so large and so far off their normal that the formula for large ones is
-    tens of per cent off."""
+    """Return how many exact discs are so large and so far off their normal that the formula for large ones
+    is tens of per cent off."""
     if leaves.model != "exact":
         return 0
     size = wavenumber * leaves.radius

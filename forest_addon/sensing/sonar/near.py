@@ -115,7 +115,7 @@ def near_faces(leaves: Leaves, sight: Sight) -> NearFaces:
 
 
 def count_leaves(scatterers: Scatterers, instance: np.ndarray, some: np.ndarray) -> int:
-    """How many scatterers ``some`` (M,) bool are; the pieces of a near leaf are one."""
+    """Return how many scatterers ``some`` (M,) bool are; the pieces of a near leaf are one."""
     if isinstance(scatterers, NearFaces):
         names = np.stack([instance[some], scatterers.number[some]])
         return len(np.unique(names, axis=1).T)
@@ -123,7 +123,7 @@ def count_leaves(scatterers: Scatterers, instance: np.ndarray, some: np.ndarray)
 
 
 def count_close(scatterers: Scatterers, instance: np.ndarray) -> int:
-    """How many leaves among some scatterers (M,) are nearer than ka²/2."""
+    """Return how many leaves among some scatterers (M,) are nearer than ka²/2."""
     if isinstance(scatterers, NearFaces):
         return count_leaves(scatterers, instance, scatterers.close)
     if isinstance(scatterers, Leaves):
@@ -133,7 +133,7 @@ def count_close(scatterers: Scatterers, instance: np.ndarray) -> int:
 
 @dataclass(frozen=True)
 class EdgeStrength(Rows, Whole):
-    """What the exact disc has beyond physical optics; radius, incidence, share (M,)."""
+    """Part of the exact disc beyond physical optics; radius, incidence, share (M,)."""
 
     radius: np.ndarray
     incidence: np.ndarray

@@ -25,6 +25,7 @@ from functools import cached_property, partial
 import numpy as np
 from scipy import fft
 
+from ...base.progress import Progress
 from ...spec import Air, Sonar
 from ..rays.caster import RayCaster
 from .bands import Band, Grid, grid_of
@@ -41,12 +42,10 @@ from .targets import Targets
 
 __all__ = ["Contributions", "Echo", "LeafDiscs", "Targets", "leaf_discs", "ping"]
 
-Progress = Callable[[int, int], None]
-
 
 @dataclass(frozen=True)
 class Contributions:
-    """What M scatterers add, the loudest first.
+    """Contributions of M scatterers, the loudest first.
 
     kind : (M,) text, "leaf", "wood" or "facet". instance, tree, number : (M,) int64, of the scene, the
     stand (-1 where none) and the mesh. position : (M, 3) metres. distance : (M,) metres from the mouth.
@@ -117,7 +116,7 @@ class Echo:
 
     @cached_property
     def heard(self) -> Contributions:
-        """What is in the sum; listed when it is first asked for."""
+        """Return what is in the sum; listed when it is first asked for."""
         return self.list_heard()
 
     @property
@@ -140,7 +139,7 @@ class Echo:
 
     @property
     def leaves_heard(self) -> int:
-        """How many leaves are in the sum; a near one has several pieces."""
+        """Return how many leaves are in the sum; a near one has several pieces."""
         leaf = self.heard.kind == "leaf"
         names = np.stack([self.heard.instance[leaf], self.heard.number[leaf]])
         return len(np.unique(names, axis=1).T)
@@ -231,7 +230,7 @@ def heard_from(
     wood: RayCaster | None,
     everything: RayCaster | None,
 ) -> Found:
-    """Who is heard from a station, weakened by what stands in the way; casters as of ``ping``.
+    """Return who is heard from a station, weakened by what stands in the way; casters as of ``ping``.
 
     Raises
     ------
@@ -263,7 +262,7 @@ def _in_time(spectra: np.ndarray, grid: Grid, scale: float) -> np.ndarray:
 def _contributions(
     groups: list[Group], station: Station, band: Band, targets: Targets
 ) -> Contributions:
-    """What each adds, loudest first."""
+    """Return what each adds, loudest first."""
     if not groups:
         none, whole = np.empty(0), np.empty(0, np.int64)
         empty = np.empty(0, "U5")

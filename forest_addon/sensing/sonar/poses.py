@@ -1,19 +1,18 @@
-"""Where a sonar is, where it looks and how it moves: poses, single or along a way.
+"""Poses of a sonar: where it is, where it looks and how it moves; ``Ears`` places receivers in its frame.
 
 A pose is a place, a frame (the beam's axis, left, up) and a velocity. ``posed`` makes one from settings,
-``along`` many from places and angles, with velocities along the way; animated objects and curves are
-read by ``blender/motion``. ``Ears`` places receivers in the frame.
+``poses_of`` many from a trajectory.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...spec import Sonar
-from .beam import beam_frame
+from ..trajectory import Trajectory, frame_of
 
 
 @dataclass(frozen=True)
@@ -32,34 +31,17 @@ class Pose:
 
 def posed(sonar: Sonar) -> Pose:
     """The pose that the settings say; its speed is along the beam."""
-    frame = beam_frame(math.radians(sonar.azimuth_deg), math.radians(sonar.elevation_deg))
+    frame = frame_of(math.radians(sonar.azimuth_deg), math.radians(sonar.elevation_deg))
     return Pose(np.asarray(sonar.position, dtype=np.float64), frame, sonar.speed * frame[0])
 
 
-def along(
-    position: np.ndarray,
-    azimuth: np.ndarray,
-    elevation: np.ndarray,
-    width: np.ndarray | None = None,
-    speed: float = 0.0,
-) -> list[Pose]:
-    """Poses at places (P, 3) looking to angles (P,), flown through in order at a speed in m/s.
-
-    width : (P,) full -3 dB widths in radians, or None. A single pose flies along its beam.
-    """
-    frames = [beam_frame(float(a), float(e)) for a, e in zip(azimuth, elevation, strict=True)]
-    poses = [
-        Pose(place, frame, speed * frame[0], None if width is None else float(width[number]))
-        for number, (place, frame) in enumerate(zip(position, frames, strict=True))
-    ]
-    if len(poses) < 2 or not speed:
-        return poses
-    step = np.gradient(position, axis=0)
-    length = np.linalg.norm(step, axis=1, keepdims=True)
-    way = np.divide(step, length, out=np.zeros_like(step), where=length > 0)
-    return [
-        replace(pose, velocity=speed * towards) for pose, towards in zip(poses, way, strict=True)
-    ]
+def poses_of(trajectory: Trajectory) -> list[Pose]:
+    """The poses of a trajectory; one that says no velocity stands still at each."""
+    count = len(trajectory)
+    velocity = np.zeros((count, 3)) if trajectory.velocity is None else trajectory.velocity
+    width = [None] * count if trajectory.width is None else trajectory.width.tolist()
+    each = zip(trajectory.position, trajectory.frames, velocity, width, strict=True)
+    return [Pose(*one) for one in each]
 
 
 @dataclass(frozen=True)
@@ -80,4 +62,4 @@ class Ears:
         offset = np.zeros((sonar.ears, 3))
         offset[:, 1] = side * sonar.ear_spacing / 2
         turn = np.deg2rad(sonar.ear_turn_deg) * side
-        return cls(offset, np.array([beam_frame(float(a), 0.0) for a in turn]))
+        return cls(offset, np.array([frame_of(float(a), 0.0) for a in turn]))

@@ -1,4 +1,4 @@
-"""What sounds back: places in the world, each with a strength seen from a sonar.
+"""Scatterers: places in the world, each with a strength seen from a sonar.
 
 ``Scatterers`` are M places of one kind. Seen from a point, they have a ``Strength``: the scattering
 amplitude f(k) in metres, of one of the classes of its ``profile``, and never larger than its ``bound``. The
@@ -48,7 +48,7 @@ class Rows:
 
 
 class Strength(Protocol):
-    """How M scatterers send sound back to one point."""
+    """Strength with which M scatterers send sound back to one point."""
 
     def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
         """(Q, M) complex f in metres at wavenumbers (Q,), e^{+iωt}."""
@@ -59,7 +59,7 @@ class Strength(Protocol):
         ...
 
     def profile(self) -> Profile:
-        """What the amplitudes depend on: of which classes of alike ones they are."""
+        """Return what the amplitudes depend on: of which classes of alike ones they are."""
         ...
 
     def error(self, highest: float) -> np.ndarray | None:
@@ -99,7 +99,7 @@ class Whole:
 
 
 def sinc_place(argument: np.ndarray) -> np.ndarray:
-    """Where the argument of a sinc lies among classes that are narrow where it is small."""
+    """Return where the argument of a sinc lies among classes that are narrow where it is small."""
     place: np.ndarray = np.log1p(4.0 * np.asarray(argument)) / 0.15
     return place
 
@@ -142,7 +142,7 @@ class Scatterers(Protocol):
 
 @dataclass(frozen=True)
 class Sight:
-    """What a population must know of a sonar before it makes scatterers.
+    """Sight of a sonar, which a population must know before it makes scatterers.
 
     point : (3,) where it is. wavenumber : the largest, 1/m. nearest, reach : metres, its range.
     """
@@ -170,7 +170,7 @@ class Views:
 
 
 class Population(Protocol):
-    """What one mesh has of one kind, local; rows are in the order of the blocks."""
+    """Population of one kind in one mesh, local; rows are in the order of the blocks."""
 
     kind: ClassVar[str]
     blocks: Blocks

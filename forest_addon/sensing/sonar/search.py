@@ -1,4 +1,4 @@
-"""Who is heard: scatterers taken block by block until the rest can add next to nothing.
+"""Search for the scatterers that are heard: block by block, until the rest can add next to nothing.
 
 What stands before a scatterer weakens it before it is counted in Σ|A|; what is left out counts as if
 nothing did.
@@ -75,7 +75,7 @@ class Group(Rows):
 
 @dataclass
 class Counts:
-    """What became of the scatterers: beyond the range, too near, not finite, hidden by wood."""
+    """Counts of scatterers left out: beyond the range, too near, not finite, hidden by wood."""
 
     far: int = 0
     near: int = 0

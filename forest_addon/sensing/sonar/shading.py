@@ -1,4 +1,4 @@
-"""What stands in the way of an echo: wood as a hard edge, leaves as a haze or a shadow.
+"""Shading of an echo: wood as a hard edge, leaves as a haze or a shadow.
 
 ``BehindWood`` asks one ray a scatterer whether trunks, branches or ground stand before it.
 

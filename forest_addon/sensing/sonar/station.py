@@ -27,7 +27,7 @@ from .targets import Candidates
 
 @dataclass(frozen=True)
 class Equipment:
-    """What a sonar sends and how: beams of call and ears, and the call, None for a pulse of the band."""
+    """Equipment of a sonar: beams of call and ears, and the call, None for a pulse of the band."""
 
     emit: Beam
     hear: Beam
@@ -41,7 +41,7 @@ class Equipment:
         hear: Beam | None = None,
         call: Call | None = None,
     ) -> Equipment:
-        """What the settings say; what they have in files is given.
+        """Return what the settings say; what they have in files is given.
 
         Raises
         ------
@@ -181,7 +181,7 @@ class Paths:
         return gain
 
     def losses(self, station: Station, ear: int) -> list[Loss] | None:
-        """What makes the gain change over the frequency; None: not known."""
+        """Return what makes the gain change over the frequency; None: not known."""
         equipment = station.equipment
         sent = equipment.emit.losses(*self.emitted)
         heard = equipment.hear.losses(*self.heard[ear])

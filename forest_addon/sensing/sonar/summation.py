@@ -9,13 +9,13 @@ A scatterer may come in parts that are smoother than the whole, each with a dela
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...acoustics.nonuniform import sum_delayed
 from ...acoustics.smoothness import Smoothness, smoothness
+from ...base.progress import Progress
 from .bands import Grid
 from .scatterers import Part, Strength
 from .search import Group
@@ -23,8 +23,6 @@ from .station import Station
 
 SPLIT = 1e-12  # what parts may differ by from the whole
 PARTIAL = 0.8  # caution: parts are computed at a few frequencies
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -101,7 +99,7 @@ def sum_echoes(
 
 
 def _together(group: Group, station: Station, ear: int, band: tuple[float, float]) -> float:
-    """What parts that are somewhere in phase have at least in common, of the largest of each."""
+    """Return what parts that are somewhere in phase have at least in common, of the largest of each."""
     first, last = (group.gain(station, ear, [end])[0].sum() for end in band)
     share = math.sqrt(band[0] / band[1]) * last / first if first > 0 else 1.0
     return PARTIAL * float(min(share, 1.0))
@@ -110,7 +108,7 @@ def _together(group: Group, station: Station, ear: int, band: tuple[float, float
 def _smooth(
     group: Group, strength: Strength, station: Station, ear: int, band: tuple[float, float]
 ) -> Smoothness | None:
-    """How smooth echoes are in a band; None where their beam does not say."""
+    """Return how smooth echoes are in a band; None where their beam does not say."""
     losses = group.paths.losses(station, ear)
     if losses is None:
         return None

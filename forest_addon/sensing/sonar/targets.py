@@ -60,7 +60,7 @@ class Candidates(Rows):
 
 
 class Targets:
-    """What sounds back in a scene.
+    """Targets of a sonar in a scene.
 
     like : targets of a scene with the same meshes, whose measures are shared.
     """
@@ -97,7 +97,8 @@ class Targets:
         return self._stands[key]
 
     def total(self, sonar: Sonar, kind: str | None = None) -> int:
-        """How many scatterers there are, of one kind or of all; wood and facets before they are cut."""
+        """Return how many scatterers there are, of one kind or of all; wood and facets before they are
+        cut."""
         return sum(
             len(stand.population) * len(stand.instance)
             for stand in self.stands(sonar)

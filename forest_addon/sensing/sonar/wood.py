@@ -257,7 +257,7 @@ def _largest_backscatter(size: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _bend() -> complex:
-    """What S/√ka still changes by, relative to it, from ``LARGEST`` to infinity: ∝ 1/ka."""
+    """Return what S/√ka still changes by, relative to it, from ``LARGEST`` to infinity: ∝ 1/ka."""
     half, last = (
         _table()(_coordinate(np.array(x))) * x**1.5 / (1.0 + x**1.5) for x in (LARGEST / 2, LARGEST)
     )

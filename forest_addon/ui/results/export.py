@@ -27,10 +27,16 @@ WORDS = {
 }
 
 
-def _endings(found: Any) -> tuple[str, ...]:
-    from ...results.export import formats_of
+def _endings(sensor: Any) -> tuple[str, ...]:
+    from ...results.kinds import results_of
 
-    return formats_of(found)
+    return results_of(sensor).endings
+
+
+def _is_response(sensor: Any) -> bool:
+    from ...results.kinds import results_of
+
+    return results_of(sensor).is_response
 
 
 class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
@@ -69,7 +75,7 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
         found = find(context.scene, self.result)
         if found is None:
             return self._refuse()
-        usual = _endings(found[1])[0]
+        usual = _endings(found[0])[0]
         self.ending = usual[1:].upper()
         self.filepath = f"{file_name(self.result)}{usual}"
         return ExportHelper.invoke(self, context, event)
@@ -86,7 +92,7 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
     def draw(self, context: bpy.types.Context) -> None:
         found = find(context.scene, self.result)
         column = self.layout.column(align=True)
-        for ending in _endings(found[1]) if found is not None else ():
+        for ending in _endings(found[0]) if found is not None else ():
             column.prop_enum(self, "ending", ending[1:].upper())
         if labels_of(context.scene, self.result):
             self.layout.prop(self, "labels")
@@ -98,14 +104,14 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...formats.wav import write_wav
-        from ...results.export import write_as
+        from ...results.kinds import write_as
 
         found = find(context.scene, self.result)
         if found is None:
             return self._refuse()
         path = Path(bpy.path.abspath(self.filepath))
         try:
-            if self.heard and found[0].kind == "reverb" and path.suffix.lower() == ".wav":
+            if self.heard and _is_response(found[0]) and path.suffix.lower() == ".wav":
                 write_wav(path, *heard_of(context.scene, self.result))
             else:
                 labels = labels_of(context.scene, self.result).get(self.labels)
@@ -120,7 +126,7 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
     def _has_sounds(self, context: bpy.types.Context) -> bool:
         """Return whether there is a choice of what sounds: for a reverb that becomes a WAV."""
         found = find(context.scene, self.result)
-        return found is not None and found[0].kind == "reverb" and self.ending == "WAV"
+        return found is not None and _is_response(found[0]) and self.ending == "WAV"
 
     def _refuse(self) -> set[str]:
         problem = say("{name} is held no longer. Run its sensor again", name=self.result)

@@ -17,21 +17,19 @@ from ...blender.scene.layout import RESULTS, part
 from ...blender.show.cloud import show_cloud, show_heard
 from ...blender.show.legend import Entry, legend_of, legend_of_heard
 from ...blender.show.sound import give_sound
-from ...results.figures import Figure, Finding, figures_of, loudest, of_forest, strongest
+from ...results.figures import Figure, of_forest
+from ...results.kind import Finding
+from ...results.kinds import figures_of, results_of, sentence_of, write_finding
 from ...results.labels import labels_by_material, labels_by_object, labels_by_species
 from ...sensing.audit import Audit
 from ...sensing.lidar.cloud import Cloud
-from ...sensing.lidar.tractor import TractorScan, to_cloud
 from ...sensing.rays.geometry import SceneGeometry
-from ...sensing.reverb.response import ImpulseResponse, channels_of
-from ...sensing.sonar.flight import Flight
-from ...sensing.sonar.ping import Echo
 from ...spec import Scene, Sensor
 from ...stand.forest import Forest
 from ..settings.exchange import forestless
 from ..shell.selection import show
-from ..shell.words import Kept, keep, say
-from . import frames, images, plots
+from ..shell.words import Kept, keep, label_kept, say, say_kept
+from . import frames, images
 from .held import hold
 
 # What says nothing where no forest was asked for and none of it was met.
@@ -81,36 +79,37 @@ def keep_finding(
     geometry : of the scene, which says what points are of; without it they are exported by class alone.
     """
     props = context.scene.forest_sensing
-    figured, sentence = figures_of(sensor, found), sentence_of(found)
+    record = results_of(sensor)
+    figured, sentence = figures_of(sensor, found), say_kept(sentence_of(sensor, found))
     if forestless(props):
         figured = [each for each in figured if each.short not in OF_TREES or _is_some(each)]
     figures = in_words(figured)
-    plot = plots.plot_of(found, sensor)
+    plot = record.plot(sensor, found)
     title = f"Forest {sensor.name}" + ("" if frame is None else f" {frame:04d}")
     picture = images.show(title, plot) if plot else None
-    if isinstance(found, ImpulseResponse) and thing.type == "SPEAKER":
-        give_sound(thing, sensor.name, channels_of(found), found.sample_rate)
+    if record.is_response and record.sound is not None and thing.type == "SPEAKER":
+        give_sound(thing, sensor.name, *record.sound(sensor, found))
     earlier = props.results.get(thing.name)
     kept = frames.of_result(earlier) if earlier is not None else []
     left = frames.blocks_of(earlier) if earlier is not None else []
     result = _note(  # what needs disk space is done
         props, thing.name, sensor.kind, thing.name, figures | {keep("Time"): f"{seconds:.1f} s"}
     )
-    result.picture, result.caption = picture, plot.caption if plot else ""
-    cloud = to_cloud(found, sensor) if isinstance(found, TractorScan) else found
+    result.picture, result.caption = picture, label_kept(plot.caption) if plot else ""
+    cloud, marks = record.points(sensor, found), record.marks(found)
     labels = {}
-    if isinstance(cloud, Cloud) and geometry is not None:
+    if cloud is not None and geometry is not None:
         labels = _labels(cloud, geometry, names[1])
     hold(context.scene, thing.name, (sensor, found, offset), labels)
-    if isinstance(cloud, Cloud):
+    if cloud is not None:
         points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
         show(context, points)  # selected, all points would be orange
         result.shown = points.name
         _explain(result, legend_of(cloud, *names))
-    elif isinstance(found, Echo):
+    elif marks is not None:
         home = part(context.scene, RESULTS)
-        result.shown = show_heard(home, sensor.name, found.heard).name
-        _explain(result, legend_of_heard(found.heard))
+        result.shown = show_heard(home, sensor.name, marks).name
+        _explain(result, legend_of_heard(marks))
     if frame is not None:
         frames.hold(result, kept, frame)
     frames.let_go(left)
@@ -131,8 +130,6 @@ def save_finding(
     ------
     OSError : it cannot be written.
     """
-    from ...results.findings import write_finding
-
     path = write_finding(folder, sensor, found, offset)[0]
     context.scene.forest_sensing.results[name].file = str(path)
     return path
@@ -150,27 +147,6 @@ def in_words(figures: list[Figure]) -> Words:
 def _is_some(figure: Figure) -> bool:
     """Return whether a count or a share is more than none."""
     return any(digit in "123456789" for digit in figure.text)
-
-
-def sentence_of(found: Finding) -> str:
-    """The most telling figure of a result in a few words."""
-    if isinstance(found, TractorScan):
-        return say("{count:,} points", count=int(np.count_nonzero(found.organ >= 0)))
-    if isinstance(found, Cloud):
-        return say("{count:,} points", count=len(found))
-    if isinstance(found, ImpulseResponse):
-        if not found.trunks:
-            return say("no trunks heard")
-        return say("{count:,} trunks heard", count=found.trunks)
-    if isinstance(found, Flight):
-        sentence = sentence_of(loudest(found))
-        return say("{count:,} pings, the loudest: {found}", count=len(found), found=sentence)
-    peak = strongest(found)
-    if peak is None:
-        return say("silence: nothing in the beam")
-    if not found.leaves_heard:
-        return say("strongest echo from {distance:.2f} m", distance=peak[0])
-    return say("{count:,} leaves heard", count=found.leaves_heard)
 
 
 def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:

@@ -11,7 +11,7 @@ import bpy
 
 if TYPE_CHECKING:
     from ...base.labels import Labels
-    from ...results.figures import Finding
+    from ...results.kind import Finding
     from ...spec import Sensor
 
     Held = tuple[Sensor, Finding, tuple[float, float, float]]

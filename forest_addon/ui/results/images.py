@@ -17,7 +17,8 @@ import imbuf
 import numpy as np
 
 from ...blender.scene.ours import ROLE_KEY, by_role, own
-from .plots import Axis, Plot, Strip
+from ...results.plot import Axis, Plot, Strip
+from ..shell.words import label_kept
 
 LEFT, RIGHT, BELOW, ABOVE = 96, 28, 66, 38  # pixels around strips; ABOVE each for its title
 FONT, SIZE = 0, 18
@@ -86,7 +87,7 @@ def _compose(plot: Plot) -> tuple[np.ndarray, list[Label]]:
         bottom += len(strip.pixels) + ABOVE
     for value, column in _places(plot.across, wide, 10, 80):
         labels.append((f"{value:g}", LEFT + column, BELOW - TICK - 4, 0.5, 1.0))
-    labels.append((plot.across.label, LEFT + wide / 2, 10, 0.5, 0.0))
+    labels.append((label_kept(plot.across.label), LEFT + wide / 2, 10, 0.5, 0.0))
     return canvas, labels
 
 
@@ -97,8 +98,8 @@ def _draw_strip(canvas: np.ndarray, strip: Strip, across: Axis, bottom: int) -> 
     canvas[bottom:top, LEFT:right] = strip.pixels
     for _, column in _places(across, wide, 10, 80):
         canvas[bottom - TICK : bottom, LEFT + column] = LINE
-    yield (strip.title, LEFT, top + 10, 0.0, 0.0)
-    yield (strip.up.label, right, top + 10, 1.0, 0.0)
+    yield (label_kept(strip.title), LEFT, top + 10, 0.0, 0.0)
+    yield (label_kept(strip.up.label), right, top + 10, 1.0, 0.0)
     for value, row in _places(strip.up, high, 6, 30):
         canvas[bottom + row, LEFT - TICK : LEFT] = LINE
         yield (f"{value:g}", LEFT - TICK - 6, bottom + row, 1.0, 0.5)

@@ -27,12 +27,15 @@ class FOREST_PT_results(OnceStarted, bpy.types.Panel):
 
 
 def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
+    from ...results.kinds import RESULTS
+
     header, body = layout.panel_prop(result, "opened")
     header.label(text=result.title, icon=icon_of(result.kind))
     if result.shown:
         chosen = header.operator("forest.select_result", text="", icon="RESTRICT_SELECT_OFF")
         chosen.shown = result.shown
-    if result.kind in ("reverb", "sonar"):
+    record = RESULTS.get(result.kind)
+    if record is not None and record.sound is not None:
         header.operator("forest.play", text="", icon="PLAY_SOUND").sensor = result.name
     if result.picture is not None:
         shown = header.operator("forest.show_picture", text="", icon="IMAGE_DATA")
@@ -56,7 +59,7 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
         )
         body.label(text=frames, icon="PLAY")
     _draw_points(body, result)
-    if result.kind == "reverb":
+    if record is not None and record.is_response:
         _draw_sound(body, result.id_data.forest_sensing)
     table = body.column(align=True)
     for figure in result.figures:

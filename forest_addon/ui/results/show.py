@@ -86,18 +86,16 @@ def heard_of(scene: bpy.types.Scene, name: str) -> tuple[np.ndarray, float] | No
     """
     from ...blender.show.sound import sound_of as speaker_sound
     from ...results.dry_sounds import PEAK_DB, wet_sound
-    from ...results.echo_files import sound_of
+    from ...results.kinds import results_of
     from ...sensing.reverb.auralise import normalised
-    from ...sensing.reverb.response import ImpulseResponse, channels_of
-    from ...sensing.sonar.flight import Flight
-    from ...sensing.sonar.ping import Echo
     from .held import find
 
-    sensor, found, _ = find(scene, name) or (None, None, None)
-    if isinstance(found, Echo | Flight):
-        return sound_of(found, sensor.time_expansion)
-    if isinstance(found, ImpulseResponse):
-        response, rate = channels_of(found), found.sample_rate
+    held = find(scene, name)
+    record = results_of(held[0]) if held is not None else None
+    if held is not None and record is not None and record.sound is not None:
+        response, rate = record.sound(*held[:2])
+        if not record.is_response:
+            return response, rate
     else:
         thing = scene.objects.get(name)
         kept = speaker_sound(thing) if thing is not None else None

@@ -74,7 +74,7 @@ class FOREST_OT_choose_instrument(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         thing = chosen_sensor(context)
-        return thing is not None and issubclass(spec.SENSORS[sensors.kind_of(thing)], spec.Scanner)
+        return thing is not None and hasattr(spec.SENSORS[sensors.kind_of(thing)], "scanner")
 
     @classmethod
     def description(cls, context: bpy.types.Context, settings: Any) -> str:

@@ -206,6 +206,10 @@ class FOREST_OT_run(Working, bpy.types.Operator):
                 kept,
                 observer.geometry,
             )
+            empty = observer.empty(sensor, settings, found, home, way)
+            if empty:
+                sentence = f"{thing.name}: {empty}"
+                self.report({"WARNING"}, sentence)
             self._job.kept.append(thing.name)
             if folder is not None:
                 try:

@@ -36,6 +36,7 @@ WHEN_USED = {
     "needles": spec.Needles(),
     "dbh": spec.Normal(mean=0.25, sd=0.06),
     "inclination": spec.Inclination(),
+    "architecture": spec.Architecture(),
 }
 
 

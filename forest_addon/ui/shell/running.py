@@ -13,7 +13,8 @@ from typing import ClassVar
 
 import bpy
 
-from ...blender.jobs import Job, Task, Tell, Work
+from ...base.progress import Progress
+from ...blender.jobs import Job, Task, Work
 from ...spec import SpecError
 from . import requirements
 from .views import redraw_sidebars
@@ -183,7 +184,7 @@ class FOREST_OT_cancel(bpy.types.Operator):
 CLASSES = (FOREST_OT_cancel,)
 
 
-def getting_ready(import_rooms: Callable[[Tell], object]) -> Task:
+def getting_ready(import_rooms: Callable[[Progress], object]) -> Task:
     """The first piece of work: importing what it needs, scipy with it, takes a while the first time."""
     return Task(say("getting ready"), import_rooms, whole=True)
 
@@ -279,7 +280,7 @@ def _in_scene(context: bpy.types.Context, scene: bpy.types.Scene, layer: str) ->
 
 
 @contextmanager
-def _pointer(context: bpy.types.Context) -> Iterator[Tell]:
+def _pointer(context: bpy.types.Context) -> Iterator[Progress]:
     """Show how far a piece of work is, at the mouse pointer."""
     manager = context.window_manager
     manager.progress_begin(0, 100)

@@ -83,7 +83,11 @@ def _draw_part(layout: bpy.types.UILayout, group: Any) -> None:
         layout.label(text=group.bl_rna.properties[name].name)
         layout.prop(group, name, text="")
     for name in group.nested:
-        _draw_spread(layout, group, name)
+        if type(getattr(group, name)).__name__ in SPREADS:
+            _draw_spread(layout, group, name)
+        else:
+            layout.label(text=group.bl_rna.properties[name].name)
+            _draw_part(layout, getattr(group, name))
 
 
 def _long_texts(group: Any) -> tuple[str, ...]:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import bpy
 import numpy as np
 
+from forest_addon.base.progress import Say
 from forest_addon.blender.library.build import grow_exhibits, write_species
 from forest_addon.blender.library.catalogs import FILE
 from forest_addon.growth.library.species_file import find_species, load_species, species_names
 from forest_addon.spec import SpecError
 
-Say = Callable[[str], None]
 MOST = 200  # trees of a species
 COLUMNS = (("height_m", ".1f"), ("dbh_m", ".2f"), ("leaves", ",.0f"))
 CELL, LABEL = 256, 34  # pixels of a picture, and of the words below it

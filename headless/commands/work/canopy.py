@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from forest_addon.api import Site, World
+from forest_addon.base.progress import Say
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.table import write_csv
 from forest_addon.sensing.canopy import Canopy
@@ -16,7 +17,6 @@ from forest_addon.spec import Scene, SpecError
 
 from ...command import read_scene
 
-Say = Callable[[str], None]
 MOST = 100  # points along a side of the grid
 SHOWN = 9  # pictures
 INNER = 0.6  # of the field's width and depth, in its middle: what is seen at 75° is in the field, mostly

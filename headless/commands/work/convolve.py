@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from forest_addon.base.progress import Say
 from forest_addon.formats.wav import read_wav, write_wav
 from forest_addon.sensing.reverb.auralise import auralise, normalised
-
-Say = Callable[[str], None]
 
 
 def convolve(

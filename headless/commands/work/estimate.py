@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from forest_addon.base.places import ASSETS
+from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.tree_map import TreeMap, read_rings, read_tree_map
@@ -30,10 +31,10 @@ from forest_addon.stand.statistics.kernel import KernelEstimate, kernel_estimate
 from forest_addon.stand.statistics.mixture import FittedMixture, fit_mixture
 from forest_addon.stand.statistics.window import Window
 
+from ...command import PROGRAM
 from ...report.drawing import can_draw, without
 from ...report.species_of_site import SpeciesOfSite
 
-Say = Callable[[str], None]
 FAR = 10_000.0  # metres from the origin beyond which coordinates are kept as an offset
 HIGHEST = 1e5  # trees/m² of a peak that is written; only ratios count beside an expected number
 
@@ -103,7 +104,7 @@ def estimate_site(
     else:
         say(without("The picture is left out"))
     say(f"Wrote {', '.join(written)}.")
-    say(f"Next: python -m headless stand {out} --out points.csv")
+    say(f"Next: {PROGRAM} stand {out} --out points.csv")
     return out
 
 

@@ -6,12 +6,13 @@ forest of a batch has the seed of its first flight.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from forest_addon.base.progress import Say
 from forest_addon.flight.flying import Track, fly
 from forest_addon.flight.learning import load
 from forest_addon.flight.policies import policy_of
@@ -26,8 +27,6 @@ from ...progress import hushed
 
 AT_ONCE = 25
 SHOWN = 100  # flights that are animated in the .blend
-
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ def sensor_of(
         table["position"] = numbers("--at", at, 3)
     if along:
         table["follow"] = along
-    if azimuth and kind == "terrestrial":
+    if azimuth and hasattr(SENSORS[kind], "azimuth_deg"):  # a window, on a tripod
         table["azimuth_deg"] = numbers("--azimuth", azimuth, 2)
     elif azimuth:
         table["heading_deg"] = numbers("--azimuth", azimuth, 1)[0]

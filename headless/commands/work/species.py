@@ -6,9 +6,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
+from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import find_species, load_species, species_names
 from forest_addon.growth.measured.wanted import Kind, typical_tree
@@ -19,7 +20,6 @@ from forest_addon.spec import Normal, SpecError, Species
 from ...progress import hushed
 from ...report.drawing import can_draw, without
 
-Say = Callable[[str], None]
 SHOTS = (("european-beech", "fork"), ("scots-pine", "bark"), ("norway-maple", "twig"))
 CLOSE = 0.0006  # metres of tolerance
 OLDER = 1.5  # diameter of a tree that is looked at closely, over the mean of its species

@@ -7,9 +7,9 @@ removed is printed as a table.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from pathlib import Path
 
+from forest_addon.base.progress import Say
 from forest_addon.results.stand_table import note_of, write_stand
 from forest_addon.site import ForestSite
 from forest_addon.spec import SpecError
@@ -18,8 +18,6 @@ from forest_addon.stand.plan import Stand, labels
 
 from ...command import read_scene
 from ...report.drawing import can_draw, without
-
-Say = Callable[[str], None]
 
 
 def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = print) -> Stand:

@@ -7,12 +7,12 @@ says how close siblings come. A scene then plants the species file; scene.toml i
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import load_species
 from forest_addon.growth.library.template_library import Library, NotUnderstoodError, make_library
@@ -23,11 +23,11 @@ from forest_addon.growth.regrow.sibling import grow_sibling
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.spec import Siblings, SpecError, Species
 
+from ...command import PROGRAM
 from ...progress import Stages, hushed
 from ...report.drawing import can_draw, without
 from ...report.likeness import compare_with_sensors, tell_likeness
 
-Say = Callable[[str], None]
 SHOWN = 5  # siblings in the picture
 
 
@@ -92,7 +92,7 @@ def make_template(
         _show_siblings(made, siblings, out / "siblings.png", say)
         written += ", siblings.png" if can_draw() else ""
     say(f"Wrote {written} and scene.toml.")
-    say(f"Next: python -m headless run {out / 'scene.toml'}")
+    say(f"Next: {PROGRAM} run {out / 'scene.toml'}")
     return made.species
 
 

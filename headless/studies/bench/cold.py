@@ -18,7 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from ..tables import Say, table
+from forest_addon.base.progress import Say
+
+from ..tables import table
 
 Job = tuple[
     Callable[[], object], Callable[[object], str]

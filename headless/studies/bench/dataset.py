@@ -15,13 +15,15 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from forest_addon.base.progress import Say
+
 from ...dataset.child import Child
 from ...dataset.disk import remove_scene
 from ...dataset.engine import Cluster
 from ...dataset.estimate import Estimate, estimate
 from ...dataset.factory import Asked, make_dataset
 from ...dataset.plan import PLANS, Plan, read_plan, recipes
-from ..tables import Say, table
+from ..tables import table
 
 TITLE = "dataset: a factory of labelled forests"
 SMALL = (  # lidar-plots, reduced, for what needs many scenes

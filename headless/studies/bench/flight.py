@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from forest_addon.base.places import ASSETS
+from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 
-from ..tables import Say, table
+from ..tables import table
 
 TITLE = "flight: steps, pings and resets"
 SCENE = ASSETS / "scenes" / "flight-poisson.toml"

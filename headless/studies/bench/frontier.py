@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.blender.rays.casters import make_caster
 from forest_addon.sensing.lidar.scan import scan
@@ -21,7 +22,7 @@ from forest_addon.sensing.sonar.discs import LeafDiscs
 from forest_addon.sensing.sonar.ping import ping
 from forest_addon.spec import Air, Sonar, Terrestrial
 
-from ..tables import Say, median_seconds, table
+from ..tables import median_seconds, table
 from . import reverb
 from .lidar_pulses import BEAM, ONE_THREAD, forest
 

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 from matplotlib.figure import Figure
 
+from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.blender.scene.meshes import to_mesh
 from forest_addon.growth.library.species_file import find_species, load_species
@@ -20,7 +21,7 @@ from forest_addon.growth.tree import grow
 from forest_addon.spec import Species
 
 from ...report.pictures import blank_figure
-from ..tables import Say, median_seconds, table
+from ..tables import median_seconds, table
 from .cold import say_cold
 
 TITLE = "growth: trees and triangles a second, error of the mesh"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ..tables import Say
+from forest_addon.base.progress import Say
+
 from . import lidar_pulses, lidar_rays, lidar_wood
 
 TITLE = "lidar: rays and pulses a second, and their errors"

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import GROUND, TriMesh, join
 from forest_addon.blender.rays.casters import make_caster
@@ -25,7 +26,7 @@ from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Beam, Rays, Terrestrial
 
-from ..tables import Say, table
+from ..tables import table
 
 SCENES = ((1, 200_000), (10, 200_000), (100, 20_000))  # trees, triangles of each
 SUBRAYS = (1, 7, 19, 37, 100, 300)

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import TriMesh
 from forest_addon.blender.rays.bvh import BvhCaster
@@ -27,7 +28,7 @@ from forest_addon.sensing.rays.exact import cast_exactly
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.rays.search import Search
 
-from ..tables import Say, median_seconds, table
+from ..tables import median_seconds, table
 
 TREES = {"20k": "whorl-8", "200k": "honda-broadleaf"}  # leaf-on, of about as many triangles
 VARIANTS = 5

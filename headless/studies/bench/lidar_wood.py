@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from forest_addon.base.progress import Say
 from forest_addon.base.trimesh import WOOD, TriMesh
 from forest_addon.blender.rays.casters import make_caster
 from forest_addon.growth.mesh.meshing import mesh_wood
@@ -26,7 +27,7 @@ from forest_addon.spec import Rays, Tractor
 
 from ..papers import orchards
 from ..papers.simlidar import stand_up
-from ..tables import Say, table
+from ..tables import table
 from .exact_cones import first_hits
 
 TOLERANCES = (4.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05)  # mm

@@ -21,13 +21,14 @@ import numpy as np
 from mathutils import Matrix, Vector
 from mathutils.bvhtree import BVHTree
 
+from forest_addon.base.progress import Say
 from forest_addon.blender.rays.bvh import BvhCaster
 from forest_addon.blender.rays.embree import EmbreeCaster
 from forest_addon.sensing.rays.exact import cast_exactly
 from forest_addon.sensing.rays.geometry import SceneGeometry, apply_transform
 from forest_addon.sensing.rays.search import Search
 
-from ..tables import Say, table
+from ..tables import table
 from .lidar_rays import grow_trees, plant
 
 TITLE = "peers: the same scan by other programs"

@@ -13,6 +13,7 @@ import numpy as np
 
 from forest_addon.acoustics.air import absorption
 from forest_addon.acoustics.cylinder import transfer
+from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.sensing.reverb.band import roll_off
 from forest_addon.sensing.reverb.metrics import clarity_db, energy_decay_db, reverberation_time
@@ -23,7 +24,7 @@ from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air
 
 from ...memory import peak_memory_mb
-from ..tables import Say, median_seconds, table
+from ..tables import median_seconds, table
 
 TITLE = "reverb: sum over trunks on 1 km², radius 0.25 m, all paths in the record"
 SIDE = 1000.0  # m

@@ -15,7 +15,9 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from ..tables import Say, table
+from forest_addon.base.progress import Say
+
+from ..tables import table
 
 TITLE = "series: one scene after the other in a process"
 LATER = 2  # scenes after the first

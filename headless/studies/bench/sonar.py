@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.base.places import ASSETS
+from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.growth.library.species_file import find_species, load_species
@@ -25,7 +26,7 @@ from forest_addon.sensing.sonar.poses import Pose, posed
 from forest_addon.spec import Air, Scene, Sonar
 from forest_addon.stand.forest import Forest, grow_forest
 
-from ..tables import Say, median_seconds, table
+from ..tables import median_seconds, table
 from .cold import say_cold
 
 TITLE = "sonar: pings among trees"

@@ -12,11 +12,12 @@ import numpy as np
 from forest_addon.acoustics.disc import backscatter
 from forest_addon.acoustics.nonuniform import DelayedSum, sum_delayed
 from forest_addon.acoustics.smoothness import forget, smoothness
+from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.sensing.sonar.leaves import DiscStrength
 from forest_addon.sensing.sonar.scatterers import Part
 
-from ..tables import Say, median_seconds, table
+from ..tables import median_seconds, table
 
 TITLE = "sonar: the sum over leaves, 1201 bins from 60 to 80 kHz, amplitudes included"
 START, BAND, BINS, SPEED = 60e3, 20e3, 1201, 340.0

@@ -10,13 +10,14 @@ from itertools import pairwise
 
 import numpy as np
 
+from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.stand.intensity.functions import Intensity
 from forest_addon.stand.poisson import sample
 from forest_addon.stand.process import Process
 from forest_addon.stand.spacing import greedy, matern_ii
 
-from ..tables import Say, median_seconds, table
+from ..tables import median_seconds, table
 from . import stand_scene, stand_statistics
 from .cold import say_cold
 from .intensities import KINDS, SIDE

@@ -16,11 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon import spec
+from forest_addon.base.progress import Say
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.stand.forest import Forest, grow_forest
 
 from ...memory import peak_memory_mb
-from ..tables import Say, table
+from ..tables import table
 
 TITLE = "stand_scene: forests of 20 maples in Blender, by number of trees"
 SIZES = (("points", 1_000), ("points", 10_000), ("points", 100_000), ("objects", 1_000))

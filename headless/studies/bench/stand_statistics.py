@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.spec import Forest
 from forest_addon.stand.intensity.functions import Mixture
@@ -15,7 +16,7 @@ from forest_addon.stand.statistics.kernel import kernel_estimate
 from forest_addon.stand.statistics.mixture import fit_mixture
 from forest_addon.stand.statistics.window import Window
 
-from ..tables import Say, median_seconds, table
+from ..tables import median_seconds, table
 
 TITLE = "stand_statistics: the K function and estimated intensities, by number of trees"
 COUNTS = (100, 1_000, 10_000, 100_000)

@@ -10,13 +10,14 @@ Values are means over several forests.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from forest_addon.base.progress import Say
 from forest_addon.formats.atomic import replacing
 from forest_addon.sensing.reverb import metrics
 from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
@@ -27,7 +28,6 @@ from forest_addon.stand.stems import plant_stems
 
 from ...report.pictures import FAINT, INK, blank_figure, save_figure
 
-Say = Callable[[str], None]
 SIDE = 1000.0  # m
 RATE, DURATION = 24e3, 4.5  # s; all trunks of 1 km² are heard
 FAINT_TREES = math.sqrt(2.0 * math.pi / 343.0)  # 1/√f over 1/√k

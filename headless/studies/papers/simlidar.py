@@ -8,11 +8,11 @@ that was interrupted goes on where it was.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from forest_addon.base.progress import Progress
 from forest_addon.growth.truth import Wood, wood_of_skeleton
 from forest_addon.sensing.lidar import wood_indices
 from forest_addon.spec import Rays, Scene
@@ -27,7 +27,6 @@ from .simlidar_rows import Finding, FinishedOrchards, TreeFinding
 if TYPE_CHECKING:
     from forest_addon.blender.sensors.observe import Observer
 
-Progress = Callable[[int, int], None]
 SOLID = 2  # Méndez et al.'s P
 QUICK_GAP = 9
 

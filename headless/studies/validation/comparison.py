@@ -3,13 +3,10 @@ verdict."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)

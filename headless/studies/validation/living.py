@@ -64,7 +64,7 @@ def grown_stand(
 
 
 def geometry_of(forest: Forest, wide: float = 60.0) -> SceneGeometry:
-    """What rays meet: instances of the grown variants, and a level ground."""
+    """Return what rays meet: instances of the grown variants, and a level ground."""
     keys = list(forest.variants)
     number = {key: k for k, key in enumerate(keys)}
     stand = forest.stand

@@ -177,7 +177,7 @@ def compare_own(file: Path, scene: Path | None, out: Path) -> list[Comparison]:
         raise SpecError("--scene", "is needed beside a cloud; give the scene file that it is of")
     measured = read_returns(file)
     settings = api.read(scene)
-    scanners = [s for s in of_family(settings.sensors, "lidar") if s.kind != "tractor"]
+    scanners = [s for s in of_family(settings.sensors, "lidar") if hasattr(s, "scanner")]
     if not scanners:
         raise SpecError(str(scene), "has no LiDAR; add one under [[sensors]]")
     world = api.build(settings, folder=scene.parent)

@@ -12,10 +12,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
+from forest_addon.base.progress import Say
 from forest_addon.formats.atomic import replacing
 from forest_addon.spec import SpecError, unknown
 
-from .comparison import Comparison, Say, as_record, from_record
+from .comparison import Comparison, as_record, from_record
 from .page import Part, copy_pictures, page_text, part_text
 
 SECTIONS = ("reverb", "lidar", "stand", "leaves", "trees")  # in the order of the page

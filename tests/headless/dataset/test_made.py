@@ -161,3 +161,18 @@ def test_a_dry_run_says_what_it_costs_and_writes_nothing(tmp_path, warm):
     for word in ("1 scenes", "core-hours", "GB", "Boreal3D"):
         assert word in ended.stderr
     assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("allowed", [False, True])
+def test_an_empty_cloud_is_no_good_data_unless_the_plan_says_so(tmp_path, warm, allowed):
+    """A scanner that looks past everything: its files are whole and their labels right, all none of them."""
+    out = tmp_path / "data"
+    more = ("--set", "count=1", "--set", "scene.sensors[tls].elevation_deg=[88.0,89.0]")
+    allow = ("--set", "keep.empty=true") if allowed else ()
+    ended = warm.run(PLAN, *more, *allow, "--out", out, "--workers", "1", "--quiet")
+    assert ended.returncode == 0, ended.stderr
+    assert "| empty | 1 results; first: 0 points: " in (out / "README.md").read_text()
+    ended = warm.run("--check", out)
+    assert ended.returncode == (0 if allowed else 4), ended.stderr
+    assert ("tls: 0 points" in ended.stderr) is not allowed

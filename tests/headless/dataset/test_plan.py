@@ -190,3 +190,28 @@ def test_a_species_of_one_split_may_know_no_chance(tmp_path):
     text = CHANCELESS.replace('["abop-ternary-a", "apple-stochastic"]', species)
     (tmp_path / "plan.toml").write_text(text + '[splits]\nby = "species"\n')
     assert len(recipes(read_plan(tmp_path / "plan.toml"))) == 20
+
+
+def test_a_flight_above_its_scanners_range_is_refused(tmp_path):
+    path = tmp_path / "plan.toml"
+    text = """
+[[scene.sensors]]
+kind = "airborne"
+name = "als"
+max_range = 60.0
+
+[mix]
+species = ["apple-stochastic"]
+
+[[place]]
+sensor = "als"
+rule = "over"
+height = 80.0
+"""
+    path.write_text(text)
+    with pytest.raises(
+        SpecError, match=r'80 m above the ground is beyond the range of "als", 60 m'
+    ):
+        recipes(read_plan(path, ["count=2"]))
+    assert recipes(read_plan(path, ["count=2", "keep.empty=true"]))
+    assert recipes(read_plan(path, ["count=2", "place[0].height=50.0"]))

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from forest_addon.sensing.lidar.scanner import pattern_of
-from forest_addon.sensing.lidar.trajectory import path_along, path_of
+from forest_addon.sensing.trajectory import along, through
 from forest_addon.spec import Airborne, Mobile, Pose, SpecError, Terrestrial
 
 
@@ -110,7 +110,7 @@ def test_channels_spin_about_the_vertical():
 
 
 def test_poses_are_passed_evenly_by_the_shortest_turn():
-    path = path_of(
+    path = through(
         [
             Pose(time=5.0, position=(0.0, 0.0, 1.0), heading_deg=350.0),
             Pose(time=7.0, position=(4.0, 2.0, 1.0), heading_deg=10.0, pitch_deg=30.0),
@@ -126,12 +126,12 @@ def test_poses_are_passed_evenly_by_the_shortest_turn():
 
 
 def test_roll_sinks_the_right_side():
-    _, attitude = path_of([Pose(roll_deg=20.0)]).at(np.zeros(1))
+    _, attitude = through([Pose(roll_deg=20.0)]).at(np.zeros(1))
     assert attitude.apply([0, -1.0, 0])[0, 2] == pytest.approx(-np.sin(np.deg2rad(20)))
 
 
 def test_a_polyline_is_followed_at_an_even_speed():
-    path = path_along(np.array([[0, 0, 0], [3, 0, 0], [3, 0, 0], [3, 4, 0.0]]), speed=2.0)
+    path = along(np.array([[0, 0, 0], [3, 0, 0], [3, 0, 0], [3, 4, 0.0]]), speed=2.0)
     assert path.duration == pytest.approx(3.5)
     where, attitude = path.at(np.array([0.0, 1.0, 2.5, 3.5]))
     assert where[:, :2] == pytest.approx(np.array([[0, 0], [2, 0], [3, 2], [3, 4]]))
@@ -139,7 +139,7 @@ def test_a_polyline_is_followed_at_an_even_speed():
         np.array([[1, 0, 0], [0, 1, 0]]), abs=1e-12
     )
     with pytest.raises(ValueError, match="two different points"):
-        path_along(np.zeros((4, 3)), 1.0)
+        along(np.zeros((4, 3)), 1.0)
 
 
 def test_a_scanner_is_turned_on_its_platform():
@@ -159,7 +159,7 @@ def test_nowhere_to_go():
 
 
 def test_a_path_of_one_pose_stands_still():
-    path = path_of([Pose(position=(1.0, 2.0, 3.0))])
+    path = through([Pose(position=(1.0, 2.0, 3.0))])
     where, attitude = path.at(np.linspace(0, 9, 5))
     assert (where == [1, 2, 3]).all()
     assert len(attitude) == 5

@@ -7,14 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from forest_addon.sensing.sonar.beam import Gaussian, beam_frame, beam_offsets
+from forest_addon.sensing.sonar.beam import Gaussian, beam_offsets
+from forest_addon.sensing.trajectory import frame_of
 
 AXES = [(0.0, 0.0), (2.5, 0.6), (-1.0, math.pi / 2), (0.3, -math.pi / 2), (4.0, 1.5)]
 
 
 @pytest.mark.parametrize(("azimuth", "elevation"), AXES)
 def test_frame_is_right_handed(azimuth: float, elevation: float) -> None:
-    frame = beam_frame(azimuth, elevation)
+    frame = frame_of(azimuth, elevation)
     np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-15)
     np.testing.assert_allclose(np.cross(frame[0], frame[1]), frame[2], atol=1e-15)
     assert frame[1, 2] == 0  # left is level
@@ -23,16 +24,16 @@ def test_frame_is_right_handed(azimuth: float, elevation: float) -> None:
 @pytest.mark.parametrize(("azimuth", "elevation"), AXES)
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, 2.0, 3.1])
 def test_offsets_in_the_two_planes(azimuth: float, elevation: float, angle: float) -> None:
-    forward, left, up = beam_frame(azimuth, elevation)
+    forward, left, up = frame_of(azimuth, elevation)
     for side, expected in ((left, (angle, 0)), (-left, (-angle, 0)), (up, (0, angle))):
         way = math.cos(angle) * forward + math.sin(angle) * side
-        offsets = np.concatenate(beam_offsets(way[None], beam_frame(azimuth, elevation)))
+        offsets = np.concatenate(beam_offsets(way[None], frame_of(azimuth, elevation)))
         np.testing.assert_allclose(offsets, expected, atol=1e-14)
 
 
 def beam_gain(directions, azimuth, width):
     """(L,) one way, of a level beam."""
-    az, el = beam_offsets(directions, beam_frame(azimuth, 0.0))
+    az, el = beam_offsets(directions, frame_of(azimuth, 0.0))
     return Gaussian(width).gain(az, el, np.zeros(1))[0]
 
 
@@ -40,7 +41,7 @@ def test_offsets_of_a_level_sonar_are_azimuth_and_elevation_nearby() -> None:
     az, el = 0.05, -0.04
     way = [[math.cos(el) * math.cos(az), math.cos(el) * math.sin(az), math.sin(el)]]
     np.testing.assert_allclose(
-        np.concatenate(beam_offsets(np.array(way), beam_frame(0, 0))), [az, el], rtol=2e-3
+        np.concatenate(beam_offsets(np.array(way), frame_of(0, 0))), [az, el], rtol=2e-3
     )
 
 

@@ -11,8 +11,9 @@ from references.leaf_discs import discs_of
 
 from forest_addon.sensing.sonar.beam import Beam, Gaussian, Horseshoe, Measured, Omni
 from forest_addon.sensing.sonar.ping import Echo, ping
-from forest_addon.sensing.sonar.poses import Pose, along
+from forest_addon.sensing.sonar.poses import Pose, poses_of
 from forest_addon.sensing.sonar.station import Equipment
+from forest_addon.sensing.trajectory import looking
 from forest_addon.spec import Air, Sonar, SpecError
 
 AIR = Air(sound_speed=340.0)
@@ -126,11 +127,12 @@ def test_a_leaf_ahead_is_the_same_at_both_ears_and_turned_ears_differ() -> None:
 
 def test_poses_look_and_fly() -> None:
     position = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1.0]])
-    poses = along(position, np.zeros(3), np.zeros(3), np.array([0.1, 0.2, 0.3]), speed=3.0)
+    beam = np.array([0.1, 0.2, 0.3])
+    poses = poses_of(looking(position, np.zeros(3), np.zeros(3), beam, speed=3.0))
     assert [pose.width for pose in poses] == [0.1, 0.2, 0.3]
     np.testing.assert_allclose([np.linalg.norm(pose.velocity) for pose in poses], 3.0)
     np.testing.assert_allclose(poses[0].velocity, [3, 0, 0])
-    (alone,) = along(position[:1], np.array([math.pi / 2]), np.zeros(1), speed=2.0)
+    (alone,) = poses_of(looking(position[:1], np.array([math.pi / 2]), np.zeros(1), speed=2.0))
     np.testing.assert_allclose(alone.velocity, [0, 2, 0], atol=1e-15)
 
 

@@ -8,9 +8,11 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
+from forest_addon.results import plot as plots
+from forest_addon.results.scanner import cloud_plot
 from forest_addon.sensing.lidar import panorama
 from forest_addon.sensing.lidar.scanner import pattern_of
-from forest_addon.ui.results import images, plots
+from forest_addon.ui.results import images
 
 RATE = 100_000.0
 
@@ -83,7 +85,7 @@ def test_a_panorama_has_each_return_where_its_beam_looked():
         elevation=np.deg2rad([-10, 5, 20]),
         returns=SimpleNamespace(distance=np.array([2.0, 1.0, 4.0])),
     )
-    plot = plots.cloud_plot(cloud, scanner)
+    plot = cloud_plot(scanner, cloud)
     (strip,) = plot.strips
     assert (plot.across.low, plot.across.high, strip.up.low, strip.up.high) == (0, 90, -10, 20)
     azimuth, elevation = brightest(strip, plot.across)
@@ -98,7 +100,7 @@ def test_from_above_the_highest_point_is_the_brightest():
     grid = np.stack(np.meshgrid(np.arange(50.0), np.arange(20.0)), axis=-1).reshape(-1, 2)
     position = np.column_stack([grid, np.zeros(len(grid))])
     position[(grid == (30, 15)).all(axis=1), 2] = 7.0
-    plot = plots.cloud_plot(Points(position=position), spec.Airborne())
+    plot = cloud_plot(spec.Airborne(), Points(position=position))
     x, y = brightest(plot.strips[0], plot.across)
     assert (x, y) == pytest.approx((30, 15), abs=1.0)
     high, wide, _ = plot.strips[0].pixels.shape
@@ -109,7 +111,7 @@ def test_from_above_the_highest_point_is_the_brightest():
 def test_numbers_of_a_narrow_picture_have_room(east, north):
     x, y = np.meshgrid(np.linspace(0, east, 200), np.linspace(0, north, 200))
     position = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
-    plot = plots.cloud_plot(Points(position=position), spec.Airborne())
+    plot = cloud_plot(spec.Airborne(), Points(position=position))
     _, labels = images._compose(plot)
     at_left = sorted(y for text, x, y, *_ in labels if x < images.LEFT - images.TICK)
     below = sorted(x for text, x, y, left, under in labels if (left, under) == (0.5, 1.0))
@@ -120,7 +122,7 @@ def test_numbers_of_a_narrow_picture_have_room(east, north):
 
 
 def test_no_points_no_picture():
-    assert plots.cloud_plot(Points(position=np.empty((0, 3))), spec.Airborne()) is None
+    assert cloud_plot(spec.Airborne(), Points(position=np.empty((0, 3)))) is None
 
 
 @pytest.mark.parametrize(
@@ -158,7 +160,7 @@ def test_axes_are_written_and_the_strips_are_as_drawn():
 
 def test_a_picture_of_another_size_is_drawn_into_the_first():
     first = images.show("again", plots.sound_plot(tone(20e3, 0.0, 0.1), RATE))
-    flat = plots.cloud_plot(Points(position=np.eye(3)), spec.Airborne())
+    flat = cloud_plot(spec.Airborne(), Points(position=np.eye(3)))
     before = len(bpy.data.images)
     again = images.show("again", flat)
     assert again == first  # editors go on showing it
@@ -173,7 +175,7 @@ def test_a_picture_of_another_size_is_drawn_into_the_first():
 
 def test_an_image_of_the_user_that_has_the_name_stays():
     mine = bpy.data.images.new("mine", 4, 4)
-    flat = plots.cloud_plot(Points(position=np.eye(3)), spec.Airborne())
+    flat = cloud_plot(spec.Airborne(), Points(position=np.eye(3)))
     shown = images.show("mine", flat)
     assert shown != mine
     assert tuple(mine.size) == (4, 4)

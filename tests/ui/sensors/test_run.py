@@ -199,12 +199,12 @@ def test_a_folder_beside_an_unsaved_file_is_refused(built):
 
 
 def test_a_full_disk_keeps_the_result_in_the_scene(built, tmp_path, monkeypatch):
-    from forest_addon.results import findings
+    from forest_addon.formats import las
 
-    def full(*_):
+    def full(*_, **__):
         raise OSError(28, "No space left on device", "cloud.laz")
 
-    monkeypatch.setattr(findings, "write_las", full)
+    monkeypatch.setattr(las, "write_las", full)
     built.output = str(tmp_path)
     assert run("cloud") == {"FINISHED"}
     assert len(clouds()) == 1

@@ -1,1 +1,1 @@
-"""What a stand does to sound besides scattering it once: losses, transport, and the noise they leave."""
+"""Effects of a stand on sound besides scattering it once: losses, transport, and the noise they leave."""

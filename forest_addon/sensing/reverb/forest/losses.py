@@ -1,4 +1,4 @@
-"""What a sound loses on a path by way of a trunk, besides what the trunk does, by length and frequency.
+"""Losses of a sound on a path by way of a trunk, besides what the trunk does, by length and frequency.
 
 Settings, heights and what the stand is like come in; two functions go out. A trunk is upright, so that it
 keeps a sound's vertical wavenumber: over any ground that is the same everywhere, sound by way of trunks is
@@ -45,7 +45,7 @@ UNEVEN = 0.2  # standard deviation of trunks' heights over their mean
 
 @dataclass(frozen=True)
 class Stand:
-    """What paths meet besides single trunks.
+    """Stand that paths meet besides single trunks.
 
     density : trunks per m². radii : m, a few that stand for all.
     leaf_area_density : m²/m³ at the path. trunk_height : m, 0 endless.
@@ -114,7 +114,7 @@ class Losses:
 
     @property
     def absorbing_leaves(self) -> bool:
-        """Whether leaves take anything."""
+        """Return whether leaves take anything."""
         return self.stand.leaf_area_density > 0 and self.leaf_absorption > 0
 
     def removed(self, frequency: np.ndarray) -> np.ndarray:
@@ -133,7 +133,7 @@ class Losses:
 
     @property
     def everywhere(self) -> Losses:
-        """What ``along`` and H depend on: the same for all ends."""
+        """Return what ``along`` and H depend on: the same for all ends."""
         return replace(
             self,
             stand=Stand(leaf_area_density=self.stand.leaf_area_density),
@@ -154,7 +154,7 @@ class Losses:
 
     @property
     def passes(self) -> bool:
-        """Whether ``gain`` is 1 everywhere."""
+        """Return whether ``gain`` is 1 everywhere."""
         level = self.source_height == self.receiver_height
         none = self.extinction == "none" or self.stand.density == 0
         return level and none and not self.ground and self.stand.trunk_height == 0
@@ -226,7 +226,7 @@ class Losses:
         return self.share(frequency, length, rise) * self._of_trunks(frequency, length)
 
     def _of_trunks(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
-        """What other trunks take, and what trunks' ends leave."""
+        """Return what other trunks take, and what trunks' ends leave."""
         found = np.exp(-0.5 * self.removed(frequency) * length)
         if self.stand.trunk_height > 0:
             found = found * self.of_ends(frequency, length)
@@ -274,7 +274,8 @@ def loss_per_metre(frequency: np.ndarray, air: Air, losses: Losses | None) -> np
 
 @lru_cache(maxsize=16)
 def _widths(highest: float, bark: float, extinction: str) -> CubicSpline:
-    """What trunks take out over the radius, both by logarithms, of sizes ka: smooth, or it would ring."""
+    """Return what trunks take out over the radius, both by logarithms, of sizes ka: smooth, or it would
+    ring."""
     size = np.geomspace(SMALLEST, 1.001 * highest, SIZES)
     found = cross_sections(size, bark)
     taken = found.energy if extinction == "energy" else found.extinction

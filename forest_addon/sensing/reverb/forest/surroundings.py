@@ -1,4 +1,4 @@
-"""What a forest is around a source and a receiver, for a model ``forest``: density, radii, leaves, tops.
+"""Surroundings of a source and a receiver, for a model ``forest``: density, radii, leaves, tops.
 
 Trunks of the field, its extent and the scene's canopy come in; the ``Stand`` that losses along paths need,
 and the ``Density`` that energy travels through, go out. Trunks' density is counted in cells of the field that

@@ -35,7 +35,7 @@ LEAST = 1e-30
 
 @dataclass(frozen=True)
 class Tail:
-    """What a pair's noise is made of.
+    """Noise of a pair.
 
     band : (B,) Hz. energy : of each. lift : (B,) per metre, by which the sum over trunks keeps more of the
     sound scattered once than transport does. joint : metres of path from which all is noise.

@@ -74,7 +74,7 @@ class Density:
 
 @dataclass(frozen=True)
 class PhaseFunction:
-    """How trunks of one stand scatter a frequency.
+    """Phase function of a stand's trunks at a frequency.
 
     width : m, what a trunk takes out. kept : share of that that is scattered, the rest stays in the bark.
     angle : (A,) 0 to π. density : (A,) per radian to one side, its integral over both sides is ``kept``.

@@ -1,4 +1,4 @@
-"""What the tolerance of a sum over trunks promises, in one place: for users, the audit and the tests.
+"""Contract of the tolerance of a sum over trunks, in one place: for users, the audit and the tests.
 
 A relative error ε, from 1e-2 to 1e-6, holds against the formula (``scattering``) in the L2 norm of
 

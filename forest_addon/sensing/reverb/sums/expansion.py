@@ -59,7 +59,7 @@ class Sector:
 
     @property
     def terms(self) -> int:
-        """How many products."""
+        """Return how many products."""
         return len(self.filters)
 
     def shares(self, cosine: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ import numpy as np
 from scipy import fft, sparse
 
 from ....acoustics.kaiser_bessel import OVERSAMPLING, Kernel
+from ....base.progress import Progress
 from ....spec import Air
 from ..band import SPREAD, roll_off
 from ..forest.losses import Losses, loss_per_metre
@@ -30,7 +31,7 @@ from .expansion import Layer, Sector, expand
 from .loud import loud_trunks
 from .panel_sum import panel_spectrum
 from .path_gain import PathGain, Zone
-from .scattering import Progress, TrunkPaths, direct_sum
+from .scattering import TrunkPaths, direct_sum
 
 TRUNKS_AT_ONCE = 65536
 GRID_AT_ONCE = 1 << 23  # values of the even grid, of as many terms as that allows
@@ -56,7 +57,7 @@ class FastSum:
 
 
 class Expansions:
-    """What the fast sum has set up so far, for any number of sources and receivers."""
+    """Expansions that the fast sum has set up so far, for any number of sources and receivers."""
 
     def __init__(self) -> None:
         self._layers: dict[tuple, list[_LayerSum]] = {}

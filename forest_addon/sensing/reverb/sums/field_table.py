@@ -25,12 +25,12 @@ FIRST_SERIES = 64  # values at once
 
 
 def middle(angle: np.ndarray) -> np.ndarray:
-    """How far, over the radius, the middle of a trunk's answer lies before the axis' own time."""
+    """Return how far, over the radius, the middle of a trunk's answer lies before the axis' own time."""
     return np.sin(0.5 * angle) - 0.5 * angle
 
 
 def near_face(angle: np.ndarray) -> np.ndarray:
-    """How far, over the radius, the echo off the near face comes before the axis' own time."""
+    """Return how far, over the radius, the echo off the near face comes before the axis' own time."""
     return 2.0 * np.sin(0.5 * angle)
 
 

@@ -1,4 +1,4 @@
-"""How long a record must be, and how much of the sound one that ends earlier leaves out.
+"""Length of a record, and the share of the sound that one which ends earlier leaves out.
 
 Paths go in; by octaves, the energy that is still to come at each path's arrival is estimated without
 summing their sound: trunks stand at random, so that their energies add up,

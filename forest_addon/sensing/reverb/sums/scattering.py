@@ -17,12 +17,12 @@ import numpy as np
 
 from ....acoustics.cylinder import transfer
 from ....acoustics.spectrum import delay_factors, frequency_panels
+from ....base.progress import Progress
 from ....spec import Air
 from ..forest.losses import Losses, loss_per_metre
 from ..trunks.slices import Trunks
 from .bands import bands_of, samples_of
 
-Progress = Callable[[int, int], None]
 Gain = Callable[[np.ndarray, np.ndarray], np.ndarray]  # of frequency and path length
 PANEL_KA = 3.0  # width of a panel in ka of the octave's thickest trunk
 TRUNKS_AT_ONCE = 512

@@ -1,4 +1,4 @@
-"""What one receiver hears of one source by way of the trunks: the exact sum, or a fast one.
+"""Response of trunks at one receiver to one source: the exact sum, or a fast one.
 
 Trunks, a source and a receiver go in, samples come out. ``tolerance`` chooses the way: 0, or less
 than the fast sum keeps, sums every trunk at every frequency (``scattering``), a larger one allows a
@@ -9,11 +9,11 @@ are summed exactly in any case, because that is as fast.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from ....base.progress import Progress
 from ....spec import Air, Reverb
 from ..band import SPREAD
 from ..forest.losses import Losses
@@ -23,7 +23,6 @@ from .fast_scattering import FEW_RADII, Expansions
 from .record import left_out_db, record_length
 from .scattering import direct_sum, trunk_paths
 
-Progress = Callable[[int, int], None]
 NEAREST = 0.1  # m; a source has an extent: its direct sound is not louder than at this distance
 FEW = 200  # trunks of few different radii that are summed exactly
 FEW_SUMMANDS = 5e6  # trunks of many radii by samples of the response that are summed exactly

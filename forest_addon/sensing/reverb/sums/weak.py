@@ -41,7 +41,7 @@ class Weak:
     norms: np.ndarray
 
     def bound(self, samples: np.ndarray, sample_rate: float) -> float:
-        """What is left out adds at most this share of any octave of a sound (N,)."""
+        """Return what is left out adds at most this share of any octave of a sound (N,)."""
         if not self.rows.any():
             return 0.0
         size = fft.next_fast_len(len(samples), real=True)
@@ -55,7 +55,7 @@ class Weak:
         return max(shares)
 
     def told(self, samples: np.ndarray, sample_rate: float) -> dict[str, Any]:
-        """How many there are and their bound, as a response has them."""
+        """Return how many there are and their bound, as a response has them."""
         return {
             "weak": int(self.rows.sum()),
             "weak_bound": self.bound(samples, sample_rate),

@@ -1,23 +1,15 @@
-"""Results drawn with numpy, as Blender has no plotting library: strips of pixels above one another that
-share the axis across. ``images`` puts axes around them and makes Blender images of them.
+"""Pictures of results drawn with numpy, as Blender has no plotting library: strips of pixels above one
+another that share the axis across. Whoever shows them puts axes around the strips and says their texts, which
+are ``keep``-ed, in the user's language.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from scipy import signal
 
-from ...sensing.lidar.cloud import Cloud
-from ...sensing.lidar.panorama import range_image
-from ...sensing.lidar.tractor import TractorScan
-from ...sensing.reverb import metrics
-from ...sensing.reverb.response import ImpulseResponse
-from ...sensing.sonar.flight import Flight
-from ...spec import Scanner, Terrestrial
-from ..shell.words import label
+from ..base.words import keep
 
 WIDE, HIGH = 1100, 300  # pixels of one strip
 DEPTH_DB = 80.0
@@ -57,20 +49,6 @@ class Plot:
     caption: str
 
 
-def plot_of(found: Any, sensor: Any) -> Plot | None:
-    """Return what is drawn of a result; of a flight one ping after the other."""
-    if isinstance(found, TractorScan):
-        return matrix_plot(found)
-    if isinstance(found, Cloud):
-        return cloud_plot(found, sensor)
-    if isinstance(found, ImpulseResponse):
-        return sound_plot(found.samples, found.sample_rate, decay=True)
-    if isinstance(found, Flight):
-        pings = found.stacked("waveforms")[:, 0].ravel()
-        return sound_plot(pings, found.echoes[0].sample_rate)
-    return sound_plot(found.waveforms[0], found.sample_rate)
-
-
 def sound_plot(samples: np.ndarray, sample_rate: float, decay: bool = False) -> Plot:
     """Level and spectrogram of a signal (N,), up to its last audible sample.
 
@@ -81,15 +59,17 @@ def sound_plot(samples: np.ndarray, sample_rate: float, decay: bool = False) -> 
     audible = np.flatnonzero(loud > floor)
     part = samples[: int(audible[-1]) + 1] if len(audible) else samples
     level = _level(np.abs(part), floor)
-    title = label("Level")
+    title = keep("Level")
     if decay and len(audible):
+        from ..sensing.reverb import metrics
+
         _draw_curve(level, metrics.energy_decay_db(samples)[: len(part)])
-        title = label("Level and energy decay curve")
+        title = keep("Level and energy decay curve")
     spectrogram, low, high = _spectrogram(part, sample_rate)
     milliseconds = 1e3 * len(part) / sample_rate
     return Plot(
         (
-            Strip(label("Spectrogram"), spectrogram, Axis(low / 1e3, high / 1e3, "kHz")),
+            Strip(keep("Spectrogram"), spectrogram, Axis(low / 1e3, high / 1e3, "kHz")),
             Strip(title, level, Axis(-DEPTH_DB, 0.0, "dB")),
         ),
         Axis(0.0, milliseconds, "ms"),
@@ -97,49 +77,7 @@ def sound_plot(samples: np.ndarray, sample_rate: float, decay: bool = False) -> 
     )
 
 
-def matrix_plot(scan: TractorScan) -> Plot:
-    """The distances of a tractor's scan, near is bright; a beam that escaped is dark."""
-    angle = np.rad2deg(scan.angle)
-    track = scan.track
-    return Plot(
-        (
-            Strip(
-                label("Distance of the first hit"),
-                _by_distance(scan.distance.T),
-                Axis(float(angle[0]), float(angle[-1]), label("degrees from the horizontal")),
-            ),
-        ),
-        Axis(float(track[0]), float(track[-1]), label("m along the track")),
-        label(
-            "{length:.3g} m by {angle:.3g}°",
-            length=track[-1] - track[0],
-            angle=angle[-1] - angle[0],
-        ),
-    )
-
-
-def cloud_plot(cloud: Cloud, scanner: Scanner) -> Plot | None:
-    """Points as an image: from a tripod by azimuth and elevation, else from above; None without points."""
-    if not len(cloud):
-        return None
-    if not isinstance(scanner, Terrestrial):
-        return _from_above(cloud.position)
-    distance = range_image(cloud, scanner)
-    (west, east), (low, high) = scanner.azimuth_deg, scanner.elevation_deg
-    return Plot(
-        (
-            Strip(
-                label("Distance of the first return"),
-                _by_distance(distance),
-                Axis(low, high, label("elevation (°)")),
-            ),
-        ),
-        Axis(west, east, label("azimuth (°)")),
-        label("{wide:g}° by {high:g}°", wide=east - west, high=high - low),
-    )
-
-
-def _from_above(position: np.ndarray) -> Plot:
+def from_above(position: np.ndarray) -> Plot:
     """The highest point of each square cell; cells are as small as the points are dense."""
     low, high = position.min(axis=0), position.max(axis=0)
     extent = np.maximum((high - low)[:2], 1e-3)
@@ -155,11 +93,11 @@ def _from_above(position: np.ndarray) -> Plot:
     return Plot(
         (
             Strip(
-                label("Height of the points"), pixels, Axis(float(low[1]), float(high[1]), "y (m)")
+                keep("Height of the points"), pixels, Axis(float(low[1]), float(high[1]), "y (m)")
             ),
         ),
         Axis(float(low[0]), float(high[0]), "x (m)"),
-        label(
+        keep(
             "{length:.0f} m by {width:.0f} m, from above",
             length=high[0] - low[0],
             width=high[1] - low[1],
@@ -167,7 +105,7 @@ def _from_above(position: np.ndarray) -> Plot:
     )
 
 
-def _by_distance(distance: np.ndarray) -> np.ndarray:
+def by_distance(distance: np.ndarray) -> np.ndarray:
     """Colours of distances (H, W) by their logarithm, enlarged or thinned to the size of two strips."""
     high, wide = distance.shape
     rows = (np.arange(2 * HIGH) * high) // (2 * HIGH)
@@ -200,6 +138,8 @@ def _draw_curve(pixels: np.ndarray, level: np.ndarray) -> None:
 
 def _spectrogram(samples: np.ndarray, sample_rate: float) -> tuple[np.ndarray, float, float]:
     """Pixels of a strip, and the lowest and highest frequency in it (Hz): as far as there is sound."""
+    from scipy import signal
+
     window = max(16, min(512, len(samples) // 16))
     if len(samples) < window:
         return np.broadcast_to(SCALE[0], (HIGH, WIDE, 3)), 0.0, sample_rate / 2

@@ -1,0 +1,105 @@
+"""Trajectories of animated objects and curves of a Blender scene, for sensors that follow them.
+
+An object's X axis is forward and its Z axis up, as the arrows of our sensors show; it is taken as it is
+evaluated, with constraints, parents and drivers. A curve counts as its line, whatever its bevel; a curve that
+is animated itself counts as an object.
+"""
+
+from __future__ import annotations
+
+import math
+
+import bpy
+import numpy as np
+
+from ...sensing.trajectory import Trajectory, moving
+from ...spec import SpecError
+
+HALF = 0.5  # frames before and after, between which a velocity is taken
+
+
+class SceneFollower:
+    """Objects and curves of a Blender scene, see ``trajectory.Follower``."""
+
+    def __init__(self, scene: bpy.types.Scene) -> None:
+        self._scene = scene
+
+    def curve(self, name: str) -> np.ndarray | None:
+        """(K, 3) world points of a curve's first spline, at its own resolution; None of other objects."""
+        thing = self._thing(name)
+        if thing.type != "CURVE" or thing.animation_data is not None:
+            return None
+        return curve_points(thing)
+
+    def motion(self, name: str, count: int | None = None) -> Trajectory:
+        """The poses of an object over the scene's frames; what it passes stands as at the present frame.
+
+        count : poses evenly over the frames, with velocities; None: one at every frame.
+        """
+        self._thing(name)
+        scene = self._scene
+        now = scene.frame_current_final
+        first, last = scene.frame_start, scene.frame_end
+        rate = scene.render.fps / scene.render.fps_base
+        try:
+            if count is None:
+                frames, velocity = np.arange(first, last + 1, dtype=float), None
+                matrix = self._matrices(name, frames)
+            else:
+                frames = np.linspace(first, last, count)
+                matrix = self._matrices(name, frames)
+                ahead, behind = (self._matrices(name, frames + way) for way in (HALF, -HALF))
+                velocity = (ahead - behind)[:, :3, 3] * rate / (2 * HALF)
+        finally:
+            scene.frame_set(math.floor(now), subframe=now - math.floor(now))
+        try:
+            return moving((frames - first) / rate, matrix, velocity)
+        except ValueError as problem:
+            raise SpecError("follow", f'"{name}" {problem}') from None
+
+    def _thing(self, name: str) -> bpy.types.Object:
+        thing = self._scene.objects.get(name)
+        if thing is not None:
+            return thing
+        shown = (t.name for t in self._scene.objects if t.type in ("CURVE", "EMPTY"))
+        near = ", ".join(sorted(shown)[:8])
+        known = f"; curves and empties here: {near}" if near else ""
+        raise SpecError("follow", f'there is no object "{name}" in this scene{known}')
+
+    def _matrices(self, name: str, frames: np.ndarray) -> np.ndarray:
+        """(K, 4, 4) of an object as it is evaluated at frames (K,)."""
+        found = []
+        for frame in frames.tolist():
+            self._scene.frame_set(math.floor(frame), subframe=frame - math.floor(frame))
+            depsgraph = bpy.context.evaluated_depsgraph_get()
+            thing = self._scene.objects[name].evaluated_get(depsgraph)
+            found.append(np.array(thing.matrix_world, dtype=np.float64))
+        return np.array(found).reshape(-1, 4, 4)
+
+
+def curve_points(thing: bpy.types.Object) -> np.ndarray:
+    """(K, 3) world points of a curve's first spline, at its own resolution; of a closed one the last is the
+    first.
+    """
+    bare = thing.data.copy()
+    bare.bevel_depth = bare.extrude = bare.offset = 0.0
+    bare.bevel_object = bare.taper_object = None
+    bare.bevel_mode = "ROUND"
+    for spline in list(bare.splines)[1:]:
+        bare.splines.remove(spline)
+    probe = bpy.data.objects.new("path", bare)
+    try:
+        mesh = probe.to_mesh()
+        local = np.empty(3 * (len(mesh.vertices) if mesh else 0), dtype=np.float32)
+        if len(local):
+            mesh.vertices.foreach_get("co", local)
+        closed = bool(len(bare.splines)) and bare.splines[0].use_cyclic_u
+    finally:
+        probe.to_mesh_clear()
+        bpy.data.objects.remove(probe)
+        bpy.data.curves.remove(bare)
+    points = local.reshape(-1, 3).astype(np.float64)
+    if closed:
+        points = np.concatenate([points, points[:1]])
+    matrix = np.array(thing.matrix_world, dtype=np.float64)
+    return points @ matrix[:3, :3].T + matrix[:3, 3]

@@ -1,0 +1,82 @@
+"""Record of what a sensor GIVES: one a kind, filled in by the file of each sensor in this room.
+
+The record turns what a sensor found into figures and sentences for panel and report, files, a picture, a
+sound, points. Whoever shows or writes results looks it up by the ``kind`` of the sensor's settings
+(``kinds``) and knows no result by its class. What a sensor *is* is the record of the same kind in
+``sensing``.
+
+Only figures and arrays are needed; a result that says no more becomes an NPZ, a table, and lines in panel
+and report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .figures import Figure
+from .plot import Plot
+
+if TYPE_CHECKING:
+    from ..base.labels import Labels
+    from ..sensing.kind import Seen
+    from ..sensing.lidar.cloud import Cloud
+    from ..sensing.sonar.ping import Contributions
+
+Offset = tuple[float, float, float]
+Finding = Any  # what a sensor found: a Cloud, an Echo, ...
+
+
+def _title(sensor: Any) -> str:
+    return f"{sensor.TITLE or sensor.kind.title()}: {sensor.name}"
+
+
+def _nothing(*_: Any) -> None:
+    return None
+
+
+def _no_words(*_: Any) -> str:
+    return ""
+
+
+def _no_notes(*_: Any) -> tuple[str, ...]:
+    return ()
+
+
+@dataclass(frozen=True)
+class ResultKind:
+    """Record of a result; its functions take the sensor's settings and what it found.
+
+    figures : its figures; the scene, where it is known, for those that need it. arrays : named arrays of
+        what was found, with ``units`` by name; what is written where ``write`` and ``save`` say nothing else.
+    sentence : the most telling figure in a few words, ``keep``-ed for translators; empty: the first figure.
+
+    title, story, notes : heading, sentence and remarks in the report.
+    write : the files of a run in a folder, with the offset of the scene; the one of the data first.
+    endings, save : formats that a result is exported to, the usual one first, and how; labels are of points.
+    plot : a picture of it; None: there is nothing to draw. points : it as points in the scene; None: it has
+        none. is_cloud : points are all that it is. marks : what sounded where, to show in the scene.
+    sound : samples (N, C) and rate in Hz, as it is played; None: it is silent. is_response : other sounds are
+        played through it.
+    """
+
+    figures: Callable[[Any, Finding, Seen | None], list[Figure]]
+    arrays: Callable[[Finding], dict[str, np.ndarray]] | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
+    sentence: Callable[[Finding], str] = _no_words
+    title: Callable[[Any], str] = _title
+    story: Callable[[Any, Finding], str] = _no_words
+    notes: Callable[[Any, Finding], tuple[str, ...]] = _no_notes
+    write: Callable[[Path, Any, Finding, Offset], list[Path]] | None = None
+    endings: tuple[str, ...] = (".npz", ".csv")
+    save: Callable[[Path, Any, Finding, Offset, Labels | None], None] | None = None
+    plot: Callable[[Any, Finding], Plot | None] = _nothing
+    points: Callable[[Any, Finding], Cloud | None] = _nothing
+    is_cloud: bool = False
+    marks: Callable[[Finding], Contributions | None] = _nothing
+    sound: Callable[[Any, Finding], tuple[np.ndarray, float]] | None = None
+    is_response: bool = False

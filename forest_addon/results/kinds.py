@@ -1,0 +1,137 @@
+"""Table of all results: what each kind of sensor gives (``kind``), by the word that names the sensor.
+
+The files of this room that the table holds are light: what writes or measures is imported when it is asked
+for.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..formats.atomic import replacing
+from ..spec import Sensor, SpecError
+from .figures import Figure
+from .kind import Finding, Offset, ResultKind
+from .reverb import REVERB
+from .scanner import SCANNER
+from .sonar import SONAR
+from .tractor import TRACTOR
+
+if TYPE_CHECKING:
+    from ..base.labels import Labels
+    from ..sensing.kind import Seen
+
+RESULTS: dict[str, ResultKind] = {
+    "tractor": TRACTOR,
+    "terrestrial": SCANNER,
+    "mobile": SCANNER,
+    "airborne": SCANNER,
+    "sonar": SONAR,
+    "reverb": REVERB,
+}
+
+
+def results_of(sensor: Sensor) -> ResultKind:
+    """Return the record of what a sensor gives."""
+    return RESULTS[sensor.kind]
+
+
+def figures_of(sensor: Sensor, found: Finding, seen: Seen | None = None) -> list[Figure]:
+    """Return the figures of what a sensor found. seen : the scene that it looked at, where it is known."""
+    return results_of(sensor).figures(sensor, found, seen)
+
+
+def sentence_of(sensor: Sensor, found: Finding) -> str:
+    """Return the most telling figure of a result in a few words, kept for translators."""
+    record = results_of(sensor)
+    first = [each.text for each in record.figures(sensor, found, None)[:1]]
+    return record.sentence(found) or next(iter(first), "")
+
+
+def write_finding(
+    folder: Path, sensor: Sensor, found: Finding, offset: Offset = (0.0, 0.0, 0.0)
+) -> list[Path]:
+    """Write a sensor's result into a folder; return the files, the one of the data first.
+
+    offset : metres added to the positions of points, the scene's ``offset``.
+
+    Raises
+    ------
+    OSError : it cannot be written; what had its name before stays as it was.
+    """
+    write = results_of(sensor).write
+    if write is not None:
+        return write(folder, sensor, found, offset)
+    path = folder / f"{sensor.name}.npz"
+    _write_arrays(path, sensor, found)
+    return [path]
+
+
+def write_as(
+    path: Path,
+    sensor: Sensor,
+    found: Finding,
+    offset: Offset = (0.0, 0.0, 0.0),
+    labels: Labels | None = None,
+) -> None:
+    """Write a result; the ending of the path says how.
+
+    offset : metres added to the positions of points, the scene's ``offset``. labels : of points, beside
+        those that every file has, with their names.
+
+    Raises
+    ------
+    SpecError : an ending that is none of the ``endings`` of its kind.
+    OSError : it cannot be written; what had its name before stays as it was.
+    """
+    record, ending = results_of(sensor), path.suffix.lower()
+    if ending not in record.endings:
+        allowed = ", ".join(record.endings)
+        raise SpecError(path.name, f'cannot be written as "{ending}"; use {allowed}')
+    if record.save is not None:
+        record.save(path, sensor, found, offset, labels)
+    elif ending == ".csv":
+        _write_table(path, sensor, found)
+    else:
+        _take_file(path, sensor, found, offset)
+
+
+def _write_arrays(path: Path, sensor: Sensor, found: Finding) -> None:
+    from ..formats.npz import write_npz
+
+    record = results_of(sensor)
+    write_npz(path, _arrays(record, found), dict(record.units))
+
+
+def _write_table(path: Path, sensor: Sensor, found: Finding) -> None:
+    """Write arrays of one length as columns; (N, K) becomes K columns."""
+    from ..formats.table import write_csv
+
+    columns: dict[str, list[Any]] = {}
+    for name, array in _arrays(results_of(sensor), found).items():
+        rows = np.atleast_1d(array)
+        if rows.ndim == 1:
+            columns[name] = rows.tolist()
+        else:
+            parts = rows.reshape(len(rows), -1).T
+            columns |= {f"{name}_{number}": part.tolist() for number, part in enumerate(parts)}
+    write_csv(path, columns)
+
+
+def _arrays(record: ResultKind, found: Finding) -> dict[str, np.ndarray]:
+    assert record.arrays is not None, "a kind of result without write needs arrays"
+    return record.arrays(found)
+
+
+def _take_file(path: Path, sensor: Sensor, found: Finding, offset: Offset) -> None:
+    """Write the file of this ending among those that a run writes."""
+    with tempfile.TemporaryDirectory(prefix=".export-", dir=path.parent) as folder:
+        written = write_finding(Path(folder), replace(sensor, name="result"), found, offset)
+        (one,) = (file for file in written if file.name == f"result{path.suffix.lower()}")
+        with replacing(path) as partial:
+            partial.write_bytes(one.read_bytes())

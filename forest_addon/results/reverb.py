@@ -1,0 +1,274 @@
+"""Record of what a reverb gives: impulse responses, a channel for each pair of source and receiver."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..base.words import keep
+from .figures import Figure, numbers, sound_columns, words
+from .kind import Offset, ResultKind
+from .plot import Plot, sound_plot
+
+if TYPE_CHECKING:
+    from ..base.labels import Labels
+    from ..sensing.kind import Seen
+    from ..sensing.reverb.model_error import ModelError
+    from ..sensing.reverb.response import ImpulseResponse
+    from ..spec import Reverb
+
+SHOWN_CHANNELS = 8  # whose names are listed
+
+
+def _figures(reverb: Reverb, response: ImpulseResponse, seen: Seen | None) -> list[Figure]:
+    trunks = None
+    if seen is not None:
+        from ..sensing.reverb.kind import trunks_of
+
+        trunks = len(trunks_of(seen, reverb).radius)
+    return [*of_response(response, trunks), *_of_model(reverb)]
+
+
+def of_response(response: ImpulseResponse, trunks: int | None = None) -> list[Figure]:
+    """Measures are those of the first channel."""
+    from ..sensing.reverb.metrics import room_metrics
+
+    channels = response.channels
+    listed = ", ".join(channel.channel for channel in channels[:SHOWN_CHANNELS])
+    if len(channels) > SHOWN_CHANNELS:
+        listed += f" and {len(channels) - SHOWN_CHANNELS} more"
+    measured = room_metrics(response.samples, response.sample_rate, response.left_db)
+    seconds, clarity = measured.t30[0], measured.c50[0]
+    found = [numbers("channels", "", listed)]
+    if trunks is not None:
+        found.append(numbers("trunks cut from the scene", "", f"{trunks:,}"))
+    return [
+        *found,
+        numbers("trunks heard", "Trunks Heard", f"{response.trunks:,}"),
+        numbers("trunks beyond the field", "Beyond Field", f"{response.continued:,}"),
+        numbers("trunks after the record's end", "Too Late", f"{response.late:,}"),
+        numbers("reverberation time", "Reverb Time", f"{seconds:.2f} s")
+        if np.isfinite(seconds)
+        else words("reverberation time", "Reverb Time", "not reached"),
+        numbers("reverberation time by octave", "", _octaves(measured.band, measured.t30, "s", 2)),
+        numbers("C50", "Clarity C50", f"{clarity:.1f} dB")
+        if np.isfinite(clarity)
+        else words("C50", "Clarity C50", "no late sound"),
+        numbers("C50 by octave", "", _octaves(measured.band, measured.c50, "dB", 1)),
+        _passing("direct path", "Direct Path", [channel.direct_clear for channel in channels]),
+        _passing("ground path", "Ground Path", [channel.ground_clear for channel in channels]),
+        *_multiple_scattering(response.model_error),
+    ]
+
+
+def _of_model(reverb: Reverb) -> list[Figure]:
+    """Return what is in the model, and what is not."""
+    from ..sensing.reverb.terms import terms_of
+
+    held, missing = terms_of(reverb)
+    name = {"paper": "single scattering (Kaneko & Gamper 2021)", "forest": "forest"}[reverb.model]
+    return [
+        numbers("model", "", name),
+        numbers("in the model", "", "; ".join(held)),
+        numbers("not in the model", "", "; ".join(missing)),
+    ]
+
+
+def _octaves(band: np.ndarray, value: np.ndarray, unit: str, digits: int) -> str:
+    """Octaves with their values; those without are left out."""
+    shown = [
+        f"{middle:g} Hz {number:.{digits}f} {unit}"
+        for middle, number in zip(band[1:], value[1:], strict=True)
+        if np.isfinite(number)
+    ]
+    return ", ".join(shown) or "not reached"
+
+
+def _passing(name: str, short: str, clear: Sequence[bool]) -> Figure:
+    """Return whether a path is clear, for one channel or several."""
+    free = sum(clear)
+    if free == len(clear):
+        return words(name, short, "clear")
+    if not free:
+        return words(name, short, "blocked by wood")
+    count = len(clear)
+    return words(
+        name, short, "blocked by wood in {blocked} of {count}", blocked=count - free, count=count
+    )
+
+
+def _multiple_scattering(found: ModelError | None) -> Iterator[Figure]:
+    """Return what single scattering leaves out, if it was measured and there was something to measure."""
+    if found is not None and len(found.frequency):
+        yield numbers(
+            "error of single scattering",
+            "",
+            f"{100 * found.relative:.0f} % (L2), {found.level_db:+.1f} dB against exact multiple "
+            f"scattering by the {len(found.trunks)} trunks with the shortest paths, line source in the "
+            f"plane, {found.frequency[0]:.0f} to {found.frequency[-1]:.0f} Hz",
+        )
+
+
+def _sentence(response: ImpulseResponse) -> str:
+    if not response.trunks:
+        return keep("no trunks heard")
+    return keep("{count:,} trunks heard", count=response.trunks)
+
+
+def _story(reverb: Reverb, _response: ImpulseResponse) -> str:
+    distance = float(np.linalg.norm(np.subtract(reverb.source, reverb.receiver)))
+    how = (
+        "from single scattering by trunks (Kaneko & Gamper 2021)."
+        if reverb.model == "paper"
+        else "from scattering by trunks with what a forest takes."
+    )
+    return f"The impulse response over {distance:.1f} m, {how}"
+
+
+def _notes(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
+    channels = response.channels
+    peak = float(np.abs([channel.samples for channel in channels]).max())
+    notes = [
+        (
+            "Direct sum over every trunk and frequency in float64."
+            if response.exact
+            else f"Sum over trunks to a relative error of {reverb.tolerance:.0e}, in every octave."
+        )
+        + (
+            " Single scattering itself is the larger error, and grows with the density of the stand"
+            " (rescattering = 100 measures it)."
+            if reverb.model == "paper" or reverb.tail == "none"
+            else ""
+        ),
+        "Reverberation time is read from -5 to -35 dB of the energy decay; C50 with the onset at "
+        "-20 dB.",
+    ]
+    notes += [
+        f"From {low:g} Hz to {2 * low:g} Hz the error of the sum is {error:.0e}."
+        for low, error in sorted(response.errors.items())
+        if error > reverb.tolerance
+    ]
+    if np.isfinite(response.joint):
+        notes.append(
+            f"From {response.joint:.2f} s on the trunks' sound is noise with the energy of transport: "
+            f"{100 * reverb.multiple_share:.0f} % of it was scattered more than once."
+        )
+    if response.late:
+        notes.append(
+            f"The record ends before the sound: {response.late:,} trunks come later, with "
+            f"{response.left_db[0]:.0f} dB of the energy. Measures that this would change are left out; "
+            "duration = 0 records all."
+        )
+    if len(channels) > 1:
+        notes.append(
+            f"Figures are of the first of {len(channels)} channels, {response.channel}; "
+            f"{reverb.name}.npz has those of all."
+        )
+    if any(channel.clamped for channel in channels):
+        most = max(channel.clamped for channel in channels)
+        notes.append(
+            f"{most} trunk(s) cover a source or a receiver; their distance is taken as their radius."
+        )
+    if peak > 1:
+        notes.append("The sound exceeds full scale; the WAV is 32-bit float and does not clip.")
+    return tuple(notes)
+
+
+def _write(folder: Path, reverb: Reverb, response: ImpulseResponse, _offset: Offset) -> list[Path]:
+    path = folder / f"{reverb.name}.wav"
+    _write_sound(path, response)
+    arrays = folder / f"{reverb.name}.npz"
+    write_response(arrays, response)
+    return [path, arrays]
+
+
+def _save(
+    path: Path, _reverb: Reverb, response: ImpulseResponse, _offset: Offset, _labels: Labels | None
+) -> None:
+    from ..formats.table import write_csv
+    from ..sensing.reverb.response import channels_of
+
+    if path.suffix.lower() == ".csv":
+        samples = np.atleast_2d(channels_of(response).T)
+        write_csv(path, sound_columns(samples, response.sample_rate))
+    elif path.suffix.lower() == ".wav":
+        _write_sound(path, response)
+    else:
+        write_response(path, response)
+
+
+def _write_sound(path: Path, response: ImpulseResponse) -> None:
+    from ..formats.wav import write_wav
+    from ..sensing.reverb.response import channels_of
+
+    write_wav(path, channels_of(response), response.sample_rate)
+
+
+def write_response(path: Path, found: ImpulseResponse) -> None:
+    """Write the channels of an impulse response with their parts, axes, units and measures as NPZ.
+
+    Arrays of measures are (C, B): by channel and by band, 0 Hz for the whole band.
+    """
+    from dataclasses import fields
+
+    from ..formats.npz import write_npz
+    from ..sensing.reverb.metrics import RoomMetrics, echo_density, energy_decay_db, room_metrics
+
+    channels = found.channels
+    measures = [
+        room_metrics(channel.samples, found.sample_rate, channel.left_db) for channel in channels
+    ]
+    times, densities = zip(
+        *(echo_density(channel.samples, found.sample_rate) for channel in channels), strict=True
+    )
+    arrays = {
+        "channel": np.array([channel.channel for channel in channels]),
+        "time": np.arange(len(found.samples)) / found.sample_rate,
+        **{
+            part: np.array([getattr(channel, part) for channel in channels])
+            for part in ("samples", "direct", "ground", "trees")
+        },
+        "direct_delay": np.array([channel.direct_delay for channel in channels]),
+        "left_out": np.array([channel.left_db for channel in channels]),
+        "energy_decay": np.array([energy_decay_db(channel.samples) for channel in channels]),
+        "band": measures[0].band,
+        **{
+            field.name: np.array([getattr(measure, field.name) for measure in measures])
+            for field in fields(RoomMetrics)
+            if field.name != "band"
+        },
+        "echo_density_time": times[0],
+        "echo_density": np.array(densities),
+    }
+    units = dict.fromkeys(("time", "direct_delay", "centre_time", "echo_density_time"), "s")
+    units |= dict.fromkeys(("edt", "t20", "t30", "t60"), "s") | {"band": "Hz", "d50": "1"}
+    units |= dict.fromkeys(("energy_decay", "left_out", "c50", "c80"), "dB") | {"echo_density": "1"}
+    units |= dict.fromkeys(("samples", "direct", "ground", "trees"), "re source's impulse at 1 m")
+    write_npz(path, arrays, units)
+
+
+def _plot(_reverb: Reverb, response: ImpulseResponse) -> Plot:
+    return sound_plot(response.samples, response.sample_rate, decay=True)
+
+
+def _sound(_reverb: Reverb, response: ImpulseResponse) -> tuple[np.ndarray, float]:
+    from ..sensing.reverb.response import channels_of
+
+    return channels_of(response), response.sample_rate
+
+
+REVERB = ResultKind(
+    figures=_figures,
+    sentence=_sentence,
+    story=_story,
+    notes=_notes,
+    write=_write,
+    endings=(".wav", ".npz", ".csv"),
+    save=_save,
+    plot=_plot,
+    sound=_sound,
+    is_response=True,
+)

@@ -1,0 +1,115 @@
+"""Record of what a scanner gives, on whatever carries it: a cloud of points."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..base.words import keep
+from ..spec import Scanner, Terrestrial
+from .figures import Figure, numbers, organ_figures, share
+from .kind import Offset, ResultKind
+from .plot import Axis, Plot, Strip, by_distance, from_above
+from .point_files import ENDINGS, write_points
+
+if TYPE_CHECKING:
+    from ..base.labels import Labels
+    from ..sensing.kind import Seen
+    from ..sensing.lidar.cloud import Cloud
+
+
+def _figures(scanner: Scanner, cloud: Cloud, _seen: Seen | None) -> list[Figure]:
+    tree, organ = cloud.returns.tree, cloud.returns.organ
+    found = [
+        numbers("", "Beams", f"{cloud.pulses:,}"),
+        numbers("points", "Points", f"{len(organ):,}"),
+        numbers("trees seen", "Trees Seen", f"{len(np.unique(tree[tree >= 0]))}"),
+        *organ_figures(organ),
+    ]
+    if scanner.beam.max_returns > 1:
+        found.append(numbers("of several returns", "Several Returns", share(cloud.count > 1)))
+    if cloud.lost:
+        lost = "; ".join(map(str, cloud.lost))
+        found.append(numbers("not measured, by a fault of this program", "Not Measured", lost))
+    return [*found, numbers("", "Rays By", cloud.engine)]
+
+
+def _sentence(cloud: Cloud) -> str:
+    return keep("{count:,} points", count=len(cloud))
+
+
+def _title(scanner: Any) -> str:
+    return f"{scanner.kind.title()} LiDAR: {scanner.name}"
+
+
+def _story(scanner: Scanner, cloud: Cloud) -> str:
+    spacing = f" every {scanner.angle_step_deg:g}°" if isinstance(scanner, Terrestrial) else ""
+    instrument = f" by {scanner.scanner}" if scanner.scanner else ""
+    return f"{cloud.pulses:,} pulses{spacing}{instrument} gave {len(cloud):,} points."
+
+
+def _notes(scanner: Scanner, _cloud: Cloud) -> tuple[str, ...]:
+    subrays = scanner.beam.subrays
+    return (
+        "One ray a pulse."
+        if subrays == 1
+        else f"{subrays} rays of equal energy a pulse, over a Gaussian footprint.",
+        "LAS coordinates are stored to 0.1 mm; labels and truth (range without noise, normal, angle "
+        "of incidence) are extra bytes.",
+    )
+
+
+def _write(folder: Path, scanner: Scanner, cloud: Cloud, offset: Offset) -> list[Path]:
+    path = folder / f"{scanner.name}.laz"
+    write_points(path, cloud, offset)
+    return [path]
+
+
+def _save(
+    path: Path, _scanner: Scanner, cloud: Cloud, offset: Offset, labels: Labels | None
+) -> None:
+    write_points(path, cloud, offset, labels)
+
+
+def _points(_scanner: Scanner, cloud: Cloud) -> Cloud:
+    return cloud
+
+
+def cloud_plot(scanner: Scanner, cloud: Cloud) -> Plot | None:
+    """Points as an image: from a tripod by azimuth and elevation, else from above; None without points."""
+    if not len(cloud):
+        return None
+    if not isinstance(scanner, Terrestrial):
+        return from_above(cloud.position)
+    from ..sensing.lidar.panorama import range_image
+
+    distance = range_image(cloud, scanner)
+    (west, east), (low, high) = scanner.azimuth_deg, scanner.elevation_deg
+    return Plot(
+        (
+            Strip(
+                keep("Distance of the first return"),
+                by_distance(distance),
+                Axis(low, high, keep("elevation (°)")),
+            ),
+        ),
+        Axis(west, east, keep("azimuth (°)")),
+        keep("{wide:g}° by {high:g}°", wide=east - west, high=high - low),
+    )
+
+
+SCANNER = ResultKind(
+    figures=_figures,
+    sentence=_sentence,
+    title=_title,
+    story=_story,
+    notes=_notes,
+    write=_write,
+    endings=ENDINGS,
+    save=_save,
+    plot=cloud_plot,
+    points=_points,
+    is_cloud=True,
+)

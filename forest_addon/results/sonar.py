@@ -1,0 +1,202 @@
+"""Record of what a sonar gives: the echo of a ping, or of one from every pose of its route."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..base.words import keep
+from .figures import Figure, numbers, sound_columns, words
+from .kind import Finding, Offset, ResultKind
+from .plot import Plot, sound_plot
+
+if TYPE_CHECKING:
+    from ..base.labels import Labels
+    from ..sensing.kind import Seen
+    from ..sensing.sonar.flight import Flight
+    from ..sensing.sonar.ping import Contributions, Echo
+    from ..spec import Sonar
+
+
+def _echoes(found: Finding) -> tuple[Echo, ...]:
+    """Return the echoes of a flight, or the only one."""
+    return getattr(found, "echoes", (found,))
+
+
+def _is_flight(found: Finding) -> bool:
+    return hasattr(found, "echoes")
+
+
+def loudest(flight: Flight) -> Echo:
+    """The ping of a flight whose echo has the highest peak."""
+    return max(flight.echoes, key=lambda echo: float(echo.envelope.max(initial=0.0)))
+
+
+def strongest(echo: Echo) -> tuple[float, float] | None:
+    """Return how far away the loudest echo comes from, m, and its level, dB re call at 1 m; None: silence."""
+    if not np.any(echo.envelope):
+        return None
+    peak = int(np.argmax(echo.envelope))
+    distance = float(echo.time[peak] * echo.sound_speed / 2)
+    return distance, float(20 * np.log10(echo.envelope[peak]))
+
+
+def _figures(_sonar: Sonar, found: Finding, _seen: Seen | None) -> list[Figure]:
+    """Return the figures of an echo, of a flight those of its loudest ping."""
+    if not _is_flight(found):
+        return _of_echo(found)
+    return [numbers("", "Pings", f"{len(found):,}"), *_of_echo(loudest(found), found.echoes)]
+
+
+def _of_echo(echo: Echo, echoes: Sequence[Echo] = ()) -> list[Figure]:
+    """Figures of an echo; its error is the largest of all ``echoes`` that it stands for."""
+    heard = {kind: int(np.count_nonzero(echo.heard.kind == kind)) for kind in ("wood", "facet")}
+    found = [
+        numbers("leaves in the scene", "Leaves", f"{echo.leaves:,}"),
+        numbers("leaves heard", "Leaves Heard", f"{echo.leaves_heard:,}"),
+        numbers("pieces of wood heard", "Wood Heard", f"{heard['wood']:,}"),
+        numbers("glints and rims heard", "Glints Heard", f"{heard['facet']:,}"),
+        numbers("hidden by wood", "Behind Wood", f"{echo.hidden:,}"),
+    ]
+    peak = strongest(echo)
+    if peak is None:
+        found.append(words("strongest echo from", "", "nothing"))
+        found.append(words("level", "Level", "silence"))
+    else:
+        found.append(numbers("strongest echo from", "Strongest", f"{peak[0]:.2f} m"))
+        found.append(words("level", "Level", "{level:.1f} dB re call at 1 m", level=peak[1]))
+    some = (
+        ("later than the record", "Too Late", echo.late),
+        ("leaves nearer than ka²/2", "Near Leaves", echo.close),
+        ("discs of ka > 120 beyond 60°", "Doubtful Discs", echo.doubtful),
+    )
+    found += [numbers(name, short, f"{count:,}") for name, short, count in some if count]
+    most = max(each.error_bound + each.table_error for each in (echo, *echoes))
+    found.append(
+        words(
+            "error of the sum at most", "Error At Most", "{share:.1e} of all amplitudes", share=most
+        )
+    )
+    return found
+
+
+def _sentence(found: Finding) -> str:
+    if _is_flight(found):
+        return keep(
+            "{count:,} pings, the loudest: {found}",
+            count=len(found),
+            found=_sentence(loudest(found)),
+        )
+    peak = strongest(found)
+    if peak is None:
+        return keep("silence: nothing in the beam")
+    if not found.leaves_heard:
+        return keep("strongest echo from {distance:.2f} m", distance=peak[0])
+    return keep("{count:,} leaves heard", count=found.leaves_heard)
+
+
+def _story(sonar: Sonar, found: Finding) -> str:
+    if _is_flight(found):
+        return f"{len(found)} pings of {_call_in_words(sonar)}; what follows is of the loudest."
+    return f"One ping of {_call_in_words(sonar)}."
+
+
+def _call_in_words(sonar: Sonar) -> str:
+    beam = {"horseshoe": "a horseshoe bat's", "file": "a measured", "omni": "an even"}
+    model = {"piston": "hard discs (physical optics)", "paper": "the fit of Tanveer et al. 2020a"}
+    return (
+        f"{sonar.band[0] / 1e3:g} to {sonar.band[1] / 1e3:g} kHz with "
+        f"{beam.get(sonar.beam, f'a {sonar.beam_width_deg[0]:g}°')} beam, at {sonar.ears} "
+        f"ear{'s' if sonar.ears > 1 else ''}; leaves scatter as "
+        f"{model.get(sonar.leaf_model, 'hard discs (exact)')}"
+    )
+
+
+def _notes(sonar: Sonar, found: Finding) -> tuple[str, ...]:
+    return tuple(_echo_notes(sonar, _echoes(found)))
+
+
+def _echo_notes(sonar: Sonar, echoes: Sequence[Echo]) -> Iterator[str]:
+    bound, error, table = (
+        max(getattr(echo, name) for echo in echoes)
+        for name in ("cull_bound", "error_bound", "table_error")
+    )
+    kind = "Fast sum" if sonar.tolerance else "Direct sum over every scatterer and frequency"
+    summed = f"{kind}, error at most {error:.1e} of all amplitudes"
+    if error > sonar.tolerance > 0:
+        summed += f" ({sonar.tolerance:.0e} was asked for: what is looked up is not smooth enough)"
+    if table:
+        summed += f", and {table:.1e} from the tables of discs and cylinders"
+    shade = {
+        "none": "Nothing shades anything, as in the paper.",
+        "trunks": "Leaves do not shade each other; wood hides them as straight rays would.",
+        "extinction": "Leaves weaken what lies behind them, large ones hide it; wood hides nothing.",
+    }
+    both = (
+        "Leaves weaken what lies behind them, large ones and wood hide it as straight rays would."
+    )
+    yield f"{summed}; what is left out as too weak adds at most {bound:.1e} of them."
+    yield shade.get(sonar.shading, both)
+
+
+def _write(folder: Path, sonar: Sonar, found: Finding, _offset: Offset) -> list[Path]:
+    from .echo_files import write_echo
+
+    return write_echo(folder, sonar.name, found, sonar)
+
+
+def _save(
+    path: Path, sonar: Sonar, found: Finding, _offset: Offset, _labels: Labels | None
+) -> None:
+    from ..formats.table import write_csv
+    from .echo_files import write_echo_arrays, write_echo_sound
+
+    if path.suffix.lower() == ".csv":
+        write_csv(path, _columns(found))
+    elif path.suffix.lower() == ".wav":
+        write_echo_sound(path, found, sonar.time_expansion)
+    else:
+        write_echo_arrays(path, found)
+
+
+def _columns(found: Finding) -> dict[str, list[Any]]:
+    """Time and channels of a sound; of a flight one ping after the other."""
+    rate = float(_echoes(found)[0].sample_rate)
+    if not _is_flight(found):
+        return sound_columns(found.waveforms, rate)
+    stacked = found.stacked("waveforms")
+    return sound_columns(np.moveaxis(stacked, 1, 0).reshape(stacked.shape[1], -1), rate)
+
+
+def _plot(_sonar: Sonar, found: Finding) -> Plot:
+    if _is_flight(found):
+        pings = found.stacked("waveforms")[:, 0].ravel()
+        return sound_plot(pings, found.echoes[0].sample_rate)
+    return sound_plot(found.waveforms[0], found.sample_rate)
+
+
+def _marks(found: Finding) -> Contributions | None:
+    return None if _is_flight(found) else found.heard
+
+
+def _sound(sonar: Sonar, found: Finding) -> tuple[np.ndarray, float]:
+    from .echo_files import sound_of
+
+    return sound_of(found, sonar.time_expansion)
+
+
+SONAR = ResultKind(
+    figures=_figures,
+    sentence=_sentence,
+    story=_story,
+    notes=_notes,
+    write=_write,
+    endings=(".wav", ".npz", ".csv"),
+    save=_save,
+    plot=_plot,
+    marks=_marks,
+    sound=_sound,
+)

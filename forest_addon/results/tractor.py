@@ -1,0 +1,110 @@
+"""Record of what a tractor's scan gives: SIMLIDAR's matrix of distances, and points."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..base.words import keep
+from .figures import Figure, numbers, organ_figures, share
+from .kind import Offset, ResultKind
+from .plot import Axis, Plot, Strip, by_distance
+from .point_files import ENDINGS, write_points
+
+if TYPE_CHECKING:
+    from ..base.labels import Labels
+    from ..sensing.kind import Seen
+    from ..sensing.lidar.cloud import Cloud
+    from ..sensing.lidar.tractor import TractorScan
+    from ..spec import Tractor
+
+
+def _figures(_tractor: Tractor, scan: TractorScan, _seen: Seen | None) -> list[Figure]:
+    organ = scan.organ
+    return [
+        numbers("beams", "Beams", f"{organ.size:,}"),
+        numbers("", "Points", f"{int(np.count_nonzero(organ >= 0)):,}"),
+        *organ_figures(organ),
+        numbers("escaped", "Sky", share(organ < 0)),
+        numbers("", "Rays By", scan.engine),
+    ]
+
+
+def _sentence(scan: TractorScan) -> str:
+    return keep("{count:,} points", count=int(np.count_nonzero(scan.organ >= 0)))
+
+
+def _title(tractor: Tractor) -> str:
+    return f"Tractor LiDAR: {tractor.name}"
+
+
+def _story(tractor: Tractor, scan: TractorScan) -> str:
+    scans, beams = scan.organ.shape
+    return f"{scans:,} scans of {beams} beams along {tractor.track:g} m (SIMLIDAR's scanner, one ray a beam)."
+
+
+def _notes(_tractor: Tractor, scan: TractorScan) -> tuple[str, ...]:
+    return (
+        f"Rays by {scan.engine} on the evaluated depsgraph; every distance is computed again in "
+        "float64 on the triangle that was hit.",
+    )
+
+
+def _arrays(scan: TractorScan) -> dict[str, np.ndarray]:
+    return {
+        "distance": scan.matrix,
+        "organ": scan.organ,
+        "tree": scan.returns.tree.reshape(scan.distance.shape),
+        "angle": scan.angle,
+        "track": scan.track,
+    }
+
+
+def _points(tractor: Tractor, scan: TractorScan) -> Cloud:
+    from ..sensing.lidar.tractor import to_cloud
+
+    return to_cloud(scan, tractor)
+
+
+def _save(
+    path: Path, tractor: Any, scan: TractorScan, offset: Offset, labels: Labels | None
+) -> None:
+    write_points(path, _points(tractor, scan), offset, labels)
+
+
+def matrix_plot(_tractor: Tractor, scan: TractorScan) -> Plot:
+    """The distances of a tractor's scan, near is bright; a beam that escaped is dark."""
+    angle = np.rad2deg(scan.angle)
+    track = scan.track
+    return Plot(
+        (
+            Strip(
+                keep("Distance of the first hit"),
+                by_distance(scan.distance.T),
+                Axis(float(angle[0]), float(angle[-1]), keep("degrees from the horizontal")),
+            ),
+        ),
+        Axis(float(track[0]), float(track[-1]), keep("m along the track")),
+        keep(
+            "{length:.3g} m by {angle:.3g}°",
+            length=track[-1] - track[0],
+            angle=angle[-1] - angle[0],
+        ),
+    )
+
+
+TRACTOR = ResultKind(
+    figures=_figures,
+    arrays=_arrays,
+    units={"distance": "m", "angle": "rad", "track": "m"},
+    sentence=_sentence,
+    title=_title,
+    story=_story,
+    notes=_notes,
+    endings=ENDINGS,
+    save=_save,
+    plot=matrix_plot,
+    points=_points,
+)

@@ -1,0 +1,31 @@
+"""Citation files say the version of the manifest, and are files that their readers can read."""
+
+import json
+import re
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+VERSION = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))["version"]
+
+
+def test_codemeta_says_the_manifests_version_and_licence():
+    meta = json.loads((ROOT / "codemeta.json").read_text(encoding="utf-8"))
+    assert meta["version"] == VERSION
+    assert meta["license"].endswith("GPL-3.0-or-later")
+
+
+def test_the_citation_says_the_manifests_version():
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(r"^version: (.+)$", text, re.M).group(1) == VERSION
+    assert (
+        re.search(r"^date-released: (.+)$", text, re.M).group(1)
+        == json.loads((ROOT / "codemeta.json").read_text(encoding="utf-8"))["dateModified"]
+    )
+    assert {"cff-version", "message", "title", "authors", "license"} <= set(
+        re.findall(r"^([\w-]+):", text, re.M)
+    )
+
+
+def test_the_changelog_names_the_version():
+    assert f"## {VERSION}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
