@@ -105,7 +105,7 @@ def _stand_behind(scene: bpy.types.Scene, mesh: bpy.types.Mesh, view: View) -> N
 
 
 def _fork(species: spec.Species, tree: Tree) -> View:
-    """Where a heavy limb leaves the stem, from the side and a little below."""
+    """A heavy limb at its stem, from the side and a little below."""
     wood = tree.skeleton
     parent = np.maximum(wood.parent, 0)
     heads = np.flatnonzero((wood.order == 1) & (wood.order[parent] == 0) & ~wood.is_dead)
