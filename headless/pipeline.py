@@ -219,7 +219,9 @@ def _describe(run: Run, world: World, result: Result) -> page.Finding:
 
 def _describe_stand(run: Run, inputs: Inputs) -> None:
     """Draw the map of the stand, and compare it with others of the same settings."""
-    settings, stand, wanted = run.settings, run.forest.stand, run.settings.output
+    settings, wanted = run.settings, run.settings.output
+    own = len(settings.plantings)
+    stand = run.forest.stand.first(own)
     drawn = None
     if wanted.pictures:
         if can_draw():
@@ -228,7 +230,7 @@ def _describe_stand(run: Run, inputs: Inputs) -> None:
             from .report.plain import draw_stand
         with run.stages.stage("draw the stand"):
             path = run.path("stand.png")
-            drawn = draw_stand(stand, run.forest.labels, settings, inputs, path)
+            drawn = draw_stand(stand, run.forest.labels[:own], settings, inputs, path)
     run.findings.append(findings.forest_finding(settings, run.forest, drawn))
     if wanted.pictures and not can_draw():
         _say_what_is_lacking(run)

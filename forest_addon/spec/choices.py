@@ -113,6 +113,12 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "plated": ("Plated", "Broad plates between deep furrows, as of pine"),
         "peeling": ("Peeling", "White with dark level marks, cracked at the foot, as of birch"),
     },
+    "undergrowth": {
+        "auto": ("Automatic", "Sparse where a scanner or a sonar looks at measured trees"),
+        "none": ("None", "Trees on bare ground"),
+        "sparse": ("Sparse", "Some herbs, shrubs, young trees and deadwood"),
+        "dense": ("Dense", "Herbs everywhere, thickets of shrubs and young trees, much deadwood"),
+    },
     "limbs": {
         "auto": ("Automatic", "Smooth curves where limbs fill a crown, else straight"),
         "curves": ("Curves", "Smooth curves that leave their parent in a collar"),

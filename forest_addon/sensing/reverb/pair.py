@@ -162,7 +162,7 @@ class Pair:
     @property
     def forest(self) -> Trunks:
         """All trunks."""
-        return self.trunks.joined(self.beyond)
+        return self.trunks.with_others(self.beyond)
 
     def arrivals(self) -> tuple[tuple[float, Gain], tuple[float, Gain]]:
         """Metres and gain of the direct sound and of the ground's."""

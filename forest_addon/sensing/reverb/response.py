@@ -138,7 +138,7 @@ def pairs_of(
     around = surroundings(ours[0], reverb, field, canopy) if reverb.model == "forest" else None
     if reverb.duration == 0:
         lengths = [
-            _needed(some.joined(beyond), *pair, reverb, air, around)
+            _needed(some.with_others(beyond), *pair, reverb, air, around)
             for pair, some in zip(ends.pairs, ours, strict=True)
         ]
         reverb = replace(reverb, duration=max(lengths))
