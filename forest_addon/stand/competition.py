@@ -69,7 +69,7 @@ def _near(
 
 
 def canopy_of(dbh: np.ndarray) -> np.ndarray:
-    """(N,) bool, whether trees of diameters (N,) are of the canopy; all of a stand that is young as a whole."""
+    """(N,) bool, whether trees of diameters (N,) are of the canopy; all of a stand that is all young."""
     canopy = dbh >= YOUNG
     return np.asarray(canopy if canopy.any() else ~canopy)
 

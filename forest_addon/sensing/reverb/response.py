@@ -179,7 +179,7 @@ def _needed(
     )
     losses = Losses.of(reverb, air, around.stand, source, receiver) if around else None
     if losses and reverb.tail == "transport":  # what is scattered away comes back by other ways
-        losses = replace(losses, extinction="none")
+        losses = replace(losses, extinction="none", scattered=False)
     ways = (math.dist(source, end) for end in (receiver, receiver * (1.0, 1.0, -1.0)))
     lengths = tuple(max(way, NEAREST) for way in ways)
     return record_length(paths, lengths, reverb.sample_rate, air, losses)
