@@ -40,26 +40,27 @@ def is_measured(species: Species) -> bool:
     return species.targets is not None and species.architecture is not None
 
 
-def density_of(scene: Scene, species: Sequence[Species]) -> str:
+def density_of(scene: Scene, species: Sequence[Species], looked_at: bool) -> str:
     """The undergrowth of a scene: as it says; on "auto" sparse where something looks at measured trees.
 
-    species : of each planting.
+    species : of each planting. looked_at : whether a sensor meets leaves and wood one by one.
     """
     said = scene.forest.undergrowth
     if any(planting.species in PLANTS for planting in scene.plantings):
         return "none"  # by hand
     if said != "auto":
         return said
-    looked_at = any(sensor.kind != "reverb" for sensor in scene.sensors)
     return "sparse" if looked_at and any(map(is_measured, species)) else "none"
 
 
-def undergrowth_of(scene: Scene, planted: Sequence[tuple[Species, object]]) -> tuple[Planting, ...]:
+def undergrowth_of(
+    scene: Scene, planted: Sequence[tuple[Species, object]], looked_at: bool
+) -> tuple[Planting, ...]:
     """The plantings that clothe the ground of a scene; none where none are wanted.
 
     planted : species of each planting of the scene, and what it is grown from.
     """
-    said = density_of(scene, [kind for kind, _ in planted])
+    said = density_of(scene, [kind for kind, _ in planted], looked_at)
     if said == "none" or not planted:
         return ()
     column = ("sparse", "dense").index(said)
@@ -105,13 +106,14 @@ def _young(planted: tuple[Species, object]) -> Targets | None:
 def with_undergrowth(
     scene: Scene,
     planted: Sequence[tuple[Species, object]],
+    looked_at: bool,
     load: Callable[[str], tuple[Species, object]],
 ) -> tuple[Scene, tuple[tuple[Species, object], ...]]:
     """The scene with the plantings of its undergrowth behind its own, and the species of all.
 
     load : a species by the name that a planting gives it.
     """
-    more = undergrowth_of(scene, planted)
+    more = undergrowth_of(scene, planted, looked_at)
     if not more:
         return scene, tuple(planted)
     known = {p.species: kind for p, kind in zip(scene.plantings, planted, strict=True)}
