@@ -3,7 +3,8 @@
 The parser is a loop over ``commands.COMMANDS``; nothing here knows one of them by name.
 Exit codes: 0 done; 1 something failed while running (a full disk); 2 bad input, one sentence says what,
 where and what to do; 3 an audit found an error beyond what was allowed, results are kept; 4 some of many
-scenes could not be made; 130 interrupted, finished files are kept.
+scenes could not be made; 5 siblings of a tree are too unlike it to be planted; 130 interrupted, finished
+files are kept.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from .command import PROGRAM, Command, DoubtfulError, IncompleteError, typed
+from .command import PROGRAM, Command, DoubtfulError, IncompleteError, UnlikeError, typed
 from .commands import COMMANDS
 from .interrupt import interruptible
 
@@ -76,6 +77,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _fail(problem, 3)
         except IncompleteError as problem:
             return _fail(problem, 4)
+        except UnlikeError as problem:
+            return _fail(problem, 5)
         except KeyboardInterrupt:
             sys.unraisablehook = _say_nothing
             print(f"\ninterrupted; {kept}", file=sys.stderr)

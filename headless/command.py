@@ -35,6 +35,10 @@ class IncompleteError(Exception):
     """Most was made, some of it could not be; exit code 4."""
 
 
+class UnlikeError(Exception):
+    """Siblings too unlike their tree to be planted; files are kept, no scene is written; exit code 5."""
+
+
 class Command:
     """One command; a file of ``commands/`` holds one, ``commands/__init__`` lists them."""
 
@@ -69,6 +73,7 @@ class Command:
         OSError : something failed while running; exit code 1.
         DoubtfulError : results are kept, and not as exact as was asked for; exit code 3.
         IncompleteError : a part of what was asked for could not be made; exit code 4.
+        UnlikeError : siblings of a tree are too unlike it; exit code 5.
         """
         raise NotImplementedError
 

@@ -7,17 +7,34 @@ from it are measured alike. Profiles are over height as a share of the tree's ow
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
+from .mesh.leaves import Leaves
 from .regrow.allometry import BREAST
 from .skeleton import Skeleton
-from .tree import Tree
 
 BINS = 20  # of a vertical profile
 SIDES = 18  # from which the width of the crown is measured
 LOWEST = 0.02  # share of the leaf area below the base of the crown
 SAMPLES = 8  # of a segment's length
+
+
+class Measurable(Protocol):
+    """A tree, or the outline of one."""
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """All of its wood as segments."""
+
+    @property
+    def leaves(self) -> Leaves:
+        """The truth of its leaves."""
+
+    @property
+    def height(self) -> float:
+        """Metres from the ground to the highest point."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +50,7 @@ class Portrait:
     profiles: dict[str, np.ndarray]
 
 
-def portray(tree: Tree) -> Portrait:
+def portray(tree: Measurable) -> Portrait:
     """The portrait of a tree of which all wood is in the skeleton."""
     wood, leaves = tree.skeleton, tree.leaves
     first, axis = axes_of(wood)
@@ -104,7 +121,7 @@ def gaps_at_feet(wood: Skeleton) -> np.ndarray:
     return np.where(mother < 0, 0.0, np.maximum(gap, 0.0))
 
 
-def crown_width(tree: Tree) -> float:
+def crown_width(tree: Measurable) -> float:
     """Mean width of the crown's shadow between parallel lines, from all sides; else of the wood."""
     points = tree.leaves.centre if len(tree.leaves) else tree.skeleton.end
     side = np.pi * np.arange(SIDES) / SIDES
@@ -112,7 +129,7 @@ def crown_width(tree: Tree) -> float:
     return float(np.ptp(across, axis=0).mean()) if len(points) else 0.0
 
 
-def crown_base(tree: Tree) -> float:
+def crown_base(tree: Measurable) -> float:
     """Height with a fiftieth of the leaf area below it; without leaves, the lowest branch's foot."""
     if len(tree.leaves):
         up = np.argsort(tree.leaves.centre[:, 2])

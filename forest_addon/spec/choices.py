@@ -61,6 +61,7 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "measured": ("Measured", "As a CSV file says, by angle and frequency"),
     },
     "surface": {
+        "as model": ("As the Model", "Constant for the paper's model, forest floor for a forest"),
         "constant": ("Constant", "Sends back the same share at all frequencies"),
         "snow": ("Snow", "Soft: swallows most of the sound, low tones less"),
         "forest floor": ("Forest Floor", "Litter and moss: swallows high tones"),

@@ -61,7 +61,12 @@ class TemplateCommand(Command):
             type=int,
             default=50,
             metavar="N",
-            help="how many to grow and compare with the tree (default 50; 0: none)",
+            help="how many to grow and compare with the tree, 24 at least (default 50; 0: none)",
+        )
+        parser.add_argument(
+            "--accept",
+            action="store_true",
+            help="write the scene even if siblings are too unlike the tree (exit code 5 without)",
         )
         parser.add_argument(
             "--out", type=Path, metavar="DIR", help="folder for the library (default out/NAME)"
@@ -74,11 +79,12 @@ class TemplateCommand(Command):
         return chosen.out / LOCK
 
     def run(self, chosen: argparse.Namespace) -> None:
+        from forest_addon.growth.library.template_library import Brought
+
         from .work.template import make_template
 
+        brought = Brought(chosen.wood, chosen.leaves, chosen.height, chosen.unit, chosen.up)
         make_template(
-            *(chosen.wood, chosen.leaves, chosen.name, chosen.height, chosen.out),
-            *(chosen.grammar, chosen.siblings),
-            unit=chosen.unit,
-            up=chosen.up,
+            *(brought, chosen.name, chosen.out, chosen.grammar, chosen.siblings),
+            accept=chosen.accept,
         )

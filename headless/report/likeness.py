@@ -15,7 +15,7 @@ import numpy as np
 from forest_addon.base.progress import Say
 from forest_addon.base.trimesh import GROUND, TriMesh
 from forest_addon.blender.rays.casters import make_caster
-from forest_addon.growth.likeness import Likeness
+from forest_addon.growth.likeness import Likeness, compare
 from forest_addon.growth.portrait import BINS, Portrait, crown_width, portray
 from forest_addon.growth.tree import Tree
 from forest_addon.sensing.rays.geometry import SceneGeometry
@@ -49,9 +49,9 @@ def portray_with_sensors(tree: Tree, sides: int = SIDES) -> Portrait:
     )
 
 
-def tell_likeness(found: Likeness, siblings: int, say: Say) -> None:
-    """Print the table."""
-    say(f"\n{siblings} siblings against the tree:")
+def tell_likeness(found: Likeness, siblings: int, sensed: int, say: Say) -> None:
+    """Print the table. sensed : how many of the siblings the sensors looked at."""
+    say(f"\n{siblings} siblings against the tree, {sensed} of them with sensors:")
     say(f"  {'':<38}{'tree':>9}{'siblings':>10}{'differ':>9}{'spread':>8}{'away':>6}")
     for row in found.numbers:
         decibels = row.name.endswith("dB")
@@ -137,9 +137,13 @@ def _echo_levels(tree: Tree, scene: SceneGeometry, sides: int) -> np.ndarray:
     return np.array(levels)
 
 
-def compare_with_sensors(
-    template: Tree, siblings: Iterable[Tree]
-) -> tuple[Portrait, list[Portrait]]:
-    """Portraits of the template and of its siblings; each sibling is let go before the next is grown."""
+def add_sensors(found: Likeness, template: Tree, siblings: Iterable[Tree]) -> Likeness:
+    """A comparison with what sensors find added; each sibling is let go before the next is grown."""
     itself = portray_with_sensors(template, OF_TEMPLATE)
-    return itself, [portray_with_sensors(tree) for tree in siblings]
+    seen = compare(itself, [portray_with_sensors(tree) for tree in siblings])
+    numbers, profiles = ({row.name for row in rows} for rows in (found.numbers, found.profiles))
+    return Likeness(
+        found.numbers + tuple(row for row in seen.numbers if row.name not in numbers),
+        found.samples,
+        found.profiles + tuple(row for row in seen.profiles if row.name not in profiles),
+    )

@@ -115,7 +115,7 @@ def _ring(axes: Axes, places: np.ndarray, across: int) -> None:
 
 def _branch_colours(found: Recognition) -> tuple[np.ndarray, np.ndarray]:
     """(C, 3) colour of each piece of wood, and the first-level branches from the lowest up."""
-    firsts = np.flatnonzero(found.parent == found.trunk)
+    firsts = found.firsts
     firsts = firsts[np.argsort(found.foot[firsts, 2])]
     hue = (0.02 + 0.618034 * np.arange(len(firsts))) % 1.0  # neighbours differ
     bright = matplotlib.colors.hsv_to_rgb(

@@ -128,7 +128,7 @@ def _first_level(found: Recognition) -> tuple[np.ndarray, np.ndarray, np.ndarray
     """First-level branches from the lowest up: (N,) pieces, (N,) the shares of the trunk's length at
     which they hang, (N, 3) its direction there; and how many were left out.
     """
-    firsts = np.flatnonzero(found.parent == found.trunk)
+    firsts = found.firsts
     foot, tip = found.foot[firsts], found.tip[firsts]
     contact = find_contacts(found.lines, np.array([found.trunk]), foot)
     share, direction = contact.along / found.lines.length()[found.trunk], contact.direction

@@ -17,7 +17,7 @@ from ...base.progress import Progress
 from ...base.trimesh import LEAF, TriMesh
 from ...formats.atomic import replacing
 from ...formats.stl import StlError, read_stl, write_stl
-from ...spec import Grammar, SpecError, unknown
+from ...spec import Grammar, Siblings, SpecError, unknown
 from ..graft.cut import split_tree
 from ..graft.habit import fit_grammar
 from ..mesh.leaves import measure_leaves
@@ -27,6 +27,7 @@ from ..recognise.unit import UNITS, Unit, infer_unit
 from ..regrow.allometry import allometry_of
 from ..regrow.anatomy import dissect
 from ..regrow.fitted import Habit, fit
+from ..verdict import Verdict, judge
 from .species_file import MOST_OF_TREE
 
 
@@ -40,6 +41,39 @@ class NotUnderstoodError(SpecError):
 
 
 @dataclass(frozen=True)
+class Brought:
+    """The files of a tree, and how they are to be read.
+
+    wood, leaves : STL files; wood alone may hold leaves too.
+    height : metres of the tree; 0: as the unit says.
+    unit : in which they are drawn, of ``UNITS``. up : axis that points up, of ``UPRIGHT``. Both are
+        inferred where empty.
+    groups : what the files hold, where they are no STL.
+    """
+
+    wood: Path
+    leaves: Path | None = None
+    height: float = 0.0
+    unit: str = ""
+    up: str = ""
+    groups: Sequence[Group] = ()
+
+    def check(self) -> None:
+        """Refuse a height, a unit or an axis that cannot be used.
+
+        Raises
+        ------
+        SpecError : which, and what can be.
+        """
+        if not 0 <= self.height <= 200:
+            raise SpecError("height", f"{self.height:g} m is out of range; use 0 to 200")
+        if self.unit and self.unit not in UNITS:
+            raise unknown("unit", self.unit, UNITS)
+        if self.up and self.up not in UPRIGHT:
+            raise unknown("up", self.up, UPRIGHT)
+
+
+@dataclass(frozen=True)
 class Library:
     """Library of a user's tree: as read and recognised, in file units, and as made.
 
@@ -47,7 +81,7 @@ class Library:
     unit : what one unit of the files is taken to be. habit : the tree taken apart, in metres.
     species : the file written.
     told : in words, how wood and leaves were told apart within one file, if they were.
-    up : the files' axis that points up.
+    up : the files' axis that points up. verdict : on its siblings, where these were judged.
     """
 
     wood: np.ndarray
@@ -59,6 +93,7 @@ class Library:
     species: Path
     told: str = ""
     up: str = "z"
+    verdict: Verdict | None = None
 
     @property
     def height(self) -> float:
@@ -77,26 +112,19 @@ class Library:
 
 
 def make_library(
-    wood: Path,
-    leaves: Path | None,
+    brought: Brought,
     name: str,
-    height: float,
     out: Path,
     progress: Progress | None = None,
     grammar: str = "fitted",
-    *,
-    groups: Sequence[Group] = (),
-    unit: str = "",
-    up: str = "",
+    siblings: int = 0,
+    accept: bool = False,
 ) -> Library:
     """Make a template library from files of a tree.
 
-    wood, leaves : STL files; wood alone may hold leaves too.
-    height : metres of the tree; 0: as the unit says.
     grammar : "fitted" for siblings of the tree, "t20" for Tanveer et al.'s grammar with its branches.
-    groups : what the files hold, where they are no STL.
-    unit : in which they are drawn, of ``UNITS``. up : axis that points up, of ``UPRIGHT``. Both are
-        inferred where empty.
+    siblings : how many to grow and judge; 0: none. Those that are too unlike the tree get no scene.
+    accept : write the scene all the same.
 
     Raises
     ------
@@ -104,46 +132,50 @@ def make_library(
     OSError : the folder cannot be written.
     """
     check_name(name)
-    if not 0 <= height <= 200:
-        raise SpecError("height", f"{height:g} m is out of range; use 0 to 200")
+    brought.check()
     tell = progress or _say_nothing
-    tell(0, 4)
-    if unit and unit not in UNITS:
-        raise unknown("unit", unit, UNITS)
-    if up and up not in UPRIGHT:
-        raise unknown("up", up, UPRIGHT)
-    parts = _read(wood, leaves, groups)
-    parts, found, up = _stand(parts, up)
+    tell(0, 5)
+    parts, found, up = _stand(_read(brought), brought.up)
     timber, foliage = parts.wood, parts.leaves
-    tell(1, 4)
+    tell(1, 5)
     leaf = _leaf_length(found)
     tall = float(np.ptp(timber[:, :, 2]))
-    if height:
-        scale = Unit(height / tall, "units of the height given")
-    else:
-        usual = None if found.fronds else leaf  # as long as a frond, a leaf tells no unit
-        scale = Unit(UNITS[unit], unit) if unit else infer_unit(tall, usual)
+    scale = _scale(brought, tall, None if found.fronds else leaf)  # a frond's tells no unit
     metres = scale.metres
     metric = (timber * metres, None if foliage is None else foliage * metres)
+    settings, verdict = Siblings(allometry=allometry_of(name)), None
     try:
         habit = fit(dissect(found, metres))
-        tell(2, 4)
-        fitted = grammar != "t20"
-        how = _siblings_text(name) if fitted else _t20_text(fit_grammar(split_tree(*metric)))
+        tell(2, 5)
+        if grammar == "t20":
+            how = _t20_text(fit_grammar(split_tree(*metric)))
+        else:
+            verdict = judge(habit, settings, siblings) if siblings else None
+            how = _siblings_text(settings, verdict.variety if verdict else 1.0)
     except TemplateError as problem:
         raise NotUnderstoodError(problem, timber) from None
-    tell(3, 4)
+    tell(4, 5)  # from here on it is not stopped
 
     out.mkdir(parents=True, exist_ok=True)
     write_stl(out / "wood.stl", metric[0], f"{name}: wood, metres")
     if metric[1] is not None:
         write_stl(out / "leaves.stl", metric[1], f"{name}: leaves, metres")
     species = out / f"{name}.toml"
-    origin = " and ".join(path.name for path in (wood, leaves) if path)
+    origin = " and ".join(path.name for path in (brought.wood, brought.leaves) if path)
     _write(species, _species_text(name, origin, foliage is not None) + how)
-    _write(out / "scene.toml", _scene_text(name, tall * metres))
-    tell(4, 4)
-    return Library(timber, foliage, found, leaf, scale, habit, species, parts.said, up)
+    if verdict is None or verdict.stands or accept:
+        _write(out / "scene.toml", _scene_text(name, tall * metres))
+    else:
+        (out / "scene.toml").unlink(missing_ok=True)
+    tell(5, 5)
+    return Library(timber, foliage, found, leaf, scale, habit, species, parts.said, up, verdict)
+
+
+def _scale(brought: Brought, tall: float, leaf: float | None) -> Unit:
+    """The unit of files in which the tree is so high and a leaf so long."""
+    if brought.height:
+        return Unit(brought.height / tall, "units of the height given")
+    return Unit(UNITS[brought.unit], brought.unit) if brought.unit else infer_unit(tall, leaf)
 
 
 def check_name(name: str) -> None:
@@ -157,20 +189,20 @@ def check_name(name: str) -> None:
         raise SpecError("name", f'"{name}" must be letters, digits, - and _ only')
 
 
-def _read(wood: Path, leaves: Path | None, groups: Sequence[Group]) -> Sorted:
+def _read(brought: Brought) -> Sorted:
     try:
-        if groups:
-            count = sum(len(group.facets) for group in groups)
+        if brought.groups:
+            count = sum(len(group.facets) for group in brought.groups)
             if count > 2 * MOST_OF_TREE:
                 raise SpecError(
                     "template",
                     f"has {count:,} facets, more than {2 * MOST_OF_TREE:,}; make it coarser",
                 )
-            return sort_out(groups)
-        timber = read_stl(wood, MOST_OF_TREE)
-        if leaves is None:
+            return sort_out(brought.groups)
+        timber = read_stl(brought.wood, MOST_OF_TREE)
+        if brought.leaves is None:
             return sort_out([Group("", "", timber)])
-        return Sorted(timber, read_stl(leaves, MOST_OF_TREE), "")
+        return Sorted(timber, read_stl(brought.leaves, MOST_OF_TREE), "")
     except FileNotFoundError as problem:
         raise SpecError(
             "template", f"there is no file {problem.filename}; check the path"
@@ -220,12 +252,12 @@ leaves = "{"leaves.stl" if leafy else ""}"
 """
 
 
-def _siblings_text(name: str) -> str:
+def _siblings_text(settings: Siblings, variety: float) -> str:
     return f"""
 # Siblings of this tree; 0 is the tree itself. Without this table, Tanveer et al.'s grammar sets its branches.
 [siblings]
-variety = 1.0
-allometry = "{allometry_of(name)}"
+variety = {variety}
+allometry = "{settings.allometry}"
 """
 
 

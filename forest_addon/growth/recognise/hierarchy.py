@@ -8,8 +8,10 @@ Everything else is hung on it from the inside out, generation by generation. A p
 when one of its ends reaches the parent's wood; its foot is that end. A piece that tapers clearly has its
 foot at the thick end, so a thin tip that happens to touch a neighbour does not hang on it. Earlier
 generations come first, so branches of one whorl hang on the trunk and not on each other. What touches
-nothing is hung on what is nearest, smallest gaps first, then again what touches it. Wood is taken as
-tubes about centrelines, which also tells that a foot deep inside the trunk touches it.
+nothing is hung on what fits best, smallest gaps first, then again what touches it: nearer wood is better,
+but not if it is much thinner than the foot, nor if the foot points away from it. A stout piece that stands on
+the ground beside the trunk without touching it is a stem of its own. Wood is taken as tubes about
+centrelines, which also tells that a foot deep inside the trunk touches it.
 """
 
 from __future__ import annotations
@@ -28,6 +30,21 @@ TAPER = 1.3  # an end this many times as thick as the other is the foot
 THIN_END = 0.5  # piece lengths of gap that it takes for the thin end to be the foot after all
 REACH = 0.5  # radii that an end may stop short of the wood that it touches
 FLOAT = 1.25  # where nothing touches, gaps up to this many times the smallest are taken together
+THICKER, MISFIT = (
+    1.25,
+    4.0,
+)  # of her radius a foot may be; radii of gap that each radius more stands for
+AGAINST = (
+    1.0  # gaps that are added to one that a foot does not point across, twice where it points away
+)
+SHORT, LACK = (
+    0.5,
+    0.1,
+)  # of a floating piece's length its mother is long; share of what lacks that is added
+NEAREST = 8  # balls looked at, of each group
+STEM = 0.3  # radii of the trunk that another stem has at least
+BESIDE = 0.2  # heights of the tree that it is away at most
+TALL = 0.25  # heights of the tree that it reaches up
 CLOSER = 1.25  # lengths by which one comes nearer to a tapering surface, at most, for each gone
 
 
@@ -36,10 +53,11 @@ class Hierarchy:
     """Parents of C pieces.
 
     trunk : piece.
-    parent : (C,) piece it hangs on, -1 for the trunk.
-    branch : (C,) first-level branch it belongs to, itself if it is one, -1 for the trunk.
+    parent : (C,) piece it hangs on, -1 for the trunk and for stems that stand apart from it.
+    branch : (C,) first-level branch it belongs to, itself if it is one or stands apart,
+        -1 for the trunk.
     foot_end : (C,) which end of its centreline is the foot, 0 first or 1 last.
-    gap : (C,) from its foot to the wood it hangs on, negative inside it; 0 for the trunk.
+    gap : (C,) from its foot to the wood it hangs on, negative inside it; 0 on the ground.
     """
 
     trunk: int
@@ -87,39 +105,100 @@ def find_parents(lines: Centrelines, trunk: int, known: Known | None = None) -> 
     thin = radius * TAPER < radius[:, ::-1]
     handicap = np.where(thin, THIN_END * lines.length()[:, None], 0.0) - REACH * radius
 
-    parent, branch = np.full(count, -1), np.full(count, -1)
-    foot_end = np.zeros(count, dtype=np.int64)
-    foot_end[trunk] = int(np.argmin(ends[trunk, :, 2]))
-    gap, nearest = np.full((count, 2), np.inf), np.full((count, 2), -1)
     tied = known.mother >= 0
+    stems = _stems_apart(lines, trunk, ~tied)
+    parent, branch = np.full(count, -1), np.full(count, -1)
+    branch[stems] = stems
+    hung = np.concatenate([[trunk], stems])
+    foot_end = np.zeros(count, dtype=np.int64)
+    foot_end[hung] = np.argmin(ends[hung, :, 2], axis=1)
+    score, gap = np.full((2, count, 2), np.inf)
+    nearest = np.full((count, 2), -1)
     from_foot = np.linalg.norm(ends - known.foot[:, None], axis=2)
     gap[tied] = (from_foot - known.radius[:, None])[tied]
-    waiting = np.flatnonzero(~tied & (np.arange(count) != trunk))
     done = np.zeros(count, dtype=bool)
-    hung = np.array([trunk])
+    done[hung] = True
+    waiting = np.flatnonzero(~tied & ~done)
     while len(hung):
         done[hung] = True
         daughters = np.flatnonzero(tied & ~done & done[known.mother])
         foot_end[daughters] = np.argmin(from_foot[daughters], axis=1)
         parent[daughters] = known.mother[daughters]
-        found = find_contacts(lines, hung, ends[waiting].reshape(-1, 3))
-        reach = found.gap.reshape(-1, 2)
-        nearer = reach < gap[waiting]
-        gap[waiting] = np.where(nearer, reach, gap[waiting])
-        nearest[waiting] = np.where(nearer, found.piece.reshape(-1, 2), nearest[waiting])
-        best = (gap + handicap)[waiting].min(axis=1)
+        rank, reach, piece = _best_wood(lines, hung, waiting)
+        better = rank < score[waiting]
+        score[waiting] = np.where(better, rank, score[waiting])
+        gap[waiting] = np.where(better, reach, gap[waiting])
+        nearest[waiting] = np.where(better, piece, nearest[waiting])
+        best = (score + handicap)[waiting].min(axis=1)
         ready = best <= 0
         if not (ready.any() or len(daughters)):
-            # nothing touches: let the nearest, and those about as near, float
+            # nothing touches: let what fits best, and what fits about as well, float
             ready = best <= FLOAT * best.min(initial=np.inf)
         touching = waiting[ready]
-        foot_end[touching] = np.argmin((gap + handicap)[touching], axis=1)
+        foot_end[touching] = np.argmin((score + handicap)[touching], axis=1)
         parent[touching] = nearest[touching, foot_end[touching]]
         waiting = waiting[~ready]
         hung = np.concatenate([daughters, touching])
         branch[hung] = np.where(parent[hung] == trunk, hung, branch[parent[hung]])
-    gap[trunk] = 0.0
+    gap[parent < 0] = 0.0
     return Hierarchy(trunk, parent, branch, foot_end, gap[np.arange(count), foot_end])
+
+
+def _best_wood(
+    lines: Centrelines, hung: np.ndarray, waiting: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of both ends of W waiting pieces (W, 2): how well the best of the wood that hangs fits, as a gap with
+    all that speaks against it added; the gap itself; and whose wood it is.
+    """
+    if not len(waiting):
+        return np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 2), np.int64)
+    tubes = Tubes.of(lines, hung)
+    ends, stout = lines.ends()[waiting].reshape(-1, 3), lines.end_radius[waiting].reshape(-1, 1)
+    cone, aside, part, radius = tubes.beside(ends, NEAREST)
+    gap = aside - radius
+    rank = gap + MISFIT * np.maximum(stout - THICKER * radius, 0.0)
+    row, near = np.nonzero(gap > REACH * stout)  # what floats should point there, and be no longer
+    if len(row):
+        of = cone[row, near]
+        way = tubes.start[of] + part[row, near][:, None] * tubes.vector[of] - ends[row]
+        out = _outward(lines, waiting).reshape(-1, 3)[row]
+        size = np.maximum(np.linalg.norm(way, axis=1), np.finfo(float).tiny)
+        turn = 1.0 - np.einsum("ni,ni->n", way, out) / size
+        length = lines.length()
+        lacks = SHORT * length[waiting[row // 2]] - length[tubes.piece[of]]
+        rank[row, near] += AGAINST * turn * gap[row, near] + LACK * np.maximum(lacks, 0.0)
+    piece, row = tubes.piece[cone], np.arange(len(rank))
+    best = np.argmin(rank, axis=1)
+    chosen = piece[row, best]
+    gap = np.where(piece == chosen[:, None], gap, np.inf).min(axis=1)
+    return rank[row, best].reshape(-1, 2), gap.reshape(-1, 2), chosen.reshape(-1, 2)
+
+
+def _outward(lines: Centrelines, pieces: np.ndarray) -> np.ndarray:
+    """(W, 2, 3) unit, the way on beyond both ends of some pieces."""
+    first, last = lines.first[pieces], lines.first[pieces + 1] - 1
+    out = np.stack(
+        [lines.knot[first] - lines.knot[first + 1], lines.knot[last] - lines.knot[last - 1]], axis=1
+    )
+    return np.asarray(
+        out / np.maximum(np.linalg.norm(out, axis=2, keepdims=True), np.finfo(float).tiny)
+    )
+
+
+def _stems_apart(lines: Centrelines, trunk: int, free: np.ndarray) -> np.ndarray:
+    """Pieces that stand on the ground beside the trunk, and their radius away from it."""
+    ends, radius, rows = lines.ends(), lines.end_radius, np.arange(len(free))
+    height = float(np.ptp(ends[:, :, 2]))
+    foot = np.argmin(ends[:, :, 2], axis=1)
+    low, high = ends[rows, foot, 2], ends[rows, 1 - foot, 2]
+    stout = radius[trunk, foot[trunk]]
+    apart = free & (low <= low[trunk] + LEVEL * height + stout) & (high - low >= TALL * height)
+    apart &= (radius[rows, foot] >= STEM * stout) & (rows != trunk)
+    some = np.flatnonzero(apart)
+    if not len(some):
+        return some
+    found = find_contacts(lines, np.array([trunk]), ends[some, foot[some]])
+    return some[(found.gap > radius[some, foot[some]]) & (found.gap <= BESIDE * height)]
 
 
 def find_bearers(lines: Centrelines, leaves: Pieces) -> tuple[np.ndarray, np.ndarray]:

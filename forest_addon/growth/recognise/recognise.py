@@ -14,16 +14,16 @@ import numpy as np
 
 from .centreline import Centrelines, find_centrelines
 from .fronds import are_fronds, draw_midribs
-from .hierarchy import LEVEL, Hierarchy, Known, find_bearers, find_parents, find_trunk
+from .hierarchy import LEVEL, STEM, Hierarchy, Known, find_bearers, find_parents, find_trunk
 from .pieces import Pieces, part
 from .rooting import root
 from .sever import may_fork, sever
+from .stacking import join_stacked
 
 MOST_LEAN = np.deg2rad(60.0)
 LOWER = 0.15  # share of the trunk's length, from its foot, that may stand upright for all
 FARTHEST_WOOD = 0.25  # heights of the tree between a piece and what it hangs on
 LARGEST_LEAF = 0.5  # extents of the wood; what is larger is foliage in one piece, and no leaf
-STEM = 0.3  # radii of the trunk that another stem has at least
 FLOATING = 0.01  # heights between a piece and what it hangs on, above which that is a guess
 FLOATING_LEAF = 0.05  # extents of the wood between it and a leaf, likewise
 FARTHEST_LEAVES = 0.5  # extents of the wood between it and half of the leaves
@@ -80,13 +80,18 @@ class Recognition:
 
     @property
     def parent(self) -> np.ndarray:
-        """(C,) the piece that each one hangs on, -1 for the trunk."""
+        """(C,) the piece that each one hangs on, -1 for the trunk and stems that stand apart from it."""
         return self.hierarchy.parent
 
     @property
     def branch(self) -> np.ndarray:
         """(C,) the first-level branch that each piece belongs to, -1 for the trunk."""
         return self.hierarchy.branch
+
+    @property
+    def firsts(self) -> np.ndarray:
+        """First-level branches, stems that stand apart from the trunk among them."""
+        return np.flatnonzero(self.branch == np.arange(len(self.branch)))
 
     @property
     def foot(self) -> np.ndarray:
@@ -114,7 +119,8 @@ class Recognition:
         """Pieces that stand on the ground as the trunk does, itself first: several in a bush."""
         level = LEVEL * np.ptp(self.wood.vertices[:, 2]) + self.radius[self.trunk]
         beside = self.foot[:, 2] <= self.foot[self.trunk, 2] + level
-        beside &= (self.parent == self.trunk) & (self.tip[:, 2] > self.foot[:, 2])
+        beside &= (self.parent == self.trunk) | (self.parent < 0)
+        beside &= (np.arange(len(beside)) != self.trunk) & (self.tip[:, 2] > self.foot[:, 2])
         beside &= self.radius >= STEM * self.radius[self.trunk]
         return np.concatenate([[self.trunk], np.flatnonzero(beside)])
 
@@ -171,6 +177,9 @@ def _cut_at_forks(timber: Pieces) -> tuple[Pieces, Centrelines, Known, np.ndarra
     joined = np.ones(1, dtype=bool)
     if timber.count > 1:
         lines = find_centrelines(timber)
+        whole = join_stacked(timber, lines)
+        if whole is not timber:
+            timber, lines = whole, find_centrelines(whole)
         joined = may_fork(timber, lines)
     if joined.any():
         cut = sever(timber, joined)

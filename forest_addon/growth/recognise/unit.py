@@ -1,7 +1,8 @@
-"""In which unit a tree's file was drawn: an STL does not say, so a likely size has to.
+"""The unit in which a tree's file was drawn: an STL does not say.
 
-Trees are some 10 m high and leaves some 10 cm long, give or take a factor of three. Of the units in which
-people draw, the one is taken that brings both nearest, on a logarithmic scale.
+Metres, where the tree is then 0.3 to 120 m high. Else, of the other units in which people draw and in which
+it is, the one that brings tree and leaves nearest to usual sizes, on a logarithmic scale: trees are some 10 m
+high and leaves some 10 cm long, give or take a factor of three.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ UNITS = {
     "feet": 0.3048,
     "inches": 0.0254,
 }
+LOWEST, HIGHEST = 0.3, 120.0  # metres
 USUAL_HEIGHT, HEIGHT_SPREAD = 10.0, math.log(3.0)
 USUAL_LEAF, LEAF_SPREAD = 0.10, math.log(2.5)
 
@@ -30,13 +32,19 @@ class Unit:
 
 
 def infer_unit(height: float, leaf: float | None = None) -> Unit:
-    """The likeliest unit of a tree of this height, and of this median leaf length, in file units."""
+    """Metres where a tree of this height, in file units, is then as high as trees are, else the likeliest
+    unit in which it is.
 
-    def odds(metres: float) -> float:
+    leaf : median length of a leaf, in file units.
+    """
+
+    def odds(name: str) -> float:
+        metres = UNITS[name]
         far = (math.log(height * metres / USUAL_HEIGHT) / HEIGHT_SPREAD) ** 2
         if leaf:
             far += (math.log(leaf * metres / USUAL_LEAF) / LEAF_SPREAD) ** 2
         return far
 
-    name = min(UNITS, key=lambda unit: odds(UNITS[unit]))
+    possible = [name for name in UNITS if LOWEST <= height * UNITS[name] <= HIGHEST]
+    name = "metres" if "metres" in possible else min(possible or ["metres"], key=odds)
     return Unit(UNITS[name], name)

@@ -88,6 +88,12 @@ class Anatomy:
         """C, the number of pieces."""
         return len(self.parent)
 
+    @property
+    def trunks(self) -> np.ndarray:
+        """Pieces that stand on the ground, the trunk first."""
+        ones = np.flatnonzero(self.order == 0)
+        return np.asarray(ones[np.argsort(self.seat.away[ones], kind="stable")])
+
     def share(self) -> np.ndarray:
         """(C,) seat of each piece as a share of its mother's line; 0 on the ground."""
         return share_of(self.lines, self.parent, self.seat)

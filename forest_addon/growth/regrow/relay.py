@@ -30,6 +30,15 @@ BLOCK = 1 << 17  # vertices that are moved at once
 
 
 @dataclass(frozen=True)
+class Outline:
+    """A tree as its wood in segments, the truth of its leaves, and its height in metres."""
+
+    skeleton: Skeleton
+    leaves: Leaves
+    height: float
+
+
+@dataclass(frozen=True)
 class HungLeaves:
     """L leaves of a tree: leaf of the template, branch, seat on it, size, turn about the branch."""
 
@@ -190,6 +199,16 @@ def hang_leaves(anatomy: Anatomy, grown: Grown, variety: float) -> HungLeaves:
     return HungLeaves(row, branch, seat, share, size, turn)
 
 
+def outline_of(anatomy: Anatomy, grown: Grown, variety: float) -> Outline:
+    """A tree without its mesh: all that a portrait is drawn from."""
+    hung = hang_leaves(anatomy, grown, variety)
+    foot, matrix = feet_of_leaves(anatomy, grown, hung, variety > 0)
+    truth = _truth(anatomy, grown, hung, foot, matrix * hung.size[:, None, None])
+    highest = grown.lines.knot[:, 2].max(initial=0.0)
+    highest = max(highest, (truth.centre[:, 2]).max(initial=0.0))
+    return Outline(skeleton_of_grown(grown), truth, float(highest))
+
+
 def _leaves(
     anatomy: Anatomy, grown: Grown, hung: HungLeaves, varied: bool
 ) -> tuple[TriMesh, Leaves, np.ndarray]:
@@ -204,18 +223,25 @@ def _leaves(
         vertices=_hung(matrix, foot, leaf, foliage.stock.place[vertex]),
         order=grown.order.astype(np.int8)[branch][of_triangle],
     )
+    return mesh, _truth(anatomy, grown, hung, foot, matrix), foot
+
+
+def _truth(
+    anatomy: Anatomy, grown: Grown, hung: HungLeaves, foot: np.ndarray, matrix: np.ndarray
+) -> Leaves:
+    """The measures of hung leaves, from where they hang and how they are turned and scaled."""
+    foliage, source = anatomy.foliage, hung.source
     own = foliage.truth
     turn = matrix / hung.size[:, None, None]
-    truth = Leaves(
+    return Leaves(
         centre=foot + np.einsum("nij,nj->ni", matrix, (own.centre - foliage.foot)[source]),
         normal=np.einsum("nij,nj->ni", turn, own.normal[source]),
         axis=np.einsum("nij,nj->ni", turn, own.axis[source]),
         length=own.length[source] * hung.size,
         width=own.width[source] * hung.size,
         radius=own.radius[source] * hung.size,
-        branch=first_levels(grown)[branch].astype(np.int32),
+        branch=first_levels(grown)[hung.branch].astype(np.int32),
     )
-    return mesh, truth, foot
 
 
 def _hung(matrix: np.ndarray, foot: np.ndarray, leaf: np.ndarray, place: np.ndarray) -> np.ndarray:

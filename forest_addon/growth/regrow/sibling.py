@@ -86,7 +86,7 @@ def _grow(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Grown:
 def _trunks(habit: Habit, variety: float, size: Size, tree: np.ndarray) -> Shoots:
     """The trunks, turned about the vertical or mirrored: a base that lies flat on the ground still does."""
     anatomy = habit.anatomy
-    piece = np.flatnonzero(anatomy.order == 0)
+    piece = anatomy.trunks
     key = daughter_keys(np.repeat(tree, len(piece)), np.arange(len(piece)))
     turn = 2 * np.pi * variety * keyed_uniform(np.repeat(tree, len(piece)), "turn")
     sign = np.repeat(_signs(tree, variety), len(piece))

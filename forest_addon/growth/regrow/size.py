@@ -87,7 +87,7 @@ def height_of(anatomy: Anatomy) -> float:
 
 def dbh_of(anatomy: Anatomy) -> float:
     """Diameter of the trunk at breast height, or halfway up one that is lower than twice that."""
-    trunk = int(np.flatnonzero(anatomy.order == 0)[0])
+    trunk = int(anatomy.trunks[0])
     return 2 * _radius_at(anatomy, trunk, _breast_share(anatomy, trunk, 1.0))
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from ...acoustics.air import absorption
 from ...acoustics.smoothness import Loss
+from ...base.rows import RowTable
 from ...spec import Air, Sonar
 from .beam import Beam, Gaussian, Horseshoe, Omni, beam_offsets
 from .calls import Call, synthesise
@@ -139,7 +140,7 @@ class Station:
 
 
 @dataclass(frozen=True)
-class Paths:
+class Paths(RowTable):
     """M ways by a scatterer to E ears.
 
     direction : (M, 3) unit, from the mouth. distance : (M,). leg : (E, M) from scatterer to ear.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
@@ -17,6 +18,7 @@ from ..shell.running import PROBLEMS, WhenReady, Working, in_words
 from ..shell.words import say
 from .pictures import refresh
 
+JUDGED = 24  # siblings that are grown to be held to the tree
 OF_LEAVES = ("leaf", "leaves", "foliage")  # within the name of the file that holds them
 OF_WOOD = ("wood", "stem", "trunk", "branches")
 
@@ -46,6 +48,11 @@ class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, ImportHelper):
         max=200,
         options={"SKIP_SAVE"},
     )
+    accept: bpy.props.BoolProperty(
+        name="Accept",
+        description="Plant siblings of the tree even if they are too unlike it",
+        options={"SKIP_SAVE"},
+    )
 
     def draw(self, _context: bpy.types.Context) -> None:
         layout = self.layout
@@ -57,6 +64,7 @@ class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, ImportHelper):
         column.use_property_decorate = False
         column.prop(self, "title", placeholder="As the file")
         column.prop(self, "height")
+        column.prop(self, "accept")
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
         named = [Path(self.directory) / file.name for file in self.files if file.name]
@@ -68,6 +76,7 @@ class FOREST_OT_import_tree(WhenReady, bpy.types.Operator, ImportHelper):
                 leaves=str(leaves or ""),
                 title=self.title or title_from(wood),
                 height=self.height,
+                accept=self.accept,
             ) and {"FINISHED"}
         except (*PROBLEMS, RuntimeError) as problem:
             self.report({"ERROR"}, in_words(problem).removeprefix("Error: ").strip())
@@ -84,30 +93,38 @@ class FOREST_OT_make_species(Working, bpy.types.Operator):
     leaves: bpy.props.StringProperty(name="Leaves", subtype="FILE_PATH", options={"SKIP_SAVE"})
     title: bpy.props.StringProperty(name="Name", options={"SKIP_SAVE"})
     height: bpy.props.FloatProperty(name="Height", unit="LENGTH", options={"SKIP_SAVE"})
+    accept: bpy.props.BoolProperty(name="Accept", options={"SKIP_SAVE"})
 
     def work(self, context: bpy.types.Context) -> Work:
         from ...blender.files.tree_files import read_parts
-        from ...growth.library.template_library import check_name, make_library
+        from ...growth.library.template_library import Brought, check_name, make_library
 
         props = context.scene.forest_sensing
         wood, leaves = Path(self.wood), Path(self.leaves) if self.leaves else None
-        height = self.height
+        accept, height = self.accept, self.height
         name = self.title or title_from(wood)
         check_name(name)
         plain = all(path.suffix.lower() == ".stl" for path in (wood, leaves) if path)
         groups = [] if plain else read_parts(wood, leaves)
         folder = free_folder(species_folder(), name)
+        brought = Brought(wood, leaves, height, groups=groups)
         made = yield Task(
             say("recognising the tree"),
             lambda tell: make_library(
-                wood, leaves, folder.name, height, folder, tell, groups=groups
+                brought, folder.name, folder, tell, siblings=JUDGED, accept=accept
             ),
         )
+        if made.verdict is not None and not made.verdict.stands and not accept:
+            shutil.rmtree(folder)
+            problem = say("tick Accept to plant them all the same")
+            raise SpecError(say("Import STL"), f"{made.verdict.sentence}; {problem}")
         planting = props.plantings.add()
         planting.species = made.species.as_posix()
         planting.use_expected = True
         props.active_plantings = len(props.plantings) - 1
         refresh()
+        if made.verdict is not None and made.verdict.missed:
+            return f"{folder.name}: {made.verdict.sentence}"
         return say(
             "{name}: {branches:,} branches, {leaves:,} leaves, {height:.2f} m high ({unit})",
             name=folder.name,

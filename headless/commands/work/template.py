@@ -1,8 +1,9 @@
 """A user's tree in files becomes a species that grows.
 
-Written into a folder: the library (``formats/template_library``), a picture of what was recognised, and
-one of the tree that was brought, the same put together again from its parts, and five siblings. A table
-says how close siblings come. A scene then plants the species file; scene.toml is one.
+Written into a folder: the library (``growth.library.template_library``), a picture of what was
+recognised, and one of the tree that was brought, the same put together again from its parts, and five
+siblings. A table says how close siblings come, a verdict whether they may be planted. A scene then plants
+the species file; scene.toml is one.
 """
 
 from __future__ import annotations
@@ -10,76 +11,64 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import load_species
-from forest_addon.growth.library.template_library import Library, NotUnderstoodError, make_library
-from forest_addon.growth.likeness import compare
+from forest_addon.growth.library.template_library import (
+    Brought,
+    Library,
+    NotUnderstoodError,
+    make_library,
+)
 from forest_addon.growth.recognise.parts import Group
 from forest_addon.growth.regrow.relay import farthest_off
 from forest_addon.growth.regrow.sibling import grow_sibling
 from forest_addon.growth.tree import Tree, grow
+from forest_addon.growth.verdict import Verdict
 from forest_addon.spec import Siblings, SpecError, Species
 
-from ...command import PROGRAM
+from ...command import PROGRAM, UnlikeError
 from ...progress import Stages, hushed
 from ...report.drawing import can_draw, without
-from ...report.likeness import compare_with_sensors, tell_likeness
+from ...report.likeness import add_sensors, tell_likeness
 
 SHOWN = 5  # siblings in the picture
+SENSED = 8  # siblings that are scanned and listened to
 
 
 def make_template(
-    wood: Path,
-    leaves: Path | None,
+    brought: Brought,
     name: str,
-    height: float,
     out: Path,
     grammar: str = "fitted",
     siblings: int = 50,
     say: Say = print,
     *,
-    unit: str = "",
-    up: str = "",
+    accept: bool = False,
 ) -> Path:
     """Make a template library from files of a tree; returns the species file.
 
-    height : metres of the tree; 0: as the unit says.
-    unit, up : of the files, and their upright axis; empty: inferred, and said.
     grammar : "fitted" or "t20". siblings : how many to compare with the tree; 0: none.
+    accept : write a scene also of siblings that are too unlike the tree.
 
     Raises
     ------
     SpecError : a file cannot be used, with the reason.
+    UnlikeError : siblings are too unlike the tree; all but the scene was written.
     """
     if siblings and not 3 <= siblings <= 1000:
         raise SpecError("--siblings", f"{siblings} is out of range; use 3 to 1000, or 0 for none")
     try:
-        groups = _groups(wood, leaves)
+        brought = replace(brought, groups=_groups(brought.wood, brought.leaves))
         with Stages(False).stage("recognise the tree") as progress:
-            made = make_library(
-                *(wood, leaves, name, height, out, progress),
-                grammar=grammar,
-                groups=groups,
-                unit=unit,
-                up=up,
-            )
+            made = make_library(brought, name, out, progress, grammar, siblings, accept)
     except NotUnderstoodError as problem:
-        said = problem.problem
-        if can_draw():
-            from ...report.recognised import draw_problem
-
-            out.mkdir(parents=True, exist_ok=True)
-            picture = draw_problem(problem.facets, problem.places, name, out / "recognised.png")
-            said = f"{said.removesuffix('.')} (see {picture})."
-        raise SpecError("template", said) from None
+        raise SpecError("template", _drawn(problem, name, out)) from None
     except SpecError as problem:
         asked = problem.key in ("name", "height", "unit", "up")
         raise SpecError(f"--{problem.key}" if asked else problem.key, problem.problem) from None
-    _tell(made, height > 0, bool(unit), say)
-    _tell_how(made, bool(up), say)
+    _tell(made, brought, say)
+    _tell_how(made, bool(brought.up), say)
     written = f"{made.species}, its STL files"
     if can_draw():
         from ...report.recognised import draw_recognised
@@ -88,12 +77,43 @@ def make_template(
         written += ", recognised.png"
     else:
         say(without("Pictures are left out"))
-    if siblings and grammar == "fitted":
-        _show_siblings(made, siblings, out / "siblings.png", say)
+    if made.verdict is not None:
+        _show_siblings(made, min(SENSED, siblings), out / "siblings.png", say)
         written += ", siblings.png" if can_draw() else ""
+        _tell_verdict(made.verdict, written, accept, say)
     say(f"Wrote {written} and scene.toml.")
     say(f"Next: {PROGRAM} run {out / 'scene.toml'}")
     return made.species
+
+
+def _drawn(problem: NotUnderstoodError, name: str, out: Path) -> str:
+    """Draw what was not understood, and say where the picture is."""
+    if not can_draw():
+        return problem.problem
+    from ...report.recognised import draw_problem
+
+    out.mkdir(parents=True, exist_ok=True)
+    picture = draw_problem(problem.facets, problem.places, name, out / "recognised.png")
+    return f"{problem.problem.removesuffix('.')} (see {picture})."
+
+
+def _tell_verdict(verdict: Verdict, written: str, accept: bool, say: Say) -> None:
+    """Say whether siblings may be planted.
+
+    Raises
+    ------
+    UnlikeError : they may not, and were not accepted.
+    """
+    if verdict.variety < 1:
+        say(f"Variety: {verdict.variety:g}, with which siblings come nearest to the tree")
+    if verdict.missed:
+        say(f"In doubt: {verdict.sentence}.")
+    if not verdict.stands and not accept:
+        say(f"Wrote {written}, and no scene.")
+        raise UnlikeError(
+            f"{verdict.sentence}; look at siblings.png and recognised.png, mend the mesh, or plant "
+            "them all the same with --accept"
+        )
 
 
 def _groups(wood: Path, leaves: Path | None) -> list[Group]:
@@ -127,8 +147,13 @@ def _tell_how(made: Library, up_given: bool, say: Say) -> None:
         say(f"In doubt: {doubt.sentence}{marked}")
 
 
-def _show_siblings(made: Library, count: int, path: Path, say: Say) -> None:
-    """Grow siblings, compare them with the tree, and render some beside it."""
+def _show_siblings(made: Library, sensed: int, path: Path, say: Say) -> None:
+    """Say how siblings compare with the tree, and render some beside it.
+
+    sensed : siblings that are scanned and listened to.
+    """
+    verdict = made.verdict
+    assert verdict is not None
     species, template = load_species(made.species)
     itself = grow(_varied(species, 0.0), template, stream(0, "template"))
     off = farthest_off(made.habit.anatomy, grow_sibling(made.habit, Siblings(variety=0.0), 0))
@@ -141,23 +166,23 @@ def _show_siblings(made: Library, count: int, path: Path, say: Say) -> None:
         return grow(species, template, stream(0, "template", "sibling", number))
 
     with hushed():
-        one, all_of_them = compare_with_sensors(itself, (sibling(k) for k in range(count)))
+        found = add_sensors(verdict.likeness, itself, (sibling(k) for k in range(sensed)))
         if can_draw():
             from ...report.three import render_three
 
-            shown = [sibling(number) for number in range(min(SHOWN, count))]
+            shown = [sibling(number) for number in range(SHOWN)]
             render_three(made.found, made.unit.metres, itself, shown, species.look, path)
-    tell_likeness(compare(one, all_of_them), count, say)
+    tell_likeness(found, verdict.siblings, sensed, say)
 
 
 def _varied(species: Species, variety: float) -> Species:
     return replace(species, siblings=replace(species.siblings or Siblings(), variety=variety))
 
 
-def _tell(made: Library, given: bool, unit_given: bool, say: Say) -> None:
+def _tell(made: Library, brought: Brought, say: Say) -> None:
     """Say what was recognised, and how large it is taken to be."""
     found, anatomy, metres = made.found, made.habit.anatomy, made.unit.metres
-    trunk = int(np.flatnonzero(anatomy.order == 0)[0])
+    trunk = int(anatomy.trunks[0])
     others = anatomy.count - 1 - made.branches
     say(f"Wood: {len(made.wood):,} triangles in {anatomy.count:,} pieces:")
     say(
@@ -176,12 +201,17 @@ def _tell(made: Library, given: bool, unit_given: bool, say: Say) -> None:
     sizes = f"{made.height:.2f} m high"
     if made.leaf:
         sizes += f", leaves {100 * made.leaf * metres:.1f} cm long"
-    if given:
+    if brought.height:
         say(f"Scale: given by --height; 1 unit = {metres:.5g} m: {sizes}")
-    elif unit_given:
+    elif brought.unit:
         say(f"Scale: given by --unit {made.unit.name} (1 unit = {metres:g} m): {sizes}")
     else:
         say(
             f"Scale: inferred, as the file does not say; taken as {made.unit.name} "
             f"(1 unit = {metres:g} m): {sizes}. If that is wrong, give --height or --unit."
         )
+        if made.unit.name != "metres":
+            tall = made.height / metres
+            say(
+                f"NOTE: in metres it would be {tall:,.6g} m high, so it is taken to be in {made.unit.name}."
+            )

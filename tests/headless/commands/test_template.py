@@ -49,13 +49,14 @@ def test_a_users_tree_becomes_a_forest_in_two_commands(files, capsys, monkeypatc
     assert (out / "recognised.png").stat().st_size > 20_000
 
     assert "Rebuilt from its parts: 63 of 63 leaves" in said
-    assert "3 siblings against the tree" in said
+    assert "24 siblings against the tree, 3 of them with sensors" in said
     assert (out / "siblings.png").stat().st_size > 10_000
 
     species, habit = load_species(out / "elm.toml")
     assert (habit.anatomy.order == 1).sum() == 9
     assert habit.anatomy.lines.knot[:, 2].max() < 20  # the library is in metres
-    assert species.siblings.variety == 1.0
+    assert species.siblings.variety == 0.7  # its 63 leaves stand in lumps, siblings' in others
+    assert "Variety: 0.7" in said
 
     scene = out / "scene.toml"
     scene.write_text(
@@ -140,7 +141,7 @@ def test_bad_input_is_one_sentence(files, monkeypatch, capsys, words, complaint)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("unit", "scale"),
-    [("metres", 1.0), ("centimetres", 100.0), ("millimetres", 1000.0), ("feet", 1 / 0.3048)],
+    [("metres", 1.0), ("centimetres", 100.0), ("millimetres", 1000.0), ("inches", 1 / 0.0254)],
 )
 def test_one_file_of_any_unit_with_y_up(tmp_path, capsys, unit, scale):
     """Wood and leaves in one STL, lying: told apart, stood up, and in metres."""
@@ -175,6 +176,27 @@ def test_unit_and_axis_may_be_given(files, capsys):
     assert "leans" in capsys.readouterr().err
 
 
+def test_siblings_unlike_the_tree_get_no_scene_unless_they_are_accepted(files, capsys, monkeypatch):
+    """Allowed is so little that no siblings keep to it: exit code 5, the files and no scene."""
+    monkeypatch.setattr("forest_addon.growth.verdict.MOST_DIFFERENCE", 1e-4)
+    monkeypatch.setattr("headless.commands.work.template.can_draw", lambda: False)
+    monkeypatch.setattr("headless.commands.work.template.SENSED", 2)
+    monkeypatch.setattr("headless.report.likeness.OF_TEMPLATE", 3)
+    out = files / "elm"
+    words = ["template", f"{files}/w.stl", f"{files}/l.stl", "--name", "elm", "--out", str(out)]
+    assert main([*words, "--siblings", "3", "--accept"]) == 0
+    assert (out / "scene.toml").exists()
+    assert "Next: " in capsys.readouterr().out
+    assert main([*words, "--siblings", "3"]) == 5
+    said = capsys.readouterr()
+    assert "error: siblings are not like the tree: " in said.err
+    assert "--accept" in said.err
+    assert "Variety: 0." in said.out
+    assert "Next: " not in said.out
+    assert (out / "elm.toml").exists()
+    assert not (out / "scene.toml").exists()
+
+
 def test_what_is_not_understood_is_marked_in_a_picture(tmp_path, capsys):
     model = tree()
     write_stl(
@@ -195,7 +217,11 @@ def test_what_is_not_understood_is_marked_in_a_picture(tmp_path, capsys):
         (9.5, 0.08, "metres"),
         (950, 8, "centimetres"),
         (12_000, 110, "millimetres"),
-        (40, 0.35, "feet"),
+        (400, 4.0, "inches"),
+        (40, 0.35, "metres"),  # as high as trees are
+        (25.2, 0.02, "metres"),
+        (119, None, "metres"),
+        (0.02, None, "metres"),  # in no unit
         (8, None, "metres"),
     ],
 )

@@ -18,7 +18,7 @@ from forest_addon.blender.jobs import CancelledError
 from forest_addon.formats.stl import write_stl
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.growth.library.species_file import load_species
-from forest_addon.growth.library.template_library import make_library
+from forest_addon.growth.library.template_library import Brought, make_library
 from forest_addon.spec import SpecError
 from forest_addon.ui.settings import preferences
 from forest_addon.ui.settings.exchange import to_spec
@@ -238,6 +238,19 @@ def test_a_tree_from_stl_is_planted(planting, model, own):
     assert Path(props.plantings[2].species) == own / "elm-2" / "elm-2.toml"
 
 
+def test_a_tree_whose_siblings_are_unlike_it_is_planted_only_if_accepted(
+    planting, model, own, monkeypatch
+):
+    monkeypatch.setattr("forest_addon.growth.verdict.MOST_DIFFERENCE", 1e-4)
+    wood = {"filepath": str(model / "wood.stl"), "directory": str(model)}
+    with pytest.raises(RuntimeError, match=r"siblings are not like the tree: .*tick Accept"):
+        bpy.ops.forest.import_tree(**wood)
+    assert not list(own.iterdir())
+    assert len(bpy.context.scene.forest_sensing.plantings) == 1
+    bpy.ops.forest.import_tree(**wood, accept=True)
+    assert len(bpy.context.scene.forest_sensing.plantings) == 2
+
+
 def test_a_template_of_ours_is_imported(planting, own):
     folder = ASSETS / "templates" / "hazelnut"
     wood, leaves = folder / "wood.stl", folder / "leaves.stl"
@@ -277,7 +290,7 @@ def test_an_import_that_is_cancelled_leaves_nothing(model, own):
             raise CancelledError
 
     with pytest.raises(CancelledError):
-        make_library(model / "wood.stl", model / "leaves.stl", "elm", 0.0, own / "elm", stop)
+        make_library(Brought(model / "wood.stl", model / "leaves.stl"), "elm", own / "elm", stop)
     assert not own.exists()
 
 
