@@ -36,7 +36,7 @@ SCALE = {"shrub": (0.6, 1.4), "log": (0.6, 1.5), "stump": (0.6, 1.4)}
 
 
 def is_measured(species: Species) -> bool:
-    """Whether trees of a species have the architecture and the measures of real ones."""
+    """Tell whether trees of a species have the architecture and the measures of real ones."""
     return species.targets is not None and species.architecture is not None
 
 
@@ -87,7 +87,7 @@ def undergrowth_of(
 
 
 def _young(planted: tuple[Species, object]) -> Targets | None:
-    """What young trees of a species measure; None where its law tells nothing of such small ones."""
+    """Choose what young trees of a species measure; None where its law tells nothing of such small ones."""
     species, kind = planted
     law = kind.allometry if isinstance(kind, Kind) else None
     assert species.targets is not None
