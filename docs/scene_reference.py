@@ -57,6 +57,8 @@ SPECIES: list[tuple[str, type[spec.Settings]]] = [
     ("[detail]", spec.Detail),
     ("[look]", spec.Look),
     ("[bark]", spec.Bark),
+    ("[architecture]", spec.Architecture),
+    ("[architecture.dead]", spec.DeadBranches),
     ("An allometry file", spec.Allometry),
     ("[height], [crown_width], [crown_base], [leaf_area] of an allometry", spec.Law),
     ("A distribution: { mean, sd, low, high }", spec.Normal),

@@ -28,6 +28,7 @@ from forest_addon.formats.atomic import replacing
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.wav import read_wav, write_wav
+from forest_addon.results.coordinates import FILE, PROPERTY, on_the_map, write_note
 from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.reverb.auralise import auralise
@@ -155,6 +156,8 @@ def _looked(world: World, sensor: Sensor, unfinished: Unfinished, progress: Prog
 def _write_scene(run: Run) -> None:
     """Write Blender's scene as files and as a picture, as far as they are wanted."""
     scene, wanted, stages = bpy.context.scene, run.settings.output, run.stages
+    if any(run.settings.offset):
+        scene[PROPERTY] = run.settings.offset
     set_stage(scene, wanted.preview_size)
     if wanted.blend:
         with stages.stage("write forest.blend"), hushed(errors=True):
@@ -216,7 +219,9 @@ def _describe(run: Run, world: World, result: Result) -> page.Finding:
 
 def _describe_stand(run: Run, inputs: Inputs) -> None:
     """Draw the map of the stand, and compare it with others of the same settings."""
-    settings, stand, wanted = run.settings, run.forest.stand, run.settings.output
+    settings, wanted = run.settings, run.settings.output
+    own = len(settings.plantings)
+    stand = run.forest.stand.first(own)
     drawn = None
     if wanted.pictures:
         if can_draw():
@@ -225,7 +230,7 @@ def _describe_stand(run: Run, inputs: Inputs) -> None:
             from .report.plain import draw_stand
         with run.stages.stage("draw the stand"):
             path = run.path("stand.png")
-            drawn = draw_stand(stand, run.forest.labels, settings, inputs, path)
+            drawn = draw_stand(stand, run.forest.labels[:own], settings, inputs, path)
     run.findings.append(findings.forest_finding(settings, run.forest, drawn))
     if wanted.pictures and not can_draw():
         _say_what_is_lacking(run)
@@ -289,11 +294,15 @@ def _make_writable(out: Path) -> None:
 
 
 def _write_truth(run: Run) -> None:
-    write_csv(run.path("trees.csv"), tree_table(run.forest))
+    offset, crs = run.settings.offset, run.settings.crs
+    if write_note(run.out / FILE, offset, crs):
+        run.files.append(FILE)
+    write_csv(run.path("trees.csv"), on_the_map(tree_table(run.forest), offset))
     write_csv(run.path("leaf_angles.csv"), angle_table(run.forest))
     if not run.settings.output.leaves:
         return
     metres = dict.fromkeys(("centre", "length", "width", "radius"), "m")
     many = leaf_count(run.forest) > MOST_LEAVES
     name, table = ("variant_leaves", variant_leaf_table) if many else ("leaves", leaf_table)
-    write_npz(run.path(f"{name}.npz"), table(run.forest), metres | {"normal": "1", "axis": "1"})
+    rows = table(run.forest) if many else on_the_map(table(run.forest), offset)
+    write_npz(run.path(f"{name}.npz"), rows, metres | {"normal": "1", "axis": "1"})

@@ -41,7 +41,6 @@ def violations(rule, house):
 LATER = {
     *("folders_are_small", "functions_are_short", "functions_take_few_parameters"),
     *("class_names_are_unique", "public_names_are_used"),
-    "docstrings_open_with_a_verb_or_a_noun",
 }
 
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..base.rows import RowTable
 from ..spec import Flight, SpecError
 
 GRAVITY = 9.81
@@ -32,7 +33,7 @@ ACTIONS = {
 
 
 @dataclass(frozen=True)
-class State:
+class State(RowTable):
     """N flyers.
 
     position : (N, 3) metres. velocity : (N, 3) m/s over ground. heading : (N,) radians, from +X towards +Y.
@@ -48,10 +49,6 @@ class State:
 
     def __len__(self) -> int:
         return len(self.heading)
-
-    def take(self, rows: np.ndarray) -> State:
-        """Some flyers."""
-        return State(**{name: values[rows] for name, values in vars(self).items()})
 
     def put(self, rows: np.ndarray, other: State) -> State:
         """With some flyers replaced."""

@@ -137,7 +137,7 @@ class Flyers:
                 due = due & rows
             now = due.nonzero()[0]
             if len(now):
-                self._heard[now] = self.ears.listen(self.world, state.take(now))
+                self._heard[now] = self.ears.listen(self.world, state.select(now))
             told["sonar"] = self._heard.copy()
         told["odometry"] = odometry(self.flight, state, self.goal, self._rngs)
         return told

@@ -8,6 +8,7 @@ that back. ``NAME-heard.npz`` lists what each leaf, branch and facet added.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,9 @@ from ..formats.wav import write_wav
 from ..sensing.sonar.flight import Flight
 from ..sensing.sonar.ping import Echo
 from ..spec import Sonar
+from .coordinates import on_the_map
 
+NONE = (0.0, 0.0, 0.0)
 LOUD = 0.9  # peak of the WAV
 UNITS = {
     "time": "s",
@@ -33,28 +36,32 @@ UNITS = {
 HEARD_UNITS = {"position": "m", "distance": "m", "delay": "s", "amplitude": "re call at 1 m"}
 
 
-def write_echo(folder: Path, name: str, found: Echo | Flight, sonar: Sonar) -> list[Path]:
+def write_echo(
+    folder: Path, name: str, found: Echo | Flight, sonar: Sonar, offset: Sequence[float] = NONE
+) -> list[Path]:
     """Write an echo or a flight; returns the files, the NPZ first.
+
+    offset : (3,) metres, added to positions.
 
     Raises
     ------
     OSError : a file cannot be written; what had its name before stays as it was.
     """
     files = [folder / f"{name}.npz", folder / f"{name}.wav"]
-    write_echo_arrays(files[0], found)
+    write_echo_arrays(files[0], found, offset)
     write_echo_sound(files[1], found, sonar.time_expansion)
     if sonar.contributions:
         files.append(folder / f"{name}-heard.npz")
-        write_npz(files[2], _heard(_flight(found)), HEARD_UNITS)
+        write_npz(files[2], on_the_map(_heard(_flight(found)), offset), HEARD_UNITS)
     return files
 
 
-def write_echo_arrays(path: Path, found: Echo | Flight) -> None:
-    """Write axes, responses, spectra, echoes and poses as NPZ."""
+def write_echo_arrays(path: Path, found: Echo | Flight, offset: Sequence[float] = NONE) -> None:
+    """Write axes, responses, spectra, echoes and poses as NPZ. offset : (3,) metres, added to positions."""
     flight, single = _flight(found), isinstance(found, Echo)
     waveform = flight.stacked("waveforms")
     arrays = _arrays(flight, waveform, single) | {"wav_gain": np.array(_gain(waveform))}
-    write_npz(path, arrays, UNITS)
+    write_npz(path, on_the_map(arrays, offset), UNITS)
 
 
 def write_echo_sound(path: Path, found: Echo | Flight, time_expansion: float) -> None:

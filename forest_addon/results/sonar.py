@@ -142,15 +142,13 @@ def _echo_notes(sonar: Sonar, echoes: Sequence[Echo]) -> Iterator[str]:
     yield shade.get(sonar.shading, both)
 
 
-def _write(folder: Path, sonar: Sonar, found: Finding, _offset: Offset) -> list[Path]:
+def _write(folder: Path, sonar: Sonar, found: Finding, offset: Offset) -> list[Path]:
     from .echo_files import write_echo
 
-    return write_echo(folder, sonar.name, found, sonar)
+    return write_echo(folder, sonar.name, found, sonar, offset)
 
 
-def _save(
-    path: Path, sonar: Sonar, found: Finding, _offset: Offset, _labels: Labels | None
-) -> None:
+def _save(path: Path, sonar: Sonar, found: Finding, offset: Offset, _labels: Labels | None) -> None:
     from ..formats.table import write_csv
     from .echo_files import write_echo_arrays, write_echo_sound
 
@@ -159,7 +157,7 @@ def _save(
     elif path.suffix.lower() == ".wav":
         write_echo_sound(path, found, sonar.time_expansion)
     else:
-        write_echo_arrays(path, found)
+        write_echo_arrays(path, found, offset)
 
 
 def _columns(found: Finding) -> dict[str, list[Any]]:

@@ -1,8 +1,9 @@
 """A stand as CSV or GeoJSON, one tree a row or feature.
 
-The scene's offset is added in float64, so coordinates are those of the map. GeoJSON by RFC 7946 knows
-longitude and latitude alone; these are metres, which the file says in words and, where the coordinate
-system is named, in the older ``crs`` member that GIS programs still read.
+The scene's offset is added in float64, so coordinates are those of the map; of a CSV a note beside it says
+so, because programs take a first line for the header. GeoJSON by RFC 7946 knows longitude and latitude
+alone; these are metres, which the file says in words and, where the coordinate system is named, in the older
+``crs`` member that GIS programs still read.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 
 from ..formats.atomic import replacing
 from ..stand.plan import Stand
+from .coordinates import note_of
 
 COLUMNS = ("id", "species", "x", "y", "z", "scale", "rotation", "variant")
 CHUNK = 50_000  # trees that are text at once
@@ -37,21 +39,9 @@ def write_stand(
         (_write_geojson if geojson else _write_csv)(file, stand, labels, offset, crs)
 
 
-def note_of(offset: Sequence[float], crs: str) -> str:
-    """Return what the coordinates are, in words; empty for a scene without offset and coordinate system."""
-    if not crs and not any(offset):
-        return ""
-    system = f" in {crs}" if crs else ""
-    shift = ", ".join(f"{value:.12g}" for value in offset)
-    return f"coordinates are metres{system}; the offset {shift} has been added"
-
-
 def _write_csv(
-    file: TextIO, stand: Stand, labels: Sequence[str], offset: Sequence[float], crs: str
+    file: TextIO, stand: Stand, labels: Sequence[str], offset: Sequence[float], _crs: str
 ) -> None:
-    note = note_of(offset, crs)
-    if note:
-        file.write(f"# {note}\n")
     file.write(",".join(COLUMNS) + "\n")
     names = [_quoted(label) for label in labels]
     for rows in _rows(stand, offset):

@@ -61,6 +61,7 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "measured": ("Measured", "As a CSV file says, by angle and frequency"),
     },
     "surface": {
+        "as model": ("As the Model", "Constant for the paper's model, forest floor for a forest"),
         "constant": ("Constant", "Sends back the same share at all frequencies"),
         "snow": ("Snow", "Soft: swallows most of the sound, low tones less"),
         "forest floor": ("Forest Floor", "Litter and moss: swallows high tones"),
@@ -112,6 +113,12 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "furrowed": ("Furrowed", "Long ridges that part and meet again, as of oak"),
         "plated": ("Plated", "Broad plates between deep furrows, as of pine"),
         "peeling": ("Peeling", "White with dark level marks, cracked at the foot, as of birch"),
+    },
+    "undergrowth": {
+        "auto": ("Automatic", "Sparse where a scanner or a sonar looks at measured trees"),
+        "none": ("None", "Trees on bare ground"),
+        "sparse": ("Sparse", "Some herbs, shrubs, young trees and deadwood"),
+        "dense": ("Dense", "Herbs everywhere, thickets of shrubs and young trees, much deadwood"),
     },
     "limbs": {
         "auto": ("Automatic", "Smooth curves where limbs fill a crown, else straight"),

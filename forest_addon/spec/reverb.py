@@ -73,9 +73,10 @@ class Reverb(Sensor):
         0.8, help="reflection coefficient of a constant ground (Kaneko & Gamper 2021)", ge=-1, le=1
     )
     surface: str = param(
-        "constant",
-        help="what the ground is: the same at all frequencies, or an impedance by flow resistivity",
-        choices=("constant", "snow", "forest floor", "grass", "soil", "asphalt"),
+        "as model",
+        help="what the ground is: the same at all frequencies, or an impedance by flow resistivity; as "
+        "model: constant for the paper's, forest floor for a forest",
+        choices=("as model", "constant", "snow", "forest floor", "grass", "soil", "asphalt"),
     )
     impedance_model: str = param(
         "miki", help="impedance of a surface", choices=("miki", "delany-bazley")
@@ -148,6 +149,38 @@ class Reverb(Sensor):
         ge=0,
         le=0.01,
     )
+    branches: bool = param(
+        True, help="forest: branches, twigs and leaves scatter sound, up and down too"
+    )
+    branch_area_density: float = param(
+        0.0,
+        unit="m²/m³",
+        help="forest: bark of branches in the air below the canopy; 0: as the scene's trees, by height",
+        ge=0,
+        le=5,
+    )
+    branch_radius: float = param(0.006, unit="m", help="forest: of these branches", gt=0, le=0.1)
+    leaf_radius: float = param(
+        0.0,
+        unit="m",
+        help="forest: of a disc as large as a leaf, which says what leaves scatter; needles 0.002, birch "
+        "0.02; 0: as the scene's",
+        ge=0,
+        le=0.5,
+    )
+    canopy_return: float = param(
+        0.0,
+        help="forest: share of the sound leaving the canopy that comes back, as a wind or an inversion "
+        "bends it",
+        ge=0,
+        le=1,
+    )
+    litter: float = param(
+        0.1,
+        help="forest: share of the sound of branches and leaves on the ground that litter scatters all ways",
+        ge=0,
+        le=1,
+    )
     trunk_height: float = param(
         0.0,
         unit="m",
@@ -180,6 +213,13 @@ class Reverb(Sensor):
         ge=0,
         le=400,
     )
+
+    @property
+    def ground_kind(self) -> str:
+        """The surface, by the model where it is left to that."""
+        if self.surface != "as model":
+            return self.surface
+        return "forest floor" if self.model == "forest" else "constant"
 
     def check(self) -> None:
         for key in ("source", "receiver"):

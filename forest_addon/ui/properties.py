@@ -70,6 +70,8 @@ def _make_groups() -> dict[type, type]:
         spec.Template,
         spec.Look,
         spec.Bark,
+        spec.DeadBranches,
+        spec.Architecture,
     )
     measured = (spec.Targets, spec.Crown, spec.Needles, spec.DeadBranches, spec.Architecture)
     of_trees = (spec.Rules, spec.Honda, spec.Siblings, spec.Leaf, spec.Inclination, spec.Detail)

@@ -136,7 +136,7 @@ def _extents(one: Reverb, observer: Observer, settings: Scene, length: float) ->
         around["canopy"] = canopy_of(observer.geometry, heights, area)
 
     def sound(metres: float) -> tuple[np.ndarray, float]:
-        some = trunks.joined(beyond.select(away <= metres))
+        some = trunks.with_others(beyond.select(away <= metres))
         found, seconds = timed(lambda: impulse_response(some, ended, settings.air, **around))
         return found.trees, seconds
 

@@ -12,13 +12,14 @@ FILES = {
     "cylinders.csv": "a row a branch segment of every tree: ends, radii, parent, axis, order, in the "
     "columns of "
     "aRchi and rTwig (IDs from 1 within a tree, 0: none)",
-    "voxels.npz": "leaf (one side) and wood area density in m²/m³ of cubic cells (`cell` times `edge` is the "
-    "lowest corner), and which trees are in which cell",
+    "voxels.npz": "leaf (one side) and wood area density in m²/m³ of cubic cells (`cell` times `edge` plus "
+    "`origin` is the lowest corner), and which trees are in which cell",
     "NAME-occlusion.npz": "by cell: pulses that went in, hit, or were blocked before it",
     "NAME-hidden.npz": "every tree on the axes of some pulses, and whether the pulse saw it",
     "NAME-points.npz": "points of a scan with all labels, an array a field",
     "NAME.laz": "point clouds, LAS 1.4: tree, species, organ, leaf, normal, true range as extra bytes",
-    "NAME-route.csv": "poses of a sonar's route",
+    "NAME-route.csv": "poses of a sonar's route, in the scene's coordinates, without its offset",
+    "coordinates.txt": "what coordinates are, of a scene with an offset",
     "NAME.wav": "echoes slowed down, or impulse responses, as sound",
     "leaves.npz": "centre, normal, axis and size of every leaf",
     "terrain.npy": "heights of the ground, first row the north edge",

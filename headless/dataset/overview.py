@@ -52,6 +52,7 @@ def _draw_map(axes: Axes, one: Done, colour: dict[str, str]) -> None:
 
     trees = _table(one.folder / "trees.csv")
     place = np.array([[float(t["x_m"]), float(t["y_m"])] for t in trees]).reshape(-1, 2)
+    place -= _offset(one.folder / "scene.toml")  # sensors are drawn beside them
     wide = np.array([float(t["crown_width_m"]) for t in trees])
     faces = [colour[t["species"]] for t in trees]
     if len(place):
@@ -157,11 +158,17 @@ def _most_trees(folder: Path, otherwise: float) -> float:
     return float(y[near[np.argmax(near.sum(axis=1))]].mean())
 
 
+def _offset(path: Path) -> np.ndarray:
+    """(2,) metres that are added to what is written of a scene."""
+    told = tomllib.loads(path.read_text(encoding="utf-8")).get("offset", (0.0, 0.0, 0.0))
+    return np.array(told[:2], dtype=np.float64)
+
+
 def _field(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """(2,) lowest and (2,) highest corner of a scene's field."""
     table = tomllib.loads(path.read_text(encoding="utf-8")).get("forest", {})
     forest = structure(table, Forest)
-    low = np.array(forest.origin)
+    low = np.array(forest.origin) + _offset(path)
     return low, low + forest.size
 
 

@@ -29,6 +29,8 @@ from forest_addon.formats.npz import write_npz
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.toml_file import write_settings
 from forest_addon.growth.tree import Tree, grow
+from forest_addon.results.coordinates import FILE as COORDINATES
+from forest_addon.results.coordinates import PROPERTY, on_the_map, write_note
 from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.results.points import records
 from forest_addon.results.scan_file import write_npz_rows
@@ -41,6 +43,7 @@ from forest_addon.spec import Rays, Scene, Species, Terrain
 from forest_addon.stand.forest import Forest, Grown, angle_table, leaf_table
 from forest_addon.stand.plan import labels
 from forest_addon.stand.truth import cylinder_table, inventory, voxel_arrays
+from forest_addon.stand.undergrowth import LOW
 
 from ..progress import hushed
 from .ground import FILE, heights_of, terrain_of
@@ -144,17 +147,21 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
         observer = Observer(bpy.context.evaluated_depsgraph_get(), rays, session.expansions)
     with work.stage("trees"):
         table = inventory(forest)
-        write_csv(folder / "trees.csv", table)
+        write_note(folder / COORDINATES, settings.offset, settings.crs)
+        write_csv(folder / "trees.csv", on_the_map(table, settings.offset))
         if settings.plantings:
             write_csv(folder / "leaf_angles.csv", angle_table(forest))
         if keep.leaves:
             metres = dict.fromkeys(("centre", "length", "width", "radius"), "m")
             write_npz(
-                folder / "leaves.npz", leaf_table(forest), metres | {"normal": "1", "axis": "1"}
+                folder / "leaves.npz",
+                on_the_map(leaf_table(forest), settings.offset),
+                metres | {"normal": "1", "axis": "1"},
             )
     if keep.cylinders:
         with work.stage("cylinders"):
-            write_numbers(folder / "cylinders.csv", cylinder_table(forest), DECIMALS)
+            rows = on_the_map(cylinder_table(forest), settings.offset)
+            write_numbers(folder / "cylinders.csv", rows, DECIMALS)
     cells = None
     if keep.voxels:
         with work.stage("voxels"):
@@ -162,7 +169,8 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
             units = dict.fromkeys(("leaf_area_density", "wood_area_density"), "m2/m3") | {
                 "edge": "m"
             }
-            write_npz(folder / "voxels.npz", arrays, units)
+            more = {"origin": np.array(settings.offset)}
+            write_npz(folder / "voxels.npz", arrays | more, units | {"origin": "m"})
             cells = Cells.around(arrays["cell"].astype(np.int64), keep.voxels)
     for sensor in settings.sensors:
         _observe(work, sensor, settings, observer, keep, cells)
@@ -200,14 +208,21 @@ def _place(recipe: Recipe, site: ForestSite, folder: Path) -> ForestSite:
         heights, low, size = heights_of(ground, recipe.seed, field)
         with replacing(folder / FILE) as partial:
             np.save(partial, heights)
-        floor = Terrain(file=FILE, origin=tuple(map(float, low)), size=tuple(map(float, size)))
+        floor = Terrain(
+            file=FILE,
+            origin=tuple(map(float, low)),
+            size=tuple(map(float, size)),
+            roughness=field.terrain.roughness,
+        )
         site = replace(
             site,
             scene=site.scene.changed(forest=field.changed(terrain=floor)),
             inputs=replace(site.inputs, terrain=terrain_of(heights, low, size)),
-        )
+        ).roughened()
     rules = [Placing(**one) for one in recipe.places]
-    stems = site.plan().position[:, :2]
+    stand = site.plan()
+    low = [planting.species in LOW for planting in site.scene.plantings]
+    stems = stand.position[~np.array([*low, False])[stand.species], :2]
     settings, files = place_sensors(site.scene, rules, stems, site.ground)
     for name, text in files.items():
         with replacing(folder / name) as partial:
@@ -244,7 +259,9 @@ def _observe(
         scan = lidar.Scan(sensor, observer.caster, settings.seed, way)
         if keep.occlusion and cells is not None:
             arrays = occlusion(scan, found, cells, keep.occlusion)
-            write_npz(folder / f"{sensor.name}-occlusion.npz", arrays, {"edge": "m"})
+            arrays |= {"origin": np.array(settings.offset)}
+            units = {"edge": "m", "origin": "m"}
+            write_npz(folder / f"{sensor.name}-occlusion.npz", arrays, units)
         if keep.hidden:
             arrays = on_the_line(scan, observer.caster, found, keep.hidden)
             write_npz(folder / f"{sensor.name}-hidden.npz", arrays, {"distance": "m"})
@@ -259,6 +276,8 @@ def _write_blender(settings: Scene, keep: Keep, folder: Path) -> None:
     from forest_addon.blender.show.preview import render, set_stage
 
     scene = bpy.context.scene
+    if any(settings.offset):
+        scene[PROPERTY] = settings.offset
     for sensor in settings.sensors:
         new_sensor(scene, sensor)
     set_stage(scene, settings.output.preview_size)

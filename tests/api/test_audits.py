@@ -14,7 +14,6 @@ from forest_addon.base.rng import stream
 from forest_addon.sensing.kind import Observation
 from forest_addon.sensing.lidar import cloud as clouds
 from forest_addon.sensing.lidar.audit import audit_drive, audit_scan
-from forest_addon.sensing.lidar.returns import take
 from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.sensing.reverb.audit import audit_response
 from forest_addon.sensing.reverb.kind import response_inputs
@@ -91,7 +90,7 @@ def check(world, sensor, found, seed=0, caster=None):
 def some(cloud, rows):
     """A cloud without the rest of its points."""
     arrays = {k: v[rows] for k, v in vars(cloud).items() if isinstance(v, np.ndarray)}
-    return replace(cloud, **arrays, returns=take(cloud.returns, np.arange(len(cloud))[rows]))
+    return replace(cloud, **arrays, returns=cloud.returns.select(np.arange(len(cloud))[rows]))
 
 
 def without_pulses(cloud, every):
@@ -137,7 +136,9 @@ ROWSCANS = {
     "one per cent farther": lambda f: replace(
         f, returns=replace(f.returns, distance=1.01 * f.returns.distance)
     ),
-    "mirrored": lambda f: replace(f, returns=take(f.returns, np.arange(len(f.returns.leaf))[::-1])),
+    "mirrored": lambda f: replace(
+        f, returns=f.returns.select(np.arange(len(f.returns.leaf))[::-1])
+    ),
     "one beam in a hundred lost": lambda f: replace(
         f, returns=replace(f.returns, distance=lost(f.returns.distance))
     ),

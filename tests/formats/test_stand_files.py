@@ -9,6 +9,7 @@ from PIL import Image
 
 from forest_addon.formats.raster_file import read_raster
 from forest_addon.formats.stl import write_stl
+from forest_addon.results.coordinates import note_of
 from forest_addon.results.stand_table import COLUMNS, write_stand
 from forest_addon.spec import Forest, Planting, Raster, Scene, SpecError, Terrain
 from forest_addon.stand.files import read_inputs
@@ -29,10 +30,9 @@ def stand():
 
 def test_csv_holds_every_digit_with_the_offset_added(stand, tmp_path):
     write_stand(tmp_path / "p.csv", stand, NAMES, OFFSET, "EPSG:32632")
-    note, *lines = (tmp_path / "p.csv").read_text().splitlines()
-    assert note == (
-        "# coordinates are metres in EPSG:32632; "
-        "the offset 499987.125, 5400123.5, 212.25 has been added"
+    lines = (tmp_path / "p.csv").read_text().splitlines()
+    assert note_of(OFFSET, "EPSG:32632") == (
+        "coordinates are metres in EPSG:32632; the offset 499987.125, 5400123.5, 212.25 has been added"
     )
     rows = list(csv.DictReader(lines))
     assert tuple(rows[0]) == COLUMNS

@@ -18,6 +18,7 @@ import bpy  # noqa: F401  where Blender is a module, it brings mathutils
 import numpy as np
 from mathutils.bvhtree import BVHTree
 
+from ...base.rows import RowTable
 from ...sensing.rays.boxes import BoxTree
 from ...sensing.rays.caster import Hits
 from ...sensing.rays.geometry import SceneGeometry, invert_transforms
@@ -75,10 +76,10 @@ class BvhCaster(Search):
         single, several = alone.nonzero()[0], (~alone).nonzero()[0]
         found = [NOTHING]
         if len(single):
-            found.append(self._only(pairs.take(single), origins, directions, limit))
+            found.append(self._only(pairs.select(single), origins, directions, limit))
         if len(several):
             visit = self._in_turn if len(limit) <= FEW else self._in_rounds
-            found.append(visit(pairs.take(several), origins, directions, limit))
+            found.append(visit(pairs.select(several), origins, directions, limit))
         ray, box, triangle = (np.concatenate(part) for part in zip(*found, strict=True))
         distance = self._surfaces.distance(
             origins.take(ray, 1), directions.take(ray, 1), box, triangle
@@ -106,7 +107,7 @@ class BvhCaster(Search):
         """
         mesh_of = self.scene.mesh_index[pairs.box]
         if (np.diff(mesh_of) < 0).any():
-            pairs = pairs.take(np.argsort(mesh_of, kind="stable"))
+            pairs = pairs.select(np.argsort(mesh_of, kind="stable"))
             mesh_of = self.scene.mesh_index[pairs.box]
         origin, way, stretch = self._enter(pairs, origins, directions)
         long = ((limit[pairs.ray] - pairs.begin) * (1 + 1e-6) + SLACK) * stretch
@@ -141,7 +142,9 @@ class BvhCaster(Search):
         while len(turn):
             near = pairs.entry[turn] <= best[pairs.ray[turn]]
             turn, last = turn[near], last[near]
-            ray, box, triangle = self._only(pairs.take(turn), origins, directions, best, cull=True)
+            ray, box, triangle = self._only(
+                pairs.select(turn), origins, directions, best, cull=True
+            )
             distance = self._surfaces.distance(
                 origins.take(ray, 1), directions.take(ray, 1), box, triangle
             )
@@ -201,7 +204,7 @@ class BvhCaster(Search):
         directions: np.ndarray,
     ) -> list[int]:
         """Let rays visit the pairs in these rows, so many each; which of them may have to go on."""
-        part = pairs.take(rows)
+        part = pairs.select(rows)
         origin, way, stretch = self._enter(part, origins, directions)
         mesh_of = self.scene.mesh_index[part.box]
         if len(rows) < CULLED:
@@ -279,7 +282,7 @@ class BvhCaster(Search):
 
 
 @dataclass(frozen=True)
-class _Pairs:
+class _Pairs(RowTable):
     """P pairs of a ray and an instance that it may meet, by ray and then by entry.
 
     ray, box : (P,). begin : (P,) metres along the ray where it starts into the instance, a little before
@@ -290,9 +293,6 @@ class _Pairs:
     box: np.ndarray
     begin: np.ndarray
     entry: np.ndarray
-
-    def take(self, rows: np.ndarray) -> _Pairs:
-        return _Pairs(self.ray[rows], self.box[rows], self.begin[rows], self.entry[rows])
 
 
 def _span(vertices: np.ndarray) -> float:

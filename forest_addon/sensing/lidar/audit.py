@@ -19,7 +19,7 @@ from ..rays.caster import RayCaster
 from ..rays.geometry import SceneGeometry
 from ..rays.referee import Referee
 from .cloud import Cloud
-from .returns import Returns, take
+from .returns import Returns
 from .scan import Scan
 from .tractor import TractorScan, beams
 
@@ -119,7 +119,7 @@ def audit_drive(
                 beam = among[rng.integers(0, len(among), size)]
                 row, step = np.divmod(beam, len(found.angle))
                 there = beams(tractor, again, row, step)
-                yield np.fmax(*_differ(take(returns, beam), there))
+                yield np.fmax(*_differ(returns.select(beam), there))
 
         return sample(batches(), within, least)
 
@@ -147,7 +147,7 @@ def apart(found: Cloud, again: Cloud, number: np.ndarray) -> tuple[np.ndarray, n
     pulse = np.repeat(same, many[same])
     within = np.arange(len(pulse)) - np.repeat(np.cumsum(many[same]) - many[same], many[same])
     a, b = ours[0][pulse] + within, theirs[0][pulse] + within
-    far, off = _differ(take(found.returns, a), take(again.returns, b))
+    far, off = _differ(found.returns.select(a), again.returns.select(b))
     far = np.fmax(far, np.linalg.norm(found.position[a] - again.position[b], axis=1))
     far = np.fmax(far, np.abs(found.true_range[a] - again.true_range[b]))
     for name in ("number", "count"):

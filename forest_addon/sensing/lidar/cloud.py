@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.rows import RowTable
 from .returns import Returns
 
 
@@ -26,7 +27,7 @@ class Lost:
 
 
 @dataclass(frozen=True)
-class Cloud:
+class Cloud(RowTable):
     """P returns of ``pulses`` pulses, sorted by pulse and then by range.
 
     position : (P, 3) metres, at the measured range on the axis of the beam.
@@ -63,21 +64,9 @@ class Cloud:
 
 def join(clouds: Sequence[Cloud]) -> Cloud:
     """One cloud of the pieces of a scan, in order; at least one piece."""
-    arrays = {
-        field.name: np.concatenate([getattr(cloud, field.name) for cloud in clouds])
-        for field in dataclasses.fields(Cloud)
-        if field.name not in ("returns", "pulses", "engine", "lost")
-    }
-    labels = {
-        field.name: np.concatenate([getattr(cloud.returns, field.name) for cloud in clouds])
-        for field in dataclasses.fields(Returns)
-    }
-    pulses = sum(cloud.pulses for cloud in clouds)
-    return Cloud(
-        **arrays,
-        returns=Returns(**labels),
-        pulses=pulses,
-        engine=clouds[0].engine,
+    return dataclasses.replace(
+        Cloud.joined(clouds),
+        pulses=sum(cloud.pulses for cloud in clouds),
         lost=together([lost for cloud in clouds for lost in cloud.lost]),
     )
 

@@ -98,9 +98,9 @@ def on_the_line(scan: Scan, caster: RayCaster, cloud: Cloud, every: int) -> dict
     met: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for _ in range(MOST_SURFACES):
         rows = np.flatnonzero(hits.found)
-        line, hits = line[rows], hits.take(rows)
+        line, hits = line[rows], hits.select(rows)
         rows = np.flatnonzero(organs(caster.scene, hits) != GROUND)
-        line, hits = line[rows], hits.take(rows)
+        line, hits = line[rows], hits.select(rows)
         if not len(line):
             break
         met.append((line, caster.scene.tree[hits.instance], hits.distance))

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.rng import daughter_keys, keyed_uniform
+from ...base.rows import RowTable
 from ...base.trimesh import LEAF
 from ...spec import Surfaces
 from ..rays.caster import Hits, RayCaster
@@ -21,7 +22,7 @@ FAINT = 1e-6  # share of the light below which a ray is not followed further
 
 
 @dataclass(frozen=True)
-class Contacts:
+class Contacts(RowTable):
     """C surfaces that send light back, those of one ray from the nearest on.
 
     ray : (C,) number of the ray. hits : what it met. organ : (C,) int8 part of the tree.
@@ -52,13 +53,13 @@ def meet(
     found: list[Contacts] = []
     while True:
         met = np.flatnonzero(hits.found)
-        ray, light, hits = ray[met], light[met], hits.take(met)
+        ray, light, hits = ray[met], light[met], hits.select(met)
         organ = organs(caster.scene, hits)
         sends, goes_on, kept = _split(organ, light, surfaces, keys[ray], len(found))
-        found.append(Contacts(ray[sends], hits.take(sends), organ[sends], light[sends]))
+        found.append(Contacts(ray[sends], hits.select(sends), organ[sends], light[sends]))
         if not len(goes_on):
             break
-        ray, light, behind = ray[goes_on], light[goes_on] * kept, hits.take(goes_on)
+        ray, light, behind = ray[goes_on], light[goes_on] * kept, hits.select(goes_on)
         hits = caster.cast(
             origins[ray],
             directions[ray],
@@ -66,18 +67,7 @@ def meet(
             min_distance=behind.distance,
             leaving=behind,
         )
-    if len(found) == 1:
-        return found[0]
-    return Contacts(
-        ray=np.concatenate([c.ray for c in found]),
-        hits=Hits(
-            np.concatenate([c.hits.distance for c in found]),
-            np.concatenate([c.hits.instance for c in found]),
-            np.concatenate([c.hits.triangle for c in found]),
-        ),
-        organ=np.concatenate([c.organ for c in found]),
-        light=np.concatenate([c.light for c in found]),
-    )
+    return Contacts.joined(found)
 
 
 def _split(

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.rows import RowTable
 from ..rays.caster import Hits, hit_normals
 from ..rays.geometry import SceneGeometry
 
@@ -16,7 +17,7 @@ ESCAPED = -1  # organ of a beam that meets nothing
 
 
 @dataclass(frozen=True)
-class Returns:
+class Returns(RowTable):
     """Hits of R rays with their labels; where a ray met nothing: inf, NaN or -1.
 
     distance : (R,) metres. normal : (R, 3) unit normal of the triangle, as it was made, in the world.
@@ -80,8 +81,3 @@ def _of_triangle(scene: SceneGeometry, hits: Hits, name: str, dtype: np.dtype) -
         rows = found[mesh_of == number]
         values[rows] = getattr(scene.meshes[number], name)[hits.triangle[rows]]
     return values
-
-
-def take(returns: Returns, rows: np.ndarray) -> Returns:
-    """The returns of these rows."""
-    return Returns(**{n: getattr(returns, n)[rows] for n in Returns.__dataclass_fields__})

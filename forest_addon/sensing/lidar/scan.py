@@ -161,7 +161,7 @@ class Scan:
         echoes, return_keys, rank = _taken(echoes, kept), return_keys[kept], rank[kept]
 
         chosen = counts[echoes.contact]
-        seen = label(scene, hits.take(chosen), ways[chosen], normal[chosen])
+        seen = label(scene, hits.select(chosen), ways[chosen], normal[chosen])
         measured = echoes.distance + noise.range_error(
             scanner.noise, echoes.distance, seen.cos_incidence, return_keys
         )

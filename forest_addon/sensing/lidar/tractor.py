@@ -17,7 +17,7 @@ from ...base.progress import Progress
 from ...spec import Tractor
 from ..rays.caster import RayCaster
 from .cloud import Cloud
-from .returns import Returns, label, take
+from .returns import Returns, label
 from .steps import steps
 
 RAYS_AT_ONCE = 131_072
@@ -69,7 +69,7 @@ def to_cloud(scan: TractorScan, tractor: Tractor) -> Cloud:
     A point lies on the first ray of its beam, which is all that the scanner knows of its direction.
     """
     pulse = np.flatnonzero(np.isfinite(scan.returns.distance))
-    seen = take(scan.returns, pulse)
+    seen = scan.returns.select(pulse)
     row, step = np.divmod(pulse, len(scan.angle))
     origin, way = axes(tractor, row, step)
     return Cloud(
@@ -120,7 +120,7 @@ def beams(tractor: Tractor, caster: RayCaster, scan: np.ndarray, step: np.ndarra
     ways = _directions(tractor, angle.ravel())
     hits = caster.cast(origins, ways, tractor.max_range)
     near = hits.distance.reshape(len(scan), -1).argmin(axis=1) + len(i) * np.arange(len(scan))
-    return label(caster.scene, hits.take(near), ways[near])
+    return label(caster.scene, hits.select(near), ways[near])
 
 
 def _look(
@@ -143,7 +143,7 @@ def _look(
         directions = np.tile(ways, (len(lines), 1))
         hits = caster.cast(origins, directions, tractor.max_range)
         near = _nearest(hits.distance.reshape(len(lines), -1), row.reshape(len(scan), -1), column)
-        pieces.append(label(caster.scene, hits.take(near), directions[near]))
+        pieces.append(label(caster.scene, hits.select(near), directions[near]))
         if progress:
             progress((int(scan[-1]) + 1) * angles, scans * angles)
     return Returns(

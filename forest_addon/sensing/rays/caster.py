@@ -12,6 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ...base.rows import RowTable
 from .geometry import SceneGeometry
 
 ROWS = 8192  # hits at a time: what is in work stays in the cache
@@ -19,7 +20,7 @@ SHORT, LONG = 1e-200, 1e200  # squared lengths that can be taken as they are
 
 
 @dataclass(frozen=True)
-class Hits:
+class Hits(RowTable):
     """First hits of R rays.
 
     distance : (R,) float64 metres along the unit direction, ``inf`` for a miss.
@@ -40,10 +41,6 @@ class Hits:
         """Of rays that hit nothing."""
         nothing = np.full(count, -1, dtype=np.int64)
         return cls(np.full(count, np.inf), nothing, nothing.copy())
-
-    def take(self, rows: np.ndarray | slice) -> Hits:
-        """Some of the rays, by number, mask or slice."""
-        return Hits(self.distance[rows], self.instance[rows], self.triangle[rows])
 
     def put(self, rows: np.ndarray | slice, found: Hits) -> None:
         """Write what some of the rays hit."""

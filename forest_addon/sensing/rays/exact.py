@@ -48,7 +48,7 @@ class ExactCaster:
         at_once = max(1, PAIRS // max(len(self.scene), 1))
         for first in range(0, count, at_once):
             rows = np.arange(first, min(first + at_once, count))
-            left = None if leaving is None else leaving.take(rows)
+            left = None if leaving is None else leaving.select(rows)
             part = self._cast(origins[rows], ways[rows], near[rows], far[rows], left)
             hits.put(rows, part)
         return hits
@@ -124,7 +124,7 @@ class ExactCaster:
         of_ray, distance = np.concatenate(rays), np.concatenate(distances)
         order = np.lexsort((distance, of_ray))
         order = order[np.diff(of_ray[order], prepend=-1) != 0]
-        found = Hits(distance, np.concatenate(instances), np.concatenate(triangles)).take(order)
+        found = Hits(distance, np.concatenate(instances), np.concatenate(triangles)).select(order)
         hits.put(of_ray[order], found)
         return hits
 

@@ -60,24 +60,24 @@ class Referee:
         exact = self._exact.cast(origins, directions, limit, min_distance=near, leaving=leaving)
         gone = np.flatnonzero(ours.found & ~exact.found)
         if len(gone):
-            left = None if leaving is None else leaving.take(gone)
+            left = None if leaving is None else leaving.select(gone)
             again = self._exact.cast(
                 origins[gone], directions[gone], far[gone], min_distance=near[gone], leaving=left
             )
             exact.put(gone, again)
         differ, distance = self._compare(origins, directions, ours, exact)
         wrong = np.flatnonzero(differ)
-        other = np.flatnonzero(~_alike(ours.take(wrong), exact.take(wrong)))
+        other = np.flatnonzero(~_alike(ours.select(wrong), exact.select(wrong)))
         ask = wrong[other]
-        excused = self._at_an_edge(origins[ask], directions[ask], ours.take(ask), far[ask])
+        excused = self._at_an_edge(origins[ask], directions[ask], ours.select(ask), far[ask])
         wrong = np.delete(wrong, other[excused])
         if leaving is not None and len(wrong):
             blind = self._exact.cast(
                 origins[wrong], directions[wrong], far[wrong], min_distance=near[wrong] + BEHIND
             )
-            wrong = wrong[~_alike(blind, ours.take(wrong))]
+            wrong = wrong[~_alike(blind, ours.select(wrong))]
         right = Hits(distance, ours.instance.copy(), ours.triangle.copy())
-        right.put(wrong, exact.take(wrong))
+        right.put(wrong, exact.select(wrong))
         return right
 
     def occluded(
@@ -111,7 +111,7 @@ class Referee:
         distance[same] = exact.distance[same]
         ask = both[~named & (apart <= EDGE)]
         if len(ask):
-            there = self._exact.meets(origins[ask], directions[ask], ours.take(ask))
+            there = self._exact.meets(origins[ask], directions[ask], ours.select(ask))
             right = np.abs(there - ours.distance[ask]) <= SURE
             differ[ask], distance[ask[right]] = ~right, there[right]
         return differ, distance

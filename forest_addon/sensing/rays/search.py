@@ -74,7 +74,7 @@ class Search(ABC):
         hits = Hits.misses(count)
 
         def task(part: slice) -> None:
-            left = None if leaving is None else leaving.take(part)
+            left = None if leaving is None else leaving.select(part)
             hits.put(part, self._cast(origins[part], directions[part], near[part], far[part], left))
 
         self._run(task, [slice(first, first + TASK) for first in range(0, count, TASK)])
@@ -173,7 +173,7 @@ class Search(ABC):
             start[rays] = np.maximum(start[rays], hits.distance[rays]) + step
             step *= 2.0
             hits.put(rays, self._nearest(*_taken(rays, origins, directions, start, far)))
-            rays = rays[_refused(hits.take(rays), near[rays], left.take(rays))]
+            rays = rays[_refused(hits.select(rays), near[rays], left.select(rays))]
 
 
 def _within(hits: Hits, far: np.ndarray | float) -> Hits:

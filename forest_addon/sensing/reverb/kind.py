@@ -48,7 +48,7 @@ def trunks_between(
     position, radius = plant_stems(settings.seed, settings.forest, settings.stems)
     stems = Trunks(position, radius, np.full(len(radius), -1)).clear_of(ends.on_ground)
     cuts = seen.once(cuts_of, reverb.min_radius)
-    return lambda source, receiver: cuts.between(source, receiver).joined(stems)
+    return lambda source, receiver: cuts.between(source, receiver).with_others(stems)
 
 
 def response_inputs(job: Observation) -> dict[str, Any]:

@@ -162,7 +162,7 @@ class Pair:
     @property
     def forest(self) -> Trunks:
         """All trunks."""
-        return self.trunks.joined(self.beyond)
+        return self.trunks.with_others(self.beyond)
 
     def arrivals(self) -> tuple[tuple[float, Gain], tuple[float, Gain]]:
         """Metres and gain of the direct sound and of the ground's."""
@@ -236,11 +236,11 @@ class Pair:
 
     def _sent_to(self, end: np.ndarray) -> Gain:
         cosine = float(self._from_axis((end - self.source)[None])[0])
-        if self.losses is None or self.losses.stand.leaf_area_density == 0:
+        if self.losses is None or not self.losses.among_leaves:
             return lambda frequency: self.directivity.at(cosine, frequency)
         losses, path = self.losses, math.dist(self.source, end)
         return lambda frequency: (
-            self.directivity.at(cosine, frequency) * np.exp(-path * losses.of_leaves(frequency))
+            self.directivity.at(cosine, frequency) * np.exp(-path * losses.of_clutter(frequency))
         )
 
     def _reflected(self, mirrored: np.ndarray, path: float) -> Gain:
@@ -249,9 +249,9 @@ class Pair:
         if losses is not None:
             level = max(float(np.hypot(*(mirrored - self.source)[:2])), NEAREST)
             return lambda frequency: sent(frequency) * losses.bounce(frequency, level)
-        if reverb.surface == "constant":
+        if reverb.ground_kind == "constant":
             return lambda frequency: reverb.ground * sent(frequency)
-        resistivity = reverb.flow_resistivity or SURFACES[reverb.surface]
+        resistivity = reverb.flow_resistivity or SURFACES[reverb.ground_kind]
         rise = float(self.source[2] + self.receiver[2])
 
         def reflected(frequency: np.ndarray) -> np.ndarray:

@@ -138,7 +138,7 @@ def pairs_of(
     around = surroundings(ours[0], reverb, field, canopy) if reverb.model == "forest" else None
     if reverb.duration == 0:
         lengths = [
-            _needed(some.joined(beyond), *pair, reverb, air, around)
+            _needed(some.with_others(beyond), *pair, reverb, air, around)
             for pair, some in zip(ends.pairs, ours, strict=True)
         ]
         reverb = replace(reverb, duration=max(lengths))
@@ -179,7 +179,7 @@ def _needed(
     )
     losses = Losses.of(reverb, air, around.stand, source, receiver) if around else None
     if losses and reverb.tail == "transport":  # what is scattered away comes back by other ways
-        losses = replace(losses, extinction="none")
+        losses = replace(losses, extinction="none", scattered=False)
     ways = (math.dist(source, end) for end in (receiver, receiver * (1.0, 1.0, -1.0)))
     lengths = tuple(max(way, NEAREST) for way in ways)
     return record_length(paths, lengths, reverb.sample_rate, air, losses)

@@ -6,7 +6,6 @@ from ...spec import Reverb
 
 NEVER = (
     "diffraction around trunks and edges",
-    "branches and crowns that scatter",
     "refraction by wind and temperature",
 )
 
@@ -24,6 +23,8 @@ def terms_of(reverb: Reverb) -> tuple[tuple[str, ...], tuple[str, ...]]:
         "turbulence": forest and reverb.turbulence > 0,
         "bark that absorbs": forest and reverb.bark > 0,
         "leaves that absorb": forest and reverb.foliage and reverb.leaf_absorption > 0,
+        "branches, twigs and leaves that scatter in space": forest and reverb.branches,
+        "litter that scatters": forest and reverb.branches and reverb.litter > 0,
         "trunks' ends": forest,
     }
     held = tuple(name for name, is_in in terms.items() if is_in)

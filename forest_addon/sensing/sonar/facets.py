@@ -20,13 +20,13 @@ from typing import ClassVar
 import numpy as np
 
 from ...acoustics.smoothness import Profile
+from ...base.rows import RowTable
 from ...base.trimesh import TriMesh, is_wood
 from ...growth.recognise.pieces import part
 from .clusters import cluster
 from .scatterers import (
     CLEAR,
     FACET,
-    Rows,
     Scatterers,
     Sight,
     Views,
@@ -41,7 +41,7 @@ PIECE = 0.125  # of √(λr): the longest piece of a rim
 
 
 @dataclass(frozen=True)
-class RimStrength(Rows, Whole):
+class RimStrength(RowTable, Whole):
     """f = weight·sinc(k·slope); both (M,) metres. A glint has no slope."""
 
     weight: np.ndarray
@@ -81,7 +81,7 @@ class SincFamily:
 
 
 @dataclass(frozen=True)
-class Rims(Rows):
+class Rims(RowTable):
     """Glints and pieces of rims, as one point sees them; see ``Scatterers``."""
 
     centre: np.ndarray

@@ -18,7 +18,8 @@ from scipy import special
 from ...acoustics.disc import HANDOVER, amplitude_bound, backscatter_amplitude
 from ...acoustics.disc_table import table_error
 from ...acoustics.smoothness import Profile
-from .scatterers import CLEAR, LEAF, Part, Rows, Strength, Whole
+from ...base.rows import RowTable
+from .scatterers import CLEAR, LEAF, Part, Strength, Whole
 
 RIM = 6.0  # 2ka·sinβ above which a piston's echo is that of two places of its rim
 HANKEL_TERMS = 11
@@ -29,7 +30,7 @@ GRAZING = (
 
 
 @dataclass(frozen=True)
-class DiscStrength(Rows):
+class DiscStrength(RowTable):
     """radius, incidence : (M,) metres and radians. nearness : (M,) a factor of the amplitude."""
 
     radius: np.ndarray
@@ -108,7 +109,7 @@ class DiscFamily:
 
 
 @dataclass(frozen=True)
-class DiscRim(Rows, Whole):
+class DiscRim(RowTable, Whole):
     """One place of a piston's rim, without its delay: half of J₁ = Re H₁, H₁ the Hankel function.
 
     across : (M,) a·sinβ. side : -1 the place nearer to the sonar, 1 the farther.
@@ -182,7 +183,7 @@ def _hankel_series() -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True)
-class Leaves(Rows):
+class Leaves(RowTable):
     """Leaves as discs: centre, unit normal (M, 3), radius (M,); see ``Scatterers``.
 
     nearness : (M,) what the amplitudes are multiplied with.

@@ -22,9 +22,10 @@ import numpy as np
 from ...acoustics.disc import backscatter_amplitude
 from ...acoustics.disc_table import table_error
 from ...acoustics.smoothness import Profile
+from ...base.rows import RowTable
 from .facets import PIECE, Rims, glints, rims, share_of_turn
 from .leaves import DiscFamily, Leaves
-from .scatterers import LEAF, Rows, Scatterers, Sight, Strength, Whole
+from .scatterers import LEAF, Scatterers, Sight, Strength, Whole
 
 FAR = 2.0  # ka² from where on f/r² holds within 0.1 dB, for the sound that is mirrored
 ASIDE = 6.0  # a/r: sine of the incidence from where two places of the rim sound
@@ -132,7 +133,7 @@ def count_close(scatterers: Scatterers, instance: np.ndarray) -> int:
 
 
 @dataclass(frozen=True)
-class EdgeStrength(Rows, Whole):
+class EdgeStrength(RowTable, Whole):
     """Part of the exact disc beyond physical optics; radius, incidence, share (M,)."""
 
     radius: np.ndarray

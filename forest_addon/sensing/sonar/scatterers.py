@@ -11,7 +11,7 @@ of its rows when a sonar comes near.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import ClassVar, Protocol, Self
 
 import numpy as np
@@ -21,30 +21,6 @@ from .clusters import Blocks
 
 LEAF, WOOD, FACET = "leaf", "wood", "facet"
 CLEAR = 1e-3  # m; what is so close before a scatterer is what it sits on
-
-
-class Rows:
-    """Base of dataclasses whose fields are arrays of the same length."""
-
-    def select(self, rows: np.ndarray | slice) -> Self:
-        """Some rows of every field."""
-        kept = {}
-        for field in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, field.name)
-            kept[field.name] = value[rows] if isinstance(value, np.ndarray) else value
-        return type(self)(**kept)
-
-    @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
-        """Several, one or more, one after the other; what is no array is that of the first."""
-        if len(parts) == 1:
-            return parts[0]
-        columns = {}
-        for name, value in vars(parts[0]).items():
-            if isinstance(value, np.ndarray):
-                value = np.concatenate([getattr(part, name) for part in parts])
-            columns[name] = value
-        return cls(**columns)
 
 
 class Strength(Protocol):

@@ -20,9 +20,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.rows import RowTable
 from .bands import Band
 from .near import NearFaces, count_leaves
-from .scatterers import Rows, Scatterers, Sight, Strength
+from .scatterers import Scatterers, Sight, Strength
 from .station import Paths, Station
 from .targets import Candidates, Targets
 
@@ -32,7 +33,7 @@ GUESS = 0.01  # of Σ|A| over the bounds of the blocks, where the search starts
 
 
 @dataclass(frozen=True)
-class Group(Rows):
+class Group(RowTable):
     """Scatterers of one kind with their instances and ways; ``shade`` (M,) is what is left of each by
     what stands before it, 0 where wood hides it."""
 
@@ -44,16 +45,6 @@ class Group(Rows):
 
     def __len__(self) -> int:
         return len(self.bound)
-
-    def select(self, rows: np.ndarray | slice) -> Group:
-        """Some of them."""
-        return Group(
-            self.scatterers.select(rows),
-            self.instance[rows],
-            self.paths.select(rows),
-            self.bound[rows],
-            self.shade[rows],
-        )
 
     def gain(
         self,

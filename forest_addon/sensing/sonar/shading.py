@@ -25,10 +25,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.rows import RowTable
 from ...base.trimesh import TriMesh
 from ..rays.caster import RayCaster
 from .discs import own_pieces
-from .scatterers import LEAF, Rows
+from .scatterers import LEAF
 from .search import Group
 from .station import Station
 
@@ -69,7 +70,7 @@ class BehindWood:
 
 
 @dataclass(frozen=True)
-class _Met(Rows):
+class _Met(RowTable):
     """H leaves that rays of one cell met: distance, ray in the cell, radius (H,); instance and number."""
 
     distance: np.ndarray

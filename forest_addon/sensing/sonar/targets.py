@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from ...base.rows import RowTable
 from ...base.trimesh import LEAF as LEAF_PART
 from ...base.trimesh import TriMesh
 from ...spec import Sonar
@@ -20,7 +21,7 @@ from ..rays.geometry import SceneGeometry
 from .discs import Foliage, LeafDiscs
 from .facets import FacetPopulation
 from .foliage import LeafPopulation
-from .scatterers import Population, Rows, Scatterers, Sight, Views
+from .scatterers import Population, Scatterers, Sight, Views
 from .wood import WoodPopulation
 
 KINDS = ("leaves", "wood", "facets")
@@ -39,7 +40,7 @@ class _Stand:
 
 
 @dataclass(frozen=True)
-class Candidates(Rows):
+class Candidates(RowTable):
     """P blocks of instances that a sonar may hear.
 
     stand, member, block : (P,) which. centre : (P, 3). radius : (P,). count : (P,) scatterers in each.

@@ -23,11 +23,12 @@ import numpy as np
 
 from ...acoustics.cylinder import scattering_sum
 from ...acoustics.smoothness import Profile
+from ...base.rows import RowTable
 from ...base.trimesh import TriMesh, is_wood
 from ...growth.recognise.centreline import find_centrelines
 from ...growth.recognise.pieces import part
 from .clusters import cluster
-from .scatterers import WOOD, Rows, Scatterers, Sight, Views, Whole, sinc_argument, sinc_place
+from .scatterers import WOOD, Scatterers, Sight, Views, Whole, sinc_argument, sinc_place
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -40,7 +41,7 @@ TABULATED, EXTENDED = 5e-7, 4e-6  # largest error of S relative to it, up to the
 
 
 @dataclass(frozen=True)
-class CylinderStrength(Rows, Whole):
+class CylinderStrength(RowTable, Whole):
     """length, radius : (M,) metres. sine, cosine : (M,) of the angle between sound and axis.
 
     nearness : (M,) root of the distance to the near side over that to the axis: waves spread around a
@@ -98,7 +99,7 @@ class CylinderFamily:
 
 
 @dataclass(frozen=True)
-class Cylinders(Rows):
+class Cylinders(RowTable):
     """Segments: middle of the axis, unit axis (M, 3), length and radius (M,); see ``Scatterers``.
 
     ``centre`` is on the axis, moved towards the sonar to where it meets the near side.

@@ -34,9 +34,9 @@ WHEN_USED = {
     "crown": spec.Crown(),
     "targets": spec.Targets(),
     "needles": spec.Needles(),
+    "architecture": spec.Architecture(),
     "dbh": spec.Normal(mean=0.25, sd=0.06),
     "inclination": spec.Inclination(),
-    "architecture": spec.Architecture(),
 }
 
 

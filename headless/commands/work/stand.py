@@ -10,7 +10,8 @@ import time
 from pathlib import Path
 
 from forest_addon.base.progress import Say
-from forest_addon.results.stand_table import note_of, write_stand
+from forest_addon.results.coordinates import FILE, note_of, write_note
+from forest_addon.results.stand_table import write_stand
 from forest_addon.site import ForestSite
 from forest_addon.spec import SpecError
 from forest_addon.stand.files import read_inputs
@@ -44,6 +45,7 @@ def sample_stand(scene: Path, out: Path, seed: int | None = None, say: Say = pri
             f"--out {out}", f"cannot be written to ({problem.strerror}); choose another folder"
         ) from None
     write_stand(out, stand, names, settings.offset, settings.crs)
+    write_note(out.with_name(f"{out.stem}-{FILE}"), settings.offset, settings.crs)
     if can_draw():
         from ...report.stand import draw_stand
     else:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from forest_addon.base.rng import stream
+from forest_addon.sensing.reverb.forest.clutter import BARE, Clutter
 from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
 from forest_addon.sensing.reverb.trunks.slices import Trunks
@@ -27,12 +28,17 @@ RANGES = {
     "flow_resistivity": (50.0, 88.0),  # kPa·s/m², Albert et al. 2015, summer
     "leaf_area_density": (0.0, 0.5),  # m²/m³ at the height of the path, below the crowns
     "leaf_absorption": (0.001, 0.002),  # Watanabe & Yamada 1996
+    "leaf_radius": (0.002, 0.02),  # m; needles to birch
+    "branch_area_density": (0.02, 0.2),  # m²/m³ of bark: dead branches below crowns, undergrowth
+    "branch_radius": (0.003, 0.012),  # m
     "bark": (0.02, 0.10),  # Li et al. 2020
     "turbulence": (0.0, 3.0),  # 1e-6; Daigle 1979 has 2 to 10 over open ground
     "trunk_height": (10.0, 22.0),  # m
 }
 
+EVEN_BY_LOGARITHM = ("density", "radius", "leaf_radius", "branch_area_density", "branch_radius")
 OFF = {
+    "branches": False,
     "model": "forest",
     "extinction": "none",
     "tail": "none",
@@ -48,6 +54,7 @@ TERMS: dict[str, tuple[str, ...]] = {
     "ground": ("path_ground",),
     "ground in moving air": ("path_ground", "turbulence"),
     "leaves": ("foliage",),
+    "branches and leaves": ("branches", "foliage"),
     "bark": ("bark",),
     "trunks' ends": ("trunk_height",),
 }
@@ -62,10 +69,14 @@ class PlausibleStand:
     flow_resistivity: float
     leaf_area_density: float
     leaf_absorption: float
+    leaf_radius: float
+    branch_area_density: float
+    branch_radius: float
     bark: float
     turbulence: float
     trunk_height: float
     number: int
+    clutter: Clutter = BARE
 
 
 @dataclass(frozen=True)
@@ -79,13 +90,13 @@ class Path:
 
 
 def plausible_stands(count: int, seed: int) -> list[PlausibleStand]:
-    """So many stands; density and radius evenly by their logarithms."""
+    """So many stands, those of EVEN_BY_LOGARITHM evenly by that."""
     rng = stream(seed, "validate", "stands")
     columns = {}
     for name, (low, high) in RANGES.items():
         share = (rng.permutation(count) + rng.random(count)) / count
         even = low + (high - low) * share
-        columns[name] = low * (high / low) ** share if name in ("density", "radius") else even
+        columns[name] = low * (high / low) ** share if name in EVEN_BY_LOGARITHM else even
     return [
         PlausibleStand(**{name: float(values[n]) for name, values in columns.items()}, number=n)
         for n in range(count)

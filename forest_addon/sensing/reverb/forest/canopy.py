@@ -11,6 +11,7 @@ import numpy as np
 
 from ....base.trimesh import LEAF, TriMesh, is_wood
 from ...rays.geometry import SceneGeometry
+from .clutter import Blades, Clutter, Rods, blades_of_mesh, clutter_of, rods_of_mesh
 from .surroundings import Canopy
 
 BESIDE = 1.0  # m above and below the ends that count as the height of the path
@@ -35,7 +36,18 @@ def canopy_of(scene: SceneGeometry, heights: tuple[float, float], area: float) -
             scale = abs(float(np.linalg.det(transform[:, :3]))) ** (2.0 / 3.0)
             found += scale * float(size[(level >= low) & (level <= high)].sum())
     top = float(np.mean(tops)) if tops else 0.0
-    return Canopy(found / (area * (high - low)) if area > 0 else 0.0, top)
+    clutter = clutter_of(*_pieces(scene), area) if area > 0 else Clutter()
+    return Canopy(found / (area * (high - low)) if area > 0 else 0.0, top, clutter)
+
+
+def _pieces(scene: SceneGeometry) -> tuple[list[Rods], list[Blades]]:
+    """Branches and leaves of all trees, where they stand."""
+    used = np.flatnonzero(scene.tree >= 0)
+    number = np.unique(scene.mesh_index[used]).tolist()
+    rods = {n: rods_of_mesh(scene.meshes[n]) for n in number}
+    blades = {n: blades_of_mesh(scene.meshes[n]) for n in number}
+    which = [(int(scene.mesh_index[i]), scene.transform[i]) for i in used.tolist()]
+    return [rods[n].placed(at) for n, at in which], [blades[n].placed(at) for n, at in which]
 
 
 def _leaves(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray]:

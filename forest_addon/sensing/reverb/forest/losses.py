@@ -35,8 +35,10 @@ from ....acoustics.ground import SURFACES, spherical_reflection, surface_impedan
 from ....acoustics.turbulence import coherence
 from ....spec import Air, Reverb
 from ..trunks.slices import Trunks
+from .clutter import BARE, Clutter
+from .scatter import level_loss
 
-LOWEST = 1.0  # Hz; below it, the ground is as it is there
+LOWEST, HIGHEST = 1.0, 200e3  # Hz; below and above, ground and branches are as they are there
 NEAR = 256.0  # m of path, up to which both ways to the ground are told apart
 SIZES, SMALLEST = 256, 1e-3  # ka at which the extinction is computed, and the first of them
 MOST_RADII = 24  # radii that stand for all
@@ -49,12 +51,14 @@ class Stand:
 
     density : trunks per m². radii : m, a few that stand for all.
     leaf_area_density : m²/m³ at the path. trunk_height : m, 0 endless.
+    clutter : branches and leaves that scatter, by height.
     """
 
     density: float = 0.0
     radii: tuple[float, ...] = ()
     leaf_area_density: float = 0.0
     trunk_height: float = 0.0
+    clutter: Clutter = BARE
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ class Losses:
     """Of all paths between a source and a receiver.
 
     low, high : the heights of the ends, metres. resistivity : of the ground, kPa·s/m², 0: ``constant``.
-    back : turbulence turns phases the other way.
+    back : turbulence turns phases the other way. scattered : what branches and leaves scatter is lost too.
     extinction : as in the settings. bark, foliage, turbulence, ground : switched off where 0 or False.
     """
 
@@ -79,14 +83,15 @@ class Losses:
     impedance_model: str
     turbulence: float
     back: bool = False
+    scattered: bool = True
 
     @classmethod
     def of(
         cls, reverb: Reverb, air: Air, stand: Stand, source: np.ndarray, receiver: np.ndarray
     ) -> Losses:
         """Those of a model ``forest``."""
-        constant = reverb.surface == "constant"
-        resistivity = 0.0 if constant else reverb.flow_resistivity or SURFACES[reverb.surface]
+        constant = reverb.ground_kind == "constant"
+        resistivity = 0.0 if constant else reverb.flow_resistivity or SURFACES[reverb.ground_kind]
         return cls(
             air=air,
             stand=stand,
@@ -103,19 +108,34 @@ class Losses:
         )
 
     def along(self, frequency: np.ndarray) -> np.ndarray:
-        """(F,) nepers of amplitude per metre that air and leaves take."""
+        """(F,) nepers of amplitude per metre that air, leaves and branches take."""
+        return self.of_air(frequency) + self.of_clutter(frequency)
+
+    def of_air(self, frequency: np.ndarray) -> np.ndarray:
+        """(F,) nepers of amplitude per metre that the air takes."""
         air = self.air
-        loss = absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
-        return loss + self.of_leaves(frequency)
+        return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
+
+    def of_clutter(self, frequency: np.ndarray) -> np.ndarray:
+        """(F,) nepers of amplitude per metre that leaves take, and that leaves and branches scatter away."""
+        found = self.of_leaves(frequency)
+        level = None
+        if self.scattered and not self.stand.clutter.empty:
+            height = 0.5 * (self.source_height + self.receiver_height)
+            level = _level(self.stand.clutter, height, self.air.speed())
+        if level is None:
+            return found
+        return found + np.exp(level(np.log(np.clip(frequency, LOWEST, HIGHEST))))
 
     def of_leaves(self, frequency: np.ndarray) -> np.ndarray:
         """(F,) nepers of amplitude per metre that leaves take."""
         return foliage_loss(frequency, self.stand.leaf_area_density, self.leaf_absorption)
 
     @property
-    def absorbing_leaves(self) -> bool:
-        """Return whether leaves take anything."""
-        return self.stand.leaf_area_density > 0 and self.leaf_absorption > 0
+    def among_leaves(self) -> bool:
+        """Return whether leaves or branches take something."""
+        leaves = self.stand.leaf_area_density > 0 and self.leaf_absorption > 0
+        return leaves or (self.scattered and not self.stand.clutter.empty)
 
     def removed(self, frequency: np.ndarray) -> np.ndarray:
         """Share of a sound's energy that trunks take out of it per metre, by ``extinction``."""
@@ -136,10 +156,10 @@ class Losses:
         """Return what ``along`` and H depend on: the same for all ends."""
         return replace(
             self,
-            stand=Stand(leaf_area_density=self.stand.leaf_area_density),
+            stand=Stand(leaf_area_density=self.stand.leaf_area_density, clutter=self.stand.clutter),
             extinction="none",
-            source_height=0.0,
-            receiver_height=0.0,
+            source_height=0.5 * (self.source_height + self.receiver_height),
+            receiver_height=0.5 * (self.source_height + self.receiver_height),
             ground=False,
             constant=0.0,
             resistivity=0.0,
@@ -272,6 +292,11 @@ def loss_per_metre(frequency: np.ndarray, air: Air, losses: Losses | None) -> np
     return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
 
 
+@lru_cache(maxsize=64)
+def _level(clutter: Clutter, height: float, speed: float) -> CubicSpline | None:
+    return level_loss(clutter, height, speed)
+
+
 @lru_cache(maxsize=16)
 def _widths(highest: float, bark: float, extinction: str) -> CubicSpline:
     """Return what trunks take out over the radius, both by logarithms, of sizes ka: smooth, or it would
@@ -282,10 +307,16 @@ def _widths(highest: float, bark: float, extinction: str) -> CubicSpline:
     return CubicSpline(np.log(size), np.log(taken))
 
 
-def stand_of(trunks: Trunks, area: float, leaf_area_density: float, trunk_height: float) -> Stand:
+def stand_of(
+    trunks: Trunks,
+    area: float,
+    leaf_area_density: float,
+    trunk_height: float,
+    clutter: Clutter = BARE,
+) -> Stand:
     """The stand of trunks on so many m²; not yet any where they are fewer than three."""
     if len(trunks) < 3 or area <= 0:
-        return Stand(0.0, (), leaf_area_density, trunk_height)
+        return Stand(0.0, (), leaf_area_density, trunk_height, clutter)
     radii = trunks.radius[trunks.radius > 0]
     if len(np.unique(radii)) > MOST_RADII:
         radii = np.quantile(radii, (np.arange(MOST_RADII) + 0.5) / MOST_RADII)
@@ -293,4 +324,4 @@ def stand_of(trunks: Trunks, area: float, leaf_area_density: float, trunk_height
         shares = (np.arange(MOST_RADII) + 0.5) / MOST_RADII
         radii = np.quantile(radii, shares, method="nearest")
     density = len(trunks) / area
-    return Stand(density, tuple(radii.tolist()), leaf_area_density, trunk_height)
+    return Stand(density, tuple(radii.tolist()), leaf_area_density, trunk_height, clutter)

@@ -8,7 +8,7 @@ hold CELL_HOLDS each on average; where counts are no more uneven than random one
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -16,20 +16,25 @@ from scipy.spatial import ConvexHull, QhullError
 from ....spec import Reverb
 from ..trunks.continuation import Field
 from ..trunks.slices import Trunks
+from .clutter import BARE as NO_CLUTTER
+from .clutter import LAYER, Clutter
 from .losses import Stand, stand_of
 from .transport import Density
 
 CELL_HOLDS = 12.0  # trunks
 UNEVEN = 1.6  # variance over mean of the counts, above which cells are told apart
 MOST_CELLS = 200  # to a side
+USUAL_TOP = 15.0  # m, of stems without tops
+ALL_WAYS = 0.785  # mean |sin| to branches that look all ways
 
 
 @dataclass(frozen=True)
 class Canopy:
-    """Of a scene: leaf_area_density, m²/m³ at the height of the path; top, m, where trees end."""
+    """Of a scene: leaf_area_density, m²/m³ at the height of the path; top, m, where trees end; clutter."""
 
     leaf_area_density: float = 0.0
     top: float = 0.0
+    clutter: Clutter = NO_CLUTTER
 
 
 BARE = Canopy()
@@ -63,11 +68,34 @@ def surroundings(
         area,
         leaves if reverb.foliage else 0.0,
         reverb.trunk_height or canopy.top,
+        clutter_around(reverb, canopy) if reverb.branches else NO_CLUTTER,
     )
     if found.density == 0:
         return Surroundings(found, Density.even(0.0))
     beyond = found.density if reverb.continue_to > 0 else 0.0
     return Surroundings(found, _density(place[inside], corner, size, beyond, found.density))
+
+
+def clutter_around(reverb: Reverb, canopy: Canopy) -> Clutter:
+    """Branches and leaves of the scene; where settings have densities, those at all heights of the canopy."""
+    found, top = canopy.clutter, reverb.trunk_height or canopy.top or USUAL_TOP
+    if reverb.branch_area_density > 0:
+        count = max(1, math.ceil(top / LAYER))
+        metres = reverb.branch_area_density / (2.0 * math.pi * reverb.branch_radius)
+        found = replace(
+            found,
+            radii=(reverb.branch_radius,),
+            length=((metres,),) * count,
+            across=(ALL_WAYS,),
+            leaf_area=found.leaf_area + (0.0,) * (count - len(found.leaf_area)),
+        )
+    if not reverb.foliage:
+        return replace(found, leaf_area=(0.0,) * len(found.leaf_area))
+    if reverb.leaf_area_density > 0:
+        found = found.filled(top).with_leaves(reverb.leaf_area_density)
+    if reverb.leaf_radius > 0:
+        found = replace(found, leaf_radius=reverb.leaf_radius)
+    return found
 
 
 def _density(

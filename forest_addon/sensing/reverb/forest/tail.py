@@ -18,11 +18,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft
 
+from ....acoustics.ground import surface_impedance
 from ....base.rng import stream
 from ....spec import Air, Reverb
 from ..band import roll_off
 from ..metrics import octave_bands
+from .layer import Layer, diffused
 from .losses import Losses
+from .scatter import scatter_of
 from .transport import Density, Energy, PhaseFunction, transported
 
 BLOCK = 0.0107  # s, of noise with one spectrum
@@ -31,6 +34,8 @@ BINS = 40  # of path length, evenly by its logarithm
 FADE = 1.25  # ratio of path lengths over which the sum over trunks fades out
 FOLLOWED = 20.0  # mean free paths over which packets are followed
 LEAST = 1e-30
+TREND = 4  # bins over which the end of what branches turned is followed
+NO_TRUNK = PhaseFunction(0.0, 1.0, np.zeros(1440), np.full(1440, 0.5 / math.pi))
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,8 @@ class Tail:
 
     band : (B,) Hz. energy : of each. lift : (B,) per metre, by which the sum over trunks keeps more of the
     sound scattered once than transport does. joint : metres of path from which all is noise.
+    diffuse : (B, X) energy a metre between the edges of ``energy`` that branches or leaves turned, without
+    the air; None: nothing does.
     """
 
     band: np.ndarray
@@ -46,6 +53,7 @@ class Tail:
     lift: np.ndarray
     joint: float
     losses: Losses
+    diffuse: np.ndarray | None = None
 
     def kept(self, length: np.ndarray) -> np.ndarray:
         """w, of the sum over trunks at path lengths."""
@@ -95,7 +103,33 @@ class Tail:
         energy = np.exp((1.0 - share) * wanted[low] + share * wanted[low + 1]).T  # (X, F)
         slope = np.minimum(frequency / self.band[0], 1.0) ** 3  # as Rayleigh's law, below the bands
         lost = np.exp(-2.0 * np.outer(length, self.losses.along(frequency)))
-        return energy * slope * lost * self.losses.unthinned.mean_square(frequency, length[:, None])
+        found = (
+            energy * slope * lost * self.losses.unthinned.mean_square(frequency, length[:, None])
+        )
+        if self.diffuse is None:
+            return np.asarray(found)
+        turned = np.log(
+            np.maximum([self.turned(row, length) for row in range(len(self.diffuse))], LEAST)
+        )
+        energy = np.exp((1.0 - share) * turned[low] + share * turned[low + 1]).T
+        lost = np.exp(-2.0 * np.outer(length, self.losses.of_air(frequency)))
+        return np.asarray(found + energy * slope * lost)
+
+    def turned(self, band: int, length: np.ndarray) -> np.ndarray:
+        """(X,) a metre that branches or leaves turned, of one octave; beyond the last bin as it fell."""
+        if self.diffuse is None:
+            return np.zeros(len(length))
+        energy = self.diffuse[band]
+        middle = self.energy[0].middle
+        heard = np.flatnonzero(energy > 0)
+        if len(heard) < 2:
+            return np.zeros(len(length))
+        last = heard[-1]
+        found = np.interp(length, middle[heard], np.log(energy[heard]))
+        first = heard[max(0, len(heard) - 1 - TREND)]
+        fall = min(0.0, math.log(energy[last] / energy[first]) / (middle[last] - middle[first]))
+        found += fall * np.maximum(length - middle[last], 0.0)
+        return np.where(length >= self.energy[0].edges[0], np.exp(found), 0.0)
 
 
 def tail_of(
@@ -116,14 +150,21 @@ def tail_of(
     speed = losses.air.speed()
     apart = max(float(np.hypot(*(receiver - source)[:2])), 0.1)
     last = duration * speed * 1.05
-    if len(radii) == 0 or density.largest == 0 or last <= apart * 1.01:
+    clutter = losses.stand.clutter
+    bare = len(radii) == 0 or density.largest == 0
+    if (bare and clutter.empty) or last <= apart * 1.01:
         return None
     bands = np.array(octave_bands(reverb.sample_rate))
     edges = np.geomspace(apart * 1.0001, last, BINS + 1)
     way = "coherent" if reverb.extinction == "coherent" else "energy"
-    found = []
+    found, phases = [], []
     for band in bands:
+        if bare:
+            found.append(Energy(edges, np.zeros(BINS), np.zeros(BINS)))
+            phases.append(NO_TRUNK)
+            continue
         phase = PhaseFunction.of(float(band), radii, speed, losses.bark, way)
+        phases.append(phase)
         near = _followed(phase, density, edges)
         rng = stream(int(key[0]), *key[1:], "transport", int(band))
         start = transported(
@@ -132,8 +173,40 @@ def tail_of(
         found.append(_diffused(start, phase, density, edges))
     taken = replace(losses, extinction=way).removed(bands)
     lift = taken - losses.removed(bands)
-    tail = Tail(bands, tuple(found), lift, math.inf, losses)
-    return Tail(bands, tuple(found), lift, _joint(tail, reverb.multiple_share), losses)
+    turned = None
+    if not clutter.empty:
+        layer = _layer(reverb, losses, 0.0 if bare else density.mean, tuple(phases), bands)
+        rng = stream(int(key[0]), *key[1:], "branches")
+        turned = diffused(layer, source, receiver, edges, packets, rng)
+    tail = Tail(bands, tuple(found), lift, math.inf, losses, turned)
+    return replace(tail, joint=_joint(tail, reverb.multiple_share))
+
+
+def _layer(
+    reverb: Reverb,
+    losses: Losses,
+    trunks: float,
+    phases: tuple[PhaseFunction, ...],
+    bands: np.ndarray,
+) -> Layer:
+    """The stand as sound in space meets it, in each octave."""
+    clutter, speed = losses.stand.clutter, losses.air.speed()
+    impedance = np.full(len(bands), np.inf, np.complex128)
+    if losses.resistivity:
+        impedance = surface_impedance(bands, losses.resistivity, losses.impedance_model)
+    elif abs(losses.constant) < 1:
+        impedance[:] = (1.0 + abs(losses.constant)) / (1.0 - abs(losses.constant))
+    top = max(clutter.top, losses.stand.trunk_height, losses.source_height, losses.receiver_height)
+    absorption = losses.leaf_absorption
+    return Layer(
+        trunks,
+        phases,
+        tuple(scatter_of(clutter, float(band), speed, absorption) for band in bands),
+        top,
+        reverb.canopy_return,
+        impedance,
+        reverb.litter,
+    )
 
 
 def _followed(phase: PhaseFunction, density: Density, edges: np.ndarray) -> int:

@@ -51,6 +51,11 @@ class Density:
         """Of all places."""
         return max(float(self.cells.max(initial=0.0)), self.around)
 
+    @property
+    def mean(self) -> float:
+        """Of the cells; around them where there are none."""
+        return float(self.cells.mean()) if self.cells.size else self.around
+
     def at(self, place: np.ndarray) -> np.ndarray:
         """(...,) at places (..., 2)."""
         if self.cells.size == 0:

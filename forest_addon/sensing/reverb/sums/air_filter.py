@@ -43,7 +43,7 @@ class AirFilter:
         self.rate, self.air, self.tolerance, self.losses = rate, air, tolerance, losses
         self.step = air.speed() / rate  # metres a sample
         slowest = float(np.min(relaxation(air.temperature_c, air.humidity, air.pressure_kpa)))
-        if losses is not None and losses.absorbing_leaves:
+        if losses is not None and losses.among_leaves:
             slowest = min(slowest, LEAVES_RELAX)
         tail = min(LONGEST_TAIL, DECAYS / (2.0 * math.pi * slowest))
         self._tail = 64 + math.ceil(tail * rate)

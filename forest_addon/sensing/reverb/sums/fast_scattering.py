@@ -37,6 +37,7 @@ TRUNKS_AT_ONCE = 65536
 GRID_AT_ONCE = 1 << 23  # values of the even grid, of as many terms as that allows
 MOST_KEPT = 1 << 27  # bytes of filters that a layer keeps as spectra
 FEW_RADII = 4
+THICKEST = 0.6  # m of radius
 FINEST_FILTERS = (
     1e-5,
     1e-4,
@@ -82,7 +83,7 @@ class Expansions:
         """
         alike = len(paths.radius) > 0 and paths.radius.min() == paths.radius.max() > 0
         different = paths.radius[:1] if alike else np.unique(paths.radius[paths.radius > 0])
-        if len(different) > FEW_RADII or not _filters_serve(tolerance, losses):
+        if len(different) > FEW_RADII or not _filters_serve(tolerance, losses, different):
             unthinned = self._gain(losses and losses.unthinned, rate, tolerance)
             loud = loud_trunks(paths, rate, count, air, losses)
             rest = paths.select(~loud) if loud.any() else paths
@@ -137,11 +138,13 @@ class Expansions:
         return self._layers[key]
 
 
-def _filters_serve(tolerance: float, losses: Losses | None) -> bool:
-    """Not where tolerances are finer, and where leaves take much within seconds of ringing."""
+def _filters_serve(tolerance: float, losses: Losses | None, radii: np.ndarray) -> bool:
+    """Not where tolerances are finer, trunks are thick, and leaves take much within seconds of ringing."""
+    if radii.max(initial=0.0) > THICKEST:
+        return False
     if losses is None or losses.passes:
-        return tolerance >= FINEST_FILTERS[0] and not (losses and losses.absorbing_leaves)
-    return tolerance >= FINEST_FILTERS[1] and not losses.absorbing_leaves
+        return tolerance >= FINEST_FILTERS[0] and not (losses and losses.among_leaves)
+    return tolerance >= FINEST_FILTERS[1] and not losses.among_leaves
 
 
 def _by_panels(

@@ -18,6 +18,7 @@ import numpy as np
 from ....acoustics.cylinder import transfer
 from ....acoustics.spectrum import delay_factors, frequency_panels
 from ....base.progress import Progress
+from ....base.rows import RowTable
 from ....spec import Air
 from ..forest.losses import Losses, loss_per_metre
 from ..trunks.slices import Trunks
@@ -30,7 +31,7 @@ BINS_AT_ONCE = 512
 
 
 @dataclass(frozen=True)
-class TrunkPaths:
+class TrunkPaths(RowTable):
     """M paths from the source by a trunk to the receiver, in the horizontal plane.
 
     length : (M,) metres, r_s + r_r. weight : (M,) β/(r_s·r_r^α), amplitude without H and air.
@@ -48,16 +49,6 @@ class TrunkPaths:
     def earliest(self) -> np.ndarray:
         """(M,) metres the first sound travels: by the trunk's near face, 2a shorter at most."""
         return self.length - 2.0 * self.radius
-
-    def select(self, rows: np.ndarray | slice) -> TrunkPaths:
-        """The paths of some rows, a mask, numbers or a slice."""
-        return TrunkPaths(
-            self.length[rows],
-            self.weight[rows],
-            self.angle[rows],
-            self.radius[rows],
-            self.clamped[rows],
-        )
 
 
 def trunk_paths(

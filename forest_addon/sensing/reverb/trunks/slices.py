@@ -9,19 +9,20 @@ each into a circle.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from ....base.rows import RowTable
 from ....base.trimesh import TriMesh, is_wood
 from ...rays.geometry import SceneGeometry
 from .contours import equivalent_circle
 
 
 @dataclass(frozen=True)
-class Trunks:
+class Trunks(RowTable):
     """N upright cylinders.
 
     position : (N, 2) centre in the plane, metres.
@@ -42,16 +43,6 @@ class Trunks:
     def __len__(self) -> int:
         return len(self.radius)
 
-    def select(self, rows: np.ndarray) -> Trunks:
-        """The trunks of some rows, a mask or numbers; what was left out stays counted."""
-        return replace(
-            self,
-            position=self.position[rows],
-            radius=self.radius[rows],
-            tree=self.tree[rows],
-            instance=None if self.instance is None else self.instance[rows],
-        )
-
     def clear_of(self, places: np.ndarray) -> Trunks:
         """Those that cover none of the places (P, 2)."""
         free = np.ones(len(self), dtype=bool)
@@ -59,7 +50,7 @@ class Trunks:
             free &= np.hypot(*(self.position - place).T) > self.radius
         return self.select(free)
 
-    def joined(self, *others: Trunks) -> Trunks:
+    def with_others(self, *others: Trunks) -> Trunks:
         """These trunks and after them the others'; which instance was cut is forgotten."""
         every = (self, *others)
         return Trunks(

@@ -42,7 +42,7 @@ class TrunkCuts:
             share = np.divide(first, whole, out=np.full_like(first, 0.5), where=whole > 0)
             band = np.minimum((share * count).astype(np.int64), count - 1)
             parts.append(trunks.select(band == number))
-        return parts[0].joined(*parts[1:])
+        return parts[0].with_others(*parts[1:])
 
     def _cut(self, height: float) -> Trunks:
         if height not in self._at:

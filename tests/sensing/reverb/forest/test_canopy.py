@@ -7,7 +7,7 @@ from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.reverb.forest.canopy import canopy_of
 from forest_addon.sensing.reverb.forest.surroundings import Canopy, surroundings
-from forest_addon.sensing.reverb.terms import terms_of
+from forest_addon.sensing.reverb.terms import NEVER, terms_of
 from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Reverb
 
@@ -72,4 +72,15 @@ def test_what_is_in_the_model_is_said():
     assert any("bark" in name for name in missing)
     held, missing = terms_of(Reverb(model="forest"))
     assert any("bark" in name for name in held)
-    assert any("crowns that scatter" in name for name in missing)
+    assert any("branches" in name for name in held)
+    assert any("diffraction" in name for name in missing)
+
+
+def test_one_switch_gives_every_term():
+    """The ground too: a model ``forest`` stands on a forest floor unless it is told otherwise."""
+    held, missing = terms_of(Reverb(model="forest"))
+    assert Reverb(model="forest").ground_kind == "forest floor"
+    assert Reverb().ground_kind == "constant"
+    assert Reverb(model="forest", surface="snow").ground_kind == "snow"
+    assert set(missing) == set(NEVER)
+    assert len(held) > len(terms_of(Reverb())[0])

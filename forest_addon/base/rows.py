@@ -1,0 +1,38 @@
+"""Tables of arrays of one length: some rows of all columns, and several tables one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Self
+
+import numpy as np
+
+
+class RowTable:
+    """Base of dataclasses whose fields are arrays with a row each, or tables of as many rows; what is
+    neither belongs to the whole table."""
+
+    def select(self, rows: np.ndarray | slice) -> Self:
+        """Some rows of every column, by number, mask or slice."""
+        kept = {}
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                value = value[rows]
+            elif isinstance(value, RowTable):
+                value = value.select(rows)
+            kept[name] = value
+        return type(self)(**kept)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Several tables, one or more, one after the other; what is no column is that of the first."""
+        if len(parts) == 1:
+            return parts[0]
+        columns = {}
+        for name, value in vars(parts[0]).items():
+            if isinstance(value, np.ndarray):
+                value = np.concatenate([getattr(part, name) for part in parts])
+            elif isinstance(value, RowTable):
+                value = type(value).joined([getattr(part, name) for part in parts])
+            columns[name] = value
+        return cls(**columns)

@@ -1,0 +1,61 @@
+"""Coordinates of what is written: one rule for all files of numbers, and a note that says it.
+
+Positions in point clouds, tables and arrays are those of the map: metres of the scene, its ``offset`` added
+in double precision. A .blend and a .glb hold single precision, so they stay in the scene's own coordinates
+and carry the offset as a property. Within a session (``World``, ``Result``) all is in the scene's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..formats.atomic import replacing
+
+AXES = {f"{axis}_m": k for k, axis in enumerate("xyz")} | {
+    f"{end}{axis}": k for end in ("start", "end") for k, axis in enumerate("XYZ")
+}
+PLACES = ("centre", "position")  # (..., 3) each
+FILE = "coordinates.txt"
+PROPERTY = "offset_m"  # of the scene in a .blend, of a .glb its scene's extras
+
+
+def on_the_map(table: Mapping[str, Any], offset: Sequence[float]) -> dict[str, Any]:
+    """Columns by name, those that are positions moved by the offset (3,) m; without one as they are."""
+    if not any(offset):
+        return dict(table)
+    shift = np.asarray(offset, dtype=np.float64)
+    moved = dict(table)
+    for name, column in table.items():
+        if name in AXES:
+            column = np.asarray(column, dtype=np.float64) + shift[AXES[name]]
+            moved[name] = column if isinstance(table[name], np.ndarray) else column.tolist()
+        elif name in PLACES:
+            moved[name] = np.asarray(column, dtype=np.float64) + shift
+    return moved
+
+
+def note_of(offset: Sequence[float], crs: str) -> str:
+    """The words for coordinates that are written; empty of a scene without offset and coordinate system."""
+    if not crs and not any(offset):
+        return ""
+    system = f" in {crs}" if crs else ""
+    shift = ", ".join(f"{value:.12g}" for value in offset)
+    return f"coordinates are metres{system}; the offset {shift} has been added"
+
+
+def write_note(path: Path, offset: Sequence[float], crs: str) -> bool:
+    """Write what the coordinates of a folder's files are, where there is something to say; returns that."""
+    note = note_of(offset, crs)
+    if note:
+        text = (
+            f"In point clouds, tables and arrays {note}. Cells of voxels times their edge lack it: add "
+            "`origin`. forest.blend and forest.glb are in the scene's own coordinates; they have the offset "
+            f"as the scene's property `{PROPERTY}`.\n"
+        )
+        with replacing(path) as partial:
+            partial.write_text(text, encoding="utf-8")
+    return bool(note)

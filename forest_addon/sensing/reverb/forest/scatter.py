@@ -1,0 +1,115 @@
+"""What branches and leaves take out of a sound and where they send it, by frequency and height.
+
+A ``Clutter`` goes in; coefficients a metre and a phase function in space go out. A branch is a cylinder much
+longer than the wave: sound that meets it at γ from its axis goes on along the cone of the same γ, turned
+about the axis as at a trunk of size ka·sin γ (van de Hulst 1957, ch. 15); it is held against level sound at
+the slopes that branches have, and looks all ways for sound that was scattered before. A leaf is a hard disc
+that looks all ways: Rayleigh's cross-section (2k²a³/3π)²·4π/3·cos² below, half its area above, in between
+the smaller; it scatters all ways alike. Lobes straight on, as large as the shadow, are no scattering.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ....acoustics.extinction import cross_sections
+from ....acoustics.foliage import foliage_loss
+from .clutter import Clutter
+from .transport import PhaseFunction
+
+ANGLES = 90  # of the phase function, 0 to π
+SLOPES, TURNS = 16, 180  # γ and turns about the axis, over which a branch is averaged
+EDGE = 4.0  # of the smaller of two areas of a leaf
+SPECTRUM = np.geomspace(1.0, 200e3, 140)  # Hz at which a level coefficient is computed
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """At one frequency.
+
+    scattered, absorbed : (Z,) share of the energy a metre, in each layer of the clutter.
+    density : (ANGLES,) scattered share per steradian by angle from straight on, mean over heights; its
+    integral over the sphere is 1.
+    """
+
+    scattered: np.ndarray
+    absorbed: np.ndarray
+    density: np.ndarray
+
+
+def scatter_of(clutter: Clutter, frequency: float, speed: float, leaf_absorption: float) -> Scatter:
+    """Of branches and leaves; leaf_absorption : G of ``acoustics/foliage``."""
+    radii = np.array(clutter.radii)
+    wood = np.zeros(len(clutter.length))
+    density = np.zeros(ANGLES)
+    if len(radii):
+        each = _widths(clutter, frequency, speed)
+        wood = np.array(clutter.length) @ each
+        share = np.array(clutter.length).sum(axis=0) * each
+        for radius, part in zip(radii, share, strict=True):
+            if part > 1e-3 * share.sum():
+                density += part * _turned(float(radius), frequency, speed)
+    leaves = np.array(clutter.leaf_area) * _leaf_width(clutter.leaf_radius, frequency, speed)
+    density += leaves.sum() / (4.0 * math.pi)
+    whole = wood.sum() + leaves.sum()
+    absorbed = 2.0 * foliage_loss(np.array([frequency]), 1.0, leaf_absorption)[0]
+    return Scatter(
+        wood + leaves,
+        np.array(clutter.leaf_area) * absorbed,
+        density / whole if whole > 0 else np.full(ANGLES, 0.25 / math.pi),
+    )
+
+
+def level_loss(clutter: Clutter, height: float, speed: float) -> CubicSpline | None:
+    """Nepers of amplitude a metre that branches and leaves scatter away at a height, by log frequency.
+
+    None where there is nothing. The values are logarithms.
+    """
+    layer = int(height)
+    wood = np.array(clutter.length[layer]) if layer < len(clutter.length) else np.zeros(0)
+    leaves = clutter.leaf_area[layer] if layer < len(clutter.leaf_area) else 0.0
+    if not wood.any() and leaves <= 0:
+        return None
+    found = [
+        (wood @ _widths(clutter, f, speed) if wood.any() else 0.0)
+        + leaves * _leaf_width(clutter.leaf_radius, f, speed)
+        for f in SPECTRUM.tolist()
+    ]
+    return CubicSpline(np.log(SPECTRUM), np.log(0.5 * np.maximum(found, 1e-30)))
+
+
+def _widths(clutter: Clutter, frequency: float, speed: float) -> np.ndarray:
+    """(K,) m of width that a metre of branch scatters of level sound."""
+    radii, across = np.array(clutter.radii), np.array(clutter.across)
+    size = np.maximum(2.0 * math.pi * frequency / speed * radii * across, 1e-4)
+    return np.asarray(cross_sections(size).energy * radii * across)
+
+
+def _leaf_width(radius: float, frequency: float, speed: float) -> float:
+    """Share of a leaf's area by which it scatters, mean over all ways that it may look."""
+    ka = 2.0 * math.pi * frequency / speed * radius
+    small = 16.0 / 81.0 / math.pi**2 * ka**4  # (2k²a³/3π)²·4π/3·<cos²>/(πa²)
+    return float((small**-EDGE + 0.5**-EDGE) ** (-1.0 / EDGE)) if ka > 1e-3 else 0.0
+
+
+@lru_cache(maxsize=256)
+def _turned(radius: float, frequency: float, speed: float) -> np.ndarray:
+    """(ANGLES,) per steradian of a branch that looks all ways."""
+    slope = math.pi * (np.arange(SLOPES) + 0.5) / SLOPES
+    turn = math.pi * (np.arange(TURNS) + 0.5) / TURNS
+    found = np.zeros(ANGLES)
+    for gamma in slope[: SLOPES // 2]:
+        size = radius * math.sin(gamma)
+        phase = PhaseFunction.of(frequency, np.array([size]), speed, 0.0, "energy")
+        weight = math.sin(gamma) ** 2 * phase.width * phase.towards(turn)
+        cosine = math.cos(gamma) ** 2 + math.sin(gamma) ** 2 * np.cos(turn)
+        row = np.minimum((np.arccos(np.clip(cosine, -1, 1)) * (ANGLES / math.pi)).astype(int), 89)
+        found += np.bincount(row, weight, ANGLES)
+    edges = np.cos(np.linspace(0.0, math.pi, ANGLES + 1))
+    found /= 2.0 * math.pi * -np.diff(edges)
+    return found / (found @ (2.0 * math.pi * -np.diff(edges)))

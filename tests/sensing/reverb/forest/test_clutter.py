@@ -1,0 +1,52 @@
+"""Branches by a tree's skeleton and, independently, by the curvature of its mesh."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from forest_addon.base.rng import stream
+from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.tree import grow
+from forest_addon.sensing.reverb.forest.clutter import (
+    blades_of_leaves,
+    blades_of_mesh,
+    clutter_of,
+    rods_of_mesh,
+    rods_of_skeleton,
+)
+
+
+@pytest.fixture(scope="module")
+def birch():
+    species, template = load_species(find_species("betula-pendula", Path()))
+    return grow(species, template, stream(1, "test"))
+
+
+def test_a_mesh_tells_its_branches_as_the_skeleton_has_them(birch):
+    true, found = rods_of_skeleton(birch.skeleton), rods_of_mesh(birch.mesh)
+    for low, high in ((0.001, 0.002), (0.002, 0.006), (0.006, 0.02)):
+        lengths = [r.length[(r.radius > low) & (r.radius < high)].sum() for r in (true, found)]
+        assert lengths[1] == pytest.approx(lengths[0], rel=0.15)
+    assert found.length.sum() == pytest.approx(true.length.sum(), rel=0.05)
+    heights = [(r.length @ r.height) / r.length.sum() for r in (true, found)]
+    rises = [(r.length @ r.rise) / r.length.sum() for r in (true, found)]
+    assert heights[1] == pytest.approx(heights[0], rel=0.02)
+    assert rises[1] == pytest.approx(rises[0], rel=0.05)
+
+
+def test_leaves_and_layers(birch):
+    of_truth, of_mesh = blades_of_leaves(birch.leaves), blades_of_mesh(birch.mesh)
+    assert of_mesh.area.sum() == pytest.approx(of_truth.area.sum(), rel=1e-6)
+    rods = rods_of_skeleton(birch.skeleton)
+    found = clutter_of([rods], [of_truth], 10.0)
+    thick = rods.radius < 0.08
+    assert np.sum(found.length) * 10.0 == pytest.approx(rods.length[thick].sum(), rel=0.05)
+    assert np.sum(found.leaf_area) * 10.0 == pytest.approx(of_truth.area.sum(), rel=1e-6)
+
+
+def test_a_tree_twice_as_large(birch):
+    rods = rods_of_skeleton(birch.skeleton)
+    large = rods.placed(np.hstack([2.0 * np.eye(3), [[0.0], [0.0], [1.0]]]))
+    np.testing.assert_allclose(large.length, 2 * rods.length)
+    np.testing.assert_allclose(large.height, 2 * rods.height + 1.0)
