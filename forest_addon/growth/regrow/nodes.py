@@ -169,7 +169,7 @@ def _turned(
 
 
 def _lopsided(azimuth: np.ndarray, reach: np.ndarray) -> float:
-    """How far branches of these lengths (N,) stand to one side, 0 .. 1: their mean resultant length."""
+    """Share, 0 .. 1, by which branches of these lengths (N,) stand to one side: their mean resultant."""
     return float(np.abs((reach * np.exp(1j * azimuth)).sum()) / max(reach.sum(), 1e-12))
 
 
