@@ -10,12 +10,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..spec import Choice
-from .far_leaves import RangeShift
+
+if TYPE_CHECKING:
+    from .far_leaves import RangeShift
 
 TOGETHER = 50  # coarse leaves that must sound as one
 LOUDNESS = 0.05  # the energy that coarse leaves may send back more or less, as a share
