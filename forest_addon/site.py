@@ -9,7 +9,7 @@ the commands all come this way, so the same settings and seed are the same fores
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Self
 
@@ -17,13 +17,17 @@ from .base.progress import Progress
 from .growth.library.species_file import find_species, load_species
 from .growth.tree import Tree
 from .sensing.detail import grow_needed
-from .spec import Scene
+from .sensing.kinds import kind_of
+from .spec import AUTO, Scene
 from .stand.files import read_inputs
 from .stand.forest import Forest, ForestPlan, Grown, Planted
 from .stand.inputs import Inputs
+from .stand.intensity.rough import roughened
 from .stand.intensity.terrain import Terrain
 from .stand.plan import Stand, plan_stand
+from .stand.undergrowth import with_undergrowth
 
+ROUGH = 0.1  # metres, of ground with undergrowth
 Load = Callable[[str, Path], Planted]
 
 
@@ -52,7 +56,7 @@ class ForestSite:
 
     @classmethod
     def read(cls, scene: Scene, folder: str | Path = ".", load: Load = load_planted) -> Self:
-        """Read the species and the files that a scene names.
+        """Read the species and the files that a scene names; undergrowth becomes plantings behind its own.
 
         load : gives a species by its name and the folder.
 
@@ -62,7 +66,29 @@ class ForestSite:
         """
         folder = Path(folder)
         species = tuple(load(planting.species, folder) for planting in scene.plantings)
-        return cls(scene, folder, species, read_inputs(scene, folder))
+        looks = [kind_of(sensor).look(sensor) for sensor in scene.sensors]
+        looked_at = any(look.tells_leaves or look.meets_wood for look in looks)
+        own = len(scene.plantings)
+        scene, species = with_undergrowth(
+            scene, species, looked_at, lambda name: load(name, folder)
+        )
+        if len(species) > own and scene.forest.terrain.roughness == AUTO:
+            floor = scene.forest.terrain.changed(roughness=ROUGH)
+            scene = scene.changed(forest=scene.forest.changed(terrain=floor))
+        return cls(scene, folder, species, read_inputs(scene, folder)).roughened()
+
+    def roughened(self) -> Self:
+        """Roughen the ground as the scene says.
+
+        Raises
+        ------
+        SpecError : the ground is a surface of triangles.
+        """
+        forest = self.scene.forest
+        if forest.terrain.roughness <= 0 or forest.terrain.object:
+            return self
+        rough = roughened(self.ground, forest, forest.terrain.roughness, self.scene.seed)
+        return replace(self, inputs=replace(self.inputs, terrain=rough))
 
     @property
     def ground(self) -> Terrain:

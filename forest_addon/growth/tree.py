@@ -120,7 +120,7 @@ def wood_of(skeleton: Skeleton, tolerance: float, relief: Relief | None = None) 
     dead = skeleton.is_dead
     if not dead.any():
         return mesh_wood(skeleton, tolerance, sunk=SUNK, relief=relief)
-    gone = mesh_wood(skeleton.some(dead), tolerance)
+    gone = mesh_wood(skeleton.some(dead), tolerance, sunk=SUNK if dead.all() else 0.0)
     gone = replace(gone, part=np.full_like(gone.part, DEAD))
     return gone if dead.all() else join([wood_of(skeleton.some(~dead), tolerance, relief), gone])
 
@@ -210,6 +210,8 @@ def _whole(
     known = sites.segment >= 0
     branch = np.where(known, first_level(skeleton)[bearer], -1) if len(sites) else sites.segment
     order = np.where(known, skeleton.order[bearer], 0) if len(sites) else sites.segment
+    if species.dead:
+        skeleton = replace(skeleton, dead=np.ones(len(skeleton), dtype=bool))
     relief = _relief(species, rng)
     wood = wood_of(skeleton, species.detail.tolerance, relief)
     mesh = lay(sites, blade, order=order, wood=wood)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .base import Normal, Settings, SpecError, param, within
+from .base import AUTO, Normal, Settings, SpecError, param, within
 from .crown import Targets
 from .parts import azimuth
 
@@ -245,6 +245,16 @@ class Terrain(Settings):
         le=1e7,
     )
 
+    roughness: float = param(
+        AUTO,
+        unit="m",
+        help="bumps of level ground or a heightmap, of a few decimetres to metres: between the lower and "
+        "the higher ground; auto: 0.1 m where undergrowth stands, else 0",
+        ge=0,
+        le=1,
+        auto=True,
+    )
+
     def check(self) -> None:
         if self.file and self.object:
             raise SpecError("object", "cannot be given beside file; remove one of them")
@@ -274,6 +284,12 @@ class Forest(Settings):
     )
     distances: tuple[Distance, ...] = param((), help="other distances between two plantings")
     terrain: Terrain = param(Terrain(), help="the ground that trees stand on")
+    undergrowth: str = param(
+        "auto",
+        help="what stands and lies between the trees; auto: sparse where a scanner or a sonar looks at "
+        "measured trees, unless undergrowth is planted",
+        choices=("auto", "none", "sparse", "dense"),
+    )
     margin: float = param(
         20.0, unit="m", help="how far the ground reaches beyond the field", ge=0, le=1e4
     )

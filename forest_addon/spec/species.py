@@ -350,6 +350,7 @@ class Species(Settings):
         None, help="limbs and dead branches of a crown, by the architectural model of its species"
     )
     targets: Targets | None = param(None, help="what a tree is to measure, without a template")
+    dead: bool = param(False, help="its wood is dead: stumps and lying stems")
     needles: Needles | None = param(None, help="shoots of needles in place of leaves")
     jitter: Jitter = param(Jitter(), help="natural variation around the grammar")
     leaf: Leaf = param(Leaf(), help="leaves, where there is no template")

@@ -19,6 +19,7 @@ REACH = 2.5  # of those, beyond which neighbours do not count
 CLOSED, SPREAD = 1.0, 0.7  # κ₀ and s
 MOST = 2.0  # of the score, either way
 BASE, WIDTH = 0.65, -0.55  # correlation of the score with residuals of crown base and width
+YOUNG = 0.07  # metres of diameter, below which a tree stands under the canopy
 OVERLAP = 1.8  # sum of two neighbours' radii over their distance, at most
 NARROWEST = 0.6  # of what was drawn, that neighbours may leave of a crown's width
 SHORTEST = 0.25  # length of a living crown over the height of its tree
@@ -67,9 +68,24 @@ def _near(
     return a, b, weight, np.maximum(seen, 0.2)
 
 
-def score(place: np.ndarray, height: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """(N,) of competition, about standard normal in closed stands."""
-    found = np.log(np.maximum(cover(place, height, width), 1e-3) / CLOSED) / SPREAD
+def canopy_of(dbh: np.ndarray) -> np.ndarray:
+    """(N,) bool, whether trees of diameters (N,) are of the canopy; all, where all are young."""
+    canopy = dbh >= YOUNG
+    return np.asarray(canopy if canopy.any() else ~canopy)
+
+
+def score(
+    place: np.ndarray, height: np.ndarray, width: np.ndarray, canopy: np.ndarray
+) -> np.ndarray:
+    """(N,) of competition, about standard normal in closed stands.
+
+    Young trees, not of the canopy (N,) bool, suffer from it and take nothing from it.
+    """
+    found = np.zeros(len(place))
+    found[canopy] = cover(place[canopy], height[canopy], width[canopy])
+    if not canopy.all():
+        found[~canopy] = cover(place, height, width)[~canopy]
+    found = np.log(np.maximum(found, 1e-3) / CLOSED) / SPREAD
     return np.asarray(np.clip(found, -MOST, MOST))
 
 
@@ -113,7 +129,7 @@ def bounded(wanted: np.ndarray, free: np.ndarray, most_leaves: np.ndarray) -> np
 
 
 def thinned(place: np.ndarray, wanted: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """(N,) leaf areas of targets (N, 5), where too many stand together smaller ones of free trees (N,)."""
+    """(N,) leaf areas of targets (N, 5); of free trees (N,) smaller where too many stand together."""
     index = leaf_area_index(place, wanted[:, 2], wanted[:, 4])
     return np.where(
         free, wanted[:, 4] * np.minimum(1, MOST_INDEX / np.maximum(index, 1e-9)), wanted[:, 4]

@@ -10,7 +10,7 @@ at which the stem, 1.3 m up, has its diameter, exactly.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from ..growth.measured.measure import BREAST, stem_profile
 from ..growth.measured.wanted import TARGETS, Kind, Wanted, draw_dbh, drawn, given_by
 from ..growth.skeleton import Skeleton
 from ..spec import Allometry, Planting, Species
-from .competition import apart, bounded, competed, score, thinned
+from .competition import apart, bounded, canopy_of, competed, score, thinned
 from .inputs import Inputs
 from .plan import Stand, chosen_of
 
@@ -75,14 +75,14 @@ def with_targets(
         uniform = competed(group.uniform, found[rows])
         where = f"plantings[{group.number}]"
         wanted[rows] = drawn(law, group.dbh, group.given, uniform, where, site)
-    rows, free = _free(wanted, groups, 1)
-    wanted[rows, 2] = apart(stand.position[rows, :2], wanted[rows, 2], free)
+    for rows, free in _free(wanted, groups, 1):
+        wanted[rows, 2] = apart(stand.position[rows, :2], wanted[rows, 2], free)
     for group in groups:
         if group.law is not None:
             most, free = band(group.law, group.dbh)[1, :, 3], np.isnan(group.given)
             wanted[group.rows] = bounded(wanted[group.rows], free, most)
-    rows, free = _free(wanted, groups, 3)
-    wanted[rows, 4] = thinned(stand.position[rows, :2], wanted[rows], free)
+    for rows, free in _free(wanted, groups, 3):
+        wanted[rows, 4] = thinned(stand.position[rows, :2], wanted[rows], free)
     for group in groups:
         rows, number = group.rows, group.number
         rng = stream(seed, "stand", names[number], "variants")
@@ -147,30 +147,37 @@ def _groups(
 def _scores(stand: Stand, groups: Sequence[_Group]) -> np.ndarray:
     """(N,) competition of all trees that are to measure something; 0 of others."""
     found = np.zeros(len(stand))
-    rows, height, width = [], [], []
+    rows, dbh, height, width = [], [], [], []
     for group in groups:
         if group.law is not None:
             middles = [np.exp(middle(getattr(group.law, n), group.dbh)) for n in MEASURES[:2]]
             told = np.isfinite(group.given)
             rows.append(group.rows)
+            dbh.append(group.dbh)
             height.append(np.where(told[:, 0], group.given[:, 0], middles[0]))
             width.append(np.where(told[:, 1], group.given[:, 1], middles[1]))
     if rows:
         all_rows = np.concatenate(rows)
         place = stand.position[all_rows, :2]
-        found[all_rows] = score(place, np.concatenate(height), np.concatenate(width))
+        canopy = canopy_of(np.concatenate(dbh))
+        found[all_rows] = score(place, np.concatenate(height), np.concatenate(width), canopy)
     return found
 
 
 def _free(
     wanted: np.ndarray, groups: Sequence[_Group], measure: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (M,) of trees with targets, and of which this measure (one of ``MEASURES``) was not given (M,)."""
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """For the canopy and for what is below it, rows (M,) of trees with targets, and whether a measure, one of
+    ``MEASURES``, is free of each (M,).
+    """
     free = np.zeros(len(wanted), dtype=bool)
     for group in groups:
         free[group.rows] = np.isnan(group.given[:, measure]) & (group.law is not None)
     rows = np.flatnonzero(np.isfinite(wanted[:, 0]))
-    return rows, free[rows]
+    canopy = canopy_of(wanted[rows, 0])
+    for some in (rows[canopy], rows[~canopy]):
+        if len(some):
+            yield some, free[some]
 
 
 def groups_of(

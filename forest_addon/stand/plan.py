@@ -8,7 +8,7 @@ is the same tree whether 10 or 10,000 are planted.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -66,6 +66,14 @@ class Stand:
     def counts(self) -> np.ndarray:
         """(P,) trees of each planting."""
         return np.bincount(self.species, minlength=len(self.expected))
+
+    def first(self, count: int) -> Stand:
+        """The trees of the first so many plantings: a scene's own, without undergrowth."""
+        of_planting = ("too_near", "off_ground", "off_field", "expected", "error")
+        keep = self.species < count
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        cut = {k: v[:count] if k in of_planting else v[keep] for k, v in own.items() if k != "area"}
+        return Stand(**cut, area=self.area)
 
     def density(self) -> np.ndarray:
         """(P,) trees per square metre of the field."""

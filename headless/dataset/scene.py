@@ -43,6 +43,7 @@ from forest_addon.spec import Rays, Scene, Species, Terrain
 from forest_addon.stand.forest import Forest, Grown, angle_table, leaf_table
 from forest_addon.stand.plan import labels
 from forest_addon.stand.truth import cylinder_table, inventory, voxel_arrays
+from forest_addon.stand.undergrowth import LOW
 
 from ..progress import hushed
 from .ground import FILE, heights_of, terrain_of
@@ -207,14 +208,21 @@ def _place(recipe: Recipe, site: ForestSite, folder: Path) -> ForestSite:
         heights, low, size = heights_of(ground, recipe.seed, field)
         with replacing(folder / FILE) as partial:
             np.save(partial, heights)
-        floor = Terrain(file=FILE, origin=tuple(map(float, low)), size=tuple(map(float, size)))
+        floor = Terrain(
+            file=FILE,
+            origin=tuple(map(float, low)),
+            size=tuple(map(float, size)),
+            roughness=field.terrain.roughness,
+        )
         site = replace(
             site,
             scene=site.scene.changed(forest=field.changed(terrain=floor)),
             inputs=replace(site.inputs, terrain=terrain_of(heights, low, size)),
-        )
+        ).roughened()
     rules = [Placing(**one) for one in recipe.places]
-    stems = site.plan().position[:, :2]
+    stand = site.plan()
+    low = [planting.species in LOW for planting in site.scene.plantings]
+    stems = stand.position[~np.array([*low, False])[stand.species], :2]
     settings, files = place_sensors(site.scene, rules, stems, site.ground)
     for name, text in files.items():
         with replacing(folder / name) as partial:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from forest_addon.base.rng import stream
-from forest_addon.base.trimesh import LEAF, WOOD
+from forest_addon.base.trimesh import LEAF, WOOD, is_wood
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.sensing.detail import grow_needed
 from forest_addon.sensing.trees_audit import audit_tubes
@@ -48,7 +48,7 @@ def grown(asked):
 def same_wood(some, full):
     assert some.variants.keys() == full.variants.keys()
     for key, tree in full.variants.items():
-        bare, wood = some.variants[key].mesh, tree.mesh.select(tree.mesh.part == WOOD)
+        bare, wood = some.variants[key].mesh, tree.mesh.select(is_wood(tree.mesh.part))
         assert np.array_equal(bare.vertices[bare.triangles], wood.vertices[wood.triangles])
         assert np.array_equal(some.variants[key].skeleton.end, tree.skeleton.end)
 

@@ -7,18 +7,20 @@ tripods; the same stand goes on around it, so that crowns at its edge have neigh
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from forest_addon.base.rng import stream
-from forest_addon.base.trimesh import GROUND, TriMesh
 from forest_addon.blender.rays.casters import make_caster
-from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.blender.scene.ground import ground_mesh
+from forest_addon.formats.table import write_csv
 from forest_addon.sensing.lidar.scan import scan
 from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.site import ForestSite
 from forest_addon.spec import Beam, Noise, Planting, Rays, Scene, Terrestrial
-from forest_addon.stand.forest import Forest, grow_forest
-from forest_addon.stand.inputs import Inputs, TreeList
+from forest_addon.spec import Forest as Field
+from forest_addon.stand.forest import Forest
 
 SIDE, AROUND = 10.0, 5.0  # metres: of the plot, and of the stand around it
 STEMS = 4  # along a side of the plot
@@ -27,8 +29,8 @@ STATIONS = ((1.0, 1.0), (9.0, 1.0), (9.0, 9.0), (1.0, 9.0), (5.0, 5.0))
 STEP = 0.06  # degrees between beams
 
 
-def pine_stems(seed: int, species: str = "scots-pine") -> TreeList:
-    """Stems on a shaken grid: places (N, 2) and measures (N, 5), diameter and height given."""
+def pine_stems(seed: int) -> np.ndarray:
+    """(N, 4) stems on a shaken grid: x, y, diameter, height, metres."""
     apart = SIDE / STEMS
     many = int(np.ceil((SIDE + 2 * AROUND) / apart))
     axis = (np.arange(many) - (many - STEMS) / 2 + 0.5) * apart
@@ -36,42 +38,38 @@ def pine_stems(seed: int, species: str = "scots-pine") -> TreeList:
     rng = stream(seed, "pine plot")
     place = grid + 0.3 * apart * rng.uniform(-1, 1, grid.shape)
     share = rng.beta(1.6, 1.6, len(place))
-    dbh = DBH[0] + share * (DBH[1] - DBH[0])
     noise = 0.5 * rng.standard_normal(len(place))
     height = np.clip(HEIGHT[0] + share * (HEIGHT[1] - HEIGHT[0]) + noise, *HEIGHT)
-    measures = np.full((len(place), 5), np.nan)
-    measures[:, 0], measures[:, 1] = dbh, height
-    return TreeList(place, measures=measures)
+    return np.column_stack([place, DBH[0] + share * (DBH[1] - DBH[0]), height])
 
 
-def grown_stand(
-    stems: TreeList, species: str, seed: int, settings: Scene | None = None
-) -> tuple[Forest, Scene]:
-    """The forest of a list of stems of one species, clothed as the settings say."""
-    low = stems.position[:, :2].min(axis=0) - 1.0
-    size = np.ptp(stems.position[:, :2], axis=0) + 2.0
-    scene = settings or Scene(seed=seed)
-    scene = scene.changed(
-        seed=seed,
-        forest=scene.forest.changed(origin=tuple(map(float, low)), size=tuple(map(float, size))),
-        plantings=(
-            Planting(species=species, layout="list", trees="stems", variants=len(stems)),
-            *scene.plantings,
-        ),
+def site_of(stems: np.ndarray, species: str, seed: int, undergrowth: str = "auto") -> ForestSite:
+    """The site of a list of stems (N, 4) of one species, looked at by a scanner."""
+    low = stems[:, :2].min(axis=0) - 1.0
+    size = np.ptp(stems[:, :2], axis=0) + 2.0
+    field = Field(
+        origin=(float(low[0]), float(low[1])),
+        size=(float(size[0]), float(size[1])),
+        undergrowth=undergrowth,
     )
-    kinds = [load_species(find_species(p.species, Path())) for p in scene.plantings]
-    return grow_forest(scene, kinds, inputs=Inputs(lists={"stems": stems})), scene
+    listed = Planting(species=species, layout="list", trees="stems.csv", variants=len(stems))
+    scene = Scene(seed=seed, forest=field, plantings=(listed,), sensors=(Terrestrial(),))
+    with TemporaryDirectory() as folder:
+        write_csv(
+            Path(folder) / "stems.csv",
+            dict(zip(("x", "y", "dbh", "height"), stems.T.tolist(), strict=True)),
+        )
+        return ForestSite.read(scene, folder)
 
 
-def geometry_of(forest: Forest, wide: float = 60.0) -> SceneGeometry:
-    """Return what rays meet: instances of the grown variants, and a level ground."""
+def geometry_of(site: ForestSite, forest: Forest) -> SceneGeometry:
+    """Return what rays meet: instances of the grown variants, and the ground."""
     keys = list(forest.variants)
     number = {key: k for k, key in enumerate(keys)}
     stand = forest.stand
     rows = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
     index = np.array([number[row] for row in rows], dtype=np.int64)
-    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * wide
-    ground = TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), GROUND)
+    ground = ground_mesh(site.scene.forest, site.ground)
     return SceneGeometry(
         meshes=(*(forest.variants[key].mesh for key in keys), ground),
         transform=np.concatenate([forest.transforms(), np.eye(3, 4)[None]]),
