@@ -154,7 +154,7 @@ def diffused(
 
 
 class _Packets:
-    """Packets of energy: places (N, 3), directions (N, 3), and what is left of them (N,)."""
+    """Packets of energy: places (N, 3), ways (N, 3), weights (N,)."""
 
     def __init__(self, band: np.ndarray, source: np.ndarray, rng: np.random.Generator) -> None:
         count = len(band)
