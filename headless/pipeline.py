@@ -24,6 +24,7 @@ from forest_addon.blender.show.cloud import show_cloud
 from forest_addon.blender.show.horizon import lay_horizon
 from forest_addon.blender.show.preview import render, set_stage
 from forest_addon.blender.show.sound import give_sound
+from forest_addon.blender.show.walker import stand_walker
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.table import write_csv
@@ -43,6 +44,7 @@ from forest_addon.stand.forest import (
     variant_leaf_table,
 )
 from forest_addon.stand.inputs import Inputs
+from forest_addon.stand.intensity.terrain import Terrain
 from forest_addon.stand.targets import record
 
 from .command import DoubtfulError
@@ -64,6 +66,7 @@ class Run:
     out: Path
     stages: Stages
     forest: Forest
+    ground: Terrain
     findings: list[page.Finding] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     results: dict[str, Result] = field(default_factory=dict)  # by sensor
@@ -108,7 +111,7 @@ def run_scene(
         empty_file()
         site = Site.of(settings, folder)
     with stages.stage("grow trees") as progress:
-        run = Run(settings, out, stages, site.grow(progress))
+        run = Run(settings, out, stages, site.grow(progress), site.ground)
     _describe_stand(run, site.inputs)
     with stages.stage("build Blender scene"):
         grown_in = stages.seconds["grow trees"]
@@ -170,7 +173,11 @@ def _write_scene(run: Run) -> None:
             field = run.settings.forest
             middle = np.array(field.origin) + np.array(field.size) / 2
             lay_horizon(scene, middle, max(field.size) / 2, field.terrain.base)
-            render(scene, wanted, run.path("preview.png"), progress)
+            if wanted.preview_from == "walker":
+                stems, tall = run.forest.stand.position[:, :2], run.forest.heights()
+                stand_walker(scene, stems, tall, middle, max(field.size) / 2, run.ground.height)
+            exposure = 1.1 if wanted.preview_from == "walker" else 0.35
+            render(scene, wanted, run.path("preview.png"), progress, exposure)
 
 
 def _take(run: Run, world: World, result: Result, sound: Dry | None) -> None:

@@ -58,6 +58,12 @@ class Forest:
         """The grown tree that stands as tree number ``tree``."""
         return self.variants[int(self.stand.species[tree]), int(self.stand.variant[tree])]
 
+    def heights(self) -> np.ndarray:
+        """(N,) metres of every tree."""
+        pairs = zip(self.stand.species.tolist(), self.stand.variant.tolist(), strict=True)
+        own = {key: tree.height for key, tree in self.variants.items()}
+        return np.array([own[pair] for pair in pairs]) * self.stand.scale
+
     def transforms(self) -> np.ndarray:
         """(N, 3, 4) local to world of every tree: turned, scaled, moved, sunk."""
         stand = self.stand
