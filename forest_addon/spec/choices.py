@@ -133,6 +133,12 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "left": ("Left", "It looks to the left of where it drives"),
         "right": ("Right", "It looks to the right of where it drives"),
     },
+    "keep": {
+        "first": ("First", "The nearest of a pulse"),
+        "last": ("Last", "The farthest of a pulse"),
+        "strongest": ("Strongest", "Those with the most light of a pulse"),
+        "strongest+last": ("Strongest and Last", "The farthest, and of the others the strongest"),
+    },
     "passing": {
         "probability": ("All or Nothing", "A ray passes a leaf whole, or not at all, by chance"),
         "share": ("A Share", "A share of a ray's light passes each leaf"),

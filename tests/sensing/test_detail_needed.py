@@ -101,9 +101,9 @@ def test_tubes_are_as_coarse_as_the_beam_and_within_what_is_said():
     assert 0.002 < choice.bound < 0.1 * 0.5e-3 * 80.0
     assert choice.bound > 0.1 * narrowest / 1.2
     trees = [(tree, choice.bound) for tree in some.variants.values()]
-    audit = audit_tubes(trees, stream(1, "needs"), seconds=1.0, share=1.0)
+    audit = audit_tubes(trees, stream(1, "needs"), seconds=3.0, share=1.0)
     assert audit.kept
-    assert audit.checked >= 50
+    assert audit.checked >= 20
     assert some.species[0].detail.tolerance == choice.bound
     for key, tree in full.variants.items():
         coarse = some.variants[key]

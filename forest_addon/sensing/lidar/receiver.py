@@ -1,0 +1,61 @@
+"""Receiver of a scanner: which echoes of a pulse its electronics tell apart, and which of them they keep.
+
+A discrete-return receiver starts a return where the light rises over its threshold and is blind for some time
+after it: its dead zone, in metres of range. What comes meanwhile is lost and does not make the blindness
+longer. A receiver that decomposes the waveform has no dead zone; the length of the pulse alone decides there
+(``waveform``).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .waveform import Echoes
+
+
+def ranks(pulse: np.ndarray) -> np.ndarray:
+    """(E,) how many echoes of the same pulse come before each, of sorted pulses."""
+    if not len(pulse):
+        return pulse
+    first = np.flatnonzero(np.append(True, np.diff(pulse) != 0))
+    size = np.diff(np.append(first, len(pulse)))
+    rank: np.ndarray = np.arange(len(pulse)) - np.repeat(first, size)
+    return rank
+
+
+def awake(echoes: Echoes, dead_zone: float) -> np.ndarray:
+    """(K,) rows of the echoes that a receiver is not blind for, ascending.
+
+    dead_zone : metres after each return within which nothing is told apart from it.
+    """
+    rows = np.arange(len(echoes.pulse))
+    if not dead_zone or not (np.diff(echoes.pulse) == 0).any():
+        return rows
+    rank = ranks(echoes.pulse)
+    start = rows - rank  # of the pulse of each echo
+    blind_until = np.full(len(rows), -np.inf)  # of a pulse, at the row where it starts
+    seen = np.zeros(len(rows), dtype=bool)
+    by_rank = np.argsort(rank, kind="stable")
+    for here in np.split(by_rank, np.cumsum(np.bincount(rank))[:-1]):
+        begin = start[here]
+        seen[here] = echoes.distance[here] >= blind_until[begin]
+        told = here[seen[here]]
+        blind_until[start[told]] = echoes.distance[told] + dead_zone
+    return np.flatnonzero(seen)
+
+
+def chosen_returns(echoes: Echoes, most: int, keep: str) -> np.ndarray:
+    """(K,) rows of the at most ``most`` echoes of each pulse that are kept, ascending.
+
+    keep : ``first`` and ``last`` by range, ``strongest`` by light, ``strongest+last`` the last and the
+        strongest of the others; of equally strong ones the nearer.
+    """
+    order = np.arange(len(echoes.pulse))
+    if keep == "last":
+        order = order[::-1]
+    elif keep != "first":
+        last = np.append(np.diff(echoes.pulse) != 0, True)
+        first_choice = last if keep == "strongest+last" else np.zeros(len(order), dtype=bool)
+        order = np.lexsort((-echoes.energy, ~first_choice, echoes.pulse))
+    kept: np.ndarray = np.sort(order[ranks(echoes.pulse[order]) < most])
+    return kept
