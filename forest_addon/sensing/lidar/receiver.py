@@ -56,9 +56,9 @@ def chosen_returns(echoes: Echoes, most: int, keep: str) -> np.ndarray:
     if keep == "last":
         order = order[::-1]
     elif keep != "first":
-        last = np.append(np.diff(echoes.pulse) != 0, True)
-        first_choice = last if keep == "strongest+last" else np.zeros(len(order), dtype=bool)
-        order = np.lexsort((-echoes.energy, ~first_choice, echoes.pulse))
+        beyond = np.append(echoes.pulse[1:], -1)  # pulse of the next echo
+        others = (echoes.pulse == beyond) | (keep == "strongest")
+        order = np.lexsort((-echoes.energy, others, echoes.pulse))
     kept: np.ndarray = np.sort(order[ranks(echoes.pulse[order]) < most])
     return kept
 

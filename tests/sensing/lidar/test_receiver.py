@@ -155,3 +155,9 @@ def test_instruments_resolve_what_their_sheets_say():
     limit = drone.faintest * (250 / drone.max_range) ** 2
     assert limit == pytest.approx(0.1)  # 10 % is seen at 250 m
     assert drone.beam.max_returns == 5
+
+
+@pytest.mark.parametrize("keep", KEEP)
+def test_pulses_into_the_sky_have_no_returns(keep):
+    receiver = Receiver(keep=keep, dead_zone=2.0, dynamic_range=30.0, reading="reflectance")
+    assert not len(looked([plate(-5.0)], Beam(max_returns=2), faintest=0.2, receiver=receiver))
