@@ -99,8 +99,8 @@ def leaf(name: str, colour: Colour, veins: str = "feather") -> bpy.types.Materia
     glow = graph.add("BsdfTranslucent", {"Color": through}).outputs["BSDF"]
     both = graph.add("MixShader", {"Fac": 0.42, 1: shader.outputs["BSDF"], 2: glow})
     graph.put(_output(graph.tree).inputs["Surface"], both.outputs["Shader"])
-    shader.inputs["Roughness"].default_value = 0.48
-    shader.inputs["Specular IOR Level"].default_value = 0.35
+    shader.inputs["Roughness"].default_value = 0.55
+    shader.inputs["Specular IOR Level"].default_value = 0.22
     _note(material, colour)
     return material
 

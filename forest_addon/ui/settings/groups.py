@@ -81,6 +81,7 @@ LABELS = {
     "divergence_mrad": "Spread (mrad)",
     "extinction (1/m)": "Air Loss (1/m)",  # of a scanner; a reverb has one in words
     "leaf_area_density": "Leaves (m²/m³)",
+    "branch_area_density": "Twigs (m²/m³)",
     "leaf_transmittance": "Leaf Lets Pass",
     "elasticity": "Elasticity",
     "prune_descending": "Prune Falling",
