@@ -6,6 +6,7 @@ Every result is on disk before the next sensor starts, so an interrupted run kee
 from __future__ import annotations
 
 import dataclasses
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ from forest_addon.formats.wav import read_wav, write_wav
 from forest_addon.results.coordinates import FILE, PROPERTY, on_the_map, write_note
 from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.sensing.audit import Audit
+from forest_addon.sensing.kinds import kind_of
 from forest_addon.sensing.reverb.auralise import auralise
 from forest_addon.spec import Scene, Sensor, SpecError
 from forest_addon.stand.forest import (
@@ -127,6 +129,7 @@ def run_scene(
         _audit_trees(run, world)
         unfinished = Unfinished(out, world, resume)
         for sensor in settings.sensors:
+            _say_cost(run, world, sensor)
             with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
                 _take(run, world, _looked(world, sensor, unfinished, progress), sound)
         facts = facts_of(world)
@@ -154,6 +157,15 @@ def _looked(world: World, sensor: Sensor, unfinished: Unfinished, progress: Prog
         result = world.look(sensor, progress)
         unfinished.keep(result, sensor)
     return result
+
+
+def _say_cost(run: Run, world: World, sensor: Sensor) -> None:
+    """Say what a sensor's run will cost; what it cannot follow is said when it runs."""
+    observer = world.observer
+    with suppress(ValueError, SpecError):
+        way = observer.way(sensor, world.folder)
+        cost = kind_of(sensor).cost(sensor, way, observer.caster.engine)
+        run.stages.say(f"  {sensor.name}: {cost}")
 
 
 def _write_scene(run: Run) -> None:
