@@ -139,6 +139,13 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "strongest": ("Strongest", "Those with the most light of a pulse"),
         "strongest+last": ("Strongest and Last", "The farthest, and of the others the strongest"),
     },
+    "reading": {
+        "received": ("Received Light", "Light that came back; it falls with the square of range"),
+        "reflectance": (
+            "Reflectance",
+            "Of the white surface that would fill the beam at that range and send as much back",
+        ),
+    },
     "passing": {
         "probability": ("All or Nothing", "A ray passes a leaf whole, or not at all, by chance"),
         "share": ("A Share", "A share of a ray's light passes each leaf"),

@@ -145,6 +145,18 @@ class Receiver(Settings):
         help="which returns are kept where a pulse has more than max_returns",
         choices=("first", "last", "strongest", "strongest+last"),
     )
+    dynamic_range: float = param(
+        0.0,
+        unit="dB",
+        help="light this much above the faintest that is seen saturates: more of it reads the same; 0: never",
+        ge=0,
+        le=200,
+    )
+    reading: str = param(
+        "received",
+        help="what the intensity says: light that came back, or the reflectance that it stands for",
+        choices=("received", "reflectance"),
+    )
 
 
 class Scanner(Sensor):
@@ -172,6 +184,12 @@ class Scanner(Sensor):
     def check(self) -> None:
         if self.min_range >= self.max_range:
             raise SpecError("min_range", "must be smaller than max_range")
+        if self.receiver.dynamic_range and not self.faintest:
+            raise SpecError(
+                "receiver.dynamic_range",
+                "counts from the faintest light that is seen, but faintest = 0 sees all; give faintest, the "
+                "reflectance that is seen at max_range",
+            )
 
 
 class Terrestrial(Scanner):

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...spec import Scanner
+from .radiometry import detection_limit, intensity
 from .waveform import Echoes
 
 
@@ -54,8 +56,24 @@ def chosen_returns(echoes: Echoes, most: int, keep: str) -> np.ndarray:
     if keep == "last":
         order = order[::-1]
     elif keep != "first":
-        last = np.append(np.diff(echoes.pulse) != 0, True)
-        first_choice = last if keep == "strongest+last" else np.zeros(len(order), dtype=bool)
-        order = np.lexsort((-echoes.energy, ~first_choice, echoes.pulse))
+        beyond = np.append(echoes.pulse[1:], -1)  # pulse of the next echo
+        others = (echoes.pulse == beyond) | (keep == "strongest")
+        order = np.lexsort((-echoes.energy, others, echoes.pulse))
     kept: np.ndarray = np.sort(order[ranks(echoes.pulse[order]) < most])
     return kept
+
+
+def reading(scanner: Scanner, light: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """(E,) intensities as the receiver states them, of light (E,) 1/m² from measured ranges (E,) metres.
+
+    Light beyond the dynamic range is read as its end. A reflectance is the light that the same target would
+    send back from 1 m in clear air, so the unit stays: that of a facing surface which fills the beam at that
+    range and sends as much back (Wagner 2010, ISPRS J. 65, 505, eq. 4 solved for ρ).
+    """
+    receiver = scanner.receiver
+    if receiver.dynamic_range:
+        light = np.minimum(light, detection_limit(scanner) * 10 ** (receiver.dynamic_range / 10))
+    if receiver.reading == "reflectance":
+        white = intensity(np.array(1.0), np.array(1.0), distance, scanner.beam.extinction)
+        light = light / white
+    return light

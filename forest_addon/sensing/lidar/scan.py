@@ -27,7 +27,7 @@ from .cloud import Cloud, Lost, join
 from .footprint import spread
 from .passage import Contacts, meet
 from .radiometry import detection_limit, intensity, reflectance_of, refuse_surplus
-from .receiver import awake, chosen_returns, ranks
+from .receiver import awake, chosen_returns, ranks, reading
 from .returns import cosines, label
 from .scanner import LiDAR, Pulses, pattern_of
 from .waveform import LIGHT, Echoes, find_echoes, pulse_length
@@ -179,7 +179,7 @@ class Scan:
             azimuth=np.arctan2(way[:, 1], way[:, 0]),
             elevation=np.arcsin(np.clip(way[:, 2], -1, 1)),
             scan_angle=pulses.scan_angle[echoes.pulse],
-            intensity=echoes.energy,
+            intensity=reading(scanner, echoes.energy, measured),
             width=echoes.width * 2 / LIGHT,
             true_range=echoes.distance,
             returns=replace(seen, distance=measured),

@@ -6,10 +6,12 @@ from references.lidar_scenes import scene_with
 from references.rays_brute import BruteCaster
 
 from forest_addon.base.trimesh import LEAF, OTHER, TriMesh
+from forest_addon.formats.scanner_file import settings_of
+from forest_addon.formats.toml_file import structure
 from forest_addon.sensing.lidar.receiver import awake, chosen_returns
 from forest_addon.sensing.lidar.scan import scan
 from forest_addon.sensing.lidar.waveform import Echoes
-from forest_addon.spec import Beam, Receiver, Surfaces, Terrestrial
+from forest_addon.spec import Airborne, Beam, Receiver, SpecError, Surfaces, Terrestrial
 
 KEEP = ("first", "last", "strongest", "strongest+last")
 
@@ -110,3 +112,52 @@ def test_of_three_plates_those_asked_for_are_kept(keep, at):
     assert cloud.true_range == pytest.approx(at, rel=1e-6)
     assert cloud.intensity == pytest.approx([light[one] for one in at], rel=1e-5)
     assert cloud.number.tolist() == [1, 2]
+
+
+@pytest.mark.parametrize("distance", [3.0, 40.0, 399.0])
+def test_a_calibrated_wall_has_its_reflectance_at_every_range(distance):
+    beam = Beam(extinction=2e-3)
+    surfaces = Surfaces(other=0.37)
+    calibrated = Receiver(reading="reflectance")
+    cloud = looked([plate(distance)], beam, surfaces=surfaces, receiver=calibrated)
+    assert cloud.intensity == pytest.approx([0.37], rel=1e-6)
+    cloud = looked([plate(distance)], beam, surfaces=surfaces)
+    assert cloud.intensity == pytest.approx([0.37 * np.exp(-0.004 * distance) / distance**2])
+
+
+@pytest.mark.parametrize("share", [0.999, 1.001])
+def test_the_faintest_surface_that_is_seen_grows_with_range_squared(share):
+    # 0.8 is seen at 1000 m, so 0.8·(R/1000)² is at R.
+    for distance in (50.0, 200.0, 900.0):
+        surfaces = Surfaces(other=0.8 * share * (distance / 1000) ** 2)
+        cloud = looked([plate(distance)], Beam(), surfaces=surfaces, faintest=0.8)
+        assert len(cloud) == (share > 1)
+
+
+def test_light_beyond_the_dynamic_range_reads_the_same():
+    # 0.2 at 1000 m is the faintest; 20 dB more is white, 0.5, at √(0.5/0.2/100)·1000 = 158.1 m.
+    receiver = Receiver(dynamic_range=20.0)
+    for distance in (30.0, 158.0, 158.3, 300.0):
+        cloud = looked([plate(distance)], Beam(), faintest=0.2, receiver=receiver)
+        expected = min(0.5 / distance**2, 0.2 / 1000**2 * 100)
+        assert cloud.intensity == pytest.approx([expected], rel=1e-6)
+    with pytest.raises(SpecError, match=r"receiver.dynamic_range: counts from the faintest"):
+        Terrestrial(receiver=receiver)
+
+
+def test_instruments_resolve_what_their_sheets_say():
+    aircraft = structure(settings_of("leica-als50-ii", "airborne"), Airborne)
+    for apart, returns in ((2.5, 1), (2.9, 2)):
+        plates = plate(100.0, high=0.0), plate(100.0 + apart)
+        cloud = looked(plates, aircraft.beam, receiver=aircraft.receiver)
+        assert len(cloud) == returns
+    drone = structure(settings_of("dji-zenmuse-l2", "airborne"), Airborne)
+    limit = drone.faintest * (250 / drone.max_range) ** 2
+    assert limit == pytest.approx(0.1)  # 10 % is seen at 250 m
+    assert drone.beam.max_returns == 5
+
+
+@pytest.mark.parametrize("keep", KEEP)
+def test_pulses_into_the_sky_have_no_returns(keep):
+    receiver = Receiver(keep=keep, dead_zone=2.0, dynamic_range=30.0, reading="reflectance")
+    assert not len(looked([plate(-5.0)], Beam(max_returns=2), faintest=0.2, receiver=receiver))
