@@ -99,7 +99,7 @@ PACKAGES: dict[str, set[str]] = {
     "headless/studies": NUMBERS | {"bpy", "laspy", "mathutils", "matplotlib", "pyhelios"},
 }
 NETWORK = {"socket", "http", "urllib", "requests", "ftplib", "ssl", "smtplib", "aiohttp"}
-LONGEST_FILE, LARGEST_FOLDER, LONGEST_FUNCTION, MOST_PARAMETERS = 400, 20, 60, 8
+LONGEST_FILE, LARGEST_FOLDER, LONGEST_FUNCTION, MOST_PARAMETERS = 400, 24, 60, 8
 
 
 @dataclass(frozen=True)
