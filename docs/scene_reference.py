@@ -32,6 +32,7 @@ TABLES: list[tuple[str, type[spec.Settings]]] = [
     ('[[sensors]] kind = "airborne"', spec.Airborne),
     ("[sensors.beam]", spec.Beam),
     ("[sensors.surfaces]", spec.Surfaces),
+    ("[sensors.receiver]", spec.Receiver),
     ("[sensors.noise]", spec.Noise),
     ("[[sensors.poses]]", spec.Pose),
     ('[[sensors]] kind = "sonar"', spec.Sonar),

@@ -17,6 +17,7 @@ from .base.progress import Progress
 from .growth.library.species_file import find_species, load_species
 from .growth.tree import Tree
 from .sensing.detail import grow_needed
+from .sensing.kinds import kind_of
 from .spec import AUTO, Scene
 from .stand.files import read_inputs
 from .stand.forest import Forest, ForestPlan, Grown, Planted
@@ -24,7 +25,7 @@ from .stand.inputs import Inputs
 from .stand.intensity.rough import roughened
 from .stand.intensity.terrain import Terrain
 from .stand.plan import Stand, plan_stand
-from .stand.undergrowth import undergrowth_of, with_undergrowth
+from .stand.undergrowth import with_undergrowth
 
 ROUGH = 0.1  # metres, of ground with undergrowth
 Load = Callable[[str, Path], Planted]
@@ -65,9 +66,13 @@ class ForestSite:
         """
         folder = Path(folder)
         species = tuple(load(planting.species, folder) for planting in scene.plantings)
-        bare = bool(undergrowth_of(scene, species))
-        scene, species = with_undergrowth(scene, species, lambda name: load(name, folder))
-        if bare and scene.forest.terrain.roughness == AUTO:
+        looks = [kind_of(sensor).look(sensor) for sensor in scene.sensors]
+        looked_at = any(look.tells_leaves or look.meets_wood for look in looks)
+        own = len(scene.plantings)
+        scene, species = with_undergrowth(
+            scene, species, looked_at, lambda name: load(name, folder)
+        )
+        if len(species) > own and scene.forest.terrain.roughness == AUTO:
             floor = scene.forest.terrain.changed(roughness=ROUGH)
             scene = scene.changed(forest=scene.forest.changed(terrain=floor))
         return cls(scene, folder, species, read_inputs(scene, folder)).roughened()

@@ -6,6 +6,7 @@ Every result is on disk before the next sensor starts, so an interrupted run kee
 from __future__ import annotations
 
 import dataclasses
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from forest_addon.blender.show.cloud import show_cloud
 from forest_addon.blender.show.horizon import lay_horizon
 from forest_addon.blender.show.preview import render, set_stage
 from forest_addon.blender.show.sound import give_sound
+from forest_addon.blender.show.walker import stand_walker
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.table import write_csv
@@ -31,6 +33,7 @@ from forest_addon.formats.wav import read_wav, write_wav
 from forest_addon.results.coordinates import FILE, PROPERTY, on_the_map, write_note
 from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.sensing.audit import Audit
+from forest_addon.sensing.kinds import kind_of
 from forest_addon.sensing.reverb.auralise import auralise
 from forest_addon.spec import Scene, Sensor, SpecError
 from forest_addon.stand.forest import (
@@ -43,6 +46,7 @@ from forest_addon.stand.forest import (
     variant_leaf_table,
 )
 from forest_addon.stand.inputs import Inputs
+from forest_addon.stand.intensity.terrain import Terrain
 from forest_addon.stand.targets import record
 
 from .command import DoubtfulError
@@ -64,6 +68,7 @@ class Run:
     out: Path
     stages: Stages
     forest: Forest
+    ground: Terrain
     findings: list[page.Finding] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     results: dict[str, Result] = field(default_factory=dict)  # by sensor
@@ -108,7 +113,7 @@ def run_scene(
         empty_file()
         site = Site.of(settings, folder)
     with stages.stage("grow trees") as progress:
-        run = Run(settings, out, stages, site.grow(progress))
+        run = Run(settings, out, stages, site.grow(progress), site.ground)
     _describe_stand(run, site.inputs)
     with stages.stage("build Blender scene"):
         grown_in = stages.seconds["grow trees"]
@@ -124,6 +129,7 @@ def run_scene(
         _audit_trees(run, world)
         unfinished = Unfinished(out, world, resume)
         for sensor in settings.sensors:
+            _say_cost(run, world, sensor)
             with stages.stage(f"{sensor.kind} {sensor.name}") as progress:
                 _take(run, world, _looked(world, sensor, unfinished, progress), sound)
         facts = facts_of(world)
@@ -153,6 +159,15 @@ def _looked(world: World, sensor: Sensor, unfinished: Unfinished, progress: Prog
     return result
 
 
+def _say_cost(run: Run, world: World, sensor: Sensor) -> None:
+    """Say what a sensor's run will cost; what it cannot follow is said when it runs."""
+    observer = world.observer
+    with suppress(ValueError, SpecError):
+        way = observer.way(sensor, world.folder)
+        cost = kind_of(sensor).cost(sensor, way, observer.caster.engine)
+        run.stages.say(f"  {sensor.name}: {cost}")
+
+
 def _write_scene(run: Run) -> None:
     """Write Blender's scene as files and as a picture, as far as they are wanted."""
     scene, wanted, stages = bpy.context.scene, run.settings.output, run.stages
@@ -170,7 +185,11 @@ def _write_scene(run: Run) -> None:
             field = run.settings.forest
             middle = np.array(field.origin) + np.array(field.size) / 2
             lay_horizon(scene, middle, max(field.size) / 2, field.terrain.base)
-            render(scene, wanted, run.path("preview.png"), progress)
+            if wanted.preview_from == "walker":
+                stems, tall = run.forest.stand.position[:, :2], run.forest.heights()
+                stand_walker(scene, stems, tall, middle, max(field.size) / 2, run.ground.height)
+            exposure = 1.1 if wanted.preview_from == "walker" else 0.35
+            render(scene, wanted, run.path("preview.png"), progress, exposure)
 
 
 def _take(run: Run, world: World, result: Result, sound: Dry | None) -> None:

@@ -1,9 +1,10 @@
-"""Makes docs/pictures/demo.jpg and rioja-pines.jpg: two forests at a walker's eye, in the last light.
+"""Makes docs/pictures/rioja-pines.jpg: a forest at a walker's eye, in the last light.
 
     python packaging/make_pictures.py [--out DIR] [--share 0.3] [--samples 48] [NAME ...]
 
-A scene of assets/scenes is grown as its file says, without its sensors. For the picture alone grass and ferns
-stand around the walker, hills at the horizon, and the sun is low. --share shrinks a trial.
+A scene of assets/scenes is grown as its file says, without its sensors. For the picture alone hills stand at
+the horizon, and the sun is low. --share shrinks a trial. demo.jpg is the demo's preview, close-ups.jpg and
+measured-species.jpg are ``headless species --close-ups`` and ``--sheet``.
 """
 
 from __future__ import annotations
@@ -43,31 +44,9 @@ class Shot:
     target: tuple[float, float, float]
     lens: float
     sun: tuple[float, float]
-    undergrowth: tuple[spec.Planting, ...] = ()
-
-
-def _around(species: str, expected: float, x: float, y: float, width: float) -> spec.Planting:
-    """Plants that are densest around a place."""
-    hill = spec.Gaussian(peak=1.0, centre=(x, y), width=(width, width))
-    return spec.Planting(
-        species=species, variants=6, expected=expected, scale=(0.7, 1.5), gaussians=(hill,)
-    )
 
 
 SHOTS = {
-    "demo": Shot(
-        "demo",
-        (1600, 800),
-        (0.5, -1.5, 1.6),
-        (12.0, 15.5, 3.6),
-        27.0,
-        (16.0, 172.0),
-        (
-            _around("grass", 10000, 5.0, 4.5, 7.0),
-            _around("fern", 160, 12.0, 16.0, 8.0),
-            _around("bilberry", 1500, 12.0, 14.0, 9.0),
-        ),
-    ),
     "rioja-pines": Shot(
         "rioja-pines", (1280, 720), (-13.0, -14.5, 1.65), (3.0, 6.0, 5.4), 24.0, (15.0, 170.0)
     ),
@@ -93,7 +72,7 @@ def take(shot: Shot, path: Path, share: float, samples: int) -> None:
 
     file = ROOT / "assets" / "scenes" / f"{shot.scene}.toml"
     settings = read_scene(file, None)
-    settings = _with_undergrowth(settings.changed(sensors=()), shot.undergrowth)
+    settings = settings.changed(sensors=())
     empty_file()
     forest = ForestSite.read(settings, file.parent).grow()
     scene = bpy.context.scene
@@ -108,20 +87,6 @@ def take(shot: Shot, path: Path, share: float, samples: int) -> None:
     with Image.open(rendered) as image:
         image.convert("RGB").save(path, quality=88, optimize=True)
     rendered.unlink()
-
-
-def _with_undergrowth(settings: spec.Scene, plants: tuple[spec.Planting, ...]) -> spec.Scene:
-    """The scene with more plants, which keep no tree at a distance: its trees stand as before."""
-    if not plants:
-        return settings
-    names = [planting.species for planting in settings.plantings]
-    apart = tuple(
-        spec.Distance(species=a, other=b, distance=settings.forest.spacing)
-        for number, a in enumerate(names)
-        for b in names[number:]
-    )
-    field = settings.forest.changed(spacing=0.0, distances=settings.forest.distances + apart)
-    return settings.changed(plantings=settings.plantings + plants, forest=field)
 
 
 def _aim(scene: bpy.types.Scene, shot: Shot) -> None:

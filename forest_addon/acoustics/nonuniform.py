@@ -108,6 +108,29 @@ def sum_delayed(
     return found if weights is not None else replace(found, spectrum=found.spectrum[0])
 
 
+def nodes_needed(
+    amplitude: Amplitude,
+    start: float,
+    spacing: float,
+    count: int,
+    echoes: int,
+    tolerance: float,
+    smooth: Smoothness | None = None,
+) -> np.ndarray:
+    """(M,) Chebyshev nodes between which amplitudes are interpolated within a tolerance; 0: none serve.
+
+    Arguments as of ``sum_delayed``; echoes : M.
+    """
+    if smooth is None:
+        nothing = np.zeros(echoes)
+        task = _Task(amplitude, nothing, nothing[:, None], start, spacing, count)
+        plan = task.unknown(nothing, TAIL * tolerance)
+    else:
+        plan = _planned(smooth, TAIL * tolerance, tolerance)
+    needed: np.ndarray = np.append(LEVELS, 0)[plan.level]
+    return needed
+
+
 def _fast(
     task: _Task, tolerance: float, spread: np.ndarray, smooth: Smoothness | None
 ) -> DelayedSum:

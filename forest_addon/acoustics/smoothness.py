@@ -33,6 +33,7 @@ FLOOR = 2.5  # times what lies beyond: here more nodes stop paying
 WEAKEST, RATIO = 0.02, 1.25  # classes of losses: nepers over the band
 ALIKE = 1e-5  # of lengths and of second variables: what a mesh in single precision differs by
 AT_ONCE = 1 << 17  # samples
+DECAYS = 64  # orders of what losses leave
 
 
 class Family(Protocol):
@@ -82,6 +83,19 @@ class Loss:
 
 
 @dataclass(frozen=True)
+class Change:
+    """Another change of echoes over the frequency, by classes: bounds(band, N) are (G, N) on |c_n| of each,
+    re its value at the lowest frequency; ``kind`` (M,) says which an echo is of.
+
+    The bounds are the coefficients of a function themselves, of one whose products bound those of what it
+    bounds.
+    """
+
+    bounds: Callable[[tuple[float, float], int], np.ndarray]
+    kind: np.ndarray
+
+
+@dataclass(frozen=True)
 class Smoothness:
     """Smoothness of M echoes: the errors that interpolation makes.
 
@@ -110,7 +124,7 @@ def smoothness(
     band: tuple[float, float],
     speed: float,
     gain: np.ndarray,
-    losses: Sequence[Loss],
+    losses: Sequence[Loss | Change],
 ) -> Smoothness:
     """Of echoes in a band (Hz) of sound of a speed; ``gain`` (M,) is theirs at the band's lower end."""
     low, high = (2.0 * math.pi * end / speed for end in band)
@@ -223,10 +237,28 @@ class _Classes:
 
 
 def _decays(
-    losses: Sequence[Loss], band: tuple[float, float], count: int
+    losses: Sequence[Loss | Change], band: tuple[float, float], count: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """(G, N) bounds on |c_n| of what losses leave, 1 at the lowest frequency; and of each echo which."""
-    order = 64
+    order = DECAYS
+    bounds, of_echo = _lost([loss for loss in losses if isinstance(loss, Loss)], band, count)
+    for change in losses:
+        if isinstance(change, Change):
+            others = change.bounds(band, order)
+            pairs, of_echo = numbered(of_echo * len(others) + change.kind)
+            line, other = np.divmod(pairs, len(others))
+            series = chebyshev.series(order)
+            values = np.linalg.inv(series)
+            product = (bounds[line] @ values.T) * (others[other] @ values.T)
+            bounds = np.abs(product @ series.T)
+    return bounds, of_echo
+
+
+def _lost(
+    losses: Sequence[Loss], band: tuple[float, float], count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same of losses alone."""
+    order = DECAYS
     frequency = band[0] + (band[1] - band[0]) * (1.0 + chebyshev.points(order)) / 2
     edges, classes = [], np.zeros(count, dtype=np.int64)
     radix: list[tuple[np.ndarray, float]] = []

@@ -130,7 +130,8 @@ class World:
         except ValueError as problem:
             raise SpecError(sensor.name, str(problem)) from None
         offset = self.scene.offset
-        chosen = (*chosen, *left_out(sensor, found))
+        ours = [one for one in self.chosen if one.sensor == sensor.name]
+        chosen = (*chosen, *left_out(sensor, found), *ours)
         return result_of(sensor, found, seconds, audit, offset, chosen, warnings)
 
     @property

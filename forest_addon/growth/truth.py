@@ -20,6 +20,7 @@ import numpy as np
 from ..base.trimesh import TriMesh, is_wood
 from .measured.measure import dbh_of, lowest_branch, width_of
 from .mesh.leaves import Leaves
+from .mesh.union import shared_once
 from .skeleton import Skeleton
 from .solid import volume_of
 from .tree import Tree
@@ -75,15 +76,18 @@ def wood_of_skeleton(skeleton: Skeleton) -> Wood:
 
 
 def wood_of_mesh(mesh: TriMesh) -> Wood:
-    """The wood of a mesh of closed tubes, facing outwards; pieces without caps make the volume a guess."""
+    """The wood of a mesh of closed tubes, facing outwards, what they share counted once (``mesh/union``);
+    pieces without caps make the volume a guess.
+    """
     triangles = mesh.triangles[is_wood(mesh.part)]
     if not len(triangles):
         return Wood(0.0, 0.0, 0.0)
     a, b, c = (mesh.vertices[triangles[:, k]] - mesh.vertices[triangles[0, 0]] for k in range(3))
+    once = shared_once(np.stack([a, b, c], axis=1))
     cross = np.cross(b - a, c - a)
     volume = float(np.einsum("ti,ti->", a, cross)) / 6
     area = float(np.linalg.norm(cross, axis=1).sum()) / 2
-    return Wood(volume, area, area / np.pi)
+    return Wood(volume * once, area, area / np.pi)
 
 
 def leaf_angles(leaves: Leaves, bins: int = ANGLE_BINS) -> tuple[np.ndarray, np.ndarray]:

@@ -42,7 +42,7 @@ class Miss:
 
 @dataclass(frozen=True)
 class Verdict:
-    """How siblings compare with the tree.
+    """Comparison of siblings with the tree, and what it speaks against.
 
     variety : the largest of ``VARIETIES`` that meets all goals, or that which comes nearest.
     siblings : how many were grown. missed : goals that they miss, the worst first.
@@ -55,7 +55,7 @@ class Verdict:
 
     @property
     def stands(self) -> bool:
-        """Whether they may be planted: no goal is missed by more than twice what is allowed."""
+        """True where they may be planted: no goal is missed by more than twice what is allowed."""
         return not self.missed or self.missed[0].times <= REFUSED
 
     @property

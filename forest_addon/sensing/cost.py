@@ -30,6 +30,20 @@ class Cost:
     seconds: float
     memory: int
 
+    def __str__(self) -> str:
+        rays = f" of {self.work:,} rays" if self.work > self.count else ""
+        memory = f", {self.memory / 1e9:.1f} GB" if self.memory > 5e7 else ""
+        return f"{self.count:,} {self.what}{rays}: about {_lasting(self.seconds)}{memory}"
+
+
+def _lasting(seconds: float) -> str:
+    """A time as one says it, of a guess."""
+    if seconds < 1.5:
+        return "a second"
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
 
 def cost_of_rays(sensor: Sensor, count: int, subrays: int, returns: float, engine: str) -> Cost:
     """The cost of ``count`` pulses of ``subrays`` rays, each with so many returns, by a ray engine."""

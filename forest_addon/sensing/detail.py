@@ -26,10 +26,12 @@ from dataclasses import replace
 import numpy as np
 
 from ..base.progress import Progress
+from ..base.rng import stream
 from ..growth.tree import Tree, leaves_left, with_tolerance, without_leaves
 from ..spec import Choice, Scene, Species
 from ..stand.forest import Forest, ForestPlan, Grown, Planted, keys_of
 from ..stand.inputs import Inputs
+from .far_leaves import range_shift
 from .kinds import kind_of
 from .looks import Leafy, Look, Upright
 
@@ -64,7 +66,7 @@ def grow_needed(
     if looks:
         forest, beyond = _without_leaves_beyond(forest, looks)
         forest, tubes = _with_coarse_tubes(forest, looks)
-        forest = replace(forest, chosen=(*bared, *beyond, *tubes))
+        forest = replace(forest, chosen=(*forest.chosen, *bared, *beyond, *tubes))
     return forest
 
 
@@ -97,7 +99,8 @@ def _without_unmet_leaves(
 def _with_coarse(plan: ForestPlan, forest: Forest, looks: Sequence[Look]) -> Forest:
     """The forest with coarse variants where trees are far, and the decision in sentences."""
     trees = _foliage(forest)
-    far, notes = _far(trees, [look for look in looks if look.tells_leaves])
+    tell = [look for look in looks if look.tells_leaves]
+    far, notes = _far(trees, tell)
     stand = replace(
         forest.stand, variant=np.where(far, forest.stand.variant + COARSE, forest.stand.variant)
     )
@@ -108,7 +111,30 @@ def _with_coarse(plan: ForestPlan, forest: Forest, looks: Sequence[Look]) -> For
             variants[planting, variant] = forest.variants[planting, variant]
         else:
             variants[planting, variant] = plan.tree(planting, variant - COARSE, coarse)
-    return replace(forest, stand=stand, variants=variants, detail=notes)
+    chosen = _in_their_units(plan, forest, variants, trees, far, tell)
+    return replace(forest, stand=stand, variants=variants, detail=notes, chosen=chosen)
+
+
+def _in_their_units(
+    plan: ForestPlan,
+    forest: Forest,
+    variants: dict[Key, Tree],
+    trees: Leafy,
+    far: np.ndarray,
+    looks: Sequence[Look],
+) -> tuple[Choice, ...]:
+    """Results of sensors that reach far trees, and by how much coarse leaves move them."""
+    within = {look.name: far & (look.distance(trees) <= look.range) for look in looks}
+    looks = [look for look in looks if within[look.name].any()]
+    if not looks:
+        return ()
+    pairs = [
+        (forest.variants[planting, variant - COARSE], tree)
+        for (planting, variant), tree in variants.items()
+        if variant >= COARSE
+    ]
+    shift = range_shift(pairs, stream(plan.scene.seed, "detail", "rays"))
+    return tuple(look.off_by(trees, within[look.name], shift) for look in looks)
 
 
 def _far(trees: Leafy, looks: Sequence[Look]) -> tuple[np.ndarray, tuple[str, ...]]:

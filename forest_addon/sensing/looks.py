@@ -10,9 +10,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from ..spec import Choice
+
+if TYPE_CHECKING:
+    from .far_leaves import RangeShift
 
 TOGETHER = 50  # coarse leaves that must sound as one
 LOUDNESS = 0.05  # the energy that coarse leaves may send back more or less, as a share
@@ -96,6 +101,10 @@ class Look:
         """Metres across the narrowest that a beam is at a distance or beyond; 0: a line."""
         raise NotImplementedError
 
+    def off_by(self, trees: Leafy, far: np.ndarray, shift: RangeShift) -> Choice:
+        """Return what coarse leaves of trees (N,) bool make its results off by, in its own units."""
+        raise NotImplementedError
+
 
 def _a_line(_distance: float) -> float:
     return 0.0
@@ -122,6 +131,17 @@ class BeamLook(Look):
     def footprint(self, distance: float) -> float:
         return self.widths(distance)
 
+    def off_by(self, trees: Leafy, far: np.ndarray, shift: RangeShift) -> Choice:
+        """Return how far first ranges move; see ``far_leaves``."""
+        why = (
+            f"in nine of ten of {self.name}'s rays that meet one of {far.sum():,} trees with a quarter of "
+            f"their leaves, the median beside it; of the rays through their crowns {shift.passing:.1%} pass "
+            f"the one and not the other; {shift.rays:,} rays in float64, {shift.confirmed:.0%} of a second "
+            "half within the bound"
+        )
+        key = "range at far leaves"
+        return Choice(key, shift.median, shift.most, why, unit="m", sensor=self.name)
+
 
 @dataclass(frozen=True)
 class EchoLook(Look):
@@ -145,6 +165,20 @@ class EchoLook(Look):
         many = self.heard_together(trees, away)[row]
         louder = loudness(self.band, round(float(trees.radius[row]), 4))
         return f"where {many:.0f} sound as one, {10 * np.log10(louder):+.2f} dB"
+
+    def off_by(self, trees: Leafy, far: np.ndarray, shift: RangeShift) -> Choice:
+        """Return how much louder or fainter echoes are, by the mean energy of their leaves."""
+        sizes = np.unique(np.round(trees.radius[far], 4)).tolist() if self.hears_leaves else []
+        louder = [
+            abs(10 * np.log10(loudness(self.band, float(size)))) for size in sizes if size > 0
+        ]
+        most = float(max(louder, default=0.0))
+        why = (
+            f"in the mean energy that {self.name} hears of {far.sum():,} trees with a quarter of their "
+            "leaves, by scattering from discs facing all ways; its single echoes are others"
+        )
+        key = "level of far leaves"
+        return Choice(key, most, most, why, unit="dB", sensor=self.name)
 
     def heard_together(self, trees: Leafy, away: np.ndarray) -> np.ndarray:
         """(N,) coarse leaves in the beam within half a pulse, at the distances of trees (N,)."""

@@ -13,6 +13,7 @@ class Choice:
     of the value. why : in words.
 
     asked : what was set, where that was not "auto" but can only be had otherwise.
+    sensor : name of the one whose results it concerns; empty: all.
     """
 
     key: str
@@ -21,6 +22,7 @@ class Choice:
     why: str
     asked: float | str = AUTO
     unit: str = ""
+    sensor: str = ""
 
     def __str__(self) -> str:
         if self.asked != AUTO:

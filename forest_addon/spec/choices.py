@@ -114,6 +114,10 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "plated": ("Plated", "Broad plates between deep furrows, as of pine"),
         "peeling": ("Peeling", "White with dark level marks, cracked at the foot, as of birch"),
     },
+    "preview_from": {
+        "whole": ("All of It", "From the south-west, so far away that every tree is seen"),
+        "walker": ("A Walker", "A walker's eye among the trees, undergrowth added for the picture"),
+    },
     "undergrowth": {
         "auto": ("Automatic", "Sparse where a scanner or a sonar looks at measured trees"),
         "none": ("None", "Trees on bare ground"),
@@ -128,6 +132,19 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
     "side": {
         "left": ("Left", "It looks to the left of where it drives"),
         "right": ("Right", "It looks to the right of where it drives"),
+    },
+    "keep": {
+        "first": ("First", "The nearest of a pulse"),
+        "last": ("Last", "The farthest of a pulse"),
+        "strongest": ("Strongest", "Those with the most light of a pulse"),
+        "strongest+last": ("Strongest and Last", "The farthest, and of the others the strongest"),
+    },
+    "reading": {
+        "received": ("Received Light", "Light that came back; it falls with the square of range"),
+        "reflectance": (
+            "Reflectance",
+            "Of the white surface that would fill the beam at that range and send as much back",
+        ),
     },
     "passing": {
         "probability": ("All or Nothing", "A ray passes a leaf whole, or not at all, by chance"),

@@ -28,6 +28,7 @@ ADVANCED: dict[str, frozenset[str]] = {
     ),
     "beam": frozenset({"wavelength_nm", "exit_diameter", "subrays", "pulse_ns", "extinction"}),
     "surfaces": frozenset({"leaf_transmittance", "passing"}),
+    "receiver": frozenset({"dead_zone", "dynamic_range"}),
     "noise": frozenset({"range_ppm", "incidence_sd"}),
     "rays": frozenset({"threads"}),
     "accuracy": frozenset({"audit", "detail"}),

@@ -83,7 +83,9 @@ class Beam(Settings):
         ge=0.001,
         le=1000,
     )
-    max_returns: int = param(1, help="echoes that are kept of a pulse, the first ones", ge=1, le=15)
+    max_returns: int = param(
+        1, help="echoes that are kept of a pulse; which of them: receiver.keep", ge=1, le=15
+    )
     extinction: float = param(
         0.0, unit="1/m", help="light that a metre of air takes from a beam", ge=0, le=10
     )
@@ -127,6 +129,36 @@ class Noise(Settings):
     drop_out: float = param(0.0, help="share of the returns that get lost", ge=0, le=1)
 
 
+class Receiver(Settings):
+    """Returns that a scanner's electronics make of the echoes of a pulse."""
+
+    dead_zone: float = param(
+        0.0,
+        unit="m",
+        help="least range between two returns of a pulse: after a return the receiver is blind so long; 0: "
+        "what the waveform tells apart",
+        ge=0,
+        le=1000,
+    )
+    keep: str = param(
+        "first",
+        help="which returns are kept where a pulse has more than max_returns",
+        choices=("first", "last", "strongest", "strongest+last"),
+    )
+    dynamic_range: float = param(
+        0.0,
+        unit="dB",
+        help="light this much above the faintest that is seen saturates: more of it reads the same; 0: never",
+        ge=0,
+        le=200,
+    )
+    reading: str = param(
+        "received",
+        help="what the intensity says: light that came back, or the reflectance that it stands for",
+        choices=("received", "reflectance"),
+    )
+
+
 class Scanner(Sensor):
     """Settings that LiDAR scanners of every platform share."""
 
@@ -146,11 +178,18 @@ class Scanner(Sensor):
     pulse_rate: float = param(100e3, unit="Hz", help="pulses a second", ge=1, le=1e9)
     beam: Beam = param(Beam(), help="light and echo")
     surfaces: Surfaces = param(Surfaces(), help="reflectance and transmittance")
+    receiver: Receiver = param(Receiver(), help="which echoes become returns")
     noise: Noise = param(Noise(), help="what is measured wrongly")
 
     def check(self) -> None:
         if self.min_range >= self.max_range:
             raise SpecError("min_range", "must be smaller than max_range")
+        if self.receiver.dynamic_range and not self.faintest:
+            raise SpecError(
+                "receiver.dynamic_range",
+                "counts from the faintest light that is seen, but faintest = 0 sees all; give faintest, the "
+                "reflectance that is seen at max_range",
+            )
 
 
 class Terrestrial(Scanner):

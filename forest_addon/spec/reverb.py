@@ -113,8 +113,8 @@ class Reverb(Sensor):
     )
     multiple_share: float = param(
         0.9,
-        help="forest: from when this share of the energy is scattered more than once, all is noise; 1: "
-        "never",
+        help="forest: from when this share of the energy still to come is scattered more than once, or by "
+        "branches, all is noise; 1: never",
         gt=0,
         le=1,
     )

@@ -70,6 +70,11 @@ class Output(Settings):
     blend: bool = param(True, help="write forest.blend")
     glb: bool = param(True, help="write forest.glb")
     preview: bool = param(True, help="render preview.png with Cycles")
+    preview_from: str = param(
+        "whole",
+        help="where the preview is taken from",
+        choices=("whole", "walker"),
+    )
     preview_size: tuple[int, int] = param(
         (1280, 640), unit="px", help="width and height of the preview", ge=16, le=8192
     )

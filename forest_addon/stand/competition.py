@@ -69,7 +69,7 @@ def _near(
 
 
 def canopy_of(dbh: np.ndarray) -> np.ndarray:
-    """(N,) bool, whether trees of diameters (N,) are of the canopy; all of a stand that is young as a whole."""
+    """(N,) bool, whether trees of diameters (N,) are of the canopy; all, where all are young."""
     canopy = dbh >= YOUNG
     return np.asarray(canopy if canopy.any() else ~canopy)
 
@@ -129,7 +129,7 @@ def bounded(wanted: np.ndarray, free: np.ndarray, most_leaves: np.ndarray) -> np
 
 
 def thinned(place: np.ndarray, wanted: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """(N,) leaf areas of targets (N, 5), where too many stand together smaller ones of free trees (N,)."""
+    """(N,) leaf areas of targets (N, 5); of free trees (N,) smaller where too many stand together."""
     index = leaf_area_index(place, wanted[:, 2], wanted[:, 4])
     return np.where(
         free, wanted[:, 4] * np.minimum(1, MOST_INDEX / np.maximum(index, 1e-9)), wanted[:, 4]

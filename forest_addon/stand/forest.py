@@ -58,6 +58,12 @@ class Forest:
         """The grown tree that stands as tree number ``tree``."""
         return self.variants[int(self.stand.species[tree]), int(self.stand.variant[tree])]
 
+    def heights(self) -> np.ndarray:
+        """(N,) metres of every tree."""
+        pairs = zip(self.stand.species.tolist(), self.stand.variant.tolist(), strict=True)
+        own = {key: tree.height for key, tree in self.variants.items()}
+        return np.array([own[pair] for pair in pairs]) * self.stand.scale
+
     def transforms(self) -> np.ndarray:
         """(N, 3, 4) local to world of every tree: turned, scaled, moved, sunk."""
         stand = self.stand
@@ -139,14 +145,26 @@ class ForestPlan:
             variants=variants,
             wanted=self.measured.trees if self.measured.variants else None,
             laws=self.measured.laws,
-            notes=(*self.measured.ignored, *self._bare()),
+            notes=(*self.measured.ignored, *self._missing()),
         )
 
-    def _bare(self) -> tuple[str, ...]:
-        """Say that nothing stands where something was planted."""
-        if not self.scene.plantings or len(self.measured.stand):
-            return ()
-        return ("no tree stands: expect more, or a larger field",)
+    def _missing(self) -> tuple[str, ...]:
+        """Say where fewer trees stand than were asked for: none, or not all of an exact number or a list."""
+        stand, said = self.measured.stand, []
+        names, counts = labels(self.scene.plantings), stand.counts()
+        for number, (name, planting) in enumerate(zip(names, self.scene.plantings, strict=True)):
+            gone = [
+                (stand.too_near, "nearer to others than spacing allows"),
+                (stand.off_field, "outside of the field, or of where the planting may stand"),
+                (stand.off_ground, "where there is no ground"),
+            ]
+            whys = [f"{lost[number]:,} are {why}" for lost, why in gone if lost[number]]
+            if whys and (planting.exact or planting.layout == "list"):
+                meant = "exactly so many" if planting.exact else "a list"
+                said.append(f"{name}: {counts[number]:,} trees of {meant} stand; {', '.join(whys)}")
+        if self.scene.plantings and not len(stand):
+            said.append("no tree stands: expect more, or a larger field")
+        return tuple(said)
 
     def placed(self, variants: Mapping[tuple[int, int], Tree]) -> Stand:
         """The stand with every tree in the size that it is to have, its foot in the ground."""

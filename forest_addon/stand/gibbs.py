@@ -4,6 +4,9 @@ Its density against a Poisson process is Π β(x_i) · γ^s, s the pairs nearer 
 and deaths (Geyer & Møller 1994) in cells at least R wide: cells of one of four colours do not see each
 other, so all of a colour take a step at once, each by Metropolis's ratio with |cell| and its own trees.
 
+Trees at the edge of the field would have no neighbours beyond it and be too many (3 % in a hectare), so the
+process runs on around the field, with the intensity of the nearest place in it.
+
 A planting says the mean intensity λ, not β. With G = (1 - γ)πR² and η = λG/4,
 
     log β = log λ + λG + (1 - γ) (S(η) - 4η),   S(η) = -log(1 - η) + (3η - 2η²)/(1 - η)².
@@ -23,6 +26,7 @@ from .intensity.functions import IntensityError
 from .process import Process
 
 Activity = Callable[[np.ndarray], np.ndarray]
+EDGE = 3.0  # radii around the field that are run too and cut off: trees at its edge have neighbours
 SWEEPS = 100  # steps of each cell for each tree that it may hold
 CLOSEST = 0.5  # η up to which the correction is known
 DENSEST = 0.6  # λR² of a hard core above which births have no room (random packing: 0.70)
@@ -47,10 +51,15 @@ def sample_strauss(process: Process, strauss: Strauss, rng: np.random.Generator)
         )
 
     def activity(points: np.ndarray) -> np.ndarray:
-        return activity_of(process.at(points), strauss)
+        inside = np.clip(points, process.low, process.high)
+        return activity_of(process.at(inside), strauss)
 
     mean = process.expected() / float(np.prod(process.high - process.low))
-    return run_births_and_deaths(activity, mean, process.low, process.high, strauss, rng)
+    edge = EDGE * strauss.radius
+    trees = run_births_and_deaths(
+        activity, mean, process.low - edge, process.high + edge, strauss, rng
+    )
+    return trees[((trees >= process.low) & (trees < process.high)).all(axis=1)]
 
 
 def activity_of(intensity: np.ndarray, strauss: Strauss) -> np.ndarray:

@@ -36,30 +36,31 @@ SCALE = {"shrub": (0.6, 1.4), "log": (0.6, 1.5), "stump": (0.6, 1.4)}
 
 
 def is_measured(species: Species) -> bool:
-    """Whether trees of a species have the architecture and the measures of real ones."""
+    """Tell whether trees of a species have the architecture and the measures of real ones."""
     return species.targets is not None and species.architecture is not None
 
 
-def density_of(scene: Scene, species: Sequence[Species]) -> str:
+def density_of(scene: Scene, species: Sequence[Species], looked_at: bool) -> str:
     """The undergrowth of a scene: as it says; on "auto" sparse where something looks at measured trees.
 
-    species : of each planting.
+    species : of each planting. looked_at : whether a sensor meets leaves and wood one by one.
     """
     said = scene.forest.undergrowth
     if any(planting.species in PLANTS for planting in scene.plantings):
         return "none"  # by hand
     if said != "auto":
         return said
-    looked_at = any(sensor.kind != "reverb" for sensor in scene.sensors)
     return "sparse" if looked_at and any(map(is_measured, species)) else "none"
 
 
-def undergrowth_of(scene: Scene, planted: Sequence[tuple[Species, object]]) -> tuple[Planting, ...]:
+def undergrowth_of(
+    scene: Scene, planted: Sequence[tuple[Species, object]], looked_at: bool
+) -> tuple[Planting, ...]:
     """The plantings that clothe the ground of a scene; none where none are wanted.
 
     planted : species of each planting of the scene, and what it is grown from.
     """
-    said = density_of(scene, [kind for kind, _ in planted])
+    said = density_of(scene, [kind for kind, _ in planted], looked_at)
     if said == "none" or not planted:
         return ()
     column = ("sparse", "dense").index(said)
@@ -86,7 +87,7 @@ def undergrowth_of(scene: Scene, planted: Sequence[tuple[Species, object]]) -> t
 
 
 def _young(planted: tuple[Species, object]) -> Targets | None:
-    """What young trees of a species measure; None where its law tells nothing of such small ones."""
+    """Choose what young trees of a species measure; None where its law tells nothing of such small ones."""
     species, kind = planted
     law = kind.allometry if isinstance(kind, Kind) else None
     assert species.targets is not None
@@ -105,13 +106,14 @@ def _young(planted: tuple[Species, object]) -> Targets | None:
 def with_undergrowth(
     scene: Scene,
     planted: Sequence[tuple[Species, object]],
+    looked_at: bool,
     load: Callable[[str], tuple[Species, object]],
 ) -> tuple[Scene, tuple[tuple[Species, object], ...]]:
     """The scene with the plantings of its undergrowth behind its own, and the species of all.
 
     load : a species by the name that a planting gives it.
     """
-    more = undergrowth_of(scene, planted)
+    more = undergrowth_of(scene, planted, looked_at)
     if not more:
         return scene, tuple(planted)
     known = {p.species: kind for p, kind in zip(scene.plantings, planted, strict=True)}

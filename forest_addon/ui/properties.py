@@ -75,7 +75,7 @@ def _make_groups() -> dict[type, type]:
     )
     measured = (spec.Targets, spec.Crown, spec.Needles, spec.DeadBranches, spec.Architecture)
     of_trees = (spec.Rules, spec.Honda, spec.Siblings, spec.Leaf, spec.Inclination, spec.Detail)
-    of_sensors = (spec.Beam, spec.Surfaces, spec.Noise, spec.Pose, spec.Place)
+    of_sensors = (spec.Beam, spec.Surfaces, spec.Noise, spec.Receiver, spec.Pose, spec.Place)
     of_scene = (spec.Forest, spec.Planting, spec.Stems, spec.Air, spec.Rays, spec.Accuracy)
     of_scene += (spec.Flight,)
     plain = (*held, *of_species, *of_trees, *measured, spec.Species, *of_sensors, *of_scene)

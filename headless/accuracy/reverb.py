@@ -91,7 +91,10 @@ def sweep_reverb(sensor: Reverb, observer: Observer, settings: Scene, folder: Pa
     if extents:
         terms["extent"] = cut
         reach = max(extent.farthest for extent in extents)
-        notes += (f"extent: against a forest drawn as far as {reach:g} m: at least so much",)
+        notes += (
+            f"extent: against a forest drawn as far as {reach:g} m: at least so much; of one drawing that is "
+            "cut, and another continue_to draws other trunks beyond the field, whose sound differs by more",
+        )
         rate = now.seconds / next(e.seconds for e in extents if e.metres == one.continue_to)
     for extent in extents:
         if extent.metres != one.continue_to:

@@ -1,5 +1,10 @@
 """Cost of a dataset: scenes of the plan made for a trial, timed, weighed, and thrown away.
 
+Which scenes are tried goes by what they are likely to cost, from their pulses, pings and trees: each in
+proportion to that (systematic sampling with unequal probabilities, Hansen & Hurwitz 1943), so that the
+heaviest are among them and the sum is unbiased however wrong the guess is. The interval is Student's of the
+trials' shares.
+
 Scenes of many million points are not made whole: with a 64th of their pulses first, then with as many as
 give about ``ENOUGH`` points. Seconds of the stages that go with points, and bytes, are taken to be a fixed
 part and a part for each point, which both trials tell; fewer pulses lie less near each other, for the rays
@@ -9,6 +14,7 @@ the same.
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import os
 import tempfile
@@ -25,7 +31,14 @@ from .child import Child, Outcome
 from .factory import _machine_memory
 from .plan import Plan, Recipe, recipes
 
-SAMPLES = 3
+SAMPLES = 5
+CONSIDERED = 400  # scenes of a plan, evenly spread, whose cost is guessed
+SCENE, TREE, VARIANT = (
+    2.0,
+    0.02,
+    0.5,
+)  # guessed seconds of any scene, of a tree in it, of a tree that grows
+SURE = 0.9  # of the interval
 THIN = 64  # of every how many pulses a first trial has one
 ENOUGH = 1_000_000  # points of the second
 BOREAL = (1000, 35.3e9)  # plots and points of Boreal3D (2025)
@@ -62,11 +75,21 @@ class Trial:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Of a whole dataset: how many scenes, whole scenes as trials tell them, and what could not be made."""
+    """Of a whole dataset: how many scenes, whole scenes as trials tell them, and what could not be made.
+
+    stands_for : how many scenes each trial stands for; (): alike many.
+    """
 
     count: int
     scenes: tuple[Trial, ...]
     failed: tuple[str, ...]
+    stands_for: tuple[float, ...] = ()
+
+    @property
+    def weights(self) -> np.ndarray:
+        """(S,) how many scenes each trial stands for."""
+        alike = (self.count / max(len(self.scenes), 1),) * len(self.scenes)
+        return np.array(self.stands_for or alike)
 
     @property
     def seconds(self) -> np.ndarray:
@@ -77,25 +100,39 @@ class Estimate:
     def stages(self) -> dict[str, float]:
         """Seconds of all scenes by stage, the longest first."""
         total: dict[str, float] = {}
-        for one in self.scenes:
+        for weight, one in zip(self.weights.tolist(), self.scenes, strict=True):
             for name, value in one.seconds.items():
-                total[name] = total.get(name, 0.0) + value
+                total[name] = total.get(name, 0.0) + weight * value
         return dict(sorted(total.items(), key=lambda pair: -pair[1]))
 
     @property
     def points(self) -> float:
         """Mean points of a scene."""
-        return float(np.mean([one.points for one in self.scenes]))
+        return float(self.weights @ [one.points for one in self.scenes]) / self.count
 
     @property
     def size(self) -> float:
         """Mean bytes of a scene."""
-        return float(np.mean([one.size for one in self.scenes]))
+        return float(self.weights @ [one.size for one in self.scenes]) / self.count
 
     @property
     def core_hours(self) -> float:
         """CPU time of all scenes."""
-        return float(self.seconds.mean() * self.count / 3600)
+        return float(self.weights @ self.seconds / 3600)
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """Core-hours that the whole lies between with 90 %; None of a single trial."""
+        from scipy.stats import t
+
+        shares = self.weights * self.seconds * len(self.scenes) / 3600
+        if len(shares) >= self.count:
+            return self.core_hours, self.core_hours
+        if len(shares) < 2:
+            return None
+        half = t.ppf((1 + SURE) / 2, len(shares) - 1) * shares.std(ddof=1) / np.sqrt(len(shares))
+        least = float(self.seconds.sum() / 3600)  # the trials are part of it
+        return max(self.core_hours - float(half), least), self.core_hours + float(half)
 
     @property
     def boreal_hours(self) -> float | None:
@@ -103,9 +140,9 @@ class Estimate:
         if not self.points:
             return None
         plots, points = BOREAL
-        by_point = sum(one.by_point for one in self.scenes)
-        fixed = float(self.seconds.sum() - by_point) / len(self.scenes)
-        rate = by_point / sum(one.points for one in self.scenes)
+        by_point = float(self.weights @ [one.by_point for one in self.scenes])
+        fixed = float(self.weights @ self.seconds - by_point) / self.count
+        rate = by_point / float(self.weights @ [one.points for one in self.scenes])
         return (plots * fixed + points * rate) / 3600
 
 
@@ -114,21 +151,65 @@ class _Failed(Exception):
 
 
 def estimate(plan: Plan, say: Callable[[str], None], samples: int = SAMPLES) -> Estimate:
-    """Make some scenes of a plan, spread over its numbers, in a folder that is removed."""
-    count = min(samples, plan.count)
-    numbers = sorted({int((k + 0.5) * plan.count / count) for k in range(count)})
-    scenes, failed = [], []
+    """Make some scenes of a plan, by what they are likely to cost, in a folder that is removed."""
+    considered = min(CONSIDERED, plan.count)
+    numbers = sorted({int((k + 0.5) * plan.count / considered) for k in range(considered)})
+    every = recipes(plan, numbers)
+    chosen, stands_for = by_cost(np.array([guess(recipe) for recipe in every]), samples)
+    scenes, failed, weights = [], [], []
     child = Child(1)
     try:
-        for recipe in recipes(plan, numbers):
+        for index, weight in zip(chosen.tolist(), stands_for.tolist(), strict=True):
+            recipe = every[index]
             try:
                 scenes.append(_trial(recipe, child, plan.running.timeout, say))
+                weights.append(weight * plan.count / len(every))
             except _Failed as problem:
                 failed.append(f"scene {recipe.name}: {problem}")
                 say(f"  {failed[-1]}")
     finally:
         child.end()
-    return Estimate(plan.count, tuple(scenes), tuple(failed))
+    told = sum(weights)  # those that failed are taken to cost as the others do
+    weights = [weight * plan.count / told for weight in weights] if failed and told else weights
+    return Estimate(plan.count, tuple(scenes), tuple(failed), tuple(weights))
+
+
+def guess(recipe: Recipe) -> float:
+    """Seconds that a scene may take, from its settings alone; it only chooses the trials."""
+    settings = recipe.settings()
+    area = float(np.prod(settings.forest.size))
+    seconds = SCENE
+    for planting in settings.plantings:
+        trees = (
+            planting.expected if planting.expected is not None else (planting.density or 0) * area
+        )
+        seconds += TREE * trees + VARIANT * min(planting.variants, trees)
+    places = {one["sensor"]: one["count"] for one in recipe.places}
+    for sensor in settings.sensors:
+        with contextlib.suppress(Exception):  # a trajectory that only the scene knows
+            cost = kind_of(sensor).cost(sensor, None, "embree")
+            seconds += cost.seconds * places.get(sensor.name, 1)
+    return seconds
+
+
+def by_cost(cost: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows to try, chosen in proportion to their cost (N,), and how many rows each stands for.
+
+    A row that alone is more than its share is tried for itself, and stands for itself.
+    """
+    rows = np.argsort(cost, kind="stable")
+    if len(cost) <= samples:
+        return np.sort(rows), np.ones(len(rows))
+    heavy = np.empty(0, np.int64)
+    while len(heavy) < samples and cost[rows[-1]] * (samples - len(heavy)) >= cost[rows].sum():
+        rows, heavy = rows[:-1], np.append(heavy, rows[-1])
+    left = samples - len(heavy)
+    if not left:
+        return heavy, np.full(len(heavy), len(cost) / len(heavy))
+    total = np.cumsum(cost[rows])
+    chosen = rows[np.searchsorted(total, (np.arange(left) + 0.5) / left * total[-1])]
+    weight = total[-1] / (left * cost[chosen])
+    return np.append(heavy, chosen), np.append(np.ones(len(heavy)), weight)
 
 
 def _trial(recipe: Recipe, child: Child, timeout: float, say: Callable[[str], None]) -> Trial:
@@ -181,10 +262,11 @@ def tell(found: Estimate, say: Callable[[str], None]) -> None:
     if not found.scenes:
         say("no trial scene could be made")
         return
-    spread = float(found.seconds.std() / max(found.seconds.mean(), 1e-9))
     cores = os.cpu_count() or 1
+    interval = found.interval
+    between = "" if interval is None else f" ({interval[0]:.2f} to {interval[1]:.2f} with 90 %)"
     say(
-        f"{found.count:,} scenes: {found.core_hours:.2f} core-hours (±{spread:.0%} from scene to scene), "
+        f"{found.count:,} scenes: {found.core_hours:.2f} core-hours{between}, "
         f"{found.core_hours / cores:.2f} h on the {cores} cores here"
     )
     say(f"{found.size * found.count / 1e9:.2f} GB; {found.points * found.count:,.0f} points")

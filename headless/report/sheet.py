@@ -17,19 +17,23 @@ from forest_addon.spec import Species
 
 from .pictures import FAINT, INK, PAPER, figure_on, save_figure
 
-WIDTH = 1500  # pixels
+TREE = 800  # pixels that a tree of a sheet has
 ICON = 192  # pixels along a side of a small picture
 
 
-def draw_sheet(grown: Sequence[tuple[Species, Tree]], path: Path) -> Path:
-    """The contact sheet: a render of all trees with a name and a scale below each."""
+def draw_sheet(grown: Sequence[tuple[Species, Tree]], path: Path, pixels: int = TREE) -> Path:
+    """The contact sheet: a render of all trees with a name and a scale below each.
+
+    pixels : width of a tree's cell.
+    """
     from forest_addon.blender.library.sheet import FIELD, FOOT, render_sheet
 
-    columns = max(1, min(6, math.ceil(math.sqrt(1.6 * len(grown)))))
+    columns = max(1, min(6, round(math.sqrt(1.6 * len(grown)))))
+    scale = max(pixels / 330, 0.75)  # of what is written
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         rendered = Path(folder) / "trees.png"
-        cells = render_sheet(grown, columns, WIDTH, rendered)
+        cells = render_sheet(grown, columns, columns * pixels, rendered)
         image = imread(rendered)
     figure, axes = figure_on(image)
     high, wide = image.shape[:2]
@@ -39,11 +43,23 @@ def draw_sheet(grown: Sequence[tuple[Species, Tree]], path: Path) -> Path:
         axes.add_patch(ground).set_zorder(1.5)
     for (species, tree), cell in zip(grown, cells, strict=True):
         axes.plot([cell.x - reach, cell.x + reach], [cell.y, cell.y], color=FAINT, linewidth=1.0)
-        axes.text(cell.x, cell.y + 10, species.name, ha="center", va="top", color=INK, fontsize=11)
+        axes.text(
+            *(cell.x, cell.y + 10 * scale, species.name),
+            ha="center",
+            va="top",
+            color=INK,
+            fontsize=11 * scale,
+        )
         detail = f"{tree.height:.1f} m"
         if len(tree.leaves):
             detail += f", {len(tree.leaves):,} leaves"
-        axes.text(cell.x, cell.y + 28, detail, ha="center", va="top", color=INK, fontsize=8.5)
+        axes.text(
+            *(cell.x, cell.y + 28 * scale, detail),
+            ha="center",
+            va="top",
+            color=INK,
+            fontsize=8.5 * scale,
+        )
     axes.set_xlim(0, wide)
     axes.set_ylim(high, 0)
     return save_figure(figure, path)

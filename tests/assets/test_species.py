@@ -38,7 +38,8 @@ def test_every_species_is_named_sourced_and_grows(path):
     species, template = load_species(path)
     assert species.name == path.stem
     assert any(
-        source in species.source for source in ("T20", "A20", "W (", "S (", "ABOP", "Runions")
+        source in species.source
+        for source in ("Tanveer", "Wahed", "Méndez", "W (", "S (", "ABOP", "Runions")
     )
     if template is not None:
         return  # grafted trees have tests of their own

@@ -133,6 +133,35 @@ def test_trees_are_coarse_where_a_scanner_cannot_tell_their_leaves_apart():
     assert max(few) < 0.4 * min(many)
     assert "trees have 25% of their leaves" in grown.detail[0]
     assert "cm apart" in grown.detail[1]
+    (choice,) = grown.chosen
+    assert (choice.key, choice.unit, choice.sensor) == ("range at far leaves", "m", scanner.name)
+    _, full = forest(scanner, detail="full")
+    off = shifts(full, grown)
+    assert (off <= choice.bound).mean() == pytest.approx(0.9, abs=0.06)  # of rays of its own
+    assert np.median(off) == pytest.approx(choice.value, abs=0.02)
+
+
+def shifts(full, coarse):
+    """Metres between first ranges of level rays through trees with all and with coarse leaves."""
+    rng, found = stream(8, "level rays"), []
+    for planting, variant in coarse.variants:
+        if variant < COARSE:
+            continue
+        pair = full.variants[planting, variant - COARSE], coarse.variants[planting, variant]
+        place = pair[0].leaves.centre[rng.integers(0, len(pair[0].leaves), 1500)]
+        turn = rng.uniform(0, 2 * np.pi, 1500)
+        ways = np.stack([np.cos(turn), np.sin(turn), np.zeros(1500)], axis=1)
+        one = np.zeros(1, dtype=np.int64)
+        hits = [
+            make_caster(
+                SceneGeometry((tree.mesh,), np.eye(4)[None, :3], one, ("tree",), one, one),
+                Rays(threads=1),
+            ).cast(place - 30.0 * ways, ways)
+            for tree in pair
+        ]
+        both = hits[0].found & hits[1].found
+        found.append(np.abs(hits[0].distance[both] - hits[1].distance[both]))
+    return np.concatenate(found)
 
 
 def test_full_detail_is_the_forest_as_it_was_and_auto_moves_no_wood():

@@ -44,7 +44,7 @@ def test_a_bark_is_nodes_alone_and_all_of_them_count(empty_blender, texture):
 
 
 def test_needles_have_no_veins(empty_blender):
-    broad, needle = (materials.leaf(str(veins), COLOUR, veins) for veins in (True, False))
+    broad, needle = (materials.leaf(veins, COLOUR, veins) for veins in ("feather", "none"))
     assert any(node.type == "BSDF_TRANSLUCENT" for node in needle.node_tree.nodes)
     assert len(reached(needle)) < len(reached(broad))
 

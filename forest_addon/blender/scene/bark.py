@@ -50,6 +50,8 @@ def covered(graph: Graph, bark: spec.Bark, colour: Value, surface: Surface) -> V
         colour = graph.mix(up, colour, shade)
     for share, over in surface.covers:
         colour = graph.mix(share, colour, over)
+    hollow = graph.step(graph.add("NewGeometry").outputs["Pointiness"], 0.505, 0.45)
+    colour = graph.mix(graph.math("MULTIPLY", hollow, 0.85), colour, (0.16, 0.13, 0.12), "MULTIPLY")
     if bark.moss > 0:
         colour = _mossy(graph, bark, colour, surface)
     return colour
@@ -150,7 +152,7 @@ def _plated(graph: Graph, bark: spec.Bark) -> Surface:
         graph.math("MULTIPLY_ADD", own, 0.5, graph.math("MULTIPLY", thin, 0.5)), 0.45, 0.8
     )
     covers = (
-        (graph.math("MULTIPLY", graph.math("MULTIPLY", grey, plates), 0.38), (0.20, 0.17, 0.15)),
+        (graph.math("MULTIPLY", graph.math("MULTIPLY", grey, plates), 0.5), (0.20, 0.17, 0.15)),
     )
     return Surface(height, max(0.8 * bark.relief, 0.006), tone, covers)
 

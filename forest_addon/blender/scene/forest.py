@@ -148,7 +148,7 @@ def _coats(forest: Forest) -> list[tuple[Coat, Coat]]:
             ),
             Coat(
                 f"{label} leaf",
-                partial(materials.leaf, veins=kind.needles is None),
+                partial(materials.leaf, veins=materials.veins_of(kind)),
                 kind.look.foliage(),
             ),
         )

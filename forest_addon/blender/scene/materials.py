@@ -6,6 +6,8 @@ was changed from a material that was edited by hand.
 
 from __future__ import annotations
 
+import math
+
 import bpy
 
 from ... import spec
@@ -14,6 +16,7 @@ from .graph import Colour, Graph, Value
 
 LOOK_KEY, STYLE_KEY = "forest_look", "forest_bark"
 PLAIN_BARK = spec.Bark()
+HUB, PALM = 0.25, (0.0, 0.65, 1.42)  # of a palmate blade: where its ribs part, and their angles
 BARK_TONES, LEAF_TONES = "Bark Tones", "Leaf Tones"  # names of nodes
 VIEWPORT = 2.5  # Solid shading has no light between leaves: true colours are too dark to see there
 
@@ -47,8 +50,15 @@ def coats_of(species: spec.Species) -> tuple[bpy.types.Material, bpy.types.Mater
     """New materials of a species: its bark and its leaves."""
     return (
         bark(f"{species.name} bark", species.look.bark, species.bark),
-        leaf(f"{species.name} leaf", species.look.foliage(), species.needles is None),
+        leaf(f"{species.name} leaf", species.look.foliage(), veins_of(species)),
     )
+
+
+def veins_of(species: spec.Species) -> str:
+    """Name how the leaves of a species are veined, as ``leaf`` wants it."""
+    if species.needles is not None:
+        return "none"
+    return "palm" if species.leaf.shape == "palmate" else "feather"
 
 
 def style_of(coat: spec.Bark) -> str:
@@ -56,10 +66,11 @@ def style_of(coat: spec.Bark) -> str:
     return repr(coat)
 
 
-def leaf(name: str, colour: Colour, veins: bool = True) -> bpy.types.Material:
+def leaf(name: str, colour: Colour, veins: str = "feather") -> bpy.types.Material:
     """Leaves that let light through, with a paler underside; each leaf has its own shade.
 
-    veins : a midrib and side veins, as texture coordinates along and across the blade give them.
+    veins : "feather", a midrib and side veins, as texture coordinates along and across the blade give them;
+        "palm", ribs that part at the end of the stalk; "none".
     """
     material, shader = _principled(name)
     graph = Graph(material.node_tree)
@@ -69,8 +80,8 @@ def leaf(name: str, colour: Colour, veins: bool = True) -> bpy.types.Material:
     tones.name = LEAF_TONES
     graph.put(tones.inputs["Fac"], shade)
     above = tones.outputs["Color"]
-    if veins:
-        vein, between = _veins(graph)
+    if veins != "none":
+        vein, between = _veins(graph, veins == "palm")
         above = graph.mix(graph.math("MULTIPLY", vein, 0.35), above, (1.5, 1.5, 1.2), "MULTIPLY")
         above = graph.mix(
             graph.math("MULTIPLY", between, 0.18), above, (0.6, 0.62, 0.5), "MULTIPLY"
@@ -88,22 +99,38 @@ def leaf(name: str, colour: Colour, veins: bool = True) -> bpy.types.Material:
     glow = graph.add("BsdfTranslucent", {"Color": through}).outputs["BSDF"]
     both = graph.add("MixShader", {"Fac": 0.42, 1: shader.outputs["BSDF"], 2: glow})
     graph.put(_output(graph.tree).inputs["Surface"], both.outputs["Shader"])
-    shader.inputs["Roughness"].default_value = 0.48
-    shader.inputs["Specular IOR Level"].default_value = 0.35
+    shader.inputs["Roughness"].default_value = 0.55
+    shader.inputs["Specular IOR Level"].default_value = 0.22
     _note(material, colour)
     return material
 
 
-def _veins(graph: Graph) -> tuple[Value, Value]:
+def _veins(graph: Graph, palmate: bool) -> tuple[Value, Value]:
     """Veins, and the blade between them, from 0 to 1."""
     uv = graph.place("UV")
     along = graph.axis(uv, "X")
     aside = graph.math("ABSOLUTE", graph.math("SUBTRACT", graph.axis(uv, "Y"), 0.5))
-    midrib = graph.step(aside, 0.022, 0.008)
-    slant = graph.math("MULTIPLY_ADD", aside, -0.75, along)
-    wave = graph.math("ABSOLUTE", graph.math("SINE", graph.math("MULTIPLY", slant, 30.0)))
-    side = graph.math("MULTIPLY", graph.step(wave, 0.14, 0.03), 0.7)
-    return graph.math("MAXIMUM", midrib, side), graph.step(wave, 0.3, 0.9)
+    wave = graph.math("SINE", graph.math("MULTIPLY", _slant(graph, along, aside, palmate), 30.0))
+    side = graph.step(graph.math("ABSOLUTE", wave), 0.14, 0.03)
+    veins = graph.math("MULTIPLY", side, 0.45 if palmate else 0.7)
+    for angle in PALM if palmate else (0.0,):
+        cos, sin = math.cos(angle), math.sin(angle)
+        beyond = graph.math("SUBTRACT", along, HUB if angle else 0.0)
+        way = graph.math("MULTIPLY_ADD", aside, sin, graph.math("MULTIPLY", beyond, cos))
+        off = graph.math("MULTIPLY_ADD", aside, cos, graph.math("MULTIPLY", beyond, -sin))
+        rib = graph.step(graph.math("ABSOLUTE", off), 0.018, 0.006)
+        rib = graph.math("MULTIPLY", rib, graph.step(way, -0.01, 0.01))
+        veins = graph.math("MAXIMUM", veins, rib)
+    return veins, graph.step(graph.math("ABSOLUTE", wave), 0.3, 0.9)
+
+
+def _slant(graph: Graph, along: Value, aside: Value, palmate: bool) -> Value:
+    """Coordinates across the side veins: of a feather, or of the fingers of a palm."""
+    if not palmate:
+        return graph.math("MULTIPLY_ADD", aside, -0.75, along)
+    far = graph.math("SUBTRACT", along, HUB)
+    square = graph.math("MULTIPLY_ADD", aside, aside, graph.math("MULTIPLY", far, far))
+    return graph.math("SQRT", square)
 
 
 def recolour(material: bpy.types.Material, colour: Colour) -> None:
@@ -162,6 +189,24 @@ def ground(name: str) -> bpy.types.Material:
     shader.inputs["Roughness"].default_value = 1.0
     shader.inputs["Specular IOR Level"].default_value = 0.1
     material.diffuse_color = (0.22, 0.20, 0.13, 1.0)
+    return material
+
+
+def meadow(name: str) -> bpy.types.Material:
+    """Grassland far away: greens and dry tufts in patches."""
+    material, shader = _principled(name)
+    graph = Graph(material.node_tree)
+    place = graph.place()
+    broad = graph.step(graph.noise(place, 0.05, 5.0, 0.6), 0.35, 0.65)
+    fine = graph.noise(graph.scaled(place, (0.6, 0.6, 0.6)), 1.0, 6.0, 0.75)
+    green = graph.mix(broad, (0.075, 0.105, 0.022), (0.135, 0.150, 0.045))
+    colour = graph.mix(
+        graph.step(fine, 0.3, 0.75), graph.mix(0.5, green, (0.02, 0.03, 0.008)), green
+    )
+    graph.put(shader.inputs["Base Color"], colour)
+    shader.inputs["Roughness"].default_value = 1.0
+    shader.inputs["Specular IOR Level"].default_value = 0.1
+    material.diffuse_color = (0.16, 0.2, 0.08, 1.0)
     return material
 
 

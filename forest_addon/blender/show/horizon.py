@@ -53,7 +53,7 @@ def lay_horizon(scene: bpy.types.Scene, middle: np.ndarray, reach: float, height
     rim = (reach + RINGS[0][0]) * np.stack([np.cos(around), np.sin(around)], axis=1)
     places = np.column_stack([rim + middle, np.full(PLAIN_CORNERS, height - BELOW)])
     data.from_pydata(places.tolist(), [], [list(range(PLAIN_CORNERS))])
-    data.materials.append(bpy.data.materials.get(PLAIN) or materials.ground(PLAIN))
+    data.materials.append(bpy.data.materials.get(PLAIN) or materials.meadow(PLAIN))
     plain = bpy.data.objects.new(PLAIN, data)
     plain[IGNORED_KEY] = plain.hide_viewport = plain.hide_select = True
     scene.collection.objects.link(plain)

@@ -28,6 +28,7 @@ TURN = 0.32  # radians between two segments of a limb, at most; a piece bends mo
 MOST = 10  # segments of a piece
 SHORT = 0.002  # metres of the shortest segment that a cut leaves
 FORK = 0.7  # how far along its parent a limb as thick as that sets out
+TAPER = 0.22  # metres of radius that a limb loses on a metre, at most
 WIDE = 1.0  # radians between a tangent and the chord of its piece, at most
 
 
@@ -77,7 +78,7 @@ def curved(skeleton: Skeleton, sites: LeafSites, collar: float = 0.0) -> tuple[S
     curves = _fitted(skeleton, axes, joints, _relaxed(skeleton, axes))
     collars = collars_of(skeleton, axes, curves.start, curves.end, joints.share, collar)
     row, u = _cuts(skeleton, curves, collars)
-    return _resampled(skeleton, curves, collars, row, u, joints), _moved_sites(
+    return _resampled(skeleton, axes, curves, collars, row, u, joints), _moved_sites(
         skeleton, sites, curves, row, u
     )
 
@@ -259,6 +260,7 @@ def _cuts(skeleton: Skeleton, curves: Curves, collars: Collars) -> tuple[np.ndar
 
 def _resampled(
     skeleton: Skeleton,
+    axes: Axes,
     curves: Curves,
     collars: Collars,
     row: np.ndarray,
@@ -284,9 +286,28 @@ def _resampled(
     columns = ((f.name, getattr(skeleton, f.name)) for f in fields(skeleton))
     taken: dict[str, Any] = {name: v if v is None else v[row] for name, v in columns}
     generation = _generations(skeleton, row, parent, begins)
+    radius = _tapered(radius, np.linalg.norm(end - start, axis=1), row, axes)
     return replace(
         Skeleton(**taken), start=start, end=end, radius=radius, parent=parent, generation=generation
     )
+
+
+def _tapered(radius: np.ndarray, length: np.ndarray, row: np.ndarray, axes: Axes) -> np.ndarray:
+    """Radii (N, 2) that fall by TAPER a metre at most along an axis: no shoulder below a fork."""
+    place = np.empty(len(axes.segment), dtype=np.int64)
+    place[axes.segment] = np.arange(len(place))
+    chain = np.argsort(place[row], kind="stable")
+    axis = np.repeat(np.arange(len(axes)), np.diff(axes.first))[place[row[chain]]]
+    gone = np.cumsum(length[chain])
+    metres = np.stack([gone - length[chain], gone], axis=1)
+    own = radius[chain].max(axis=1) >= LIMB
+    least = radius[chain] + TAPER * metres
+    far = float(np.ptp(least)) + 1.0 if len(least) else 1.0
+    highest = np.maximum.accumulate((least + far * axis[:, None]).ravel()).reshape(-1, 2)
+    wide = highest - far * axis[:, None] - TAPER * metres
+    out = radius.copy()
+    out[chain] = np.where(own[:, None] & (wide > radius[chain] + 1e-9), wide, radius[chain])
+    return out
 
 
 def _part_of(row: np.ndarray, u: np.ndarray, of: np.ndarray, share: np.ndarray) -> np.ndarray:

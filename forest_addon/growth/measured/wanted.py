@@ -101,6 +101,20 @@ def one_tree(
     return Wanted(*row.tolist())
 
 
+def typical_tree(targets: Targets, kind: Allometry | None, where: str) -> Wanted:
+    """Targets of a species' middle tree: of the mean diameter, and in all else the median given that.
+
+    Raises
+    ------
+    SpecError : they contradict each other.
+    """
+    dbh = draw_dbh(targets, np.zeros(1, np.uint64))
+    if targets.dbh is not None:
+        dbh = np.array([targets.dbh.mean])
+    middle = np.full((1, len(MEASURES)), 0.5)
+    return Wanted(*drawn(kind, dbh, given_by(targets)[None], middle, where)[0].tolist())
+
+
 def refuse_contradictions(
     wanted: Wanted, kind: Allometry | None, where: str, told: bool = True
 ) -> None:

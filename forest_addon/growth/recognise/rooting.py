@@ -37,7 +37,7 @@ def root(lines: Centrelines, trunk: int, known: Known) -> Known:
     mother = tubes.piece[cone]
     along = tubes.along[cone] + part * tubes.length[cone]
     own = np.repeat(free, 2)[:, None]
-    rank = aside / np.maximum(radius, np.finfo(float).tiny)
+    rank = aside / np.maximum(radius, 1e-12)
     fits = (rank <= DEEP) & (mother != own) & (radius >= STOUT * thick.reshape(-1, 1))
     fits &= ~_begins_there(lines, mother, along, radius, TAPERS)
     other = thick[:, ::-1].reshape(-1, 1)

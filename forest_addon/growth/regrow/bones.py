@@ -17,6 +17,7 @@ from .lines import Lines, nearest
 STRAIGHT = np.deg2rad(12.0)  # of bend that one stretch stands for
 OFF_AXIS = 0.1  # radii that a chord may be off its line
 FEWEST = 4  # stretches of a branch
+THINNEST = 1e-5  # metres, of what a coarse mesh leaves no thickness
 SHORTEST = 0.02  # of a line's length; nearer knots are one
 
 
@@ -57,7 +58,8 @@ def _from_foot_to_tip(found: Recognition, origin: np.ndarray, metres: float) -> 
     rank = np.arange(first[-1]) - first[owner]
     backwards = found.hierarchy.foot_end[owner] == 1
     row = first[owner] + np.where(backwards, size[owner] - 1 - rank, rank)
-    knot, radius = (found.lines.knot[row] - origin) * metres, found.lines.radius[row] * metres
+    knot = (found.lines.knot[row] - origin) * metres
+    radius = np.maximum(found.lines.radius[row] * metres, THINNEST)
     return _through(knot, radius, first.astype(np.int64))[0]
 
 

@@ -22,6 +22,8 @@ EVEN = 0.8  # mean resultant length of turns from which they are even (Mardia 19
 TURN_SPREAD = np.deg2rad(12.0)  # of turns that are not even
 SIDE_SPREAD = np.deg2rad(12.0)
 GOLDEN = np.pi * (3 - np.sqrt(5))
+LOPSIDED = 0.05  # more to one side than in the template
+TRIES = 12  # other turns that are drawn where branches stand to one side
 NEIGHBOURS = 2  # nodes to either side that a turn is taken from
 
 
@@ -149,11 +151,26 @@ def _turned(
             continue
         standing = anatomy.azimuth[slots.piece[run]][opens]  # of the first on each node
         seen, place = np.unique(at[mine], return_inverse=True)  # (M,) nodes that stand
-        turned = _turned_nodes(standing, seen, int(key[number]), variety)[place.ravel()]
         relative = azimuth[mine] - standing[slots.node[row[mine]]]
-        free = ~slots.limb[row[mine]]
-        azimuth[mine[free]] = (turned + relative)[free]
+        free, reach = ~slots.limb[row[mine]], anatomy.lines.reach()[slots.piece[row[mine]]]
+        own = _lopsided(anatomy.azimuth[slots.piece[run]], anatomy.lines.reach()[slots.piece[run]])
+        tries = daughter_keys(np.repeat(key[number : number + 1], TRIES), np.arange(TRIES))
+        least, chosen = np.inf, azimuth[mine]
+        for attempt in (int(key[number]), *tries.tolist()):
+            turned = _turned_nodes(standing, seen, attempt, variety)[place.ravel()]
+            drawn = np.where(free, turned + relative, azimuth[mine])
+            off = _lopsided(drawn, reach)
+            if off < least:
+                least, chosen = off, drawn
+            if off <= own + LOPSIDED:
+                break
+        azimuth[mine] = chosen
     return azimuth
+
+
+def _lopsided(azimuth: np.ndarray, reach: np.ndarray) -> float:
+    """Share, 0 .. 1, by which branches of these lengths (N,) stand to one side: their mean resultant."""
+    return float(np.abs((reach * np.exp(1j * azimuth)).sum()) / max(reach.sum(), 1e-12))
 
 
 def _turned_nodes(standing: np.ndarray, seen: np.ndarray, key: int, variety: float) -> np.ndarray:

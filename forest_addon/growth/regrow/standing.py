@@ -1,4 +1,4 @@
-"""How a sibling stands: the lean of its trunks, its lowest corner, and the seats of its branches."""
+"""Measures of how a sibling stands: lean of its trunks, its lowest corner, and seats of its branches."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """A LiDAR scan: pulses go out, their sub-rays meet surfaces, echoes come back as a point cloud.
 
     pulses (``scanner``) → sub-rays (``footprint``) → contacts (``passage``) → light that comes back
-    (``radiometry``) → echoes (``waveform``) → errors (``noise``) → returns with labels and truth
+    (``radiometry``) → echoes (``waveform``) → what the electronics make of them (``receiver``) → errors
+    (``noise``) → returns with labels and truth
 
 Each pulse is a function of its number and the seed alone, so a scan may be cut anywhere. A surface
 counts where its distance lies in [min_range, max_range], both ends included; what is nearer hides what
@@ -26,6 +27,7 @@ from .cloud import Cloud, Lost, join
 from .footprint import spread
 from .passage import Contacts, meet
 from .radiometry import detection_limit, intensity, reflectance_of, refuse_surplus
+from .receiver import awake, chosen_returns, ranks, reading
 from .returns import cosines, label
 from .scanner import LiDAR, Pattern, Pulses, pattern_of
 from .waveform import LIGHT, Echoes, find_echoes, pulse_length
@@ -160,12 +162,14 @@ class Scan:
         echoes = find_echoes(pulse, subray, distance, energy[counts], sigma, blur)
         echoes = _taken(echoes, np.flatnonzero(echoes.energy >= detection_limit(scanner)))
 
-        return_keys = daughter_keys(keys[echoes.pulse], _rank(echoes.pulse))
+        echoes = _taken(echoes, awake(echoes, scanner.receiver.dead_zone))
+
+        return_keys = daughter_keys(keys[echoes.pulse], ranks(echoes.pulse))
         kept = np.flatnonzero(noise.kept(scanner.noise, return_keys))
         echoes, return_keys = _taken(echoes, kept), return_keys[kept]
-        rank = _rank(echoes.pulse)
-        kept = np.flatnonzero(rank < scanner.beam.max_returns)
-        echoes, return_keys, rank = _taken(echoes, kept), return_keys[kept], rank[kept]
+        kept = chosen_returns(echoes, scanner.beam.max_returns, scanner.receiver.keep)
+        echoes, return_keys = _taken(echoes, kept), return_keys[kept]
+        rank = ranks(echoes.pulse)
 
         chosen = counts[echoes.contact]
         seen = label(scene, hits.select(chosen), ways[chosen], normal[chosen])
@@ -182,7 +186,7 @@ class Scan:
             azimuth=np.arctan2(way[:, 1], way[:, 0]),
             elevation=np.arcsin(np.clip(way[:, 2], -1, 1)),
             scan_angle=pulses.scan_angle[echoes.pulse],
-            intensity=echoes.energy,
+            intensity=reading(scanner, echoes.energy, measured),
             width=echoes.width * 2 / LIGHT,
             true_range=echoes.distance,
             returns=replace(seen, distance=measured),
@@ -217,13 +221,3 @@ def scan(
 
 def _taken(echoes: Echoes, rows: np.ndarray) -> Echoes:
     return Echoes(**{n: getattr(echoes, n)[rows] for n in Echoes.__dataclass_fields__})
-
-
-def _rank(pulse: np.ndarray) -> np.ndarray:
-    """(E,) how many echoes of the same pulse come before each, of sorted pulses."""
-    if not len(pulse):
-        return pulse
-    first = np.flatnonzero(np.append(True, np.diff(pulse) != 0))
-    size = np.diff(np.append(first, len(pulse)))
-    rank: np.ndarray = np.arange(len(pulse)) - np.repeat(first, size)
-    return rank

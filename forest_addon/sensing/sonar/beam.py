@@ -15,11 +15,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
-from ...acoustics.smoothness import Loss
+from ...acoustics import chebyshev
+from ...acoustics.smoothness import Change, Loss
 
 HALF_POWER = -2.0 * math.log(10.0 ** (-3.0 / 20.0))  # Tanveer et al. (2020a) print -2·ln 0.7079
 DEGREES = 4  # of the polynomials in frequency through a measured pattern
@@ -38,8 +40,12 @@ class Beam(Protocol):
         """(Q, M), or (1, M) where it is alike at every frequency (Q,), at offsets (M,) radians."""
         ...
 
-    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss] | None:
+    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss | Change] | None:
         """Return what changes the gain over the frequency, none where nothing does; None: not known."""
+        ...
+
+    def kinks(self) -> tuple[float, ...]:
+        """Frequencies at which the gain is not smooth, Hz."""
         ...
 
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
@@ -61,8 +67,11 @@ class Gaussian:
         across, along = self.width
         return np.exp(_exponent(az, el) @ (1.0 / np.square([across, along])))[None]
 
-    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss] | None:
+    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss | Change] | None:
         return []
+
+    def kinks(self) -> tuple[float, ...]:
+        return ()
 
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return self.gain(az, el, np.array(band))[0]
@@ -83,8 +92,11 @@ class Horseshoe:
         away = _exponent(az, el).sum(axis=1)
         return np.exp(away / np.square(self.width(frequency))[:, None])
 
-    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss] | None:
+    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss | Change] | None:
         return [Loss(lambda f: self.width(f) ** -2.0, -_exponent(az, el).sum(axis=1))]
+
+    def kinks(self) -> tuple[float, ...]:
+        return ()
 
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return self.gain(az, el, np.array(band[:1]))[0]  # the width falls with the frequency
@@ -108,25 +120,64 @@ class Measured:
     frequency: np.ndarray
     level: np.ndarray
 
+    @cached_property
+    def _fit(self) -> np.ndarray:
+        """(D, A) Chebyshev coefficients over the pattern's frequencies."""
+        low, high = self.frequency[0], self.frequency[-1]
+        known = 2.0 * (self.frequency - low) / (high - low) - 1.0
+        return np.polynomial.chebyshev.chebfit(known, self.level.T, min(DEGREES, len(known) - 1))
+
     def levels(self, frequency: np.ndarray) -> np.ndarray:
         """(A, Q) dB at other frequencies."""
         if len(self.frequency) == 1:
             return np.repeat(self.level, len(frequency), axis=1)
         low, high = self.frequency[0], self.frequency[-1]
-        known = 2.0 * (self.frequency - low) / (high - low) - 1.0
         wanted = 2.0 * (np.clip(frequency, low, high) - low) / (high - low) - 1.0
-        degree = min(DEGREES, len(known) - 1)
-        fit = np.polynomial.chebyshev.chebfit(known, self.level.T, degree)
-        return np.polynomial.chebyshev.chebval(wanted, fit)
+        return np.polynomial.chebyshev.chebval(wanted, self._fit)
 
     def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-        off = np.hypot(az, el)
-        levels = self.levels(frequency)
-        at = [np.interp(off, self.angle, level) for level in levels.T]
-        return 10.0 ** (np.array(at) / 20.0)
+        levels = (math.log(10.0) / 20.0) * self.levels(frequency).T  # (Q, A)
+        if len(self.angle) == 1:
+            return np.repeat(np.exp(levels), len(az), axis=1)
+        first = self._segment(az, el)
+        off = np.clip(np.hypot(az, el), self.angle[0], self.angle[-1])
+        share = (off - self.angle[first]) / (self.angle[first + 1] - self.angle[first])
+        at: np.ndarray = levels.take(first, axis=1)
+        at += share * (levels.take(first + 1, axis=1) - at)
+        return np.exp(at, out=at)
 
-    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss] | None:
-        return None  # clipped and joined by straight lines: anything may be in it
+    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss | Change] | None:
+        """Between two angles, levels are as smooth over the frequency as at these."""
+        if len(self.angle) == 1:
+            return [Change(self._bounds, np.zeros(len(az), np.int64))]
+        return [Change(self._bounds, self._segment(az, el))]
+
+    def kinks(self) -> tuple[float, ...]:
+        """The first and the last frequency, beyond which levels stay."""
+        if len(self.frequency) == 1:
+            return ()
+        return float(self.frequency[0]), float(self.frequency[-1])
+
+    def _segment(self, az: np.ndarray, el: np.ndarray) -> np.ndarray:
+        """(M,) number of the table's angle before each."""
+        before = np.searchsorted(self.angle, np.hypot(az, el), side="right") - 1
+        found: np.ndarray = np.clip(before, 0, max(len(self.angle) - 2, 0))
+        return found
+
+    def _bounds(self, band: tuple[float, float], orders: int) -> np.ndarray:
+        """(A - 1, N) no |c_n| of the gain between two angles is larger, re the gain at the lower end."""
+        few = 2 * DEGREES
+        at = band[0] + (band[1] - band[0]) * (1.0 + chebyshev.points(few)) / 2
+        levels = (math.log(10.0) / 20.0) * self.levels(np.append(at, band[0])).T
+        terms = np.abs(chebyshev.series(few) @ levels[:-1])  # (few, A)
+        lift = chebyshev.series(few)[0] @ levels[:-1] - levels[-1]
+        if len(self.angle) > 1:
+            terms = np.maximum(terms[:, 1:], terms[:, :-1])
+            lift = np.maximum(lift[1:], lift[:-1])
+        largest = np.cos(np.arange(1, few) * np.arccos(chebyshev.points(orders))[:, None])
+        values = np.exp(largest @ terms[1:] + lift)  # T_n in all of them, none against another
+        bounds: np.ndarray = np.abs(chebyshev.series(orders) @ values).T
+        return bounds
 
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return self.ceiling(np.hypot(az, el), band)
@@ -145,8 +196,11 @@ class Omni:
     def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
         return np.ones((1, len(az)))
 
-    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss] | None:
+    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss | Change] | None:
         return []
+
+    def kinks(self) -> tuple[float, ...]:
+        return ()
 
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return np.ones(len(az))

@@ -2,10 +2,13 @@
 
 A sonar that flies at v towards a scatterer hears its call sped up by α = (c + v_t)/(c − v_e), v_t and v_e
 the velocity towards the scatterer as the call leaves and as the echo comes back to the ear. A path of
-the amplitude A and the delay τ then adds A(f)·X(f/α)/α·e^{-i2πfτ}, X the call's spectrum. X(f/α) is
-smooth in α: Chebyshev points over the range of α turn the sum into as many plain ones, each times X played
-at the speed of its point. The scatterer's own response is taken at the frequency heard, which is off by
-at most v/c of itself.
+the amplitude A and the delay τ then adds A(f)·X(f/α)/α·e^{-i2πfτ}, X the call's spectrum. The scatterer's
+own response is taken at the frequency heard, which is off by at most v/c of itself.
+
+What arrives within a short time is, but for its common delay, smooth in f: the call lasts so long, the
+arrivals lie so far apart, and A is interpolated between a few nodes anyway. So the echoes of a block of time
+are summed at as many Chebyshev points of the band as that takes, all of them together go on to every bin,
+and X(f/α) is interpolated over α between Chebyshev points of its own.
 """
 
 from __future__ import annotations
@@ -16,14 +19,18 @@ import numpy as np
 from scipy import special
 
 from ...acoustics import chebyshev
+from ...acoustics.nonuniform import nodes_needed
 from .bands import Band, Grid
 from .calls import Call
 from .search import Group
 from .station import Station
-from .summation import sum_echoes
+from .summation import Heard, panels, smooth_of, sum_echoes
 
 SPREAD = 1e-9  # of α; less is one speed
-SAFER = 0.01  # of the tolerance: what is bounded is relative to Σ|x|, which is above the spectrum
+SAFER = 0.02  # of the tolerance: what is bounded is relative to Σ|x|, which is above the spectrum
+CLASSES = (6, 12, 24, 48, 96, 200)  # nodes of amplitudes that are interpolated together
+BLOCK = 5e-4, 4e-3  # s, the shortest and the longest block
+AT_ONCE = 1 << 16  # values at a time
 
 
 def widened(band: Band, speed: float, sound_speed: float) -> Band:
@@ -56,15 +63,138 @@ def shifted_sum(
     if high - low < SPREAD:
         plain = sum_echoes(groups, station, grid, tolerance).spectrum
         return plain * call.spectrum_at(grid.frequency, float(low))
-    # Within X(f/α) are phases 2πf·t/α up to the end of the call.
-    turns = math.pi * band.high * call.duration * float(high - low) / float(low) ** 2
-    count = _points(turns, SAFER * (tolerance or 1e-10))
-    shares = [chebyshev.lagrange(count, (2.0 * a - low - high) / (high - low)).T for a in alpha]
-    plain = sum_echoes(groups, station, grid, tolerance, weights=shares).spectrum
-    factor = (low + high) / 2 + (high - low) / 2 * chebyshev.points(count)
-    played = np.array([call.spectrum_at(grid.frequency, float(f)) for f in factor])
-    shifted: np.ndarray = np.einsum("ewk,wk->ek", plain, played)
-    return shifted
+    speeds = _Speeds(call, float(low), float(high), band.high, SAFER * (tolerance or 1e-10))
+    parts = [
+        _over(groups, alpha, station, panel, tolerance, speeds) for panel in panels(grid, station)
+    ]
+    return np.concatenate(parts, axis=1)
+
+
+def _over(
+    groups: list[Group],
+    alpha: list[np.ndarray],
+    station: Station,
+    grid: Grid,
+    tolerance: float,
+    speeds: _Speeds,
+) -> np.ndarray:
+    """(E, K) over a part of the band in which every beam is smooth."""
+    ends = (grid.start, grid.start + grid.spacing * (grid.count - 1))
+    lowest, highest = (2.0 * math.pi * end / station.sound_speed for end in ends)
+    total = np.zeros((len(station.ear), grid.count), dtype=np.complex128)
+    for group, factor in zip(groups, alpha, strict=True):
+        for ear in range(len(station.ear)):
+            for part in group.seen(station, ear).parts(lowest, highest):
+                some = group.select(part.rows)
+                heard = Heard(some, part.strength, station, ear)
+                late = (some.paths.length[ear] + part.offset) / station.sound_speed
+                needed = np.zeros(len(late), np.int64)
+                if tolerance:
+                    smooth = smooth_of(some, part.strength, station, ear, ends)
+                    asked = grid.start, grid.spacing, grid.count, len(late), tolerance
+                    needed = nodes_needed(heard, *asked, smooth)
+                total[ear] += _played(heard, late, factor[part.rows], needed, grid, speeds)
+    return total
+
+
+class _Speeds:
+    """A call at all speeds from ``low`` to ``high``, within an error."""
+
+    def __init__(self, call: Call, low: float, high: float, highest: float, error: float) -> None:
+        self.call, self.error = call, error
+        self._kept: dict[tuple[int, float, float], np.ndarray] = {}
+        self._middle, self._half = (low + high) / 2, (high - low) / 2
+        # Within X(f/α) are phases 2πf·t/α up to the end of the call.
+        turns = math.pi * highest * call.duration * (high - low) / low**2
+        self._count = _points(turns, error)
+        self._factor = self._middle + self._half * chebyshev.points(self._count)
+
+    def shares(self, alpha: np.ndarray) -> np.ndarray:
+        """(W, M) polynomials of the points at speeds (M,)."""
+        return chebyshev.lagrange(self._count, (alpha - self._middle) / self._half)
+
+    def known(self, frequency: np.ndarray) -> np.ndarray:
+        """(F, W) of the call at the points; kept."""
+        key = (len(frequency), float(frequency[0]), float(frequency[-1]))
+        if key not in self._kept:
+            self._kept[key] = self._spectra(frequency)
+        return self._kept[key]
+
+    def _spectra(self, frequency: np.ndarray) -> np.ndarray:
+        """By interpolation of X(g)·e^{iπgT}, which turns half as often, between its own points."""
+        place = frequency[:, None] / self._factor
+        low, high = float(place.min()), float(place.max())
+        middle, half = (low + high) / 2, max((high - low) / 2, 1e-9)
+        lasts = self.call.duration
+        at = middle + half * chebyshev.points(_points(math.pi * half * lasts, self.error))
+        turns = np.outer(at, np.arange(len(self.call.samples)) / self.call.sample_rate - lasts / 2)
+        values = np.exp(-2j * math.pi * turns) @ self.call.samples
+        spread = chebyshev.lagrange(len(at), ((place - middle) / half).ravel())
+        found: np.ndarray = (values @ spread).reshape(place.shape)
+        return found * np.exp(-1j * math.pi * lasts * place) / self._factor
+
+
+def _played(
+    heard: Heard,
+    late: np.ndarray,
+    alpha: np.ndarray,
+    needed: np.ndarray,
+    grid: Grid,
+    speeds: _Speeds,
+) -> np.ndarray:
+    """(K,) the call's echoes by M paths of delays and speeds (M,).
+
+    needed : (M,) nodes between which amplitudes may be interpolated, 0: none.
+    """
+    total = np.zeros(grid.count, dtype=np.complex128)
+    half = 0.5 * (grid.count - 1) * grid.spacing
+    middle = grid.start + half
+    block = float(np.clip(0.5 * speeds.call.duration, *BLOCK))
+    lasts = block + speeds.call.duration / float(alpha.min(initial=1.0))
+    level = np.searchsorted(CLASSES, needed)
+    level[needed == 0] = len(CLASSES)
+    for number in np.unique(level).tolist():
+        rows = np.flatnonzero(level == number)
+        if number == len(CLASSES):  # at every bin, as they are
+            step = max(1, AT_ONCE // grid.count)
+            for first in range(0, len(rows), step):
+                some = rows[first : first + step]
+                values = heard(grid.frequency, some)
+                total += _sum(values, grid.frequency, late[some], speeds, alpha[some])
+            continue
+        rows = rows[np.argsort(late[rows], kind="stable")]
+        nodes = CLASSES[number]
+        count = nodes + _points(math.pi * half * lasts, speeds.error)
+        frequency = middle + half * chebyshev.points(count)
+        onwards = chebyshev.lagrange(nodes, chebyshev.points(count)).T
+        which = np.floor((late[rows] - late[rows[0]]) / block).astype(np.int64)
+        edges = np.append(np.flatnonzero(np.diff(which, prepend=-1)), len(rows))
+        centre = late[rows[0]] + (which[edges[:-1]] + 0.5) * block + 0.5 * speeds.call.duration
+        sums = np.zeros((len(centre), count), dtype=np.complex128)
+        at_nodes = middle + half * chebyshev.points(nodes)
+        step = max(1, AT_ONCE // count)
+        for b, (begin, end) in enumerate(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)):
+            for first in range(begin, end, step):
+                some = rows[first : min(first + step, end)]
+                values = onwards @ heard(at_nodes, some)
+                away = late[some] - centre[b]
+                sums[b] += _sum(values, frequency, away, speeds, alpha[some])
+        spread = chebyshev.lagrange(count, np.linspace(-1.0, 1.0, grid.count))
+        carried = np.exp(-2j * math.pi * np.outer(centre, grid.frequency))
+        total += np.einsum("bk,bk->k", sums @ spread, carried)
+    return total
+
+
+def _sum(
+    values: np.ndarray, frequency: np.ndarray, late: np.ndarray, speeds: _Speeds, alpha: np.ndarray
+) -> np.ndarray:
+    """(F,) amplitudes (F, M) times the call at the speeds (M,), at delays (M,)."""
+    played = speeds.known(frequency) @ speeds.shares(alpha)
+    played *= values
+    turns = np.outer(frequency, late)
+    played *= np.exp(-2j * math.pi * (turns - np.rint(turns)))
+    summed: np.ndarray = played.sum(axis=1)
+    return summed
 
 
 def _points(turns: float, error: float) -> int:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...acoustics.air import absorption
-from ...acoustics.smoothness import Loss
+from ...acoustics.smoothness import Change, Loss
 from ...base.rows import RowTable
 from ...spec import Air, Sonar
 from .beam import Beam, Gaussian, Horseshoe, Omni, beam_offsets
@@ -181,14 +181,14 @@ class Paths(RowTable):
             gain = gain * np.exp(np.outer(-station.loss(frequency), self.length[ear]))
         return gain
 
-    def losses(self, station: Station, ear: int) -> list[Loss] | None:
+    def losses(self, station: Station, ear: int) -> list[Loss | Change] | None:
         """Return what makes the gain change over the frequency; None: not known."""
         equipment = station.equipment
         sent = equipment.emit.losses(*self.emitted)
         heard = equipment.hear.losses(*self.heard[ear])
         if sent is None or heard is None:
             return None
-        losses = [*sent, *heard]
+        losses: list[Loss | Change] = [*sent, *heard]
         if station.sonar.absorption:
             losses.append(Loss(station.loss, self.length[ear]))
         return losses

@@ -9,7 +9,8 @@ A scatterer may come in parts that are smoother than the whole, each with a dela
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -55,6 +56,41 @@ def sum_echoes(
     weights : (M, W) for each group, of its scatterers in W sums; errors are then to be multiplied by the
         largest.
     """
+    some = panels(grid, station) if tolerance else [grid]
+    found = [_over(groups, station, part, tolerance, progress, weights) for part in some]
+    if len(found) == 1:
+        return found[0]
+    size = np.max([part.size for part in found], axis=0)
+    shares = [np.divide(part.size, size, out=np.zeros_like(size), where=size > 0) for part in found]
+    return EchoSum(
+        np.concatenate([part.spectrum for part in found], axis=-1),
+        max(p.error_bound * float(s.max()) for p, s in zip(found, shares, strict=True)),
+        max(part.table_error for part in found),
+        size,
+    )
+
+
+def panels(grid: Grid, station: Station) -> list[Grid]:
+    """The grid, cut where a beam's gain has a kink over the frequency."""
+    beams = station.equipment.emit, station.equipment.hear
+    kinks = {kink for beam in beams for kink in beam.kinks()}
+    cuts = sorted({math.ceil((kink - grid.start) / grid.spacing) for kink in kinks})
+    edges = [0, *(cut for cut in cuts if 0 < cut < grid.count), grid.count]
+    return [
+        replace(grid, start=grid.start + first * grid.spacing, count=last - first)
+        for first, last in pairwise(edges)
+    ]
+
+
+def _over(
+    groups: list[Group],
+    station: Station,
+    grid: Grid,
+    tolerance: float,
+    progress: Progress | None,
+    weights: list[np.ndarray] | None,
+) -> EchoSum:
+    """Over a part of the band in which every beam is smooth."""
     total, done = sum(len(group) for group in groups) * len(station.ear), 0
     sums = () if weights is None else (weights[0].shape[1],)
     spectrum = np.zeros((len(station.ear), *sums, grid.count), dtype=np.complex128)
@@ -73,7 +109,7 @@ def sum_echoes(
                 some = group if len(part.rows) == len(group) else group.select(part.rows)
                 alone = whole or np.count_nonzero(part.offset) == 0
                 found = sum_delayed(
-                    _Heard(some, part.strength, station, ear),
+                    Heard(some, part.strength, station, ear),
                     (some.paths.length[ear] + part.offset) / station.sound_speed,
                     grid.start,
                     grid.spacing,
@@ -82,7 +118,9 @@ def sum_echoes(
                     if alone
                     else tolerance * _together(some, station, ear, band),
                     weights=None if weights is None else weights[number][part.rows],
-                    smooth=_smooth(some, part.strength, station, ear, band) if tolerance else None,
+                    smooth=smooth_of(some, part.strength, station, ear, band)
+                    if tolerance
+                    else None,
                 )
                 spectrum[ear] += found.spectrum
                 error[ear] += (found.error_bound + (0.0 if alone else SPLIT)) * found.size
@@ -105,7 +143,7 @@ def _together(group: Group, station: Station, ear: int, band: tuple[float, float
     return PARTIAL * float(min(share, 1.0))
 
 
-def _smooth(
+def smooth_of(
     group: Group, strength: Strength, station: Station, ear: int, band: tuple[float, float]
 ) -> Smoothness | None:
     """Return how smooth echoes are in a band; None where their beam does not say."""
@@ -120,7 +158,7 @@ def _whole(strength: Strength, count: int) -> Part:
     return Part(np.arange(count), np.zeros(count), strength)
 
 
-class _Heard:
+class Heard:
     """The amplitudes of a group at one ear."""
 
     def __init__(self, group: Group, strength: Strength, station: Station, ear: int) -> None:

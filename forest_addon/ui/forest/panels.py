@@ -224,7 +224,7 @@ class FOREST_PT_ground(WithForest, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         props = context.scene.forest_sensing
         column = split(self.layout)
-        for name in ("origin", "polygon", "holes", "margin"):
+        for name in ("undergrowth", "origin", "polygon", "holes", "margin"):
             draw_field(column, props.forest, name)
         self.layout.label(text="Terrain")
         draw_settings(split(self.layout), props.forest.terrain)

@@ -81,6 +81,7 @@ LABELS = {
     "divergence_mrad": "Spread (mrad)",
     "extinction (1/m)": "Air Loss (1/m)",  # of a scanner; a reverb has one in words
     "leaf_area_density": "Leaves (m²/m³)",
+    "branch_area_density": "Twigs (m²/m³)",
     "leaf_transmittance": "Leaf Lets Pass",
     "elasticity": "Elasticity",
     "prune_descending": "Prune Falling",
@@ -96,6 +97,7 @@ LABELS = {
     "acceleration": "Accel. (m/s²)",
     "turn_rate_deg": "Turn (°/s)",
     "flow_resistivity": "σ (kPa·s/m²)",
+    "dynamic_range": "Dynamic (dB)",
 }  # others are too long for a sidebar
 ONE_OF = ("template", "rules", "honda", "crown")  # parts of a species of which one may be used
 DIGITS = {"mean": 3, "sd": 3, "low": 3, "high": 3}  # of numbers whose size a default does not tell

@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from forest_addon.formats.scanner_file import PLATFORMS, merged, read_scanner, s
 from forest_addon.formats.toml_file import structure
 from forest_addon.formats.toml_text import parse_tables
 from forest_addon.results.scan_file import write_scan
+from forest_addon.sensing.kinds import kind_of
 from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.spec import SENSORS, Airborne, Mobile, Rays, Scanner, SpecError, Terrestrial
 
@@ -160,7 +162,10 @@ def scan_blend(
             caster = observer.caster
         if observer.warning:
             stages.say(f"  Warning: {observer.warning}")
-        scan = Scan(sensor, caster, seed, observer.way(sensor))  # type: ignore[arg-type]
+        way = observer.way(sensor)
+        cost = kind_of(sensor).cost(sensor, way, caster.engine)
+        stages.say(f"  {replace(cost, memory=0)}")  # points go to the disk as they come
+        scan = Scan(sensor, caster, seed, way)  # type: ignore[arg-type]
         started = time.perf_counter()
         with stages.stage(f"scan {scan.pulses:,} pulses") as progress:
             done = write_scan(

@@ -1,22 +1,28 @@
 """Every preset in a table, and in a contact sheet with ``--sheet``.
 
-``--pictures`` renders a small picture of each, as Blender's panel shows them (assets/species/pictures).
+``--pictures`` renders a small picture of each, as Blender's panel shows them (assets/species/pictures);
+``--close-ups`` a fork, the bark of a stem at a metre and a twig against the light.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import find_species, load_species, species_names
+from forest_addon.growth.measured.wanted import Kind, typical_tree
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.growth.truth import tree_truth
-from forest_addon.spec import Detail, SpecError, Species
+from forest_addon.spec import Normal, SpecError, Species
 
+from ...progress import hushed
 from ...report.drawing import can_draw, without
+
+SHOTS = (("european-beech", "fork"), ("scots-pine", "bark"), ("norway-maple", "twig"))
+CLOSE = 0.0006  # metres of tolerance
+OLDER = 1.5  # diameter of a tree that is looked at closely, over the mean of its species
 
 
 def show_species(
@@ -25,11 +31,12 @@ def show_species(
     seed: int,
     say: Say = print,
     pictures: Path | None = None,
+    pixels: int = 800,
 ) -> None:
     """Grow one tree of each species, print its truth, and render them.
 
     names : presets or species files; none: every preset.
-    sheet : picture of all of them. pictures : folder for a small picture of each.
+    sheet : picture of all of them, a tree ``pixels`` wide. pictures : folder for a small picture of each.
 
     Raises
     ------
@@ -53,14 +60,53 @@ def show_species(
     from ...report.sheet import draw_pictures, draw_sheet
 
     if sheet:
-        draw_sheet(grown, sheet)
+        draw_sheet(grown, sheet, pixels)
         say(f"Wrote {sheet}")
     if pictures:
         draw_pictures(grown, pictures)
         say(f"Wrote {len(grown)} pictures into {pictures}")
 
 
+def show_closeups(
+    names: Sequence[str],
+    folder: Path,
+    seed: int,
+    say: Say = print,
+    *,
+    size: tuple[int, int] = (800, 1000),
+    samples: int = 48,
+) -> None:
+    """Render close-ups into a folder: of each species a fork, bark and a twig; without any, ``SHOTS``.
+
+    Raises
+    ------
+    SpecError : a species is not known, or has nothing of the kind.
+    """
+    from forest_addon.blender.library.closeup import SHOTS as KINDS
+    from forest_addon.blender.library.closeup import render_closeup
+
+    asked = [(name, kind) for name in names for kind in KINDS] or list(SHOTS)
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, kind in asked:
+        species, template = load_species(find_species(name, Path()))
+        detail = species.detail.changed(tolerance=CLOSE, relief=kind == "bark")
+        species = species.changed(detail=detail)
+        targets = species.targets
+        if kind != "twig" and targets is not None and targets.dbh is not None:
+            old = Normal(mean=OLDER * targets.dbh.mean, sd=0.0)
+            species = species.changed(targets=targets.changed(dbh=old))
+        tree = grow(species, template, stream(seed, "close-up", name))
+        path = folder / f"{kind}-{species.name}.png"
+        with hushed():
+            render_closeup(species, tree, kind, path, size=size, samples=samples)
+        say(f"Wrote {path}")
+
+
 def _grow(name: str, seed: int) -> tuple[Species, Tree]:
+    """A tree of a preset or species file; of a measured one its middle tree."""
     species, template = load_species(find_species(name, Path()))
-    fine = replace(species, detail=Detail(tolerance=0.003))
-    return species, grow(fine, template, stream(seed, "sheet", name))
+    fine = species.changed(detail=species.detail.changed(tolerance=0.003))
+    wanted = None
+    if species.targets is not None and isinstance(template, Kind):
+        wanted = typical_tree(species.targets, template.allometry, species.name)
+    return species, grow(fine, template, stream(seed, "sheet", name), wanted)

@@ -10,7 +10,8 @@ import argparse
 from pathlib import Path
 
 from .comparison import Comparison
-from .plots import compare_own, compare_plots
+from .own_cloud import compare_own
+from .plots import compare_plots
 from .stems import compare_stems
 from .twigs import compare_twigs
 

@@ -163,33 +163,6 @@ def look_at(scene: object, scanner: Airborne, seed: int) -> Echoed:
     return _within(join([piece for _, piece in scan.chunks()]))
 
 
-def compare_own(file: Path, scene: Path | None, out: Path) -> list[Comparison]:
-    """A cloud of the user's own against the clouds of a scene's scanners.
-
-    Raises
-    ------
-    SpecError : no scene was given, it has no scanner, or the cloud cannot be read.
-    """
-    from forest_addon import api
-    from forest_addon.sensing.kinds import of_family
-
-    if scene is None:
-        raise SpecError("--scene", "is needed beside a cloud; give the scene file that it is of")
-    measured = read_returns(file)
-    settings = api.read(scene)
-    scanners = [s for s in of_family(settings.sensors, "lidar") if hasattr(s, "scanner")]
-    if not scanners:
-        raise SpecError(str(scene), "has no LiDAR; add one under [[sensors]]")
-    world = api.build(settings, folder=scene.parent)
-    found = []
-    for scanner in scanners:
-        ours = _echoed(world.scan(scanner).found)
-        for number, (theirs, mine) in enumerate(zip(counts(measured), counts(ours), strict=True)):
-            found.append(_share(f"{scanner.name}, {number + 1} returns", theirs, [mine], mine))
-        found.append(_height(scanner.name, measured, [ours], ours))
-    return found
-
-
 def _stand(
     meshes: list, tall: list[float], share: float, seed: int, base: float = CROWN_BASE
 ) -> object:

@@ -51,8 +51,10 @@ def run_sections(
         part = Part(
             name,
             module.TITLE,
-            getattr(module, "SUMMARY", ""),
-            getattr(module, "TERMS", ""),
+            f"Measured: {arguments.file}. Simulated: {arguments.scene}.\n"
+            if arguments.file
+            else getattr(module, "SUMMARY", ""),
+            "" if arguments.file else getattr(module, "TERMS", ""),
             tuple(comparisons),
         )
         _keep(part, folder)

@@ -8,7 +8,7 @@ from references.solid_brute import union_volume
 
 from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.measured.curves import TIGHT, curved
+from forest_addon.growth.measured.curves import TAPER, TIGHT, curved
 from forest_addon.growth.measured.measure import dbh_of
 from forest_addon.growth.measured.wanted import Wanted
 from forest_addon.growth.mesh.axes import find_axes
@@ -153,3 +153,24 @@ def test_trees_of_rules_are_curved_only_where_the_species_asks():
     smooth = grow(species.changed(detail=Detail(limbs="curves")), kind, stream(1, "rules")).skeleton
     assert plain.end.tobytes() == again.end.tobytes()
     assert len(smooth) > len(plain)
+
+
+def test_a_limb_has_no_shoulder_where_it_loses_a_branch():
+    """The stem of 20 cm goes on with 12 cm: it narrows by TAPER a metre at most, and never below its own."""
+    points = np.linspace([0, 0, 0.0], [0, 0, 3.0], 31)
+    own = np.where(points[:, 2] < 1.05, 0.1, 0.06)
+    stem = Skeleton(
+        points[:-1],
+        points[1:],
+        np.stack([own[:-1], own[1:]], axis=1),
+        np.arange(30) - 1,
+        np.zeros(30, np.int64),
+        np.arange(30),
+    )
+    wood, _ = curved(stem, LeafSites.none())
+    fall = wood.radius[:, 0] - wood.radius[:, 1]
+    length = np.linalg.norm(wood.end - wood.start, axis=1)
+    assert (fall / length).max() <= TAPER + 1e-9
+    assert wood.radius[0, 0] == 0.1
+    assert wood.radius[-1, 1] == pytest.approx(0.06)
+    assert (wood.radius.min(axis=1) >= 0.06 - 1e-12).all()

@@ -142,7 +142,7 @@ def test_the_list_of_scanners(lidar):
     ended = lidar("--list")
     assert ended.returncode == 0
     assert "riegl-vz-400i" in ended.stdout
-    assert len(ended.stdout.splitlines()) == 9
+    assert len(ended.stdout.splitlines()) == 11
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_the_list_of_scanners(lidar):
     [
         ((), "needs a .blend file"),
         (("PARK",), "--scanner: is missing"),
-        (("PARK", "--scanner", "rigel"), "use one of faro-focus-s350"),
+        (("PARK", "--scanner", "rigel"), "use one of dji-zenmuse-l2, faro-focus-s350"),
         (("PARK", "--scanner", "riegl-vz-400i"), "--at: is missing"),
         (("PARK", "--scanner", "riegl-vz-400i", "--at", "1,2"), "is not 3 numbers with commas"),
         (("PARK", "--scanner", "riegl-vz-400i", "--along", "Way"), "is no mobile scanner"),

@@ -7,16 +7,18 @@ from headless.cli import main
 
 
 @pytest.mark.slow
-def test_table_and_sheet(tmp_path, capsys, monkeypatch):
+def test_table_and_sheet(tmp_path, capsys):
     pytest.importorskip("bpy")
-    from headless.report import sheet as drawn_sheet
-
-    monkeypatch.setattr(drawn_sheet, "WIDTH", 300)
     sheet = tmp_path / "new" / "species.png"
-    assert main(["species", "hazelnut", "--sheet", str(sheet)]) == 0
+    assert main(["species", "hazelnut", "--sheet", str(sheet), "--pixels", "150"]) == 0
     said = capsys.readouterr().out
     assert "hazelnut" in said
     assert sheet.stat().st_size > 10_000
+
+
+def test_sheets_of_no_sensible_size_are_refused(capsys):
+    assert main(["species", "hazelnut", "--pixels", "5"]) == 2
+    assert "--pixels" in capsys.readouterr().err
 
 
 def test_unknown_species_is_one_sentence(capsys):

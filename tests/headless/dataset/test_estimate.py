@@ -1,8 +1,9 @@
 """What a dataset will cost: from thin trials to the whole, linear where time goes with points."""
 
+import numpy as np
 import pytest
 
-from headless.dataset.estimate import Estimate, Trial, thinned
+from headless.dataset.estimate import Estimate, Trial, by_cost, thinned
 from headless.dataset.plan import PLANS, read_plan, recipes
 
 
@@ -38,3 +39,42 @@ def test_thinned_scanners_send_one_of_so_many_pulses():
         else:
             assert after.pulse_rate == pytest.approx(before.pulse_rate / 64)
     assert few.scene["forest"] == recipe.scene["forest"]
+
+
+def dataset(kind, rng):
+    """Seconds of 300 scenes, and what is guessed of each: wrong by half, and of one in ten by a lot."""
+    seconds = {
+        "grid": np.repeat([4.0, 9.0, 40.0], 100),
+        "wide": rng.lognormal(2.0, 1.0, 300),
+        "one heavy": np.append(np.full(299, 5.0), 900.0),
+    }[kind]
+    wrong = np.where(rng.random(300) < 0.1, 3.0, 1.0) * rng.uniform(0.7, 1.5, 300)
+    return seconds, seconds * wrong
+
+
+@pytest.mark.parametrize("kind", ["grid", "wide", "one heavy"])
+def test_trials_by_cost_tell_the_whole_and_its_interval_holds(kind):
+    """Of 400 datasets: the mean estimate is within 5 % of the truth, the interval of 90 % has it in 80 %
+    at least (systematic samples of five); three scenes evenly spread miss a heavy one by 45 %.
+    """
+    ratio, held = [], 0
+    for draw in range(400):
+        rng = np.random.default_rng(draw)
+        seconds, guessed = dataset(kind, rng)
+        rows, weights = by_cost(guessed[(order := rng.permutation(300))], 5)
+        trials = tuple(Trial({"sensors": s}, 1.0, 1.0) for s in seconds[order][rows].tolist())
+        found = Estimate(300, trials, (), tuple(weights.tolist()))
+        ratio.append(found.core_hours * 3600 / seconds.sum())
+        low, high = found.interval
+        held += low <= seconds.sum() / 3600 <= high
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.05)
+    assert np.std(ratio) < 0.3
+    assert held >= 320
+
+
+def test_few_scenes_are_all_tried():
+    rows, weights = by_cost(np.array([3.0, 1.0, 9.0]), 5)
+    assert rows.tolist() == [0, 1, 2]
+    assert weights.tolist() == [1.0, 1.0, 1.0]
+    whole = Estimate(3, (trial(1e6),) * 3, (), tuple(weights.tolist()))
+    assert whole.interval == (whole.core_hours, whole.core_hours)

@@ -3,14 +3,16 @@
 import argparse
 from pathlib import Path
 
+import laspy
 import numpy as np
 import pytest
 from references.measured import FOUND, needs_measurements
 
 from forest_addon.base.rng import stream
 from forest_addon.spec import SpecError
-from headless.studies.validation import lidar
-from headless.studies.validation.plots import compare_own, counts, read_returns
+from headless.studies.validation import lidar, own_cloud
+from headless.studies.validation.own_cloud import Returns, compare_own, read_cloud
+from headless.studies.validation.plots import counts, read_returns
 from headless.studies.validation.stems import find_stems, ratios, read_plots, taubin
 from headless.studies.validation.twigs import DIAMETERS, NONE, REAL
 from headless.studies.validation.twigs import ratios as thicker
@@ -86,8 +88,50 @@ def test_a_cloud_of_ones_own_is_held_to_a_scene(tmp_path):
     settings = api.read(scene)
     api.build(settings).scan(settings.sensors[0]).save(tmp_path / "own.laz")
     found = compare_own(tmp_path / "own.laz", scene, tmp_path)
-    assert [c.agrees for c in found] == [True] * 5
+    assert [c.agrees for c in found] == [True] * 6
     assert found[0].measured.value == pytest.approx(found[0].simulated.value)
+
+
+def las(path, place, number, count):
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales = [1e-4] * 3
+    cloud = laspy.LasData(header)
+    cloud.xyz = place
+    cloud.return_number, cloud.number_of_returns = number, count
+    cloud.write(path)
+
+
+def test_a_cloud_without_numbers_of_returns_is_refused(tmp_path):
+    las(tmp_path / "a.laz", np.zeros((9, 3)), np.zeros(9, np.uint8), np.zeros(9, np.uint8))
+    with pytest.raises(SpecError, match="does not say which return"):
+        read_cloud(tmp_path / "a.laz")
+
+
+def test_shares_agree_relatively_and_only_what_was_measured_is_judged():
+    def pulses(shares, size=20_000):
+        count = np.repeat(np.arange(1, 5), (np.array(shares) * size).astype(int))
+        return Returns(np.zeros((len(count), 3)), np.ones(len(count)), count, count == 9)
+
+    theirs = pulses((0.8, 0.145, 0.049, 0.006))
+    apart = own_cloud._compared("als", theirs, pulses((0.8, 0.151, 0.006, 0.043)), "")
+    assert [row.agrees for row in apart[:4]] == [True, True, False, False]
+    alike = own_cloud._compared("als", theirs, pulses((0.8, 0.143, 0.051, 0.006)), "")
+    assert all(row.agrees for row in alike[:4])
+    single = own_cloud._compared("als", pulses((1.0, 0, 0, 0)), theirs, "")
+    assert [row.agrees for row in single[:4]] == [None] * 4
+
+
+def test_heights_are_over_ground_that_slopes():
+    rng = np.random.default_rng(0)
+    place = rng.uniform(0, 40, (20_000, 3))
+    slope, tall = (
+        0.4 * place[:, 0],
+        np.where(rng.random(20_000) < 0.3, 0.0, rng.uniform(0, 20, 20_000)),
+    )
+    place[:, 2] = slope + tall
+    for ground in (tall == 0, np.zeros(20_000, bool)):
+        found = Returns(place, np.ones(20_000), np.ones(20_000), ground).heights()
+        assert np.abs(found - tall).mean() < 0.5
 
 
 OWN = """
@@ -104,4 +148,5 @@ speed = 20.0
 pulse_rate = 4000.0
 line_rate = 60.0
 field_deg = [-6.0, 6.0]
+beam = { subrays = 7, max_returns = 5, divergence_mrad = [20.0, 20.0], pulse_ns = 1.0 }
 """

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from references.leaf_discs import discs_of
 
+from forest_addon.sensing.sonar.beam import Measured
 from forest_addon.sensing.sonar.calls import Call, resampled, synthesise
 from forest_addon.sensing.sonar.flight import fly
 from forest_addon.sensing.sonar.ping import Targets, ping
 from forest_addon.sensing.sonar.poses import Pose, posed
+from forest_addon.sensing.sonar.station import Equipment
 from forest_addon.spec import Air, Sonar
 
 AIR = Air(sound_speed=340.0)
@@ -135,6 +137,30 @@ def test_doppler_of_many_leaves_is_the_sum_of_each() -> None:
     )
     size = np.abs(whole.waveforms).max()
     np.testing.assert_allclose(whole.waveforms, parts, atol=2e-4 * size)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
+@pytest.mark.parametrize("known", [(60e3, 80e3), (55e3, 90e3), (64e3, 71e3)])
+@pytest.mark.parametrize("model", ["exact", "piston"])
+def test_doppler_with_measured_ears_keeps_the_tolerance(tolerance, known, model) -> None:
+    """Against the sum of every path at every bin; the pattern has kinks where its frequencies end."""
+    rng = np.random.default_rng(3)
+    places = rng.normal(size=(300, 3)) * 0.4 + [2.0, 0, 0]
+    angle = np.radians(np.arange(0.0, 181.0, 15.0))
+    level = -np.minimum(30.0, 20.0 * angle**2)[:, None] + rng.normal(0, 1.5, (len(angle), 5))
+    ears = Measured(angle, np.linspace(*known, 5), level)
+    sonar = sonar_of(
+        call="fm", doppler=True, cull=0.0, ears=2, ear_turn_deg=25, leaf_model=model, tolerance=0.0
+    )
+    pose = Pose(np.zeros(3), np.eye(3), np.array([9.0, 3.0, 0]))
+    discs = discs_of(places, rng.normal(size=(300, 3)), rng.uniform(0.003, 0.05, 300))
+    given = {"pose": pose, "equipment": Equipment.of(sonar, hear=ears)}
+    fast = ping(discs, sonar.changed(tolerance=tolerance), AIR, **given)
+    exact = ping(discs, sonar, AIR, **given)
+    size = exact.size[:, None]
+    assert (np.abs(fast.spectra - exact.spectra) <= tolerance * size).all()
+    loudest = np.abs(synthesise(sonar).spectrum(exact.frequency)).max()
+    assert (np.abs(fast.called - exact.called) <= tolerance * loudest * size).all()
 
 
 def test_a_flight_is_stacked_to_one_length() -> None:

@@ -55,7 +55,7 @@ class Layer:
 
 
 class _Tables:
-    """What packets look up, (B, ...) each."""
+    """Tables that packets look up, (B, ...) each."""
 
     def __init__(self, layer: Layer) -> None:
         self.width = np.array([phase.width for phase in layer.phases]) * layer.trunks
@@ -154,7 +154,7 @@ def diffused(
 
 
 class _Packets:
-    """Where packets of energy are (N, 3), which way they go (N, 3), and what is left of them (N,)."""
+    """Packets of energy: places (N, 3), ways (N, 3), weights (N,)."""
 
     def __init__(self, band: np.ndarray, source: np.ndarray, rng: np.random.Generator) -> None:
         count = len(band)

@@ -1,4 +1,4 @@
-"""What branches and leaves take out of a sound and where they send it, by frequency and height.
+"""Scatter by branches and leaves: what they take out of a sound and where they send it, by height.
 
 A ``Clutter`` goes in; coefficients a metre and a phase function in space go out. A branch is a cylinder much
 longer than the wave: sound that meets it at γ from its axis goes on along the cone of the same γ, turned

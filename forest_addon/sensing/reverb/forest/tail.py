@@ -232,7 +232,8 @@ def _diffused(start: Energy, phase: PhaseFunction, density: Density, edges: np.n
 
 
 def _joint(tail: Tail, share: float) -> float:
-    """Metres of path from which on more than a share of all energy is scattered more than once."""
+    """Metres of path from which on more than a share of the energy to come is scattered more than once, or
+    by branches and leaves."""
     if share >= 1:
         return math.inf
     length = tail.energy[0].middle
@@ -243,6 +244,11 @@ def _joint(tail: Tail, share: float) -> float:
     )
     several = (weight * again).sum(axis=0)
     whole = several + (weight * once).sum(axis=0)
-    below = np.flatnonzero(several <= share * whole)
-    last = int(below[-1]) + 1 if len(below) else 0
-    return float(length[last]) if last < len(length) else math.inf
+    if tail.diffuse is not None:
+        lost = np.exp(-2.0 * np.outer(tail.losses.of_air(tail.band), length))
+        turned = (tail.band[:, None] * lost * tail.diffuse).sum(axis=0)
+        several, whole = several + turned, whole + turned
+    width = np.diff(tail.energy[0].edges)
+    several, whole = (np.cumsum((part * width)[::-1])[::-1] for part in (several, whole))
+    above = np.flatnonzero(several > share * whole)
+    return float(length[above[0]]) if len(above) else math.inf

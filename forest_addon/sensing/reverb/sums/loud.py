@@ -15,7 +15,7 @@ from .contract import FAINTEST_TENTH
 from .scattering import TrunkPaths
 
 BANDS = (125.0, 1000.0, 4000.0)  # Hz at which loudness is estimated
-LOUDER = 3.0  # times a tenth of the record that all of the others are together
+LOUDER = 10.0  # times a tenth of the record that all of the others are together
 MOST_SINGLE, MOST = 400, 20_000  # trunks that are summed one by one; among so many
 
 

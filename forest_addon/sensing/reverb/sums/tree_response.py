@@ -68,7 +68,7 @@ def tree_response(
     gain : (M,) amplitude of each trunk's path besides Kaneko & Gamper's weight, as of a directed source;
         None: 1.
     losses : of the paths, of a model ``forest``; None: Kaneko & Gamper's weights, and the air's losses alone.
-    last : metres of path after which trunks are not summed; they are noise there.
+    last : metres of path after which trunks are not summed, and samples are 0: all is noise there.
     expansions : what the fast sum set up for other pairs; None: it is set up for this one.
     progress : called as progress(trunks done, all trunks).
     """
@@ -82,19 +82,26 @@ def tree_response(
     summed = heard & (paths.earliest <= last)
     within = paths.select(summed)
     exact = reverb.tolerance < FINEST
-    exact = exact or len(within.length) <= _soon_summed(within.radius, count)
+    part = count if math.isinf(last) else min(count, math.ceil(last / speed * rate) + 1)
+    plain = losses is None or losses.passes
+    exact = exact or len(within.length) <= _soon_summed(within.radius, part, plain)
     errors: dict[float, float] = {}
+    samples = np.zeros(count)
     if exact:
-        samples = direct_sum(within, rate, count, air, progress, losses, reverb.tolerance)
+        samples[:part] = direct_sum(within, rate, part, air, progress, losses, reverb.tolerance)
     else:
         prepared = Expansions() if expansions is None else expansions
-        found = prepared.sum(within, rate, count, air, reverb.tolerance, losses, progress)
-        samples, errors = found.samples, found.errors
+        found = prepared.sum(within, rate, part, air, reverb.tolerance, losses, progress)
+        samples[:part], errors = found.samples, found.errors
     left = left_out_db(paths, heard, direct, rate, air, losses)
     return TreeResponse(samples, heard, int(paths.clamped.sum()), exact, left, errors)
 
 
-def _soon_summed(radius: np.ndarray, count: int) -> int:
-    """Up to so many trunks the exact sum takes no longer than the fast one."""
+def _soon_summed(radius: np.ndarray, count: int, plain: bool) -> int:
+    """Return up to how many trunks the exact sum takes no longer than the fast one.
+
+    plain : whether paths have no gain of their own, which takes longer than the trunks do.
+    """
     few = len(np.unique(radius)) <= FEW_RADII
-    return FEW if few else int(FEW_SUMMANDS / count)
+    found = FEW if few else int(FEW_SUMMANDS / count)
+    return found if plain else min(found, FEW // 4)
