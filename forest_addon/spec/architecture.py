@@ -102,6 +102,9 @@ class Architecture(Settings):
         ge=-90,
         le=90,
     )
+    leaf_area_index: float = param(
+        8.0, help="leaves of its closed stands, m² a m² of ground, which none passes", gt=0, le=30
+    )
     dead: DeadBranches = param(DeadBranches(), help="dead branches below the crown")
 
     def check(self) -> None:

@@ -24,7 +24,9 @@ OVERLAP = 1.8  # sum of two neighbours' radii over their distance, at most
 NARROWEST = 0.6  # of what was drawn, that neighbours may leave of a crown's width
 SHORTEST = 0.25  # length of a living crown over the height of its tree
 DENSEST = 15.0  # m² of leaves over the m² that a crown covers
-MOST_INDEX = 8.0  # m² of leaves a m² of ground, which closed stands do not pass
+MOST_INDEX = (
+    8.0  # m² of leaves a m² of ground, which closed stands do not pass, unless their species says
+)
 
 
 def cover(place: np.ndarray, height: np.ndarray, width: np.ndarray) -> np.ndarray:
@@ -128,9 +130,14 @@ def bounded(wanted: np.ndarray, free: np.ndarray, most_leaves: np.ndarray) -> np
     return bounds
 
 
-def thinned(place: np.ndarray, wanted: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """(N,) leaf areas of targets (N, 5); of free trees (N,) smaller where too many stand together."""
+def thinned(
+    place: np.ndarray, wanted: np.ndarray, free: np.ndarray, most: np.ndarray
+) -> np.ndarray:
+    """(N,) leaf areas of targets (N, 5); of free trees (N,) smaller where too many stand together.
+
+    most : (N,) leaf area index that closed stands of their species have.
+    """
     index = leaf_area_index(place, wanted[:, 2], wanted[:, 4])
     return np.where(
-        free, wanted[:, 4] * np.minimum(1, MOST_INDEX / np.maximum(index, 1e-9)), wanted[:, 4]
+        free, wanted[:, 4] * np.minimum(1, most / np.maximum(index, 1e-9)), wanted[:, 4]
     )

@@ -22,7 +22,7 @@ from ..growth.measured.measure import BREAST, stem_profile
 from ..growth.measured.wanted import TARGETS, Kind, Wanted, draw_dbh, drawn, given_by
 from ..growth.skeleton import Skeleton
 from ..spec import Allometry, Planting, Species
-from .competition import apart, bounded, canopy_of, competed, score, thinned
+from .competition import MOST_INDEX, apart, bounded, canopy_of, competed, score, thinned
 from .inputs import Inputs
 from .plan import Stand, chosen_of
 
@@ -81,8 +81,11 @@ def with_targets(
         if group.law is not None:
             most, free = band(group.law, group.dbh)[1, :, 3], np.isnan(group.given)
             wanted[group.rows] = bounded(wanted[group.rows], free, most)
+    plans = [kind.architecture for kind, _ in species]
+    most = np.array([MOST_INDEX if plan is None else plan.leaf_area_index for plan in plans])
+    index = most[stand.species] if len(most) else np.empty(0)
     for rows, free in _free(wanted, groups, 3):
-        wanted[rows, 4] = thinned(stand.position[rows, :2], wanted[rows], free)
+        wanted[rows, 4] = thinned(stand.position[rows, :2], wanted[rows], free, index[rows])
     for group in groups:
         rows, number = group.rows, group.number
         rng = stream(seed, "stand", names[number], "variants")

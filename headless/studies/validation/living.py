@@ -6,27 +6,55 @@ tripods; the same stand goes on around it, so that crowns at its edge have neigh
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import laspy
 import numpy as np
+from scipy.ndimage import gaussian_filter, maximum_filter, median_filter
 
 from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import WOOD
 from forest_addon.blender.rays.casters import make_caster
 from forest_addon.blender.scene.ground import ground_mesh
 from forest_addon.formats.table import write_csv
+from forest_addon.growth.library.allometry_file import read_allometry
+from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.measured.allometry import middle
+from forest_addon.growth.measured.wanted import Wanted
+from forest_addon.growth.skeleton import Skeleton
+from forest_addon.growth.tree import grow
+from forest_addon.growth.truth import segment_table
+from forest_addon.sensing.lidar.returns import Returns
 from forest_addon.sensing.lidar.scan import scan
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.site import ForestSite
-from forest_addon.spec import Beam, Noise, Planting, Rays, Scene, Terrestrial
+from forest_addon.spec import Airborne, Beam, Noise, Planting, Rays, Scene, Terrestrial
 from forest_addon.spec import Forest as Field
 from forest_addon.stand.forest import Forest
+
+from .comparison import Comparison, Interval
 
 SIDE, AROUND = 10.0, 5.0  # metres: of the plot, and of the stand around it
 STEMS = 4  # along a side of the plot
 DBH, HEIGHT = (0.128, 0.285), (15.0, 18.0)
 STATIONS = ((1.0, 1.0), (9.0, 1.0), (9.0, 9.0), (1.0, 9.0), (5.0, 5.0))
-STEP = 0.06  # degrees between beams
+STEP = 0.2  # degrees between beams
+VOXEL, LOWEST = 0.05, 0.3  # metres: edge of a voxel, and height from which on it counts
+BEECH = Wanted(0.517, 22.0, 12.0, 5.5, 330.0)
+WORDS = (
+    "16 stems on 10 x 10 m, 12.8 to 28.5 cm and 15 to 18 m, from five tripods; measured is a plot of pines "
+    "with such stems. A voxel of ours is stem where its first point is."
+)
+
+
+@dataclass(frozen=True)
+class Cloudy:
+    """points : (P, 3) metres. stem : (P,) bool, on the stem of a listed tree."""
+
+    points: np.ndarray
+    stem: np.ndarray
 
 
 def pine_stems(seed: int) -> np.ndarray:
@@ -80,20 +108,211 @@ def geometry_of(site: ForestSite, forest: Forest) -> SceneGeometry:
     )
 
 
-def scanned(scene: SceneGeometry, seed: int, step: float = STEP) -> np.ndarray:
-    """(P, 3) points of the plot from tripods at its corners and in its middle."""
-    caster, clouds = make_caster(scene, Rays()), []
+def scanned(site: ForestSite, forest: Forest, seed: int, step: float = STEP) -> Cloudy:
+    """Scan the plot from tripods at its corners and in its middle."""
+    scene = geometry_of(site, forest)
+    caster, place, stem = make_caster(scene, Rays()), [], []
     for number, (x, y) in enumerate(STATIONS):
         scanner = Terrestrial(
             name=f"station {number}",
             position=(x, y, 1.6),
             elevation_deg=(-60.0, 90.0),
             angle_step_deg=step,
-            beam=Beam(divergence_mrad=(0.35, 0.35), exit_diameter=0.004, subrays=1, max_returns=1),
             noise=Noise(range_sd=0.003),
             max_range=60.0,
         )
-        clouds.append(scan(scanner, caster, seed).position)
-    points = np.concatenate(clouds)
+        cloud = scan(scanner, caster, seed)
+        place.append(cloud.position)
+        stem.append(_on_stem(scene, forest, cloud.returns))
+    points, trunk = np.concatenate(place), np.concatenate(stem)
     inside = (points[:, :2] > 0).all(axis=1) & (points[:, :2] < SIDE).all(axis=1)
+    return Cloudy(points[inside], trunk[inside])
+
+
+def _on_stem(scene: SceneGeometry, forest: Forest, returns: Returns) -> np.ndarray:
+    """(P,) whether points lie on stems of the trees that were listed."""
+    mesh = scene.mesh_index[returns.instance]
+    found = np.zeros(len(mesh), dtype=bool)
+    for number, (planting, _) in enumerate(forest.variants):
+        rows = np.flatnonzero(mesh == number)
+        tree = scene.meshes[number]
+        if planting == 0 and len(rows) and tree.order is not None:
+            trunk = (tree.order == 0) & (tree.part == WOOD)
+            found[rows] = trunk[returns.triangle[rows]]
+    return found
+
+
+def voxels(points: np.ndarray, edge: float = VOXEL) -> np.ndarray:
+    """First point of each occupied voxel, by number."""
+    return np.unique(np.floor(points / edge).astype(np.int64), axis=0, return_index=True)[1]
+
+
+def profile(points: np.ndarray, floor: float | np.ndarray = 0.0) -> np.ndarray:
+    """(60,) share of occupied voxels above 0.3 m in each metre of height."""
+    height = (points[:, 2] - floor)[voxels(points)]
+    count = np.histogram(height[height > LOWEST], np.arange(61.0))[0]
+    return np.asarray(count / max(count.sum(), 1))
+
+
+def not_stem(cloud: Cloudy) -> float:
+    """Share of the voxels from 0.3 to 4 m that hold something else than a stem."""
+    rows = voxels(cloud.points)
+    height = cloud.points[rows, 2]
+    low = (height > LOWEST) & (height < 4.0)
+    return float(1 - cloud.stem[rows][low].mean())
+
+
+def empty_columns(points: np.ndarray) -> float:
+    """Share of the columns of 20 cm of the plot without a point above 2 m."""
+    high = points[points[:, 2] > 2.0]
+    column = np.unique(np.floor(high[:, :2] / 0.2).astype(int), axis=0)
+    return 1 - len(column) / round(SIDE / 0.2) ** 2
+
+
+def tops_of(points: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """(N, 3) x, y and height of the trees of a cloud: the summits of its canopy in cells of half a metre."""
+    cell = np.floor(points[:, :2] / 0.5).astype(int)
+    canopy = np.zeros(cell.max(axis=0) + 1)
+    np.maximum.at(canopy, tuple(cell.T), height)
+    smooth = gaussian_filter(canopy, 0.7)
+    summit = (smooth == maximum_filter(smooth, size=5)) & (canopy > 4)
+    return np.column_stack([(np.argwhere(summit) + 0.5) * 0.5, canopy[summit]])
+
+
+def ground_below(points: np.ndarray) -> np.ndarray:
+    """(P,) height of the ground below points: the 1st percentile in cells of 1 m, the median of nine."""
+    cell = np.floor(points[:, :2]).astype(int)
+    low = np.full(cell.max(axis=0) + 1, np.nan)
+    key = cell[:, 0] * low.shape[1] + cell[:, 1]
+    order = np.argsort(key, kind="stable")
+    keys, first = np.unique(key[order], return_index=True)
+    for number, part in zip(keys, np.split(points[order, 2], first[1:]), strict=True):
+        low.ravel()[number] = np.percentile(part, 1)
+    low = np.where(np.isnan(low), np.nanmedian(low), low)
+    return np.asarray(median_filter(low, size=3)[tuple(cell.T)])
+
+
+def flown(site: ForestSite, forest: Forest, seed: int, size: np.ndarray) -> np.ndarray:
+    """(P, 3) points of a stand of this size (2,), m, from a drone that looks down and far to its sides."""
+    caster = make_caster(geometry_of(site, forest), Rays())
+    ways = (
+        ((-30.0, 0.2 * size[1]), 0.0),
+        ((-30.0, 0.8 * size[1]), 0.0),
+        ((0.5 * size[0], -30.0), 90.0),
+    )
+    clouds = []
+    for number, ((x, y), heading) in enumerate(ways):
+        drone = Airborne(
+            name=f"line {number}",
+            position=(float(x), float(y), 80.0),
+            heading_deg=heading,
+            track=90.0,
+            field_deg=(-68.0, 68.0),
+            max_range=300.0,
+            min_range=3.0,
+            speed=8.0,
+            pulse_rate=60000.0,
+            line_rate=60.0,
+            beam=Beam(
+                divergence_mrad=(0.5, 0.5),
+                exit_diameter=0.0045,
+                subrays=7,
+                pulse_ns=3.0,
+                max_returns=5,
+            ),
+        )
+        clouds.append(scan(drone, caster, seed).position)
+    points = np.concatenate(clouds)
+    inside = (points[:, :2] > 0).all(axis=1) & (points[:, :2] < size).all(axis=1)
     return points[inside]
+
+
+def compare_living(data: Path, out: Path, seed: int) -> list[Comparison]:
+    """A pine plot from tripods, a plot from a drone, and the wood of a beech, each beside its measurement."""
+    site = site_of(pine_stems(seed), "scots-pine", seed)
+    cloud = scanned(site, site.grow(), seed)
+    share, empty = not_stem(cloud), empty_columns(cloud.points)
+    found = [
+        Comparison(
+            *("pine plot, voxels of 0.3 to 4 m that are not stem", "", Interval(0.46)),
+            *(Interval(share), bool(0.3 <= share <= 0.6)),
+            words=WORDS,
+        ),
+        Comparison(
+            *("pine plot, empty columns of 20 cm above 2 m", "", Interval(0.03)),
+            *(Interval(empty), bool(empty <= 0.1)),
+        ),
+    ]
+    drone = data / "clouds" / "spanner_UAS.laz"
+    if drone.is_file():
+        real = np.asarray(laspy.read(drone).xyz)
+        real = real - real.min(axis=0)
+        floor = ground_below(real)
+        tops = tops_of(real, real[:, 2] - floor)
+        law = read_allometry("pinus-sylvestris", Path())
+        dbh = np.linspace(0.05, 1.0, 400)
+        stems = np.column_stack(
+            [tops[:, :2], np.interp(tops[:, 2], np.exp(middle(law.height, dbh)), dbh), tops[:, 2]]
+        )
+        stand = site_of(stems, "scots-pine", seed)
+        ours = flown(stand, stand.grow(), seed, np.ptp(real[:, :2], axis=0))
+        alike = float(np.minimum(profile(real, floor), profile(ours)).sum())
+        found.append(
+            Comparison(
+                *("drone's plot, overlap of profiles by height", "", Interval(1.0)),
+                *(Interval(alike), bool(alike >= 0.85)),
+                words=f"{len(stems)} trees as high as the cloud's summits, with the diameters that "
+                "Scots pines of these heights have.",
+            )
+        )
+    return found + _beech_rows(data / "wood" / "aRchi_1_qsm.txt", seed)
+
+
+def _beech_rows(file: Path, seed: int) -> list[Comparison]:
+    """Limbs and wood by order of a beech of 0.52 m and 22 m, beside the model of a scanned one."""
+    if not file.is_file():
+        return []
+    table = np.loadtxt(file)
+    radius, length, axis, order = (table[:, k] for k in (0, 1, 12, 13))
+    volume = np.pi * radius**2 * length * 1000
+    limbs = np.unique(axis[order == 1])
+    theirs = (
+        sum(radius[axis == limb].max() > 0.025 for limb in limbs),
+        float(volume[order == 1].sum()),
+        float(volume.sum()),
+    )
+    species, kind = load_species(find_species("european-beech", Path()))
+    ours = []
+    for number in range(5):
+        tree = grow(species, kind, stream(seed, "validate beech", number), BEECH)
+        wood = tree.skeleton.some(~tree.skeleton.is_dead)
+        cones = segment_table(wood)
+        litres = 1000 * np.bincount(cones["order"], cones["volume_m3"])
+        ours.append((_thick_limbs(wood), litres[1], litres.sum()))
+    rows = (
+        ("beech of 22 m, limbs of order 1 over 5 cm", "", lambda a, b: b / 1.5 <= a <= 1.5 * b),
+        ("beech of 22 m, wood of order 1", "l", lambda a, b: abs(a / b - 1) <= 0.25),
+        ("beech of 22 m, all wood", "l", lambda a, b: abs(a / b - 1) <= 0.15),
+    )
+    return [
+        Comparison(
+            *(name, unit, Interval(float(their))),
+            *(Interval.of(np.array(mine, dtype=float)), bool(near(float(np.median(mine)), their))),
+        )
+        for (name, unit, near), their, mine in zip(
+            rows, theirs, zip(*ours, strict=True), strict=True
+        )
+    ]
+
+
+def _thick_limbs(wood: Skeleton) -> int:
+    """Limbs of order 1 that are thicker than 5 cm beyond their collars."""
+    mother = np.maximum(wood.parent, 0)
+    feet = np.flatnonzero((wood.order == 1) & (wood.order[mother] == 0))
+    count = 0
+    for foot in feet.tolist():
+        chain = wood.axis(foot)
+        away = np.linalg.norm(wood.end[chain] - wood.start[foot], axis=1)
+        at = chain[int(np.argmax(away > 2 * wood.radius[wood.parent[foot]].mean()))]
+        count += bool(wood.radius[at].mean() > 0.025)
+    return count

@@ -20,6 +20,7 @@ from forest_addon.growth.tree import Tree, grow
 
 from ...report.pictures import FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
 from .comparison import Comparison, Interval, Picture
+from .living import compare_living
 
 TITLE = "Trees: their proportions"
 SUMMARY = """\
@@ -85,7 +86,8 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
         "Measured trees by stem diameter (grey) and one tree of each preset: green dots lie in the 90 % "
         "band of their diameter, red ones do not, of black ones too few were measured.",
     )
-    return [*found[:-1], Comparison(**(vars(found[-1]) | {"pictures": (picture,)}))]
+    rows = [*found[:-1], Comparison(**(vars(found[-1]) | {"pictures": (picture,)}))]
+    return rows + compare_living(data, out, arguments.seed)
 
 
 def read_trees(path: Path) -> dict[str, dict[str, np.ndarray]]:

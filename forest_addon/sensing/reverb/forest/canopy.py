@@ -44,8 +44,8 @@ def _pieces(scene: SceneGeometry) -> tuple[list[Rods], list[Blades]]:
     """Branches and leaves of all trees, where they stand."""
     used = np.flatnonzero(scene.tree >= 0)
     number = np.unique(scene.mesh_index[used]).tolist()
-    rods = {n: rods_of_mesh(scene.meshes[n]) for n in number}
-    blades = {n: blades_of_mesh(scene.meshes[n]) for n in number}
+    rods = {n: rods_of_mesh(scene.meshes[n]).summed() for n in number}
+    blades = {n: blades_of_mesh(scene.meshes[n]).summed() for n in number}
     which = [(int(scene.mesh_index[i]), scene.transform[i]) for i in used.tolist()]
     return [rods[n].placed(at) for n, at in which], [blades[n].placed(at) for n, at in which]
 

@@ -17,7 +17,7 @@ from ....base.trimesh import LEAF, WOOD, TriMesh
 from ....growth.mesh.leaves import Leaves
 from ....growth.skeleton import Skeleton
 
-LAYER = 1.0  # m of height
+LAYER, FINE = 1.0, 0.25  # m of height; of a single tree
 HIGHEST = 60.0  # m
 CLASSES = 2.0 ** np.arange(-10.5, -3.0)  # m, edges between classes of radius: 0.7 mm to 9 cm
 SHARPEST, FLATTEST = 2.4, 0.06  # radians between faces of a tube
@@ -32,6 +32,19 @@ class Rods:
     radius: np.ndarray
     height: np.ndarray
     rise: np.ndarray
+
+    def summed(self) -> Rods:
+        """The same in few pieces, of FINE metres of height and a class of radius each."""
+        low, rows = _alike(self.height, self.radius)
+        length = np.bincount(rows, self.length)
+        kept = length > 0
+
+        def mean(values: np.ndarray) -> np.ndarray:
+            total: np.ndarray = np.bincount(rows, self.length * values)[kept] / length[kept]
+            return total
+
+        height = mean(self.height - low) + low
+        return Rods(length[kept], mean(self.radius), height, mean(self.rise))
 
     def placed(self, transform: np.ndarray) -> Rods:
         """The same of a tree that stands at ``transform`` (3, 4), upright and evenly scaled."""
@@ -48,11 +61,27 @@ class Blades:
     radius: np.ndarray
     height: np.ndarray
 
+    def summed(self) -> Blades:
+        """The same in few pieces, of FINE metres of height each."""
+        low, rows = _alike(self.height, np.full(len(self.height), CLASSES[0]))
+        area = np.bincount(rows, self.area)
+        kept = area > 0
+        radius = np.bincount(rows, self.area * self.radius)[kept] / area[kept]
+        height = np.bincount(rows, self.area * (self.height - low))[kept] / area[kept] + low
+        return Blades(area[kept], radius, height)
+
     def placed(self, transform: np.ndarray) -> Blades:
         """The same of a tree that stands at ``transform`` (3, 4), upright and evenly scaled."""
         scale = _scale(transform)
         height = self.height * scale + float(transform[2, 3])
         return Blades(self.area * scale**2, self.radius * scale, height)
+
+
+def _alike(height: np.ndarray, radius: np.ndarray) -> tuple[float, np.ndarray]:
+    """Lowest height, and number (N,) of each piece's layer of FINE metres and class of radius."""
+    low = float(height.min(initial=0.0))
+    layer = np.floor((height - low) / FINE).astype(np.int64)
+    return low, layer * (len(CLASSES) + 1) + np.searchsorted(CLASSES, radius)
 
 
 def _scale(transform: np.ndarray) -> float:

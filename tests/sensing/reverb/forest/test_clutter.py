@@ -50,3 +50,14 @@ def test_a_tree_twice_as_large(birch):
     large = rods.placed(np.hstack([2.0 * np.eye(3), [[0.0], [0.0], [1.0]]]))
     np.testing.assert_allclose(large.length, 2 * rods.length)
     np.testing.assert_allclose(large.height, 2 * rods.height + 1.0)
+
+
+def test_few_pieces_are_the_same_stand(birch):
+    rods, blades = rods_of_skeleton(birch.skeleton), blades_of_leaves(birch.leaves)
+    whole = clutter_of([rods], [blades], 10.0)
+    found = clutter_of([rods.summed()], [blades.summed()], 10.0)
+    assert len(rods.summed().length) < 0.3 * len(rods.length)
+    np.testing.assert_allclose(np.sum(found.length), np.sum(whole.length), rtol=1e-9)
+    np.testing.assert_allclose(found.radii, whole.radii, rtol=1e-9)
+    np.testing.assert_allclose(np.sum(found.leaf_area), np.sum(whole.leaf_area), rtol=1e-9)
+    np.testing.assert_allclose(found.leaf_radius, whole.leaf_radius, rtol=1e-9)
