@@ -24,12 +24,28 @@ examples:
       --azimuth=-30,30 --set angle_step_deg=0.1 --set beam.subrays=37 --out scan.ply
   python -m headless lidar park.blend --scanner riegl-minivux-1uav --along FlightPath
   python -m headless lidar park.blend --scanner riegl-vq-780i --at 0,-200,800 --azimuth 90
+  python -m headless lidar --survey data/surveys/demo/tls_plane.xml --out plane.laz
 
 --set takes any setting of a scene file's sensor. A scan that was interrupted goes on
 with the same command and --resume, to the same bytes."""
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
         parser.add_argument("blend", type=Path, nargs="?", metavar="FILE.blend", help="the scene")
+        parser.add_argument(
+            "--survey",
+            type=Path,
+            metavar="FILE.xml",
+            help="a survey of HELIOS++ with all it names, in place of a .blend; a file a leg",
+        )
+        parser.add_argument(
+            "--assets", type=Path, metavar="FOLDER", help="where paths in the survey start"
+        )
+        parser.add_argument(
+            "--reference",
+            type=Path,
+            metavar="FILE.json",
+            help="points and pulses by returns of each leg, to be held beside ours",
+        )
         parser.add_argument("--list", action="store_true", help="print the scanners that are known")
         parser.add_argument(
             "--scanner", metavar="NAME", help="a scanner of --list, or a .toml file"
@@ -65,6 +81,8 @@ with the same command and --resume, to the same bytes."""
 
     def output(self, chosen: argparse.Namespace) -> Path:
         if chosen.out is None:
+            if chosen.survey:
+                return Path("out") / f"{chosen.survey.stem}.{chosen.format or 'laz'}"
             blend = chosen.blend.stem if chosen.blend else "scan"
             name = f"{blend}-{Path(chosen.scanner or 'lidar').stem}"
             return Path("out") / f"{name}.{chosen.format or 'laz'}"
@@ -76,6 +94,8 @@ with the same command and --resume, to the same bytes."""
         return None if chosen.list else chosen.out.with_name(f".{chosen.out.stem}.lock")
 
     def kept(self, chosen: argparse.Namespace) -> str:
+        if chosen.survey:
+            return f"legs that were finished are kept beside {chosen.out}"
         return f"what was scanned is kept beside {chosen.out}; --resume goes on with it"
 
     def run(self, chosen: argparse.Namespace) -> None:
@@ -87,6 +107,12 @@ with the same command and --resume, to the same bytes."""
         refuse_negative(chosen.seed)
         if chosen.chunk is not None and chosen.chunk < 1:
             raise SpecError("--chunk", f"{chosen.chunk} is out of range; use at least 1")
+        if chosen.survey:
+            self._run_survey(chosen)
+            return
+        for option in ("assets", "reference"):
+            if getattr(chosen, option):
+                raise SpecError(f"--{option}", "belongs to --survey FILE.xml")
         if chosen.blend is None:
             raise SpecError("lidar", "needs a .blend file; --list prints the scanners")
         sensor = sensor_of(chosen.scanner, chosen.at, chosen.along, chosen.azimuth, chosen.set)
@@ -102,5 +128,33 @@ with the same command and --resume, to the same bytes."""
             engine=chosen.engine,
             resume=chosen.resume,
             at_once=chosen.chunk,
+            quiet=chosen.quiet,
+        )
+
+    def _run_survey(self, chosen: argparse.Namespace) -> None:
+        """Run a survey of HELIOS++.
+
+        Raises
+        ------
+        SpecError : words that do not go with a survey, or a survey that cannot be used.
+        """
+        from .work.lidar import numbers
+        from .work.survey import scan_survey
+
+        words = ("blend", "scanner", "at", "along", "azimuth", "set", "resume", "chunk")
+        for word in words:
+            if getattr(chosen, word):
+                option = "FILE.blend" if word == "blend" else f"--{word}"
+                raise SpecError(option, "does not go with --survey, which says all that itself")
+        if chosen.out.suffix.lstrip(".") not in FORMATS:
+            raise SpecError(f"--out {chosen.out}", f"must end in one of .{', .'.join(FORMATS)}")
+        scan_survey(
+            chosen.survey,
+            chosen.out,
+            assets=chosen.assets,
+            reference=chosen.reference,
+            seed=chosen.seed,
+            offset=numbers("--offset", chosen.offset, 3) if chosen.offset else (0.0, 0.0, 0.0),
+            engine=chosen.engine,
             quiet=chosen.quiet,
         )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -25,6 +25,7 @@ from ..show.preview import render
 TILT = math.radians(7.0)
 FIELD = (1.0, 1.28)  # width and height of a cell, Blender's units
 ROOM = (0.90, 0.98)  # of a tree in its cell
+DEEP = 0.5  # of its extent away from the eye, that counts as width
 FOOT = 0.20  # of a tree above the lower edge of its cell, for a label
 
 
@@ -82,7 +83,7 @@ def render_sheet(
 def _fit(tree: Tree) -> float:
     """The scale at which a tree fills its cell."""
     corners = tree.mesh.vertices
-    wide = max(float(np.ptp(corners[:, 0])), 1e-3)
+    wide = max(float(np.ptp(corners[:, 0])), DEEP * float(np.ptp(corners[:, 1])), 1e-3)
     tall = max(float(corners[:, 2].max()), 1e-3)
     return float(min(ROOM[0] / wide, ROOM[1] / tall))
 
@@ -98,7 +99,8 @@ def _hang(
     """Put a tree with its foot at (x, 0, z), scaled to this size."""
     low, top = tree.mesh.vertices.min(axis=0), tree.mesh.vertices.max(axis=0)
     middle = (low[0] + top[0]) / 2
-    mesh = to_mesh(species.name, tree.mesh)
+    above = tree.mesh.vertices * [1, 1, 0] + np.maximum(tree.mesh.vertices * [0, 0, 1], 0.0)
+    mesh = to_mesh(species.name, replace(tree.mesh, vertices=above))  # without its sunk foot
     for material in materials.coats_of(species):
         mesh.materials.append(material)
     thing = bpy.data.objects.new(species.name, mesh)

@@ -29,7 +29,7 @@ from .passage import Contacts, meet
 from .radiometry import detection_limit, intensity, reflectance_of, refuse_surplus
 from .receiver import awake, chosen_returns, ranks, reading
 from .returns import cosines, label
-from .scanner import LiDAR, Pulses, pattern_of
+from .scanner import LiDAR, Pattern, Pulses, pattern_of
 from .waveform import LIGHT, Echoes, find_echoes, pulse_length
 
 RAYS_AT_ONCE = 65_536
@@ -39,17 +39,24 @@ MOST_LOST = 100  # pulses of a scan; beyond, it is not a pulse that is at fault
 class Scan:
     """A scanner in a scene, ready to send its pulses.
 
+    pattern : pulses that are sent in place of the scanner's own.
+
     Raises
     ------
     SpecError : a mobile scanner that has nowhere to go; a surface that gives more light than arrives.
     """
 
     def __init__(
-        self, scanner: LiDAR, caster: RayCaster, seed: int = 0, path: Trajectory | None = None
+        self,
+        scanner: LiDAR,
+        caster: RayCaster,
+        seed: int = 0,
+        path: Trajectory | None = None,
+        pattern: Pattern | None = None,
     ) -> None:
         refuse_surplus(caster.scene, scanner.surfaces)
         self.scanner, self.caster = scanner, caster
-        self.pattern = pattern_of(scanner, path)
+        self.pattern = pattern_of(scanner, path) if pattern is None else pattern
         self._key = first_key(seed, "lidar", scanner.name)
         self.pulses = self.pattern.count
         self.at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)

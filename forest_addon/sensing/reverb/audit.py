@@ -37,6 +37,7 @@ CUT_OFF = 1e-6  # of an octave, that a direct sum to no tolerance cuts off at mo
 QUIET = 1e-9  # of the whole: octaves below that are noise of float64
 BINS, NEAR = 1024, 100  # frequencies of a Fourier sum; samples around an arrival
 OF_ARRIVAL = 1e-5  # of the largest sample
+LOSSY_MARGIN = 0.1  # s, among leaves and branches
 PIECE, MARGIN = 256, 0.01  # samples of a later piece; s before it in which trunks still sound
 OF_PIECE = 0.01  # of a piece's norm
 PIECES = 8
@@ -204,7 +205,9 @@ def _pieces(
     """Later pieces of the record, by the trunks that sound in them; none where it is short."""
     paths, step = channel.paths, channel.speed / channel.rate
     end = min(len(trees), int(min(last / FADE, float(paths.length.max(initial=0.0))) / step))
-    margin = math.ceil(MARGIN * channel.rate)
+    losses = channel.pair.losses
+    lossy = losses is not None and losses.among_leaves  # early trunks are louder than late pieces
+    margin = math.ceil((LOSSY_MARGIN if lossy else MARGIN) * channel.rate)
     first = int(max(float(paths.earliest.min(initial=math.inf)), 0.0) / step) if end else 0
     if end - PIECE <= first + 2 * margin:
         return []

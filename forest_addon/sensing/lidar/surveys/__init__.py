@@ -1,0 +1,1 @@
+"""Legs of surveys as patterns of pulses."""

@@ -1,0 +1,121 @@
+"""Legs of a survey of HELIOS++ as patterns: which pulses leave the device, from where and in which direction.
+
+The frames are those of HELIOS++: platform, mount, head, channel and deflector, each turned on the one before;
+the mount and the beam's origin are shifted, but not turned, with what carries them (Winiwarter et al. 2022).
+A platform that moves looks along its way, level, with +Y forward.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ....formats.helios.survey import Leg, Survey
+from ....spec import SpecError
+from ..scanner import Pulses
+from .mirrors import Ways, cone, mirror_angles, risley, sawtooth, turned
+
+MOST_STEPS = 200_000_000
+
+
+class SurveyLeg:
+    """The pulses of a leg, all channels of a step one after the other; see ``scanner.Pattern``.
+
+    Raises
+    ------
+    SpecError : a leg that never ends, or sends no pulse.
+    """
+
+    def __init__(self, survey: Survey, leg: Leg) -> None:
+        self._survey, self._leg, self._device = survey, leg, survey.device
+        steps = step_count(survey, leg)
+        self._carried = _heading(leg) * survey.mount_turn
+        self._channels = len(self._device.turn)
+        self._sweeps = self._mirror()
+        step = np.arange(steps)
+        if self._sweeps:
+            low, high = np.deg2rad(leg.field_deg)
+            angle = mirror_angles(step, *self._sweeps)
+            step = step[(angle > low) & (angle <= high)]
+        self._sent = step
+        self.count = len(step) * self._channels
+        if not self.count:
+            raise SpecError("leg", "sends no pulse; check its scan angle")
+
+    def _mirror(self) -> tuple[np.ndarray, np.ndarray] | None:
+        leg, device = self._leg, self._device
+        if device.optics != "rotating" or not leg.scan_hz:
+            return None
+        widest = float(np.deg2rad(device.scan_angle_deg))
+        return sawtooth(leg.scan_hz * (widest + widest) / leg.pulse_rate, widest)
+
+    def pulses(self, number: np.ndarray) -> Pulses:
+        """See ``Pattern``; the scan angle is that of the deflector."""
+        leg, device, survey = self._leg, self._device, self._survey
+        step, channel = self._sent[number // self._channels], number % self._channels
+        time = (step + 1) / leg.pulse_rate
+        way, across, angle = self._deflected(step, channel)
+        head = np.deg2rad(leg.head_deg[0] + leg.head_speed * time)
+        axis = device.head_axis / np.linalg.norm(device.head_axis)
+        channels = Rotation.concatenate(device.turn)
+        turn = self._carried * Rotation.from_rotvec(head[:, None] * axis) * channels[channel]
+        along = leg.stop - leg.start
+        length = float(np.linalg.norm(along))
+        gone = leg.speed * time[:, None] * along / length if length else 0.0
+        return Pulses(
+            origin=leg.start + gone + survey.mount + device.origin[channel],
+            direction=turn.apply(way),
+            across=turn.apply(across),
+            time=time,
+            scan_angle=angle,
+        )
+
+    def _deflected(self, step: np.ndarray, channel: np.ndarray) -> Ways:
+        leg, device = self._leg, self._device
+        if device.optics == "rotating":
+            fixed = np.zeros(len(step))
+            return turned(mirror_angles(step, *self._sweeps) if self._sweeps else fixed)
+        half = float(np.deg2rad(leg.scan_angle_deg))
+        if device.optics == "conic":
+            turns = (step + 1) * (device.scan_hz / leg.pulse_rate)
+            return cone(2 * np.pi * (turns % 1.0), half)
+        wedges = [(float(np.deg2rad(p.angle_deg)), p.turns_hz, p.index) for p in device.prisms]
+        way, across, angle = np.empty((len(step), 3)), np.empty((len(step), 3)), np.empty(len(step))
+        for index in np.unique(channel):
+            rows = np.flatnonzero(channel == index)
+            time = (step[rows] + 1) / leg.pulse_rate
+            found = risley(time, wedges, 1.0, device.incident[index])
+            way[rows], across[rows], angle[rows] = found
+        return way, across, angle
+
+
+def step_count(survey: Survey, leg: Leg) -> int:
+    """Pulses of one channel from the first to the end of a leg, of which some may stay in the device.
+
+    A leg ends where the platform arrives, else where the head has turned, else after its longest time.
+
+    Raises
+    ------
+    SpecError : it never ends.
+    """
+    seconds = leg.most_seconds
+    length = float(np.linalg.norm(leg.stop - leg.start))
+    turn = (leg.head_deg[1] - leg.head_deg[0]) * np.sign(leg.head_speed)
+    if survey.moves:
+        if leg.speed <= 0:
+            raise SpecError("leg", "moves with movePerSec_m = 0 and never arrives")
+        seconds = min(seconds, length / leg.speed)
+    elif leg.head_speed:
+        seconds = min(seconds, max(turn, 0.0) / abs(leg.head_speed))
+    steps = seconds * leg.pulse_rate
+    if not steps < MOST_STEPS:
+        raise SpecError(
+            "leg", "has no end, or too many pulses; give headRotateStop_deg or maxDuration_s"
+        )
+    return int(np.ceil(steps - 1e-6))
+
+
+def _heading(leg: Leg) -> Rotation:
+    """The attitude of a level platform whose +Y looks along the leg."""
+    x, y, _ = leg.stop - leg.start
+    return Rotation.from_euler("z", np.arctan2(-x, y) if x or y else 0.0)

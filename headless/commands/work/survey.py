@@ -1,0 +1,191 @@
+"""Surveys of HELIOS++ by our scanner: every active leg into a file, and its counts beside a reference's."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from forest_addon.base.trimesh import GROUND, OTHER, TriMesh
+from forest_addon.formats.helios.scene import Part
+from forest_addon.formats.helios.survey import Survey, read_survey
+from forest_addon.results.scan_file import write_scan
+from forest_addon.sensing.lidar.cloud import Cloud
+from forest_addon.sensing.lidar.scan import Scan
+from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
+from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.spec import Beam, Noise, Rays, SpecError, Terrestrial
+
+from ...progress import Stages, hushed
+
+MOST_RETURNS = 15  # that a point file numbers
+
+
+@dataclass(frozen=True)
+class LegCounts:
+    """Counts of a leg: pulses by their number of returns (16,), the mean of its points (3,), CPU seconds."""
+
+    name: str
+    by_returns: np.ndarray
+    mean: np.ndarray
+    seconds: float
+
+    @property
+    def points(self) -> int:
+        """Number of points."""
+        return int(self.by_returns @ np.arange(len(self.by_returns)))
+
+    @property
+    def pulses(self) -> int:
+        """Number of pulses that came back."""
+        return int(self.by_returns.sum())
+
+
+class CountedScan(Scan):
+    """A scan that counts its pulses by returns, and sums its points, while it runs."""
+
+    def chunks(self, first: int = 0, at_once: int | None = None) -> Iterator[tuple[int, Cloud]]:
+        """See ``Scan.chunks``."""
+        self.by_returns = np.zeros(MOST_RETURNS + 1, dtype=np.int64)
+        self.total = np.zeros(3)
+        for stop, cloud in super().chunks(first, at_once):
+            count = cloud.count[cloud.number == 1]
+            self.by_returns += np.bincount(count, minlength=MOST_RETURNS + 1)
+            self.total += cloud.position.sum(axis=0)
+            yield stop, cloud
+
+
+def scan_survey(
+    path: Path,
+    target: Path,
+    *,
+    assets: Path | None = None,
+    reference: Path | None = None,
+    seed: int = 0,
+    offset: tuple[float, ...] = (0.0, 0.0, 0.0),
+    engine: str = "auto",
+    quiet: bool = False,
+) -> list[LegCounts]:
+    """Run a survey of HELIOS++, each active leg into a file: NAME-leg000.laz and so on.
+
+    assets : where paths in the survey start. reference : counts of each leg to be held beside ours.
+
+    Raises
+    ------
+    SpecError : a survey that asks for what is not supported, or a file that cannot be read.
+    OSError : a file that cannot be written.
+    """
+    stages = Stages(quiet)
+    with stages.stage(f"read {path.name}"):
+        survey = read_survey(path, assets)
+        beside = _reference(reference) if reference else {}
+    with stages.stage("make the scene"), hushed():
+        from forest_addon.blender.rays.casters import make_caster
+
+        caster = make_caster(geometry_of(survey.parts), Rays(engine=engine))
+    target.parent.mkdir(parents=True, exist_ok=True)
+    found = []
+    for index, leg in enumerate(survey.legs):
+        name = f"leg{index:03d}"
+        if not leg.active:
+            stages.say(f"  {name}: the scanner is off")
+            continue
+        pattern = SurveyLeg(survey, leg)
+        scan = CountedScan(sensor_of_survey(survey, name), caster, seed, pattern=pattern)
+        file = target.with_name(f"{target.stem}-{name}{target.suffix}")
+        started = time.process_time()
+        with stages.stage(f"{name}, {scan.pulses:,} pulses") as progress:
+            done = write_scan(file, scan, seed, offset=offset, progress=progress)  # type: ignore[arg-type]
+        took = time.process_time() - started
+        mean = scan.total / max(done.points, 1)
+        found.append(LegCounts(name, scan.by_returns, mean, took))
+        stages.say(f"{file}: {done.points:,} points of {done.pulses:,} pulses by {caster.engine}")
+    if not quiet:
+        print("\n".join(table_of(found, beside)))
+    return found
+
+
+def geometry_of(parts: tuple[Part, ...]) -> SceneGeometry:
+    """The parts of a scene as what rays meet; ground is labelled as such."""
+    meshes = []
+    for part in parts:
+        mesh = TriMesh.of_part(part.mesh.vertices, part.mesh.triangles, OTHER)
+        mesh.part[part.mesh.ground[part.mesh.material]] = GROUND
+        meshes.append(mesh)
+    none = np.full(len(parts), -1, dtype=np.int64)
+    return SceneGeometry(
+        meshes=tuple(meshes),
+        transform=np.array([part.transform for part in parts]),
+        mesh_index=np.arange(len(parts)),
+        object_name=tuple(part.name for part in parts),
+        tree=none,
+        species=none.copy(),
+    )
+
+
+def sensor_of_survey(survey: Survey, name: str) -> Terrestrial:
+    """Settings of the light and the receiver; directions are the leg's own (``SurveyLeg``).
+
+    A pulse is 1 + 3·q·(q - 1) rays for the q rings of HELIOS++'s beam sample quality.
+    """
+    device = survey.device
+    spread = device.divergence * 1e3
+    return Terrestrial(
+        name=name,
+        min_range=device.ranges[0],
+        max_range=device.ranges[1],
+        pulse_rate=survey.legs[0].pulse_rate,
+        beam=Beam(
+            wavelength_nm=device.wavelength_nm,
+            divergence_mrad=(spread, spread),
+            subrays=1 + 3 * survey.rings * (survey.rings - 1),
+            pulse_ns=device.pulse_ns,
+            max_returns=min(device.max_returns or MOST_RETURNS, MOST_RETURNS),
+        ),
+        noise=Noise(range_sd=device.accuracy),
+    )
+
+
+def table_of(found: list[LegCounts], beside: Mapping[str, Any]) -> list[str]:
+    """Lines of a table: points, pulses that came back and those with one return, ours and the reference's."""
+    kinds = ("points", "pulses", "single")
+    head = f"{'leg':<8}" + "".join(f"{kind:>12}{'ref.':>12}{'%':>8}" for kind in kinds)
+    lines = [head + f"{'centre, m':>11}{'CPU s':>8}" if beside else head]
+    if not beside:
+        lines = [f"{'leg':<8}" + "".join(f"{kind:>12}" for kind in kinds) + f"{'CPU s':>8}"]
+    for leg in found:
+        ours = (leg.points, leg.pulses, int(leg.by_returns[1]))
+        line = f"{leg.name:<8}"
+        other = beside.get(leg.name)
+        if other is None:
+            lines.append(line + "".join(f"{n:>12,}" for n in ours) + f"{leg.seconds:>8.1f}")
+            continue
+        single = int(other["returns_per_pulse"].get("1", 0))
+        theirs = (int(other["points"]), int(other["pulses_with_returns"]), single)
+        for mine, its in zip(ours, theirs, strict=True):
+            line += f"{mine:>12,}{its:>12,}{100 * (mine / max(its, 1) - 1):>+8.2f}"
+        away = float(np.linalg.norm(leg.mean - np.array(other["mean_xyz"])))
+        lines.append(f"{line}{away:>11.3f}{leg.seconds:>8.1f}")
+    return lines
+
+
+def _reference(path: Path) -> Mapping[str, Any]:
+    """The legs of a JSON file of counts.
+
+    Raises
+    ------
+    SpecError : it cannot be read, or holds something else.
+    """
+    try:
+        legs = json.loads(path.read_text("utf-8"))["legs"]
+        for leg in legs.values():
+            if not {"points", "pulses_with_returns", "returns_per_pulse", "mean_xyz"} <= leg.keys():
+                raise KeyError("points")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as problem:
+        raise SpecError(str(path), f"holds no counts of legs: {problem}") from None
+    return dict(legs)
