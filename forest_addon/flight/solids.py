@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
-from ..base.trimesh import LEAF, WOOD, TriMesh
+from ..base.trimesh import LEAF, TriMesh, is_wood
 from ..growth.recognise.centreline import find_centrelines
 from ..growth.recognise.pieces import part
 
@@ -27,7 +27,7 @@ def stopping(mesh: TriMesh, thinnest: float) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         finite = np.isfinite(mesh.vertices[mesh.triangles].sum(axis=(1, 2)))
     stops = finite & (mesh.part != LEAF)
-    wood = np.flatnonzero(stops & (mesh.part == WOOD))
+    wood = np.flatnonzero(stops & is_wood(mesh.part))
     if not thinnest or not len(wood):
         return np.flatnonzero(stops)
     corners = mesh.vertices[mesh.triangles[wood]]

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..base.trimesh import WOOD
+from ..base.trimesh import is_wood
 from ..growth.skeleton import Skeleton
 from ..growth.tree import Tree
 from ..stand.forest import Forest
@@ -58,7 +58,7 @@ def audit_tubes(
     known = [(tree, allowed) for tree, allowed in known if len(_solid(tree.skeleton)[0])]
     if not known:
         return None
-    meshed = [tree.mesh.vertices[tree.mesh.triangles[tree.mesh.part == WOOD]] for tree, _ in known]
+    meshed = [tree.mesh.vertices[tree.mesh.triangles[is_wood(tree.mesh.part)]] for tree, _ in known]
 
     def batches() -> Iterator[np.ndarray]:
         while True:

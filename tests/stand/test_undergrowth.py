@@ -104,3 +104,11 @@ def test_ground_with_undergrowth_is_rough_unless_said():
     assert ForestSite.read(scene_of("sparse")).inputs.terrain is not None
     level = scene_of("sparse", terrain=Terrain(roughness=0.0))
     assert ForestSite.read(level).inputs.terrain is None
+
+
+def test_trees_of_dead_wood_alone_are_audited_as_others():
+    from forest_addon.sensing.trees_audit import audit_tubes
+
+    (tree, *_) = ForestSite.read(scene_of("none", "stump")).grow().variants.values()
+    audit = audit_tubes([(tree, 0.002)], np.random.default_rng(0), 0.01, 0.1)
+    assert audit is not None

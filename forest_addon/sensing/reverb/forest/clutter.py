@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ....base.trimesh import LEAF, WOOD, TriMesh
+from ....base.trimesh import LEAF, TriMesh, is_wood
 from ....growth.mesh.leaves import Leaves
 from ....growth.skeleton import Skeleton
 
@@ -186,7 +186,7 @@ def blades_of_leaves(leaves: Leaves) -> Blades:
 
 def rods_of_mesh(mesh: TriMesh) -> Rods:
     """All wood but what is marked as trunk, by the mesh's curvature."""
-    wood = mesh.part == WOOD
+    wood = is_wood(mesh.part)
     if mesh.order is not None:
         wood &= mesh.order > 0
     triangles = mesh.triangles[wood].astype(np.int64)
