@@ -263,6 +263,8 @@ def _end_radii(
         depth = depth - np.minimum.reduceat(depth, _begins(owner, count))[owner]
         collar = depth <= NEAR * radius[at][owner]
         found[:, end] = _upper_quartile(thickness[collar], owner[collar], count)
+        # no vertex near the end: a piece without extent, whose radius is not known
+        found[:, end] = np.where(np.isnan(found[:, end]), np.nan_to_num(radius[at]), found[:, end])
     return found
 
 
@@ -355,4 +357,8 @@ def _upper_quartile(value: np.ndarray, owner: np.ndarray, count: int) -> np.ndar
     """(C,) upper quartile of the values of each owner: a cap's middle does not count."""
     size = np.bincount(owner, minlength=count)
     order = np.lexsort((value, owner))
-    return np.asarray(value[order[np.cumsum(size) - size + 3 * size // 4]])
+    place = np.cumsum(size) - size + 3 * size // 4
+    known = size > 0
+    found = np.full(count, np.nan)
+    found[known] = value[order[place[known]]]
+    return found
