@@ -242,6 +242,13 @@ def _close_ends(
         second = np.where(np.diff(lines.first) > 2, at + 2 - 4 * end, at + 1 - 2 * end)
         way = knot[second] - knot[np.where(second == at + 1 - 2 * end, at, at + 1 - 2 * end)]
         foot, inwards, near = _find_end(pieces, samples, depth, thick, way)
+        # a piece without extent tells no end: it keeps its own
+        sure = np.isfinite(foot).all(axis=1) & np.isfinite(inwards).all(axis=1) & np.isfinite(near)
+        foot, inwards = (
+            np.where(sure[:, None], foot, knot[at]),
+            np.where(sure[:, None], inwards, 0.0),
+        )
+        near = np.where(sure, near, 0.0)
         # knots nearer to the end than its surface is sure of stand on the straight way to it
         place = np.einsum("ki,ki->k", knot - foot[owner], inwards[owner])
         from_end = np.abs(lines.along - lines.along[at][owner])
