@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+
+from forest_addon.formats.atomic import remove_partial_files
 
 PATIENCE = 2.0  # seconds
 STOPPED = 130  # exit code
@@ -83,8 +84,6 @@ def _unsafe(frame: FrameType | None) -> bool:
 
 def _end(kept: str, voice: int) -> None:
     """End the process now; partial files go, finished ones stay."""
-    atomic = sys.modules.get("forest_addon.formats.atomic")
-    if hasattr(atomic, "remove_partial_files"):
-        atomic.remove_partial_files()
+    remove_partial_files()
     os.write(voice, f"\ninterrupted; {kept}\n".encode())
     os._exit(STOPPED)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import pickle
 import shutil
 from pathlib import Path
 from typing import Any
@@ -20,12 +19,9 @@ from forest_addon.formats.atomic import replacing
 from forest_addon.results.scan_file import scene_digest
 from forest_addon.spec import Scene, Sensor, SpecError, with_files
 
+from .unfinished_files import read_value, write_value
+
 NAME = ".unfinished"
-PLAIN = {  # what results are made of, besides dataclasses of our own
-    "numpy": ("ndarray", "dtype", "_reconstruct", "_frombuffer", "scalar"),
-    "builtins": ("set", "frozenset", "slice", "complex", "range"),
-    "pathlib": ("PosixPath", "WindowsPath", "Path"),
-}
 
 
 class Unfinished:
@@ -37,7 +33,7 @@ class Unfinished:
         self._scene = scene_digest(world.observer.geometry)
         if not resume:
             self.drop()
-        left = {file.name for file in self._folder.glob("*.pickle")}
+        left = {file.name for file in self._folder.glob("*.npz")}
         usable = {self._file(sensor).name for sensor in world.scene.sensors}
         if left and not left & usable:
             raise SpecError(
@@ -51,7 +47,7 @@ class Unfinished:
             return None
         try:
             with open(file, "rb") as stream:
-                found = _Reader(stream).load()
+                found = read_value(stream)
         except Exception:  # whatever lies there: the sensor looks again
             return None
         return found if isinstance(found, Result) else None
@@ -60,7 +56,7 @@ class Unfinished:
         """Keep a result until the run is done."""
         self._folder.mkdir(exist_ok=True)
         with replacing(self._file(sensor)) as partial, open(partial, "wb") as stream:
-            pickle.dump(result, stream, protocol=5)
+            write_value(stream, result)
 
     def drop(self) -> None:
         """Forget all of it: the run is done, or begins anew."""
@@ -77,21 +73,8 @@ class Unfinished:
             return name
 
         with_files(sensor, read)
-        return self._folder / f"{sensor.name}-{total.hexdigest()}.pickle"
+        return self._folder / f"{sensor.name}-{total.hexdigest()}.npz"
 
 
 def _shown(settings: Scene | Sensor) -> dict[str, Any]:
     return dataclasses.asdict(settings)
-
-
-class _Reader(pickle.Unpickler):
-    """Reads results, and calls nothing but what makes up arrays and our own classes."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        room = module.partition(".")[0]
-        if name not in PLAIN.get(room, ()) and room != "forest_addon":
-            raise pickle.UnpicklingError(f"{module}.{name} is of no result")
-        found = super().find_class(module, name)
-        if room == "forest_addon" and not dataclasses.is_dataclass(found):
-            raise pickle.UnpicklingError(f"{module}.{name} is of no result")
-        return found

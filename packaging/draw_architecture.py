@@ -26,7 +26,7 @@ ROWS = (
     (11, {"headless": (2, 60, SHELL), "ui": (64, 34, SHELL)}),
     (6, {"flight": (64, 34, SHELL)}),
     (6, {"api": (2, 96, SHELL)}),
-    (6, {"blender": (2, 96, SHELL)}),
+    (6, {"blender": (2, 46, SHELL)}),
     (6, {"site": (2, 46, PURE), "results": (52, 46, FILES)}),
     (22, {"stand": (2, 27, PURE), "sensing": (31, 67, PURE)}),
     (21, {"growth": (2, 57, PURE), "acoustics": (62, 36, PURE)}),
@@ -48,10 +48,13 @@ WINGS = {
     "growth/recognise": (21, 13.4, 20, 6.6),
     "growth/mesh": (44, 13.4, 13, 6.6),
 }
-STRAIGHT = {
-    ("sensing/sonar", "acoustics"): 72
-}  # left of which an arrow goes, where not in the middle
-SIDEWAYS = {("growth/regrow", "growth/graft"), ("growth/recognise", "growth/mesh")}
+STRAIGHT: dict[tuple[str, str], float] = {}  # left of which an arrow goes, where not in the middle
+SIDEWAYS = {
+    ("sensing", "stand"),
+    ("headless", "ui"),
+    ("growth/regrow", "growth/graft"),
+    ("growth/recognise", "growth/mesh"),
+}
 SHOWN = "shown"  # the metadata's key
 
 
@@ -98,13 +101,13 @@ def project_arrows() -> list[tuple[str, str]]:
 
 
 def reduced(arrows: list[tuple[str, str]]) -> list[tuple[str, str]]:
-    """The arrows that do not follow from others. To others a room is one; only sensors import as wings."""
+    """The arrows that do not follow from others. To others a room is one."""
     outer = set()
     for a, b in arrows:
         if _room(a) == _room(b):
             outer |= {(a, b)} if "/" in a and "/" in b else set()
         else:
-            outer.add((a if _room(a) == "sensing" else _room(a), _room(b)))
+            outer.add((_room(a), _room(b)))
     inside = {(_room(wing), wing) for pair in outer for wing in pair if _room(wing) == "sensing"}
     below: dict[str, set[str]] = {}
     for a, b in outer | (inside - {("sensing", "sensing")}):
@@ -231,7 +234,7 @@ def _draw_chips(axes: Axes, room: str, place: Place) -> None:
         each = (wide - 3) / len(chips)
         chip_place = (x + 1.5 + number * each + 0.3, y + 5.2, each - 0.6, 4.2)
         _frame(axes, chip_place, WING)
-        _centred(axes, chip_place, chip, "", 9.5)
+        _centred(axes, chip_place, chip, "", 9.5 if each > 7 else 7.5)
 
 
 def _ends(

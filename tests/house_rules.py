@@ -13,7 +13,7 @@ import sys
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, wraps
 from pathlib import Path
 
 # Rooms of the add-on in the order in which data flows: a room imports only rooms before it.
@@ -25,7 +25,7 @@ PURE = ROOMS[: ROOMS.index("blender")]
 # The same for the parts of ``headless``; what stands in no folder is "" and comes where the commands do.
 HEADLESS = (
     *("command", "lock", "interrupt", "memory", "progress"),
-    *("report", "record", "unfinished", "pipeline", "accuracy", "dataset"),
+    *("report", "record", "unfinished_files", "unfinished", "pipeline", "accuracy", "dataset"),
     *("commands/work", "studies/tables", "studies/papers", "studies/bench"),
     *("studies/validation", "studies/flight"),
     *(
@@ -99,7 +99,7 @@ PACKAGES: dict[str, set[str]] = {
     "headless/studies": NUMBERS | {"bpy", "laspy", "mathutils", "matplotlib", "pyhelios"},
 }
 NETWORK = {"socket", "http", "urllib", "requests", "ftplib", "ssl", "smtplib", "aiohttp"}
-LONGEST_FILE, LARGEST_FOLDER, LONGEST_FUNCTION, MOST_PARAMETERS = 400, 20, 60, 8
+LONGEST_FILE, LARGEST_FOLDER, LONGEST_FUNCTION, MOST_PARAMETERS = 400, 24, 60, 8
 
 
 @dataclass(frozen=True)
@@ -161,11 +161,29 @@ def tree_of(text: str) -> ast.Module:
 
 
 @cache
+def nodes_of(text: str) -> tuple[ast.AST, ...]:
+    """Every node of a file, walked once for all rules and planted copies."""
+    return tuple(ast.walk(tree_of(text)))
+
+
+def file_by_file(rule: Callable[[str, str], Iterator[str]]) -> Callable[[House], Iterator[str]]:
+    """A rule of single files as one of the house; a file that did not change is not judged again."""
+    judged = cache(lambda path, text: tuple(rule(path, text)))
+
+    @wraps(rule)
+    def of_house(house: House) -> Iterator[str]:
+        for path, text in house.sources.items():
+            yield from judged(path, text)
+
+    return of_house
+
+
+@cache
 def imports(path: str, text: str) -> tuple[tuple[str, tuple[str, ...]], ...]:
     """(module, names imported from it) of every import, absolute names; ``*`` for what is not literal."""
     package = path.split("/")[:-1]
     found: list[tuple[str, tuple[str, ...]]] = []
-    for node in ast.walk(tree_of(text)):
+    for node in nodes_of(text):
         match node:
             case ast.Import():
                 found += [(alias.name, ()) for alias in node.names]
@@ -322,21 +340,21 @@ def no_circles(house: House) -> Iterator[str]:
     yield from (f"{name} is in a circle" for name in rest)
 
 
-def the_addon_is_relative_and_offline(house: House) -> Iterator[str]:
-    for path, text in house.sources.items():
-        if not path.startswith("forest_addon/"):
-            continue
-        for node in ast.walk(tree_of(text)):
-            if isinstance(node, ast.ImportFrom) and node.level >= path.count("/") + 1:
-                yield f"{path} reaches out of forest_addon"
-            absolute = []
-            if isinstance(node, ast.Import):
-                absolute = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom) and not node.level:
-                absolute = [node.module or ""]
-            for whole in absolute:
-                if whole.split(".")[0] in {"forest_addon", "headless", *NETWORK}:
-                    yield f"{path} imports {whole}"
+@file_by_file
+def the_addon_is_relative_and_offline(path: str, text: str) -> Iterator[str]:
+    if not path.startswith("forest_addon/"):
+        return
+    for node in nodes_of(text):
+        if isinstance(node, ast.ImportFrom) and node.level >= path.count("/") + 1:
+            yield f"{path} reaches out of forest_addon"
+        absolute = []
+        if isinstance(node, ast.Import):
+            absolute = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            absolute = [node.module or ""]
+        for whole in absolute:
+            if whole.split(".")[0] in {"forest_addon", "headless", *NETWORK}:
+                yield f"{path} imports {whole}"
 
 
 def files_are_short(house: House) -> Iterator[str]:
@@ -351,15 +369,15 @@ def folders_are_small(house: House) -> Iterator[str]:
             yield f"{folder}: {count} files"
 
 
-def functions(house: House) -> Iterator[tuple[str, ast.FunctionDef]]:
-    for path, text in house.sources.items():
-        for node in ast.walk(tree_of(text)):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                yield path, node
+def functions(text: str) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    for node in nodes_of(text):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node
 
 
-def functions_are_short(house: House) -> Iterator[str]:
-    for path, node in functions(house):
+@file_by_file
+def functions_are_short(path: str, text: str) -> Iterator[str]:
+    for node in functions(text):
         lines = node.end_lineno - node.lineno + 1
         if ast.get_docstring(node):  # a docstring's lines are not the function's
             lines -= node.body[0].end_lineno - node.body[0].lineno + 1
@@ -367,8 +385,9 @@ def functions_are_short(house: House) -> Iterator[str]:
             yield f"{path}: {node.name} has {lines} lines"
 
 
-def functions_take_few_parameters(house: House) -> Iterator[str]:
-    for path, node in functions(house):
+@file_by_file
+def functions_take_few_parameters(path: str, text: str) -> Iterator[str]:
+    for node in functions(text):
         given = [a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
         count = len(given) - (given[:1] in (["self"], ["cls"]))
         if count > MOST_PARAMETERS:
@@ -388,7 +407,7 @@ def class_names_are_unique(house: House) -> Iterator[str]:
 def names_used(text: str) -> frozenset[str]:
     """Identifiers and words of strings in a file, without those that a definition introduces."""
     used = set()
-    for node in ast.walk(tree_of(text)):
+    for node in nodes_of(text):
         match node:
             case ast.Name(id=name, ctx=ast.Load()):
                 used.add(name)
@@ -442,7 +461,7 @@ def sensor_classes(house: House) -> set[str]:
         node
         for path, text in house.sources.items()
         if path.startswith("forest_addon/spec/")
-        for node in ast.walk(tree_of(text))
+        for node in nodes_of(text)
         if isinstance(node, ast.ClassDef)
     ]
     while more:
@@ -497,30 +516,30 @@ def tests_kind(node: ast.AST) -> bool:
     )
 
 
-def no_eval_no_path_tricks_no_global_random(house: House) -> Iterator[str]:
+@file_by_file
+def no_eval_no_path_tricks_no_global_random(path: str, text: str) -> Iterator[str]:
     allowed = {"Generator", "SeedSequence", "PCG64", "Philox"}
-    for path, text in house.sources.items():
-        for node in ast.walk(tree_of(text)):
-            match node:
-                case ast.Call(func=ast.Name("eval" | "exec" | "compile" as what)):
-                    yield f"{path}:{node.lineno}: {what}"
-                case ast.Attribute(ast.Name("sys"), "path"):
-                    yield f"{path}:{node.lineno}: sys.path"
-                case ast.Attribute(ast.Attribute(ast.Name("np" | "numpy"), "random"), what):
-                    if what not in allowed:
-                        yield f"{path}:{node.lineno}: numpy.random.{what}"
+    for node in nodes_of(text):
+        match node:
+            case ast.Call(func=ast.Name("eval" | "exec" | "compile" as what)):
+                yield f"{path}:{node.lineno}: {what}"
+            case ast.Attribute(ast.Name("sys"), "path"):
+                yield f"{path}:{node.lineno}: sys.path"
+            case ast.Attribute(ast.Attribute(ast.Name("np" | "numpy"), "random"), what):
+                if what not in allowed:
+                    yield f"{path}:{node.lineno}: numpy.random.{what}"
 
 
 OPENING = re.compile(r"(What|Who|Whose|Where|How|Whether|Which|When|Why)\b")
 
 
-def docstrings_open_with_a_verb_or_a_noun(house: House) -> Iterator[str]:
-    for path, text in house.sources.items():
-        for node in ast.walk(tree_of(text)):
-            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
-                said = ast.get_docstring(node) or ""
-                if OPENING.match(said):
-                    yield f"{path}: {getattr(node, 'name', 'module')}: {said.splitlines()[0]}"
+@file_by_file
+def docstrings_open_with_a_verb_or_a_noun(path: str, text: str) -> Iterator[str]:
+    for node in nodes_of(text):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+            said = ast.get_docstring(node) or ""
+            if OPENING.match(said):
+                yield f"{path}: {getattr(node, 'name', 'module')}: {said.splitlines()[0]}"
 
 
 RULES: tuple[Callable[[House], Iterator[str]], ...] = (

@@ -107,20 +107,6 @@ def insertion_angles(wood: Skeleton) -> np.ndarray:
     return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
-def gaps_at_feet(wood: Skeleton) -> np.ndarray:
-    """(B,) from the foot of each axis to the wood of the segment that bears it; 0 within, and of trunks."""
-    first, _ = axes_of(wood)
-    mother = wood.parent[first]
-    on = np.maximum(mother, 0)
-    way = wood.end[on] - wood.start[on]
-    offset = wood.start[first] - wood.start[on]
-    part = np.einsum("bi,bi->b", offset, way) / np.maximum(np.einsum("bi,bi->b", way, way), 1e-18)
-    part = np.clip(part, 0.0, 1.0)
-    radius = wood.radius[on, 0] + part * (wood.radius[on, 1] - wood.radius[on, 0])
-    gap = np.linalg.norm(offset - part[:, None] * way, axis=1) - radius
-    return np.where(mother < 0, 0.0, np.maximum(gap, 0.0))
-
-
 def crown_width(tree: Measurable) -> float:
     """Mean width of the crown's shadow between parallel lines, from all sides; else of the wood."""
     points = tree.leaves.centre if len(tree.leaves) else tree.skeleton.end

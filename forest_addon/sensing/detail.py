@@ -77,11 +77,6 @@ def coarse_species(species: Species) -> Species | None:
     return species.changed(detail=species.detail.changed(leaves=species.detail.leaves * SHARE))
 
 
-def far_trees(forest: Forest) -> np.ndarray:
-    """(N,) bool, trees that are shown by their coarse variants."""
-    return np.asarray(forest.stand.variant >= COARSE)
-
-
 def _without_unmet_leaves(
     species: Sequence[Planted], looks: Sequence[Look]
 ) -> tuple[list[Planted], tuple[Choice, ...]]:

@@ -13,7 +13,7 @@ from forest_addon.blender.rays.casters import make_caster
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.measured.wanted import Wanted
 from forest_addon.growth.tree import grow
-from forest_addon.sensing.detail import BOUND, COARSE, SHARE, far_trees, grow_needed
+from forest_addon.sensing.detail import BOUND, COARSE, SHARE, grow_needed
 from forest_addon.sensing.lidar.look import look_of_terrestrial
 from forest_addon.sensing.looks import loudness
 from forest_addon.sensing.rays.geometry import SceneGeometry
@@ -40,6 +40,11 @@ MEASURED = sorted(
 TREE = Wanted(0.16, 12.0, 3.6, 4.0, 40.0)
 WAYS = np.array([[0, 0, 1], [1, 0, 0.1], [0, 1, 0.3], [0.6, -0.5, 0.6], [-0.7, -0.3, 0.25]])
 SIDE = 150  # rays along each side of a picture
+
+
+def far_trees(forest):
+    """(N,) bool, trees that are shown by their coarse variants."""
+    return forest.stand.variant >= COARSE
 
 
 def hidden_and_gap(tree, like):

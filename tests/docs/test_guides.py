@@ -114,7 +114,7 @@ def test_a_script_in_plain_python(tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert "rays by brute force in float64" in done.stdout
+    assert "pulses in float64, ray by ray" in done.stdout
     assert (tmp_path / "cloud.laz").stat().st_size > 1000
 
 

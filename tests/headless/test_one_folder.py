@@ -1,7 +1,7 @@
 """A folder of results: one command at a time, no leavings of killed ones, and a run that goes on."""
 
+import json
 import os
-import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -17,7 +17,7 @@ from forest_addon.formats.ply import PlyFile
 from headless.command import name_of
 from headless.commands.lidar import LidarCommand
 from headless.lock import only_one
-from headless.unfinished import _Reader
+from headless.unfinished_files import read_value, write_value
 
 SMALL = Path(__file__).with_name("small.toml").read_text(encoding="utf-8")
 OFF = (
@@ -98,7 +98,7 @@ def test_a_run_that_was_ended_goes_on_to_the_same_bytes(headless, scene, tmp_pat
     assert done.returncode == 130
     assert "--resume goes on with it" in done.stderr
     assert not (ended / "run.json").exists()
-    broken = next((ended / ".unfinished").glob("scan-*.pickle"))
+    broken = next((ended / ".unfinished").glob("scan-*.npz"))
     broken.write_bytes(broken.read_bytes()[:1000])
     done = headless("run", scene, "--out", ended, "--resume", "--seed", "9")
     assert done.returncode == 2
@@ -112,15 +112,40 @@ def test_a_run_that_was_ended_goes_on_to_the_same_bytes(headless, scene, tmp_pat
         assert (whole / name).read_bytes() == (ended / name).read_bytes(), name
 
 
-def test_what_lies_among_unfinished_results_runs_nothing(tmp_path):
-    class Evil:
-        def __reduce__(self):
-            return os.mkdir, (str(tmp_path / "made"),)
+@pytest.mark.parametrize(
+    ("module", "name"), [("os", "system"), ("numpy", "memmap"), ("shutil", "rmtree")]
+)
+def test_what_lies_among_unfinished_results_runs_nothing(tmp_path, module, name):
+    text = json.dumps(["made", [module, name, {}]]).encode()
+    with open(tmp_path / "a.npz", "w+b") as file:
+        np.savez(file, text=np.frombuffer(text, dtype=np.uint8))
+        file.seek(0)
+        with pytest.raises(ValueError, match="is of no result"):
+            read_value(file)
 
-    for thing in (Evil(), [os.system], eval, [np.memmap], [PlyFile]):
-        with open(tmp_path / "a.pickle", "w+b") as file:
-            pickle.dump(thing, file)
-            file.seek(0)
-            with pytest.raises(pickle.UnpicklingError):
-                _Reader(file).load()
-    assert not (tmp_path / "made").exists()
+
+def test_only_dataclasses_of_ours_are_made(tmp_path):
+    text = json.dumps(["made", [PlyFile.__module__, "PlyFile", {}]]).encode()
+    with open(tmp_path / "a.npz", "w+b") as file:
+        np.savez(file, text=np.frombuffer(text, dtype=np.uint8))
+        file.seek(0)
+        with pytest.raises(ValueError, match="is of no result"):
+            read_value(file)
+
+
+def test_values_come_back_as_they_were(tmp_path):
+    value = {
+        "numbers": (1, 2.5, True, None, "x", 3j, np.float32(0.1), np.int64(2**60)),
+        "sets": {1, 2},
+        "path": Path("a/b"),
+        ("key", 1): [np.arange(6).reshape(2, 3), range(3), slice(1, None, 2)],
+        "arrays": (np.array(["ab", "c"]), np.zeros((0, 3)), np.array(np.nan)),
+    }
+    with open(tmp_path / "a.npz", "w+b") as file:
+        write_value(file, value)
+        file.seek(0)
+        back = read_value(file)
+    np.testing.assert_equal(back, value)
+    assert type(back["numbers"][6]) is np.float32
+    with open(tmp_path / "b.npz", "wb") as file, pytest.raises(TypeError, match="is of no result"):
+        write_value(file, [print])

@@ -23,7 +23,7 @@ def main(archive: str, scene: str, folder: str) -> None:
     bpy.ops.extensions.package_install_files(
         filepath=archive, repo="user_default", enable_on_install=True
     )
-    command = import_module(f"{MODULE}.forest_addon.ui.command")
+    command = import_module(f"{MODULE}.forest_addon.ui.settings.command")
     seen = [state()]
     jobs = (
         ["run", scene, "--out", folder, "--quiet"],

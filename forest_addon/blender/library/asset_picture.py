@@ -68,7 +68,7 @@ def _seen(
     colour = np.zeros((len(start), 3))
     if not len(rows):
         return colour, found
-    met, point = hits.take(rows), point[rows]
+    met, point = hits.select(rows), point[rows]
     normal = hit_normals(scene, met)
     normal *= -np.sign(normal @ forward)[:, None]  # towards the eye
     is_leaf = mesh.part[met.triangle] == LEAF

@@ -242,6 +242,13 @@ def _close_ends(
         second = np.where(np.diff(lines.first) > 2, at + 2 - 4 * end, at + 1 - 2 * end)
         way = knot[second] - knot[np.where(second == at + 1 - 2 * end, at, at + 1 - 2 * end)]
         foot, inwards, near = _find_end(pieces, samples, depth, thick, way)
+        # a piece without extent tells no end: it keeps its own
+        sure = np.isfinite(foot).all(axis=1) & np.isfinite(inwards).all(axis=1) & np.isfinite(near)
+        foot, inwards = (
+            np.where(sure[:, None], foot, knot[at]),
+            np.where(sure[:, None], inwards, 0.0),
+        )
+        near = np.where(sure, near, 0.0)
         # knots nearer to the end than its surface is sure of stand on the straight way to it
         place = np.einsum("ki,ki->k", knot - foot[owner], inwards[owner])
         from_end = np.abs(lines.along - lines.along[at][owner])
@@ -263,6 +270,8 @@ def _end_radii(
         depth = depth - np.minimum.reduceat(depth, _begins(owner, count))[owner]
         collar = depth <= NEAR * radius[at][owner]
         found[:, end] = _upper_quartile(thickness[collar], owner[collar], count)
+        # no vertex near the end: a piece without extent, whose radius is not known
+        found[:, end] = np.where(np.isnan(found[:, end]), np.nan_to_num(radius[at]), found[:, end])
     return found
 
 
@@ -355,4 +364,8 @@ def _upper_quartile(value: np.ndarray, owner: np.ndarray, count: int) -> np.ndar
     """(C,) upper quartile of the values of each owner: a cap's middle does not count."""
     size = np.bincount(owner, minlength=count)
     order = np.lexsort((value, owner))
-    return np.asarray(value[order[np.cumsum(size) - size + 3 * size // 4]])
+    place = np.cumsum(size) - size + 3 * size // 4
+    known = size > 0
+    found = np.full(count, np.nan)
+    found[known] = value[order[place[known]]]
+    return found
