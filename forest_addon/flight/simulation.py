@@ -16,14 +16,14 @@ import numpy as np
 from ..spec import Flight, SpecError
 from .bodies import State, at_rest, checked, move
 from .obstacles import Obstacles
-from .senses import Ears, Lidar, generator, odometry
+from .senses import EarSense, LidarSense, generator, odometry
 
 TRIES = 200  # places that are drawn for a start
 SENSORS = ("lidar", "sonar")
 CRASH, ARRIVED = -10.0, 10.0  # rewards, beside the metres nearer to the aim
 
 
-class World(Protocol):
+class FlightWorld(Protocol):
     """World that flyers are in: see ``woods``."""
 
     obstacles: Obstacles
@@ -62,7 +62,12 @@ class Flyers:
     """
 
     def __init__(
-        self, flight: Flight, count: int, lidar: Lidar | None, ears: Ears | None, every: int = 1
+        self,
+        flight: Flight,
+        count: int,
+        lidar: LidarSense | None,
+        ears: EarSense | None,
+        every: int = 1,
     ) -> None:
         self.flight, self.count = flight, count
         self.lidar, self.ears, self.every = lidar, ears, every

@@ -54,7 +54,7 @@ SCANNER = Terrestrial(
 
 
 @dataclass(frozen=True)
-class Stems:
+class FoundStems:
     """Stems by range from the scanner (N,) m and diameter (N,) m."""
 
     away: np.ndarray
