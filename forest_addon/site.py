@@ -20,10 +20,10 @@ from .sensing.detail import grow_needed
 from .sensing.kinds import kind_of
 from .spec import AUTO, Scene
 from .stand.files import read_inputs
-from .stand.forest import Forest, ForestPlan, Grown, Planted
+from .stand.forest import ForestPlan, Grown, GrownForest, Planted
 from .stand.inputs import Inputs
 from .stand.intensity.rough import roughened
-from .stand.intensity.terrain import Terrain
+from .stand.intensity.terrain import GroundSurface
 from .stand.plan import Stand, plan_stand
 from .stand.undergrowth import with_undergrowth
 
@@ -91,7 +91,7 @@ class ForestSite:
         return replace(self, inputs=replace(self.inputs, terrain=rough))
 
     @property
-    def ground(self) -> Terrain:
+    def ground(self) -> GroundSurface:
         """The terrain, flat where none was given."""
         return self.inputs.ground(self.scene.forest.terrain.base)
 
@@ -101,7 +101,7 @@ class ForestSite:
         scene = self.scene
         return plan_stand(scene.seed, scene.forest, scene.plantings, self.inputs)
 
-    def grow(self, progress: Progress | None = None, grown: Grown | None = None) -> Forest:
+    def grow(self, progress: Progress | None = None, grown: Grown | None = None) -> GrownForest:
         """Plan the stand and grow its trees, as far as the scene's sensors need them.
 
         progress : called as progress(done, total). grown : gives the tree of a planting and variant, by
@@ -118,7 +118,7 @@ class ForestSite:
         """The stand with variants and targets of its trees; grows single trees in full."""
         return ForestPlan.of(self.scene, self.species, self.inputs)
 
-    def every_variant(self, forest: Forest) -> dict[tuple[int, int], Tree]:
+    def every_variant(self, forest: GrownForest) -> dict[tuple[int, int], Tree]:
         """The variants of a forest that grew here in full, with those that could stand and do not."""
         plan, variants = self.planned(), dict(forest.variants)
         for number, planting in enumerate(self.scene.plantings):

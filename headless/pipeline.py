@@ -37,7 +37,7 @@ from forest_addon.sensing.kinds import kind_of
 from forest_addon.sensing.reverb.auralise import auralise
 from forest_addon.spec import Scene, Sensor, SpecError
 from forest_addon.stand.forest import (
-    Forest,
+    GrownForest,
     angle_table,
     leaf_count,
     leaf_table,
@@ -46,7 +46,7 @@ from forest_addon.stand.forest import (
     variant_leaf_table,
 )
 from forest_addon.stand.inputs import Inputs
-from forest_addon.stand.intensity.terrain import Terrain
+from forest_addon.stand.intensity.terrain import GroundSurface
 from forest_addon.stand.targets import record
 
 from .command import DoubtfulError
@@ -67,8 +67,8 @@ class Run:
     settings: Scene
     out: Path
     stages: Stages
-    forest: Forest
-    ground: Terrain
+    forest: GrownForest
+    ground: GroundSurface
     findings: list[page.Finding] = field(default_factory=list)
     files: list[str] = field(default_factory=list)
     results: dict[str, Result] = field(default_factory=dict)  # by sensor

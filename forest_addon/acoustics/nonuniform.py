@@ -160,7 +160,7 @@ def _fast(
 
 
 @dataclass(frozen=True)
-class _Plan:
+class _SumPlan:
     """level : (M,) index of ``LEVELS``, or their number: directly. error : (M,) of the interpolation.
 
     reducible : Σ of the errors that more nodes would make smaller.
@@ -171,7 +171,7 @@ class _Plan:
     reducible: float
 
 
-def _planned(smooth: Smoothness, allowed: float, budget: float) -> _Plan:
+def _planned(smooth: Smoothness, allowed: float, budget: float) -> _SumPlan:
     """By classes: the fewest nodes that are good enough for an echo of its class and level.
 
     Echoes whose table is too rough for what was asked are summed directly, the roughest first.
@@ -187,7 +187,7 @@ def _planned(smooth: Smoothness, allowed: float, budget: float) -> _Plan:
     own, error = level[of_echo], padded[kind, level][of_echo]
     reducible = smooth.scale @ np.where(error > smooth.floor[smooth.kind], error, 0.0)
     own = np.where(_too_rough(smooth, budget), len(LEVELS), _together(own))
-    return _Plan(own, smooth.scale * error, float(reducible))
+    return _SumPlan(own, smooth.scale * error, float(reducible))
 
 
 def _too_rough(smooth: Smoothness, budget: float) -> np.ndarray:
@@ -250,7 +250,7 @@ class _Task:
         frequency = self._start + half + half * chebyshev.points(nodes)
         return np.asarray(self._amplitude(frequency, rows))
 
-    def unknown(self, spread: np.ndarray, allowed: float) -> _Plan:
+    def unknown(self, spread: np.ndarray, allowed: float) -> _SumPlan:
         """Of echoes that nothing is known of, by looking at each in more nodes than it will need."""
         level = np.full(len(spread), len(LEVELS))
         error = np.zeros(len(spread))
@@ -268,7 +268,7 @@ class _Task:
                 level[some], error[some] = self._look(some, dense, allowed)
                 rejected.append(some[level[some] == len(LEVELS)])
             pending = np.concatenate(rejected)
-        return _Plan(level, error, float(error.sum()))
+        return _SumPlan(level, error, float(error.sum()))
 
     def _look(self, rows: np.ndarray, dense: int, allowed: float) -> tuple[np.ndarray, np.ndarray]:
         """Level (m,) and error (m,) of some echoes, from their series of ``dense`` terms."""

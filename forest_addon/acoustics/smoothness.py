@@ -65,7 +65,7 @@ class Family(Protocol):
 
 
 @dataclass(frozen=True)
-class Profile:
+class SmoothnessProfile:
     """M amplitudes scale·F(k·length, second); (M,) each, scale and length in metres."""
 
     family: Family
@@ -120,7 +120,7 @@ class Smoothness:
 
 
 def smoothness(
-    profile: Profile,
+    profile: SmoothnessProfile,
     band: tuple[float, float],
     speed: float,
     gain: np.ndarray,

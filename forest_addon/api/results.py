@@ -23,7 +23,7 @@ from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan, to_cloud
 from ..sensing.reverb.metrics import RoomMetrics, room_metrics
 from ..sensing.reverb.response import ImpulseResponse, channels_of
-from ..sensing.sonar.flight import Flight
+from ..sensing.sonar.flight import PingSeries
 from ..sensing.sonar.ping import Echo
 from ..spec import Choice, Sensor, SpecError
 from . import plots
@@ -197,9 +197,9 @@ class RowScan(Result):
 
 
 class Echoes(Result):
-    """The echo of a ping (``found`` is an ``Echo``), or of a flight (a ``Flight``)."""
+    """The echo of a ping (``found`` is an ``Echo``), or of a flight (a ``PingSeries``)."""
 
-    found: Echo | Flight
+    found: Echo | PingSeries
 
     @property
     def pings(self) -> tuple[Echo, ...]:
@@ -214,7 +214,7 @@ class Echoes(Result):
     @property
     def waveforms(self) -> np.ndarray:
         """(P, E, N) echoes of the call by pose and ear, re the call at 1 m."""
-        return Flight(self.pings).stacked("waveforms")
+        return PingSeries(self.pings).stacked("waveforms")
 
     def summary(self) -> dict[str, str]:
         level = 20 * np.log10(max(float(np.abs(self.waveforms).max(initial=0.0)), 1e-30))

@@ -13,7 +13,7 @@ from ..base.progress import Progress
 from ..formats.toml_file import read_settings
 from ..site import ForestSite
 from ..spec import Scene, with_files
-from ..stand.forest import Forest
+from ..stand.forest import GrownForest
 from .given import enough_memory, path_of, progress_of, scene_of
 from .world import World, import_blender
 
@@ -115,7 +115,7 @@ class Site(ForestSite):
         open_for(scene, folder)
         return with_objects(site)
 
-    def build(self, forest: Forest, *, as_assets: bool = True, seconds: float = 0.0) -> World:
+    def build(self, forest: GrownForest, *, as_assets: bool = True, seconds: float = 0.0) -> World:
         """Put a forest that grew here, and the scene's sensors, into Blender's current scene.
 
         as_assets : whether variants become assets, each with a picture. seconds : that growing took.

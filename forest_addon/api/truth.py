@@ -10,13 +10,13 @@ import numpy as np
 from ..spec import SpecError
 
 if TYPE_CHECKING:
-    from ..stand.forest import Forest
+    from ..stand.forest import GrownForest
     from ..stand.placed import PlacedTrees
 
 Table = dict[str, np.ndarray]
 
 
-def trees(forest: Forest | None, placed: PlacedTrees) -> Table:
+def trees(forest: GrownForest | None, placed: PlacedTrees) -> Table:
     """A row a tree."""
     from ..stand.forest import tree_table
     from ..stand.placed import placed_table
@@ -26,7 +26,7 @@ def trees(forest: Forest | None, placed: PlacedTrees) -> Table:
     return table | {name: _numbers(table[name]) for name in numbers}
 
 
-def leaves(forest: Forest | None, placed: PlacedTrees) -> Table:
+def leaves(forest: GrownForest | None, placed: PlacedTrees) -> Table:
     """A row a leaf."""
     from ..stand.forest import leaf_table
     from ..stand.placed import placed_leaves
@@ -34,7 +34,7 @@ def leaves(forest: Forest | None, placed: PlacedTrees) -> Table:
     return _both(forest, placed, leaf_table, placed_leaves)
 
 
-def cylinders(forest: Forest | None, placed: PlacedTrees) -> Table:
+def cylinders(forest: GrownForest | None, placed: PlacedTrees) -> Table:
     """A row a segment of a branch."""
     from ..stand.placed import placed_cylinders
     from ..stand.truth import cylinder_table
@@ -42,7 +42,7 @@ def cylinders(forest: Forest | None, placed: PlacedTrees) -> Table:
     return _both(forest, placed, cylinder_table, placed_cylinders)
 
 
-def skeleton(forest: Forest | None, placed: PlacedTrees, tree: int) -> Table:
+def skeleton(forest: GrownForest | None, placed: PlacedTrees, tree: int) -> Table:
     """The segments of one tree in the world.
 
     Raises
@@ -72,9 +72,9 @@ def skeleton(forest: Forest | None, placed: PlacedTrees, tree: int) -> Table:
 
 
 def _both(
-    forest: Forest | None,
+    forest: GrownForest | None,
     placed: PlacedTrees,
-    of_forest: Callable[[Forest], Mapping[str, Any]],
+    of_forest: Callable[[GrownForest], Mapping[str, Any]],
     of_placed: Callable[[PlacedTrees], Mapping[str, Any]],
 ) -> Table:
     """Tables one below the other; what only the grown trees have, as targets, is empty or NaN below."""

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from ..sensing.audit import Audit
     from ..sensing.canopy import Canopy
     from ..spec import Choice
-    from ..stand.forest import Forest
+    from ..stand.forest import GrownForest
     from ..stand.placed import PlacedTrees
 
 MOST_PIXELS = 8192  # along a side of a hemispherical picture
@@ -57,7 +57,7 @@ class World:
 
     scene: Scene
     folder: Path
-    forest: Forest | None
+    forest: GrownForest | None
     _place: Any
     seconds: float = 1.0
     _taken: Observer | None = None
@@ -309,7 +309,7 @@ class World:
             raise SpecError(call, f"takes a {wanted}, not {called(sensor)}")
         return self.look(sensor, progress)
 
-    def _standing(self) -> tuple[Forest | None, PlacedTrees]:
+    def _standing(self) -> tuple[GrownForest | None, PlacedTrees]:
         """Return what was grown here, and trees of libraries; an error where there is neither."""
         import_blender()
         from ..blender.scene.asset_truth import has_assets
@@ -318,7 +318,7 @@ class World:
         placed = self.observer.placed_trees if has_assets() else NONE
         return (None if len(placed) and self.forest is None else self._grown()), placed
 
-    def _grown(self) -> Forest:
+    def _grown(self) -> GrownForest:
         if self.forest is None:
             raise SpecError("world", "was not grown here; its trees are known to build() alone")
         return self.forest

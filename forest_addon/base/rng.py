@@ -50,7 +50,7 @@ def _word(part: int | str) -> int:
 def daughter_keys(keys: np.ndarray, number: np.ndarray | int | str) -> np.ndarray:
     """(N,) uint64 keys of what descends from N things: the lineage of arrays.
 
-    number : which daughter each one is, or a name for all of them.
+    number : which child each one is, or a name for all of them.
     """
     if isinstance(number, str):
         number = _word(number) & 0x7FFFFFFFFFFFFFFF

@@ -9,7 +9,7 @@ import bpy
 
 from ..site import ForestSite
 from ..spec import SpecError
-from ..stand.forest import Forest
+from ..stand.forest import GrownForest
 from .read.inputs import inputs_from_scene
 from .scene.forest import build
 
@@ -28,7 +28,7 @@ def with_objects(site: S, depsgraph: bpy.types.Depsgraph | None = None) -> S:
 
 
 def build_site(
-    place: bpy.types.Scene, site: ForestSite, forest: Forest, *, as_assets: bool = True
+    place: bpy.types.Scene, site: ForestSite, forest: GrownForest, *, as_assets: bool = True
 ) -> None:
     """Put a forest that grew on a site into a Blender scene, in place of the one that stands there.
 

@@ -25,9 +25,9 @@ from ..api import World
 from ..spec import Flight, Mobile, Scene, Sonar, SpecError, unknown
 from . import top_view
 from .bodies import ACTIONS
-from .senses import FARTHEST, HEARD, ODOMETRY, Ears, Lidar, lidar_of, sonar_of
+from .senses import FARTHEST, HEARD, ODOMETRY, EarSense, LidarSense, lidar_of, sonar_of
 from .simulation import SENSORS, Flyers
-from .woods import Stock, Surroundings
+from .woods import FlightSurroundings, Stock
 
 FORESTS = ("new", "fixed")
 MODES = ("rgb_array", "human")
@@ -65,9 +65,11 @@ class _Flights:
         self.flight = flight or settings.flight
         if flight is not None:
             self.stock.settings = settings.changed(flight=flight)
-        eyes = Lidar(lidar or lidar_of(settings)) if "lidar" in sensors else None
+        eyes = LidarSense(lidar or lidar_of(settings)) if "lidar" in sensors else None
         ears = (
-            Ears(sonar or sonar_of(settings), settings.air, heard) if "sonar" in sensors else None
+            EarSense(sonar or sonar_of(settings), settings.air, heard)
+            if "sonar" in sensors
+            else None
         )
         self.flyers = Flyers(self.flight, count, eyes, ears, every)
         self.forest = forest
@@ -90,9 +92,9 @@ class _Flights:
             self._entered = wanted
 
     @property
-    def surroundings(self) -> Surroundings:
+    def surroundings(self) -> FlightSurroundings:
         """Return where the flyers are."""
-        world: Surroundings = self.flyers.world
+        world: FlightSurroundings = self.flyers.world
         return world
 
 
@@ -203,7 +205,7 @@ class FlightEnv(gymnasium.Env):
             self._view = None
 
     def world(self) -> World:
-        """The forest of this episode, built in Blender; see ``Surroundings.world``."""
+        """The forest of this episode, built in Blender; see ``FlightSurroundings.world``."""
         return self.flights.surroundings.world()
 
     def _info(self) -> dict[str, Any]:

@@ -123,10 +123,10 @@ def nearest(flyers: Flyers, told: dict[str, np.ndarray]) -> np.ndarray:
     if "lidar" in told:
         return told["lidar"].min(axis=1)
     if "sonar" in told and flyers.ears is not None:
-        from .policies import Echo
+        from .policies import EchoPolicy
 
         if flyers.ears.sonar.ears > 1:
-            first, _ = Echo(flyers.flight, flyers.ears).cues(told["sonar"])
+            first, _ = EchoPolicy(flyers.flight, flyers.ears).cues(told["sonar"])
             return np.minimum(first, flyers.ears.sonar.max_range)
     return np.full(flyers.count, np.nan)
 

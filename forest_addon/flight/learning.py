@@ -18,7 +18,7 @@ from ..formats.npz import write_npz
 from ..spec import Flight, SpecError
 from .bodies import wrapped
 from .policies import bearing, steer
-from .senses import Lidar
+from .senses import LidarSense
 
 SECTORS, HIDDEN = 15, 8
 INPUTS = SECTORS + 2
@@ -32,7 +32,7 @@ class Trained:
     """A policy of weights (SIZE,), or (N, SIZE) one for each flyer."""
 
     flight: Flight
-    lidar: Lidar
+    lidar: LidarSense
     weights: np.ndarray
     sensors: tuple[str, ...] = ("lidar",)
 
@@ -71,7 +71,7 @@ class Trained:
         write_npz(path, {"weights": self.weights}, {"weights": "1"})
 
 
-def load(path: Path, flight: Flight, lidar: Lidar) -> Trained:
+def load(path: Path, flight: Flight, lidar: LidarSense) -> Trained:
     """A policy that was trained before.
 
     Raises

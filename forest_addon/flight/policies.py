@@ -21,7 +21,7 @@ import numpy as np
 
 from ..spec import Flight, SpecError, unknown
 from .bodies import ACTIONS, wrapped
-from .senses import FLOOR_DB, TOP_DB, Ears, Lidar
+from .senses import FLOOR_DB, TOP_DB, EarSense, LidarSense
 
 NAMES = ("straight", "gap", "echo", "trained")
 FIRST = 1e-3  # s of an echo that count
@@ -56,7 +56,7 @@ class Gap:
     """By the widest gap; for scanners whose rays are level enough, the others are left out."""
 
     flight: Flight
-    lidar: Lidar
+    lidar: LidarSense
     sensors: tuple[str, ...] = ("lidar",)
 
     def __post_init__(self) -> None:
@@ -109,11 +109,11 @@ class Gap:
 
 
 @dataclass
-class Echo:
+class EchoPolicy:
     """By two ears."""
 
     flight: Flight
-    ears: Ears
+    ears: EarSense
     sensors: tuple[str, ...] = ("sonar",)
 
     def __post_init__(self) -> None:
@@ -195,7 +195,7 @@ def steer(
 
 
 def policy_of(
-    name: str, flight: Flight, lidar: Lidar | None, ears: Ears | None, trained: Any = None
+    name: str, flight: Flight, lidar: LidarSense | None, ears: EarSense | None, trained: Any = None
 ) -> Any:
     """A policy by its name, for flyers that carry this.
 
@@ -208,7 +208,7 @@ def policy_of(
     if name == "gap" and lidar is not None:
         return Gap(flight, lidar)
     if name == "echo" and ears is not None:
-        return Echo(flight, ears)
+        return EchoPolicy(flight, ears)
     if name == "trained" and trained is not None and lidar is not None:
         return trained
     if name not in NAMES:

@@ -21,7 +21,7 @@ from ..base.rng import stream
 from ..sensing.lidar.scan import Scan
 from ..sensing.lidar.scanner import Sweep
 from ..sensing.sonar.ping import Echo, ping
-from ..sensing.sonar.poses import Pose as Place
+from ..sensing.sonar.poses import SonarPose as Place
 from ..sensing.sonar.station import Equipment
 from ..sensing.trajectory import Trajectory, frame_of, through
 from ..spec import Air, Flight, Mobile, Pose, Scene, Sensor, Sonar
@@ -87,7 +87,7 @@ def degrees(state: State, row: int) -> tuple[float, float, float]:
     return heading, float(-np.rad2deg(state.tilt[row, 0])), float(np.rad2deg(state.tilt[row, 1]))
 
 
-class Lidar:
+class LidarSense:
     """A mobile scanner that flyers carry."""
 
     def __init__(self, scanner: Mobile) -> None:
@@ -151,7 +151,7 @@ class Lidar:
         return np.clip(found, 0.0, self.scanner.max_range)
 
 
-class Ears:
+class EarSense:
     """A sonar that flyers carry.
 
     heard : what is told of an echo, ``cochleagram`` (E, BANDS, BINS) from 0 (``FLOOR_DB``) to 1

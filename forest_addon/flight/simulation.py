@@ -9,29 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from ..spec import Flight, SpecError
 from .bodies import State, at_rest, checked, move
-from .obstacles import Obstacles
-from .senses import Ears, Lidar, generator, odometry
+from .senses import EarSense, LidarSense, generator, odometry
 
 TRIES = 200  # places that are drawn for a start
 SENSORS = ("lidar", "sonar")
 CRASH, ARRIVED = -10.0, 10.0  # rewards, beside the metres nearer to the aim
-
-
-class World(Protocol):
-    """World that flyers are in: see ``woods``."""
-
-    obstacles: Obstacles
-
-    @property
-    def field(self) -> tuple[np.ndarray, np.ndarray]: ...
-
-    def ground(self, place: np.ndarray) -> np.ndarray: ...
 
 
 @dataclass(frozen=True)
@@ -62,7 +50,12 @@ class Flyers:
     """
 
     def __init__(
-        self, flight: Flight, count: int, lidar: Lidar | None, ears: Ears | None, every: int = 1
+        self,
+        flight: Flight,
+        count: int,
+        lidar: LidarSense | None,
+        ears: EarSense | None,
+        every: int = 1,
     ) -> None:
         self.flight, self.count = flight, count
         self.lidar, self.ears, self.every = lidar, ears, every

@@ -19,9 +19,9 @@ import numpy as np
 from ..api import Site, World, read
 from ..sensing.rays.caster import RayCaster
 from ..sensing.rays.geometry import SceneGeometry
-from ..sensing.sonar.targets import Targets
+from ..sensing.sonar.targets import EchoTargets
 from ..spec import Scene, SpecError
-from ..stand.forest import Forest
+from ..stand.forest import GrownForest
 from .obstacles import MeshObstacles, Obstacles
 from .solids import Solid
 
@@ -29,7 +29,7 @@ APART = 100.0  # metres between the single trees that are read
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class FlightSurroundings:
     """A world as a flyer meets it.
 
     settings : of its scene. stock : whose meshes it stands of. forest : its stand and trees, None of a scene
@@ -40,7 +40,7 @@ class Surroundings:
     stock: Stock
     geometry: SceneGeometry
     obstacles: Obstacles
-    forest: Forest | None = None
+    forest: GrownForest | None = None
 
     @cached_property
     def caster(self) -> RayCaster:
@@ -58,9 +58,9 @@ class Surroundings:
         return moved_caster(like, replace(self.geometry, meshes=like.scene.meshes))
 
     @cached_property
-    def targets(self) -> Targets:
+    def targets(self) -> EchoTargets:
         """Return what sounds back."""
-        return Targets(self.geometry, self.stock.targets)
+        return EchoTargets(self.geometry, self.stock.targets)
 
     @property
     def field(self) -> tuple[np.ndarray, np.ndarray]:
@@ -117,18 +117,18 @@ class Stock:
         made._keep(world.observer.geometry)
         return made
 
-    def surroundings(self, seed: int | None = None) -> Surroundings:
+    def surroundings(self, seed: int | None = None) -> FlightSurroundings:
         """The forest of a seed; None: of the scene's own, or what stands in Blender."""
         if self._site is None:
             obstacles = MeshObstacles(self._geometry, self.solids)
-            return Surroundings(self.settings, self, self._geometry, obstacles, self._grown)
+            return FlightSurroundings(self.settings, self, self._geometry, obstacles, self._grown)
         forest = self._forest(self.settings.seed if seed is None else seed)
         geometry = self._placed(forest)
-        return Surroundings(
+        return FlightSurroundings(
             self.settings, self, geometry, MeshObstacles(geometry, self.solids), forest
         )
 
-    def built(self, forest: Forest) -> World:
+    def built(self, forest: GrownForest) -> World:
         """A forest of this stock in Blender's current scene."""
         return self._standing_here().build(forest)
 
@@ -147,9 +147,9 @@ class Stock:
         return make_caster(self._geometry.solid(), self.settings.rays)
 
     @cached_property
-    def targets(self) -> Targets:
+    def targets(self) -> EchoTargets:
         """Return what sounds back, measured once."""
-        return Targets(self._geometry)
+        return EchoTargets(self._geometry)
 
     @cached_property
     def solids(self) -> list[Solid]:
@@ -179,7 +179,7 @@ class Stock:
         assert self._site is not None
         return replace(self._site, scene=self.settings)
 
-    def _catalogue(self) -> Forest:
+    def _catalogue(self) -> GrownForest:
         """One tree of every variant, far from each other."""
         assert self._grown is not None
         keys = np.array(list(self._grown.variants), dtype=np.int64).reshape(-1, 2)
@@ -210,13 +210,13 @@ class Stock:
             for number, key in enumerate(self._grown.variants)
         }
 
-    def _forest(self, seed: int) -> Forest:
+    def _forest(self, seed: int) -> GrownForest:
         assert self._grown is not None
         site = self._standing_here()
         plan = replace(site, scene=site.scene.changed(seed=seed)).planned()
         return replace(self._grown, stand=plan.placed(self._grown.variants))
 
-    def _placed(self, forest: Forest) -> SceneGeometry:
+    def _placed(self, forest: GrownForest) -> SceneGeometry:
         """The geometry that Blender's scene of this forest would be read as."""
         from ..blender.scene.turning import evaluated_transforms
 

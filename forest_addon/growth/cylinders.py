@@ -17,7 +17,7 @@ from .skeleton import Skeleton
 
 @dataclass(frozen=True)
 class Cylinders:
-    """C cylinders of one tree, a parent before its daughters.
+    """C cylinders of one tree, a parent before its children.
 
     start, end : (C, 3) metres. radius : (C, 2) at start and end. parent, extension : (C,) int64, -1 where
     there is none. axis : (C,) int64, counted from the trunk's 0. order : (C,) int64, 0 for the trunk.

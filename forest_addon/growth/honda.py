@@ -1,9 +1,9 @@
-"""Wahed et al.'s trees after Honda (1971): a mother bears daughters by angle, divergence and ratios,
+"""Wahed et al.'s trees after Honda (1971): a parent bears children by angle, divergence and ratios,
 recursively.
 
 All branches of a level are grown at once. A branch is a chain of straight pieces, each bent at random
-and towards the ground, and its daughters leave it at its apex or at random places along it. Per tree
-are drawn: levels, length and radius of the trunk, both ratios; per branch: number of daughters and of
+and towards the ground, and its children leave it at its apex or at random places along it. Per tree
+are drawn: levels, length and radius of the trunk, both ratios; per branch: number of children and of
 leaves, places, angle, twist, crookedness; per leaf: length, width, angle. A draw is a hash of the
 lineage of what draws it, so pruning a branch or leaving leaves off moves nothing else.
 """
@@ -23,7 +23,7 @@ from .skeleton import LeafSites, Skeleton
 
 MAX_SEGMENTS = 5_000_000
 GOLDEN = np.pi * (3 - np.sqrt(5))  # turn from leaf to leaf
-LEADER = 1 << 32  # a daughter's number that no other daughter has
+LEADER = 1 << 32  # a child's number that no other child has
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ def _daughters(
     radius_ratio: float,
     level: int,
 ) -> _Branches:
-    """The next level: daughters of every branch, and its leader."""
+    """The next level: children of every branch, and its leader."""
     choice = (honda.trunk_daughters if level == 0 else None) or honda.daughters
     born = draw_discrete(choice, here.key, "daughters")
     mother = np.repeat(np.arange(len(born)), born)
@@ -228,9 +228,9 @@ def _daughters(
         key=key,
         foot=place.foot,
         heading=cos * place.heading + sin * around,
-        across=cos * around - sin * place.heading,  # in the plane of mother and daughter
+        across=cos * around - sin * place.heading,  # in the plane of parent and child
         length=length,
-        radius=np.minimum(radius, local),  # no thicker than the mother where it leaves her
+        radius=np.minimum(radius, local),  # no thicker than the parent where it leaves her
         parent=place.segment,
         order=order,
         generation=here.generation[mother] + place.piece + 1,

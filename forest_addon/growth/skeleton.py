@@ -1,7 +1,7 @@
-"""The skeleton of a tree: straight segments that know their mother, and where its leaves sit.
+"""The skeleton of a tree: straight segments that know their parent, and where its leaves sit.
 
-What a turtle or a branching model makes and a mesher takes. A daughter may start anywhere on her mother,
-not only at her end; a segment of the same order as its mother continues her axis.
+What a turtle or a branching model makes and a mesher takes. A child may start anywhere on her parent,
+not only at her end; a segment of the same order as its parent continues her axis.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Skeleton:
-    """S segments, perhaps none; a mother comes before her daughters.
+    """S segments, perhaps none; a parent comes before her children.
 
     start, end : (S, 3) metres.
     radius : (S, 2) at start and end, metres.
@@ -40,7 +40,7 @@ class Skeleton:
         return np.zeros(len(self), dtype=bool) if self.dead is None else self.dead
 
     def some(self, keep: np.ndarray) -> Skeleton:
-        """The segments where ``keep`` (S,) is true; one whose mother is not kept becomes a root."""
+        """The segments where ``keep`` (S,) is true; one whose parent is not kept becomes a root."""
         number = np.cumsum(keep) - 1
         mother = self.parent[keep]
         known = (mother >= 0) & keep[np.maximum(mother, 0)]
@@ -55,7 +55,7 @@ class Skeleton:
         )
 
     def axis(self, first: int) -> list[int]:
-        """The segments of one axis, from ``first`` on, each followed by its daughter of equal order."""
+        """The segments of one axis, from ``first`` on, each followed by its child of equal order."""
         chain = [first]
         while True:
             onward = np.flatnonzero(

@@ -1,7 +1,7 @@
 """Volume of a skeleton's wood: that of the union of its tubes, joints counted once.
 
 An axis is a bent tube: its segments are frustums cut where they meet, so their volumes πh(r₁² + r₁r₂ + r₂²)/3
-add up. A daughter starts within her mother. What her first segments share with the mother's axis, and with
+add up. A child starts within her parent. What her first segments share with the parent's axis, and with
 sisters and aunts that leave the same segment before her, or the one below, is found by points spread
 evenly in them and taken off. Branches that cross each other elsewhere count twice.
 """
@@ -15,7 +15,7 @@ from .skeleton import Skeleton
 
 HEADS = 3  # segments of an axis that may lie within others
 SISTERS = 4  # of a branch, those before her, that she may share wood with
-AUNTS = 3  # that leave the segment before her mother
+AUNTS = 3  # that leave the segment before her parent
 POINTS = 100_000  # of a tree, in all its joints together
 FEWEST, MOST = 32, 4096  # in a segment
 EVEN = np.array(
@@ -41,7 +41,7 @@ def volume_of(skeleton: Skeleton) -> float:
 
 
 def _joints(skeleton: Skeleton, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First segments of daughters (H,), and those that each may lie in (H, C), -1 for none."""
+    """First segments of children (H,), and those that each may lie in (H, C), -1 for none."""
     axes = find_axes(skeleton)
     onward = np.full(len(skeleton) + 1, -1)  # the last one: of none, none
     chain = axes.segment

@@ -21,7 +21,7 @@ from ..base.trimesh import DEAD, LEAF, WOOD, TriMesh, join
 from ..spec import Siblings, Species
 from .draw import draw_inclination
 from .graft.cut import TreeTemplate
-from .graft.graft import Scion, Site, graft, prepare
+from .graft.graft import GraftSite, Scion, graft, prepare
 from .lsystem.grammar import string_of
 from .lsystem.turtle import interpret
 from .measured.curves import curved
@@ -282,14 +282,14 @@ def _scions(template: TreeTemplate) -> tuple[Scion, ...]:
 
 def _sites(
     skeleton: Skeleton, trunk: list[int], species: Species, rng: np.random.Generator
-) -> list[Site]:
+) -> list[GraftSite]:
     """Foot, direction and length of every first-level branch, from the lowest up, then the tip."""
     length = np.linalg.norm(skeleton.end - skeleton.start, axis=1)
     firsts = np.flatnonzero(
         (skeleton.order == 1) & (skeleton.order[np.maximum(skeleton.parent, 0)] == 0)
     )
     onward = dict(pairwise(trunk))
-    sites: list[Site] = []
+    sites: list[GraftSite] = []
     for first in firsts:
         reach = float(length[skeleton.axis(int(first))].sum())
         direction = skeleton.end[first] - skeleton.start[first]
@@ -300,12 +300,12 @@ def _sites(
             if node is not None and copy:  # a further copy: turned about the trunk, and raised
                 axis = skeleton.end[node] - skeleton.start[node]
                 foot = foot + axis * copy / species.grammar.copies * (1 - rng.random() * 0.3)
-            sites.append(Site(foot, _turned(direction, copy / species.grammar.copies), reach))
+            sites.append(GraftSite(foot, _turned(direction, copy / species.grammar.copies), reach))
     sites.sort(key=lambda site: float(site.foot[2]))
     tip = trunk[-1]
     upward = skeleton.end[tip] - skeleton.start[tip]
     upward_length = float(np.linalg.norm(upward))
-    sites.append(Site(skeleton.start[tip], upward / upward_length, 1.5 * upward_length))
+    sites.append(GraftSite(skeleton.start[tip], upward / upward_length, 1.5 * upward_length))
     return sites
 
 

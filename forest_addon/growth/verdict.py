@@ -19,7 +19,7 @@ from .portrait import portray
 from .regrow.fitted import Habit
 from .regrow.relay import outline_of
 from .regrow.sibling import Grown, grow_sibling
-from .regrow.standing import Standing, lowest_corner, standing_of
+from .regrow.standing import SiblingStanding, lowest_corner, standing_of
 
 VARIETIES = (1.0, 0.7, 0.5, 0.3, 0.15)  # tried one after the other
 FEWEST = 24  # siblings that tell
@@ -116,7 +116,7 @@ def _unlike(likeness: Likeness) -> list[Miss]:
     return missed
 
 
-def _unsound(own: Standing, found: list[Standing]) -> list[Miss]:
+def _unsound(own: SiblingStanding, found: list[SiblingStanding]) -> list[Miss]:
     """Trunks that lean, and branches that are off their parents or thicker than these."""
     missed = []
     lean, gap = max(one.lean for one in found), max(one.gap for one in found)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..formats.npz import write_npz
 from ..formats.wav import write_wav
-from ..sensing.sonar.flight import Flight
+from ..sensing.sonar.flight import PingSeries
 from ..sensing.sonar.ping import Echo
 from ..spec import Sonar
 from .coordinates import on_the_map
@@ -37,7 +37,7 @@ HEARD_UNITS = {"position": "m", "distance": "m", "delay": "s", "amplitude": "re 
 
 
 def write_echo(
-    folder: Path, name: str, found: Echo | Flight, sonar: Sonar, offset: Sequence[float] = NONE
+    folder: Path, name: str, found: Echo | PingSeries, sonar: Sonar, offset: Sequence[float] = NONE
 ) -> list[Path]:
     """Write an echo or a flight; returns the files, the NPZ first.
 
@@ -56,7 +56,7 @@ def write_echo(
     return files
 
 
-def write_echo_arrays(path: Path, found: Echo | Flight, offset: Sequence[float] = NONE) -> None:
+def write_echo_arrays(path: Path, found: Echo | PingSeries, offset: Sequence[float] = NONE) -> None:
     """Write axes, responses, spectra, echoes and poses as NPZ. offset : (3,) metres, added to positions."""
     flight, single = _flight(found), isinstance(found, Echo)
     waveform = flight.stacked("waveforms")
@@ -64,12 +64,12 @@ def write_echo_arrays(path: Path, found: Echo | Flight, offset: Sequence[float] 
     write_npz(path, on_the_map(arrays, offset), UNITS)
 
 
-def write_echo_sound(path: Path, found: Echo | Flight, time_expansion: float) -> None:
+def write_echo_sound(path: Path, found: Echo | PingSeries, time_expansion: float) -> None:
     """Write the echoes as WAV, ``time_expansion`` times slower."""
     write_wav(path, *sound_of(found, time_expansion))
 
 
-def sound_of(found: Echo | Flight, time_expansion: float) -> tuple[np.ndarray, int]:
+def sound_of(found: Echo | PingSeries, time_expansion: float) -> tuple[np.ndarray, int]:
     """The echoes ``time_expansion`` times slower: (N, E) samples as loud as a file can hold, rate in Hz."""
     flight = _flight(found)
     waveform = flight.stacked("waveforms")
@@ -77,8 +77,8 @@ def sound_of(found: Echo | Flight, time_expansion: float) -> tuple[np.ndarray, i
     return sound, max(1, round(flight.echoes[0].sample_rate / time_expansion))
 
 
-def _flight(found: Echo | Flight) -> Flight:
-    return found if isinstance(found, Flight) else Flight((found,))
+def _flight(found: Echo | PingSeries) -> PingSeries:
+    return found if isinstance(found, PingSeries) else PingSeries((found,))
 
 
 def _gain(waveform: np.ndarray) -> float:
@@ -87,7 +87,7 @@ def _gain(waveform: np.ndarray) -> float:
     return LOUD / peak if peak > 0 else 1.0
 
 
-def _arrays(flight: Flight, waveform: np.ndarray, single: bool) -> dict[str, np.ndarray]:
+def _arrays(flight: PingSeries, waveform: np.ndarray, single: bool) -> dict[str, np.ndarray]:
     """Return what the NPZ holds; of one ping at one ear, records are (N,)."""
     first = flight.echoes[0]
     position, axis = flight.poses()
@@ -108,7 +108,7 @@ def _arrays(flight: Flight, waveform: np.ndarray, single: bool) -> dict[str, np.
     }
 
 
-def _heard(flight: Flight) -> dict[str, np.ndarray]:
+def _heard(flight: PingSeries) -> dict[str, np.ndarray]:
     """Rows of all poses, the loudest of each pose first; ``pose`` (M,) is its number."""
     heard = [echo.heard for echo in flight.echoes]
     columns = {

@@ -16,7 +16,7 @@ import numpy as np
 from ..base.trimesh import DEAD, GROUND, LEAF, WOOD
 
 if TYPE_CHECKING:
-    from ..stand.forest import Forest
+    from ..stand.forest import GrownForest
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def facts(figures: Sequence[Figure]) -> dict[str, str]:
     return {each.name: each.text for each in figures if each.name}
 
 
-def of_forest(forest: Forest) -> list[Figure]:
+def of_forest(forest: GrownForest) -> list[Figure]:
     """Trees, leaves and triangles of a forest."""
     stand = forest.stand
     variants = [forest.variant_of(tree) for tree in range(len(stand))]

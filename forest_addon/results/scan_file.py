@@ -46,7 +46,7 @@ class Written:
 
 
 @dataclass(frozen=True)
-class State:
+class ScanState:
     """State of an unfinished scan: which scan, its pulses, those of a chunk, those done, those of them
     that were lost, its points."""
 
@@ -81,7 +81,7 @@ def write_scan(
     kind = path.suffix.lower().lstrip(".")
     if kind not in FORMATS:
         raise SpecError(str(path), f"cannot be written; end its name in .{', .'.join(FORMATS)}")
-    state = State(_digest(scan, seed, offset), scan.pulses, at_once or scan.at_once)
+    state = ScanState(_digest(scan, seed, offset), scan.pulses, at_once or scan.at_once)
     noted, partial = path.with_suffix(".partial.json"), path.with_suffix(".partial.ply")
     if resume and noted.is_file():
         state = _resumed(noted, state)
@@ -135,11 +135,11 @@ def write_npz_rows(path: Path, rows: np.ndarray) -> None:
                 np.lib.format.write_array(file, np.array(unit))
 
 
-def _resumed(noted: Path, fresh: State) -> State:
+def _resumed(noted: Path, fresh: ScanState) -> ScanState:
     """Return what an unfinished scan says of itself; its chunks go on as they were."""
     try:
         said = json.loads(noted.read_text(encoding="utf-8"))
-        known = State(**said | {"lost": tuple(Lost(**one) for one in said.get("lost", ()))})
+        known = ScanState(**said | {"lost": tuple(Lost(**one) for one in said.get("lost", ()))})
     except Exception:  # whatever else lies there
         known = None
     counts = () if known is None else (known.at_once, known.done, known.points)

@@ -16,7 +16,7 @@ from .plot import Plot, sound_plot
 if TYPE_CHECKING:
     from ..base.labels import Labels
     from ..sensing.kind import Seen
-    from ..sensing.sonar.flight import Flight
+    from ..sensing.sonar.flight import PingSeries
     from ..sensing.sonar.ping import Contributions, Echo
     from ..spec import Sonar
 
@@ -30,7 +30,7 @@ def _is_flight(found: Finding) -> bool:
     return hasattr(found, "echoes")
 
 
-def loudest(flight: Flight) -> Echo:
+def loudest(flight: PingSeries) -> Echo:
     """The ping of a flight whose echo has the highest peak."""
     return max(flight.echoes, key=lambda echo: float(echo.envelope.max(initial=0.0)))
 

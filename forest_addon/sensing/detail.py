@@ -29,11 +29,11 @@ from ..base.progress import Progress
 from ..base.rng import stream
 from ..growth.tree import Tree, leaves_left, with_tolerance, without_leaves
 from ..spec import Choice, Scene, Species
-from ..stand.forest import Forest, ForestPlan, Grown, Planted, keys_of
+from ..stand.forest import ForestPlan, Grown, GrownForest, Planted, keys_of
 from ..stand.inputs import Inputs
 from .far_leaves import range_shift
 from .kinds import kind_of
-from .looks import Leafy, Look, Upright
+from .looks import Leafy, SensorLook, Upright
 
 COARSE = 1000  # added to a variant's number; a planting has at most as many
 SHARE = 0.25  # of the leaves, and of a shoot's blades, that a coarse variant has
@@ -51,7 +51,7 @@ def grow_needed(
     progress: Progress | None = None,
     inputs: Inputs | None = None,
     grown: Grown | None = None,
-) -> Forest:
+) -> GrownForest:
     """Grow a forest with no more than the scene's sensors need, where that is left to them; its ``chosen``
     and ``detail`` say what that is.
 
@@ -78,7 +78,7 @@ def coarse_species(species: Species) -> Species | None:
 
 
 def _without_unmet_leaves(
-    species: Sequence[Planted], looks: Sequence[Look]
+    species: Sequence[Planted], looks: Sequence[SensorLook]
 ) -> tuple[list[Planted], tuple[Choice, ...]]:
     """Species to grow, without leaves where sensors look and none takes notice of a leaf."""
     if not looks or any(look.leaves for look in looks):
@@ -91,7 +91,7 @@ def _without_unmet_leaves(
     return bare, (Choice("detail.leaves", 0.0, 0.0, why),)
 
 
-def _with_coarse(plan: ForestPlan, forest: Forest, looks: Sequence[Look]) -> Forest:
+def _with_coarse(plan: ForestPlan, forest: GrownForest, looks: Sequence[SensorLook]) -> GrownForest:
     """The forest with coarse variants where trees are far, and the decision in sentences."""
     trees = _foliage(forest)
     tell = [look for look in looks if look.tells_leaves]
@@ -112,11 +112,11 @@ def _with_coarse(plan: ForestPlan, forest: Forest, looks: Sequence[Look]) -> For
 
 def _in_their_units(
     plan: ForestPlan,
-    forest: Forest,
+    forest: GrownForest,
     variants: dict[Key, Tree],
     trees: Leafy,
     far: np.ndarray,
-    looks: Sequence[Look],
+    looks: Sequence[SensorLook],
 ) -> tuple[Choice, ...]:
     """Results of sensors that reach far trees, and by how much coarse leaves move them."""
     within = {look.name: far & (look.distance(trees) <= look.range) for look in looks}
@@ -132,7 +132,7 @@ def _in_their_units(
     return tuple(look.off_by(trees, within[look.name], shift) for look in looks)
 
 
-def _far(trees: Leafy, looks: Sequence[Look]) -> tuple[np.ndarray, tuple[str, ...]]:
+def _far(trees: Leafy, looks: Sequence[SensorLook]) -> tuple[np.ndarray, tuple[str, ...]]:
     """(N,) bool, trees that are far from every sensor, and why; none where no sensor looks, or where one may
     be anywhere.
     """
@@ -158,8 +158,8 @@ def _far(trees: Leafy, looks: Sequence[Look]) -> tuple[np.ndarray, tuple[str, ..
 
 
 def _without_leaves_beyond(
-    forest: Forest, looks: Sequence[Look]
-) -> tuple[Forest, tuple[Choice, ...]]:
+    forest: GrownForest, looks: Sequence[SensorLook]
+) -> tuple[GrownForest, tuple[Choice, ...]]:
     """Variants of which no tree is within the range of a sensor that takes notice of leaves, without any."""
     trees, variants = _uprights(forest), dict(forest.variants)
     reached = np.zeros(len(forest.stand), dtype=bool)
@@ -185,7 +185,9 @@ def _without_leaves_beyond(
     return replace(forest, variants=variants), (chosen,)
 
 
-def _with_coarse_tubes(forest: Forest, looks: Sequence[Look]) -> tuple[Forest, tuple[Choice, ...]]:
+def _with_coarse_tubes(
+    forest: GrownForest, looks: Sequence[SensorLook]
+) -> tuple[GrownForest, tuple[Choice, ...]]:
     """Variants whose branches only wide beams meet, with coarser tubes."""
     if any(look.exact_wood for look in looks):
         return forest, ()
@@ -218,7 +220,7 @@ def _with_coarse_tubes(forest: Forest, looks: Sequence[Look]) -> tuple[Forest, t
 
 
 def _tolerance(
-    forest: Forest, key: Key, beams: Sequence[Look], away: Sequence[np.ndarray]
+    forest: GrownForest, key: Key, beams: Sequence[SensorLook], away: Sequence[np.ndarray]
 ) -> float | None:
     """Metres that a variant's tubes may be off by, None where they stay as they are.
 
@@ -239,13 +241,13 @@ def _tolerance(
     return tolerance if tolerance > WORTH * forest.species[key[0]].detail.tolerance else None
 
 
-def _rows(forest: Forest, key: Key) -> np.ndarray:
+def _rows(forest: GrownForest, key: Key) -> np.ndarray:
     """(N,) which trees are of a variant."""
     rows: np.ndarray = (forest.stand.species == key[0]) & (forest.stand.variant == key[1])
     return rows
 
 
-def _each(forest: Forest, measure: Callable[[Key, Tree], tuple[float, ...]]) -> np.ndarray:
+def _each(forest: GrownForest, measure: Callable[[Key, Tree], tuple[float, ...]]) -> np.ndarray:
     """(columns, N) what is measured of variants, for every tree that stands."""
     columns = len(measure(*next(iter(forest.variants.items())))) if forest.variants else 3
     rows = np.zeros((len(forest.stand), columns))
@@ -254,7 +256,7 @@ def _each(forest: Forest, measure: Callable[[Key, Tree], tuple[float, ...]]) -> 
     return rows.T
 
 
-def _uprights(forest: Forest) -> Upright:
+def _uprights(forest: GrownForest) -> Upright:
     """The upright cylinders around the trees of a forest."""
 
     def measure(_key: Key, tree: Tree) -> tuple[float, ...]:
@@ -269,7 +271,7 @@ def _uprights(forest: Forest) -> Upright:
     return Upright(place[:, :2], wide * scale, z + low * scale, z + high * scale)
 
 
-def _foliage(forest: Forest) -> Leafy:
+def _foliage(forest: GrownForest) -> Leafy:
     """The same with the coarse leaves of trees that can have such."""
 
     def measure(key: Key, tree: Tree) -> tuple[float, ...]:

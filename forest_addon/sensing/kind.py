@@ -22,7 +22,7 @@ from ..base.progress import Progress
 from ..spec import Choice, Scene, Sensor
 from .audit import Audit
 from .cost import Cost, cost_of_work
-from .looks import Look, look_at_leaves
+from .looks import SensorLook, look_at_leaves
 from .rays.caster import RayCaster
 from .rays.geometry import SceneGeometry
 
@@ -138,7 +138,7 @@ class SensorKind:
     choose: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen
     left_out: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen
     thinned: Callable[[Any, float], dict[str, Any]] | None = None
-    look: Callable[[Any], Look] = look_at_leaves
+    look: Callable[[Any], SensorLook] = look_at_leaves
     family: str = ""
     help: str = ""
     icon: str = "DOT"

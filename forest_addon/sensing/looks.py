@@ -1,7 +1,7 @@
 """Looks of each kind of sensor at trees: from where, how far, and how fine it tells things apart.
 
-A ``Look`` is what ``detail`` asks of a sensor, and what the record of each kind makes of its settings; there
-is one class for beams, one for echoes and one for responses.
+A ``SensorLook`` is what ``detail`` asks of a sensor, and what the record of each kind makes of its
+settings; there is one class for beams, one for echoes and one for responses.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Leafy(Upright):
 
 
 @dataclass(frozen=True)
-class Look:
+class SensorLook:
     """A sensor as ``detail`` asks it; this one hears trees wherever they are.
 
     name : of the sensor. corners : (P, 3) of its trajectory, m; None where it is not known before the sensor
@@ -111,7 +111,7 @@ def _a_line(_distance: float) -> float:
 
 
 @dataclass(frozen=True)
-class BeamLook(Look):
+class BeamLook(SensorLook):
     """A scanner: ``resolves`` gives (N,) metres that it tells apart at distances (N,), ``widths`` the
     footprint at one."""
 
@@ -144,7 +144,7 @@ class BeamLook(Look):
 
 
 @dataclass(frozen=True)
-class EchoLook(Look):
+class EchoLook(SensorLook):
     """A sonar; ``beam_width`` is the narrowest full width in radians, ``band`` in Hz."""
 
     beam_width: float = 0.0
@@ -204,7 +204,7 @@ def loudness(band: tuple[float, float], radius: float) -> float:
     return SHARE * energy(radius / np.sqrt(SHARE)) / max(energy(radius), 1e-300)
 
 
-def look_at_leaves(sensor: Any) -> Look:
+def look_at_leaves(sensor: Any) -> SensorLook:
     """The look of a sensor that may tell any two leaves apart, from its place and as far as it reaches."""
     place = getattr(sensor, "position", None)
     return BeamLook(

@@ -16,17 +16,21 @@ import numpy as np
 from ..base.trimesh import is_wood
 from ..growth.skeleton import Skeleton
 from ..growth.tree import Tree
-from ..stand.forest import Forest
+from ..stand.forest import GrownForest
 from .audit import LEAST, Audit, Check, sample
 from .rays.geometry import SceneGeometry
-from .sonar.discs import Foliage
+from .sonar.discs import FoliageDiscs
 
 BATCH = 4  # points on cones
 ROUNDING = 2.0**-20  # of a coordinate in Blender's single precision, after a few operations
 
 
 def audit_trees(
-    forest: Forest, scene: SceneGeometry, rng: np.random.Generator, seconds: float, share: float
+    forest: GrownForest,
+    scene: SceneGeometry,
+    rng: np.random.Generator,
+    seconds: float,
+    share: float,
 ) -> dict[str, Audit]:
     """ "branches" and "leaves" of a forest that took ``seconds`` to grow and build, as far as it has them."""
     grown = [
@@ -75,7 +79,11 @@ def audit_tubes(
 
 
 def audit_leaves(
-    forest: Forest, scene: SceneGeometry, rng: np.random.Generator, seconds: float, share: float
+    forest: GrownForest,
+    scene: SceneGeometry,
+    rng: np.random.Generator,
+    seconds: float,
+    share: float,
 ) -> Audit | None:
     """Of the leaves of a forest's trees, as they stand in an evaluated scene; None where there are none.
 
@@ -101,7 +109,7 @@ def audit_leaves(
     def batches() -> Iterator[np.ndarray]:
         for one in rng.permutation(len(known)).tolist():
             mesh, tree, shoots = known[one]
-            yield _leaf_errors(tree, Foliage(scene.meshes[mesh]), shoots)
+            yield _leaf_errors(tree, FoliageDiscs(scene.meshes[mesh]), shoots)
 
     found = sample(batches(), share * seconds)
     leaves = sum(len(tree.leaves) for _, tree, _ in known)
@@ -111,7 +119,7 @@ def audit_leaves(
     return Audit((check,), seconds, found.seconds_each * leaves)
 
 
-def _leaf_errors(tree: Tree, measured: Foliage, shoots: bool) -> np.ndarray:
+def _leaf_errors(tree: Tree, measured: FoliageDiscs, shoots: bool) -> np.ndarray:
     """(L,) metres between centres or radii, the larger of the two.
 
     shoots : whether facets stand for needles, all by the same share of their area.

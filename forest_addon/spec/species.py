@@ -159,7 +159,7 @@ class Rules(Settings):
 
 
 class Honda(Settings):
-    """Wahed et al.'s trees after Honda (1971): mothers bear daughters, smaller by a ratio, recursively."""
+    """Wahed et al.'s trees after Honda (1971): parents bear children, smaller by a ratio, recursively."""
 
     levels: Discrete = param(
         Discrete(values=(5,)), help="per tree: how often branches bear daughters"

@@ -12,7 +12,7 @@ import numpy as np
 from .. import spec
 from .inputs import Inputs
 from .intensity.functions import Constant, Intensity, IntensityError, Mask, Mixture, Product, Sum
-from .intensity.layers import PaintedMesh, Raster, RasterMask, TerrainLimits
+from .intensity.layers import PaintedMesh, RasterIntensity, RasterMask, TerrainLimits
 from .intensity.polygon import Polygon
 from .process import Process
 
@@ -120,7 +120,7 @@ def _sum(parts: list[Intensity]) -> Intensity:
 
 def _raster(
     raster: spec.Raster, forest: spec.Forest, inputs: Inputs, planting: spec.Planting
-) -> Raster:
+) -> RasterIntensity:
     return _pixels(raster, forest, inputs, planting, raster.value)
 
 
@@ -130,13 +130,13 @@ def _pixels(
     inputs: Inputs,
     planting: spec.Planting,
     value: float = 1.0,
-) -> Raster:
+) -> RasterIntensity:
     pixels = inputs.rasters.get(raster.file)
     if pixels is None:
         raise IntensityError(f"{planting.species}: the raster {raster.file} was not read")
     low = np.array(forest.origin if raster.origin is None else raster.origin)
     size = np.array(forest.size if raster.size is None else raster.size)
-    return Raster(value * pixels, low, size, raster.file)
+    return RasterIntensity(value * pixels, low, size, raster.file)
 
 
 def _what(planting: spec.Planting) -> str:

@@ -15,7 +15,7 @@ from ..formats.stl import StlError, read_stl
 from ..growth.library.allometry_file import read_allometry
 from ..spec import SpecError
 from .inputs import Inputs, TreeList
-from .intensity.terrain import Heightmap, Terrain, Triangulated
+from .intensity.terrain import GroundSurface, Heightmap, Triangulated
 from .tree_list import read_tree_list
 
 
@@ -41,7 +41,7 @@ def read_inputs(settings: spec.Scene, folder: Path) -> Inputs:
     return Inputs(rasters=rasters, lists=lists, terrain=terrain, allometries=allometries)
 
 
-def read_terrain(ground: spec.Terrain, forest: spec.Forest, folder: Path) -> Terrain:
+def read_terrain(ground: spec.Terrain, forest: spec.Forest, folder: Path) -> GroundSurface:
     """The terrain of a file: a heightmap, or a surface of triangles.
 
     Raises

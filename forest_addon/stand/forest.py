@@ -20,16 +20,16 @@ from ..growth.truth import crown_base, crown_width, leaf_angles, wood_of_tree
 from ..spec import Allometry, Choice, Scene, Species
 from .inputs import Inputs
 from .intensity.terrain import sink
-from .measured import Measured, dbh_at, scales_for, with_targets
+from .measured import MeasuredTrees, dbh_at, scales_for, with_targets
 from .plan import Stand, labels, plan_stand
-from .targets import Met, found_in, in_band, not_met, targets_met
+from .targets import TargetsMet, found_in, in_band, not_met, targets_met
 
 Planted = tuple[Species, TreeTemplate | Habit | Kind | Blade | None]  # and its templates
 Grown = Callable[[int, int, Species], Tree]  # of a planting and variant, by numbers
 
 
 @dataclass(frozen=True)
-class Forest:
+class GrownForest:
     """A stand and its trees.
 
     labels : a name for every planting. species : what each plants.
@@ -91,7 +91,7 @@ class ForestPlan:
     scene: Scene
     species: tuple[Planted, ...]
     inputs: Inputs
-    measured: Measured
+    measured: MeasuredTrees
     grown: Grown | None = None
 
     @classmethod
@@ -129,7 +129,7 @@ class ForestPlan:
         name = labels(self.scene.plantings)[planting]
         return grow(species, templates, stream(self.scene.seed, "tree", name, variant), target)
 
-    def grow(self, progress: Progress | None = None) -> Forest:
+    def grow(self, progress: Progress | None = None) -> GrownForest:
         """Grow the variants that occur in the stand and sink their feet into the ground."""
         stand = self.measured.stand
         wanted = keys_of(stand)
@@ -138,7 +138,7 @@ class ForestPlan:
             variants[key] = self.tree(*key)
             if progress:
                 progress(done + 1, len(wanted))
-        return Forest(
+        return GrownForest(
             stand=self.placed(variants),
             labels=tuple(labels(self.scene.plantings)),
             species=tuple(species for species, _ in self.species),
@@ -187,7 +187,7 @@ def grow_forest(
     species: Sequence[Planted],
     progress: Progress | None = None,
     inputs: Inputs | None = None,
-) -> Forest:
+) -> GrownForest:
     """Plan a stand and grow its trees in full; what sensors need of them is for ``site`` to decide."""
     return ForestPlan.of(scene, species, inputs).grow(progress)
 
@@ -207,7 +207,7 @@ def _sized(stand: Stand, variants: Mapping[tuple[int, int], Tree], wanted: np.nd
     return replace(stand, scale=scale)
 
 
-def leaf_table(forest: Forest) -> dict[str, np.ndarray]:
+def leaf_table(forest: GrownForest) -> dict[str, np.ndarray]:
     """The truth of every leaf of the forest, in world coordinates, one row a leaf.
 
     ``tree`` and ``leaf`` are the numbers that sensors report; ``branch`` counts the first-level
@@ -238,7 +238,7 @@ def leaf_table(forest: Forest) -> dict[str, np.ndarray]:
     }
 
 
-def variant_leaf_table(forest: Forest) -> dict[str, np.ndarray]:
+def variant_leaf_table(forest: GrownForest) -> dict[str, np.ndarray]:
     """The truth of every leaf of every variant, in the space of its tree; ``species`` and ``variant`` say
     of which. With the places, turns and scales of the trees it is that of the whole forest.
     """
@@ -253,7 +253,7 @@ def variant_leaf_table(forest: Forest) -> dict[str, np.ndarray]:
     return columns
 
 
-def leaf_count(forest: Forest) -> int:
+def leaf_count(forest: GrownForest) -> int:
     """Return how many leaves all trees bear together."""
     of_variant = {key: len(tree.leaves) for key, tree in forest.variants.items()}
     stand = forest.stand
@@ -261,7 +261,7 @@ def leaf_count(forest: Forest) -> int:
     return sum(of_variant[key] for key in keys)
 
 
-def angle_table(forest: Forest) -> dict[str, np.ndarray]:
+def angle_table(forest: GrownForest) -> dict[str, np.ndarray]:
     """Leaf-angle distribution of each planting, all its trees together: density per radian of the angle
     between leaf normal and vertical, by leaf area, in bins of equal width from 0 to 90°.
     """
@@ -281,7 +281,7 @@ def angle_table(forest: Forest) -> dict[str, np.ndarray]:
     return columns
 
 
-def tree_table(forest: Forest) -> dict[str, list[object]]:
+def tree_table(forest: GrownForest) -> dict[str, list[object]]:
     """One row a tree: place, turn, size, height, crown, trunk, leaves and wood, metres.
 
     Of trees that were to measure something also what: ``target_dbh_m`` and so on; ``in_band``, 1 where all
@@ -329,7 +329,7 @@ def tree_table(forest: Forest) -> dict[str, list[object]]:
     return table
 
 
-def _in_band(forest: Forest, found: np.ndarray) -> list[object]:
+def _in_band(forest: GrownForest, found: np.ndarray) -> list[object]:
     """Of each tree whether all that it measures is as measured trees are: 1, 0, or empty."""
     told: list[object] = [""] * len(found)
     for planting, law in enumerate(forest.laws):
@@ -341,7 +341,7 @@ def _in_band(forest: Forest, found: np.ndarray) -> list[object]:
     return told
 
 
-def met_targets(forest: Forest) -> list[Met]:
+def met_targets(forest: GrownForest) -> list[TargetsMet]:
     """Of each planting with targets: wanted, reached, in the measured band, and what could not be."""
     if forest.wanted is None:
         return []

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..spec import Allometry
-from .intensity.terrain import Flat, Terrain
+from .intensity.terrain import Flat, GroundSurface
 
 
 @dataclass(frozen=True)
@@ -53,15 +53,15 @@ class Inputs:
     rasters : pixels (rows, columns) float64 of ``Raster.file``, the first row the north edge; an image's
     black is 0 and its white 1, an array's numbers count as they are.
     painted : by ``Planting.painted``. lists : by ``Planting.trees`` or ``Planting.collection``.
-    terrain : the ground; None: flat at ``Terrain.base``. allometries : by ``Targets.allometry``.
+    terrain : the ground; None: flat at ``GroundSurface.base``. allometries : by ``Targets.allometry``.
     """
 
     rasters: Mapping[str, np.ndarray] = field(default_factory=dict)
     painted: Mapping[str, Painted] = field(default_factory=dict)
     lists: Mapping[str, TreeList] = field(default_factory=dict)
-    terrain: Terrain | None = None
+    terrain: GroundSurface | None = None
     allometries: Mapping[str, Allometry] = field(default_factory=dict)
 
-    def ground(self, base: float) -> Terrain:
+    def ground(self, base: float) -> GroundSurface:
         """The ground, flat where no other is given."""
         return Flat(base) if self.terrain is None else self.terrain

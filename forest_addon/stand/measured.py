@@ -33,7 +33,7 @@ DBH_SPREAD = 0.2  # of log D, within which proportions hardly change
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredTrees:
     """The stand with its variants chosen, and what is wanted.
 
     trees : (N, 5) targets, NaN of trees that have none. variants : by (planting, variant).
@@ -55,7 +55,7 @@ def with_targets(
     names: Sequence[str],
     species: Sequence[tuple[Species, object]],
     inputs: Inputs,
-) -> Measured:
+) -> MeasuredTrees:
     """Say what every tree is to measure, and choose variants.
 
     Raises
@@ -95,11 +95,11 @@ def with_targets(
             (number, k): Wanted(*wanted[rows[model]].tolist()) for k, model in enumerate(models)
         }
     sized = replace(stand, variant=variant, scale=scale)
-    return Measured(sized, wanted, variants, tuple(laws), tuple(ignored))
+    return MeasuredTrees(sized, wanted, variants, tuple(laws), tuple(ignored))
 
 
 @dataclass(frozen=True)
-class _Group:
+class _MeasuredGroup:
     """The R trees of a planting with targets: their rows, diameters (R,), measures given (R, 4), NaN for
     none, and uniform numbers (R, 4) that the others are drawn by.
     """
@@ -119,9 +119,9 @@ def _groups(
     names: Sequence[str],
     species: Sequence[tuple[Species, object]],
     inputs: Inputs,
-) -> tuple[list[_Group], list[str]]:
+) -> tuple[list[_MeasuredGroup], list[str]]:
     """Plantings whose trees are to measure something, and sentences about what lists say in vain."""
-    groups, ignored = list[_Group](), list[str]()
+    groups, ignored = list[_MeasuredGroup](), list[str]()
     for number, planting in enumerate(plantings):
         kind, own = species[number][1], species[number][0].targets
         targets = planting.targets or own
@@ -143,11 +143,11 @@ def _groups(
             dbh = np.where(np.isfinite(told[:, 0]), told[:, 0], dbh)
             given = np.where(np.isfinite(told[:, 1:]), told[:, 1:], given)
         uniform = np.stack([keyed_uniform(keys, name) for name in MEASURES], axis=1)
-        groups.append(_Group(number, law, rows, dbh, given, uniform))
+        groups.append(_MeasuredGroup(number, law, rows, dbh, given, uniform))
     return groups, ignored
 
 
-def _scores(stand: Stand, groups: Sequence[_Group]) -> np.ndarray:
+def _scores(stand: Stand, groups: Sequence[_MeasuredGroup]) -> np.ndarray:
     """(N,) competition of all trees that are to measure something; 0 of others."""
     found = np.zeros(len(stand))
     rows, dbh, height, width = [], [], [], []
@@ -168,7 +168,7 @@ def _scores(stand: Stand, groups: Sequence[_Group]) -> np.ndarray:
 
 
 def _free(
-    wanted: np.ndarray, groups: Sequence[_Group], measure: int
+    wanted: np.ndarray, groups: Sequence[_MeasuredGroup], measure: int
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """For the canopy and for what is below it, rows (M,) of trees with targets, and whether a measure, one of
     ``MEASURES``, is free of each (M,).

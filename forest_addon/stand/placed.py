@@ -22,7 +22,7 @@ from ..growth.skeleton import Skeleton
 
 
 @dataclass(frozen=True)
-class Grown:
+class PlacedVariant:
     """A tree as it was grown, without its mesh.
 
     name : of the asset. truth : by name and unit, as ``growth.truth.tree_truth`` says it.
@@ -45,7 +45,7 @@ class PlacedTrees:
     tree, species : (N,) numbers that sensors report. object_name : (N) whom each belongs to.
     """
 
-    grown: tuple[Grown, ...]
+    grown: tuple[PlacedVariant, ...]
     index: np.ndarray
     transform: np.ndarray
     tree: np.ndarray
@@ -130,7 +130,7 @@ def placed_leaves(trees: PlacedTrees) -> dict[str, np.ndarray]:
     return {name: np.concatenate(parts) for name, parts in columns.items()}
 
 
-def placed_skeleton(grown: Grown, matrix: np.ndarray) -> dict[str, np.ndarray]:
+def placed_skeleton(grown: PlacedVariant, matrix: np.ndarray) -> dict[str, np.ndarray]:
     """The segments of a tree in the world, as ``api.World.skeleton`` gives them; radii grow with √(area)
     across each segment: (|det A| / |A u|)^½ for a segment along u.
     """

@@ -19,7 +19,7 @@ from .compose import area_of, corners_of, masks_of, process_of
 from .gibbs import sample_strauss
 from .inputs import Inputs, TreeList
 from .intensity.functions import IntensityError
-from .intensity.terrain import Terrain
+from .intensity.terrain import GroundSurface
 from .layouts import orchard, trees_of
 from .poisson import sample
 from .process import Integral, Process
@@ -181,7 +181,7 @@ def _plant(
     plantings: Sequence[Planting],
     forest: Forest,
     inputs: Inputs,
-    ground: Terrain,
+    ground: GroundSurface,
 ) -> _Planted:
     planting, label = plantings[number], names[number]
     low, high = planting.scale

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .intensity.functions import Constant, Intensity, IntensityError, Mask, Mixture, Product, Sum
-from .intensity.quadtree import Cells, refine
+from .intensity.quadtree import QuadtreeCells, refine
 from .process import Process
 
 MAX_POINTS = 20_000_000
@@ -126,7 +126,7 @@ def _within(points: np.ndarray, components: _Components, process: Process) -> np
 
 
 def _thin(
-    intensity: Intensity, cells: Cells, cell: np.ndarray, rng: np.random.Generator
+    intensity: Intensity, cells: QuadtreeCells, cell: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
     """Candidates, one in each cell of ``cell`` (M,), thinned to λ over their bound."""
     points = rng.random((len(cell), 2))

@@ -23,7 +23,7 @@ CLOSE = 0.05  # relative
 
 
 @dataclass(frozen=True)
-class Met:
+class TargetsMet:
     """The trees of one planting that had targets.
 
     kind : of whose allometry the band is, empty where there is none. wanted, found : (N, 5) in the order of
@@ -81,7 +81,7 @@ def targets_met(
     wanted: np.ndarray | None,
     laws: Sequence[Allometry | None],
     missed: Sequence[tuple[str, ...]],
-) -> list[Met]:
+) -> list[TargetsMet]:
     """A finding for each planting whose trees had targets.
 
     table : of the trees (``tree_table``). species : (N,) plantings. missed : of each tree what its growth
@@ -99,7 +99,7 @@ def targets_met(
         told = Counter(reason for row in rows.tolist() for reason in missed[row])
         reasons = tuple(_counted(reason, count, len(rows)) for reason, count in told.items())
         kind = "" if law is None else law.name
-        met.append(Met(label, kind, wanted[rows], found[rows], within, reasons))
+        met.append(TargetsMet(label, kind, wanted[rows], found[rows], within, reasons))
     return met
 
 
@@ -107,7 +107,7 @@ def _counted(reason: str, count: int, of: int) -> str:
     return reason if count == of else f"{reason} ({count} of {of} trees)"
 
 
-def sentences(met: Met) -> Iterator[str]:
+def sentences(met: TargetsMet) -> Iterator[str]:
     """Return what could not be, by measure."""
     missed = ~met.reached
     for column, name in enumerate(TARGETS):
@@ -122,7 +122,7 @@ def sentences(met: Met) -> Iterator[str]:
         yield f"{met.label}: {reason}."
 
 
-def facts_of(met: Met) -> dict[str, str]:
+def facts_of(met: TargetsMet) -> dict[str, str]:
     """Target and reached by measure, in words."""
     facts = {}
     for column, name in enumerate(TARGETS):
@@ -140,7 +140,7 @@ def facts_of(met: Met) -> dict[str, str]:
     return facts
 
 
-def record(met: Met) -> dict[str, object]:
+def record(met: TargetsMet) -> dict[str, object]:
     """The same for run.json."""
     measures: dict[str, object] = {}
     for column, name in enumerate(TARGETS):

@@ -17,12 +17,12 @@ from ..growth.mesh.cells import CellAreas, areas_by_cell, join_areas, triangle_a
 from ..growth.portrait import crown_base, crown_width
 from ..growth.regrow.allometry import BREAST
 from ..growth.tree import Tree
-from .forest import Forest, tree_table
+from .forest import GrownForest, tree_table
 
 PARTS = ("leaf", "wood")  # columns of the areas by cell
 
 
-def inventory(forest: Forest) -> dict[str, list[object]]:
+def inventory(forest: GrownForest) -> dict[str, list[object]]:
     """One row a tree: what ``tree_table`` says, and what a forester measures on it, metres."""
     table = tree_table(forest)
     base = {key: crown_base(tree) for key, tree in forest.variants.items()}
@@ -46,7 +46,7 @@ def inventory(forest: Forest) -> dict[str, list[object]]:
     return table | {"height_m": height} | more
 
 
-def cylinder_table(forest: Forest) -> dict[str, np.ndarray]:
+def cylinder_table(forest: GrownForest) -> dict[str, np.ndarray]:
     """One row a branch segment of every tree, columns as aRchi and rTwig name those of a TreeQSM model.
 
     Cylinders are counted from 1 within their tree; a parent or an extension of 0 is none. Of trees that are
@@ -81,7 +81,7 @@ def cylinder_table(forest: Forest) -> dict[str, np.ndarray]:
     return {name: np.concatenate(parts) for name, parts in columns.items()}
 
 
-def areas_of_trees(forest: Forest, edge: float) -> Iterator[CellAreas]:
+def areas_of_trees(forest: GrownForest, edge: float) -> Iterator[CellAreas]:
     """For tree after tree, its areas of leaf (one side) and wood in the cells of a grid, m²."""
     variants = {key: _faces(tree) for key, tree in forest.variants.items()}
     stand = forest.stand
@@ -106,7 +106,7 @@ def _faces(tree: Tree) -> tuple[np.ndarray, ...]:
     return columns, np.asfortranarray(triangles), is_wood(part).astype(np.int64), area
 
 
-def voxel_arrays(forest: Forest, edge: float) -> dict[str, np.ndarray]:
+def voxel_arrays(forest: GrownForest, edge: float) -> dict[str, np.ndarray]:
     """Densities of leaf and wood area in cubic cells, m²/m³, and which trees are in each.
 
     ``cell`` (K, 3) int32 times ``edge`` is a cell's lowest corner. ``tree_cell`` and ``tree`` (M,) are

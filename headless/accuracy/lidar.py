@@ -27,7 +27,7 @@ from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.spec import Scanner, Scene, Tractor
 
 from .meshes import ENGINES, Meshes
-from .sweep import Point, Sweep, mean_and_spread
+from .sweep import AccuracySweep, Point, mean_and_spread
 
 SUBRAYS = (1, 3, 7, 19, 37, 61)
 MANY = 397
@@ -68,7 +68,7 @@ class _Beams:
 
 def sweep_scanner(
     sensor: Scanner, observer: Observer, settings: Scene, meshes: Meshes, way: object
-) -> Sweep:
+) -> AccuracySweep:
     """Errors and seconds of a scanner."""
     wide = max(sensor.beam.divergence_mrad) > 0 or sensor.beam.exit_diameter > 0
     today = sensor.beam.subrays
@@ -112,7 +112,9 @@ def sweep_scanner(
     )
 
 
-def sweep_tractor(sensor: Tractor, observer: Observer, settings: Scene, meshes: Meshes) -> Sweep:
+def sweep_tractor(
+    sensor: Tractor, observer: Observer, settings: Scene, meshes: Meshes
+) -> AccuracySweep:
     """Errors and seconds of a tractor."""
     along, angles = positions(sensor), len(fan(sensor))
     key = settings.seed, "accuracy", sensor.name
@@ -173,7 +175,9 @@ def _exactly(
     return float(np.sqrt(np.mean(found.errors**2))), found.seconds_each * rays
 
 
-def _sweep(sensor: Scanner | Tractor, observer: Observer, meshes: Meshes, beams: _Beams) -> Sweep:
+def _sweep(
+    sensor: Scanner | Tractor, observer: Observer, meshes: Meshes, beams: _Beams
+) -> AccuracySweep:
     """Rays, meshes and engines, each against the finest of all."""
     tubes = meshes.tubes(FINEST) if meshes.tolerance else None
     many, _ = beams.look(observer.caster, beams.fine)
@@ -226,7 +230,9 @@ def _sweep(sensor: Scanner | Tractor, observer: Observer, meshes: Meshes, beams:
         notes.append("finer tubes would not fit into memory: the mesh's part is not known")
     if not meshes.tolerance:
         notes.append("trees are their templates' own meshes: nothing of them can be set")
-    return Sweep(sensor, beams.what, "m", today, tuple(others), notes=tuple(notes), terms=terms)
+    return AccuracySweep(
+        sensor, beams.what, "m", today, tuple(others), notes=tuple(notes), terms=terms
+    )
 
 
 def _rms(apart: np.ndarray) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ..report.pictures import FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
-from .sweep import Point, Sweep
+from .sweep import AccuracySweep, Point
 
 FLOOR = 1e-16  # an error of 0 is drawn here
 COLUMNS = 2
@@ -20,7 +20,7 @@ ROOM, LEAST = 0.08, 1.3  # share of the decades, and decades
 FEW = 100.0  # times
 
 
-def draw_sweeps(sweeps: list[Sweep], chosen: list[Point], path: Path) -> Path:
+def draw_sweeps(sweeps: list[AccuracySweep], chosen: list[Point], path: Path) -> Path:
     """Draw all sensors, two in a row, each with its key; returns the path."""
     columns = min(len(sweeps), COLUMNS)
     rows = math.ceil(len(sweeps) / columns)
@@ -30,7 +30,7 @@ def draw_sweeps(sweeps: list[Sweep], chosen: list[Point], path: Path) -> Path:
     return save_figure(figure, path)
 
 
-def _draw(axes: Axes, sweep: Sweep, best: Point) -> None:
+def _draw(axes: Axes, sweep: AccuracySweep, best: Point) -> None:
     """Numbered by seconds; the key beside it says what each is."""
     front = sweep.frontier()
     axes.plot([p.seconds for p in front], [_height(p) for p in front], color=FAINT, zorder=1)

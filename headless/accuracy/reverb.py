@@ -24,7 +24,7 @@ from forest_addon.sensing.reverb.response import impulse_response
 from forest_addon.sensing.reverb.trunks.continuation import continue_trunks
 from forest_addon.spec import Reverb, Scene
 
-from .sweep import Point, Sweep, timed
+from .sweep import AccuracySweep, Point, timed
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 COARSE = 1e-3  # tolerance at which forests that end at different distances are compared
@@ -36,7 +36,9 @@ NEAREST = 60  # trunks of the comparison with multiple scattering
 SHORTEST = 0.05  # s
 
 
-def sweep_reverb(sensor: Reverb, observer: Observer, settings: Scene, folder: Path) -> Sweep:
+def sweep_reverb(
+    sensor: Reverb, observer: Observer, settings: Scene, folder: Path
+) -> AccuracySweep:
     """Errors and seconds of a reverb by its tolerance."""
     source, receiver = ends_of(sensor, observer.places).pairs[0]
     one = replace(
@@ -103,7 +105,7 @@ def sweep_reverb(sensor: Reverb, observer: Observer, settings: Scene, folder: Pa
             changes = {"continue_to": extent.metres}
             label = f"forest as far as {extent.metres:g} m"
             others.append(Point(changes, label, error, 0.0, seconds))
-    return Sweep(sensor, "sound of the trunks", "", now, tuple(others), model, notes, terms)
+    return AccuracySweep(sensor, "sound of the trunks", "", now, tuple(others), model, notes, terms)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from .meshes import Meshes
 from .picture import draw_sweeps
 from .reverb import sweep_reverb
 from .sonar import sweep_sonar
-from .sweep import Sweep
+from .sweep import AccuracySweep
 
 
 def sweep_scene(path: Path, out: Path, error: float, seconds: float, say: Say = print) -> None:
@@ -71,7 +71,7 @@ def sweep_scene(path: Path, out: Path, error: float, seconds: float, say: Say = 
 
 def sweep_sensor(
     sensor: Sensor, observer: Observer, scene: Scene, meshes: Meshes, folder: Path = Path()
-) -> Sweep:
+) -> AccuracySweep:
     """Sweep the settings of one sensor, of a kind of ``SWEEPS``."""
     sensor, _ = choose(sensor)
     return SWEEPS[sensor.kind](sensor, observer, scene, meshes, folder)
@@ -79,29 +79,29 @@ def sweep_sensor(
 
 def _of_tractor(
     sensor: Any, observer: Observer, scene: Scene, meshes: Meshes, _folder: Path
-) -> Sweep:
+) -> AccuracySweep:
     return sweep_tractor(sensor, observer, scene, meshes)
 
 
 def _of_scanner(
     sensor: Any, observer: Observer, scene: Scene, meshes: Meshes, folder: Path
-) -> Sweep:
+) -> AccuracySweep:
     return sweep_scanner(sensor, observer, scene, meshes, observer.way(sensor, folder))
 
 
 def _of_sonar(
     sensor: Any, observer: Observer, scene: Scene, _meshes: Meshes, folder: Path
-) -> Sweep:
+) -> AccuracySweep:
     return sweep_sonar(sensor, observer, scene, observer.way(sensor, folder), folder)
 
 
 def _of_reverb(
     sensor: Any, observer: Observer, scene: Scene, _meshes: Meshes, folder: Path
-) -> Sweep:
+) -> AccuracySweep:
     return sweep_reverb(sensor, observer, scene, folder)
 
 
-SWEEPS: dict[str, Callable[[Any, Observer, Scene, Meshes, Path], Sweep]] = {
+SWEEPS: dict[str, Callable[[Any, Observer, Scene, Meshes, Path], AccuracySweep]] = {
     "tractor": _of_tractor,
     "terrestrial": _of_scanner,
     "mobile": _of_scanner,
@@ -111,7 +111,7 @@ SWEEPS: dict[str, Callable[[Any, Observer, Scene, Meshes, Path], Sweep]] = {
 }
 
 
-def _tell(sweep: Sweep, error: float, seconds: float, say: Say) -> None:
+def _tell(sweep: AccuracySweep, error: float, seconds: float, say: Say) -> None:
     unit = f" {sweep.unit}" if sweep.unit else ""
     say(f"\n{sweep.sensor.name} ({sweep.sensor.kind}): {sweep.what}")
     front = sweep.frontier()
@@ -132,7 +132,7 @@ def _tell(sweep: Sweep, error: float, seconds: float, say: Say) -> None:
     say(f"   -> {sweep.verdict(error, seconds)}")
 
 
-def _write(sweeps: list[Sweep], path: Path) -> None:
+def _write(sweeps: list[AccuracySweep], path: Path) -> None:
     rows = [(sweep, point) for sweep in sweeps for point in sweep.all]
     write_csv(
         path,

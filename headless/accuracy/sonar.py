@@ -19,7 +19,7 @@ from forest_addon.sensing.sonar.ping import Echo
 from forest_addon.sensing.trajectory import Trajectory, looking
 from forest_addon.spec import Scene, Sonar
 
-from .sweep import Point, Sweep, mean_and_spread, timed
+from .sweep import AccuracySweep, Point, mean_and_spread, timed
 
 TRIED = (
     *({"tolerance": t, "cull": t} for t in (1e-2, 1e-3, 1e-4)),
@@ -32,7 +32,7 @@ MOST = 6e7  # scatterers by bins, ears and pings summed directly; beyond, a tole
 
 def sweep_sonar(
     sensor: Sonar, observer: Observer, settings: Scene, way: Trajectory | None, folder: Path
-) -> Sweep:
+) -> AccuracySweep:
     """Errors and seconds of a sonar by tolerance and cull."""
     given = where_it_stands(sensor) if way is None else way
     some = given.take(np.unique(np.linspace(0, len(given) - 1, POSES).astype(int)))
@@ -87,7 +87,7 @@ def sweep_sonar(
     rest = off(ours, alike)[0] ** 2 - terms["numerics"] ** 2
     terms["culling"] = math.sqrt(max(rest, 0.0))
     models = [(off(ours, once(changes))[0], words) for changes, words in _models(sensor)]
-    return Sweep(
+    return AccuracySweep(
         sensor,
         "spectrum of the echo",
         "",

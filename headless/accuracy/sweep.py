@@ -42,7 +42,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Sweep:
+class AccuracySweep:
     """Sweep of a sensor's settings.
 
     unit : of the errors. today : the settings of the scene. points : others.

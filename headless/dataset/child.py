@@ -1,7 +1,7 @@
 """A handle on the process that has Blender loaded: start it, have it make a scene, end it.
 
 Whoever holds the handle never loads Blender. The child is watched while it works: it is killed when a scene
-runs past its time or needs more memory than it may, and what came of a scene is told in one ``Outcome``.
+runs past its time or needs more memory than it may, and what came of a scene is told in one ``SceneOutcome``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ TOLD = 300  # characters of its last words
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SceneOutcome:
     """Outcome of a scene: ``kind`` is done, or why it was not: settings, fault, disk, memory, timeout, crash.
 
     seconds : CPU time of each stage. wall : seconds. memory : bytes that the process held afterwards.
@@ -51,12 +51,12 @@ class Child:
         self._answers: queue.Queue[str | None] = queue.Queue()
         self._words: IO[bytes] | None = None
 
-    def make(self, root: Path, recipe: dict[str, Any], timeout: float, most: float) -> Outcome:
+    def make(self, root: Path, recipe: dict[str, Any], timeout: float, most: float) -> SceneOutcome:
         """Have a scene made; ``most`` bytes of memory, ``timeout`` seconds."""
         if self._process is None or self._process.poll() is not None:
             problem = self._start()
             if problem:
-                return Outcome("crash", problem)
+                return SceneOutcome("crash", problem)
         started = time.monotonic()
         try:
             self._send({"root": str(root), "recipe": recipe})
@@ -64,14 +64,14 @@ class Child:
             return self._crashed()
         answer = self._wait(started + timeout, most)
         wall = time.monotonic() - started
-        if isinstance(answer, Outcome):
+        if isinstance(answer, SceneOutcome):
             return answer
         memory = float(answer.get("memory", 0.0))
         self.scenes += 1
         self.first_memory = self.first_memory or memory
         if "done" in answer:
-            return Outcome("done", "", answer["seconds"], wall, memory)
-        return Outcome(str(answer["failed"]), str(answer["why"]), {}, wall, memory)
+            return SceneOutcome("done", "", answer["seconds"], wall, memory)
+        return SceneOutcome(str(answer["failed"]), str(answer["why"]), {}, wall, memory)
 
     def _start(self) -> str:
         """Start it; returns what went wrong, empty if it is ready."""
@@ -99,7 +99,7 @@ class Child:
             target=_read, args=(self._process.stdout, self._answers), daemon=True
         ).start()
         ready = self._wait(time.monotonic() + STARTS_IN, float("inf"))
-        return ready.why if isinstance(ready, Outcome) else ""
+        return ready.why if isinstance(ready, SceneOutcome) else ""
 
     def _send(self, what: dict[str, Any]) -> None:
         assert self._process is not None
@@ -107,7 +107,7 @@ class Child:
         self._process.stdin.write(json.dumps(what) + "\n")
         self._process.stdin.flush()
 
-    def _wait(self, deadline: float, most: float) -> dict[str, Any] | Outcome:
+    def _wait(self, deadline: float, most: float) -> dict[str, Any] | SceneOutcome:
         """Its next answer, or what became of it instead; then it is dead."""
         while True:
             try:
@@ -115,17 +115,17 @@ class Child:
             except queue.Empty:
                 if time.monotonic() > deadline:
                     self.end()
-                    return Outcome("timeout", "ran past its time")
+                    return SceneOutcome("timeout", "ran past its time")
                 held = self.memory()
                 if held > most:
                     self.end()
-                    return Outcome(
+                    return SceneOutcome(
                         "memory", f"needs more memory than it may have ({most / 1e9:.1f} GB)"
                     )
                 continue
             return self._crashed() if line is None else json.loads(line)
 
-    def _crashed(self) -> Outcome:
+    def _crashed(self) -> SceneOutcome:
         assert self._process is not None
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(5.0)
@@ -136,7 +136,7 @@ class Child:
             if code is not None and code < 0
             else f"ended with {code}"
         )
-        return Outcome("crash", f"Blender's process {how}" + (f": {said}" if said else ""))
+        return SceneOutcome("crash", f"Blender's process {how}" + (f": {said}" if said else ""))
 
     def _last_words(self) -> str:
         if self._words is None:

@@ -27,7 +27,7 @@ import numpy as np
 from forest_addon.sensing.kinds import KINDS, kind_of
 
 from . import disk
-from .child import Child, Outcome
+from .child import Child, SceneOutcome
 from .factory import _machine_memory
 from .plan import Plan, Recipe, recipes
 
@@ -235,7 +235,7 @@ def _trial(recipe: Recipe, child: Child, timeout: float, say: Callable[[str], No
 def _made(recipe: Recipe, child: Child, timeout: float) -> Trial:
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
-        outcome: Outcome = child.make(root, asdict(recipe), timeout, _machine_memory())
+        outcome: SceneOutcome = child.make(root, asdict(recipe), timeout, _machine_memory())
         if outcome.kind != "done":
             raise _Failed(outcome.why)
         done = disk.read_scene(root / disk.SCENES / recipe.name)

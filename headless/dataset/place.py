@@ -16,7 +16,7 @@ import numpy as np
 from forest_addon.base.rng import stream
 from forest_addon.sensing.kinds import kind_of
 from forest_addon.spec import Pose, Scene, Sensor, SpecError
-from forest_addon.stand.intensity.terrain import Terrain
+from forest_addon.stand.intensity.terrain import GroundSurface
 
 from .settings import Placing
 
@@ -25,7 +25,7 @@ ROUTE_HEAD = "x_m,y_m,z_m,azimuth_deg,elevation_deg"
 
 
 def place_sensors(
-    settings: Scene, rules: Sequence[Placing], trunks: np.ndarray, ground: Terrain
+    settings: Scene, rules: Sequence[Placing], trunks: np.ndarray, ground: GroundSurface
 ) -> tuple[Scene, dict[str, str]]:
     """The scene with its sensors where the rules put them, and the text of files that they need, by name.
 
@@ -70,7 +70,9 @@ def refuse_out_of_range(scene: Scene, place: Placing, index: int) -> None:
 class _Room:
     """The field of a scene, its trunks and its ground, and the chances of one rule."""
 
-    def __init__(self, settings: Scene, rule: Placing, trunks: np.ndarray, ground: Terrain) -> None:
+    def __init__(
+        self, settings: Scene, rule: Placing, trunks: np.ndarray, ground: GroundSurface
+    ) -> None:
         self.rng = stream(settings.seed, "place", rule.sensor)
         self.rule, self.trunks, self.ground = rule, trunks, ground
         self.low = np.array(settings.forest.origin) + rule.inset

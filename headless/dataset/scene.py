@@ -40,7 +40,7 @@ from forest_addon.sensing.rays.cells import Cells
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
 from forest_addon.site import ForestSite
 from forest_addon.spec import Rays, Scene, Species, Terrain
-from forest_addon.stand.forest import Forest, Grown, angle_table, leaf_table
+from forest_addon.stand.forest import Grown, GrownForest, angle_table, leaf_table
 from forest_addon.stand.plan import labels
 from forest_addon.stand.truth import cylinder_table, inventory, voxel_arrays
 from forest_addon.stand.undergrowth import LOW
@@ -290,14 +290,14 @@ def _write_blender(settings: Scene, keep: Keep, folder: Path) -> None:
             render(scene, settings.output, folder / "preview.png", lambda done, total: None)
 
 
-def _no_trees(settings: Scene, forest: Forest) -> dict[str, str]:
+def _no_trees(settings: Scene, forest: GrownForest) -> dict[str, str]:
     """Say that nothing stands where something was planted."""
     if not settings.plantings or len(forest.stand):
         return {}
     return {"forest": "no tree stands: expect more, or a larger field"}
 
 
-def _digests(forest: Forest) -> dict[str, str]:
+def _digests(forest: GrownForest) -> dict[str, str]:
     """A digest of every grown tree: by it a tree is known again in another scene."""
     found = {}
     for (planting, variant), tree in sorted(forest.variants.items()):

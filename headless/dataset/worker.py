@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from . import disk
-from .child import Child, Outcome
+from .child import Child, SceneOutcome
 from .plan import Recipe
 from .settings import Running
 
@@ -37,7 +37,7 @@ class Worker:
         there = disk.read_scene(root / disk.SCENES / disk.scene_name(number))
         if there is not None and there.record.get("settings") == recipe["digest"]:
             return {"result": "done", "scene": number}
-        outcome = Outcome("fault")
+        outcome = SceneOutcome("fault")
         for _ in range(TRIES):
             outcome = self.child.make(root, recipe, running.timeout, float(job["memory"]))
             if outcome.kind in ("done", "disk"):

@@ -17,11 +17,11 @@ from matplotlib.axes import Axes
 from forest_addon.base.rng import stream
 from forest_addon.sensing.rays.geometry import apply_transform
 from forest_addon.sensing.sonar.beam import Horseshoe, beam_offsets
-from forest_addon.sensing.sonar.flight import Flight
-from forest_addon.sensing.sonar.ping import Echo, Targets
-from forest_addon.sensing.sonar.poses import Pose
+from forest_addon.sensing.sonar.flight import PingSeries
+from forest_addon.sensing.sonar.ping import Echo, EchoTargets
+from forest_addon.sensing.sonar.poses import SonarPose
 from forest_addon.spec import Sonar
-from forest_addon.stand.forest import Forest
+from forest_addon.stand.forest import GrownForest
 
 from .pictures import BARK, FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
 
@@ -33,7 +33,7 @@ QUALITY = 20.0  # centre frequency over -3 dB bandwidth of a channel
 LINES = 12  # waveforms below each other
 
 
-def sample_leaves(targets: Targets, most: int = SHOWN) -> np.ndarray:
+def sample_leaves(targets: EchoTargets, most: int = SHOWN) -> np.ndarray:
     """(M, 2) x and y of at most so many leaves of a scene, drawn at random, the same each time."""
     scene = targets.scene
     firsts = []
@@ -52,7 +52,9 @@ def sample_leaves(targets: Targets, most: int = SHOWN) -> np.ndarray:
     return np.concatenate(places) if places else np.empty((0, 2))
 
 
-def draw_echo(echo: Echo, sonar: Sonar, leaves: np.ndarray, forest: Forest, path: Path) -> Path:
+def draw_echo(
+    echo: Echo, sonar: Sonar, leaves: np.ndarray, forest: GrownForest, path: Path
+) -> Path:
     """A ping: the leaves in the beam from above, the echo, its spectrum, spectrogram, cochleagram."""
     figure = blank_figure((13.5, 8.6))
     grid = figure.add_gridspec(4, 2, width_ratios=(1, 1.5))
@@ -65,7 +67,7 @@ def draw_echo(echo: Echo, sonar: Sonar, leaves: np.ndarray, forest: Forest, path
 
 
 def draw_flight(
-    flight: Flight, sonar: Sonar, leaves: np.ndarray, forest: Forest, path: Path
+    flight: PingSeries, sonar: Sonar, leaves: np.ndarray, forest: GrownForest, path: Path
 ) -> Path:
     """T20's Figures 6 and 7: the poses and their beams from above, the waveforms below each other."""
     figure = blank_figure((13.5, 8.2))
@@ -83,7 +85,7 @@ def _map(
     echoes: tuple[Echo, ...] | list[Echo],
     sonar: Sonar,
     leaves: np.ndarray,
-    forest: Forest,
+    forest: GrownForest,
 ) -> None:
     """The scene from above: leaves, those in the beam in red, poses with their -3 dB contours."""
     axes.scatter(*leaves.T, s=0.4, c="#a9c59f", linewidths=0, rasterized=True)
@@ -126,7 +128,7 @@ def _in_beam(echo: Echo, width: float) -> np.ndarray:
     return inside
 
 
-def _width(pose: Pose, sonar: Sonar) -> float:
+def _width(pose: SonarPose, sonar: Sonar) -> float:
     """Full -3 dB width in radians; 2π of a beam that has none."""
     if sonar.beam == "gaussian":
         return pose.width or math.radians(sonar.beam_width_deg[0])
@@ -135,7 +137,7 @@ def _width(pose: Pose, sonar: Sonar) -> float:
     return 2 * math.pi
 
 
-def _contour(pose: Pose, width: float, reach: float) -> np.ndarray:
+def _contour(pose: SonarPose, width: float, reach: float) -> np.ndarray:
     """(N, 2) outline of the beam's width in its level plane, from above."""
     turn = np.linspace(-width / 2, width / 2, 40)
     forward, left, _ = pose.frame
@@ -247,7 +249,7 @@ def _image(axes: Axes, level: np.ndarray, extent: tuple[float, ...]) -> None:
     axes.set_ylabel("kHz")
 
 
-def _waveforms(axes: Axes, flight: Flight) -> None:
+def _waveforms(axes: Axes, flight: PingSeries) -> None:
     """Waveforms at the first ear, each drawn to its own height, with its peak level."""
     shown = flight.echoes[:LINES]
     for number, echo in enumerate(shown):

@@ -10,8 +10,8 @@ from forest_addon.results.figures import facts, of_forest
 from forest_addon.results.kinds import results_of
 from forest_addon.sensing.kind import Seen
 from forest_addon.spec import Scene, Sensor
-from forest_addon.stand.forest import Forest
-from forest_addon.stand.targets import Met, facts_of, sentences
+from forest_addon.stand.forest import GrownForest
+from forest_addon.stand.targets import TargetsMet, facts_of, sentences
 
 from .page import Finding
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:  # its estimates bring scipy.optimize
     from forest_addon.stand.statistics.goodness import Goodness
 
 
-def forest_finding(settings: Scene, forest: Forest, picture: Path | None) -> Finding:
+def forest_finding(settings: Scene, forest: GrownForest, picture: Path | None) -> Finding:
     """Trees, leaves and triangles of the forest, and where its trees stand."""
     kinds = {planting.layout for planting in settings.plantings}
     what = {frozenset({"rows"}): "An orchard", frozenset({"list"}): "A forest from a list of trees"}
@@ -34,7 +34,7 @@ def forest_finding(settings: Scene, forest: Forest, picture: Path | None) -> Fin
     )
 
 
-def _stand_notes(settings: Scene, forest: Forest) -> Iterator[str]:
+def _stand_notes(settings: Scene, forest: GrownForest) -> Iterator[str]:
     """Return what was expected, what was taken away and why."""
     stand = forest.stand
     sums = [
@@ -60,7 +60,7 @@ def _stand_notes(settings: Scene, forest: Forest) -> Iterator[str]:
     yield from forest.detail
 
 
-def targets_finding(met: Sequence[Met]) -> Finding | None:
+def targets_finding(met: Sequence[TargetsMet]) -> Finding | None:
     """Return what trees were to measure and what they do; None where nobody asked."""
     if not met:
         return None

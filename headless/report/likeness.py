@@ -19,7 +19,7 @@ from forest_addon.growth.likeness import Likeness, compare
 from forest_addon.growth.portrait import BINS, Portrait, crown_width, portray
 from forest_addon.growth.tree import Tree
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.sonar.ping import Targets, ping
+from forest_addon.sensing.sonar.ping import EchoTargets, ping
 from forest_addon.spec import Air, Rays, Sonar
 
 PULSES = 128  # along a side of the grid
@@ -117,7 +117,7 @@ def _echo_levels(tree: Tree, scene: SceneGeometry, sides: int) -> np.ndarray:
     points = tree.leaves.centre if len(tree.leaves) else tree.skeleton.end
     middle = np.median(points, axis=0)
     away = crown_width(tree) / 2 + AWAY
-    targets, levels = Targets(scene), []
+    targets, levels = EchoTargets(scene), []
     for side in 2 * np.pi * np.arange(sides) / sides:
         place = middle - away * np.array([np.cos(side), np.sin(side), 0.0])
         sonar = Sonar(

@@ -30,7 +30,7 @@ from forest_addon.blender.scene.layout import (
     root,
 )
 from forest_addon.blender.scene.ours import MADE_KEY
-from forest_addon.blender.scene.standing import Standing
+from forest_addon.blender.scene.standing import KeptStanding
 from forest_addon.growth.library.species_file import load_species
 from forest_addon.stand.forest import grow_forest
 
@@ -703,7 +703,7 @@ def test_undo_and_redo_restore_exactly(empty_blender, how):
 
 def test_a_planting_is_not_dressed_like_one_whose_name_goes_on(empty_blender):
     mesh = bpy.data.meshes.new("other")
-    standing = Standing({}, {f"{VARIANTS}/maple.v2.000": mesh}, {})
+    standing = KeptStanding({}, {f"{VARIANTS}/maple.v2.000": mesh}, {})
     assert standing.first(f"{VARIANTS}/maple") is None
     assert standing.first(f"{VARIANTS}/maple.v2") == mesh
 

@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env
 import forest_addon.flight
 from forest_addon import api as forest
 from forest_addon.flight.environment import FlightEnv, FlightVectorEnv
-from forest_addon.flight.senses import SONAR, Lidar, placed
+from forest_addon.flight.senses import SONAR, LidarSense, placed
 from forest_addon.spec import Beam, Flight, Mobile, Noise
 
 FLIGHT = Flight(distance=15.0, steps=60, start_low=(0.0, 0.0), start_high=(1.0, 1.0), thinnest=0.0)
@@ -121,7 +121,7 @@ def test_a_step_senses_what_the_sensors_find_there(env):
 )
 def test_any_pattern_is_that_of_the_scanner(env, scanner):
     env.reset(seed=12)
-    flyers, lidar = env.flights.flyers, Lidar(scanner)
+    flyers, lidar = env.flights.flyers, LidarSense(scanner)
     seed = 77
     state = flyers.state
     told = lidar.look(flyers.world, state, np.array([seed]))[0]

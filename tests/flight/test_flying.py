@@ -9,7 +9,7 @@ import pytest
 from forest_addon.flight import learning, theory
 from forest_addon.flight.flying import fly
 from forest_addon.flight.policies import Gap, Straight, policy_of
-from forest_addon.flight.senses import LIDAR, Lidar
+from forest_addon.flight.senses import LIDAR, LidarSense
 from forest_addon.flight.simulation import Flyers
 from forest_addon.flight.statistics import area_under_curve, discriminant, interval
 from forest_addon.flight.stems import StemCaster, StemWorld
@@ -25,7 +25,7 @@ def world(place=NONE, radius=0.3):
 
 
 def flyers(flight, where, count=1, lidar=True):
-    made = Flyers(flight, count, Lidar(LIDAR) if lidar else None, None)
+    made = Flyers(flight, count, LidarSense(LIDAR) if lidar else None, None)
     made.enter(where)
     return made
 
@@ -132,7 +132,7 @@ def test_many_steps_need_no_more_memory():
 
 
 def test_policies_by_name():
-    lidar = Lidar(LIDAR)
+    lidar = LidarSense(LIDAR)
     assert isinstance(policy_of("gap", ALONG, lidar, None), Gap)
     for name, words in (
         ("gap", "needs a lidar"),
@@ -154,7 +154,7 @@ def test_the_cross_entropy_method_finds_a_peak():
 
 
 def test_what_was_learnt_is_kept(tmp_path):
-    lidar = Lidar(LIDAR)
+    lidar = LidarSense(LIDAR)
     made = learning.Trained(ALONG, lidar, np.linspace(-1, 1, learning.SIZE))
     made.save(tmp_path / "trained.npz")
     again = learning.load(tmp_path / "trained.npz", ALONG, lidar)

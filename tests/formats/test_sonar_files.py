@@ -14,7 +14,7 @@ from forest_addon.formats.toml_file import read_settings
 from forest_addon.results.echo_files import write_echo
 from forest_addon.sensing.sonar.equipment_files import equip, find, read_pattern, read_route
 from forest_addon.sensing.sonar.flight import fly
-from forest_addon.sensing.sonar.ping import Targets, ping
+from forest_addon.sensing.sonar.ping import EchoTargets, ping
 from forest_addon.sensing.sonar.poses import posed, poses_of
 from forest_addon.spec import Air, Scene, Sonar, SpecError
 
@@ -114,7 +114,7 @@ def test_an_echo_in_files(tmp_path: Path) -> None:
 
 def test_a_flight_in_files(tmp_path: Path) -> None:
     sonar = Sonar(ears=2, contributions=True)
-    flight = fly(Targets.of_discs(LEAVES), sonar, Air(), [posed(sonar)] * 3)
+    flight = fly(EchoTargets.of_discs(LEAVES), sonar, Air(), [posed(sonar)] * 3)
     arrays, sound, heard = write_echo(tmp_path, "way", flight, sonar)
     with np.load(arrays) as data:
         assert data["impulse_response"].shape == (3, 2, len(data["time"]))

@@ -9,7 +9,7 @@ import pytest
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import LEAF, WOOD
-from forest_addon.growth.graft.graft import Site, graft, prepare
+from forest_addon.growth.graft.graft import GraftSite, graft, prepare
 from forest_addon.growth.library.species_file import load_species
 from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.growth.tree import grow
@@ -88,7 +88,7 @@ def test_few_and_many_generations(maple, generations):
 def test_a_graft_starts_at_its_site_and_ends_at_its_length(maple):
     scion = prepare(maple[1].branches[0])
     direction = np.array([0.36, 0.48, 0.8])
-    site = Site(np.array([1.0, 2.0, 3.0]), direction, 4.0)
+    site = GraftSite(np.array([1.0, 2.0, 3.0]), direction, 4.0)
     mesh = graft(scion, site, 0.0, 0.0, stream(0, "graft"))
     mesh = mesh[0] if isinstance(mesh, tuple) else mesh
     wood = mesh.vertices[np.unique(mesh.triangles[mesh.part == WOOD])] - site.foot

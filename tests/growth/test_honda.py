@@ -67,7 +67,7 @@ def test_angles_ratios_and_divergence_without_chance():
         assert np.allclose(skeleton.start[i], skeleton.end[mother])
         assert skeleton.order[i] == skeleton.order[mother] + 1
         assert skeleton.generation[i] == skeleton.generation[mother] + 1
-    for mother in range(7):  # two daughters stand opposite, in a plane square to their mother's
+    for mother in range(7):  # two children stand opposite, in a plane square to their parent's
         one, other = np.flatnonzero(skeleton.parent == mother)
         assert heading[one] @ heading[other] == pytest.approx(np.cos(np.deg2rad(70)))
         if mother:

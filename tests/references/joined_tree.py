@@ -29,7 +29,7 @@ class BoxTree:
         return self._keep(rings, -1, path, radius)
 
     def draw_out(self, mother: int, ring: int, side: int, tip: np.ndarray, steps: int = 8) -> int:
-        """A four-sided branch out of a face of its mother, to a tip, a third as thick there."""
+        """A four-sided branch out of a face of its parent, to a tip, a third as thick there."""
         own = self.rings[mother]
         after = (side + 1) % own.shape[1]
         face = np.stack(

@@ -120,7 +120,7 @@ def sibling(name: str, seed: int, **siblings: float) -> Tree:
 
 
 def mothers_of(tree: Tree) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of the axes of a skeleton: mother, foot (A, 3) and tip (A, 3)."""
+    """Of the axes of a skeleton: parent, foot (A, 3) and tip (A, 3)."""
     wood = tree.skeleton
     first, axis = axes_of(wood)
     last = np.zeros(len(first), np.int64)

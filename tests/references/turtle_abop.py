@@ -12,7 +12,7 @@ MODULE = re.compile(r"(.)(?:\(([^()]*)\))?")
 def walk_plainly(text, length, angle, thinning, diameter, tropism=(0, 0, -1), elasticity=0.0):
     """Segments and leaves of a string whose numbers are written out.
 
-    Returns a list of segments (start, end, diameter, mother, order, generation) and a list of leaves
+    Returns a list of segments (start, end, diameter, parent, order, generation) and a list of leaves
     (foot, heading, up, segment).
     """
     tropism = np.array(tropism, float)

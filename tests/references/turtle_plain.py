@@ -20,7 +20,7 @@ def grow_plainly(symbols, grammar, jitter, rng):
     draw = {k: truncated_normal(rng, count) for k in ("length", "angle", "twist", "lean", "side")}
     lift = rng.random(count) * jitter.raise_ratio
 
-    segments = []  # dicts with start, end, heading, left, length, radius, mother, role
+    segments = []  # dicts with start, end, heading, left, length, radius, parent, role
     stack, node, role = [], None, "["
     for symbol in text:
         if symbol in "dg":

@@ -50,7 +50,7 @@ class Plain(Intensity):
 def pixels():
     image = stream(1, "pixels").random((5, 7))
     image[image < 0.4] = 0
-    return layers.Raster(image, LOW, SIZE)
+    return layers.RasterIntensity(image, LOW, SIZE)
 
 
 TRIANGLE = Polygon(np.add(LOW, [[5, 5], [55, 8], [20, 39]]))
@@ -137,7 +137,7 @@ def test_an_exact_number_is_exact(name):
 def test_one_pixel_that_is_not_zero_gets_all_trees():
     image = np.zeros((512, 512))
     image[100, 300] = 1
-    made = Process(layers.Raster(image, LOW, SIZE), LOW, LOW + SIZE)
+    made = Process(layers.RasterIntensity(image, LOW, SIZE), LOW, LOW + SIZE)
     points = sample(made.scaled(20_000 / made.expected()), stream(1, "pixel"))
     step = SIZE / 512
     centre = LOW + step * [300.5, 512 - 100.5]
@@ -180,7 +180,7 @@ def test_too_many_trees_are_refused_with_the_number(name):
 
 
 def test_nothing_where_the_intensity_is_zero():
-    empty = Process(layers.Raster(np.zeros((4, 4)), LOW, SIZE), LOW, LOW + SIZE)
+    empty = Process(layers.RasterIntensity(np.zeros((4, 4)), LOW, SIZE), LOW, LOW + SIZE)
     assert sample(empty, stream(0, "x")).shape == (0, 2)
     with pytest.raises(IntensityError, match="7 trees cannot stand"):
         sample(empty, stream(0, "x"), 7)

@@ -1,7 +1,7 @@
 """A contact sheet: one tree beside the other, each as large as its cell allows, in one render.
 
 Trees hang in a grid before an orthographic camera that looks slightly down on them; the background stays
-transparent. ``Cell`` says where each came to stand in the picture, so that labels can be drawn below.
+transparent. ``SheetCell`` says where each came to stand in the picture, so that labels can be drawn below.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ FOOT = 0.20  # of a tree above the lower edge of its cell, for a label
 
 
 @dataclass(frozen=True)
-class Cell:
+class SheetCell:
     """A tree's place in the picture: its foot, in pixels from the upper left, and metres per pixel."""
 
     x: float
@@ -46,7 +46,7 @@ def render_sheet(
     samples: int = 16,
     progress: Progress | None = None,
     one_scale: bool = False,
-) -> list[Cell]:
+) -> list[SheetCell]:
     """Render trees of species in rows; returns where each stands.
 
     width : of the picture, pixels. one_scale : all as large as the largest needs, not each as its cell
@@ -70,7 +70,7 @@ def render_sheet(
         up = high - (row + 1) * FIELD[1] + FOOT  # on the picture; the camera's tilt shortens z
         size = least if one_scale else _fit(tree)
         _hang(scene, species, tree, x, up / math.cos(TILT), size)
-        cells.append(Cell(x * pixels, (high - up) * pixels, 1 / (size * pixels)))
+        cells.append(SheetCell(x * pixels, (high - up) * pixels, 1 / (size * pixels)))
     _aim(scene, columns * FIELD[0], high)
     _light(scene)
     scene.render.film_transparent = True

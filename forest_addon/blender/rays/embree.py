@@ -151,18 +151,18 @@ class EmbreeCaster(Search):
             and np.maximum.reduce(start) <= MARGIN
         )
 
-    def _packets_of(self, count: int) -> _Packets:
+    def _packets_of(self, count: int) -> _RayPackets:
         """Room for so many rays: of few, what this thread has kept."""
         if count > KEPT:
-            return _Packets(count)
+            return _RayPackets(count)
         size = -(-count // PACKET)
         kept = self._kept.__dict__
         if size not in kept:
-            kept[size] = _Packets(count)
-        ready: _Packets = kept[size]
+            kept[size] = _RayPackets(count)
+        ready: _RayPackets = kept[size]
         return ready
 
-    def _trace(self, packets: _Packets) -> None:
+    def _trace(self, packets: _RayPackets) -> None:
         run, valid = self._library.rtcIntersect16, self._valid_address
         deque(map(run, repeat(valid), repeat(self._top), packets.addresses, repeat(None)), maxlen=0)
 
@@ -253,7 +253,7 @@ def _release(
     arrays.clear()
 
 
-class _Packets:
+class _RayPackets:
     """Rays as Embree wants them: packets (P, 21, 16) float32, the last one filled up with idle lanes."""
 
     def __init__(self, count: int) -> None:

@@ -20,7 +20,7 @@ from ...growth.skeleton import Skeleton
 from ...growth.tree import Tree
 from ...growth.truth import tree_truth
 from ...sensing.rays.geometry import SceneGeometry
-from ...stand.placed import Grown, PlacedTrees
+from ...stand.placed import PlacedTrees, PlacedVariant
 from .standings import ASSET_KEY
 
 SPECIES, WOOD, LEAVES = "forest_asset_species", "forest_skeleton", "forest_leaves"
@@ -54,13 +54,13 @@ def write_truth(mesh: bpy.types.Mesh, asset: str, species: str, tree: Tree) -> N
     mesh[LEAVES] = _leaf_mesh(f"{mesh.name} leaves", tree.leaves)
 
 
-def read_truth(mesh: bpy.types.Mesh) -> Grown | None:
+def read_truth(mesh: bpy.types.Mesh) -> PlacedVariant | None:
     """Return what a mesh says of its tree, in float32; None where it says nothing, or not all of it."""
     wood, leaves = mesh.get(WOOD), mesh.get(LEAVES)
     if not (isinstance(wood, bpy.types.Mesh) and isinstance(leaves, bpy.types.Mesh)):
         return None
     told = {key: value for key, value in mesh.items() if isinstance(value, float)}
-    return Grown(
+    return PlacedVariant(
         name=str(mesh[ASSET_KEY]),
         species=str(mesh.get(SPECIES, "")),
         skeleton=_read_skeleton(wood),
@@ -78,7 +78,7 @@ def has_assets() -> bool:
 def placed_trees(scene: SceneGeometry) -> PlacedTrees:
     """The trees from libraries in a scene that was read, with the truth that their meshes bring."""
     wanted = sorted({asset for asset in scene.asset if asset})
-    by_asset: dict[str, Grown] = {}
+    by_asset: dict[str, PlacedVariant] = {}
     for mesh in bpy.data.meshes:
         asset = mesh.get(ASSET_KEY)
         if isinstance(asset, str) and asset in wanted and asset not in by_asset:

@@ -21,7 +21,7 @@ AMBIENT = 0.45
 
 
 @dataclass(frozen=True)
-class Portrait:
+class AssetPortrait:
     """Description of an asset's tree.
 
     label : what its planting is called. picture : (PIXELS, PIXELS, 4), see ``draw``.
@@ -32,16 +32,16 @@ class Portrait:
     picture: np.ndarray
 
 
-def portray(species: spec.Species, label: str, mesh: TriMesh) -> Portrait:
+def portray(species: spec.Species, label: str, mesh: TriMesh) -> AssetPortrait:
     """Describe and draw a tree, Z up, of a species."""
     height = float(mesh.vertices[:, 2].max(initial=0.0))
     leaves = int(mesh.leaf.max(initial=-1)) + 1
     colours = {WOOD: species.look.bark, DEAD: species.look.bark, LEAF: species.look.foliage()}
     described = f"{label}, {height:.1f} m tall, {leaves:,} leaves"
-    return Portrait(label, described, draw(mesh, colours))
+    return AssetPortrait(label, described, draw(mesh, colours))
 
 
-def mark(thing: bpy.types.Object, portrait: Portrait) -> None:
+def mark(thing: bpy.types.Object, portrait: AssetPortrait) -> None:
     """Make an object an asset that says what tree it is, or say so of one that is an asset."""
     if thing.asset_data is None:
         thing.asset_mark()

@@ -21,8 +21,8 @@ from ... import spec
 from ...growth.mesh.outline import outline
 from ...growth.tree import Tree
 from ...growth.truth import tree_truth
-from ...stand.forest import Forest
-from ...stand.intensity.terrain import Flat, Terrain
+from ...stand.forest import GrownForest
+from ...stand.intensity.terrain import Flat, GroundSurface
 from . import assets, materials
 from .ground import ground_mesh
 from .ground_nodes import show_near
@@ -31,8 +31,8 @@ from .layout import GROUND_NAME, OUTLINES, TREES, VARIANTS, find_part, part, roo
 from .meshes import to_mesh
 from .nodes import give_instancer, instancer_group
 from .ours import MADE_KEY, all_or_nothing, is_ours
-from .placing import Wanted, put
-from .standing import Coat, Standing, fingerprint, has_own_mesh
+from .placing import WantedObject, put
+from .standing import Coat, KeptStanding, fingerprint, has_own_mesh
 from .standings import SPECIES_KEY, TREE_KEY
 
 MANY = 1000  # trees; where there are more, they are points unless the settings say otherwise
@@ -40,15 +40,15 @@ SHOWN_IN_FULL = (
     30_000_000  # triangles; where there are more, views show outlines until told otherwise
 )
 PICTURE_KEY = "forest_picture"  # what the picture of a variant was drawn from
-_stands: dict[int, weakref.ref[Forest]] = {}  # built last, by scene
+_stands: dict[int, weakref.ref[GrownForest]] = {}  # built last, by scene
 POINTS_ROLE, GROUND_ROLE = f"{TREES}/points", f"{GROUND_NAME}/ground"
 
 
 def build(
     scene: bpy.types.Scene,
     settings: spec.Scene,
-    forest: Forest,
-    terrain: Terrain | None = None,
+    forest: GrownForest,
+    terrain: GroundSurface | None = None,
     *,
     as_assets: bool = True,
 ) -> bpy.types.Collection:
@@ -64,7 +64,7 @@ def build(
         Mode, where Blender gives it no other mesh; nothing is changed.
     """
     terrain = Flat(settings.forest.terrain.base) if terrain is None else terrain
-    standing = Standing.of(scene)
+    standing = KeptStanding.of(scene)
     edited = next((thing.name for thing in standing.things.values() if thing.mode == "EDIT"), "")
     if edited:
         raise ValueError(f'"{edited}" is being edited; leave Edit Mode, then build again')
@@ -88,7 +88,7 @@ def build(
     return root(scene)
 
 
-def stands(scene: bpy.types.Scene, forest: Forest) -> bool:
+def stands(scene: bpy.types.Scene, forest: GrownForest) -> bool:
     """Return whether a forest is the one that was last built in a Blender scene."""
     last = _stands.get(scene.session_uid)
     return last is not None and last() is forest
@@ -99,19 +99,19 @@ class _Plan:
     """Needs of a forest: objects, plantings that have a collection of their own, pictures of variants that
     are new, and whether views show outlines."""
 
-    wanted: list[Wanted] = field(default_factory=list)
+    wanted: list[WantedObject] = field(default_factory=list)
     labels: tuple[str, ...] = ()
     as_assets: bool = True
-    portraits: dict[str, assets.Portrait] = field(default_factory=dict)
+    portraits: dict[str, assets.AssetPortrait] = field(default_factory=dict)
     light: bool = False
 
 
 def _plan(
     scene: bpy.types.Scene,
-    standing: Standing,
+    standing: KeptStanding,
     settings: spec.Forest,
-    forest: Forest,
-    terrain: Terrain,
+    forest: GrownForest,
+    terrain: GroundSurface,
     as_assets: bool,
 ) -> _Plan:
     """Make all data of a forest; the scene stays as it is."""
@@ -131,11 +131,11 @@ def _plan(
         shape = ground_mesh(settings, terrain)
         make = partial(to_mesh, "Ground", shape)
         data = standing.renew(GROUND_ROLE, "Ground", fingerprint(shape), make, [coat])
-        plan.wanted.append(Wanted(GROUND_NAME, GROUND_ROLE, "Ground", data))
+        plan.wanted.append(WantedObject(GROUND_NAME, GROUND_ROLE, "Ground", data))
     return plan
 
 
-def _coats(forest: Forest) -> list[tuple[Coat, Coat]]:
+def _coats(forest: GrownForest) -> list[tuple[Coat, Coat]]:
     """Bark and leaves of every planting."""
     kinds = zip(forest.labels, forest.species, strict=True)
     return [
@@ -157,8 +157,8 @@ def _coats(forest: Forest) -> list[tuple[Coat, Coat]]:
 
 
 def _fill_library(
-    plan: _Plan, standing: Standing, forest: Forest, with_outlines: bool
-) -> list[Wanted]:
+    plan: _Plan, standing: KeptStanding, forest: GrownForest, with_outlines: bool
+) -> list[WantedObject]:
     """Plan an object for every variant, named so that their order is their number; returns them."""
     coats, library = _coats(forest), []
     digits = max(3, len(str(len(forest.variants))))
@@ -174,12 +174,12 @@ def _fill_library(
         known = was is not None and (has_own_mesh(was) or was.get(PICTURE_KEY) == says[PICTURE_KEY])
         if plan.as_assets and not known:
             plan.portraits[role] = assets.portray(forest.species[planting], label, tree.mesh)
-        library.append(Wanted(VARIANTS, role, numbered + name, mesh, says=says))
+        library.append(WantedObject(VARIANTS, role, numbered + name, mesh, says=says))
         if with_outlines:
             role, rough = f"{OUTLINES}/{name}", f"{name} outline"
             make = partial(_outline_mesh, rough, tree)
             data = standing.renew(role, rough, shape, make, coats[planting], mesh)
-            plan.wanted.append(Wanted(OUTLINES, role, numbered + rough, data))
+            plan.wanted.append(WantedObject(OUTLINES, role, numbered + rough, data))
     plan.wanted += library
     return library
 
@@ -197,8 +197,8 @@ def _outline_mesh(name: str, tree: Tree) -> bpy.types.Mesh:
 
 
 def _trees(
-    forest: Forest, meshes: Sequence[bpy.types.Mesh], variant: np.ndarray
-) -> Iterable[Wanted]:
+    forest: GrownForest, meshes: Sequence[bpy.types.Mesh], variant: np.ndarray
+) -> Iterable[WantedObject]:
     """An object for every tree, in the collection of its planting."""
     stand = forest.stand
     for tree, place in enumerate(forest.transforms()):
@@ -206,17 +206,17 @@ def _trees(
         label = forest.labels[planting]
         name, says = f"{label} {number:04d}", {TREE_KEY: number, SPECIES_KEY: planting}
         mesh = meshes[variant[tree]]
-        yield Wanted(TREES, f"{TREES}/{name}", name, mesh, label, place, says)
+        yield WantedObject(TREES, f"{TREES}/{name}", name, mesh, label, place, says)
 
 
 def _points(
     plan: _Plan,
     scene: bpy.types.Scene,
-    standing: Standing,
-    forest: Forest,
-    library: Sequence[Wanted],
+    standing: KeptStanding,
+    forest: GrownForest,
+    library: Sequence[WantedObject],
     variant: np.ndarray,
-) -> Wanted:
+) -> WantedObject:
     """One object for all trees."""
     instancer_group()
     stand, home = forest.stand, find_part(scene, VARIANTS)
@@ -237,4 +237,4 @@ def _points(
     aligned = bool((rank == np.arange(len(rank))).all())  # or outlines would be those of others
     plan.light = aligned and bool(faces[variant].sum() > SHOWN_IN_FULL)
     data = standing.renew(POINTS_ROLE, TREES, "", make)
-    return Wanted(TREES, POINTS_ROLE, TREES, data)
+    return WantedObject(TREES, POINTS_ROLE, TREES, data)

@@ -6,10 +6,10 @@ import numpy as np
 
 from ... import spec
 from ...base.trimesh import GROUND, TriMesh
-from ...stand.intensity.terrain import Heightmap, Terrain
+from ...stand.intensity.terrain import GroundSurface, Heightmap
 
 
-def ground_mesh(field: spec.Forest, terrain: Terrain) -> TriMesh:
+def ground_mesh(field: spec.Forest, terrain: GroundSurface) -> TriMesh:
     """The terrain as triangles; flat ground and heightmaps reach the field's margin beyond the field."""
     low = np.array(field.origin) - field.margin
     high = np.array(field.origin) + np.array(field.size) + field.margin

@@ -9,7 +9,7 @@ from __future__ import annotations
 import bpy
 
 from ... import spec
-from ...stand.intensity.terrain import Terrain
+from ...stand.intensity.terrain import GroundSurface
 from .nodes import VIEW_KEY, set_input
 from .ours import is_local
 
@@ -19,7 +19,7 @@ FAR = 100.0  # m of margin; a ground that reaches farther is there for a horizon
 AROUND = 0.25  # of the field's longer side: what views show around it
 
 
-def show_near(thing: bpy.types.Object, field: spec.Forest, terrain: Terrain) -> None:
+def show_near(thing: bpy.types.Object, field: spec.Forest, terrain: GroundSurface) -> None:
     """Have views show a far, flat ground around the field alone.
 
     A modifier that the user has taken away does not come back.

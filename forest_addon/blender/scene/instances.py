@@ -20,7 +20,7 @@ from .standings import SPECIES_KEY, TREE_KEY, has_nodes
 
 
 @dataclass(frozen=True)
-class Placed:
+class InstancedTrees:
     """N trees as they are evaluated.
 
     source : objects that they are instances of. index : (N,) which of ``source``.
@@ -86,19 +86,19 @@ def _natural(name: str) -> list[str | int]:
     return pieces
 
 
-def read_points(thing: bpy.types.Object) -> Placed:
+def read_points(thing: bpy.types.Object) -> InstancedTrees:
     """The trees of an evaluated object; none where its modifiers put none."""
     geometry = thing.evaluated_geometry() if has_nodes(thing) else None
     points = geometry.instances_pointcloud() if geometry is not None else None
     if points is None or not len(points.points):  # 4.5 gives no columns where there is no row
         empty = np.empty(0, dtype=np.int64)
-        return Placed((), empty, np.empty((0, 3, 4)), empty, empty)
+        return InstancedTrees((), empty, np.empty((0, 3, 4)), empty, empty)
     count = len(points.points)
     local = np.empty(16 * count, dtype=np.float32)
     points.attributes["instance_transform"].data.foreach_get("value", local)
     local = local.reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)  # Blender keeps columns
     world = np.array(thing.matrix_world, dtype=np.float64)
-    return Placed(
+    return InstancedTrees(
         source=tuple(geometry.instance_references()),
         index=_numbers(points, ".reference_index", count),
         transform=(world @ local)[:, :3],

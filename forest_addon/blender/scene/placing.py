@@ -18,11 +18,11 @@ from mathutils import Matrix
 
 from .layout import CLOUD_KEY, LIBRARIES, PARTS, TREES, VARIANTS, grove, groves, part, root
 from .ours import ROLE_KEY, is_ours, settle
-from .standing import DATA_KEY, Standing, has_own_mesh
+from .standing import DATA_KEY, KeptStanding, has_own_mesh
 
 
 @dataclass(frozen=True)
-class Wanted:
+class WantedObject:
     """An object that a forest wants.
 
     part, label : where a new one goes: which part of the forest, and whose trees' collection in it if any.
@@ -40,7 +40,10 @@ class Wanted:
 
 
 def put(
-    scene: bpy.types.Scene, standing: Standing, wanted: Sequence[Wanted], labels: Sequence[str]
+    scene: bpy.types.Scene,
+    standing: KeptStanding,
+    wanted: Sequence[WantedObject],
+    labels: Sequence[str],
 ) -> dict[str, bpy.types.Object]:
     """Make a scene's forest consist of these objects; returns them by what they stand for.
 
@@ -101,7 +104,7 @@ def _clear(homes: set[bpy.types.Collection], kept: set[bpy.types.Object]) -> Non
 
 def _send_home(
     kept: dict[str, bpy.types.Object],
-    wanted: Sequence[Wanted],
+    wanted: Sequence[WantedObject],
     home_of: dict[tuple[str, str], bpy.types.Collection],
     homes: set[bpy.types.Collection],
 ) -> None:
@@ -142,7 +145,7 @@ def _sweep() -> None:
     bpy.data.batch_remove([coat for coat in worn if not coat.users and is_ours(coat)])
 
 
-def _tell(thing: bpy.types.Object, want: Wanted) -> None:
+def _tell(thing: bpy.types.Object, want: WantedObject) -> None:
     """Name and place an object of ours, and have it say what it is."""
     settle(thing, want.name)
     thing[ROLE_KEY] = want.role

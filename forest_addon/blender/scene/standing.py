@@ -38,7 +38,7 @@ class Coat:
 
 
 @dataclass(frozen=True)
-class Standing:
+class KeptStanding:
     """Objects of a scene's forest, their meshes and materials, by what each stands for.
 
     bare : meshes that stay, and what they are to wear where they wear nothing.
@@ -50,7 +50,7 @@ class Standing:
     bare: list[tuple[bpy.types.Mesh, list[bpy.types.Material | None]]] = field(default_factory=list)
 
     @classmethod
-    def of(cls, scene: bpy.types.Scene) -> Standing:
+    def of(cls, scene: bpy.types.Scene) -> KeptStanding:
         """Read a scene."""
         found = [thing for thing in within_reach(scene) if thing.type == "MESH"]
         things = by_role(found)

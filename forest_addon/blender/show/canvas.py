@@ -11,7 +11,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ... import spec
-from ...stand.intensity.terrain import Terrain
+from ...stand.intensity.terrain import GroundSurface
 from ..scene.standings import IGNORED_KEY
 
 CANVAS_KEY = "forest_canvas"  # custom property of a canvas
@@ -39,7 +39,7 @@ def new_canvas(name: str, home: bpy.types.Collection) -> bpy.types.Object:
     return thing
 
 
-def lay(thing: bpy.types.Object, field: spec.Forest, terrain: Terrain) -> None:
+def lay(thing: bpy.types.Object, field: spec.Forest, terrain: GroundSurface) -> None:
     """Stretch a canvas over the field, at the terrain's height; where that has none, at its base."""
     thing.matrix_world = Matrix()
     position = thing.data.attributes["position"].data

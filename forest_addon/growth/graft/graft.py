@@ -40,7 +40,7 @@ class Scion:
 
 
 @dataclass(frozen=True)
-class Site:
+class GraftSite:
     """Place of a graft: its foot (3,), unit direction (3,) and length in metres."""
 
     foot: np.ndarray
@@ -96,7 +96,7 @@ def _apart(mesh: TriMesh) -> tuple[TriMesh, TriMesh, np.ndarray]:
 
 
 def graft(
-    scion: Scion, site: Site, leaf_spread: float, roll: float, rng: np.random.Generator
+    scion: Scion, site: GraftSite, leaf_spread: float, roll: float, rng: np.random.Generator
 ) -> tuple[TriMesh, Leaves, np.ndarray]:
     """The branch at its site, wood and leaves in one mesh with leaf numbers from 0; their truth, and
     (L, 3) where they hang.

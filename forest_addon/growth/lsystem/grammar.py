@@ -3,7 +3,7 @@ chance.
 
 Tanveer et al. (2020a) writes its rule g -> d(g)[g)+g) and its second iteration
 d(d(g)[g)+g)[d(g)[g)+g)+d(g)[g)+g). Both follow from axiom ``g)`` and g -> d(g)[g)+g: the branch that ``+``
-starts is closed by the bracket of its mother. Tanveer et al.'s (2020b) rules are groups d(d)+d) joined by
+starts is closed by the bracket of its parent. Tanveer et al.'s (2020b) rules are groups d(d)+d) joined by
 ``[``, one group a whorl: there each ``+`` has a
 ``)`` of its own.
 """

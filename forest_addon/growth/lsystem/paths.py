@@ -23,7 +23,7 @@ class Paths:
     level : (P,) how many come before it on its path.
     branch : (P,) number of the pair of brackets that it stands in, 0 outside all. A bracket that opens
         counts to the branch that it opens.
-    mother : (B,) branch that each branch leaves, -1 for branch 0; a mother has a smaller number.
+    parent : (B,) branch that each branch leaves, -1 for branch 0; a parent has a smaller number.
     """
 
     command: np.ndarray

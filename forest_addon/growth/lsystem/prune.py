@@ -51,8 +51,8 @@ def keep_sites(leaves: LeafSites, kept: np.ndarray, number: np.ndarray) -> LeafS
 
 
 def _with_all_above(removed: np.ndarray, mother: np.ndarray) -> np.ndarray:
-    """Marks handed on from mothers to daughters, by pointer doubling (deep brackets cost a log)."""
-    up = np.maximum(mother, 0)  # branch 0 is its own mother
+    """Marks handed on from parents to children, by pointer doubling (deep brackets cost a log)."""
+    up = np.maximum(mother, 0)  # branch 0 is its own parent
     while True:
         marked = removed | removed[up]
         further = up[up]

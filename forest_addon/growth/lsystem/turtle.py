@@ -3,7 +3,7 @@
 ``d`` is an internode and ``g`` a growing tip, both a segment. ``(`` starts a side branch at the current
 node and ``[`` lets the axis grow on; ``)`` goes back to the node where they stood. ``+`` starts a branch
 at the place symmetric to the previous one, raised by a random height along the axis; it ends with its
-mother. A side branch leaves at the branching angle, its symmetric one at the opposite angle, and each
+parent. A side branch leaves at the branching angle, its symmetric one at the opposite angle, and each
 internode on an axis is twisted about it (Tanveer et al. 2020a).
 """
 
@@ -19,13 +19,13 @@ from ..skeleton import Skeleton
 
 CENTRE, SIDE, SYMMETRIC = 0, 1, 2
 _ROLE = {ord("["): CENTRE, ord("("): SIDE, ord("+"): SYMMETRIC}
-# Symbols whose segments ``)`` goes back from: a symmetric branch ends with its mother in Tanveer et al.
+# Symbols whose segments ``)`` goes back from: a symmetric branch ends with its parent in Tanveer et al.
 # 2020a, in A20 it has a bracket of its own, and the trunk goes on without one.
 _OPENING = {"T20": b"[(", "A20": b"(+"}
 
 
 def parse(symbols: np.ndarray, dialect: str = "T20") -> tuple[np.ndarray, np.ndarray]:
-    """Mother (S,) and role (S,) of every segment of Tanveer et al. 2020a or 2020b symbols, in the order
+    """Parent (S,) and role (S,) of every segment of Tanveer et al. 2020a or 2020b symbols, in the order
     they are written.
 
     Raises
@@ -58,11 +58,11 @@ def parse(symbols: np.ndarray, dialect: str = "T20") -> tuple[np.ndarray, np.nda
 
 @lru_cache(maxsize=16)
 def _lineage(symbols: bytes, dialect: str) -> tuple[np.ndarray, ...]:
-    """Mother, role, generation and order (S,) of every segment: one string serves a whole species."""
+    """Parent, role, generation and order (S,) of every segment: one string serves a whole species."""
     parent, role = parse(np.frombuffer(symbols, np.uint8), dialect)
     generation = np.zeros(len(parent), dtype=np.int64)
     order = np.zeros(len(parent), dtype=np.int64)
-    for segment in range(1, len(parent)):  # mothers come first
+    for segment in range(1, len(parent)):  # parents come first
         mother = parent[segment]
         generation[segment] = generation[mother] + 1
         order[segment] = order[mother] + (role[segment] != CENTRE)

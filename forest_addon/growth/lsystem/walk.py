@@ -36,7 +36,7 @@ class Walk:
     skeleton : its segments, in the order of the string.
     leaves : length and width NaN where the string says none.
     branch, leaf_branch : (S,), (L,) brackets that a segment and a leaf stand in.
-    mother : (B,) branch that each branch leaves.
+    parent : (B,) branch that each branch leaves.
     """
 
     skeleton: Skeleton

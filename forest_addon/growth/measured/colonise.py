@@ -22,7 +22,7 @@ ALIKE = 0.98  # cosine between two steps of one node that are the same branch
 
 @dataclass(frozen=True)
 class Nodes:
-    """N nodes of a tree's axes, a mother before her daughters.
+    """N nodes of a tree's axes, a parent before her children.
 
     place : (N, 3) metres. parent : (N,) int64, -1 for the foot. trunk : (N,) bool, of the first stem.
     """

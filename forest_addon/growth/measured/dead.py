@@ -109,13 +109,13 @@ def _segments(
 ) -> Skeleton:
     """Branches as segments, each branch in a row; numbers from ``first`` on.
 
-    on : (N,) segments that bear them. mother : the skeleton that those are of.
+    on : (N,) segments that bear them. parent : the skeleton that those are of.
     """
     place, radius = line
     count, pieces = len(place), place.shape[1] - 1
     number = first + np.arange(count * pieces).reshape(count, pieces)
     parent = np.concatenate([on[:, None], number[:, :-1]], axis=1)
-    own = on - (first - len(mother))  # numbers within the mother
+    own = on - (first - len(mother))  # numbers within the parent
     depth = mother.generation[own][:, None] + 1 + np.arange(pieces)
     return Skeleton(
         start=place[:, :-1].reshape(-1, 3),

@@ -20,11 +20,11 @@ TURN = np.deg2rad(60.0)  # by which an axis goes on at most
 
 
 def borne(parent: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """(N,) what each of N things bears itself and by all that descend from it; mothers come first."""
+    """(N,) what each of N things bears itself and by all that descend from it; parents come first."""
     total = own.astype(float).copy()
     depth = np.zeros(len(parent), dtype=np.int64)
     at, up = np.arange(len(parent)), parent
-    while (up >= 0).any():  # pointer by pointer, as many rounds as the deepest thing has mothers
+    while (up >= 0).any():  # pointer by pointer, as many rounds as the deepest thing has parents
         depth[at] += up >= 0
         up = np.where(up >= 0, parent[np.maximum(up, 0)], -1)
     by_depth = np.argsort(-depth, kind="stable")
@@ -48,7 +48,7 @@ def orders_of(nodes: Nodes, total: np.ndarray) -> np.ndarray:
     turn = np.einsum("ni,ni->n", way, way[parent]) / np.maximum(length * length[parent], 1e-12)
     turn = np.where(length[parent] > 0, turn, 1.0)
     rank = total * ((1 + turn) / 2) ** 2 + np.where(nodes.trunk, total.max() + 1, 0)
-    up = np.lexsort((rank, nodes.parent))  # of each mother the last is the one that goes on
+    up = np.lexsort((rank, nodes.parent))  # of each parent the last is the one that goes on
     last = np.ones(count, dtype=bool)
     last[:-1] = np.diff(nodes.parent[up]) != 0
     goes_on = np.zeros(count, dtype=bool)

@@ -1,8 +1,8 @@
 """Axes of a skeleton: the segments of each, and the first-level branch that each belongs to.
 
-An axis goes on from a segment to its first daughter of equal order that starts where the segment ends;
-every other daughter starts an axis of its own. Both questions are answered for all segments at once by
-pointer doubling: a segment that has jumped k mothers towards its end of the chain jumps 2k next time.
+An axis goes on from a segment to its first child of equal order that starts where the segment ends;
+every other child starts an axis of its own. Both questions are answered for all segments at once by
+pointer doubling: a segment that has jumped k parents towards its end of the chain jumps 2k next time.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def find_axes(skeleton: Skeleton) -> Axes:
     """Sort the segments of a skeleton into axes."""
     before = _before(skeleton)
     head = _root(before)
-    segment = np.argsort(head, kind="stable")  # a mother comes first, so an axis stays in order
+    segment = np.argsort(head, kind="stable")  # a parent comes first, so an axis stays in order
     starts = np.flatnonzero(np.diff(head[segment], prepend=-1))
     return Axes(segment, np.append(starts, len(segment)).astype(np.int64))
 
@@ -58,7 +58,7 @@ def _before(skeleton: Skeleton) -> np.ndarray:
         (parent >= 0) & (skeleton.order == skeleton.order[mother]) & (gap <= TOUCH)
     )
     chosen = np.full(len(parent), -1, dtype=np.int64)
-    chosen[parent[onward[::-1]]] = onward[::-1]  # written backwards: the first daughter stays
+    chosen[parent[onward[::-1]]] = onward[::-1]  # written backwards: the first child stays
     before = np.full(len(parent), -1, dtype=np.int64)
     continued = np.flatnonzero(chosen >= 0)
     before[chosen[continued]] = continued

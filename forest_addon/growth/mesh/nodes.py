@@ -1,9 +1,9 @@
 """The nodes of a skeleton's axes, as a mesher wants them: sorted, with joints, none to spare.
 
 Axes come sorted by the number of corners their rings get, so that rings of equal n lie together. Segments
-without a length and axes without a radius are passed over. A branch starts on its mother's axis, so its
-foot is inside her; where the mother ends in a fork, or is thinner than the branch, it starts one node
-earlier, within her and along her: it bends out of the mother, and no wedge opens between them. Nodes that
+without a length and axes without a radius are passed over. A branch starts on its parent's axis, so its
+foot is inside her; where the parent ends in a fork, or is thinner than the branch, it starts one node
+earlier, within her and along her: it bends out of the parent, and no wedge opens between them. Nodes that
 the line passes within the tolerance anyway are left out.
 """
 
@@ -19,7 +19,7 @@ from .axes import TOUCH, find_axes
 
 SIDES = np.array([3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 20, 24, 32, 40, 48, 64])
 SHORTEST = 1e-9  # metres; a shorter segment has no direction and is passed over
-SNUG = 0.98  # of the mother's polygon: how wide a branch may start within her
+SNUG = 0.98  # of the parent's polygon: how wide a branch may start within her
 TRIANGLE = 0.6  # inner radius over the circle's of a triangle of equal perimeter, π/(3·tan(π/3))
 
 
@@ -105,7 +105,7 @@ def _inner(
     at_end = np.abs(skeleton.start[foot] - skeleton.end[mother]).max(axis=1, initial=0.0) <= TOUCH
     order_after = np.full(len(chain), -1, dtype=np.int64)
     order_after[chain[:-1]] = chain[1:]
-    onward = order_after[mother]  # the next in the chain continues the mother if it is her daughter
+    onward = order_after[mother]  # the next in the chain continues the parent if it is her child
     continued = (
         (onward >= 0)
         & (skeleton.parent[onward] == mother)

@@ -1,8 +1,8 @@
 """Axes of a joined tree: which slices of it follow one another as a trunk or a branch.
 
-At a fork the axis goes on as the daughter that is thickest and straightest a few radii on, where slices
+At a fork the axis goes on as the child that is thickest and straightest a few radii on, where slices
 are clean of the fork itself; the others begin axes of their own. What ends before it is three times as
-long as thick, or within its mother's bark, is a bump and no branch.
+long as thick, or within its parent's bark, is a bump and no branch.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ import numpy as np
 
 from .levels import Slices
 
-NEAR, FAR = 1.0, 4.0  # radii beyond a fork between which a daughter is judged
+NEAR, FAR = 1.0, 4.0  # radii beyond a fork between which a child is judged
 SLENDER = 3.0  # radii that a branch is long at least
-CLEAR = 0.5  # radii of its mother that it reaches beyond the fork at least
+CLEAR = 0.5  # radii of its parent that it reaches beyond the fork at least
 SHORTEST = 4  # bands
 MOST_STEPS = 200  # bands looked ahead
 STRAIGHT = 1.0  # weight of straightness against thickness
 
 
 @dataclass(frozen=True)
-class Axes:
-    """A axes of sliced pieces; an axis comes after its mother.
+class PieceAxes:
+    """A axes of sliced pieces; an axis comes after its parent.
 
-    of_slice : (S,) axis of each slice. mother : (A,) axis it begins on, -1 for that of a root.
-    fork : (A,) slice of the mother that it begins on, -1.
+    of_slice : (S,) axis of each slice. parent : (A,) axis it begins on, -1 for that of a root.
+    fork : (A,) slice of the parent that it begins on, -1.
     radius : (S,) root mean square distance of the surface from the axis.
     chain : (S,) whether a slice is on its axis, and no bump beside it.
     """
@@ -41,7 +41,7 @@ class Axes:
         return len(self.mother)
 
 
-def find_axes(slices: Slices) -> Axes:
+def find_axes(slices: Slices) -> PieceAxes:
     """Follow the slices of all pieces from their roots to the tips."""
     mass, top = _carried(slices)
     onward = _heaviest(slices, mass)
@@ -130,7 +130,7 @@ def radii(slices: Slices, onward: np.ndarray) -> np.ndarray:
 def _likeness(
     slices: Slices, onward: np.ndarray, radius: np.ndarray, kid: np.ndarray, fork: np.ndarray
 ) -> np.ndarray:
-    """(K,) how much a daughter looks like the mother going on."""
+    """(K,) how much a child looks like the parent going on."""
     bands = radius[fork] / slices.width
     near = np.clip(np.ceil(NEAR * bands), 1, MOST_STEPS).astype(np.int64)
     far = np.clip(np.ceil(FAR * bands), 2, 2 * MOST_STEPS).astype(np.int64)
@@ -149,8 +149,10 @@ def _likeness(
     return np.asarray(thick * (1 + STRAIGHT * turn) + 1e-9 * radius[fork])
 
 
-def _number(slices: Slices, onward: np.ndarray, begins: np.ndarray, radius: np.ndarray) -> Axes:
-    """Axes from the roots up; what is neither led on to nor begins an axis is its mother's."""
+def _number(
+    slices: Slices, onward: np.ndarray, begins: np.ndarray, radius: np.ndarray
+) -> PieceAxes:
+    """Axes from the roots up; what is neither led on to nor begins an axis is its parent's."""
     of_slice = np.full(len(slices), -1)
     mother: list[int] = []
     fork: list[int] = []
@@ -165,4 +167,4 @@ def _number(slices: Slices, onward: np.ndarray, begins: np.ndarray, radius: np.n
     chain = begins | (onward[slices.below] == np.arange(len(slices)))
     for low, high in _runs(slices.band):  # nor what stands on a bump
         chain[low:high] &= begins[low:high] | chain[slices.below[low:high]]
-    return Axes(of_slice, np.array(mother), np.array(fork), radius, chain)
+    return PieceAxes(of_slice, np.array(mother), np.array(fork), radius, chain)

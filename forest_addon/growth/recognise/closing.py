@@ -1,7 +1,7 @@
 """Closing of a joined mesh where it was cut: the parent's hole is closed, the child goes on to its axis.
 
-A daughter's rim is a ring of edges beyond which her mother's triangles lie. A fan over it closes the
-mother; the ring, moved along to where the two axes meet and made to fit within her, gives the daughter
+A child's rim is a ring of edges beyond which her parent's triangles lie. A fan over it closes the
+parent; the ring, moved along to where the two axes meet and made to fit within her, gives the child
 her foot. Rings at which branches have grown together elsewhere stay open.
 """
 
@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .axes import Axes
+from .axes import PieceAxes
 from .course import Course, beginnings
 from .hierarchy import Known
 from .levels import Slices
 from .pieces import Pieces, assemble, join_along
 
-WITHIN = 0.8  # radius of the mother within which the foot of a daughter is made to fit
-DEEPEST = 4.0  # radii of the mother that it goes inwards at most
+WITHIN = 0.8  # radius of the parent within which the foot of a child is made to fit
+DEEPEST = 4.0  # radii of the parent that it goes inwards at most
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ def close(
     pieces: Pieces,
     label: np.ndarray,
     slices: Slices,
-    axes: Axes,
+    axes: PieceAxes,
     course: Course,
     together: np.ndarray,
     halves: np.ndarray,
@@ -146,7 +146,7 @@ def _nearest_rim(
     to_mother: np.ndarray,
     begins: np.ndarray,
 ) -> np.ndarray:
-    """(N,) whether an edge from a to b is on the rim where its daughter begins; others are where she
+    """(N,) whether an edge from a to b is on the rim where its child begins; others are where she
     has grown together with somebody, and are left open.
     """
     base = len(vertices)
@@ -180,9 +180,9 @@ def loose_edges_of(pieces: Pieces, keys: np.ndarray) -> np.ndarray:
 
 
 def _meetings(
-    slices: Slices, axes: Axes, course: Course, middle: np.ndarray, wide: np.ndarray
+    slices: Slices, axes: PieceAxes, course: Course, middle: np.ndarray, wide: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return where the axes of daughters meet those of their mothers (A, 3), the middle of the mother's
+    """Return where the axes of children meet those of their parents (A, 3), the middle of the parent's
     bark there (A, 3), and her radius (A,)."""
     start, heading, _ = beginnings(slices, axes, course)
     foot, apex, thick = middle.copy(), middle.copy(), np.ones(len(axes))

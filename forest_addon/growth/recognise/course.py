@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .axes import Axes
+from .axes import PieceAxes
 from .levels import Slices
 
 WINDOW = 3.0  # radii over which an axis is smoothed
@@ -21,7 +21,7 @@ class Course:
     radius: np.ndarray  # (S,)
 
 
-def smooth(slices: Slices, axes: Axes) -> Course:
+def smooth(slices: Slices, axes: PieceAxes) -> Course:
     """The course of every axis: medians of the radius, and centres where that is not exceeded."""
     from scipy.ndimage import median_filter, uniform_filter1d  # here: few runs need it
 
@@ -57,7 +57,7 @@ def smooth(slices: Slices, axes: Axes) -> Course:
 
 
 def beginnings(
-    slices: Slices, axes: Axes, course: Course
+    slices: Slices, axes: PieceAxes, course: Course
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(A, 3) a place on each axis clear of its fork, (A, 3) its heading there, (A,) its radius."""
     chain = np.flatnonzero(axes.chain)

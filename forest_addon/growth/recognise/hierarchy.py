@@ -40,7 +40,7 @@ AGAINST = (
 SHORT, LACK = (
     0.5,
     0.1,
-)  # of a floating piece's length its mother is long; share of what lacks that is added
+)  # of a floating piece's length its parent is long; share of what lacks that is added
 NEAREST = 8  # balls looked at, of each group
 STEM = 0.3  # radii of the trunk that another stem has at least
 BESIDE = 0.2  # heights of the tree that it is away at most
@@ -71,7 +71,7 @@ class Hierarchy:
 class Known:
     """Knowledge of C pieces before they are hung, because they were cut from one another.
 
-    mother : (C,) piece, -1 where it has to be found. foot : (C, 3) where it begins, on her axis.
+    parent : (C,) piece, -1 where it has to be found. foot : (C, 3) where it begins, on her axis.
     radius : (C,) hers there.
     """
 
@@ -86,7 +86,7 @@ class Known:
 
 
 def find_trunk(pieces: Pieces, lines: Centrelines, free: np.ndarray) -> int:
-    """The piece that is the trunk, by the rule above, of those (C,) whose mother is not known."""
+    """The piece that is the trunk, by the rule above, of those (C,) whose parent is not known."""
     z = pieces.vertices[:, 2]
     lowest = np.full(pieces.count, np.inf)
     np.minimum.at(lowest, pieces.piece_of_vertex, z)

@@ -1,9 +1,9 @@
 """Rooting of pieces that begin deep within another one, so that their parent is plain.
 
-A tip or a flank may touch any wood; a foot that was drawn from its mother's axis lies near that axis. An end
+A tip or a flank may touch any wood; a foot that was drawn from its parent's axis lies near that axis. An end
 is rooted in a piece where it is at most half her radius off her axis, she is no thinner there than the end,
 and it is not where she herself begins (there, feet of a whorl lie within one another). Of several, the one
-whose axis is nearest in her radii is the mother; less likely is a thinner end of the piece, and an end of
+whose axis is nearest in her radii is the parent; less likely is a thinner end of the piece, and an end of
 another one as thin as it, which may be a sister's that begins at the same place.
 What is rooted nowhere is left to whatever it touches (``hierarchy``).
 """
@@ -16,7 +16,7 @@ from .centreline import Centrelines
 from .hierarchy import TAPER, Known
 from .tubes import Tubes
 
-DEEP = 0.5  # radii of the mother off her axis, at most
+DEEP = 0.5  # radii of the parent off her axis, at most
 STOUT = 0.9  # radii of the end that she is thick there at least
 TAPERS = 1.05  # ends differ by more than this factor where they tell which of them is the foot
 FEET = 1.5  # radii from where a piece begins within which nothing is rooted in it
@@ -26,7 +26,7 @@ NEAREST = 12  # balls looked at, of each group
 
 
 def root(lines: Centrelines, trunk: int, known: Known) -> Known:
-    """Return what is known of mothers, and the mothers of pieces that are rooted deep in one."""
+    """Return what is known of parents, and the parents of pieces that are rooted deep in one."""
     count = len(lines.first) - 1
     free = np.flatnonzero((known.mother < 0) & (np.arange(count) != trunk))
     if not len(free):

@@ -1,8 +1,8 @@
 """A joined mesh is cut at its forks, as if trunk and branches had been drawn as separate parts.
 
-``levels`` slices the mesh, ``axes`` says which slices are one branch. A branch leaves its mother where
-the surface leaves her tube: what a level line, which runs askew around a fork, has left to the mother is
-taken back from there. Then the mother's hole is closed, and the branch goes on inwards to where its axis
+``levels`` slices the mesh, ``axes`` says which slices are one branch. A branch leaves its parent where
+the surface leaves her tube: what a level line, which runs askew around a fork, has left to the parent is
+taken back from there. Then the parent's hole is closed, and the branch goes on inwards to where its axis
 meets hers, so that pieces are as whole as those that others draw apart.
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .axes import Axes, find_axes
+from .axes import PieceAxes, find_axes
 from .centreline import Centrelines
 from .closing import Severed, close, half_edges, loose_edges_of
 from .course import Course, beginnings, smooth
@@ -22,8 +22,8 @@ FAR = 3.0  # radii of a tube of that area and length, beyond which a piece may f
 FEWEST = 12  # triangles of a piece that forks
 COARSE = 3.0  # width of bands for the first look, from the wrong end
 STOUT = 0.7  # share of the thickest end's radius that the root's is at least
-OUTSIDE = 1.15  # radii of the mother from her axis where a daughter's bark begins
-BESIDE = 2.0  # radii of the daughter from her axis within which it is hers
+OUTSIDE = 1.15  # radii of the parent from her axis where a child's bark begins
+BESIDE = 2.0  # radii of the child from her axis within which it is hers
 ROUNDS = 100  # of taking bark back, an edge at a time
 
 
@@ -97,8 +97,8 @@ def _find_roots(pieces: Pieces) -> np.ndarray:
     return np.flatnonzero(found)
 
 
-def _take_back(pieces: Pieces, slices: Slices, axes: Axes, course: Course) -> np.ndarray:
-    """(V,) axis of each vertex, daughters' bark beyond the mothers' tubes given to the daughters."""
+def _take_back(pieces: Pieces, slices: Slices, axes: PieceAxes, course: Course) -> np.ndarray:
+    """(V,) axis of each vertex, children' bark beyond the parents' tubes given to the children."""
     owner = axes.of_slice[slices.of_vertex]
     start, heading, thick = beginnings(slices, axes, course)
     one, other = np.concatenate([pieces.edges, pieces.edges[:, ::-1]]).T
@@ -129,7 +129,7 @@ def _outside(pieces: Pieces, slices: Slices, course: Course, place: np.ndarray) 
 
 
 def _of_triangles(owner: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """(T,) axis of most of a triangle's corners; of three, that which is most of a mother."""
+    """(T,) axis of most of a triangle's corners; of three, that which is most of a parent."""
     a, b, c = owner[triangles].T
     return np.where((a == b) | (a == c), a, np.where(b == c, b, np.minimum(np.minimum(a, b), c)))
 

@@ -23,7 +23,7 @@ BREAST = 1.3  # metres
 
 
 @dataclass(frozen=True)
-class Allometry:
+class SiblingAllometry:
     """Exponents of height and crown width over diameter, and the spread of log width at one diameter."""
 
     height: float
@@ -32,20 +32,20 @@ class Allometry:
 
 
 ALLOMETRY = {
-    "any": Allometry(0.666, 0.606, 0.239),
-    "broadleaf": Allometry(0.598, 0.619, 0.241),
-    "conifer": Allometry(0.782, 0.596, 0.237),
-    "abies": Allometry(0.815, 0.494, 0.182),
-    "acer": Allometry(0.561, 0.619, 0.241),
-    "betula": Allometry(0.721, 0.619, 0.241),
-    "eucalyptus": Allometry(0.666, 0.684, 0.214),
-    "fagus": Allometry(0.578, 0.619, 0.241),
-    "larix": Allometry(0.819, 0.596, 0.237),
-    "picea": Allometry(0.844, 0.605, 0.172),
-    "pinus": Allometry(0.743, 0.701, 0.265),
-    "populus": Allometry(0.721, 0.619, 0.241),
-    "pseudotsuga": Allometry(0.790, 0.489, 0.269),
-    "quercus": Allometry(0.531, 0.619, 0.241),
+    "any": SiblingAllometry(0.666, 0.606, 0.239),
+    "broadleaf": SiblingAllometry(0.598, 0.619, 0.241),
+    "conifer": SiblingAllometry(0.782, 0.596, 0.237),
+    "abies": SiblingAllometry(0.815, 0.494, 0.182),
+    "acer": SiblingAllometry(0.561, 0.619, 0.241),
+    "betula": SiblingAllometry(0.721, 0.619, 0.241),
+    "eucalyptus": SiblingAllometry(0.666, 0.684, 0.214),
+    "fagus": SiblingAllometry(0.578, 0.619, 0.241),
+    "larix": SiblingAllometry(0.819, 0.596, 0.237),
+    "picea": SiblingAllometry(0.844, 0.605, 0.172),
+    "pinus": SiblingAllometry(0.743, 0.701, 0.265),
+    "populus": SiblingAllometry(0.721, 0.619, 0.241),
+    "pseudotsuga": SiblingAllometry(0.790, 0.489, 0.269),
+    "quercus": SiblingAllometry(0.531, 0.619, 0.241),
 }
 NAMES = {
     "abies": ("abies", "fir"),

@@ -1,6 +1,6 @@
 """A recognised tree taken apart so that it can be put together again, as it was or otherwise.
 
-Every piece of wood is a course (``courses``) that leaves its mother at a seat: a place on her line, an
+Every piece of wood is a course (``courses``) that leaves its parent at a seat: a place on her line, an
 azimuth, an angle and a roll in her frame there, and how far off her axis its foot is. Every vertex is
 held by the two stretches of its piece nearest to it, and every leaf by the stretch it sits on, so the
 mesh follows wherever the lines are laid. Laid where they were, they give the tree itself.
@@ -20,7 +20,7 @@ from ..recognise.hierarchy import CLOSER
 from ..recognise.pieces import lengths
 from ..recognise.recognise import Recognition
 from .bones import find_bones
-from .copies import Stock
+from .copies import CopyStock
 from .courses import STEEP, angles_in, foot_frames, rolled, unbend, upper_frames, walk
 from .lines import Lines, Seats, nearest, seats_on, share_of
 
@@ -28,7 +28,7 @@ GROUND = np.eye(3)  # the frame that a trunk stands in
 
 
 @dataclass(frozen=True, eq=False)
-class Wood:
+class TemplateWood:
     """The mesh of all pieces.
 
     stock : their mesh, each vertex seen from where it is on its line.
@@ -37,7 +37,7 @@ class Wood:
     weight : (V,) how much the second turns it.
     """
 
-    stock: Stock
+    stock: CopyStock
     stretch: np.ndarray
     part: np.ndarray
     bone: np.ndarray
@@ -52,7 +52,7 @@ class Foliage:
     foot : (L, 3) where it hangs. of_piece : the leaves of each piece. truth : their measures.
     """
 
-    stock: Stock
+    stock: CopyStock
     foot: np.ndarray
     bearer: np.ndarray
     seat: Seats
@@ -67,7 +67,7 @@ class Anatomy:
     parent : (C,) the piece that each one hangs on, -1 for what stands on the ground.
     order : (C,) 0 for the trunk, 1 for first-level branches, ...
     lines, bend : courses of the pieces.
-    seat : where each one's foot sits on its mother's line; ``aside`` is from its azimuth on.
+    seat : where each one's foot sits on its parent's line; ``aside`` is from its azimuth on.
     azimuth, angle, roll : (C,) how it leaves her. carried : (C,) see ``foot_frames``.
     """
 
@@ -80,7 +80,7 @@ class Anatomy:
     angle: np.ndarray
     roll: np.ndarray
     carried: np.ndarray
-    wood: Wood
+    wood: TemplateWood
     foliage: Foliage
 
     @property
@@ -95,7 +95,7 @@ class Anatomy:
         return np.asarray(ones[np.argsort(self.seat.away[ones], kind="stable")])
 
     def share(self) -> np.ndarray:
-        """(C,) seat of each piece as a share of its mother's line; 0 on the ground."""
+        """(C,) seat of each piece as a share of its parent's line; 0 on the ground."""
         return share_of(self.lines, self.parent, self.seat)
 
     def foot_radius(self) -> np.ndarray:
@@ -178,7 +178,7 @@ def _orders(parent: np.ndarray) -> np.ndarray:
 
 def _wood(
     found: Recognition, lines: Lines, place: np.ndarray, stretch: np.ndarray, part: np.ndarray
-) -> Wood:
+) -> TemplateWood:
     """The mesh of the pieces, each vertex turned by the stretch that it is on and by the nearer next."""
     order = np.argsort(found.wood.piece, kind="stable")
     owner = found.wood.piece_of_vertex.astype(np.int64)
@@ -187,8 +187,8 @@ def _wood(
     from_before = (part < 0.5) & (stretch > 0)
     start = lines.first[owner] + stretch + owner
     on_line = lines.knot[start] + part[:, None] * (lines.knot[start + 1] - lines.knot[start])
-    return Wood(
-        stock=Stock.of(place - on_line, owner, turned_outwards(found)[order], WOOD, BARK_SLOT),
+    return TemplateWood(
+        stock=CopyStock.of(place - on_line, owner, turned_outwards(found)[order], WOOD, BARK_SLOT),
         stretch=stretch,
         part=part,
         bone=stretch - from_before,
@@ -221,7 +221,7 @@ def _foliage(found: Recognition, lines: Lines, origin: np.ndarray, metres: float
     foot = _feet(lines, bearer, place, leaf_of_vertex, ends)
     hanging = mesh.vertices - foot[leaf_of_vertex]
     return Foliage(
-        stock=Stock.of(hanging, leaf_of_vertex, mesh.triangles, LEAF, LEAF_SLOT),
+        stock=CopyStock.of(hanging, leaf_of_vertex, mesh.triangles, LEAF, LEAF_SLOT),
         foot=foot,
         bearer=bearer,
         seat=seats_on(lines, bearer, foot),

@@ -16,7 +16,7 @@ from ..mesh.edges import repeated_edges
 
 
 @dataclass(frozen=True, eq=False)
-class Stock:
+class CopyStock:
     """The parts of N owners; vertices, triangles and edges stand together by owner.
 
     place : (V, 3). corners, of_corner : (2T, 3) int32, vertices and edges of all triangles, then of the
@@ -36,7 +36,7 @@ class Stock:
     @classmethod
     def of(
         cls, place: np.ndarray, owner: np.ndarray, triangles: np.ndarray, part: int, material: int
-    ) -> Stock:
+    ) -> CopyStock:
         """Of places (V, 3) sorted by owner (V,) and triangles (T, 3) sorted by owner, 0 .. N - 1."""
         count = int(owner[-1]) + 1 if len(owner) else 0
         edges = repeated_edges(triangles, 0, 1)

@@ -53,7 +53,7 @@ def lay_sloping(
 ) -> np.ndarray:
     """The same, but with these slopes (S,), radians from the vertical, kept in the world.
 
-    A twig hangs and a shoot rises whatever way its mother points: after each step, which turns the line
+    A twig hangs and a shoot rises whatever way its parent points: after each step, which turns the line
     sideways as its bend says, it is turned in its vertical plane until its slope is right.
     """
     frame = np.empty((len(bend), 3, 3))
@@ -107,11 +107,11 @@ def foot_frames(
     roll: np.ndarray,
     carried: np.ndarray,
 ) -> np.ndarray:
-    """(C, 3, 3) frames at the feet of branches that leave mothers with these frames (C, 3, 3).
+    """(C, 3, 3) frames at the feet of branches that leave parents with these frames (C, 3, 3).
 
-    azimuth : (C,) about the mother's T, from N towards B. angle : (C,) from her T.
+    azimuth : (C,) about the parent's T, from N towards B. angle : (C,) from her T.
     roll : (C,) about the branch's own T, where it counts.
-    carried : (C,) whether it counts: whether the branch's N comes from its mother's. Else, and unless the
+    carried : (C,) whether it counts: whether the branch's N comes from its parent's. Else, and unless the
         branch stands upright, N is its upper side.
     """
     frame = mother @ _about(2, azimuth) @ _about(1, angle) @ _about(2, roll)
@@ -130,7 +130,7 @@ def upper_frames(heading: np.ndarray) -> np.ndarray:
 
 
 def angles_in(mother: np.ndarray, heading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Azimuth (C,) about a mother's T and angle (C,) from it of headings (C, 3)."""
+    """Azimuth (C,) about a parent's T and angle (C,) from it of headings (C, 3)."""
     own = np.einsum("nij,ni->nj", mother, heading)
     across = np.hypot(own[:, 0], own[:, 1])
     return np.arctan2(own[:, 1], own[:, 0]), np.arctan2(across, own[:, 2])

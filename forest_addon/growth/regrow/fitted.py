@@ -1,11 +1,11 @@
 """A stochastic, parametric L-system fitted to one tree: what its axes bear, by order and position.
 
-A piece of wood that bears others is read as a production: an axis of its order puts daughters on nodes
-(daughters closer together than a quarter of the mean spacing, as in a whorl, share one) at such shares of
+A piece of wood that bears others is read as a production: an axis of its order puts children on nodes
+(children closer together than a quarter of the mean spacing, as in a whorl, share one) at such shares of
 its length, azimuths and angles. Pieces that are alike (same order, length within a factor, place on the
-mother, slope of the heading) are a class, a letter of the grammar; its members are that letter's
+parent, slope of the heading) are a class, a letter of the grammar; its members are that letter's
 productions and equally likely, so that a tree made by them has, in the mean, as many branches, lengths
-and leaves as the one they come from. Tables over the position along the mother (local linear regression
+and leaves as the one they come from. Tables over the position along the parent (local linear regression
 with a Gaussian kernel) say how length, angle and thickness change with it.
 
 Prusinkiewicz & Lindenmayer 1990, section 1.7 and 1.10 (stochastic, parametric L-systems).
@@ -21,16 +21,16 @@ from ...base.runs import Runs
 from ..recognise.pieces import lengths
 from .anatomy import Anatomy
 
-NODE = 0.25  # mean spacings within which daughters share a node
+NODE = 0.25  # mean spacings within which children share a node
 LIMB = (
     0.5,
     0.25,
 )  # radii of the trunk there, and at its foot, from which a branch is a limb: always there
 ALIKE_LENGTH = 0.45  # logarithm of length
-ALIKE_SHARE = 0.15  # of the mother
+ALIKE_SHARE = 0.15  # of the parent
 ALIKE_SLOPE = np.deg2rad(35.0)
 MOST_ALIKE = 4  # members of a class
-KERNEL = 0.12  # of the mother's length: how far a table looks
+KERNEL = 0.12  # of the parent's length: how far a table looks
 PLACES = 33  # of a table
 MOST_CHANCE = 0.25
 BY_CHANCE = 0.25  # of what pieces are off the means; the rest comes with the pieces themselves
@@ -41,11 +41,11 @@ MOST_UNEVEN = 0.1  # relative spread of the number of branches of an order, by c
 
 @dataclass(frozen=True)
 class Table:
-    """Means over the position along the mother, for pieces of one order.
+    """Means over the position along the parent, for pieces of one order.
 
-    share : (P,) position, 0 foot to 1 tip. length : (P,) of a daughter over her mother's.
-    angle : (P,) radians. thickness : (P,) radius at the foot over the mother's there.
-    density : (P,) daughters per mother and unit of share.
+    share : (P,) position, 0 foot to 1 tip. length : (P,) of a child over her parent's.
+    angle : (P,) radians. thickness : (P,) radius at the foot over the parent's there.
+    density : (P,) children per parent and unit of share.
     length_spread, angle_spread : what is added by chance, relative and radians: a share of what pieces
         are off these means.
     """
@@ -61,10 +61,10 @@ class Table:
 
 @dataclass(frozen=True)
 class Slots:
-    """The daughters of every piece, from its foot up: N = C - trunks.
+    """The children of every piece, from its foot up: N = C - trunks.
 
-    of_piece : which of the N each piece bears. piece : (N,) the daughter.
-    node : (N,) of its mother, from 0. before, after : (N,) share of the mother to the next nodes.
+    of_piece : which of the N each piece bears. piece : (N,) the child.
+    node : (N,) of its parent, from 0. before, after : (N,) share of the parent to the next nodes.
     limb : (N,) whether it is as stout as the trunk that it leaves.
     """
 
@@ -80,9 +80,9 @@ class Slots:
 class Habit:
     """The grammar of one tree.
 
-    share : (C,) seat of each piece as a share of its mother. slots : what each piece bears.
+    share : (C,) seat of each piece as a share of its parent. slots : what each piece bears.
     of_class, member : classes of pieces that may stand for each other. kind : (C,) class of each.
-    chance : by order of the daughter, that one is missing, and that one is doubled.
+    chance : by order of the child, that one is missing, and that one is doubled.
     scatter : by order, relative spread of the distance between nodes.
     tables : by order, from order 1 on.
     floor : (C,) metres above the ground below which no knot of a piece goes: so low that leaves do not reach
@@ -146,7 +146,7 @@ def limbs(anatomy: Anatomy) -> np.ndarray:
 
 
 def radius_at_seat(anatomy: Anatomy) -> np.ndarray:
-    """(C,) radius of the mother where each piece sits; infinite on the ground."""
+    """(C,) radius of the parent where each piece sits; infinite on the ground."""
     lines, mother = anatomy.lines, np.maximum(anatomy.parent, 0)
     knot = lines.first[mother] + anatomy.seat.stretch + mother
     step = lines.radius[knot + 1] - lines.radius[knot]
@@ -185,7 +185,7 @@ def _slots(anatomy: Anatomy, share: np.ndarray) -> Slots:
 
 
 def _spread(anatomy: Anatomy, slots: Slots, order: int) -> tuple[float, float]:
-    """Return how uneven daughters of an order stand: the chance that one is missing, the spread of spacing.
+    """Return how uneven children of an order stand: the chance that one is missing, the spread of spacing.
 
     The chance is half the variance of the number on a node over its mean; where nodes bear one each,
     that of a renewal process, the squared coefficient of variation of the spacing.
@@ -197,10 +197,10 @@ def _spread(anatomy: Anatomy, slots: Slots, order: int) -> tuple[float, float]:
     )
     gap = slots.after[mine][first]
     same = np.diff(mother[first], append=-1) == 0
-    pairs = np.flatnonzero(same[:-1] & same[1:])  # a gap and the next of the same mother
+    pairs = np.flatnonzero(same[:-1] & same[1:])  # a gap and the next of the same parent
     if len(pairs) < 2:
         return 0.0, 0.0
-    # Neighbouring gaps are compared, so that spacing that changes along the mother is no spread.
+    # Neighbouring gaps are compared, so that spacing that changes along the parent is no spread.
     contrast = np.log(np.maximum(gap[pairs + 1], 1e-6) / np.maximum(gap[pairs], 1e-6))
     scatter = min(float(np.median(np.abs(contrast))) / (0.6745 * np.sqrt(2)), 0.6)
     scatter *= float(np.sqrt(len(pairs) / (len(pairs) + FEW)))  # a few gaps tell little

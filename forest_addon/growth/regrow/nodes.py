@@ -3,7 +3,7 @@
 The nodes of a production are kept in their order. Where an axis is longer or shorter than its template it
 has more or fewer of them, evenly (systematic sampling); each is moved by as much as spacing is uneven in
 the template. On a trunk the turn from node to node is that of a node near by, so that a spiral stays a
-spiral and whorls stay whorls; on other axes daughters keep their side, above, below, left or right.
+spiral and whorls stay whorls; on other axes children keep their side, above, below, left or right.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ NEIGHBOURS = 2  # nodes to either side that a turn is taken from
 
 @dataclass(frozen=True)
 class Placed:
-    """N daughters.
+    """N children.
 
-    slot : (N,) the piece that stands there in the template. mother : (N,) the piece that bears it there.
+    slot : (N,) the piece that stands there in the template. parent : (N,) the piece that bears it there.
     owner : (N,) which of the axes bears it. key : (N,) lineage.
     share : (N,) seat along the axis. place : (N,) the same, where tables are read.
     azimuth : (N,) about the axis.
@@ -54,9 +54,9 @@ def place_daughters(
     variety: float,
     order: int,
 ) -> Placed:
-    """The daughters of axes that are these pieces (B,) with these keys (B,).
+    """The children of axes that are these pieces (B,) with these keys (B,).
 
-    count : (B,) factor of their number. order : of the daughters.
+    count : (B,) factor of their number. order : of the children.
     """
     slots = habit.slots
     row, owner, _ = slots.of_piece.copy(piece)
@@ -102,7 +102,7 @@ def place_daughters(
 def _repeated(times: np.ndarray, *columns: np.ndarray) -> tuple[np.ndarray, ...]:
     """Rows so many times each: the first three columns, the copy's number, its row's times, the rest.
 
-    The keys, the third column, of further copies are those of daughters of the first.
+    The keys, the third column, of further copies are those of children of the first.
     """
     which = np.repeat(np.arange(len(times)), times)
     copy = np.arange(len(which)) - np.repeat(np.cumsum(times) - times, times)

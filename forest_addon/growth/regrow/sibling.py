@@ -1,12 +1,12 @@
 """One tree of a fitted grammar: generation by generation, all axes of an order rewritten at once.
 
-The axiom is the trunk. A rewriting step puts daughters on every axis of the last order: on the nodes of
-its own production, moved along and turned about it; each daughter is a member of its letter's class, bent
+The axiom is the trunk. A rewriting step puts children on every axis of the last order: on the nodes of
+its own production, moved along and turned about it; each child is a member of its letter's class, bent
 and scaled to where it stands. ``variety`` 0 leaves all of that out and gives the template itself.
 Every draw is a hash of the lineage of what draws it.
 
 What is kept within limits: a piece is lengthened or shortened to at most half as long again; where more
-would be needed another piece of its order takes its place; a branch is no thicker than its mother where
+would be needed another piece of its order takes its place; a branch is no thicker than its parent where
 it leaves her, and its foot is within her wood.
 """
 
@@ -30,19 +30,19 @@ from .size import Size, size_of, trunk_girth
 
 MOST_SCALE = 1.5  # of a piece's length
 INSIDE = (
-    0.6  # of the mother's radius: a foot this near to her axis is within her, whatever her section
+    0.6  # of the parent's radius: a foot this near to her axis is within her, whatever her section
 )
-DAUGHTER_LENGTH = 0.5  # exponent: how daughters lengthen with their mother
-THICKEST = 0.95  # of the mother there
+DAUGHTER_LENGTH = 0.5  # exponent: how children lengthen with their parent
+THICKEST = 0.95  # of the parent there
 
 
 @dataclass(frozen=True, eq=False)
 class Grown:
     """B branches of a tree, order by order.
 
-    piece : (B,) of the template. mother : (B,) branch, -1 for a trunk. order : (B,).
+    piece : (B,) of the template. parent : (B,) branch, -1 for a trunk. order : (B,).
     sign : (B,) -1 where the piece is mirrored. scale : (B,) of its length. key : (B,) lineage.
-    share : (B,) seat on the mother. lines, bend : their courses.
+    share : (B,) seat on the parent. lines, bend : their courses.
     source : (S,) stretch of the template that each stretch is. girth : (S,) scale of its thickness.
     """
 
@@ -168,7 +168,7 @@ def _daughters(habit: Habit, variety: float, size: Size, below: Grown, order: in
 
 
 def _reseated(habit: Habit, placed: Placed) -> Seats:
-    """Seats of daughters on their mothers' pieces; one that has not moved keeps its own to the bit."""
+    """Seats of children on their parents' pieces; one that has not moved keeps its own to the bit."""
     seat = habit.anatomy.seat.take(placed.slot)
     moved = np.flatnonzero(placed.share != habit.share[placed.slot])
     stretch, part = seat_at(habit.anatomy.lines, placed.mother[moved], placed.share[moved])
@@ -268,7 +268,7 @@ def _lay(habit: Habit, variety: float, wanted: Shoots, order: int) -> Grown:
 
 
 def _joined(levels: Sequence[Grown]) -> Grown:
-    """All orders as one; mothers are counted over all of them."""
+    """All orders as one; parents are counted over all of them."""
     sizes = [len(level.piece) for level in levels]
     below = np.concatenate([[0, 0], np.cumsum(sizes)[:-1]])  # first row of the order below
     stretches = np.cumsum([0, *(level.lines.first[-1] for level in levels)])

@@ -2,7 +2,7 @@
 
 From age or a given height or diameter by measured allometry (``allometry``), and in between by chance as
 trees of one stand differ. A longer stem bears more nodes, not longer internodes alone; a longer branch
-more and longer daughters.
+more and longer children.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .anatomy import Anatomy
 from .fitted import Habit
 
 NODES = 0.8  # exponent: nodes of the trunk with its length
-DAUGHTERS = 0.7  # exponent: number of daughters with their mother's length
+DAUGHTERS = 0.7  # exponent: number of children with their parent's length
 MOST_SPREAD = 2.0  # standard deviations
 
 
@@ -34,7 +34,7 @@ class Size:
     """Factors over the template, and the height (m) that is aimed at.
 
     stem : length of the trunk. girth : diameter at breast height. crown : length of first-level branches.
-    branches : number of first-level branches. count_exponent : of further daughters.
+    branches : number of first-level branches. count_exponent : of further children.
     """
 
     stem: float

@@ -13,7 +13,7 @@ from .sibling import Grown
 
 
 @dataclass(frozen=True)
-class Standing:
+class SiblingStanding:
     """Measures of one tree.
 
     lean : radians between the vertical and the way from foot to tip of the trunk that leans most.
@@ -26,7 +26,7 @@ class Standing:
     thicker: float
 
 
-def standing_of(grown: Grown) -> Standing:
+def standing_of(grown: Grown) -> SiblingStanding:
     """The measures of a grown tree."""
     lines, knots = grown.lines, grown.lines.first + np.arange(len(grown.lines.first))
     feet, tips = lines.knot[knots[:-1]], lines.knot[knots[1:] - 1]
@@ -34,12 +34,12 @@ def standing_of(grown: Grown) -> Standing:
     lean = np.arctan2(np.hypot(way[:, 0], way[:, 1]), way[:, 2]).max()
     borne = np.flatnonzero(grown.mother >= 0)
     if not len(borne):
-        return Standing(float(lean), 0.0, 0.0)
+        return SiblingStanding(float(lean), 0.0, 0.0)
     seat = seats_on(lines, grown.mother[borne], feet[borne])
     _, _, thick = stand_on(lines, grown.mother[borne], seat)
     gap = np.hypot(seat.away, seat.along) - thick
     thicker = lines.radius[knots[:-1]][borne] / np.maximum(thick, np.finfo(float).tiny)
-    return Standing(float(lean), max(float(gap.max()), 0.0), float(thicker.max()))
+    return SiblingStanding(float(lean), max(float(gap.max()), 0.0), float(thicker.max()))
 
 
 def lowest_corner(anatomy: Anatomy, grown: Grown, variety: float) -> float:

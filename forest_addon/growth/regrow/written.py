@@ -1,9 +1,9 @@
 """The string of a tree of a fitted grammar, in the notation of ABOP, as far as it has been rewritten.
 
 After 0 generations it is the letter of the trunk, A(class, length, diameter). Each generation rewrites
-every such letter into the axis that it stands for, with the letters of its daughters in brackets; the last
-sets the leaves. ``\\``, ``&`` and ``\\`` bring the turtle into a daughter's frame (the angles of Euler, as
-z, x, z), ``f`` takes it from the mother's axis to the daughter's foot.
+every such letter into the axis that it stands for, with the letters of its children in brackets; the last
+sets the leaves. ``\\``, ``&`` and ``\\`` bring the turtle into a child's frame (the angles of Euler, as
+z, x, z), ``f`` takes it from the parent's axis to the child's foot.
 
 The turtle's left, up and heading are N, B and T of ``courses``; it starts upright.
 """
@@ -33,7 +33,7 @@ def write_string(habit: Habit, grown: Grown, variety: float, generations: int) -
         for branch, hung in _leaves(habit.anatomy, grown, variety):
             parts.setdefault(branch, []).append(hung)
     seat = _seats(grown)
-    for branch in range(len(grown.piece) - 1, -1, -1):  # daughters come after their mothers
+    for branch in range(len(grown.piece) - 1, -1, -1):  # children come after their parents
         order = int(grown.order[branch])
         if order > generations:
             continue
@@ -80,7 +80,7 @@ def _letter(habit: Habit, grown: Grown, branch: int) -> str:
 
 
 def _seats(grown: Grown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of every branch on its mother: stretch and part, and (B, 3) from her axis to its foot in her frame."""
+    """Of every branch on its parent: stretch and part, and (B, 3) from her axis to its foot in her frame."""
     lines = grown.lines
     foot = lines.knot[lines.first[:-1] + np.arange(len(grown.piece))]
     borne = np.flatnonzero(grown.mother >= 0)
@@ -95,7 +95,7 @@ def _seats(grown: Grown) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _way_to(grown: Grown, branch: int, seat: tuple[np.ndarray, np.ndarray, np.ndarray]) -> str:
-    """Return how the turtle gets from her mother's axis into a branch's frame."""
+    """Return how the turtle gets from her parent's axis into a branch's frame."""
     mother = int(grown.mother[branch])
     stretch, off = seat[0][branch], seat[2][branch]
     frame = GROUND if mother < 0 else grown.lines.frame[grown.lines.first[mother] + stretch]

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...spec import Scanner
 from .radiometry import detection_limit, intensity
-from .waveform import Echoes
+from .waveform import WaveformEchoes
 
 
 def ranks(pulse: np.ndarray) -> np.ndarray:
@@ -25,7 +25,7 @@ def ranks(pulse: np.ndarray) -> np.ndarray:
     return rank
 
 
-def awake(echoes: Echoes, dead_zone: float) -> np.ndarray:
+def awake(echoes: WaveformEchoes, dead_zone: float) -> np.ndarray:
     """(K,) rows of the echoes that a receiver is not blind for, ascending.
 
     dead_zone : metres after each return within which nothing is told apart from it.
@@ -46,7 +46,7 @@ def awake(echoes: Echoes, dead_zone: float) -> np.ndarray:
     return np.flatnonzero(seen)
 
 
-def chosen_returns(echoes: Echoes, most: int, keep: str) -> np.ndarray:
+def chosen_returns(echoes: WaveformEchoes, most: int, keep: str) -> np.ndarray:
     """(K,) rows of the at most ``most`` echoes of each pulse that are kept, ascending.
 
     keep : ``first`` and ``last`` by range, ``strongest`` by light, ``strongest+last`` the last and the

@@ -30,7 +30,7 @@ from .radiometry import detection_limit, intensity, reflectance_of, refuse_surpl
 from .receiver import awake, chosen_returns, ranks, reading
 from .returns import cosines, label
 from .scanner import LiDAR, Pattern, Pulses, pattern_of
-from .waveform import LIGHT, Echoes, find_echoes, pulse_length
+from .waveform import LIGHT, WaveformEchoes, find_echoes, pulse_length
 
 RAYS_AT_ONCE = 65_536
 MOST_LOST = 100  # pulses of a scan; beyond, it is not a pulse that is at fault
@@ -219,5 +219,7 @@ def scan(
     return join(found)
 
 
-def _taken(echoes: Echoes, rows: np.ndarray) -> Echoes:
-    return Echoes(**{n: getattr(echoes, n)[rows] for n in Echoes.__dataclass_fields__})
+def _taken(echoes: WaveformEchoes, rows: np.ndarray) -> WaveformEchoes:
+    return WaveformEchoes(
+        **{n: getattr(echoes, n)[rows] for n in WaveformEchoes.__dataclass_fields__}
+    )

@@ -23,7 +23,7 @@ APART = 8.0  # standard deviations beyond which contacts are treated alone
 
 
 @dataclass(frozen=True)
-class Echoes:
+class WaveformEchoes:
     """E echoes, sorted by pulse and then by range.
 
     pulse : (E,) pulse. distance : (E,) metres, of the crest. energy : (E,) all that belongs to it.
@@ -64,7 +64,7 @@ def find_echoes(
     energy: np.ndarray,
     sigma: float,
     blur: np.ndarray | None = None,
-) -> Echoes:
+) -> WaveformEchoes:
     """The echoes of C contacts.
 
     pulse, subray : (C,) which pulse, and which of its rays from the axis outwards.
@@ -73,7 +73,7 @@ def find_echoes(
     """
     blur = np.zeros(len(pulse)) if blur is None else blur
     if (np.diff(pulse) > 0).all():  # one contact a pulse: that is its echo
-        return Echoes(pulse, distance, energy, np.hypot(sigma, blur), np.arange(len(pulse)))
+        return WaveformEchoes(pulse, distance, energy, np.hypot(sigma, blur), np.arange(len(pulse)))
     order = _by_range(pulse, distance)
     pulse, subray, energy = pulse[order], subray[order], energy[order]
     at, width = distance[order], np.hypot(sigma, blur[order])
@@ -90,7 +90,7 @@ def find_echoes(
     strong = energy >= 0.5 * np.maximum.reduceat(energy, starts)[owner]
     place = np.where(strong, subray, np.iinfo(np.int64).max // len(at) - 1)
     chosen = np.minimum.reduceat(place * len(at) + np.arange(len(at)), starts) % len(at)
-    return Echoes(
+    return WaveformEchoes(
         pulse=pulse[starts],
         distance=crest,
         energy=total,

@@ -45,14 +45,14 @@ def impacted_by_tree(scan: TractorScan, tractor: Tractor, trees: int) -> np.ndar
 
 
 @dataclass(frozen=True)
-class Line:
+class OriginLine:
     """y = slope·x; ``r2`` is 1 - Σ(y - slope·x)² / Σ(y - ȳ)²."""
 
     slope: float
     r2: float
 
 
-def line_through_origin(x: np.ndarray, y: np.ndarray) -> Line:
+def line_through_origin(x: np.ndarray, y: np.ndarray) -> OriginLine:
     """Least squares without an intercept, as S fits A_PR and A_L on A_IM.
 
     Raises
@@ -65,4 +65,4 @@ def line_through_origin(x: np.ndarray, y: np.ndarray) -> Line:
     slope = float(x @ y / (x @ x))
     scatter = float(((y - y.mean()) ** 2).sum())
     missed = float(((y - slope * x) ** 2).sum())
-    return Line(slope, 1.0 - missed / scatter if scatter > 0 else float(missed == 0))
+    return OriginLine(slope, 1.0 - missed / scatter if scatter > 0 else float(missed == 0))

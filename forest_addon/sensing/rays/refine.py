@@ -1,8 +1,8 @@
 """The float64 distance of a hit: where both engines become exact.
 
-An engine says in float32 which triangle of which instance a ray meets. ``Surfaces.distance`` intersects
-the ray with that triangle's plane again, in float64, with the world's axes but from the ray's origin:
-that takes the error from 1e-5 m to 1e-13 m, near the world's origin and at UTM coordinates alike.
+An engine says in float32 which triangle of which instance a ray meets. ``RefinedSurfaces.distance``
+intersects the ray with that triangle's plane again, in float64, with the world's axes but from the ray's
+origin: that takes the error from 1e-5 m to 1e-13 m, near the world's origin and at UTM coordinates alike.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from .geometry import SceneGeometry
 ROWS = 8192  # at a time: what is in work stays in the cache
 
 
-class Surfaces:
+class RefinedSurfaces:
     """All triangles of a scene's meshes in one table.
 
     like : of a scene with the same meshes, whose table is shared.
@@ -25,7 +25,7 @@ class Surfaces:
     _vertices: np.ndarray
     _triangles: np.ndarray
 
-    def __init__(self, scene: SceneGeometry, like: Surfaces | None = None) -> None:
+    def __init__(self, scene: SceneGeometry, like: RefinedSurfaces | None = None) -> None:
         self._starts: np.ndarray
         self._vertices: np.ndarray
         self._triangles: np.ndarray

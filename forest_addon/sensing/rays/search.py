@@ -18,7 +18,7 @@ import numpy as np
 
 from .caster import Hits, unit_columns
 from .geometry import SceneGeometry
-from .refine import Surfaces
+from .refine import RefinedSurfaces
 
 TASK = 32_768  # rays; a multiple of 16, so that packets do not depend on the number of threads
 MARGIN = 1e-3  # metres before min_distance where a search begins
@@ -32,12 +32,14 @@ class Search(ABC):
     """
 
     engine: str
-    _surfaces: Surfaces
+    _surfaces: RefinedSurfaces
 
     def __init__(self, scene: SceneGeometry, threads: int = 1, like: Search | None = None) -> None:
         self.scene = scene
         self.threads = threads
-        self._surfaces: Surfaces = Surfaces(scene, None if like is None else like._surfaces)
+        self._surfaces: RefinedSurfaces = RefinedSurfaces(
+            scene, None if like is None else like._surfaces
+        )
 
     @abstractmethod
     def _nearest(

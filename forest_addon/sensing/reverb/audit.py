@@ -38,7 +38,7 @@ QUIET = 1e-9  # of the whole: octaves below that are noise of float64
 BINS, NEAR = 1024, 100  # frequencies of a Fourier sum; samples around an arrival
 OF_ARRIVAL = 1e-5  # of the largest sample
 LOSSY_MARGIN = 0.1  # s, among leaves and branches
-PIECE, MARGIN = 256, 0.01  # samples of a later piece; s before it in which trunks still sound
+PIECE, MARGIN = 256, 0.04  # samples of a later piece; s before it in which trunks still sound
 OF_PIECE = 0.01  # of a piece's norm
 PIECES = 8
 

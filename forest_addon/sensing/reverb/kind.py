@@ -16,7 +16,7 @@ from ..audit import Audit
 from ..cost import Cost, cost_of_work
 from ..kind import SOUND, Observation, Seen, SensorKind
 from ..lines import chain
-from ..looks import Look
+from ..looks import SensorLook
 
 CHANNEL = 0.2  # s, a first guess
 FINEST = 1e-6  # tolerance that the fast sum keeps
@@ -155,8 +155,8 @@ def _left_out(found: Any) -> tuple[Choice, ...]:
     return (Choice("weakest trunks", END, found.weak_bound, why),)
 
 
-def _look(reverb: Reverb) -> Look:
-    return Look(name=reverb.name, leaves=reverb.model == "forest")
+def _look(reverb: Reverb) -> SensorLook:
+    return SensorLook(name=reverb.name, leaves=reverb.model == "forest")
 
 
 def _fixed(group: Any) -> str:

@@ -39,7 +39,7 @@ from .arrivals import lines_of_sight
 from .directivity import OMNI, Directivity
 from .ends import Ends, ends_of
 from .forest.losses import Losses
-from .forest.surroundings import BARE, Canopy, Surroundings, surroundings
+from .forest.surroundings import BARE, FoliageCanopy, Surroundings, surroundings
 from .pair import ImpulseResponse, Pair
 from .sums.fast_scattering import Expansions
 from .sums.record import record_length
@@ -71,7 +71,7 @@ def impulse_response(
     field: Field | None = None,
     expansions: Expansions | None = None,
     progress: Progress | None = None,
-    canopy: Canopy = BARE,
+    canopy: FoliageCanopy = BARE,
     key: tuple[int | str, ...] = (0, "reverb"),
     all_trunks: bool = True,
 ) -> ImpulseResponse:
@@ -126,7 +126,7 @@ def pairs_of(
     wood: RayCaster | None = None,
     rng: np.random.Generator | None = None,
     field: Field | None = None,
-    canopy: Canopy = BARE,
+    canopy: FoliageCanopy = BARE,
     key: tuple[int | str, ...] = (0, "reverb"),
     all_trunks: bool = True,
 ) -> list[Pair]:

@@ -19,14 +19,14 @@ from ...acoustics import chebyshev
 from ...spec import Air, Sonar
 from ..audit import LEAST, Audit, Check, joined, sample
 from ..rays.caster import RayCaster
-from .bands import Band, Grid
+from .bands import Band, BandGrid
 from .calls import Call
 from .doppler import factors
 from .ping import Echo, heard_from
-from .search import Group
+from .search import SearchGroup
 from .station import Equipment, Station
 from .summation import sum_echoes
-from .targets import Targets
+from .targets import EchoTargets
 
 MOST = 300_000  # scatterers in range that are all summed
 BINS = (4, 32)  # of a ping at a time; of one whose scatterers have to be looked for
@@ -60,7 +60,7 @@ class _Pings:
 
 def audit_echoes(
     echoes: Sequence[Echo],
-    targets: Targets,
+    targets: EchoTargets,
     sonar: Sonar,
     air: Air,
     wood: RayCaster | None,
@@ -110,7 +110,9 @@ def _affordable(echoes: Sequence[Echo], share: float) -> bool:
     return in_range <= MOST and in_range <= share * len(echoes) * max(heard, 1)
 
 
-def _bin_errors(echo: Echo, rows: np.ndarray, groups: list[Group], station: Station) -> np.ndarray:
+def _bin_errors(
+    echo: Echo, rows: np.ndarray, groups: list[SearchGroup], station: Station
+) -> np.ndarray:
     """(E·R,) errors of bins that are evenly apart, at the ears, as shares of Σ max|A|."""
     exact = sum_echoes(groups, station, _bins(echo, rows), 0.0).spectrum
     return _shares(echo.spectra[:, rows] - exact, echo).ravel()
@@ -207,13 +209,13 @@ def _played(echo: Echo, row: int, call: Call, station: Station) -> np.ndarray:
     return total
 
 
-def _bins(echo: Echo, rows: np.ndarray) -> Grid:
+def _bins(echo: Echo, rows: np.ndarray) -> BandGrid:
     """The grid of some of the bins, evenly apart."""
     frequency = echo.frequency[rows]
     spacing = echo.sample_rate
     if len(rows) > 1:
         spacing = float(frequency[-1] - frequency[0]) / (len(rows) - 1)
-    return Grid(float(frequency[0]), spacing, len(rows), 1, 1)
+    return BandGrid(float(frequency[0]), spacing, len(rows), 1, 1)
 
 
 def _shares(apart: np.ndarray, echo: Echo) -> np.ndarray:

@@ -1,6 +1,6 @@
 """The frequencies of an echo: the band and its window, the grid of the record.
 
-A ``Band`` is what a sonar listens to, a ``Grid`` the even frequencies that belong to the length of its
+A ``Band`` is what a sonar listens to, a ``BandGrid`` the even frequencies that belong to the length of its
 record.
 """
 
@@ -43,7 +43,7 @@ class Band:
 
 
 @dataclass(frozen=True)
-class Grid:
+class BandGrid:
     """``count`` frequencies from ``start`` Hz, ``spacing`` apart, of a record that holds ``samples``.
 
     length : samples of the transform; what is beyond ``samples`` is time before the call.
@@ -61,7 +61,7 @@ class Grid:
         return self.start + self.spacing * np.arange(self.count)
 
 
-def grid_of(band: Band, rate: float, latest: float, record: float, after: float = 0.0) -> Grid:
+def grid_of(band: Band, rate: float, latest: float, record: float, after: float = 0.0) -> BandGrid:
     """The grid of a record that no echo wraps around in.
 
     latest : seconds until the last echo. record : seconds that are wanted, 0: as long as needed.
@@ -82,8 +82,8 @@ def grid_of(band: Band, rate: float, latest: float, record: float, after: float 
         )
     samples = max(1, math.ceil(wanted))
     if not width:
-        return Grid(band.low, rate, 1, samples, samples)
+        return BandGrid(band.low, rate, 1, samples, samples)
     length = fft.next_fast_len(max(math.ceil(needed), math.ceil(wanted + tail * rate)))
     spacing = rate / length
     first, last = math.ceil(band.low / spacing), math.floor(band.high / spacing)
-    return Grid(first * spacing, spacing, last - first + 1, samples, length)
+    return BandGrid(first * spacing, spacing, last - first + 1, samples, length)

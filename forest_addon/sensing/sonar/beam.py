@@ -5,9 +5,9 @@ az and el are measured from the beam axis in the sonar's own frame: the angle of
 along the side to which the direction lies off. So they are the plain azimuth and elevation in the two
 planes of the axis, have neither pole nor wrap, and a beam that looks straight up is like any other.
 
-``Gaussian``   exp(-az²/2σ_x² - el²/2σ_y²) with σ from the full -3 dB width (Tanveer et al. 2020a).
+``GaussianBeam``   exp(-az²/2σ_x² - el²/2σ_y²) with σ from the full -3 dB width (Tanveer et al. 2020a).
 ``Horseshoe``  the same with Tanveer et al.'s width of a horseshoe bat's call, which falls with the frequency.
-``Measured``   a table of dB by angle off the axis and frequency, smoothed over the frequency.
+``MeasuredBeam``   a table of dB by angle off the axis and frequency, smoothed over the frequency.
 ``Omni``       everywhere alike.
 """
 
@@ -33,7 +33,7 @@ HORSESHOE = (
 )  # degrees, of the frequency in kHz (Tanveer et al. 2020a)
 
 
-class Beam(Protocol):
+class BeamPattern(Protocol):
     """A directivity, 1 on its axis or where it is largest."""
 
     def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
@@ -58,7 +58,7 @@ class Beam(Protocol):
 
 
 @dataclass(frozen=True)
-class Gaussian:
+class GaussianBeam:
     """A beam of the same full -3 dB ``width`` (radians; azimuth, elevation) at every frequency."""
 
     width: tuple[float, float]
@@ -106,7 +106,7 @@ class Horseshoe:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredBeam:
     """A pattern about the axis.
 
     angle : (A,) radians off the axis, ascending from 0. frequency : (F,) Hz. level : (A, F) dB.

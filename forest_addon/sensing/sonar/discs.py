@@ -42,7 +42,7 @@ class LeafDiscs:
 
 def leaf_discs(scene: SceneGeometry) -> LeafDiscs:
     """Every leaf of a scene: the triangles with ``leaf >= 0``, by instance and number."""
-    meshes = {index: Foliage(scene.meshes[index]) for index in np.unique(scene.mesh_index)}
+    meshes = {index: FoliageDiscs(scene.meshes[index]) for index in np.unique(scene.mesh_index)}
     counts = np.array([len(meshes[index].leaf) for index in scene.mesh_index], dtype=np.int64)
     ends = np.cumsum(counts)
     total = int(ends[-1]) if len(ends) else 0
@@ -60,7 +60,7 @@ def leaf_discs(scene: SceneGeometry) -> LeafDiscs:
 Measured = tuple[np.ndarray, np.ndarray, np.ndarray]  # centre (L, 3), normal (L, 3), radius (L,)
 
 
-class Foliage:
+class FoliageDiscs:
     """The leaves of one mesh: F facets, leaf by leaf, and what they measure in local space.
 
     What is in pieces, as a shoot of needles, is a disc for each of them: no wave knows that they grow on one.
@@ -81,7 +81,7 @@ class Foliage:
         self.local = _measure(self._middle, self._vector, owner, len(self.leaf))
 
     @classmethod
-    def of_discs(cls, discs: LeafDiscs) -> Foliage:
+    def of_discs(cls, discs: LeafDiscs) -> FoliageDiscs:
         """Discs that are measured already, in the world; only similarities may move them."""
         made = cls.__new__(cls)
         made.leaf, made.local = discs.leaf, (discs.centre, discs.normal, discs.radius)

@@ -20,9 +20,9 @@ from scipy import special
 
 from ...acoustics import chebyshev
 from ...acoustics.nonuniform import nodes_needed
-from .bands import Band, Grid
+from .bands import Band, BandGrid
 from .calls import Call
-from .search import Group
+from .search import SearchGroup
 from .station import Station
 from .summation import Heard, panels, smooth_of, sum_echoes
 
@@ -39,7 +39,7 @@ def widened(band: Band, speed: float, sound_speed: float) -> Band:
     return Band(band.low / most, band.high * most)
 
 
-def factors(group: Group, station: Station, ear: int) -> np.ndarray:
+def factors(group: SearchGroup, station: Station, ear: int) -> np.ndarray:
     """(M,) α of every path to an ear."""
     velocity, speed = station.pose.velocity, station.sound_speed
     away = group.scatterers.centre - station.ear[ear]
@@ -48,10 +48,10 @@ def factors(group: Group, station: Station, ear: int) -> np.ndarray:
 
 
 def shifted_sum(
-    groups: list[Group],
+    groups: list[SearchGroup],
     station: Station,
     band: Band,
-    grid: Grid,
+    grid: BandGrid,
     tolerance: float,
     call: Call,
 ) -> np.ndarray:
@@ -71,10 +71,10 @@ def shifted_sum(
 
 
 def _over(
-    groups: list[Group],
+    groups: list[SearchGroup],
     alpha: list[np.ndarray],
     station: Station,
-    grid: Grid,
+    grid: BandGrid,
     tolerance: float,
     speeds: _Speeds,
 ) -> np.ndarray:
@@ -139,7 +139,7 @@ def _played(
     late: np.ndarray,
     alpha: np.ndarray,
     needed: np.ndarray,
-    grid: Grid,
+    grid: BandGrid,
     speeds: _Speeds,
 ) -> np.ndarray:
     """(K,) the call's echoes by M paths of delays and speeds (M,).

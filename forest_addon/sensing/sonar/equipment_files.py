@@ -17,7 +17,7 @@ from ...formats.foreign import guarded
 from ...formats.wav import read_wav
 from ...spec import Sonar, SpecError
 from ..trajectory import Trajectory, looking
-from .beam import Beam, Measured
+from .beam import BeamPattern, MeasuredBeam
 from .calls import Call, resampled
 from .station import Equipment
 
@@ -32,7 +32,7 @@ def equip(sonar: Sonar, folder: Path) -> Equipment:
     ------
     SpecError : a file is missing, or is not what it should be; the sentence says where.
     """
-    patterns: dict[str, Beam | None] = {"beam": None, "hearing": None}
+    patterns: dict[str, BeamPattern | None] = {"beam": None, "hearing": None}
     for key in patterns:
         if getattr(sonar, key) == "file":
             patterns[key] = read_pattern(find(getattr(sonar, f"{key}_file"), folder, f"{key}_file"))
@@ -56,7 +56,7 @@ def find(name: str, folder: Path, key: str) -> Path:
 
 
 @guarded("a CSV of levels")
-def read_pattern(path: Path) -> Measured:
+def read_pattern(path: Path) -> MeasuredBeam:
     """A measured beam pattern.
 
     Raises
@@ -80,7 +80,7 @@ def read_pattern(path: Path) -> Measured:
     rising = np.isfinite(frequency).all() and (np.diff(frequency) > 0).all()
     if not rising or frequency[0] <= 0:
         raise SpecError(str(path), "needs frequencies in Hz that rise from left to right")
-    return Measured(angle, frequency, rows[:, 1:])
+    return MeasuredBeam(angle, frequency, rows[:, 1:])
 
 
 @guarded("a CSV of poses")

@@ -19,7 +19,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...acoustics.smoothness import Profile
+from ...acoustics.smoothness import SmoothnessProfile
 from ...base.rows import RowTable
 from ...base.trimesh import TriMesh, is_wood
 from ...growth.recognise.pieces import part
@@ -56,9 +56,9 @@ class RimStrength(RowTable, Whole):
             lobes = 1.0 / (lowest * np.abs(self.slope))
         return np.abs(self.weight) * np.minimum(lobes, 1.0)
 
-    def profile(self) -> Profile:
+    def profile(self) -> SmoothnessProfile:
         none = np.zeros(len(self.slope))
-        return Profile(SincFamily(), np.abs(self.weight), none, np.abs(self.slope))
+        return SmoothnessProfile(SincFamily(), np.abs(self.weight), none, np.abs(self.slope))
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,13 @@ from ...base.progress import Progress
 from ...spec import Air, Sonar
 from ..rays.caster import RayCaster
 from .ping import Echo, ping
-from .poses import Pose
+from .poses import SonarPose
 from .station import Equipment
-from .targets import Targets
+from .targets import EchoTargets
 
 
 @dataclass(frozen=True)
-class Flight:
+class PingSeries:
     """P echoes, one a pose, in order."""
 
     echoes: tuple[Echo, ...]
@@ -49,16 +49,16 @@ class Flight:
 
 
 def fly(
-    targets: Targets,
+    targets: EchoTargets,
     sonar: Sonar,
     air: Air,
-    poses: Sequence[Pose],
+    poses: Sequence[SonarPose],
     wood: RayCaster | None = None,
     progress: Progress | None = None,
     *,
     equipment: Equipment | None = None,
     everything: RayCaster | None = None,
-) -> Flight:
+) -> PingSeries:
     """Ping from every pose; arguments as of ``ping``, progress counts poses.
 
     Raises
@@ -76,4 +76,4 @@ def fly(
         echoes.append(found)
         if progress:
             progress(number + 1, len(poses))
-    return Flight(tuple(echoes))
+    return PingSeries(tuple(echoes))

@@ -13,8 +13,8 @@ import numpy as np
 
 from ...acoustics.disc import amplitude_bound
 from .clusters import cluster
-from .discs import SIMILAR, Foliage
-from .leaves import Leaves
+from .discs import SIMILAR, FoliageDiscs
+from .leaves import LeafEchoes
 from .near import EDGE, NearEdges, near_faces, near_field, needs_face, subdued
 from .scatterers import LEAF, Scatterers, Sight, Views
 
@@ -38,7 +38,7 @@ class LeafPopulation:
 
     kind: ClassVar[str] = LEAF
 
-    def __init__(self, foliage: Foliage, model: str) -> None:
+    def __init__(self, foliage: FoliageDiscs, model: str) -> None:
         centre, _, radius = foliage.local
         self.blocks = cluster(centre, np.where(np.isfinite(radius), radius, np.nan))
         self._foliage, self._model = foliage, model
@@ -100,7 +100,7 @@ class LeafPopulation:
         leaf = self.blocks.order[rows]
         centre, normal, radius = self._foliage.moved(transform, leaf)
         number = self._foliage.leaf[leaf].astype(np.int64)
-        far = Leaves(centre, normal, radius, number, np.ones(len(leaf)), self._model)
+        far = LeafEchoes(centre, normal, radius, number, np.ones(len(leaf)), self._model)
         if self._model == "paper":
             distance = np.linalg.norm(centre - sight.point, axis=1)
             return [replace(far, nearness=subdued(distance, radius, sight.wavenumber))]

@@ -30,10 +30,10 @@ CULLED = 10.0  # times the tolerance: what is left out is known by a bound far a
 
 
 def targets_of(seen: Seen) -> Any:
-    """``Targets``, everything in a scene that sounds back; ask for it by ``seen.once``."""
-    from .targets import Targets
+    """``EchoTargets``, everything in a scene that sounds back; ask for it by ``seen.once``."""
+    from .targets import EchoTargets
 
-    return Targets(seen.geometry)
+    return EchoTargets(seen.geometry)
 
 
 def _listen(job: Observation, progress: Progress | None) -> Any:

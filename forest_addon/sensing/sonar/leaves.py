@@ -17,9 +17,9 @@ from scipy import special
 
 from ...acoustics.disc import HANDOVER, amplitude_bound, backscatter_amplitude
 from ...acoustics.disc_table import table_error
-from ...acoustics.smoothness import Profile
+from ...acoustics.smoothness import SmoothnessProfile
 from ...base.rows import RowTable
-from .scatterers import CLEAR, LEAF, Part, Strength, Whole
+from .scatterers import CLEAR, LEAF, ScattererPart, Strength, Whole
 
 RIM = 6.0  # 2ka·sinβ above which a piston's echo is that of two places of its rim
 HANKEL_TERMS = 11
@@ -48,21 +48,21 @@ class DiscStrength(RowTable):
         far = amplitude_bound(lowest, highest, self.radius, self.incidence, self.model)
         return self.nearness * far
 
-    def parts(self, lowest: float, highest: float) -> list[Part]:
+    def parts(self, lowest: float, highest: float) -> list[ScattererPart]:
         """Of a piston, far enough off its normal, the two places of its rim that sound."""
         across = self.radius * np.sin(self.incidence)
         rims = (2.0 * lowest * across > RIM) & (2.0 * (highest - lowest) * across > np.pi)
         rims &= self.model == "piston"
         near, far = np.flatnonzero(~rims), np.flatnonzero(rims)
-        parts = [Part(near, np.zeros(len(near)), self.select(near))] if len(near) else []
+        parts = [ScattererPart(near, np.zeros(len(near)), self.select(near))] if len(near) else []
         if len(far):
             for side in (-1, 1):
                 strength = DiscRim(across[far], self.radius[far], self.incidence[far], side)
-                parts.append(Part(far, side * 2.0 * across[far], strength))
+                parts.append(ScattererPart(far, side * 2.0 * across[far], strength))
         return parts
 
-    def profile(self) -> Profile:
-        return Profile(
+    def profile(self) -> SmoothnessProfile:
+        return SmoothnessProfile(
             DiscFamily(self.model), self.nearness * self.radius, self.radius, self.incidence
         )
 
@@ -72,7 +72,7 @@ class DiscStrength(RowTable):
         return self.radius * table_error(highest * self.radius, self.incidence)
 
 
-def count_doubtful(leaves: Leaves, point: np.ndarray, wavenumber: float) -> int:
+def count_doubtful(leaves: LeafEchoes, point: np.ndarray, wavenumber: float) -> int:
     """Return how many exact discs are so large and so far off their normal that the formula for large ones
     is tens of per cent off."""
     if leaves.model != "exact":
@@ -130,9 +130,9 @@ class DiscRim(RowTable, Whole):
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         return np.abs(self.amplitude(np.array([lowest])))[0]
 
-    def profile(self) -> Profile:
+    def profile(self) -> SmoothnessProfile:
         size = 0.25 * self.radius**2 * np.cos(self.incidence) / self.across
-        return Profile(RimFamily(), size, 2.0 * self.across, size)
+        return SmoothnessProfile(RimFamily(), size, 2.0 * self.across, size)
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ def _hankel_series() -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True)
-class Leaves(RowTable):
+class LeafEchoes(RowTable):
     """Leaves as discs: centre, unit normal (M, 3), radius (M,); see ``Scatterers``.
 
     nearness : (M,) what the amplitudes are multiplied with.

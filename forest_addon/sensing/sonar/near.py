@@ -25,10 +25,10 @@ import numpy as np
 
 from ...acoustics.disc import backscatter_amplitude
 from ...acoustics.disc_table import table_error
-from ...acoustics.smoothness import Profile
+from ...acoustics.smoothness import SmoothnessProfile
 from ...base.rows import RowTable
 from .facets import PIECE, Rims, glints, rims, share_of_turn
-from .leaves import DiscFamily, Leaves
+from .leaves import DiscFamily, LeafEchoes
 from .scatterers import LEAF, Scatterers, Sight, Strength, Whole
 
 FAR = 2.0  # ka² from where on f/r² holds within 0.1 dB, for the sound that is mirrored
@@ -44,7 +44,7 @@ def near_field(distance: np.ndarray, radius: np.ndarray, wavenumber: float) -> n
     return distance < FAR * wavenumber * radius**2
 
 
-def needs_face(leaves: Leaves, sight: Sight) -> np.ndarray:
+def needs_face(leaves: LeafEchoes, sight: Sight) -> np.ndarray:
     """(M,) bool: leaves that are too near for f/r² as they are turned.
 
     Well off its normal a disc sounds from two places of its rim, whose waves do not care how far the
@@ -74,7 +74,7 @@ class NearFaces(Rims):
     kind: ClassVar[str] = LEAF
 
 
-def near_faces(leaves: Leaves, sight: Sight) -> NearFaces:
+def near_faces(leaves: LeafEchoes, sight: Sight) -> NearFaces:
     """Discs as polygons of equal area, in pieces."""
     centre, normal = leaves.centre - sight.point, leaves.normal
     radius, number = leaves.radius, leaves.number
@@ -131,7 +131,7 @@ def count_close(scatterers: Scatterers, instance: np.ndarray) -> int:
     """Return how many leaves among some scatterers (M,) are nearer than ka²/2."""
     if isinstance(scatterers, NearFaces):
         return count_leaves(scatterers, instance, scatterers.close)
-    if isinstance(scatterers, Leaves):
+    if isinstance(scatterers, LeafEchoes):
         return int(np.count_nonzero(scatterers.nearness < (2.0 - (2.0 * FAR) ** -2) ** -0.5))
     return 0
 
@@ -151,8 +151,10 @@ class EdgeStrength(RowTable, Whole):
     def bound(self, lowest: float, highest: float) -> np.ndarray:
         return EDGE * self.share * self.radius
 
-    def profile(self) -> Profile:
-        return Profile(EdgeFamily(), self.share * self.radius, self.radius, self.incidence)
+    def profile(self) -> SmoothnessProfile:
+        return SmoothnessProfile(
+            EdgeFamily(), self.share * self.radius, self.radius, self.incidence
+        )
 
     def error(self, highest: float) -> np.ndarray:
         return self.share * self.radius * table_error(highest * self.radius, self.incidence)
@@ -176,7 +178,7 @@ def edge_amplitude(ka: np.ndarray, incidence: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class NearEdges(Leaves):
+class NearEdges(LeafEchoes):
     """Near leaves without what their faces sound like."""
 
     def seen(self, point: np.ndarray) -> Strength:

@@ -28,19 +28,19 @@ from scipy import fft
 from ...base.progress import Progress
 from ...spec import Air, Sonar
 from ..rays.caster import RayCaster
-from .bands import Band, Grid, grid_of
+from .bands import Band, BandGrid, grid_of
 from .discs import LeafDiscs, leaf_discs
 from .doppler import shifted_sum, widened
-from .leaves import Leaves, count_doubtful
+from .leaves import LeafEchoes, count_doubtful
 from .near import count_close
-from .poses import Pose, posed
-from .search import Found, Group, mean_amplitude, search
+from .poses import SonarPose, posed
+from .search import Found, SearchGroup, mean_amplitude, search
 from .shading import shade_of
 from .station import Equipment, Station
 from .summation import sum_echoes
-from .targets import Targets
+from .targets import EchoTargets
 
-__all__ = ["Contributions", "Echo", "LeafDiscs", "Targets", "leaf_discs", "ping"]
+__all__ = ["Contributions", "Echo", "EchoTargets", "LeafDiscs", "leaf_discs", "ping"]
 
 
 @dataclass(frozen=True)
@@ -108,10 +108,10 @@ class Echo:
     error_bound: float
     table_error: float
     size: np.ndarray
-    groups: list[Group]
+    groups: list[SearchGroup]
     sound_speed: float
     sample_rate: float
-    pose: Pose
+    pose: SonarPose
     list_heard: Callable[[], Contributions]
 
     @cached_property
@@ -146,13 +146,13 @@ class Echo:
 
 
 def ping(
-    targets: Targets | LeafDiscs,
+    targets: EchoTargets | LeafDiscs,
     sonar: Sonar,
     air: Air,
     wood: RayCaster | None = None,
     progress: Progress | None = None,
     *,
-    pose: Pose | None = None,
+    pose: SonarPose | None = None,
     equipment: Equipment | None = None,
     everything: RayCaster | None = None,
 ) -> Echo:
@@ -170,7 +170,7 @@ def ping(
         says what to change.
     """
     if isinstance(targets, LeafDiscs):
-        targets = Targets.of_discs(targets)
+        targets = EchoTargets.of_discs(targets)
     station = Station(sonar, air, pose or posed(sonar), equipment or Equipment.of(sonar))
     call = station.equipment.call
     band, rate = Band(*sonar.band), sonar.sample_rate
@@ -209,7 +209,7 @@ def ping(
         doubtful=sum(
             count_doubtful(group.scatterers, station.point, station.wavenumbers[1])
             for group in found.groups
-            if isinstance(group.scatterers, Leaves)
+            if isinstance(group.scatterers, LeafEchoes)
         ),
         cull_bound=found.bound,
         error_bound=summed.error_bound,
@@ -225,7 +225,7 @@ def ping(
 
 def heard_from(
     station: Station,
-    targets: Targets,
+    targets: EchoTargets,
     band: Band,
     wood: RayCaster | None,
     everything: RayCaster | None,
@@ -247,7 +247,7 @@ def heard_from(
     return search(targets, station, band, shade, sonar.record or np.inf)
 
 
-def _in_time(spectra: np.ndarray, grid: Grid, scale: float) -> np.ndarray:
+def _in_time(spectra: np.ndarray, grid: BandGrid, scale: float) -> np.ndarray:
     """(E, N) analytic signals of one-sided spectra (E, K): scale·(1/length)·Σ_k."""
     if grid.count == 1:
         turns = grid.start / grid.spacing * np.arange(grid.samples)
@@ -260,7 +260,7 @@ def _in_time(spectra: np.ndarray, grid: Grid, scale: float) -> np.ndarray:
 
 
 def _contributions(
-    groups: list[Group], station: Station, band: Band, targets: Targets
+    groups: list[SearchGroup], station: Station, band: Band, targets: EchoTargets
 ) -> Contributions:
     """Return what each adds, loudest first."""
     if not groups:

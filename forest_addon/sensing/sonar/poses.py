@@ -16,7 +16,7 @@ from ..trajectory import Trajectory, frame_of
 
 
 @dataclass(frozen=True)
-class Pose:
+class SonarPose:
     """One place of a sonar.
 
     position : (3,) metres. frame : (3, 3) rows: the axis of the beam, to its left, up.
@@ -29,19 +29,19 @@ class Pose:
     width: float | None = None
 
 
-def posed(sonar: Sonar) -> Pose:
+def posed(sonar: Sonar) -> SonarPose:
     """The pose that the settings say; its speed is along the beam."""
     frame = frame_of(math.radians(sonar.azimuth_deg), math.radians(sonar.elevation_deg))
-    return Pose(np.asarray(sonar.position, dtype=np.float64), frame, sonar.speed * frame[0])
+    return SonarPose(np.asarray(sonar.position, dtype=np.float64), frame, sonar.speed * frame[0])
 
 
-def poses_of(trajectory: Trajectory) -> list[Pose]:
+def poses_of(trajectory: Trajectory) -> list[SonarPose]:
     """The poses of a trajectory; one that says no velocity stands still at each."""
     count = len(trajectory)
     velocity = np.zeros((count, 3)) if trajectory.velocity is None else trajectory.velocity
     width = [None] * count if trajectory.width is None else trajectory.width.tolist()
     each = zip(trajectory.position, trajectory.frames, velocity, width, strict=True)
-    return [Pose(*one) for one in each]
+    return [SonarPose(*one) for one in each]
 
 
 @dataclass(frozen=True)

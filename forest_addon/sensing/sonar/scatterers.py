@@ -16,7 +16,7 @@ from typing import ClassVar, Protocol, Self
 
 import numpy as np
 
-from ...acoustics.smoothness import Profile
+from ...acoustics.smoothness import SmoothnessProfile
 from .clusters import Blocks
 
 LEAF, WOOD, FACET = "leaf", "wood", "facet"
@@ -34,7 +34,7 @@ class Strength(Protocol):
         """(M,) no |f| between two wavenumbers is larger."""
         ...
 
-    def profile(self) -> Profile:
+    def profile(self) -> SmoothnessProfile:
         """Return what the amplitudes depend on: of which classes of alike ones they are."""
         ...
 
@@ -42,7 +42,7 @@ class Strength(Protocol):
         """(M,) metres that f may be off by because it is tabulated, up to a wavenumber; None: nothing."""
         ...
 
-    def parts(self, lowest: float, highest: float) -> list[Part]:
+    def parts(self, lowest: float, highest: float) -> list[ScattererPart]:
         """Smoother strengths that add up to this one between two wavenumbers.
 
         Of a scatterer in several parts, some frequency between finds all of them in phase.
@@ -53,7 +53,7 @@ class Strength(Protocol):
 
 
 @dataclass(frozen=True)
-class Part:
+class ScattererPart:
     """A strength that belongs to rows (m,) of another, ``offset`` (m,) metres later on the path."""
 
     rows: np.ndarray
@@ -64,10 +64,10 @@ class Part:
 class Whole:
     """Base of strengths that come in one part, computed and not looked up."""
 
-    def parts(self, lowest: float, highest: float) -> list[Part]:
+    def parts(self, lowest: float, highest: float) -> list[ScattererPart]:
         """Itself."""
         count = len(self.profile().length)  # type: ignore[attr-defined]
-        return [Part(np.arange(count), np.zeros(count), self)]  # type: ignore[arg-type]
+        return [ScattererPart(np.arange(count), np.zeros(count), self)]  # type: ignore[arg-type]
 
     def error(self, highest: float) -> np.ndarray | None:
         """None: nothing."""

@@ -24,8 +24,8 @@ from ...base.rows import RowTable
 from .bands import Band
 from .near import NearFaces, count_leaves
 from .scatterers import Scatterers, Sight, Strength
-from .station import Paths, Station
-from .targets import Candidates, Targets
+from .station import EchoPaths, Station
+from .targets import Candidates, EchoTargets
 
 LOUDEST = 2048  # scatterers whose Σ|A| is the first lower bound
 CAUTION = 0.9  # a mean over few frequencies may be a little too large
@@ -33,13 +33,13 @@ GUESS = 0.01  # of Σ|A| over the bounds of the blocks, where the search starts
 
 
 @dataclass(frozen=True)
-class Group(RowTable):
+class SearchGroup(RowTable):
     """Scatterers of one kind with their instances and ways; ``shade`` (M,) is what is left of each by
     what stands before it, 0 where wood hides it."""
 
     scatterers: Scatterers
     instance: np.ndarray
-    paths: Paths
+    paths: EchoPaths
     bound: np.ndarray
     shade: np.ndarray
 
@@ -79,16 +79,16 @@ class Counts:
 class Found:
     """Groups that are heard, what the others add at most as a share of Σ|A|, and the counts."""
 
-    groups: list[Group]
+    groups: list[SearchGroup]
     bound: float
     counts: Counts
 
 
 def search(
-    targets: Targets,
+    targets: EchoTargets,
     station: Station,
     band: Band,
-    shade: Callable[[Group], np.ndarray] | None,
+    shade: Callable[[SearchGroup], np.ndarray] | None,
     latest: float,
 ) -> Found:
     """Find what is heard from a station.
@@ -126,10 +126,10 @@ class _Finder:
 
     def __init__(
         self,
-        targets: Targets,
+        targets: EchoTargets,
         station: Station,
         band: Band,
-        shade: Callable[[Group], np.ndarray] | None,
+        shade: Callable[[SearchGroup], np.ndarray] | None,
         latest: float,
         counts: Counts,
     ) -> None:
@@ -139,7 +139,7 @@ class _Finder:
         self._sight = Sight(
             station.point, station.wavenumbers[1], sonar.max_range, sonar.near_limit
         )
-        self._groups: list[Group] = []
+        self._groups: list[SearchGroup] = []
         self._checked: list[np.ndarray] = []  # (M,) of each group: whether its shade is known
 
     def open(self, blocks: Candidates) -> None:
@@ -168,7 +168,7 @@ class _Finder:
             counts.late += count_leaves(made, instance, late)
             bound = paths.bound(station) * made.seen(station.point).bound(*station.wavenumbers)
             loud = ~late & (bound > 0)
-            group = Group(made, instance, paths, bound, np.ones(len(bound)))
+            group = SearchGroup(made, instance, paths, bound, np.ones(len(bound)))
             group = group if loud.all() else group.select(np.flatnonzero(loud))
             if len(group):
                 self._groups.append(group)
@@ -222,7 +222,7 @@ class _Finder:
             checked[rows] = True
 
 
-def mean_amplitude(group: Group, station: Station, band: Band) -> np.ndarray:
+def mean_amplitude(group: SearchGroup, station: Station, band: Band) -> np.ndarray:
     """(M,) mean |A| over the band (Hann) at the first ear, on the band's own few frequencies."""
     frequency, weight = band.sample()
     k = 2.0 * np.pi * frequency / station.sound_speed
@@ -230,24 +230,24 @@ def mean_amplitude(group: Group, station: Station, band: Band) -> np.ndarray:
     return group.shade * (weight @ size)
 
 
-def merged(groups: list[Group]) -> list[Group]:
+def merged(groups: list[SearchGroup]) -> list[SearchGroup]:
     """Groups of the same kind as one."""
-    kinds: dict[type, list[Group]] = {}
+    kinds: dict[type, list[SearchGroup]] = {}
     for group in groups:
         if len(group):
             kinds.setdefault(type(group.scatterers), []).append(group)
     return [_join(some) for some in kinds.values()]
 
 
-def _join(groups: list[Group]) -> Group:
+def _join(groups: list[SearchGroup]) -> SearchGroup:
     if len(groups) == 1:
         return groups[0]
     sets = [group.scatterers for group in groups]
     paths = [group.paths for group in groups]
-    return Group(
+    return SearchGroup(
         type(sets[0]).joined(sets),
         np.concatenate([group.instance for group in groups]),
-        Paths(
+        EchoPaths(
             np.concatenate([p.direction for p in paths]),
             np.concatenate([p.distance for p in paths]),
             np.concatenate([p.leg for p in paths], axis=1),

@@ -30,7 +30,7 @@ from ...base.trimesh import TriMesh
 from ..rays.caster import RayCaster
 from .discs import own_pieces
 from .scatterers import LEAF
-from .search import Group
+from .search import SearchGroup
 from .station import Station
 
 CELL = math.radians(4.0)
@@ -39,7 +39,7 @@ MOST_LEAVES = 64  # on one ray; nothing is heard behind
 FARTHER = 1.25  # times what is asked for, that rays look ahead
 PAIRS = 1 << 20  # of places and leaves before them, at once
 
-Shade = Callable[[Group], np.ndarray]
+Shade = Callable[[SearchGroup], np.ndarray]
 
 
 def shade_of(
@@ -62,7 +62,7 @@ class BehindWood:
     def __init__(self, wood: RayCaster, point: np.ndarray) -> None:
         self._wood, self._point = wood, point
 
-    def __call__(self, group: Group) -> np.ndarray:
+    def __call__(self, group: SearchGroup) -> np.ndarray:
         direction, distance = group.paths.direction, group.paths.distance
         origins = np.broadcast_to(self._point, direction.shape)
         reach = np.maximum(distance - group.scatterers.clear, 0.0)
@@ -92,7 +92,7 @@ class Extinction:
         self._scale = np.abs(np.linalg.det(np.nan_to_num(linear))) ** (1 / 3)
         self._known: dict[tuple[int, int], tuple[float, _Met]] = {}
 
-    def __call__(self, group: Group) -> np.ndarray:
+    def __call__(self, group: SearchGroup) -> np.ndarray:
         """(M,) of the pressure of a group."""
         owner = np.full((2, len(group)), -1)
         if group.scatterers.kind == LEAF:

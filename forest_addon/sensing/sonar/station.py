@@ -20,9 +20,9 @@ from ...acoustics.air import absorption
 from ...acoustics.smoothness import Change, Loss
 from ...base.rows import RowTable
 from ...spec import Air, Sonar
-from .beam import Beam, Gaussian, Horseshoe, Omni, beam_offsets
+from .beam import BeamPattern, GaussianBeam, Horseshoe, Omni, beam_offsets
 from .calls import Call, synthesise
-from .poses import Ears, Pose
+from .poses import Ears, SonarPose
 from .targets import Candidates
 
 
@@ -30,16 +30,16 @@ from .targets import Candidates
 class Equipment:
     """Equipment of a sonar: beams of call and ears, and the call, None for a pulse of the band."""
 
-    emit: Beam
-    hear: Beam
+    emit: BeamPattern
+    hear: BeamPattern
     call: Call | None
 
     @classmethod
     def of(
         cls,
         sonar: Sonar,
-        emit: Beam | None = None,
-        hear: Beam | None = None,
+        emit: BeamPattern | None = None,
+        hear: BeamPattern | None = None,
         call: Call | None = None,
     ) -> Equipment:
         """Return what the settings say; what they have in files is given.
@@ -61,15 +61,15 @@ class Equipment:
 
     def widened(self, width: float | None) -> Equipment:
         """With Gaussian beams of another width (radians), where a pose has one."""
-        if width is None or not isinstance(self.emit, Gaussian):
+        if width is None or not isinstance(self.emit, GaussianBeam):
             return self
-        emit = Gaussian((width, width))
+        emit = GaussianBeam((width, width))
         return replace(self, emit=emit, hear=emit if self.hear is self.emit else self.hear)
 
 
-def _beam(kind: str, width_deg: tuple[float, float], name: str) -> Beam:
+def _beam(kind: str, width_deg: tuple[float, float], name: str) -> BeamPattern:
     if kind == "gaussian":
-        return Gaussian((math.radians(width_deg[0]), math.radians(width_deg[1])))
+        return GaussianBeam((math.radians(width_deg[0]), math.radians(width_deg[1])))
     if kind == "horseshoe":
         return Horseshoe()
     if kind == "omni":
@@ -80,7 +80,7 @@ def _beam(kind: str, width_deg: tuple[float, float], name: str) -> Beam:
 class Station:
     """A sonar with its equipment at one pose in the air."""
 
-    def __init__(self, sonar: Sonar, air: Air, pose: Pose, equipment: Equipment) -> None:
+    def __init__(self, sonar: Sonar, air: Air, pose: SonarPose, equipment: Equipment) -> None:
         self.sonar, self.air, self.pose = sonar, air, pose
         self.equipment = equipment.widened(pose.width)
         ears = Ears.of(sonar)
@@ -122,25 +122,25 @@ class Station:
             / (some.nearest * back)
         )
 
-    def paths(self, centre: np.ndarray) -> Paths:
+    def paths(self, centre: np.ndarray) -> EchoPaths:
         """The ways from the mouth by places (M, 3) to the ears."""
         out = centre - self.point
         distance = np.sqrt(np.einsum("mi,mi->m", out, out))
         direction = out / distance[:, None]
         emitted = np.stack(beam_offsets(direction, self.pose.frame))
         if self.together:
-            return Paths(direction, distance, distance[None], emitted, emitted[None])
+            return EchoPaths(direction, distance, distance[None], emitted, emitted[None])
         legs, heard = [], []
         for ear, frame in zip(self.ear, self.ear_frame, strict=True):
             back = centre - ear
             leg = np.linalg.norm(back, axis=1)
             legs.append(leg)
             heard.append(np.stack(beam_offsets(back / leg[:, None], frame)))
-        return Paths(direction, distance, np.array(legs), emitted, np.array(heard))
+        return EchoPaths(direction, distance, np.array(legs), emitted, np.array(heard))
 
 
 @dataclass(frozen=True)
-class Paths(RowTable):
+class EchoPaths(RowTable):
     """M ways by a scatterer to E ears.
 
     direction : (M, 3) unit, from the mouth. distance : (M,). leg : (E, M) from scatterer to ear.
@@ -153,9 +153,9 @@ class Paths(RowTable):
     emitted: np.ndarray
     heard: np.ndarray
 
-    def select(self, rows: np.ndarray | slice) -> Paths:
+    def select(self, rows: np.ndarray | slice) -> EchoPaths:
         """Some of them."""
-        return Paths(
+        return EchoPaths(
             self.direction[rows],
             self.distance[rows],
             self.leg[:, rows],

@@ -17,9 +17,9 @@ import numpy as np
 from ...acoustics.nonuniform import sum_delayed
 from ...acoustics.smoothness import Smoothness, smoothness
 from ...base.progress import Progress
-from .bands import Grid
-from .scatterers import Part, Strength
-from .search import Group
+from .bands import BandGrid
+from .scatterers import ScattererPart, Strength
+from .search import SearchGroup
 from .station import Station
 
 SPLIT = 1e-12  # what parts may differ by from the whole
@@ -42,9 +42,9 @@ class EchoSum:
 
 
 def sum_echoes(
-    groups: list[Group],
+    groups: list[SearchGroup],
     station: Station,
-    grid: Grid,
+    grid: BandGrid,
     tolerance: float,
     progress: Progress | None = None,
     weights: list[np.ndarray] | None = None,
@@ -70,7 +70,7 @@ def sum_echoes(
     )
 
 
-def panels(grid: Grid, station: Station) -> list[Grid]:
+def panels(grid: BandGrid, station: Station) -> list[BandGrid]:
     """The grid, cut where a beam's gain has a kink over the frequency."""
     beams = station.equipment.emit, station.equipment.hear
     kinks = {kink for beam in beams for kink in beam.kinks()}
@@ -83,9 +83,9 @@ def panels(grid: Grid, station: Station) -> list[Grid]:
 
 
 def _over(
-    groups: list[Group],
+    groups: list[SearchGroup],
     station: Station,
-    grid: Grid,
+    grid: BandGrid,
     tolerance: float,
     progress: Progress | None,
     weights: list[np.ndarray] | None,
@@ -136,7 +136,7 @@ def _over(
     return EchoSum(spectrum, bound, looked_up, size)
 
 
-def _together(group: Group, station: Station, ear: int, band: tuple[float, float]) -> float:
+def _together(group: SearchGroup, station: Station, ear: int, band: tuple[float, float]) -> float:
     """Return what parts that are somewhere in phase have at least in common, of the largest of each."""
     first, last = (group.gain(station, ear, [end])[0].sum() for end in band)
     share = math.sqrt(band[0] / band[1]) * last / first if first > 0 else 1.0
@@ -144,7 +144,7 @@ def _together(group: Group, station: Station, ear: int, band: tuple[float, float
 
 
 def smooth_of(
-    group: Group, strength: Strength, station: Station, ear: int, band: tuple[float, float]
+    group: SearchGroup, strength: Strength, station: Station, ear: int, band: tuple[float, float]
 ) -> Smoothness | None:
     """Return how smooth echoes are in a band; None where their beam does not say."""
     losses = group.paths.losses(station, ear)
@@ -154,14 +154,14 @@ def smooth_of(
     return smoothness(strength.profile(), band, station.sound_speed, gain, losses)
 
 
-def _whole(strength: Strength, count: int) -> Part:
-    return Part(np.arange(count), np.zeros(count), strength)
+def _whole(strength: Strength, count: int) -> ScattererPart:
+    return ScattererPart(np.arange(count), np.zeros(count), strength)
 
 
 class Heard:
     """The amplitudes of a group at one ear."""
 
-    def __init__(self, group: Group, strength: Strength, station: Station, ear: int) -> None:
+    def __init__(self, group: SearchGroup, strength: Strength, station: Station, ear: int) -> None:
         self._group, self._strength = group, strength
         self._station, self._ear = station, ear
 

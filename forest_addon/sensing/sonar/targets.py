@@ -18,7 +18,7 @@ from ...base.trimesh import LEAF as LEAF_PART
 from ...base.trimesh import TriMesh
 from ...spec import Sonar
 from ..rays.geometry import SceneGeometry
-from .discs import Foliage, LeafDiscs
+from .discs import FoliageDiscs, LeafDiscs
 from .facets import FacetPopulation
 from .foliage import LeafPopulation
 from .scatterers import Population, Scatterers, Sight, Views
@@ -60,28 +60,28 @@ class Candidates(RowTable):
         return len(self.stand)
 
 
-class Targets:
+class EchoTargets:
     """Targets of a sonar in a scene.
 
     like : targets of a scene with the same meshes, whose measures are shared.
     """
 
-    def __init__(self, scene: SceneGeometry, like: Targets | None = None) -> None:
+    def __init__(self, scene: SceneGeometry, like: EchoTargets | None = None) -> None:
         self.scene = scene
         self._made: dict[tuple[str, str, int], Population] = {} if like is None else like._made
-        self._foliage: dict[int, Foliage] = {} if like is None else like._foliage
+        self._foliage: dict[int, FoliageDiscs] = {} if like is None else like._foliage
         self._stands: dict[tuple[bool, bool, bool, str], list[_Stand]] = {}
         self._stretch: np.ndarray | None = None
 
     @classmethod
-    def of_discs(cls, discs: LeafDiscs) -> Targets:
+    def of_discs(cls, discs: LeafDiscs) -> EchoTargets:
         """Leaves that are measured already, as one instance."""
         nothing = TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3)), LEAF_PART)
         one = np.zeros(1, dtype=np.int64)
         made = cls(
             SceneGeometry((nothing,), np.eye(3, 4)[None], one, ("leaves",), one - 1, one - 1)
         )
-        made._foliage[0] = Foliage.of_discs(discs)
+        made._foliage[0] = FoliageDiscs.of_discs(discs)
         return made
 
     def stands(self, sonar: Sonar) -> list[_Stand]:
@@ -198,7 +198,7 @@ class Targets:
             mesh = self.scene.meshes[index]
             if kind == "leaves":
                 if index not in self._foliage:
-                    self._foliage[index] = Foliage(mesh)
+                    self._foliage[index] = FoliageDiscs(mesh)
                 self._made[key] = LeafPopulation(self._foliage[index], model)
             elif kind == "wood":
                 self._made[key] = WoodPopulation(mesh)

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from ...acoustics.cylinder import scattering_sum
-from ...acoustics.smoothness import Profile
+from ...acoustics.smoothness import SmoothnessProfile
 from ...base.rows import RowTable
 from ...base.trimesh import TriMesh, is_wood
 from ...growth.recognise.centreline import find_centrelines
@@ -66,10 +66,10 @@ class CylinderStrength(RowTable, Whole):
             lobes = 1.0 / (lowest * self.length * np.abs(self.cosine))
         return self.length / math.pi * size * np.minimum(lobes, 1.0)
 
-    def profile(self) -> Profile:
+    def profile(self) -> SmoothnessProfile:
         scale = self.nearness * self.length / math.pi
         along = self.length * np.abs(self.cosine)
-        return Profile(CylinderFamily(), scale, self.radius * self.sine, along)
+        return SmoothnessProfile(CylinderFamily(), scale, self.radius * self.sine, along)
 
     def error(self, highest: float) -> np.ndarray:
         size = highest * self.radius * self.sine
@@ -99,7 +99,7 @@ class CylinderFamily:
 
 
 @dataclass(frozen=True)
-class Cylinders(RowTable):
+class WoodCylinders(RowTable):
     """Segments: middle of the axis, unit axis (M, 3), length and radius (M,); see ``Scatterers``.
 
     ``centre`` is on the axis, moved towards the sonar to where it meets the near side.
@@ -213,7 +213,7 @@ def _cut(
     radius: np.ndarray,
     number: np.ndarray,
     sight: Sight,
-) -> Cylinders:
+) -> WoodCylinders:
     """Segments cut to half a Fresnel width, and moved to their near side."""
     away = start + span / 2 - sight.point
     nearest = np.maximum(np.linalg.norm(away, axis=1) - length / 2, 1e-3)
@@ -233,7 +233,7 @@ def _cut(
     distance = np.linalg.norm(square, axis=1, keepdims=True)
     side = np.divide(square, distance, out=np.zeros_like(square), where=distance > 0)
     moved = np.minimum(radius[row], 0.9 * distance[:, 0])
-    return Cylinders(
+    return WoodCylinders(
         middle + moved[:, None] * side, axis, (length / parts)[row], radius[row], number[row]
     )
 

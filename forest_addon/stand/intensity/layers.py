@@ -7,11 +7,11 @@ import numpy as np
 from ..inputs import Painted
 from .functions import Intensity, IntensityError, Mask
 from .grid import Grid
-from .surface import Surface
-from .terrain import Terrain, refuse_pixels
+from .surface import IntensitySurface
+from .terrain import GroundSurface, refuse_pixels
 
 
-class Raster(Intensity):
+class RasterIntensity(Intensity):
     """An image with bilinear meaning, zero beyond it.
 
     Bounds come from a pyramid of its patches, and are exact for cells of up to two patches a side; its
@@ -52,7 +52,7 @@ class Raster(Intensity):
 class RasterMask(Mask):
     """1 where an image reaches a threshold, 0 elsewhere and beyond it."""
 
-    def __init__(self, raster: Raster, threshold: float) -> None:
+    def __init__(self, raster: RasterIntensity, threshold: float) -> None:
         self.raster, self.threshold = raster, threshold
 
     def at(self, points: np.ndarray) -> np.ndarray:
@@ -89,7 +89,7 @@ class PaintedMesh(Intensity):
                 f"{painted.weight[k]:g}; it must be 0 or larger"
             )
         try:
-            self.surface = Surface(painted.vertices, painted.triangles)
+            self.surface = IntensitySurface(painted.vertices, painted.triangles)
         except ValueError as problem:
             raise IntensityError(f"{name}: {problem}") from None
         self.weight = value * np.asarray(painted.weight, dtype=np.float64)
@@ -109,7 +109,7 @@ class TerrainLimits(Mask):
     """1 where slope and altitude of the ground are within limits, 0 elsewhere and where there is none."""
 
     def __init__(
-        self, terrain: Terrain, slope: tuple[float, float], altitude: tuple[float, float]
+        self, terrain: GroundSurface, slope: tuple[float, float], altitude: tuple[float, float]
     ) -> None:
         """slope : radians, lowest and highest. altitude : metres, the same."""
         self.terrain, self.altitude = terrain, altitude

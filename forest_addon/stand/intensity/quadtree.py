@@ -17,7 +17,7 @@ MAX_ASPECT = 1024  # cells along the longer side of the first cut
 
 
 @dataclass(frozen=True)
-class Cells:
+class QuadtreeCells:
     """low, high : (C, 2) corners, metres. lower, upper : (C,) bounds of λ over the closed cells."""
 
     low: np.ndarray
@@ -38,14 +38,16 @@ class Cells:
         """(C,) trees between what the bounds allow."""
         return np.asarray((self.upper - self.lower) * self.area)
 
-    def where(self, chosen: np.ndarray) -> Cells:
+    def where(self, chosen: np.ndarray) -> QuadtreeCells:
         """Some of the cells."""
-        return Cells(self.low[chosen], self.high[chosen], self.lower[chosen], self.upper[chosen])
+        return QuadtreeCells(
+            self.low[chosen], self.high[chosen], self.lower[chosen], self.upper[chosen]
+        )
 
 
 def refine(
     intensity: Intensity, low: np.ndarray, high: np.ndarray, spare: float, share: float = 0.0
-) -> Cells:
+) -> QuadtreeCells:
     """Cells that cover the rectangle ``low`` to ``high`` and leave little room between their bounds.
 
     spare : gap of a cell, in trees, below which it is not cut any more.
@@ -55,7 +57,7 @@ def refine(
     ------
     IntensityError : a bound is not finite.
     """
-    done: list[Cells] = []
+    done: list[QuadtreeCells] = []
     kept, settled = 0, 0.0
     active = _bounded(intensity, *_first_cut(low, high))
     while len(active):
@@ -69,7 +71,7 @@ def refine(
         done.append(active.where(~cut))
         kept, settled = kept + len(done[-1]), settled + float(gap[~cut].sum())
         active = _bounded(intensity, *_quarters(active.low[cut], middle[cut], active.high[cut]))
-    return Cells(
+    return QuadtreeCells(
         *(
             np.concatenate([getattr(part, n) for part in done])
             for n in ("low", "high", "lower", "upper")
@@ -77,7 +79,7 @@ def refine(
     )
 
 
-def _bounded(intensity: Intensity, low: np.ndarray, high: np.ndarray) -> Cells:
+def _bounded(intensity: Intensity, low: np.ndarray, high: np.ndarray) -> QuadtreeCells:
     lower, upper = intensity.bounds(low, high)
     bad = ~np.isfinite(upper)
     if bad.any():
@@ -86,7 +88,7 @@ def _bounded(intensity: Intensity, low: np.ndarray, high: np.ndarray) -> Cells:
             f"the intensity has no finite bound between {low[k].tolist()} and {high[k].tolist()}; "
             "lower it there"
         )
-    return Cells(low, high, lower, upper)
+    return QuadtreeCells(low, high, lower, upper)
 
 
 def _first_cut(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...base.rng import stream
 from ...spec import Forest, SpecError
-from .terrain import Flat, Heightmap, Terrain
+from .terrain import Flat, GroundSurface, Heightmap
 
 STEP, MOST = (
     0.2,
@@ -22,7 +22,7 @@ HURST = 0.7
 BEYOND, FADE = 6.0, 4.0  # metres beyond the field that are rough, the last of them ever less
 
 
-def roughened(ground: Terrain, forest: Forest, roughness: float, seed: int) -> Terrain:
+def roughened(ground: GroundSurface, forest: Forest, roughness: float, seed: int) -> GroundSurface:
     """The ground with bumps; of 0, as it is.
 
     roughness : metres between the lower and the higher ground, four standard deviations.

@@ -16,7 +16,7 @@ CHUNK = 1 << 18
 EDGE = 1e-12  # share of a triangle's area that a point may lie outside: neighbours share their edge
 
 
-class Surface:
+class IntensitySurface:
     """vertices : (V, 3) float64, metres. triangles : (T, 3) int64, those with an area from above."""
 
     def __init__(self, vertices: np.ndarray, triangles: np.ndarray) -> None:

@@ -1,9 +1,9 @@
 """The ground that trees stand on: flat, a heightmap, or a triangulated surface.
 
-A ``Terrain`` gives the height and the gradient of its topmost surface at any place, exactly (bilinear on a
-heightmap, barycentric on triangles), NaN where there is none, and true bounds over cells, which limits of
-slope and altitude need. Trunks stay vertical; ``sink`` says how deep one has to go so that no gap shows
-below its downhill side.
+A ``GroundSurface`` gives the height and the gradient of its topmost surface at any place, exactly
+(bilinear on a heightmap, barycentric on triangles), NaN where there is none, and true bounds over cells,
+which limits of slope and altitude need. Trunks stay vertical; ``sink`` says how deep one has to go so that
+no gap shows below its downhill side.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import numpy as np
 
 from .functions import IntensityError
 from .grid import Grid
-from .surface import Surface
+from .surface import IntensitySurface
 
 RING = 24  # places around a trunk's foot where the ground is looked up
 DEEPEST = 4.0  # foot radii that a tree is sunk at most (a foot over a cliff)
 
 
-class Terrain(Protocol):
+class GroundSurface(Protocol):
     """A height field."""
 
     def height(self, points: np.ndarray) -> np.ndarray:
@@ -40,19 +40,19 @@ class Terrain(Protocol):
         """Vertices (V, 3) and triangles (T, 3) to show it by, None where it is flat."""
 
 
-def normals(terrain: Terrain, points: np.ndarray) -> np.ndarray:
+def normals(terrain: GroundSurface, points: np.ndarray) -> np.ndarray:
     """(N, 3) unit normals of the ground, up."""
     gradient = terrain.gradient(points)
     up = np.column_stack([-gradient, np.ones(len(points))])
     return np.asarray(up / np.linalg.norm(up, axis=1, keepdims=True))
 
 
-def slope(terrain: Terrain, points: np.ndarray) -> np.ndarray:
+def slope(terrain: GroundSurface, points: np.ndarray) -> np.ndarray:
     """(N,) angle between the ground and the horizontal, radians."""
     return np.asarray(np.arctan(np.linalg.norm(terrain.gradient(points), axis=1)))
 
 
-def sink(terrain: Terrain, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
+def sink(terrain: GroundSurface, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """(N,) how far a trunk of this foot radius goes below the ground at its axis, metres.
 
     The lowest ground on a ring around the foot decides. The ring has ``RING`` corners and stands outside
@@ -141,7 +141,7 @@ class Triangulated:
 
     def __init__(self, vertices: np.ndarray, triangles: np.ndarray) -> None:
         """vertices : (V, 3) metres. triangles : (T, 3)."""
-        self.surface = Surface(vertices, triangles)
+        self.surface = IntensitySurface(vertices, triangles)
         heights = self.surface.vertices[:, 2]
         self._gradient = self.surface.gradients(heights)
         corners = heights[self.surface.triangles]

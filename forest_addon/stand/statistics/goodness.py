@@ -38,7 +38,7 @@ MANY = 20_000  # trees beyond which fewer simulations are made
 
 
 @dataclass(frozen=True)
-class Law:
+class TestedLaw:
     """Law that trees are tested against.
 
     simulate : trees (N, 2) of the law, by the number of the simulation. judge : of trees (N, 2), λ (N,)
@@ -62,7 +62,7 @@ class Goodness:
 
 
 def examine(
-    points: np.ndarray, window: Window, law: Law, simulations: int | None = None
+    points: np.ndarray, window: Window, law: TestedLaw, simulations: int | None = None
 ) -> Goodness | None:
     """Test points (N, 2) in a window against a law; None where there are too few to say anything, or so
     many that simulations would take minutes."""
@@ -93,7 +93,7 @@ def examine(
     )
 
 
-def law_of_scene(scene: Scene, inputs: Inputs) -> Law:
+def law_of_scene(scene: Scene, inputs: Inputs) -> TestedLaw:
     """The law of a scene's Poisson trees: other stands of the same settings, spacing and all, judged by
     the intensity that they are drawn from."""
     drawn = [number for number, p in enumerate(scene.plantings) if p.layout == "poisson"]
@@ -106,7 +106,7 @@ def law_of_scene(scene: Scene, inputs: Inputs) -> Law:
         seed = int(stream(scene.seed, "goodness", number).integers(2**62))
         return poisson_trees(scene, plan_stand(seed, scene.forest, scene.plantings, inputs))
 
-    return Law(simulate, lambda trees: (at(trees), at))
+    return TestedLaw(simulate, lambda trees: (at(trees), at))
 
 
 def poisson_trees(scene: Scene, stand: Stand) -> np.ndarray:
@@ -124,7 +124,7 @@ def window_of(forest: Forest) -> Window:
     return Window.rectangle(*corners_of(forest))
 
 
-def law_of(estimate: Estimate, simulate: Callable[[int], np.ndarray]) -> Law:
+def law_of(estimate: Estimate, simulate: Callable[[int], np.ndarray]) -> TestedLaw:
     """The law of an estimate: judged by estimating again, with the same bandwidth or number of hills."""
 
     def judge(trees: np.ndarray) -> tuple[np.ndarray, At]:
@@ -136,14 +136,19 @@ def law_of(estimate: Estimate, simulate: Callable[[int], np.ndarray]) -> Law:
         smallest = SMALLEST * float(smoothed.at(trees).mean())
         return np.maximum(smoothed.leave_one_out, smallest), smoothed.at
 
-    return Law(simulate, judge)
+    return TestedLaw(simulate, judge)
 
 
 class _Judge:
     """Makes L(r) - r and the quadrat test of trees; a λ that stays the same is integrated once."""
 
     def __init__(
-        self, window: Window, region: Region, law: Law, radius: np.ndarray, shape: tuple[int, int]
+        self,
+        window: Window,
+        region: Region,
+        law: TestedLaw,
+        radius: np.ndarray,
+        shape: tuple[int, int],
     ) -> None:
         self.window, self.region, self.law, self.radius = window, region, law, radius
         self.shape = shape

@@ -25,7 +25,7 @@ from ...sensing.audit import Audit
 from ...sensing.lidar.cloud import Cloud
 from ...sensing.rays.geometry import SceneGeometry
 from ...spec import Scene, Sensor
-from ...stand.forest import Forest
+from ...stand.forest import GrownForest
 from ..settings.exchange import forestless
 from ..shell.selection import show
 from ..shell.words import Kept, keep, label_kept, say, say_kept
@@ -42,7 +42,9 @@ Words = dict[str, str]
 Names = tuple[Sequence[str], Sequence[str]]
 
 
-def keep_forest(context: bpy.types.Context, settings: Scene, forest: Forest, seconds: float) -> str:
+def keep_forest(
+    context: bpy.types.Context, settings: Scene, forest: GrownForest, seconds: float
+) -> str:
     """Note what stands now; results of the forest before go. Returns the figures in a sentence."""
     props = context.scene.forest_sensing
     props.results.clear()

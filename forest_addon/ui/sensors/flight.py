@@ -94,7 +94,7 @@ class FOREST_OT_fly(Working, bpy.types.Operator):
         from ...blender.show.trails import show_flights
         from ...flight.flying import fly
         from ...flight.policies import policy_of
-        from ...flight.senses import LIDAR, SONAR, Ears, Lidar
+        from ...flight.senses import LIDAR, SONAR, EarSense, LidarSense
         from ...flight.simulation import Flyers
         from ...flight.woods import Stock
 
@@ -106,7 +106,7 @@ class FOREST_OT_fly(Working, bpy.types.Operator):
         stock = Stock.standing(world)
 
         def flown(_tell: Any) -> Any:
-            lidar, ears = Lidar(LIDAR), Ears(SONAR, settings.air)
+            lidar, ears = LidarSense(LIDAR), EarSense(SONAR, settings.air)
             pilot = policy_of(self.policy, flight, lidar, ears)
             hears = "sonar" in pilot.sensors
             flyers = Flyers(flight, 1, None if hears else lidar, ears if hears else None)

@@ -16,10 +16,10 @@ from forest_addon.base.progress import Say
 from forest_addon.flight.flying import Track, fly
 from forest_addon.flight.learning import load
 from forest_addon.flight.policies import policy_of
-from forest_addon.flight.senses import Ears, Lidar, lidar_of, sonar_of
+from forest_addon.flight.senses import EarSense, LidarSense, lidar_of, sonar_of
 from forest_addon.flight.simulation import Flyers
 from forest_addon.flight.statistics import interval
-from forest_addon.flight.woods import Stock, Surroundings
+from forest_addon.flight.woods import FlightSurroundings, Stock
 from forest_addon.formats.table import write_csv
 from forest_addon.spec import Scene, SpecError
 
@@ -30,7 +30,7 @@ SHOWN = 100  # flights that are animated in the .blend
 
 
 @dataclass(frozen=True)
-class Cell:
+class FlightCell:
     """Flights of one speed (m/s) and one density (a factor on the scene's)."""
 
     speed: float
@@ -55,7 +55,7 @@ def fly_scene(
     trained: Path | None = None,
     blend: bool = True,
     say: Say = print,
-) -> list[Cell]:
+) -> list[FlightCell]:
     """Fly ``episodes`` times at each speed and density and write everything into a folder.
 
     speeds : m/s; none: the scene's.
@@ -132,10 +132,10 @@ def _cell(
     seed: int,
     speed: float,
     density: float,
-) -> tuple[Cell, Surroundings]:
+) -> tuple[FlightCell, FlightSurroundings]:
     settings = stock.settings
     flight = settings.flight.changed(speed=speed, slowest=min(settings.flight.slowest, speed))
-    lidar, ears = Lidar(lidar_of(settings)), Ears(sonar_of(settings), settings.air)
+    lidar, ears = LidarSense(lidar_of(settings)), EarSense(sonar_of(settings), settings.air)
     learnt = load(trained, flight, lidar) if trained else None
     pilot = policy_of(policy, flight, lidar, ears, learnt)
     hears = "sonar" in pilot.sensors
@@ -153,15 +153,15 @@ def _cell(
     assert world is not None
     assert world.forest is not None
     trees = float(sum(world.forest.stand.expected)) / world.forest.stand.area
-    return Cell(speed, density, trees, tracks), world
+    return FlightCell(speed, density, trees, tracks), world
 
 
-def _mean_speed(cell: Cell) -> float:
+def _mean_speed(cell: FlightCell) -> float:
     seconds = sum(track.seconds for track in cell.tracks)
     return sum(track.flown for track in cell.tracks) / seconds if seconds else 0.0
 
 
-def write_tracks(path: Path, cells: Sequence[Cell]) -> None:
+def write_tracks(path: Path, cells: Sequence[FlightCell]) -> None:
     """Every step of every flight, a row each."""
     columns: dict[str, list] = {
         name: []
@@ -186,7 +186,7 @@ def write_tracks(path: Path, cells: Sequence[Cell]) -> None:
     write_csv(path, columns)
 
 
-def write_success(path: Path, cells: Sequence[Cell]) -> None:
+def write_success(path: Path, cells: Sequence[FlightCell]) -> None:
     """A row a speed and density: how many arrive, with the interval of 95 %."""
     rows = []
     for cell in cells:
@@ -209,7 +209,7 @@ def write_success(path: Path, cells: Sequence[Cell]) -> None:
     write_csv(path, {name: [row[name] for row in rows] for name in rows[0]})
 
 
-def _save(path: Path, cell: Cell, world: Surroundings) -> None:
+def _save(path: Path, cell: FlightCell, world: FlightSurroundings) -> None:
     """The first forest of a cell in Blender, with the flights through it."""
     import bpy
 

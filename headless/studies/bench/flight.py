@@ -29,7 +29,7 @@ def run(say: Say) -> None:
     """Print the tables."""
     from forest_addon.api import Rays, read
     from forest_addon.blender.files.opening import empty_file
-    from forest_addon.flight.senses import Ears, Lidar, lidar_of, sonar_of
+    from forest_addon.flight.senses import EarSense, LidarSense, lidar_of, sonar_of
     from forest_addon.flight.woods import Stock
 
     empty_file()
@@ -55,7 +55,7 @@ def run(say: Say) -> None:
     base = lidar_of(settings)
     rows = []
     for (rays, flyers), aim in AIMS.items():
-        lidar = Lidar(base.changed(pulse_rate=base.line_rate * int(rays.replace(",", ""))))
+        lidar = LidarSense(base.changed(pulse_rate=base.line_rate * int(rays.replace(",", ""))))
         rate, parts = _steps(stock, first, lidar, int(flyers))
         rows.append(
             [
@@ -74,7 +74,7 @@ def run(say: Say) -> None:
     sonar = sonar_of(settings)
     for what, wood in (("leaves", False), ("leaves and wood", True)):
         for model, aim in (("paper", 30), ("piston", 30), ("exact", 10)):
-            ears = Ears(sonar.changed(leaf_model=model, wood=wood), settings.air)
+            ears = EarSense(sonar.changed(leaf_model=model, wood=wood), settings.air)
             rate, heard = _pings(stock, first, ears)
             rows.append([what, model, f"{heard:,.0f}", f"{rate:.1f}", f"{aim}"])
     table(say, ["what sounds", "leaf model", "heard, mean", "pings/s", "aim"], rows)

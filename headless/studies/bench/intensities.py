@@ -8,7 +8,7 @@ import numpy as np
 
 from forest_addon.base.rng import stream
 from forest_addon.stand.intensity.functions import Intensity, Mixture
-from forest_addon.stand.intensity.layers import Raster
+from forest_addon.stand.intensity.layers import RasterIntensity
 
 SIDE = 300.0
 CENTRES = np.array([[61.0, 91.0], [62.0, 141.0], [71.0, 221.0], [205.0, 103.0]])  # Wahed et al.'s
@@ -34,13 +34,13 @@ def _hills(sigma: float) -> Mixture:
     return Mixture(np.ones(4), CENTRES, np.full((4, 2), sigma * np.sqrt(2)))
 
 
-def _raster() -> Raster:
+def _raster() -> RasterIntensity:
     """Hills of 44.7 m, in pixels that differ from their neighbours by noise."""
     side = (np.arange(512) + 0.5) * SIDE / 512
     x, y = np.meshgrid(side, side[::-1])
     value = _hills(44.7).at(np.column_stack([x.ravel(), y.ravel()])).reshape(512, 512)
     value *= stream(1, "bench", "raster").uniform(0.5, 1.5, value.shape)
-    return Raster(value, np.zeros(2), np.full(2, SIDE))
+    return RasterIntensity(value, np.zeros(2), np.full(2, SIDE))
 
 
 KINDS: dict[str, Callable[[], Intensity]] = {

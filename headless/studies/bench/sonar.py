@@ -21,10 +21,10 @@ from forest_addon.sensing.kinds import of_family
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.sonar.equipment_files import equip, find, read_route
 from forest_addon.sensing.sonar.flight import fly
-from forest_addon.sensing.sonar.ping import Echo, Targets, ping
-from forest_addon.sensing.sonar.poses import Pose, posed
+from forest_addon.sensing.sonar.ping import Echo, EchoTargets, ping
+from forest_addon.sensing.sonar.poses import SonarPose, posed
 from forest_addon.spec import Air, Scene, Sonar
-from forest_addon.stand.forest import Forest, grow_forest
+from forest_addon.stand.forest import GrownForest, grow_forest
 
 from ..tables import median_seconds, table
 from .cold import say_cold
@@ -96,7 +96,7 @@ def _pings(say: Say, forests: dict[int, SceneGeometry]) -> None:
                 sonar = Sonar(
                     beam_width_deg=(width, width), shading="none", cull=0.01, **POSE, **kinds
                 )
-                targets = Targets(scene)
+                targets = EchoTargets(scene)
                 start = time.thread_time()
                 echo = ping(targets, sonar, Air())
                 first = time.thread_time() - start
@@ -119,7 +119,7 @@ def _pings(say: Say, forests: dict[int, SceneGeometry]) -> None:
     table(say, head, rows)
 
 
-def _ping(targets: Targets, sonar: Sonar, azimuth_deg: float) -> tuple[float, Echo]:
+def _ping(targets: EchoTargets, sonar: Sonar, azimuth_deg: float) -> tuple[float, Echo]:
     turned = replace(sonar, azimuth_deg=azimuth_deg)
     start = time.thread_time()
     echo = ping(targets, turned, Air())
@@ -136,12 +136,12 @@ def _table_1(say: Say) -> None:
         (sonar,) = of_family(settings.sensors, "sonar")
         poses = _poses(sonar)
         equipment = equip(sonar, ASSETS / "scenes")
-        targets = Targets(scene)
+        targets = EchoTargets(scene)
         start = time.thread_time()
         fly(targets, sonar, settings.air, poses, equipment=equipment)
         first = time.thread_time() - start
 
-        def again(t: Targets = targets, s: Sonar = sonar, p: list[Pose] = poses) -> None:
+        def again(t: EchoTargets = targets, s: Sonar = sonar, p: list[SonarPose] = poses) -> None:
             fly(t, s, settings.air, p, equipment=equipment)  # noqa: B023
 
         seconds = median_seconds(again)
@@ -170,13 +170,13 @@ def _table_1(say: Say) -> None:
     table(say, head, rows)
 
 
-def _poses(sonar: Sonar) -> list[Pose]:
+def _poses(sonar: Sonar) -> list[SonarPose]:
     if not sonar.route:
         return [posed(sonar)]
     return read_route(find(sonar.route, ASSETS / "scenes", "route"), sonar.speed)
 
 
-def _scene_of(forest: Forest) -> SceneGeometry:
+def _scene_of(forest: GrownForest) -> SceneGeometry:
     """A grown forest as sensors see it, without Blender in between."""
     stand, keys = forest.stand, list(forest.variants)
     index = {key: number for number, key in enumerate(keys)}
@@ -192,7 +192,7 @@ def _scene_of(forest: Forest) -> SceneGeometry:
 
 
 def _culling(say: Say, scene: SceneGeometry) -> None:
-    targets = Targets(scene)
+    targets = EchoTargets(scene)
     sonar = Sonar(shading="none", wood=False, leaf_model="piston", **POSE)
     whole = ping(targets, replace(sonar, cull=0.0), Air())
     rows = []
@@ -216,7 +216,7 @@ def _culling(say: Say, scene: SceneGeometry) -> None:
 
 
 def _kinds(say: Say, scene: SceneGeometry) -> None:
-    targets, rows = Targets(scene), []
+    targets, rows = EchoTargets(scene), []
     base = Sonar(shading="none", beam_width_deg=(40.0, 40.0), cull=1e-3, **POSE)
     cases: dict[str, dict[str, object]] = {
         "leaves, exact": {"wood": False},

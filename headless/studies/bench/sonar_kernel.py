@@ -15,7 +15,7 @@ from forest_addon.acoustics.smoothness import forget, smoothness
 from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.sensing.sonar.leaves import DiscStrength
-from forest_addon.sensing.sonar.scatterers import Part
+from forest_addon.sensing.sonar.scatterers import ScattererPart
 
 from ..tables import median_seconds, table
 
@@ -72,7 +72,9 @@ class _Leaves:
         """Σ over the parts; the sizes of parts add up, which is more than that of the leaves."""
         band = (start, start + spacing * (bins - 1))
         low, high = (2.0 * math.pi * end / SPEED for end in band)
-        every = Part(np.arange(len(self.distance)), np.zeros(len(self.distance)), self.strength)
+        every = ScattererPart(
+            np.arange(len(self.distance)), np.zeros(len(self.distance)), self.strength
+        )
         spectrum, size, error, nodes = np.zeros(bins, dtype=np.complex128), 0.0, 0.0, Counter()
         for part in self.strength.parts(low, high) if tolerance else [every]:
             away, strength = self.distance[part.rows], part.strength

@@ -18,7 +18,7 @@ import numpy as np
 from forest_addon import spec
 from forest_addon.base.progress import Say
 from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.stand.forest import Forest, grow_forest
+from forest_addon.stand.forest import GrownForest, grow_forest
 
 from ...memory import peak_memory_mb
 from ..tables import table
@@ -88,7 +88,7 @@ def measure(instancing: str, count: int) -> dict[str, float]:
     return told
 
 
-def _forest(instancing: str, count: int) -> tuple[spec.Scene, Forest]:
+def _forest(instancing: str, count: int) -> tuple[spec.Scene, GrownForest]:
     side = float(np.sqrt(ROOM * count))
     settings = spec.Scene(
         seed=4,
@@ -98,7 +98,7 @@ def _forest(instancing: str, count: int) -> tuple[spec.Scene, Forest]:
     return settings, grow_forest(settings, [load_species(find_species("maple", Path()))])
 
 
-def _errors(geometry, forest: Forest) -> dict[str, float]:
+def _errors(geometry, forest: GrownForest) -> dict[str, float]:
     """Of the evaluated scene against the plan."""
     trees = np.flatnonzero(geometry.tree >= 0)
     number = geometry.tree[trees]

@@ -22,7 +22,7 @@ from forest_addon.flight.senses import band_power, cochleagram
 from forest_addon.flight.statistics import area_under_curve, discriminant
 from forest_addon.formats.table import write_csv
 from forest_addon.sensing.sonar.ping import LeafDiscs, ping
-from forest_addon.sensing.sonar.poses import Pose
+from forest_addon.sensing.sonar.poses import SonarPose
 from forest_addon.sensing.sonar.station import Equipment
 from forest_addon.sensing.trajectory import frame_of
 from forest_addon.spec import Air, Sonar
@@ -98,7 +98,7 @@ def echoes(
         leaves = hedge(rng, distance, gap if is_gap[number] else 0.0)
         off = rng.normal(0.0, SHIFT, 3)
         turn = np.deg2rad(rng.normal(0.0, TURN, 2))
-        pose = Pose(off, frame_of(float(turn[0]), float(turn[1])), np.zeros(3))
+        pose = SonarPose(off, frame_of(float(turn[0]), float(turn[1])), np.zeros(3))
         sound = ping(leaves, SONAR, air, pose=pose, equipment=equipment).waveforms
         energy[number] = float((sound**2).sum())
         picture.append(cochleagram(sound, SONAR)[0])

@@ -16,7 +16,7 @@ from forest_addon.base.rng import stream
 from forest_addon.flight.flying import fly
 from forest_addon.flight.learning import SIZE, Trained, train
 from forest_addon.flight.policies import Straight
-from forest_addon.flight.senses import LIDAR, Lidar
+from forest_addon.flight.senses import LIDAR, LidarSense
 from forest_addon.flight.simulation import Flyers
 from forest_addon.flight.stems import StemWorld
 from forest_addon.flight.theory import poisson_strip
@@ -46,7 +46,7 @@ TRIED = 64  # flights of the test
 def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] = print) -> Trained:
     """Train, test, write ``trained.npz``, ``learning.csv`` and ``learning.png``."""
     out.mkdir(parents=True, exist_ok=True)
-    lidar = Lidar(LIDAR)
+    lidar = LidarSense(LIDAR)
     rounds = max(2, round(ROUNDS * size))
     history: list[tuple[float, float]] = []
 
@@ -90,7 +90,7 @@ def world(seed: int, purpose: str, number: int) -> StemWorld:
     return StemWorld(place, np.full(len(place), TRUNK), np.zeros(2), FIELD)
 
 
-def success(policy: object, lidar: Lidar, seed: int) -> float:
+def success(policy: object, lidar: LidarSense, seed: int) -> float:
     """Share of flights that arrive in forests of their own."""
     count, each = 0, 8
     for number in range(TRIED // each):

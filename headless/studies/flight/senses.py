@@ -13,8 +13,8 @@ import numpy as np
 from matplotlib import rc_context
 
 from forest_addon.flight.flying import Track, fly
-from forest_addon.flight.policies import Echo, Gap, Straight
-from forest_addon.flight.senses import LIDAR, SONAR, Ears, Lidar
+from forest_addon.flight.policies import EchoPolicy, Gap, Straight
+from forest_addon.flight.senses import LIDAR, SONAR, EarSense, LidarSense
 from forest_addon.flight.simulation import Flyers
 from forest_addon.flight.statistics import interval
 from forest_addon.flight.woods import Stock
@@ -62,7 +62,7 @@ def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] 
     with hushed():
         empty_file()
         stock = Stock(scene)
-    lidar, ears = Lidar(LIDAR), Ears(HEARS, scene.air)
+    lidar, ears = LidarSense(LIDAR), EarSense(HEARS, scene.air)
     found: dict[str, list[list[Track]]] = {name: [] for name in NAMES}
     last: dict[str, list[Track]] = {}
     for density in DENSITIES:
@@ -77,7 +77,7 @@ def run(out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] 
             flyers.enter(world)
             policy = {
                 NAMES[0]: Gap(FLIGHT, lidar),
-                NAMES[1]: Echo(FLIGHT, ears),
+                NAMES[1]: EchoPolicy(FLIGHT, ears),
                 NAMES[2]: Straight(FLIGHT),
             }[name]
             tracks = fly(flyers, policy, seeds, seed)

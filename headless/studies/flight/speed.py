@@ -18,7 +18,7 @@ from matplotlib import rc_context
 from forest_addon.base.rng import stream
 from forest_addon.flight.flying import Track, fly
 from forest_addon.flight.policies import Gap
-from forest_addon.flight.senses import LIDAR, Lidar
+from forest_addon.flight.senses import LIDAR, LidarSense
 from forest_addon.flight.simulation import Flyers
 from forest_addon.flight.statistics import interval
 from forest_addon.flight.stems import StemWorld
@@ -40,7 +40,7 @@ EXISTS = np.array([4.0, 8.0, 16.0, 24.0, 32.0, 48.0, 64.0])  # m/s
 
 
 @dataclass(frozen=True)
-class Cell:
+class SpeedCell:
     """Flights of one speed, m/s, and density, trees/m²."""
 
     speed: float
@@ -50,7 +50,7 @@ class Cell:
 
 def run(
     out: Path, size: float = 1.0, seed: int = 1, say: Callable[[str], None] = print
-) -> list[Cell]:
+) -> list[SpeedCell]:
     """Fly, compute, write ``speed.csv``, ``critical.csv`` and ``speed.png``."""
     out.mkdir(parents=True, exist_ok=True)
     flights = max(2, round(FLIGHTS * size))
@@ -58,7 +58,7 @@ def run(
     cells, exist, critical = [], {}, {}
     for density in DENSITIES:
         for speed in SPEEDS:
-            cells.append(Cell(speed, density, flown(speed, density, flights, seed)))
+            cells.append(SpeedCell(speed, density, flown(speed, density, flights, seed)))
         rng = stream(seed, "flight", "theory", str(density))
         reach = TRUNK + BODY
         exist[density] = [
@@ -94,7 +94,7 @@ def run(
     return cells
 
 
-def arrived(cell: Cell) -> float:
+def arrived(cell: SpeedCell) -> float:
     """Share of its flights that come through."""
     return sum(t.end == "arrived" for t in cell.tracks) / len(cell.tracks)
 
@@ -114,7 +114,7 @@ def flown(speed: float, density: float, flights: int, seed: int) -> list[Track]:
         start_high=(0.0, 0.75),
         clearance=1.0,
     )
-    lidar = Lidar(LIDAR)
+    lidar = LidarSense(LIDAR)
     tracks: list[Track] = []
     for first in range(0, flights, FOREST):
         some = list(range(first, min(first + FOREST, flights)))
@@ -127,7 +127,7 @@ def flown(speed: float, density: float, flights: int, seed: int) -> list[Track]:
     return tracks
 
 
-def draw(path: Path, cells: list[Cell], exist: dict, critical: dict) -> Path:
+def draw(path: Path, cells: list[SpeedCell], exist: dict, critical: dict) -> Path:
     """Shares against speed by density, flown and possible; and the critical speed against density."""
     with rc_context(STYLE):
         figure, (left, right) = new_figure(2, (11, 4.4), width_ratios=(3, 2))

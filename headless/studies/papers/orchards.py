@@ -26,7 +26,7 @@ from forest_addon.growth.species import skeleton_of
 from forest_addon.growth.tree import grow
 from forest_addon.spec import Detail, Scene, Species, Tractor
 from forest_addon.spec import Forest as Field
-from forest_addon.stand.forest import Forest
+from forest_addon.stand.forest import GrownForest
 from forest_addon.stand.plan import Stand
 
 DIAMETERS = (0.005, 0.006, 0.007)  # d_m
@@ -113,7 +113,7 @@ def species_of(orchard: Orchard, internode: float) -> Species:
     )
 
 
-def plant(orchard: Orchard, internode: float, seed: int) -> Forest:
+def plant(orchard: Orchard, internode: float, seed: int) -> GrownForest:
     """Grow the trees of an orchard and stand them in a row along y.
 
     A tree's draws depend on the iterations and its number only: orchards that differ in diameter, in
@@ -144,10 +144,10 @@ def plant(orchard: Orchard, internode: float, seed: int) -> Forest:
         error=np.zeros(1),
         area=SPACING**2 * orchard.trees,
     )
-    return Forest(stand, ("apple",), (species,), variants)
+    return GrownForest(stand, ("apple",), (species,), variants)
 
 
-def tractor_for(forest: Forest, splits: int, gap: int = 0) -> Tractor:
+def tractor_for(forest: GrownForest, splits: int, gap: int = 0) -> Tractor:
     """Méndez et al.'s scanner, driving past all of an orchard; its drive is a whole number of centimetres,
     as Méndez et al.'s."""
     low, high = extent_along(forest)
@@ -166,7 +166,7 @@ def tractor_for(forest: Forest, splits: int, gap: int = 0) -> Tractor:
     )
 
 
-def extent_along(forest: Forest) -> tuple[float, float]:
+def extent_along(forest: GrownForest) -> tuple[float, float]:
     """Smallest and largest y of all wood above the ground."""
     ends = []
     for tree, matrix in enumerate(forest.transforms()):
@@ -177,7 +177,7 @@ def extent_along(forest: Forest) -> tuple[float, float]:
     return float(along.min()), float(along.max())
 
 
-def scene_of(forest: Forest, tractor: Tractor) -> Scene:
+def scene_of(forest: GrownForest, tractor: Tractor) -> Scene:
     """The settings that the Blender scene of an orchard is built from: the ground, and the scanner."""
     length = max(tractor.track, 1.0)
     field = Field(size=(4.0, length), origin=(0.0, tractor.position[1]), margin=5.0)

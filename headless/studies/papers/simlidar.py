@@ -16,13 +16,13 @@ from forest_addon.base.progress import Progress
 from forest_addon.growth.truth import Wood, wood_of_skeleton
 from forest_addon.sensing.lidar import wood_indices
 from forest_addon.spec import Rays, Scene
-from forest_addon.stand.forest import Forest
+from forest_addon.stand.forest import GrownForest
 
 from ...progress import Stages, hushed
 from . import orchards
 from .orchards import Orchard
 from .simlidar_report import draw, print_report
-from .simlidar_rows import Finding, FinishedOrchards, TreeFinding
+from .simlidar_rows import FinishedOrchards, OrchardFinding, TreeFinding
 
 if TYPE_CHECKING:
     from forest_addon.blender.sensors.observe import Observer
@@ -33,7 +33,7 @@ QUICK_GAP = 9
 
 def run_experiment(
     out: Path, *, quick: bool = False, seed: int = 1, engine: str = "auto", quiet: bool = False
-) -> list[Finding]:
+) -> list[OrchardFinding]:
     """Do what is not done yet, print the report, draw the picture.
 
     Raises
@@ -68,7 +68,7 @@ def observe(
     gap: int,
     engine: str,
     progress: Progress | None = None,
-) -> tuple[Finding, list[TreeFinding]]:
+) -> tuple[OrchardFinding, list[TreeFinding]]:
     """Grow, build and scan one orchard. With a gap, each scan stands for those that are left out.
 
     Raises
@@ -109,7 +109,7 @@ def observe(
         for t in range(orchard.trees)
     ]
     geometry = observer.geometry
-    whole = Finding(
+    whole = OrchardFinding(
         **same,
         seed=seed,
         internode_m=internode,
@@ -133,7 +133,7 @@ def observe(
     return whole, trees
 
 
-def stand_up(forest: Forest, scene: Scene, rays: Rays) -> Observer:
+def stand_up(forest: GrownForest, scene: Scene, rays: Rays) -> Observer:
     """Build an orchard as a Blender scene, in place of all there is, and read what it evaluates to.
 
     Raises

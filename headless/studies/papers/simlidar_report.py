@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from forest_addon.sensing.lidar.wood_indices import Line, line_through_origin
+from forest_addon.sensing.lidar.wood_indices import OriginLine, line_through_origin
 
 from ...report.pictures import BARK, FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
 from ..tables import table
-from .simlidar_rows import Finding
+from .simlidar_rows import OrchardFinding
 
 # S, Table 3: iterations, trees, branches, beams, minutes.
 TABLE_3 = (
@@ -52,7 +52,7 @@ Where and why they differ:
   slopes grow with the iterations, which no one line follows."""
 
 
-def print_report(found: Sequence[Finding], out: Path) -> None:
+def print_report(found: Sequence[OrchardFinding], out: Path) -> None:
     """Print both tables and what is to be said of them."""
     first = found[0]
     print(
@@ -78,7 +78,7 @@ def print_report(found: Sequence[Finding], out: Path) -> None:
     print(f"\nAll orchards: {out / 'orchards.csv'}; their trees: {out / 'trees.csv'}")
 
 
-def _table_3(found: Sequence[Finding]) -> list[list[str]]:
+def _table_3(found: Sequence[OrchardFinding]) -> list[list[str]]:
     rows = []
     for iterations, trees, branches, beams, minutes in TABLE_3:
         for row in found:
@@ -99,7 +99,7 @@ def _table_3(found: Sequence[Finding]) -> list[list[str]]:
     return rows
 
 
-def fits(found: Sequence[Finding]) -> dict[tuple[str, str], Line]:
+def fits(found: Sequence[OrchardFinding]) -> dict[tuple[str, str], OriginLine]:
     """The lines by (what, beam): A_PR and A_L on A_IM of either beam."""
     return {
         (what, beam): line_through_origin(_column(found, beam), _column(found, what))
@@ -108,7 +108,7 @@ def fits(found: Sequence[Finding]) -> dict[tuple[str, str], Line]:
     }
 
 
-def _regressions(found: Sequence[Finding]) -> list[list[str]]:
+def _regressions(found: Sequence[OrchardFinding]) -> list[list[str]]:
     rows = []
     for (what, beam), line in fits(found).items():
         name, slope, r2 = THEIRS[what]
@@ -121,7 +121,7 @@ def _regressions(found: Sequence[Finding]) -> list[list[str]]:
     return rows
 
 
-def draw(found: Sequence[Finding], path: Path) -> Path:
+def draw(found: Sequence[OrchardFinding], path: Path) -> Path:
     """A_PR and A_L against A_IM: points, our lines and Méndez et al.'s."""
     figure = blank_figure((10, 4.4))
     for axes, (what, (name, theirs, _)) in zip(figure.subplots(1, 2), THEIRS.items(), strict=True):
@@ -152,9 +152,9 @@ def draw(found: Sequence[Finding], path: Path) -> Path:
     return save_figure(figure, path)
 
 
-def _growth(found: Sequence[Finding]) -> float:
+def _growth(found: Sequence[OrchardFinding]) -> float:
     return float(np.median(_column(found, "impacted_solid_m2") / _column(found, "impacted_m2")))
 
 
-def _column(found: Sequence[Finding], name: str) -> np.ndarray:
+def _column(found: Sequence[OrchardFinding], name: str) -> np.ndarray:
     return np.array([getattr(row, name) for row in found])

@@ -14,7 +14,7 @@ from .orchards import Orchard
 
 
 @dataclass(frozen=True)
-class Finding:
+class OrchardFinding:
     """A row of orchards.csv: what was asked for, down to the engine, and what came out (times: CPU s)."""
 
     iterations: int
@@ -76,7 +76,7 @@ class FinishedOrchards:
 
     def __init__(self, out: Path) -> None:
         self._orchards, self._trees = out / "orchards.csv", out / "trees.csv"
-        self.rows = read_rows(self._orchards, Finding)
+        self.rows = read_rows(self._orchards, OrchardFinding)
         finished = {row.orchard for row in self.rows}
         self._tree_rows = [
             row for row in read_rows(self._trees, TreeFinding) if row.orchard in finished
@@ -84,7 +84,7 @@ class FinishedOrchards:
 
     def find(
         self, orchard: Orchard, seed: int, internode: float, gap: int, engine: str
-    ) -> Finding | None:
+    ) -> OrchardFinding | None:
         """The row of an orchard that was done with these settings."""
         for row in self.rows:
             same = (row.orchard, row.seed, row.internode_m, row.gap) == (
@@ -94,12 +94,12 @@ class FinishedOrchards:
                 return row
         return None
 
-    def add(self, row: Finding, trees: Sequence[TreeFinding]) -> None:
+    def add(self, row: OrchardFinding, trees: Sequence[TreeFinding]) -> None:
         """Write an orchard, in place of one that was done with other settings."""
         self._tree_rows = [t for t in self._tree_rows if t.orchard != row.orchard] + list(trees)
         self.rows = [r for r in self.rows if r.orchard != row.orchard] + [row]
         _write(self._trees, TreeFinding, self._tree_rows)
-        _write(self._orchards, Finding, self.rows)  # last: what stands here is finished
+        _write(self._orchards, OrchardFinding, self.rows)  # last: what stands here is finished
 
 
 def _write(path: Path, kind: type, rows: Sequence[object]) -> None:

@@ -47,7 +47,7 @@ LEVEL = 0.05
 
 
 @dataclass(frozen=True)
-class Kind:
+class LeafKind:
     """A measured species, the paper's preset of its kind, and that of measured inclination."""
 
     measured: str
@@ -56,10 +56,10 @@ class Kind:
 
 
 KINDS = (
-    Kind("Acer platanoides", "maple", "acer-platanoides"),
-    Kind("Corylus avellana", "hazelnut", "corylus-avellana"),
-    Kind("Malus domestica", "apple", "malus-domestica"),
-    Kind("Betula pendula", "honda-birch", "betula-pendula"),
+    LeafKind("Acer platanoides", "maple", "acer-platanoides"),
+    LeafKind("Corylus avellana", "hazelnut", "corylus-avellana"),
+    LeafKind("Malus domestica", "apple", "malus-domestica"),
+    LeafKind("Betula pendula", "honda-birch", "betula-pendula"),
 )
 
 
@@ -122,7 +122,7 @@ def mean_of(values: np.ndarray) -> Interval:
 
 
 def _rows(
-    kind: Kind,
+    kind: LeafKind,
     sectors: dict[str, np.ndarray],
     measured: np.ndarray,
     before: np.ndarray,
@@ -177,7 +177,7 @@ def _with(comparison: Comparison, picture: Picture) -> Comparison:
     return replace(comparison, pictures=(picture,))
 
 
-def _draw(drawn: list[tuple[Kind, np.ndarray, np.ndarray, np.ndarray]], path: Path) -> Path:
+def _draw(drawn: list[tuple[LeafKind, np.ndarray, np.ndarray, np.ndarray]], path: Path) -> Path:
     figure = blank_figure((11, 3.0))
     edges = np.linspace(0, 90, 19)
     middle = (edges[1:] + edges[:-1]) / 2

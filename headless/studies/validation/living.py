@@ -32,7 +32,7 @@ from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.site import ForestSite
 from forest_addon.spec import Airborne, Beam, Noise, Planting, Rays, Scene, Terrestrial
 from forest_addon.spec import Forest as Field
-from forest_addon.stand.forest import Forest
+from forest_addon.stand.forest import GrownForest
 
 from .comparison import Comparison, Interval
 
@@ -90,7 +90,7 @@ def site_of(stems: np.ndarray, species: str, seed: int, undergrowth: str = "auto
         return ForestSite.read(scene, folder)
 
 
-def geometry_of(site: ForestSite, forest: Forest) -> SceneGeometry:
+def geometry_of(site: ForestSite, forest: GrownForest) -> SceneGeometry:
     """Return what rays meet: instances of the grown variants, and the ground."""
     keys = list(forest.variants)
     number = {key: k for k, key in enumerate(keys)}
@@ -108,7 +108,7 @@ def geometry_of(site: ForestSite, forest: Forest) -> SceneGeometry:
     )
 
 
-def scanned(site: ForestSite, forest: Forest, seed: int, step: float = STEP) -> Cloudy:
+def scanned(site: ForestSite, forest: GrownForest, seed: int, step: float = STEP) -> Cloudy:
     """Scan the plot from tripods at its corners and in its middle."""
     scene = geometry_of(site, forest)
     caster, place, stem = make_caster(scene, Rays()), [], []
@@ -129,7 +129,7 @@ def scanned(site: ForestSite, forest: Forest, seed: int, step: float = STEP) -> 
     return Cloudy(points[inside], trunk[inside])
 
 
-def _on_stem(scene: SceneGeometry, forest: Forest, returns: Returns) -> np.ndarray:
+def _on_stem(scene: SceneGeometry, forest: GrownForest, returns: Returns) -> np.ndarray:
     """(P,) whether points lie on stems of the trees that were listed."""
     mesh = scene.mesh_index[returns.instance]
     found = np.zeros(len(mesh), dtype=bool)
@@ -192,7 +192,7 @@ def ground_below(points: np.ndarray) -> np.ndarray:
     return np.asarray(median_filter(low, size=3)[tuple(cell.T)])
 
 
-def flown(site: ForestSite, forest: Forest, seed: int, size: np.ndarray) -> np.ndarray:
+def flown(site: ForestSite, forest: GrownForest, seed: int, size: np.ndarray) -> np.ndarray:
     """(P, 3) points of a stand of this size (2,), m, from a drone that looks down and far to its sides."""
     caster = make_caster(geometry_of(site, forest), Rays())
     ways = (

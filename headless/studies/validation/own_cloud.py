@@ -27,19 +27,21 @@ FEWEST = 100  # pulses that a share is told of
 
 
 @dataclass(frozen=True)
-class Returns:
-    """Returns of a cloud: place (N, 3) m, number (N,) of its pulse's, how many that pulse had, ground (N,)
-    bool, whether it is classed so."""
+class CloudReturns:
+    """CloudReturns of a cloud: place (N, 3) m, number (N,) of its pulse's, how many that pulse had, ground
+    (N,) bool, whether it is classed so."""
 
     place: np.ndarray
     number: np.ndarray
     count: np.ndarray
     ground: np.ndarray
 
-    def within(self, low: np.ndarray, high: np.ndarray) -> Returns:
+    def within(self, low: np.ndarray, high: np.ndarray) -> CloudReturns:
         """Those over a rectangle."""
         rows = ((self.place[:, :2] >= low) & (self.place[:, :2] <= high)).all(axis=1)
-        return Returns(*(getattr(self, name)[rows] for name in Returns.__dataclass_fields__))
+        return CloudReturns(
+            *(getattr(self, name)[rows] for name in CloudReturns.__dataclass_fields__)
+        )
 
     def shares(self) -> tuple[np.ndarray, int]:
         """(4,) shares of pulses with 1, 2, 3 and 4 returns, and of how many pulses."""
@@ -62,7 +64,7 @@ class Returns:
         return self.place[:, 2] - (weight * level).sum(axis=1) / weight.sum(axis=1)
 
 
-def read_cloud(path: Path) -> Returns:
+def read_cloud(path: Path) -> CloudReturns:
     """The returns of a LAS file.
 
     Raises
@@ -80,7 +82,9 @@ def read_cloud(path: Path) -> Returns:
         raise SpecError(
             str(path), "does not say which return of how many each point is; export it with these"
         )
-    return Returns(np.asarray(cloud.xyz), number, count, np.asarray(cloud.classification) == GROUND)
+    return CloudReturns(
+        np.asarray(cloud.xyz), number, count, np.asarray(cloud.classification) == GROUND
+    )
 
 
 def compare_own(file: Path, scene: Path | None, out: Path) -> list[Comparison]:
@@ -109,7 +113,7 @@ def compare_own(file: Path, scene: Path | None, out: Path) -> list[Comparison]:
     found = []
     for scanner in scanners:
         cloud = world.scan(scanner).found
-        whole = Returns(cloud.position, cloud.number, cloud.count, cloud.returns.organ == 3)
+        whole = CloudReturns(cloud.position, cloud.number, cloud.count, cloud.returns.organ == 3)
         found += _compared(scanner.name, theirs, whole.within(low, high), over)
     return found
 
@@ -124,7 +128,7 @@ def _field(settings: Scene) -> tuple[np.ndarray, np.ndarray]:
     return low, low + settings.forest.size
 
 
-def _compared(name: str, theirs: Returns, ours: Returns, over: str) -> list[Comparison]:
+def _compared(name: str, theirs: CloudReturns, ours: CloudReturns, over: str) -> list[Comparison]:
     """Rows of one scanner."""
     (measured, pulses), (mine, sent) = theirs.shares(), ours.shares()
     single = bool((theirs.count <= 1).all())

@@ -27,7 +27,7 @@ TAIL = """\
 
 
 @dataclass(frozen=True)
-class Part:
+class Subject:
     """Subject of a validation: its title, sentences before and after the table, and comparisons."""
 
     name: str
@@ -52,7 +52,7 @@ def table_of(comparisons: Sequence[Comparison]) -> list[str]:
     return lines
 
 
-def part_text(part: Part, pictures: str) -> str:
+def part_text(part: Subject, pictures: str) -> str:
     """A subject's part of the page.
 
     pictures : the folder of its pictures, from where the text is kept; empty: beside it.
@@ -72,7 +72,7 @@ def part_text(part: Part, pictures: str) -> str:
     return "\n".join(lines)
 
 
-def page_text(parts: Sequence[Part], pictures: str) -> str:
+def page_text(parts: Sequence[Subject], pictures: str) -> str:
     """The whole page."""
     every = [c for part in parts for c in part.comparisons]
     agree, disagree = (sum(c.agrees is wanted for c in every) for wanted in (True, False))
@@ -88,12 +88,12 @@ def page_text(parts: Sequence[Part], pictures: str) -> str:
     return "\n".join([*texts, *(part_text(part, pictures) for part in parts), TAIL])
 
 
-def _row(part: Part) -> str:
+def _row(part: Subject) -> str:
     counts = [sum(c.agrees is wanted for c in part.comparisons) for wanted in (True, False, None)]
     return f"| {part.title} | " + " | ".join(map(str, counts)) + " |"
 
 
-def copy_pictures(part: Part, folder: Path) -> None:
+def copy_pictures(part: Subject, folder: Path) -> None:
     """Put a part's pictures into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     for comparison in part.comparisons:

@@ -55,7 +55,7 @@ class Ensemble:
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedSum:
     """By path length (X + 1,) edges in metres: the exact energy, and of each way its level above it in dB.
 
     spread : (X,) dB, standard deviation of the exact mean over stands and sources.
@@ -67,7 +67,7 @@ class Judged:
     level: dict[str, np.ndarray]
 
 
-def judge(case: Ensemble, edges: np.ndarray, seed: int = 1) -> Judged:
+def judge(case: Ensemble, edges: np.ndarray, seed: int = 1) -> JudgedSum:
     """Run an ensemble. edges : (X + 1,) metres of path, the last within the disc's echoes."""
     period = 2.5 * float(edges[-1])  # m, after which sound would come again
     step = SPEED / period
@@ -93,7 +93,7 @@ def judge(case: Ensemble, edges: np.ndarray, seed: int = 1) -> Judged:
     mean = exact.mean(axis=0)
     spread = exact.std(axis=0) / math.sqrt(len(exact)) / mean
     level = {name: 10.0 * np.log10(part / mean) for name, part in _ways(case, edges, single, seed)}
-    return Judged(edges, mean, 10.0 * np.log10(1.0 + spread), level)
+    return JudgedSum(edges, mean, 10.0 * np.log10(1.0 + spread), level)
 
 
 def _ways(

@@ -11,7 +11,7 @@ from forest_addon.sensing.reverb.metrics import octave, onset
 
 from ...report.pictures import FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
 from .reverb_decay import FRAME, Decay
-from .reverb_ensemble import Judged
+from .reverb_ensemble import JudgedSum
 
 
 def draw_bands(
@@ -96,7 +96,7 @@ def _frames(samples: np.ndarray, rate: float, band: float) -> tuple[np.ndarray, 
     return FRAME * (np.arange(count) + 0.5), level
 
 
-def draw_ensembles(path: Path, cases: Sequence[tuple[str, Judged]]) -> Path:
+def draw_ensembles(path: Path, cases: Sequence[tuple[str, JudgedSum]]) -> Path:
     """Level of each way above exact multiple scattering, by path length."""
     figure = blank_figure((5.2 * len(cases), 3.8))
     colours = (FAINT, RED, "#d99a2b", LEAF_GREEN, "#2f7f8f")

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from forest_addon.acoustics.air import absorption
-from forest_addon.sensing.reverb.forest.losses import Losses, Stand
-from forest_addon.sensing.reverb.forest.surroundings import Canopy, clutter_around
+from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
+from forest_addon.sensing.reverb.forest.surroundings import FoliageCanopy, clutter_around
 from forest_addon.sensing.reverb.forest.tail import tail_of
 from forest_addon.sensing.reverb.forest.transport import Density
 from forest_addon.spec import Air
@@ -74,9 +74,9 @@ def _levels(stand: PlausibleStand, distance: float, seed: int, height: float) ->
     """(B,) dB of all energy, re the source's at 1 m."""
     path = SoundPath(distance, height, 32e3, ALPINE)
     reverb = settings(stand, path)
-    canopy = replace(Canopy(), top=stand.trunk_height, clutter=stand.clutter)
+    canopy = replace(FoliageCanopy(), top=stand.trunk_height, clutter=stand.clutter)
     clutter = clutter_around(reverb, canopy)
-    around = Stand(
+    around = TrunkStand(
         stand.density, (stand.radius,), stand.leaf_area_density, stand.trunk_height, clutter
     )
     ends = np.array(reverb.source), np.array(reverb.receiver)

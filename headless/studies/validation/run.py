@@ -17,7 +17,7 @@ from forest_addon.formats.atomic import replacing
 from forest_addon.spec import SpecError, unknown
 
 from .comparison import Comparison, as_record, from_record
-from .page import Part, copy_pictures, page_text, part_text
+from .page import Subject, copy_pictures, page_text, part_text
 
 SECTIONS = ("reverb", "lidar", "stand", "leaves", "trees")  # in the order of the page
 KEPT = "validation.json"
@@ -26,7 +26,7 @@ VARIABLE = "FOREST_MEASURED"  # the environment's name for the folder of measure
 
 def run_sections(
     names: Sequence[str], arguments: argparse.Namespace, out: Path, say: Say = print
-) -> list[Part]:
+) -> list[Subject]:
     """Validate the named subjects, all if none is named; returns what each says.
 
     Raises
@@ -48,7 +48,7 @@ def run_sections(
         folder.mkdir(parents=True, exist_ok=True)
         began = time.process_time()
         comparisons = module.validate(data, folder, arguments)
-        part = Part(
+        part = Subject(
             name,
             module.TITLE,
             f"Measured: {arguments.file}. Simulated: {arguments.scene}.\n"
@@ -107,10 +107,10 @@ def write_page(out: Path, docs: Path) -> Path:
     return page
 
 
-def _read(file: Path, pictures: Path) -> Part:
+def _read(file: Path, pictures: Path) -> Subject:
     kept = json.loads(file.read_text(encoding="utf-8"))
     comparisons = tuple(from_record(record, pictures) for record in kept.pop("comparisons"))
-    return Part(**kept, comparisons=comparisons)
+    return Subject(**kept, comparisons=comparisons)
 
 
 def _module(name: str) -> ModuleType | None:
@@ -119,7 +119,7 @@ def _module(name: str) -> ModuleType | None:
     return importlib.import_module(whole) if importlib.util.find_spec(whole) else None
 
 
-def _keep(part: Part, folder: Path) -> None:
+def _keep(part: Subject, folder: Path) -> None:
     record = {
         "name": part.name,
         "title": part.title,
@@ -136,7 +136,7 @@ def _keep(part: Part, folder: Path) -> None:
         written.write_text(part_text(part, ""), encoding="utf-8")
 
 
-def _tell(part: Part, seconds: float, say: Say) -> None:
+def _tell(part: Subject, seconds: float, say: Say) -> None:
     say(f"\n{part.title} ({seconds:.0f} CPU s)")
     rows = [_row(c) for c in part.comparisons]
     head = ("", "measured", "simulated", "")

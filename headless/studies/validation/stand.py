@@ -19,7 +19,7 @@ from forest_addon.formats.tree_map import read_tree_map
 from forest_addon.stand.cluster import sample_clusters
 from forest_addon.stand.gibbs import sample_strauss
 from forest_addon.stand.intensity.functions import Constant, Intensity
-from forest_addon.stand.intensity.layers import Raster
+from forest_addon.stand.intensity.layers import RasterIntensity
 from forest_addon.stand.poisson import sample
 from forest_addon.stand.process import Process
 from forest_addon.stand.statistics.covariates import LogLinear, fit_covariates
@@ -172,7 +172,7 @@ def _under(
 
 
 def _intensity(fit: LogLinear) -> Intensity:
-    return Raster(fit.pixels[::-1].copy(), fit.window.low, fit.window.extent, "terrain")
+    return RasterIntensity(fit.pixels[::-1].copy(), fit.window.low, fit.window.extent, "terrain")
 
 
 def _between(corners: np.ndarray) -> np.ndarray:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import csv
 from collections import defaultdict
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -51,14 +50,6 @@ SCANNER = Terrestrial(
     beam=Beam(divergence_mrad=(0.42, 0.42), exit_diameter=0.003, subrays=3, pulse_ns=2.0),
     noise=Noise(range_sd=0.002),
 )
-
-
-@dataclass(frozen=True)
-class Stems:
-    """Stems by range from the scanner (N,) m and diameter (N,) m."""
-
-    away: np.ndarray
-    dbh: np.ndarray
 
 
 def taubin(points: np.ndarray) -> tuple[np.ndarray, float]:

@@ -7,7 +7,7 @@ from forest_addon.base.trimesh import LEAF, TriMesh, join
 from forest_addon.growth.mesh.blades import Blade, lay
 from forest_addon.growth.mesh.leaves import join_leaves, measure_leaves, no_leaves, separate_leaves
 from forest_addon.growth.skeleton import LeafSites
-from forest_addon.sensing.sonar.discs import Foliage
+from forest_addon.sensing.sonar.discs import FoliageDiscs
 
 
 def rectangle(length, width, number=0):
@@ -118,7 +118,7 @@ def test_a_shoot_in_pieces_is_one_leaf_and_its_copies_are_others():
 
 def test_to_sound_every_piece_of_a_shoot_is_a_disc():
     mesh = shoots()
-    foliage = Foliage(mesh)
+    foliage = FoliageDiscs(mesh)
     assert foliage.leaf.tolist() == np.repeat([0, 1, 2], 4).tolist()
     centre, normal, radius = foliage.local
     corners = mesh.vertices[mesh.triangles]

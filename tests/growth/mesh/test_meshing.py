@@ -192,7 +192,7 @@ def test_axes_follow_equal_orders_and_first_levels_are_counted():
 
 
 def test_a_branch_that_leaves_at_a_fork_starts_within_its_mother():
-    """Mother ends at (0,0,2); two daughters leave at 40°: their feet are inside her, below the fork."""
+    """Parent ends at (0,0,2); two children leave at 40°: their feet are inside her, below the fork."""
     way = np.array([[np.sin(0.7), 0, np.cos(0.7)], [-np.sin(0.7), 0, np.cos(0.7)]])
     tip = np.array([0, 0, 2.0])
     tree = skeleton([[0, 0, 0], tip, tip], [tip, *(tip + way)], 0.1, [-1, 0, 0], [0, 1, 1])
@@ -241,7 +241,7 @@ def test_hard_skeletons():
     assert_watertight(mesh)
     back = chain([[0, 0, 0], [0, 0, 1], [0, 1e-9, 0.2], [0.5, 0, 0.2]], np.full(4, 0.1))
     assert np.isfinite(mesh_wood(back, 0.001).vertices).all()
-    # shorter than its mother's radius, and tips of a hundredth of a millimetre
+    # shorter than its parent's radius, and tips of a hundredth of a millimetre
     short = skeleton(
         [[0, 0, 0], [0, 0, 0.5], [0, 0, 0.5]],
         [[0, 0, 1], [0.05, 0, 0.5], [1, 0, 0.6]],

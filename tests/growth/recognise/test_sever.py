@@ -45,7 +45,7 @@ def check_box(found: Recognition) -> None:
     parents = np.array(model.parents)
     expected = np.where(parents < 0, -1, number[parents])
     np.testing.assert_array_equal(found.parent[number], expected)
-    # a branch was drawn from her mother's bark, and goes on to her axis
+    # a branch was drawn from her parent's bark, and goes on to her axis
     bark = np.array([0.0 if p < 0 else model.radius[p] for p in parents])
     length = found.lines.length()[number]
     assert np.all(length > 0.97 * np.array(model.length))
@@ -234,7 +234,7 @@ def axes_by_order(skeleton: Skeleton) -> np.ndarray:
     ("name", "thinnest"), [("abop-monopodial-a", 0.014), ("honda-birch", 0.03)]
 )
 def test_trees_of_our_growers_remeshed_keep_their_orders(name: str, thinnest: float) -> None:
-    """Number of branches by order exact; length by order within 4 %, or half the mothers' radii."""
+    """Number of branches by order exact; length by order within 4 %, or half the parents' radii."""
     skeleton = grown(name, thinnest)
     mesh = mesh_wood(skeleton, 0.002)
     found = recognise(remeshed(mesh.vertices[mesh.triangles], 0.5 * thinnest))
@@ -248,7 +248,7 @@ def test_trees_of_our_growers_remeshed_keep_their_orders(name: str, thinnest: fl
 @pytest.mark.slow
 def test_limbs_that_leave_the_trunk_as_one_fork_where_they_part() -> None:
     """A coarse ginkgo: two of its eight limbs, 5 cm thick, begin 3 cm apart in one direction, and are one
-    tube for 11 cm of their way. What parts there is a fork off the trunk, one limb the other's daughter."""
+    tube for 11 cm of their way. What parts there is a fork off the trunk, one limb the other's child."""
     skeleton = grown("ginkgo", 0.02)
     mesh = mesh_wood(skeleton, 0.002)
     found = recognise(remeshed(mesh.vertices[mesh.triangles], 0.01))
@@ -264,7 +264,7 @@ def test_limbs_that_leave_the_trunk_as_one_fork_where_they_part() -> None:
 
 @pytest.mark.slow
 def test_a_weeping_tree_in_one_mesh_comes_back() -> None:
-    """Branches that arch over, hanging twigs nearer to the ground than their mothers' feet."""
+    """Branches that arch over, hanging twigs nearer to the ground than their parents' feet."""
     model, rise = Model(), np.linspace(0, 1, 14)
     trunk = model.add(line([0, 0, 0], [0.2, 0, 6], 20), np.linspace(0.2, 0.06, 20), -1, capped=True)
     for number in range(10):
@@ -291,7 +291,7 @@ def test_a_weeping_tree_in_one_mesh_comes_back() -> None:
 
 
 def right_parents(skeleton: Skeleton, found: Recognition) -> np.ndarray:
-    """Whether the piece of each axis hangs on the piece of its mother, at the right end."""
+    """Whether the piece of each axis hangs on the piece of its parent, at the right end."""
     mother = np.maximum(skeleton.parent, 0)
     begins = (skeleton.parent < 0) | (skeleton.order != skeleton.order[mother])
     first, axis = np.flatnonzero(begins), np.cumsum(begins) - 1
@@ -323,7 +323,7 @@ def right_parents(skeleton: Skeleton, found: Recognition) -> np.ndarray:
     ],
 )
 def test_trees_of_our_growers_in_parts_come_back(name: str) -> None:
-    """Every axis a piece, every piece on its mother, also where twigs begin within others that cross."""
+    """Every axis a piece, every piece on its parent, also where twigs begin within others that cross."""
     species, template = load_species(find_species(name, Path()))
     skeleton = grow(species, template, stream(2, "apart")).skeleton
     mesh = mesh_wood(skeleton, 0.004)

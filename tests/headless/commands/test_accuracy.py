@@ -9,7 +9,7 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.spec import Scene, Sonar
-from headless.accuracy.sweep import Point, Sweep, mean_and_spread, timed
+from headless.accuracy.sweep import AccuracySweep, Point, mean_and_spread, timed
 
 TODAY = Point({}, "today's", 1e-4, 0.0, 2.0)
 FAST = Point({"cull": 0.01}, "fast", 8e-4, 0.0, 1.0)
@@ -19,7 +19,9 @@ WORSE = Point({"cull": 0.05}, "worse", 9e-4, 0.0, 3.0)
 
 
 def sweep(model=None, **terms):
-    return Sweep(Sonar(), "spectrum", "", TODAY, (FAST, UNSURE, EXACT, WORSE), model, terms=terms)
+    return AccuracySweep(
+        Sonar(), "spectrum", "", TODAY, (FAST, UNSURE, EXACT, WORSE), model, terms=terms
+    )
 
 
 def test_the_frontier_leaves_out_what_is_beaten():
@@ -52,7 +54,7 @@ def test_the_largest_term_is_named():
 
 def test_what_no_scene_file_can_set_is_shown_and_never_chosen():
     free = Point({}, "brute force", 0.0, 0.0, 0.01, elsewhere="as audits do")
-    found = Sweep(Sonar(), "spectrum", "", TODAY, (free, FAST))
+    found = AccuracySweep(Sonar(), "spectrum", "", TODAY, (free, FAST))
     assert free in found.all
     assert free not in found.frontier()
     assert found.choice(1e-3, 60) is FAST
@@ -60,14 +62,14 @@ def test_what_no_scene_file_can_set_is_shown_and_never_chosen():
 
 def test_what_is_hardly_more_exact_is_not_worth_its_seconds():
     slower = Point({"cull": 1e-9}, "slower", 0.99e-4, 0.0, 9.0)
-    found = Sweep(Sonar(), "spectrum", "", TODAY, (slower,))
+    found = AccuracySweep(Sonar(), "spectrum", "", TODAY, (slower,))
     assert found.frontier() == [TODAY]
     assert found.choice(1e-6, 60) is TODAY
 
 
 def test_what_has_no_values_is_never_chosen():
     assert math.isnan(mean_and_spread([])[0])
-    lost = Sweep(Sonar(), "x", "", Point({}, "nothing", math.nan, math.nan, 1.0), ())
+    lost = AccuracySweep(Sonar(), "x", "", Point({}, "nothing", math.nan, math.nan, 1.0), ())
     assert lost.choice(1e-3, 60) is lost.today
 
 

@@ -12,7 +12,7 @@ from headless.cli import main
 from headless.studies.bench.exact_cones import first_hits
 from headless.studies.papers import orchards, simlidar, simlidar_report
 from headless.studies.papers.orchards import Orchard
-from headless.studies.papers.simlidar_rows import Finding, TreeFinding, read_rows
+from headless.studies.papers.simlidar_rows import OrchardFinding, TreeFinding, read_rows
 
 SMALL = [
     Orchard(iterations=2, trees=1, smallest=0.006),
@@ -75,7 +75,7 @@ def test_the_command_prints_both_tables_and_goes_on_where_it_was(
         assert word in said
     assert (tmp_path / "regressions.png").read_bytes()[:4] == b"\x89PNG"
     first = (tmp_path / "orchards.csv").read_bytes()
-    rows = read_rows(tmp_path / "orchards.csv", Finding)
+    rows = read_rows(tmp_path / "orchards.csv", OrchardFinding)
     trees = read_rows(tmp_path / "trees.csv", TreeFinding)
     assert [row.orchard for row in rows] == SMALL
     assert [sum(t.trees == n for t in trees) for n in (1, 2)] == [2, 2]
@@ -98,7 +98,7 @@ def test_the_command_prints_both_tables_and_goes_on_where_it_was(
     (tmp_path / "orchards.csv").write_bytes(b"".join(lines[:-1]))
     assert run(tmp_path) == 0
     assert done == SMALL[-1:]
-    again = read_rows(tmp_path / "orchards.csv", Finding)
+    again = read_rows(tmp_path / "orchards.csv", OrchardFinding)
     still = {"build_s": 0, "scan_s": 0, "scan_solid_s": 0}
     assert [replace(r, **still) for r in again] == [replace(r, **still) for r in rows]
 
@@ -121,7 +121,7 @@ def test_ctrl_c_keeps_what_is_finished(small, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(simlidar, "observe", until_the_second)
     assert run(tmp_path) == 130
     assert "kept" in capsys.readouterr().err
-    rows = read_rows(tmp_path / "orchards.csv", Finding)
+    rows = read_rows(tmp_path / "orchards.csv", OrchardFinding)
     assert [row.orchard for row in rows] == SMALL[:1]
 
 

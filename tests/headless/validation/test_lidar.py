@@ -11,7 +11,7 @@ from references.measured import FOUND, needs_measurements
 from forest_addon.base.rng import stream
 from forest_addon.spec import SpecError
 from headless.studies.validation import lidar, own_cloud
-from headless.studies.validation.own_cloud import Returns, compare_own, read_cloud
+from headless.studies.validation.own_cloud import CloudReturns, compare_own, read_cloud
 from headless.studies.validation.plots import counts, read_returns
 from headless.studies.validation.stems import find_stems, ratios, read_plots, taubin
 from headless.studies.validation.twigs import DIAMETERS, NONE, REAL
@@ -110,7 +110,7 @@ def test_a_cloud_without_numbers_of_returns_is_refused(tmp_path):
 def test_shares_agree_relatively_and_only_what_was_measured_is_judged():
     def pulses(shares, size=20_000):
         count = np.repeat(np.arange(1, 5), (np.array(shares) * size).astype(int))
-        return Returns(np.zeros((len(count), 3)), np.ones(len(count)), count, count == 9)
+        return CloudReturns(np.zeros((len(count), 3)), np.ones(len(count)), count, count == 9)
 
     theirs = pulses((0.8, 0.145, 0.049, 0.006))
     apart = own_cloud._compared("als", theirs, pulses((0.8, 0.151, 0.006, 0.043)), "")
@@ -130,7 +130,7 @@ def test_heights_are_over_ground_that_slopes():
     )
     place[:, 2] = slope + tall
     for ground in (tall == 0, np.zeros(20_000, bool)):
-        found = Returns(place, np.ones(20_000), np.ones(20_000), ground).heights()
+        found = CloudReturns(place, np.ones(20_000), np.ones(20_000), ground).heights()
         assert np.abs(found - tall).mean() < 0.5
 
 

@@ -10,7 +10,7 @@ from forest_addon.formats.scanner_file import settings_of
 from forest_addon.formats.toml_file import structure
 from forest_addon.sensing.lidar.receiver import awake, chosen_returns
 from forest_addon.sensing.lidar.scan import scan
-from forest_addon.sensing.lidar.waveform import Echoes
+from forest_addon.sensing.lidar.waveform import WaveformEchoes
 from forest_addon.spec import Airborne, Beam, Receiver, SpecError, Surfaces, Terrestrial
 
 KEEP = ("first", "last", "strongest", "strongest+last")
@@ -43,7 +43,7 @@ def random_echoes(rng, pulses=400):
     distance = rng.uniform(5, 15, len(pulse))
     distance = distance[np.lexsort((distance, pulse))]
     energy = rng.integers(1, 6, len(pulse)).astype(float)
-    return Echoes(pulse, distance, energy, np.ones(len(pulse)), np.arange(len(pulse)))
+    return WaveformEchoes(pulse, distance, energy, np.ones(len(pulse)), np.arange(len(pulse)))
 
 
 @pytest.mark.parametrize(("apart", "returns"), [(1.0, 1), (2.4, 1), (2.6, 2), (9.0, 2)])
@@ -59,7 +59,7 @@ def test_two_plates_are_told_apart_beyond_the_dead_zone(apart, returns):
 
 def test_what_is_lost_does_not_make_the_blindness_longer():
     at = np.array([10.0, 11.5, 12.0, 13.9, 14.0, 15.0, 30.0])
-    echoes = Echoes(np.zeros(7, int), at, np.ones(7), np.ones(7), np.arange(7))
+    echoes = WaveformEchoes(np.zeros(7, int), at, np.ones(7), np.ones(7), np.arange(7))
     assert at[awake(echoes, 2.0)].tolist() == [10.0, 12.0, 14.0, 30.0]
 
 

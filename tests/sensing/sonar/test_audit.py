@@ -16,7 +16,7 @@ from forest_addon.sensing.sonar.audit import audit_echoes
 from forest_addon.sensing.sonar.ping import ping
 from forest_addon.sensing.sonar.poses import posed
 from forest_addon.sensing.sonar.station import Equipment
-from forest_addon.sensing.sonar.targets import Targets
+from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.spec import Air, Sonar
 
 AIR = Air()
@@ -28,7 +28,7 @@ def targets(count=400):
     middle = rng.uniform([2, -1, -1], [4, 1, 1], (count, 1, 3))
     corners = middle + rng.normal(0, 0.03, (count, 3, 3))
     mesh = TriMesh.of_part(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), LEAF)
-    return Targets(scene_of(replace(mesh, leaf=np.arange(count, dtype=np.int32))))
+    return EchoTargets(scene_of(replace(mesh, leaf=np.arange(count, dtype=np.int32))))
 
 
 def audit(echo, sonar, share=0.3, things=None, seconds=1.0):
@@ -52,7 +52,7 @@ def mixed(seed, count):
         radius = np.exp(rng.uniform(np.log(1e-3), np.log(2.0), 2))
         stems.append(TriMesh.of_part(*tube(line, radius, 8), WOOD))
     blades = replace(blades, leaf=np.arange(count, dtype=np.int32))
-    return Targets(scene_of(join([blades, *stems])))
+    return EchoTargets(scene_of(join([blades, *stems])))
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-6, 1e-8])
@@ -93,7 +93,7 @@ def row_of_leaves(count, size, turn, apart):
     )
     corners = corners + np.arange(count)[:, None, None] * [apart, 0, 0] + [3.0, 0, 0]
     mesh = TriMesh.of_part(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), LEAF)
-    return Targets(scene_of(replace(mesh, leaf=np.arange(count, dtype=np.int32))))
+    return EchoTargets(scene_of(replace(mesh, leaf=np.arange(count, dtype=np.int32))))
 
 
 @pytest.mark.parametrize("size", [0.02, 0.05])

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from forest_addon.sensing.sonar.beam import Gaussian, beam_offsets
+from forest_addon.sensing.sonar.beam import GaussianBeam, beam_offsets
 from forest_addon.sensing.trajectory import frame_of
 
 AXES = [(0.0, 0.0), (2.5, 0.6), (-1.0, math.pi / 2), (0.3, -math.pi / 2), (4.0, 1.5)]
@@ -34,7 +34,7 @@ def test_offsets_in_the_two_planes(azimuth: float, elevation: float, angle: floa
 def beam_gain(directions, azimuth, width):
     """(L,) one way, of a level beam."""
     az, el = beam_offsets(directions, frame_of(azimuth, 0.0))
-    return Gaussian(width).gain(az, el, np.zeros(1))[0]
+    return GaussianBeam(width).gain(az, el, np.zeros(1))[0]
 
 
 def test_offsets_of_a_level_sonar_are_azimuth_and_elevation_nearby() -> None:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from references.leaf_discs import discs_of
 
-from forest_addon.sensing.sonar.beam import Measured
+from forest_addon.sensing.sonar.beam import MeasuredBeam
 from forest_addon.sensing.sonar.calls import Call, resampled, synthesise
 from forest_addon.sensing.sonar.flight import fly
-from forest_addon.sensing.sonar.ping import Targets, ping
-from forest_addon.sensing.sonar.poses import Pose, posed
+from forest_addon.sensing.sonar.ping import EchoTargets, ping
+from forest_addon.sensing.sonar.poses import SonarPose, posed
 from forest_addon.sensing.sonar.station import Equipment
 from forest_addon.spec import Air, Sonar
 
@@ -112,7 +112,7 @@ def shifted(call: Call, factor: float, delay: float, count: int) -> np.ndarray:
 @pytest.mark.parametrize("speed", [0.0, 5.0, -5.0])
 def test_doppler_is_a_stretch_of_time(speed: float) -> None:
     sonar = sonar_of(call="fm", call_duration=0.002, doppler=True)
-    pose = Pose(np.zeros(3), np.eye(3), np.array([speed, 0, 0]))
+    pose = SonarPose(np.zeros(3), np.eye(3), np.array([speed, 0, 0]))
     echo = ping(discs_of([[0.5, 0, 0]], [1.0, 0, 0], 0.01), sonar, AIR, pose=pose)
     call = synthesise(sonar)
     alpha = (340 + speed) / (340 - speed)
@@ -130,7 +130,7 @@ def test_doppler_of_many_leaves_is_the_sum_of_each() -> None:
     places = rng.normal(size=(12, 3))
     places *= (rng.uniform(0.3, 1.5, 12) / np.linalg.norm(places, axis=1))[:, None]
     sonar = sonar_of(call="cf-fm", call_duration=0.004, doppler=True, record=0.02, cull=0.0)
-    pose = Pose(np.zeros(3), np.eye(3), np.array([7.0, 2.0, 0]))
+    pose = SonarPose(np.zeros(3), np.eye(3), np.array([7.0, 2.0, 0]))
     whole = ping(discs_of(places, places, 0.02), sonar, AIR, pose=pose)
     parts = sum(
         ping(discs_of(p[None], p[None], 0.02), sonar, AIR, pose=pose).waveforms for p in places
@@ -148,11 +148,11 @@ def test_doppler_with_measured_ears_keeps_the_tolerance(tolerance, known, model)
     places = rng.normal(size=(300, 3)) * 0.4 + [2.0, 0, 0]
     angle = np.radians(np.arange(0.0, 181.0, 15.0))
     level = -np.minimum(30.0, 20.0 * angle**2)[:, None] + rng.normal(0, 1.5, (len(angle), 5))
-    ears = Measured(angle, np.linspace(*known, 5), level)
+    ears = MeasuredBeam(angle, np.linspace(*known, 5), level)
     sonar = sonar_of(
         call="fm", doppler=True, cull=0.0, ears=2, ear_turn_deg=25, leaf_model=model, tolerance=0.0
     )
-    pose = Pose(np.zeros(3), np.eye(3), np.array([9.0, 3.0, 0]))
+    pose = SonarPose(np.zeros(3), np.eye(3), np.array([9.0, 3.0, 0]))
     discs = discs_of(places, rng.normal(size=(300, 3)), rng.uniform(0.003, 0.05, 300))
     given = {"pose": pose, "equipment": Equipment.of(sonar, hear=ears)}
     fast = ping(discs, sonar.changed(tolerance=tolerance), AIR, **given)
@@ -166,8 +166,8 @@ def test_doppler_with_measured_ears_keeps_the_tolerance(tolerance, known, model)
 def test_a_flight_is_stacked_to_one_length() -> None:
     discs = discs_of([[1, 0, 0], [6, 0.1, 0]], [1.0, 0, 0], 0.02)
     sonar = sonar_of(beam="gaussian", beam_width_deg=(60, 60), ears=2)
-    poses = [posed(sonar), Pose(np.array([3.0, 0, 0]), np.eye(3), np.zeros(3))]
-    flight = fly(Targets.of_discs(discs), sonar, AIR, poses)
+    poses = [posed(sonar), SonarPose(np.array([3.0, 0, 0]), np.eye(3), np.zeros(3))]
+    flight = fly(EchoTargets.of_discs(discs), sonar, AIR, poses)
     stacked = flight.stacked("responses")
     assert stacked.shape == (2, 2, len(flight.time))
     for row, echo in zip(stacked, flight.echoes, strict=True):
@@ -177,7 +177,7 @@ def test_a_flight_is_stacked_to_one_length() -> None:
     np.testing.assert_array_equal(position, [[0, 0, 0], [3, 0, 0]])
     np.testing.assert_array_equal(axis, [[1, 0, 0], [1, 0, 0]])
     with pytest.raises(ValueError, match="at least one pose"):
-        fly(Targets.of_discs(discs), sonar, AIR, [])
+        fly(EchoTargets.of_discs(discs), sonar, AIR, [])
 
 
 def test_who_made_this_peak() -> None:

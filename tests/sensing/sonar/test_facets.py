@@ -11,7 +11,7 @@ from references.facet_direct import triangle_direct
 
 from forest_addon.base.trimesh import GROUND, OTHER, TriMesh
 from forest_addon.sensing.sonar.ping import Echo, ping
-from forest_addon.sensing.sonar.targets import Targets
+from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.spec import Air, Sonar
 
 AIR = Air(sound_speed=340.0)
@@ -20,7 +20,7 @@ QUIET = {"beam": "omni", "absorption": False, "shading": "none", "cull": 0.0, "t
 
 def echo_of(mesh: TriMesh, *placed: np.ndarray, **settings: object) -> Echo:
     sonar = Sonar(**({"position": (0, 0, 0)} | QUIET | settings))
-    return ping(Targets(scene_of(mesh, *placed)), sonar, AIR)
+    return ping(EchoTargets(scene_of(mesh, *placed)), sonar, AIR)
 
 
 def plane(half: float, height: float = -1.0, cells: int = 1, part: int = GROUND) -> TriMesh:

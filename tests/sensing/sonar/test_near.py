@@ -14,7 +14,7 @@ from forest_addon.acoustics.disc import MODELS
 from forest_addon.base.trimesh import OTHER, TriMesh
 from forest_addon.sensing.sonar.near import FAR
 from forest_addon.sensing.sonar.ping import Echo, ping
-from forest_addon.sensing.sonar.targets import Targets
+from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.spec import Air, Sonar
 
 AIR = Air(sound_speed=340.0)
@@ -86,7 +86,7 @@ def test_same_disc_as_facets() -> None:
     rim = 0.05 * np.stack([np.zeros(160), np.cos(turn), np.sin(turn)], axis=1)
     corners = np.concatenate([[[0.0, 0, 0]], rim]) + np.array([0.5, 0, 0])
     fan = np.stack([np.zeros(160, int), 1 + np.arange(160), 1 + (np.arange(160) + 1) % 160], axis=1)
-    board = ping(Targets(scene_of(TriMesh.of_part(corners, fan, OTHER))), Sonar(**QUIET), AIR)
+    board = ping(EchoTargets(scene_of(TriMesh.of_part(corners, fan, OTHER))), Sonar(**QUIET), AIR)
     disc = leaf(0.5, 0.0, 0.05, leaf_model="piston")
     level = [20 * np.log10(np.abs(e.spectrum[len(e.spectrum) // 2])) for e in (board, disc)]
     assert level[1] == pytest.approx(level[0], abs=0.3)

@@ -14,7 +14,7 @@ from forest_addon.sensing.sonar.ping import Echo, ping
 from forest_addon.sensing.sonar.poses import posed
 from forest_addon.sensing.sonar.shading import CELL, Extinction
 from forest_addon.sensing.sonar.station import Equipment, Station
-from forest_addon.sensing.sonar.targets import Targets
+from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.spec import Air, Sonar
 
 AIR = Air(sound_speed=340.0)
@@ -65,7 +65,7 @@ def test_two_ways_weaken_the_pressure_by_the_depth() -> None:
     target = square_leaves(
         np.array([[4.0, 0, 0], [1.5, 0.3, 0]]), np.array([[1.0, 0, 0]] * 2), 0.05
     )
-    targets = Targets(scene_of(join([screen, target])))
+    targets = EchoTargets(scene_of(join([screen, target])))
     caster = BruteCaster(targets.scene)
     settings = {"position": (0, 0, 0), "cull": 0.0}
     clear = ping(targets, Sonar(shading="none", **settings), AIR)
@@ -91,7 +91,7 @@ def test_trunks_and_leaves_together() -> None:
         np.array([[4.0, 0.2, 0], [4.0, -0.2, 0]]), np.array([[1.0, 0, 0]] * 2), 0.05
     )
     mesh = join([board, haze(800, 0.05, facing=True), behind])
-    targets = Targets(scene_of(mesh))
+    targets = EchoTargets(scene_of(mesh))
     everything, wood = BruteCaster(targets.scene), BruteCaster(targets.scene.solid())
     settings = {"position": (0, 0, 0), "cull": 0.0, "wood": False}
     both = ping(
@@ -105,7 +105,7 @@ def test_trunks_and_leaves_together() -> None:
     assert leaf[800] < 0.9 * whole[800]
 
 
-def pinged(targets: Targets, **settings: object) -> Echo:
+def pinged(targets: EchoTargets, **settings: object) -> Echo:
     base = {"position": (0, 0, 0), "wood": False, "shading": "extinction", "tolerance": 0.0}
     return ping(targets, Sonar(**{**base, **settings}), AIR, everything=BruteCaster(targets.scene))
 
@@ -125,7 +125,7 @@ def test_culling_keeps_its_promise_behind_a_thicket() -> None:
             square_leaves(faint_at, rng.normal(size=(150, 3)), 0.03),
         ]
     )
-    targets = Targets(scene_of(mesh))
+    targets = EchoTargets(scene_of(mesh))
     beam = {"beam_width_deg": (25.0, 25.0)}
     whole = pinged(targets, cull=0.0, **beam)
     for cull in (1e-2, 0.1):
@@ -142,7 +142,7 @@ def test_a_leaf_larger_than_the_fresnel_zone_casts_a_shadow(side: float, passes)
     at = np.array([[2.0, 0.05, 0.05], [4.0, 0.1, 0.1]])
     screen = square_leaves(at[:1], np.array([[1.0, 0, 0]]), side)
     target = square_leaves(at[1:], np.array([[1.0, 0, 0]]), 0.05)
-    targets = Targets(scene_of(join([screen, target])))
+    targets = EchoTargets(scene_of(join([screen, target])))
 
     def size(echo: Echo) -> float:
         return float(echo.heard.amplitude[echo.heard.number == 1].sum())
@@ -154,6 +154,6 @@ def test_a_leaf_larger_than_the_fresnel_zone_casts_a_shadow(side: float, passes)
 def test_a_leaf_does_not_shade_itself() -> None:
     """Tilted, its upper half stands before its middle."""
     leaf = square_leaves(np.array([[3.0, 0.05, 0.05]]), np.array([[1.0, 0, 1.0]]), 0.3)
-    targets = Targets(scene_of(leaf))
+    targets = EchoTargets(scene_of(leaf))
     dim, clear = (pinged(targets, cull=0.0, shading=way) for way in ("extinction", "none"))
     np.testing.assert_allclose(dim.spectrum, clear.spectrum, rtol=1e-12)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from references.leaf_discs import discs_of
 
-from forest_addon.sensing.sonar.beam import Beam, Gaussian, Horseshoe, Measured, Omni
+from forest_addon.sensing.sonar.beam import BeamPattern, GaussianBeam, Horseshoe, MeasuredBeam, Omni
 from forest_addon.sensing.sonar.ping import Echo, ping
-from forest_addon.sensing.sonar.poses import Pose, poses_of
+from forest_addon.sensing.sonar.poses import SonarPose, poses_of
 from forest_addon.sensing.sonar.station import Equipment
 from forest_addon.sensing.trajectory import looking
 from forest_addon.spec import Air, Sonar, SpecError
@@ -27,13 +27,13 @@ def echo_of(places: Any, **settings: Any) -> Echo:
     return ping(discs_of(places, places, 0.01), Sonar(**(sonar | settings)), AIR)
 
 
-def measured() -> Measured:
+def measured() -> MeasuredBeam:
     """A pattern with a notch at 20° and a side lobe at 40°, narrower at high frequencies."""
     angle = np.deg2rad([0, 10, 20, 40, 90, 180])
     level = np.array(
         [[0, -3, -40, -12, -30, -45], [0, -6, -30, -18, -40, -50], [0, -9, -35, -25, -50, -60.0]]
     )
-    return Measured(angle, np.array([60e3, 70e3, 80e3]), level.T)
+    return MeasuredBeam(angle, np.array([60e3, 70e3, 80e3]), level.T)
 
 
 def test_horseshoe_widths_are_those_of_the_paper() -> None:
@@ -49,12 +49,14 @@ def test_measured_patterns_pass_through_what_was_measured() -> None:
     pattern = measured()
     gain = pattern.gain(pattern.angle, 0 * pattern.angle, pattern.frequency)
     np.testing.assert_allclose(20 * np.log10(gain.T), pattern.level, atol=1e-9)
-    single = Measured(pattern.angle, np.array([70e3]), pattern.level[:, :1])
+    single = MeasuredBeam(pattern.angle, np.array([70e3]), pattern.level[:, :1])
     assert single.gain(np.zeros(1), np.zeros(1), np.array([1e3, 9e4])).shape == (2, 1)
 
 
-@pytest.mark.parametrize("beam", [Gaussian((0.5, 0.2)), Horseshoe(), measured(), Omni()], ids=type)
-def test_no_gain_exceeds_its_bounds(beam: Beam) -> None:
+@pytest.mark.parametrize(
+    "beam", [GaussianBeam((0.5, 0.2)), Horseshoe(), measured(), Omni()], ids=type
+)
+def test_no_gain_exceeds_its_bounds(beam: BeamPattern) -> None:
     rng = np.random.default_rng(0)
     off, side = rng.uniform(0, math.pi, 3000), rng.uniform(0, 2 * math.pi, 3000)
     az, el = off * np.cos(side), off * np.sin(side)
@@ -141,7 +143,7 @@ def test_a_pose_of_its_own_width() -> None:
     discs = discs_of(place, place, 0.01)
     sonar = Sonar(position=(0, 0, 0), leaf_model="piston", beam_width_deg=(20, 20))
     wide = Sonar(position=(0, 0, 0), leaf_model="piston", beam_width_deg=(60, 60))
-    pose = Pose(np.zeros(3), np.eye(3), np.zeros(3), math.radians(60))
+    pose = SonarPose(np.zeros(3), np.eye(3), np.zeros(3), math.radians(60))
     np.testing.assert_allclose(
         ping(discs, sonar, AIR, pose=pose).spectrum, ping(discs, wide, AIR).spectrum
     )

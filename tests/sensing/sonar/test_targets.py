@@ -12,10 +12,10 @@ from forest_addon.acoustics.disc import MODELS
 from forest_addon.sensing.sonar.clusters import cluster
 from forest_addon.sensing.sonar.foliage import BETWEEN, VIEWS
 from forest_addon.sensing.sonar.ping import leaf_discs, ping
-from forest_addon.sensing.sonar.poses import Pose, posed
+from forest_addon.sensing.sonar.poses import SonarPose, posed
 from forest_addon.sensing.sonar.scatterers import Sight
 from forest_addon.sensing.sonar.station import Equipment, Station
-from forest_addon.sensing.sonar.targets import Targets
+from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.spec import Air, Sonar
 
 AIR = Air(sound_speed=340.0)
@@ -42,7 +42,7 @@ def crown(count: int = 1500, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).normal(0, 1.0, (count, 3))
 
 
-def grove(count: int = 1500) -> Targets:
+def grove(count: int = 1500) -> EchoTargets:
     """One tree, eight times: turned, scaled, mirrored, squeezed, sheared, flattened, shrunk to a point."""
     rng = np.random.default_rng(9)
     mesh = square_leaves(crown(count), rng.normal(size=(count, 3)), 0.05)
@@ -50,7 +50,7 @@ def grove(count: int = 1500) -> Targets:
         [[4, 0, 2], [5, 3, 2], [3, -2, 2], [7, 1, 3], [4, 4, 1], [6, -3, 2], [2, 1, 3], [3, 3, 3]]
     )
     placed = [np.column_stack([m, s]) for m, s in zip(LINEAR.values(), shifts, strict=True)]
-    return Targets(scene_of(mesh, *placed))
+    return EchoTargets(scene_of(mesh, *placed))
 
 
 @pytest.mark.slow
@@ -91,7 +91,7 @@ def test_no_block_is_louder_than_its_ceiling(model: str) -> None:
     sonar = Sonar(leaf_model=model, wood=False, beam="omni", ears=2, ear_spacing=0.1)
     rng = np.random.default_rng(3)
     for point in rng.uniform([-2, -4, 0], [9, 5, 5], (6, 3)):
-        pose = Pose(point, posed(sonar).frame, np.zeros(3))
+        pose = SonarPose(point, posed(sonar).frame, np.zeros(3))
         station = Station(sonar, AIR, pose, Equipment.of(sonar))
         lowest, highest = station.wavenumbers
         blocks, _ = targets.candidates(sonar, point, lowest, highest)
@@ -118,7 +118,7 @@ def test_leaves_of_trees_out_of_range_are_counted_not_moved() -> None:
     rng = np.random.default_rng(1)
     mesh = square_leaves(crown(500), rng.normal(size=(500, 3)), 0.05)
     placed = [np.column_stack([np.eye(3), [x, 0, 2]]) for x in (5.0, 40.0, 200.0)]
-    echo = ping(Targets(scene_of(mesh, *placed)), Sonar(cull=0.0), AIR)
+    echo = ping(EchoTargets(scene_of(mesh, *placed)), Sonar(cull=0.0), AIR)
     assert echo.far == 1000
     assert set(echo.heard.tree) == {3}
 
@@ -145,10 +145,10 @@ def test_broken_leaves_do_not_open_the_forest() -> None:
     rng = np.random.default_rng(1)
     mesh = square_leaves(crown(400) + np.array([5.0, 0, 2]), rng.normal(size=(400, 3)), 0.05)
     sonar = Sonar(cull=0.0, shading="none")
-    whole = ping(Targets(scene_of(mesh)), sonar, AIR)
+    whole = ping(EchoTargets(scene_of(mesh)), sonar, AIR)
     vertices = mesh.vertices.copy()
     vertices[0] = np.nan
-    broken = ping(Targets(scene_of(replace(mesh, vertices=vertices))), sonar, AIR)
+    broken = ping(EchoTargets(scene_of(replace(mesh, vertices=vertices))), sonar, AIR)
     assert broken.broken == 1
     assert set(whole.heard.number) - set(broken.heard.number) == {0}
     assert np.isfinite(broken.impulse_response).all()

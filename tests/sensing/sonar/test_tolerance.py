@@ -20,7 +20,7 @@ from forest_addon.sensing.sonar.bands import Band
 from forest_addon.sensing.sonar.ping import LeafDiscs, heard_from, ping
 from forest_addon.sensing.sonar.poses import posed
 from forest_addon.sensing.sonar.station import Equipment, Station
-from forest_addon.sensing.sonar.targets import Targets
+from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.spec import Air, Sonar
 
 AIR = Air()
@@ -47,7 +47,7 @@ def largest(discs: LeafDiscs, sonar: Sonar) -> float:
             .max(axis=0)
             .sum()
         )
-        for group in heard_from(station, Targets.of_discs(discs), band, None, None).groups
+        for group in heard_from(station, EchoTargets.of_discs(discs), band, None, None).groups
     )
 
 
@@ -142,7 +142,7 @@ def test_wood_and_facets() -> None:
     corners = np.array([(5, -1, 1.0), (5.2, 1, 1.0), (5.2, 1, 3), (5, -1, 3)])
     board = TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), OTHER)
     mesh = join([pole, board])
-    one, many = Targets(scene_of(mesh)), Targets(scene_of(mesh, *[np.eye(3, 4)] * 30))
+    one, many = EchoTargets(scene_of(mesh)), EchoTargets(scene_of(mesh, *[np.eye(3, 4)] * 30))
     for kinds in ({"wood": False}, {"facets": False}, {}):
         for digits in (2, 4, 6, 9):
             sonar = Sonar(tolerance=10.0**-digits, **QUIET, **kinds)

@@ -12,7 +12,7 @@ from forest_addon.acoustics.cylinder import scattering_sum
 from forest_addon.base.trimesh import WOOD, TriMesh
 from forest_addon.growth.mesh.tubes import tube
 from forest_addon.sensing.sonar.ping import ping
-from forest_addon.sensing.sonar.targets import Targets
+from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.sensing.sonar.wood import (
     CylinderStrength,
     _backscatter,
@@ -46,7 +46,7 @@ def test_a_long_pole_is_the_endless_cylinder(radius: float) -> None:
     assert len(start) == 1
     assert np.linalg.norm(end - start) == pytest.approx(4.0, abs=1e-4)
     assert found[0] == pytest.approx(radius, rel=5e-3)
-    echo = ping(Targets(scene_of(mesh)), Sonar(position=(0, 0, 0), **QUIET), AIR)
+    echo = ping(EchoTargets(scene_of(mesh)), Sonar(position=(0, 0, 0), **QUIET), AIR)
     assert len(echo.heard) > 1000
     k, d = 2 * math.pi * echo.frequency / 340.0, 1.5
     line = np.sqrt(math.pi * d / k) / d**2 * np.exp(-2j * k * d - 0.25j * math.pi)
@@ -58,7 +58,7 @@ def test_a_large_pole_is_as_loud_as_optics_says() -> None:
     """Geometric optics: p = 1/2s·√(a/(a + s)) at s from the surface."""
     radius, away = 0.08, 1.2
     echo = ping(
-        Targets(scene_of(pole(radius, away + radius))), Sonar(position=(0, 0, 0), **QUIET), AIR
+        EchoTargets(scene_of(pole(radius, away + radius))), Sonar(position=(0, 0, 0), **QUIET), AIR
     )
     expected = math.sqrt(radius / (radius + away)) / (2 * away)
     assert np.abs(echo.spectrum).mean() == pytest.approx(expected, rel=0.01)
@@ -73,7 +73,9 @@ def test_a_tilted_pole_is_heard_where_it_is_square_to_the_sound() -> None:
         [[math.cos(lean), 0, math.sin(lean)], [0, 1, 0], [-math.sin(lean), 0, math.cos(lean)]]
     )
     placed = np.column_stack([turn, [1.5, 0, 0]])
-    echo = ping(Targets(scene_of(pole(0.01, 0.0), placed)), Sonar(position=(0, 0, 0), **QUIET), AIR)
+    echo = ping(
+        EchoTargets(scene_of(pole(0.01, 0.0), placed)), Sonar(position=(0, 0, 0), **QUIET), AIR
+    )
     axis = turn[:, 2]
     foot = np.array([1.5, 0, 0]) - (np.array([1.5, 0, 0]) @ axis) * axis
     assert np.linalg.norm(echo.heard.position[0] - foot) < 0.05
@@ -84,10 +86,10 @@ def test_stretched_wood_is_thicker_or_longer() -> None:
     mesh = pole(0.01, 0.0)
     for stretch, radius, length in (([1, 1, 2.0], 0.01, 8.0), ([3.0, 3.0, 1], 0.03, 4.0)):
         placed = np.column_stack([np.diag(stretch), [1.5, 0, 0]])
-        targets = Targets(scene_of(mesh, placed))
+        targets = EchoTargets(scene_of(mesh, placed))
         sonar = Sonar(position=(0, 0, 0), **QUIET)
         whole = pole(radius, 1.5, length / 2)
-        expected = ping(Targets(scene_of(whole)), sonar, AIR)
+        expected = ping(EchoTargets(scene_of(whole)), sonar, AIR)
         found = ping(targets, sonar, AIR)
         size = np.abs(expected.spectrum).max()
         assert np.abs(np.abs(found.spectrum) - np.abs(expected.spectrum)).max() < 0.01 * size
@@ -109,6 +111,6 @@ def test_strength_is_never_above_its_bound() -> None:
 
 def test_no_wood_and_a_switch() -> None:
     assert len(wood_segments(TriMesh.of_part(np.eye(3), np.array([[0, 1, 2]]), 0))[0]) == 0
-    targets = Targets(scene_of(pole(0.01)))
+    targets = EchoTargets(scene_of(pole(0.01)))
     silent = ping(targets, Sonar(position=(0, 0, 0), wood=False, **QUIET), AIR)
     assert not silent.spectrum.any()

@@ -39,7 +39,7 @@ def mixture():
 
 
 def raster(rows=7, columns=11, seed=1):
-    return layers.Raster(stream(seed, "pixels").random((rows, columns)), LOW, SIZE)
+    return layers.RasterIntensity(stream(seed, "pixels").random((rows, columns)), LOW, SIZE)
 
 
 def painted_mesh():
@@ -175,7 +175,7 @@ def test_pixels_that_are_no_intensity_are_refused_with_their_place(bad, said):
     pixels = np.ones((4, 6))
     pixels[1, 4] = bad
     with pytest.raises(IntensityError, match=rf"row 1, column 4 .* is {said}.*1 of 24"):
-        layers.Raster(pixels, LOW, SIZE, "d.png")
+        layers.RasterIntensity(pixels, LOW, SIZE, "d.png")
 
 
 def test_weights_that_are_no_intensity_are_refused_with_their_place():
@@ -260,9 +260,9 @@ def test_a_planting_adds_multiplies_and_masks():
     )
     process = process_of(planting, field, Inputs(rasters={"shade": shade, "only": only}))
     points = LOW + stream(5, "points").random((2000, 2)) * SIZE
-    image = layers.Raster(shade, LOW, SIZE).at(points)
+    image = layers.RasterIntensity(shade, LOW, SIZE).at(points)
     hill = 2 * np.exp(-(((points - LOW - 10) / [4, 9]) ** 2).sum(axis=1))
-    within = layers.Raster(only, LOW, SIZE).at(points) >= 0.5
+    within = layers.RasterIntensity(only, LOW, SIZE).at(points) >= 0.5
     assert process.at(points) == pytest.approx((0.2 + hill + 3 * image) * 0.5 * image * within)
 
 

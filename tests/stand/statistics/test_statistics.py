@@ -7,7 +7,7 @@ from scipy import stats
 from forest_addon.base.rng import stream
 from forest_addon.stand.spacing import Spacing, space
 from forest_addon.stand.statistics.envelope import envelope
-from forest_addon.stand.statistics.goodness import Law, examine, law_of
+from forest_addon.stand.statistics.goodness import TestedLaw, examine, law_of
 from forest_addon.stand.statistics.k_function import (
     choose_quadrats,
     choose_radii,
@@ -243,7 +243,7 @@ def test_a_region_is_where_the_intensity_is_not_small():
 
 @pytest.mark.slow
 def test_a_forest_of_the_law_passes_and_another_does_not():
-    known = Law(lambda k: forest("known", k), lambda trees: (slope(trees), slope))
+    known = TestedLaw(lambda k: forest("known", k), lambda trees: (slope(trees), slope))
     passed = [examine(forest("passed", s), FIELD, known) for s in range(3)]
     # Each fails with probability 1/40 at p = 0.025: all three 2e-5.
     assert any(found.excess.p_value > 0.025 for found in passed)

@@ -12,13 +12,13 @@ import numpy as np
 from ....base.trimesh import LEAF, TriMesh, is_wood
 from ...rays.geometry import SceneGeometry
 from .clutter import Blades, Clutter, Rods, blades_of_mesh, clutter_of, rods_of_mesh
-from .surroundings import Canopy
+from .surroundings import FoliageCanopy
 
 BESIDE = 1.0  # m above and below the ends that count as the height of the path
 MOST = 4000  # triangles of a mesh that stand for all of its leaves
 
 
-def canopy_of(scene: SceneGeometry, heights: tuple[float, float], area: float) -> Canopy:
+def canopy_of(scene: SceneGeometry, heights: tuple[float, float], area: float) -> FoliageCanopy:
     """heights : of the lower and the higher end. area : of the field, m²."""
     low, high = min(heights) - BESIDE, max(heights) + BESIDE
     low = max(low, 0.0)
@@ -37,7 +37,7 @@ def canopy_of(scene: SceneGeometry, heights: tuple[float, float], area: float) -
             found += scale * float(size[(level >= low) & (level <= high)].sum())
     top = float(np.mean(tops)) if tops else 0.0
     clutter = clutter_of(*_pieces(scene), area) if area > 0 else Clutter()
-    return Canopy(found / (area * (high - low)) if area > 0 else 0.0, top, clutter)
+    return FoliageCanopy(found / (area * (high - low)) if area > 0 else 0.0, top, clutter)
 
 
 def _pieces(scene: SceneGeometry) -> tuple[list[Rods], list[Blades]]:

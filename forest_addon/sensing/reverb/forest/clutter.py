@@ -1,6 +1,6 @@
 """Branches, twigs and leaves as sound meets them: how much of what size at which height.
 
-Skeletons, or meshes, of a stand's trees go in; a ``Clutter`` goes out: metres of branch a cubic metre by
+Meshes of a stand's trees go in; a ``Clutter`` goes out: metres of branch a cubic metre by
 radius and height, square metres of leaf a cubic metre by height. A mesh tells its branches by its curvature:
 an edge of length ℓ between faces that turn by δ belongs to ℓδ/2π metres of cylinder (Cohen-Steiner & Morvan
 2003), of a radius that is the faces' area over ℓδ, along the edge.
@@ -14,8 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ....base.trimesh import LEAF, TriMesh, is_wood
-from ....growth.mesh.leaves import Leaves
-from ....growth.skeleton import Skeleton
 
 LAYER, FINE = 1.0, 0.25  # m of height; of a single tree
 HIGHEST = 60.0  # m
@@ -164,24 +162,6 @@ def clutter_of(rods: Iterable[Rods], blades: Iterable[Blades], area: float) -> C
         tuple((leaves[:top] * per_volume).tolist()),
         leaf_radius / float(leaves.sum()) if leaves.any() else Clutter.leaf_radius,
     )
-
-
-def rods_of_skeleton(skeleton: Skeleton) -> Rods:
-    """All wood but the trunk."""
-    rows = skeleton.order > 0
-    way = skeleton.end[rows] - skeleton.start[rows]
-    length = np.linalg.norm(way, axis=1)
-    return Rods(
-        length,
-        skeleton.radius[rows].mean(axis=1),
-        0.5 * (skeleton.start[rows] + skeleton.end[rows])[:, 2],
-        np.abs(way[:, 2]) / np.maximum(length, 1e-12),
-    )
-
-
-def blades_of_leaves(leaves: Leaves) -> Blades:
-    """Of a tree's truth."""
-    return Blades(np.pi * leaves.radius**2, leaves.radius, leaves.centre[:, 2])
 
 
 def rods_of_mesh(mesh: TriMesh) -> Rods:

@@ -46,7 +46,7 @@ UNEVEN = 0.2  # standard deviation of trunks' heights over their mean
 
 
 @dataclass(frozen=True)
-class Stand:
+class TrunkStand:
     """Stand that paths meet besides single trunks.
 
     density : trunks per m². radii : m, a few that stand for all.
@@ -71,7 +71,7 @@ class Losses:
     """
 
     air: Air
-    stand: Stand
+    stand: TrunkStand
     source_height: float
     receiver_height: float
     extinction: str
@@ -87,7 +87,7 @@ class Losses:
 
     @classmethod
     def of(
-        cls, reverb: Reverb, air: Air, stand: Stand, source: np.ndarray, receiver: np.ndarray
+        cls, reverb: Reverb, air: Air, stand: TrunkStand, source: np.ndarray, receiver: np.ndarray
     ) -> Losses:
         """Those of a model ``forest``."""
         constant = reverb.ground_kind == "constant"
@@ -156,7 +156,9 @@ class Losses:
         """Return what ``along`` and H depend on: the same for all ends."""
         return replace(
             self,
-            stand=Stand(leaf_area_density=self.stand.leaf_area_density, clutter=self.stand.clutter),
+            stand=TrunkStand(
+                leaf_area_density=self.stand.leaf_area_density, clutter=self.stand.clutter
+            ),
             extinction="none",
             source_height=0.5 * (self.source_height + self.receiver_height),
             receiver_height=0.5 * (self.source_height + self.receiver_height),
@@ -313,10 +315,10 @@ def stand_of(
     leaf_area_density: float,
     trunk_height: float,
     clutter: Clutter = BARE,
-) -> Stand:
+) -> TrunkStand:
     """The stand of trunks on so many m²; not yet any where they are fewer than three."""
     if len(trunks) < 3 or area <= 0:
-        return Stand(0.0, (), leaf_area_density, trunk_height, clutter)
+        return TrunkStand(0.0, (), leaf_area_density, trunk_height, clutter)
     radii = trunks.radius[trunks.radius > 0]
     if len(np.unique(radii)) > MOST_RADII:
         radii = np.quantile(radii, (np.arange(MOST_RADII) + 0.5) / MOST_RADII)
@@ -324,4 +326,4 @@ def stand_of(
         shares = (np.arange(MOST_RADII) + 0.5) / MOST_RADII
         radii = np.quantile(radii, shares, method="nearest")
     density = len(trunks) / area
-    return Stand(density, tuple(radii.tolist()), leaf_area_density, trunk_height, clutter)
+    return TrunkStand(density, tuple(radii.tolist()), leaf_area_density, trunk_height, clutter)

@@ -1,8 +1,9 @@
 """Surroundings of a source and a receiver, for a model ``forest``: density, radii, leaves, tops.
 
-Trunks of the field, its extent and the scene's canopy come in; the ``Stand`` that losses along paths need,
-and the ``Density`` that energy travels through, go out. Trunks' density is counted in cells of the field that
-hold CELL_HOLDS each on average; where counts are no more uneven than random ones, it is the same everywhere.
+Trunks of the field, its extent and the scene's canopy come in; the ``TrunkStand`` that losses along paths
+need, and the ``Density`` that energy travels through, go out. Trunks' density is counted in cells of the
+field that hold CELL_HOLDS each on average; where counts are no more uneven than random ones, it is the
+same everywhere.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from ..trunks.continuation import Field
 from ..trunks.slices import Trunks
 from .clutter import BARE as NO_CLUTTER
 from .clutter import LAYER, Clutter
-from .losses import Stand, stand_of
+from .losses import TrunkStand, stand_of
 from .transport import Density
 
 CELL_HOLDS = 12.0  # trunks
@@ -29,7 +30,7 @@ ALL_WAYS = 0.785  # mean |sin| to branches that look all ways
 
 
 @dataclass(frozen=True)
-class Canopy:
+class FoliageCanopy:
     """Of a scene: leaf_area_density, m²/m³ at the height of the path; top, m, where trees end; clutter."""
 
     leaf_area_density: float = 0.0
@@ -37,19 +38,19 @@ class Canopy:
     clutter: Clutter = NO_CLUTTER
 
 
-BARE = Canopy()
+BARE = FoliageCanopy()
 
 
 @dataclass(frozen=True)
 class Surroundings:
     """stand : for losses along paths. density : for transport."""
 
-    stand: Stand
+    stand: TrunkStand
     density: Density
 
 
 def surroundings(
-    trunks: Trunks, reverb: Reverb, field: Field | None, canopy: Canopy
+    trunks: Trunks, reverb: Reverb, field: Field | None, canopy: FoliageCanopy
 ) -> Surroundings:
     """Of the trunks of a field; None: the field is as large as its trunks' hull."""
     place = trunks.position
@@ -76,7 +77,7 @@ def surroundings(
     return Surroundings(found, _density(place[inside], corner, size, beyond, found.density))
 
 
-def clutter_around(reverb: Reverb, canopy: Canopy) -> Clutter:
+def clutter_around(reverb: Reverb, canopy: FoliageCanopy) -> Clutter:
     """Branches and leaves of the scene; where settings have densities, those at all heights of the canopy."""
     found, top = canopy.clutter, reverb.trunk_height or canopy.top or USUAL_TOP
     if reverb.branch_area_density > 0:

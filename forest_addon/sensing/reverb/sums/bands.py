@@ -36,7 +36,7 @@ SpectrumOf = Callable[[float, int, int], np.ndarray]  # spacing, first and last 
 
 
 @dataclass(frozen=True)
-class Band:
+class OctaveBand:
     """low, high : Hz over which it rises and falls, None at an end. ringing : s that it lasts."""
 
     low: tuple[float, float] | None
@@ -58,7 +58,9 @@ def fall(frequency: np.ndarray, span: tuple[float, float]) -> np.ndarray:
     return np.where(place <= -1.0, 1.0, np.where(place >= 1.0, 0.0, found))
 
 
-def bands_of(rate: float, thickest: float, speed: float, tolerance: float) -> tuple[Band, ...]:
+def bands_of(
+    rate: float, thickest: float, speed: float, tolerance: float
+) -> tuple[OctaveBand, ...]:
     """The lowest first. thickest : radius of the thickest trunk, m. tolerance : 0 for the finest."""
     aim = max(tolerance, 1e-7) * QUIETEST * 0.3
     low = LOW_RINGING * max(1.0, LEFT * max(thickest, 0.1) / aim) ** (1.0 / POWER)
@@ -66,11 +68,11 @@ def bands_of(rate: float, thickest: float, speed: float, tolerance: float) -> tu
     ringing = (min(LONGEST, low), MIDDLE_RINGING + creeping, HIGH_RINGING + creeping)
     spans = [span for span in SPANS if span[1] < 0.4 * rate]
     edges = (None, *spans, None)
-    return tuple(Band(edges[n], edges[n + 1], ringing[n]) for n in range(len(spans) + 1))
+    return tuple(OctaveBand(edges[n], edges[n + 1], ringing[n]) for n in range(len(spans) + 1))
 
 
 def samples_of(
-    spectrum: SpectrumOf, bands: tuple[Band, ...], rate: float, count: int, last: float
+    spectrum: SpectrumOf, bands: tuple[OctaveBand, ...], rate: float, count: int, last: float
 ) -> np.ndarray:
     """(count,) samples at ``rate`` Hz with the band's smooth end. last : s, when the last sound begins."""
     total = np.zeros(count)

@@ -69,7 +69,7 @@ class Sector:
         return found
 
 
-class Layer:
+class ExpansionLayer:
     """A band of H at a sampling rate that is 1/``step`` of the whole.
 
     lowest : Hz, below which there is nothing.
@@ -197,14 +197,14 @@ class Layer:
 
 def expand(
     radius: float, rate: float, speed: float, tolerance: float, bark: float = 0.0
-) -> tuple[Layer, ...]:
+) -> tuple[ExpansionLayer, ...]:
     """The layers of trunks of one radius, m, at a sampling rate, Hz. bark : share that it absorbs."""
     scale = radius / speed
     step = int(rate / (2.5 * CROSSOVER[1]))
     after = LOW_RINGING + CROSSING
     if step < 2:
         return (
-            Layer(
+            ExpansionLayer(
                 radius,
                 rate,
                 1,
@@ -222,8 +222,8 @@ def expand(
     spread = CROSSING + 2.0 * scale
     ringing = CROSSING + HIGH_RINGING * scale
     return (
-        Layer(radius, rate, 1, speed, tolerance, (spread, ringing), high, bark),
-        Layer(radius, rate, step, speed, tolerance, (spread, after), _crossover, bark),
+        ExpansionLayer(radius, rate, 1, speed, tolerance, (spread, ringing), high, bark),
+        ExpansionLayer(radius, rate, step, speed, tolerance, (spread, after), _crossover, bark),
     )
 
 

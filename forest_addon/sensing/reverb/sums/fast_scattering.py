@@ -27,7 +27,7 @@ from ..forest.losses import Losses, loss_per_metre
 from ..forest.tail import Tail
 from .air_filter import AirFilter
 from .bands import bands_of, samples_of
-from .expansion import Layer, Sector, expand
+from .expansion import ExpansionLayer, Sector, expand
 from .loud import loud_trunks
 from .panel_sum import panel_spectrum
 from .path_gain import PathGain, Zone
@@ -191,7 +191,7 @@ class _LayerSum:
     Filters are kept as spectra for each length of transform that was needed, up to MOST_KEPT.
     """
 
-    def __init__(self, layer: Layer, air: AirFilter) -> None:
+    def __init__(self, layer: ExpansionLayer, air: AirFilter) -> None:
         self.layer, self.air = layer, air
         self.step, self.rate, self.speed = layer.step, layer.rate, layer.speed
         self.dtype = np.float32 if layer.tolerance >= SINGLE and layer.lowest > 0 else np.float64

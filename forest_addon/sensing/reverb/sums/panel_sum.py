@@ -50,7 +50,7 @@ PROBES = 24  # trunks whose heights are checked in each panel
 
 
 @dataclass(frozen=True)
-class Check:
+class PanelCheck:
     """Relative error of H at a frequency, in Hz, the root of its mean square over some trunks."""
 
     frequency: float
@@ -67,7 +67,7 @@ def panel_spectrum(
     bark: float = 0.0,
     lowest: int = 1,
     told: Callable[[float], None] | None = None,
-) -> tuple[np.ndarray, list[Check]]:
+) -> tuple[np.ndarray, list[PanelCheck]]:
     """(F,) spectrum at 0, 1, … F - 1 times ``spacing`` Hz, 0 below ``lowest``, and what checks found.
 
     loss : (F,) absorption of the air at these frequencies, nepers per metre.
@@ -144,7 +144,7 @@ class _Group:
         lowest: int = 1,
         told: Callable[[float], None] | None = None,
         share: tuple[float, float] = (0.0, 1.0),
-    ) -> list[Check]:
+    ) -> list[PanelCheck]:
         """Add these trunks' sound. share : of all trunks that came before, and that these are."""
         of_bin = 2.0 * math.pi / self.speed * self.spacing * self.thickest  # ka
         last, first, end, checks = len(spectrum) - 1, lowest, FIRST, []
@@ -176,7 +176,7 @@ class _Panel:
         self.frequency = np.arange(first, last + 1) * group.spacing
         ends = 2.0 * math.pi / group.speed * self.frequency[[0, -1]]
         self.boxes = Boxes(group.paths, ends, group.allowed, group.bark)
-        self.checks: list[Check] = []
+        self.checks: list[PanelCheck] = []
         near = group.paths.length - group.paths.length.min()
         loud = np.square(group.paths.weight * group.paths.radius**2)
         loud = (
@@ -278,7 +278,7 @@ class _Panel:
         exact *= math.sqrt(2.0 / math.pi) / z**2 * np.exp(-1j * z * self.shift(some.angle))
         size = some.weight * some.radius**2
         error = np.linalg.norm(size * (found - exact)) / np.linalg.norm(size * exact)
-        self.checks.append(Check(frequency, float(error)))
+        self.checks.append(PanelCheck(frequency, float(error)))
 
 
 def _turn(cycles: np.ndarray) -> np.ndarray:

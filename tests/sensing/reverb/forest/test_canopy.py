@@ -6,7 +6,7 @@ import pytest
 from forest_addon.base.trimesh import LEAF, WOOD, TriMesh
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.reverb.forest.canopy import canopy_of
-from forest_addon.sensing.reverb.forest.surroundings import Canopy, surroundings
+from forest_addon.sensing.reverb.forest.surroundings import FoliageCanopy, surroundings
 from forest_addon.sensing.reverb.terms import NEVER, terms_of
 from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Reverb
@@ -53,7 +53,7 @@ def test_a_stand_at_random_is_even_and_one_with_an_edge_is_not():
 
     def around(rows):
         trunks = Trunks(place[rows], np.full(rows.sum(), 0.1), np.arange(rows.sum()))
-        return surroundings(trunks, reverb, field, Canopy(0.2, 12.0))
+        return surroundings(trunks, reverb, field, FoliageCanopy(0.2, 12.0))
 
     even = around(np.ones(800, bool))
     assert even.density.cells.size == 0

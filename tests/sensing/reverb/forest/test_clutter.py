@@ -4,16 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from references.clutter_of_truth import blades_of_leaves, rods_of_skeleton
 
 from forest_addon.base.rng import stream
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.tree import grow
 from forest_addon.sensing.reverb.forest.clutter import (
-    blades_of_leaves,
     blades_of_mesh,
     clutter_of,
     rods_of_mesh,
-    rods_of_skeleton,
 )
 
 

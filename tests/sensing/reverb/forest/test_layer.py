@@ -14,7 +14,7 @@ from references.transport_in_space import in_ball, in_layer
 from forest_addon.base.rng import stream
 from forest_addon.sensing.reverb.forest.clutter import Clutter
 from forest_addon.sensing.reverb.forest.layer import Layer, diffused
-from forest_addon.sensing.reverb.forest.losses import Losses, Stand
+from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
 from forest_addon.sensing.reverb.forest.scatter import ANGLES, Scatter, level_loss, scatter_of
 from forest_addon.sensing.reverb.forest.tail import tail_of
 from forest_addon.sensing.reverb.forest.transport import Density, PhaseFunction
@@ -129,7 +129,7 @@ def test_waves_among_points_have_the_energy_of_transport() -> None:
 def test_without_branches_all_is_as_in_the_plane() -> None:
     reverb = Reverb(model="forest", branches=False, foliage=False)
     ends = np.array([[0.0, 0.0, 1.5], [9.0, 0.0, 1.5]])
-    losses = Losses.of(reverb, AIR, Stand(0.1, (0.1,)), *ends)
+    losses = Losses.of(reverb, AIR, TrunkStand(0.1, (0.1,)), *ends)
     tail = tail_of(reverb, losses, Density.even(0.1), *ends, 0.2, (1,), 200)
     assert tail.diffuse is None
     np.testing.assert_array_equal(losses.of_clutter(np.array([100.0, 8000.0])), 0.0)
@@ -138,7 +138,7 @@ def test_without_branches_all_is_as_in_the_plane() -> None:
 def test_branches_send_energy_into_the_noise_and_take_it_from_paths() -> None:
     reverb = Reverb(model="forest")
     ends = np.array([[0.0, 0.0, 1.5], [9.0, 0.0, 1.5]])
-    losses = Losses.of(reverb, AIR, Stand(0.1, (0.1,), 0.2, 12.0, TWIGS), *ends)
+    losses = Losses.of(reverb, AIR, TrunkStand(0.1, (0.1,), 0.2, 12.0, TWIGS), *ends)
     tail = tail_of(reverb, losses, Density.even(0.1), *ends, 0.3, (1,), 300)
     assert (tail.diffuse[-1] > 0).sum() > 20
     bare = replace(losses, scattered=False)

@@ -9,7 +9,7 @@ from references.trunk_in_space import scattered_in_space
 from forest_addon.acoustics.cylinder import transfer
 from forest_addon.acoustics.ground import spherical_reflection, surface_impedance
 from forest_addon.sensing.reverb.audit import octave_errors
-from forest_addon.sensing.reverb.forest.losses import Losses, Stand
+from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
 from forest_addon.sensing.reverb.sums.scattering import direct_sum, trunk_paths
 from forest_addon.sensing.reverb.trunks.slices import Trunks
@@ -17,7 +17,7 @@ from forest_addon.spec import Air, Reverb
 
 AIR = Air(sound_speed=343.0)
 SOURCE, RECEIVER = np.array([-5.0, 0.0, 1.5]), np.array([5.0, 0.0, 1.8])
-STAND = Stand(0.07, (0.1, 0.2), 0.3, 15.0)
+STAND = TrunkStand(0.07, (0.1, 0.2), 0.3, 15.0)
 
 
 def losses_of(stand=STAND, source=SOURCE, receiver=RECEIVER, **changes):
@@ -33,7 +33,7 @@ def test_a_trunk_in_space(rise):
     exact = scattered_in_space(k, radius, legs, turned, rise)
     frequency = np.array([k * 343.0 / (2.0 * np.pi)])
     level = losses_of(
-        Stand(), SOURCE, SOURCE + np.array([0, 0, rise]), path_ground=False, turbulence=0.0
+        TrunkStand(), SOURCE, SOURCE + np.array([0, 0, rise]), path_ground=False, turbulence=0.0
     )
     shared = transfer(frequency * np.cos(np.arctan(rise / x)), turned, radius, 343.0)[0]
     carried = level.of_ground(frequency, np.array([x]), detours_lose=False)[0]
@@ -44,17 +44,19 @@ def test_a_trunk_in_space(rise):
 def test_over_a_hard_ground_each_path_is_heard_twice():
     """Ends on a hard ground: twice the pressure, at any distance."""
     low = SOURCE * [1, 1, 1e-4]
-    hard = losses_of(Stand(), low, low, surface="constant", ground=1.0, turbulence=0.0)
+    hard = losses_of(TrunkStand(), low, low, surface="constant", ground=1.0, turbulence=0.0)
     gain = hard.gain(np.array([[100.0], [5000.0]]), np.array([20.0, 300.0]))
     np.testing.assert_allclose(gain, 2.0, rtol=1e-3)
 
 
 def test_the_ground_of_a_path_is_that_of_the_direct_sound_as_far_away():
     frequency, x = np.array([200.0, 2000.0]), 80.0
-    found = losses_of(Stand(), SOURCE, SOURCE, turbulence=0.0).of_ground(frequency, np.array(x))
+    found = losses_of(TrunkStand(), SOURCE, SOURCE, turbulence=0.0).of_ground(
+        frequency, np.array(x)
+    )
     path = np.hypot(x, 3.0)
     q = spherical_reflection(frequency, path, 3.0, surface_impedance(frequency, 50.0), 343.0)
-    loss = losses_of(Stand(), SOURCE, SOURCE).along(frequency)
+    loss = losses_of(TrunkStand(), SOURCE, SOURCE).along(frequency)
     k = 2.0 * np.pi * frequency / 343.0
     there = 1.0 + q * x / path * np.exp(-(loss + 1j * k) * (path - x))
     np.testing.assert_allclose(found, there, rtol=1e-9)
@@ -63,8 +65,8 @@ def test_the_ground_of_a_path_is_that_of_the_direct_sound_as_far_away():
 def test_turbulence_keeps_the_energy_of_both_ways():
     """The mean over both states of the air is |p₁|² + |p₂|² + 2Γ·Re p₁p₂*; none where Γ = 0."""
     frequency, length = np.array([[500.0], [8000.0]]), np.array([30.0, 200.0])
-    still = losses_of(Stand(), turbulence=0.0)
-    wild = losses_of(Stand(), turbulence=100.0)
+    still = losses_of(TrunkStand(), turbulence=0.0)
+    wild = losses_of(TrunkStand(), turbulence=100.0)
     first = replace(still, ground=False).of_ground(frequency, length)
     second = still.of_ground(frequency, length) - first
     apart = np.abs(first) ** 2 + np.abs(second) ** 2
@@ -76,7 +78,7 @@ def test_where_trunks_end_the_fresnel_integral_does():
     """Against e^{-iαz²} over a trunk and its image, summed over heights that differ."""
     frequency, x, top = 250.0, 120.0, 12.0
     low = SOURCE * [1, 1, 1e-6]
-    stand = Stand(0.0, (), 0.0, top)
+    stand = TrunkStand(0.0, (), 0.0, top)
     found = losses_of(stand, low, low).of_ends(np.array(frequency), np.array(x))
     bend = 2.0 * (2.0 * np.pi * frequency / 343.0) / x
     heights = top * (1.0 + 0.2 * np.linspace(-5, 5, 201))
@@ -104,7 +106,7 @@ def test_the_fast_sum_keeps_its_tolerance_with_every_loss(radii, rate):
 def test_nothing_changes_where_all_is_off():
     """The losses of a bare stand are the air's alone."""
     bare = losses_of(
-        Stand(), SOURCE, SOURCE, extinction="none", path_ground=False, bark=0.0, turbulence=0.0
+        TrunkStand(), SOURCE, SOURCE, extinction="none", path_ground=False, bark=0.0, turbulence=0.0
     )
     assert bare.passes
     frequency = np.array([100.0, 5000.0])

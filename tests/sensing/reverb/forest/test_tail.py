@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from forest_addon.base.rng import stream
-from forest_addon.sensing.reverb.forest.losses import Losses, Stand
+from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
 from forest_addon.sensing.reverb.forest.tail import tail_of
 from forest_addon.sensing.reverb.forest.transport import Density
 from forest_addon.sensing.reverb.metrics import octave
@@ -34,7 +34,7 @@ def stand_of(count, extent, radius=0.15, seed=1):
 
 def tail(rate=4e3, **changes):
     reverb = Reverb(**(SETTINGS | {"sample_rate": rate} | changes))
-    losses = Losses.of(reverb, AIR, Stand(0.1, (0.15,)), SOURCE, RECEIVER)
+    losses = Losses.of(reverb, AIR, TrunkStand(0.1, (0.15,)), SOURCE, RECEIVER)
     return tail_of(reverb, losses, Density.even(0.1), SOURCE, RECEIVER, 0.6, (1, "test"), 1500)
 
 
