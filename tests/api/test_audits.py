@@ -180,7 +180,7 @@ RESPONSES = {
 
 
 def one_mesh_missing(world):
-    """What an engine finds that has lost the triangles of one mesh in three."""
+    """Hits of an engine that has lost the triangles of one mesh in three."""
     whole = world.observer.geometry
     mesh = int(whole.mesh_index[np.flatnonzero(whole.tree >= 0)[0]])
     nothing = whole.meshes[mesh].select(np.zeros(len(whole.meshes[mesh].triangles), dtype=bool))

@@ -1,4 +1,4 @@
-"""What a script hands over wrongly ends in one sentence, never in what breaks further in."""
+"""Wrong arguments of a script end in one sentence, never in what breaks further in."""
 
 import copy
 import pickle

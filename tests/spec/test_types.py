@@ -62,7 +62,7 @@ KIND = {(g, f.name): typing.get_type_hints(g)[f.name] for g, f in FIELDS}
 
 
 def fits(kind, value, auto=False):
-    """Whether a value is of a kind, said once more and in another way: by how Python would print it."""
+    """Tell whether a value is of a kind, in another way: by how Python would print it."""
     if typing.get_origin(kind) in (typing.Union, types.UnionType):
         return any(fits(one, value) for one in typing.get_args(kind))
     if typing.get_origin(kind) is tuple:

@@ -142,7 +142,7 @@ def leaves_of(geometry):
 
 @pytest.fixture(scope="module")
 def grown():
-    """What the API makes of each scene."""
+    """Scenes as the API makes them."""
     kept = {}
 
     def made(name):

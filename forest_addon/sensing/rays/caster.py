@@ -96,7 +96,9 @@ class RayCaster(Protocol):
         leaving: Hits | None = None,
     ) -> np.ndarray:
         """(R,) bool: whether ``cast`` with the same arguments finds anything."""
-        ...
+        return self.cast(
+            origins, directions, max_distance, min_distance=min_distance, leaving=leaving
+        ).found
 
 
 def unit_columns(directions: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...base.trimesh import TriMesh
-from .caster import Hits
+from .caster import Hits, RayCaster
 from .geometry import SceneGeometry, invert_transforms
 
 GROUP = 8  # triangles of a box, and boxes of a larger one
@@ -20,7 +20,7 @@ EDGE = 1e-12  # barycentric slack: a ray at a shared edge meets at least one of 
 Level = tuple[np.ndarray, np.ndarray]  # smallest and largest corners (G, 3)
 
 
-class ExactCaster:
+class ExactCaster(RayCaster):
     """The ``RayCaster`` protocol in float64."""
 
     engine = "float64"
@@ -52,20 +52,6 @@ class ExactCaster:
             part = self._cast(origins[rows], ways[rows], near[rows], far[rows], left)
             hits.put(rows, part)
         return hits
-
-    def occluded(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        max_distance: float | np.ndarray = np.inf,
-        *,
-        min_distance: float | np.ndarray = 0.0,
-        leaving: Hits | None = None,
-    ) -> np.ndarray:
-        """(R,) bool: whether ``cast`` finds anything."""
-        return self.cast(
-            origins, directions, max_distance, min_distance=min_distance, leaving=leaving
-        ).found
 
     def meets(self, origins: np.ndarray, directions: np.ndarray, hits: Hits) -> np.ndarray:
         """(R,) metres along rays to the triangles that hits name; inf where one passes its triangle by."""

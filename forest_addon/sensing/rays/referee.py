@@ -22,7 +22,7 @@ BEHIND = 2e-4  # m behind a surface that is left, where an engine may be blind
 TURNS = np.arange(8) * np.pi / 4
 
 
-class Referee:
+class Referee(RayCaster):
     """A ``RayCaster`` that asks an engine and float64: what the engine found where that is right, else what
     is there.
 
@@ -79,20 +79,6 @@ class Referee:
         right = Hits(distance, ours.instance.copy(), ours.triangle.copy())
         right.put(wrong, exact.select(wrong))
         return right
-
-    def occluded(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        max_distance: float | np.ndarray = np.inf,
-        *,
-        min_distance: float | np.ndarray = 0.0,
-        leaving: Hits | None = None,
-    ) -> np.ndarray:
-        """(R,) bool: whether ``cast`` finds anything."""
-        return self.cast(
-            origins, directions, max_distance, min_distance=min_distance, leaving=leaving
-        ).found
 
     def _compare(
         self, origins: np.ndarray, directions: np.ndarray, ours: Hits, exact: Hits

@@ -16,7 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from .caster import Hits, unit_columns
+from .caster import Hits, RayCaster, unit_columns
 from .geometry import SceneGeometry
 from .refine import RefinedSurfaces
 
@@ -25,7 +25,7 @@ MARGIN = 1e-3  # metres before min_distance where a search begins
 STEP = 1e-6  # metres: the first step behind what does not count
 
 
-class Search(ABC):
+class Search(RayCaster, ABC):
     """A ``RayCaster`` over an engine's ``_nearest``, on ``threads`` threads.
 
     like : a search in a scene with the same meshes, which shares what was made of them.
@@ -81,20 +81,6 @@ class Search(ABC):
 
         self._run(task, [slice(first, first + TASK) for first in range(0, count, TASK)])
         return hits
-
-    def occluded(
-        self,
-        origins: np.ndarray,
-        directions: np.ndarray,
-        max_distance: float | np.ndarray = np.inf,
-        *,
-        min_distance: float | np.ndarray = 0.0,
-        leaving: Hits | None = None,
-    ) -> np.ndarray:
-        """Return whether anything is hit; see ``RayCaster``."""
-        return self.cast(
-            origins, directions, max_distance, min_distance=min_distance, leaving=leaving
-        ).found
 
     def _run(self, task: Callable[[slice], None], parts: list[slice]) -> None:
         if self.threads == 1 or len(parts) < 2:

@@ -291,7 +291,7 @@ def test_a_weeping_tree_in_one_mesh_comes_back() -> None:
 
 
 def right_parents(skeleton: Skeleton, found: Recognition) -> np.ndarray:
-    """Whether the piece of each axis hangs on the piece of its parent, at the right end."""
+    """Tell whether the piece of each axis hangs on the piece of its parent, at the right end."""
     mother = np.maximum(skeleton.parent, 0)
     begins = (skeleton.parent < 0) | (skeleton.order != skeleton.order[mother])
     first, axis = np.flatnonzero(begins), np.cumsum(begins) - 1
