@@ -136,9 +136,7 @@ def _points(
     share = np.interp(at, np.concatenate([[0.0], weight / weight[-1]]), np.linspace(0, 1, 65))
     inner = rng.random(count) ** (0.5 * (1 - 0.7 * crown.shell))
     radius = width / 2 * outline(crown, share) * inner
-    azimuth = (
-        2 * np.pi * ((np.arange(count) * 0.618034) % 1 + 0.3 * rng.random(count))
-    )
+    azimuth = 2 * np.pi * ((np.arange(count) * 0.618034) % 1 + 0.3 * rng.random(count))
     return np.column_stack(
         [radius * np.cos(azimuth), radius * np.sin(azimuth), base + share * (height - base)]
     )
