@@ -2,7 +2,7 @@
 
 Points are single precision about the scanner (0.03 mm at 500 m), the pose double precision on the map. The
 panorama is spherical by the standard (section 8.4.10): azimuth falls from left to right with local
-+X in the middle, elevation from top to bottom; its grey is the level of the strongest return, 40 dB from black
++X in the middle, elevation from top to bottom; grey is the level of the strongest return, 40 dB from black
 to white. The writer draws identifiers anew: equal clouds are not equal files.
 """
 
