@@ -1,4 +1,4 @@
-"""What a moving tree is to those who look at it: points held by a skeleton, displaced at a time.
+"""Interface of moving trees to sensors: points held by a skeleton, displaced at a time.
 
 The rest geometry of a tree stays as it grew. A point of it (a vertex, a leaf's centre) is tied to the
 skeleton once for each variant, as ``Anchors``; a ``Motion`` says how far the point is from its place at
@@ -15,7 +15,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Anchors:
-    """Where N points of a variant at rest hold on to its moving skeleton, in the variant's own frame.
+    """Holds of N points of a variant at rest on its moving skeleton, in the variant's own frame.
 
     bone : (N,) int32, the member of the reduced skeleton that moves the point.
     along : (N,) float32 share of the member's length, from 0 at its start to 1 at its end.
