@@ -78,7 +78,8 @@ NUMBERS = {"numpy", "scipy"}
 PACKAGES: dict[str, set[str]] = {
     "forest_addon/base": NUMBERS,
     "forest_addon/spec": set(),
-    "forest_addon/formats": NUMBERS | {"PIL", "cattrs", "laspy", "lazrs", "tomli_w"},
+    "forest_addon/formats": NUMBERS
+    | {"PIL", "cattrs", "copclib", "laspy", "lazrs", "pye57", "pyproj", "tomli_w"},
     "forest_addon/acoustics": NUMBERS,
     "forest_addon/growth": NUMBERS,
     "forest_addon/stand": NUMBERS,

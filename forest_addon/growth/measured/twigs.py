@@ -53,7 +53,7 @@ def seat_twigs(
     around = np.cos(azimuth)[:, None] * side
     around += np.sin(azimuth)[:, None] * cross_rows(heading, side)
     direction = np.cos(angle) * heading + np.sin(angle) * around
-    direction[:, 2] += crown.rise
+    direction[:, 2] += crown.rise - crown.hang
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     end = start + draw_normal(crown.twig, keys, "twig length")[:, None] * direction
     return Twigs(start, end, segment, keys)
