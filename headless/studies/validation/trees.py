@@ -29,8 +29,9 @@ Measured: 6,081 trees of 170 studies (BAAD, Falster et al. 2015; CC0), deciduous
 evergreen gymnosperms (EG). Bands hold 90 % of the trees whose diameter at breast height is within a factor
 of 1.25 of ours. Simulated are medians of three trees of each preset, as it comes at size factor 1. Measured
 species: a plot of pines from tripods, a plot from a drone, a scanned beech (TreeQSM); stems by the volume
-functions of Laasasenaho (1982), two felled ashes (Demol et al. 2022), and BAAD's trees that were weighed, their
-mass over the basic density of their wood (IPCC 2003), each beside ours of its diameter, height and crown.
+functions of Laasasenaho (1982), two felled ashes (Demol et al. 2022), and BAAD's trees that were weighed,
+their mass over the basic density of their wood (IPCC 2003), each beside ours of its diameter, height and
+crown.
 """
 TERMS = """\
 A band spans many species and sites, so that to lie inside is a weak claim and to lie outside a strong one.
