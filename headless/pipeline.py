@@ -237,6 +237,7 @@ def _describe(run: Run, world: World, result: Result) -> page.Finding:
             run.files.append(path.name)
     finding = findings.finding_of(sensor, found, picture, world.observer)
     audits = () if result.audit is None else (result.audit,)
+    heard = {name for each in run.findings for name in each.sounds}
     cloud = results_of(sensor).points(sensor, found)
     turned = ""
     if run.settings.output.report and cloud is not None:
@@ -245,7 +246,8 @@ def _describe(run: Run, world: World, result: Result) -> page.Finding:
         finding,
         audits=audits,
         figure=turned,
-        warnings=tuple(f"{warning}." for warning in result.warnings),
+        sounds=tuple(name for name in run.files if name.endswith(".wav") and name not in heard),
+        warnings=(*finding.warnings, *(f"{warning}." for warning in result.warnings)),
         notes=(*finding.notes, *map(str, result.chosen)),
     )
 

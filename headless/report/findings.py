@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from forest_addon.results.figures import facts, of_forest
+from forest_addon.results.figures import facts, octave_table, of_forest
 from forest_addon.results.kinds import results_of
 from forest_addon.sensing.kind import Seen
 from forest_addon.spec import Scene, Sensor
@@ -131,10 +131,13 @@ def goodness_finding(found: Goodness, picture: Path | None) -> Finding:
 def finding_of(sensor: Sensor, found: Any, picture: Path | None, seen: Seen) -> Finding:
     """Return what a sensor has to say of what it found in a scene."""
     record = results_of(sensor)
+    figures = record.figures(sensor, found, seen)
     return Finding(
         record.title(sensor),
         record.story(sensor, found),
-        facts(record.figures(sensor, found, seen)),
+        facts(figures),
         record.notes(sensor, found),
         picture,
+        octaves=octave_table(figures),
+        warnings=record.doubts(sensor, found),
     )

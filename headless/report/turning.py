@@ -75,8 +75,14 @@ def viewer() -> str:
     return (ASSETS / "viewer" / "viewer.min.js").read_text(encoding="utf-8")
 
 
+def _met(names: Sequence[str], number: np.ndarray) -> list[str]:
+    """Return the names for the legend, empty where no point is of that number."""
+    there = np.bincount(number, minlength=len(names))
+    return [name if there[k] else "" for k, name in enumerate(names)]
+
+
 def _packed(cloud: Cloud, rows: np.ndarray, species: Sequence[str]) -> tuple[dict[str, Any], str]:
-    """What the viewer has to know, and the bytes."""
+    """Return what the viewer has to know, and the bytes."""
     position = cloud.position[rows]
     corner = position.min(axis=0)
     size = position.max(axis=0) - corner
@@ -89,8 +95,8 @@ def _packed(cloud: Cloud, rows: np.ndarray, species: Sequence[str]) -> tuple[dic
     share = (level - faint) / max(float(strong - faint), 1e-9)
     kinds = np.clip(returns.species[rows] + 1, 0, 255)
     columns = [
-        {"key": "organ", "title": "organ", "names": list(ORGANS)},
-        {"key": "species", "title": "species", "names": ["none", *species]},
+        {"key": "organ", "title": "organ", "names": _met(ORGANS, returns.organ[rows])},
+        {"key": "species", "title": "species", "names": _met(("none", *species), kinds)},
         {
             "key": "intensity",
             "title": "intensity",
