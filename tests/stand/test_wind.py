@@ -162,7 +162,7 @@ def test_velocity_is_the_derivative_and_knots_change_nothing():
     value, speed = answer.amplitudes(time)
     low, high = (answer.amplitudes(time + d)[0] for d in (-1e-5, 1e-5))
     assert speed == pytest.approx((high - low) / 2e-5, abs=1e-6)
-    exact, rate = answer.exact(time)
+    exact, _ = answer.exact(time)
     assert np.abs(value - exact).max() < 1e-3 * answer.spread().max()
     alone = np.concatenate([answer.amplitudes(t[None])[0] for t in time[::-1]])[::-1]
     assert (alone == value).all()

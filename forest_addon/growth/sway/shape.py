@@ -25,7 +25,7 @@ SHARE_OF_CIRCLE = 0.5  # of a leaf's one-sided area that faces the wind, of leav
 
 @dataclass(frozen=True)
 class LeafSeats:
-    """Where L leaves are held: foot (L, 3), unit axis (L, 3) along and normal (L, 3), segment (L,)."""
+    """Seats of L leaves: foot (L, 3), unit axis (L, 3) along and normal (L, 3), segment (L,)."""
 
     foot: np.ndarray
     axis: np.ndarray

@@ -25,7 +25,7 @@ KNOTS = 64  # a second, between which amplitudes are cubic
 
 
 @dataclass(frozen=True)
-class TreeResponse:
+class SwayResponse:
     """Sway of one tree: the real part of the sum over waves, about a mean.
 
     mean : (M,) amplitudes of modes as the mean wind bends the tree. waves : (M, K) complex amplitudes.
@@ -72,7 +72,7 @@ def response_of(
     rotation: float,
     scale: float = 1.0,
     ground: float = 0.0,
-) -> TreeResponse:
+) -> SwayResponse:
     """Answer of a tree that stands at a place, turned and scaled, to the wind.
 
     position : (3,) of its foot in the world. ground : height from which its heights count.
@@ -101,7 +101,7 @@ def response_of(
     rate = 2 * np.pi * field.frequency
     answer = 1j * rate[:, None, None] * damper
     answer += np.eye(len(omega)) * (omega**2 - rate[:, None] ** 2)[:, :, None]
-    return TreeResponse(
+    return SwayResponse(
         mean=push[:, :, 0].T @ force / omega**2 / scale**1.5,
         waves=np.linalg.solve(answer, drive.T[:, :, None])[:, :, 0].T / scale**1.5,
         rate=rate,

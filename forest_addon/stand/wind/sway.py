@@ -21,7 +21,7 @@ from ...spec import Species, Wind
 from ..forest import GrownForest
 from .field import WindField
 from .flutter import NOD, TWIST, Flutter
-from .response import TreeResponse, response_of
+from .response import SwayResponse, response_of
 
 FEW = 65_536  # points at a time
 SIGMAS = (
@@ -47,7 +47,7 @@ class ForestSway:
         self.field = WindField.drawn(wind, max(top, LOWEST), index, seed)
         self._shapes: dict[tuple[int, int], SwayShape | None] = {}
         self._anchors: dict[tuple[int, int], Anchors] = {}
-        self._responses: dict[int, TreeResponse | None] = {}
+        self._responses: dict[int, SwayResponse | None] = {}
 
     def shape(self, tree: int) -> SwayShape | None:
         """The modes of a tree's variant, None of what does not move."""
@@ -57,7 +57,7 @@ class ForestSway:
             self._shapes[key] = _shape(grown, species)
         return self._shapes[key]
 
-    def response(self, tree: int) -> TreeResponse | None:
+    def response(self, tree: int) -> SwayResponse | None:
         """The answer of a tree to the wind, None of what does not move."""
         if tree not in self._responses:
             shape, stand = self.shape(tree), self._forest.stand

@@ -12,9 +12,11 @@ import numpy as np
 
 from forest_addon.base.rng import stream
 from forest_addon.growth.sway.shape import SwayShape
-from forest_addon.spec import SpecError, Wind
+from forest_addon.site import ForestSite
+from forest_addon.spec import Forest, Planting, Scene, SpecError, Wind
 from forest_addon.stand.wind.field import WindField
-from forest_addon.stand.wind.response import TreeResponse, response_of
+from forest_addon.stand.wind.response import SwayResponse, response_of
+from forest_addon.stand.wind.sway import sway_of
 
 from ...report.pictures import BARK, FAINT, INK, LEAF_GREEN, blank_figure, save_figure
 from .comparison import Comparison, Interval, Picture
@@ -41,6 +43,7 @@ BROADLEAVES = 60
 LARGEST = 1.3  # metres of diameter that are grown
 FACTOR, SHARE = 1.35, 0.9
 SLOPES = {"Conifer": -3.2, "Broadleaf": -2.6}
+MANY = {"Conifer": "conifers", "Broadleaf": "broadleaves"}
 OFF = 0.5
 SPEED, LEAF_AREA_INDEX = 7.0, 4.0
 CALM, STILL_TOP, TURN = 9.0, 0.28, 180.0  # m/s; share of the height; seconds a turn of the scanner
@@ -90,6 +93,7 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
         _slope("Broadleaf", wood, folder, seed),
         *_damping(middle, seed),
         *_stems(middle, seed),
+        _tops(seed),
     ]
     return rows
 
@@ -133,8 +137,8 @@ def _conifers(kind: str, swayed: Swayed) -> Comparison:
         Interval(own),
         Interval(share),
         share >= SHARE,
-        f"{len(ratio)} trees; over the law: {middle:.2f} ({low:.2f} to {high:.2f} hold 90 %); {SHARE} is asked "
-        "for.",
+        f"{len(ratio)} trees; over the law: {middle:.2f} ({low:.2f} to {high:.2f} hold 90 %); {SHARE} is "
+        "asked for.",
     )
 
 
@@ -171,7 +175,7 @@ def _spread(count: int) -> np.ndarray:
     return np.sqrt((count - 1) / chi2.ppf([0.975, 0.025], count - 1))
 
 
-def respond(shape: SwayShape, speed: float, seed: int) -> TreeResponse:
+def respond(shape: SwayShape, speed: float, seed: int) -> SwayResponse:
     """A tree amid a forest as high as it is, in wind of a speed at its top."""
     height = float(shape.members.nodes[:, 2].max())
     field = WindField.drawn(Wind(speed=speed), height, LEAF_AREA_INDEX, seed)
@@ -186,14 +190,15 @@ def _slope(clade: str, swayed: Swayed, folder: Path, seed: int) -> Comparison:
     records = record_slopes(folder, clade)
     target, ours = SLOPES[clade], Interval.of(np.array(found))
     return Comparison(
-        f"slope of the trunk's spectrum, {clade.lower()}s",
+        f"slope of the trunk's spectrum, {MANY[clade]}",
         "",
         Interval(target, target - OFF, target + OFF),
         ours,
         abs(ours.value - target) <= OFF,
         f"Bending of the stem's foot over an hour at {SPEED:g} m/s, 40 trees; measured: the published mean "
         f"± {OFF}. The {len(records)} records at hand by the same program: {np.median(records):.2f} "
-        f"({records.min():.2f} to {records.max():.2f}).",
+        f"({records.min():.2f} to {records.max():.2f}). Ours are too steep; why was not found out. "
+        "Left out: modes beyond the twelfth, the wind that branches shed, the noise of gauges.",
     )
 
 
@@ -232,21 +237,42 @@ def _stems(swayed: Swayed, seed: int) -> list[Comparison]:
             Interval(2.0, 0.0, 2.0),
             Interval(below),
             below < 2.0,
-            "90 % of the changes are smaller; one tripod, 10 m away, a turn in 3 minutes, circles fitted (Vaaja "
-            "et al. 2016).",
+            "90 % of the changes are smaller; one tripod, 10 m away, a turn in 3 minutes, circles fitted "
+            "(Vaaja et al. 2016). Why ours change so much more is not known.",
         ),
         Comparison(
             f"diameter of stems above {STILL_TOP} of the height, change in {CALM:g} m/s",
             "mm",
             None,
             Interval(above),
-            above > below,
+            None,
             "90 % of the changes are smaller; measured ones scatter, no figure is published.",
         ),
     ]
 
 
-def diameter_change(shape: SwayShape, response: TreeResponse, share: float) -> float:
+def _tops(seed: int) -> Comparison:
+    """Sway of the tops of a small stand of beeches."""
+    scene = Scene(
+        seed=seed,
+        forest=Forest(size=(30.0, 30.0)),
+        plantings=(Planting(species="european-beech", expected=20, variants=3),),
+    )
+    grown = ForestSite.read(scene).grow()
+    sway = sway_of(grown, Wind(speed=CALM), seed)
+    assert sway is not None
+    time, found = np.linspace(0.0, 60.0, 300), []
+    for tree in range(len(grown.stand)):
+        top = int(grown.variant_of(tree).mesh.vertices[:, 2].argmax())
+        held = sway.anchors(tree)[np.full(len(time), top)]
+        moved = sway.displacement(np.full(len(time), tree), held, time)
+        found.append(100 * float(np.sqrt(moved.var(axis=0).sum())))
+    words = f"{len(found)} beeches on 30 x 30 m, one minute; deviation about the lean, flutter included."
+    name = f"sway of the crowns' tops in {CALM:g} m/s, beeches"
+    return Comparison(name, "cm", None, Interval.of(np.array(found)), None, words)
+
+
+def diameter_change(shape: SwayShape, response: SwayResponse, share: float) -> float:
     """Change in mm of a stem's fitted diameter by its sway while a scanner 10 m away turns past it."""
     stem = shape.members
     height = share * float(stem.nodes[:, 2].max())

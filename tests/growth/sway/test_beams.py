@@ -109,7 +109,7 @@ def test_modes_are_orthogonal_and_of_unit_mass_and_the_mass_is_all_there():
     wood = np.pi * HEIGHT * (0.15**2 + 0.15 * 0.05 + 0.05**2) / 3 * WOOD.density
     leaves = 0.5 * len(skeleton) * WOOD.leaf_mass
     assert shape.mass == pytest.approx(wood + leaves, rel=1e-3)
-    points, modes = shape.at_members()
+    _, modes = shape.at_members()
     mass = np.pi * np.linalg.norm(shape.members.end - shape.members.start, axis=1)
     mass *= (shape.members.radius.mean(axis=1)) ** 2 * WOOD.density
     mass += 0.5 * WOOD.leaf_mass
@@ -123,7 +123,7 @@ def test_twigs_ride_on_what_bears_them():
     start = stem.end[4]
     twig = Skeleton(
         np.vstack([stem.start, start]),
-        np.vstack([stem.end, start + [1.0, 0.0, 0.0]]),
+        np.vstack([stem.end, start + np.array([1.0, 0.0, 0.0])]),
         np.vstack([stem.radius, [0.002, 0.001]]),
         np.append(stem.parent, 4),
         np.append(stem.order, 1),

@@ -16,7 +16,7 @@ from forest_addon.growth.mesh.blades import leaf_areas
 from forest_addon.growth.sway.shape import SwayShape, shape_with
 from forest_addon.growth.sway.wood import wood_of_species
 from forest_addon.growth.tree import blade_of, has_curves
-from forest_addon.stand.wind.response import TreeResponse
+from forest_addon.stand.wind.response import SwayResponse
 
 CONIFERS = {"Picea": "norway-spruce", "Abies": "silver-fir", "Pseudotsuga": "douglas-fir"}
 BROADLEAVES = {
@@ -68,7 +68,7 @@ def shape_as(tree: MeasuredSway, preset: str, rng: np.random.Generator, vary: bo
     return shape_with(skeleton, area, wood_of_species(species))
 
 
-def strain(shape: SwayShape, response: TreeResponse, time: np.ndarray) -> np.ndarray:
+def strain(shape: SwayShape, response: SwayResponse, time: np.ndarray) -> np.ndarray:
     """(T, 2) bending of the stem's foot over time, as two gauges at right angles have it, rad/m."""
     low, high = shape.ends
     length = float(np.linalg.norm(shape.members.end[0] - shape.members.start[0]))
@@ -77,7 +77,7 @@ def strain(shape: SwayShape, response: TreeResponse, time: np.ndarray) -> np.nda
 
 
 def trunk_motion(
-    shape: SwayShape, response: TreeResponse, share: float, time: np.ndarray
+    shape: SwayShape, response: SwayResponse, share: float, time: np.ndarray
 ) -> np.ndarray:
     """(T, 2) level displacement in m of the stem at a share of the tree's height."""
     nodes = shape.members.nodes
