@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Self
 
 from .base.progress import Progress
+from .formats.crs import wkt_of
 from .growth.library.species_file import find_species, load_species
 from .growth.tree import Tree
 from .sensing.detail import grow_needed
@@ -64,6 +65,7 @@ class ForestSite:
         ------
         SpecError : a species or a file is missing or cannot be used.
         """
+        wkt_of(scene.crs)  # now, before hours are spent on what cannot be written
         folder = Path(folder)
         species = tuple(load(planting.species, folder) for planting in scene.plantings)
         looks = [kind_of(sensor).look(sensor) for sensor in scene.sensors]

@@ -27,10 +27,11 @@ from forest_addon.blender.show.preview import render, set_stage
 from forest_addon.blender.show.sound import give_sound
 from forest_addon.blender.show.walker import stand_walker
 from forest_addon.formats.atomic import replacing
+from forest_addon.formats.crs import can_tell_crs
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.wav import read_wav, write_wav
-from forest_addon.results.coordinates import FILE, PROPERTY, on_the_map, write_note
+from forest_addon.results.coordinates import FILE, PROPERTY, Offset, on_the_map, write_note
 from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.kinds import kind_of
@@ -114,6 +115,8 @@ def run_scene(
         site = Site.of(settings, folder)
     with stages.stage("grow trees") as progress:
         run = Run(settings, out, stages, site.grow(progress), site.ground)
+    if settings.crs and not can_tell_crs():
+        run.warn("LAS files lack their coordinate system; pip install pyproj tells it")
     _describe_stand(run, site.inputs)
     with stages.stage("build Blender scene"):
         grown_in = stages.seconds["grow trees"]
@@ -195,7 +198,7 @@ def _write_scene(run: Run) -> None:
 def _take(run: Run, world: World, result: Result, sound: Dry | None) -> None:
     """Write a result, show it in Blender's scene, and say what it is."""
     sensor, found, scene = result.sensor, result.found, bpy.context.scene
-    files = write_finding(run.out, sensor, found, run.settings.offset)
+    files = write_finding(run.out, sensor, found, Offset.of(run.settings))
     run.files += [file.name for file in files]
     record = results_of(sensor)
     if record.is_response and record.sound is not None:

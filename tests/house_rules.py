@@ -50,9 +50,10 @@ WINGS: dict[str, dict[str, set[str]]] = {
         "graft": {"lsystem", "mesh", "recognise"},
         "regrow": {"mesh", "recognise", "graft"},
         "measured": {"lsystem", "mesh"},
+        "sway": {"measured", "mesh"},
         "library": {"lsystem", "mesh", "measured", "recognise", "graft", "regrow"},
     },
-    "stand": {"intensity": set(), "statistics": {"intensity"}},
+    "stand": {"intensity": set(), "statistics": {"intensity"}, "wind": set()},
     "blender": {
         "scene": set(),
         "read": {"scene"},
@@ -78,7 +79,8 @@ NUMBERS = {"numpy", "scipy"}
 PACKAGES: dict[str, set[str]] = {
     "forest_addon/base": NUMBERS,
     "forest_addon/spec": set(),
-    "forest_addon/formats": NUMBERS | {"PIL", "cattrs", "laspy", "lazrs", "tomli_w"},
+    "forest_addon/formats": NUMBERS
+    | {"PIL", "cattrs", "copclib", "laspy", "lazrs", "pye57", "pyproj", "tomli_w"},
     "forest_addon/acoustics": NUMBERS,
     "forest_addon/growth": NUMBERS,
     "forest_addon/stand": NUMBERS,

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from ..formats.npz import write_npz
+from ..results.coordinates import NO_OFFSET, Offset
 from ..results.kind import Finding
 from ..results.kinds import figures_of, results_of, write_as
-from ..results.point_files import ENDINGS, write_points
+from ..results.point_files import ENDINGS, ending_of, write_points
 from ..sensing.audit import Audit
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan, to_cloud
@@ -36,7 +37,8 @@ class Result:
 
     sensor : its settings. found : what its own code returned. seconds : that it took.
     audit : a random sample of it, computed again by the exact way; None where that is switched off.
-    offset : (3,) metres that are added to positions when they are written, the scene's.
+    offset : (3,) metres that are added to positions when they are written, the scene's, with its
+    coordinate system.
     chosen : what was left to "auto", with its bound and why; ``sensor`` has the values.
     warnings : sentences about what is hardly meant, as a sensor inside of a trunk.
     """
@@ -45,7 +47,7 @@ class Result:
     found: Any
     seconds: float
     audit: Audit | None = None
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    offset: Offset = NO_OFFSET
     chosen: tuple[Choice, ...] = ()
     warnings: tuple[str, ...] = ()
 
@@ -58,7 +60,7 @@ class Result:
         OSError : it cannot be written; what had its name before stays as it was.
         """
         path = path_of("save", path)
-        ending = path.suffix.lower()
+        ending = ending_of(path)
         if ending not in self.endings:
             raise SpecError(
                 str(path), f"cannot be written; end its name in {', '.join(self.endings)}"
@@ -276,7 +278,7 @@ def result_of(
     found: Finding,
     seconds: float,
     audit: Audit | None,
-    offset: tuple[float, float, float],
+    offset: Offset,
     chosen: tuple[Choice, ...] = (),
     warnings: tuple[str, ...] = (),
 ) -> Result:

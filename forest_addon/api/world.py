@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base.progress import Progress
+from ..results.coordinates import Offset
 from ..sensing.kinds import KINDS, choose, left_out
 from ..spec import (
     Airborne,
@@ -129,7 +130,7 @@ class World:
             raise
         except ValueError as problem:
             raise SpecError(sensor.name, str(problem)) from None
-        offset = self.scene.offset
+        offset = Offset.of(self.scene)
         ours = [one for one in self.chosen if one.sensor == sensor.name]
         chosen = (*chosen, *left_out(sensor, found), *ours)
         return result_of(sensor, found, seconds, audit, offset, chosen, warnings)

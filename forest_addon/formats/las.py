@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import struct
+import tempfile
 from collections.abc import Callable, Sequence
 from datetime import date
 from typing import Any
@@ -17,11 +18,13 @@ from typing import Any
 import laspy
 import lazrs
 import numpy as np
+from laspy.vlrs.known import WktCoordinateSystemVlr
 
 from ..base.labels import Labels
 from ..base.trimesh import DEAD, GROUND, LEAF, WOOD
-from ..spec import SpecError
 from .atomic import replacing
+from .copc import write_copc
+from .crs import wkt_of
 
 RESOLUTION = 1e-4  # metres
 REACH = 2**31  # steps to each side of the offset
@@ -30,6 +33,7 @@ FILLED_AT_ONCE = 5_000  # what stays in the cache while its fields are copied
 OWN_CLASSES, CLASSES = 64, 192  # the first class that is the user's, and how many there are
 CLASS_OF_ORGAN = np.ones(128, dtype=np.uint8)  # ASPRS: unclassified, high vegetation, ground
 CLASS_OF_ORGAN[[WOOD, LEAF, GROUND, DEAD]] = 5, 5, 2, 5
+COPC = ".copc.laz"
 EXTRA = {
     "tree": "number of the tree",
     "species": "number of the species",
@@ -52,6 +56,7 @@ def write_las(
     rows: np.ndarray,
     written: date | None = None,
     labels: Labels | None = None,
+    crs: str = "",
 ) -> None:
     """Write rows (P,) of ``points.POINT``, also of a memory map; a name ending in .laz is compressed.
 
@@ -59,14 +64,23 @@ def write_las(
         files.
     labels : what points are classed by instead of by organ, from class 64 on, which LAS leaves to users;
         the header names the classes. What comes after the 192 most frequent is class 1.
+    crs : coordinate system that the header tells as WKT, such as "EPSG:32632".
 
     Raises
     ------
-    SpecError : its name says that it is cloud optimised (COPC).
+    SpecError : PROJ does not know the coordinate system.
     OSError : it cannot be written.
     """
-    refuse_copc(path)
+    if str(path).lower().endswith(COPC):
+        with tempfile.TemporaryDirectory() as folder:
+            plain = os.path.join(folder, "plain.laz")
+            write_las(plain, rows, written, labels, crs)
+            write_copc(path, plain)
+        return
     header = _header(rows, written)
+    wkt = wkt_of(crs)
+    if wkt:
+        header.vlrs.append(WktCoordinateSystemVlr(wkt))
     own = None if labels is None else _classes(labels)
     if labels is not None:
         header.vlrs.append(_lookup(labels.names[:CLASSES]))
@@ -79,23 +93,6 @@ def write_las(
     except lazrs.LazrsError as problem:  # what its compressor makes of a full disk
         name = os.path.basename(path)
         raise OSError(f"{name} could not be written ({problem}); is the disk full?") from None
-
-
-def refuse_copc(path: str | os.PathLike[str]) -> None:
-    """Refuse the name of a cloud-optimised file: readers would look for an octree that is not there.
-
-    Raises
-    ------
-    SpecError : the name ends in .copc.laz or .copc.las.
-    """
-    name = os.path.basename(path)
-    stem, ending = os.path.splitext(name)
-    if stem.lower().endswith(".copc") and ending.lower() in (".las", ".laz"):
-        raise SpecError(
-            str(path),
-            f"cannot be written: no octree of COPC is made; call it {stem[:-5]}{ending}, and turn that "
-            "into COPC by PDAL or untwine",
-        )
 
 
 def _classes(labels: Labels) -> np.ndarray:
@@ -124,6 +121,9 @@ def _header(rows: np.ndarray, written: date | None) -> laspy.LasHeader:
     wide = float((high - low).max(initial=0.0)) > RESOLUTION * REACH * 0.9
     header.scales = np.full(3, 10 * RESOLUTION if wide else RESOLUTION)
     header.offsets = np.floor(low)
+    header.global_encoding.wkt = (
+        True  # as the standard wants of this point format, with or without one
+    )
     header.creation_date = written or date(1980, 1, 1)
     header.generating_software = "Forest Sensing"
     header.add_extra_dims(

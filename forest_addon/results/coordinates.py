@@ -7,14 +7,36 @@ and carry the offset as a property. Within a session (``World``, ``Result``) all
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..formats.atomic import replacing
+from ..spec import Scene
 
+
+class Offset(tuple[float, float, float]):
+    """Metres (3,) that are added to positions as they are written, and the coordinate system then.
+
+    crs : "EPSG:32632"; empty: none is known.
+    """
+
+    crs: str
+
+    def __new__(cls, metres: Iterable[float] = (0.0, 0.0, 0.0), crs: str = "") -> Offset:
+        made = super().__new__(cls, metres)
+        made.crs = crs
+        return made
+
+    @classmethod
+    def of(cls, scene: Scene) -> Offset:
+        """The offset and the coordinate system of a scene's settings."""
+        return cls(scene.offset, scene.crs)
+
+
+NO_OFFSET = Offset()
 AXES = {f"{axis}_m": k for k, axis in enumerate("xyz")} | {
     f"{end}{axis}": k for end in ("start", "end") for k, axis in enumerate("XYZ")
 }

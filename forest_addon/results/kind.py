@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .coordinates import Offset
 from .figures import Figure
 from .plot import Plot
 
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from ..sensing.lidar.cloud import Cloud
     from ..sensing.sonar.ping import Contributions
 
-Offset = tuple[float, float, float]
 Finding = Any  # what a sensor found: a Cloud, an Echo, ...
 
 

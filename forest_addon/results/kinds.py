@@ -15,8 +15,10 @@ import numpy as np
 
 from ..formats.atomic import replacing
 from ..spec import Sensor, SpecError
+from .coordinates import NO_OFFSET, Offset
 from .figures import Figure
-from .kind import Finding, Offset, ResultKind
+from .kind import Finding, ResultKind
+from .point_files import ending_of
 from .reverb import REVERB
 from .scanner import SCANNER
 from .sonar import SONAR
@@ -54,7 +56,7 @@ def sentence_of(sensor: Sensor, found: Finding) -> str:
 
 
 def write_finding(
-    folder: Path, sensor: Sensor, found: Finding, offset: Offset = (0.0, 0.0, 0.0)
+    folder: Path, sensor: Sensor, found: Finding, offset: Offset = NO_OFFSET
 ) -> list[Path]:
     """Write a sensor's result into a folder; return the files, the one of the data first.
 
@@ -76,7 +78,7 @@ def write_as(
     path: Path,
     sensor: Sensor,
     found: Finding,
-    offset: Offset = (0.0, 0.0, 0.0),
+    offset: Offset = NO_OFFSET,
     labels: Labels | None = None,
 ) -> None:
     """Write a result; the ending of the path says how.
@@ -89,7 +91,7 @@ def write_as(
     SpecError : an ending that is none of the ``endings`` of its kind.
     OSError : it cannot be written; what had its name before stays as it was.
     """
-    record, ending = results_of(sensor), path.suffix.lower()
+    record, ending = results_of(sensor), ending_of(path)
     if ending not in record.endings:
         allowed = ", ".join(record.endings)
         raise SpecError(path.name, f'cannot be written as "{ending}"; use {allowed}')

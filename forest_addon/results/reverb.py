@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..base.words import keep
+from .coordinates import Offset
 from .figures import Figure, numbers, sound_columns, words
-from .kind import Offset, ResultKind
+from .kind import ResultKind
 from .plot import Plot, sound_plot
 
 if TYPE_CHECKING:

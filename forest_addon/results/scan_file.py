@@ -27,9 +27,11 @@ from ..sensing.lidar.cloud import Lost, together
 from ..sensing.lidar.scan import Scan
 from ..sensing.rays.geometry import SceneGeometry
 from ..spec import SpecError
+from .coordinates import NO_OFFSET, Offset
+from .point_files import ending_of
 from .points import POINT, UNITS, records
 
-FORMATS = ("laz", "las", "ply", "npz")
+FORMATS = ("laz", "las", "copc.laz", "ply", "npz")
 ROWS_AT_ONCE = 1_000_000
 
 
@@ -63,14 +65,15 @@ def write_scan(
     scan: Scan,
     seed: int,
     *,
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    offset: Offset = NO_OFFSET,
     resume: bool = False,
     at_once: int | None = None,
     progress: Progress | None = None,
 ) -> Written:
-    """Run a scan into a file: .laz, .las, .ply or .npz by the ending of its name.
+    """Run a scan into a file: .laz, .las, .copc.laz, .ply or .npz by the ending of its name.
 
-    offset : metres added to every position. resume : go on with an unfinished scan, if there is one.
+    offset : metres added to every position, and their coordinate system.
+    resume : go on with an unfinished scan, if there is one.
     at_once : pulses a chunk. progress : may raise to cancel; what is finished is kept.
 
     Raises
@@ -78,11 +81,12 @@ def write_scan(
     SpecError : an ending that is not known; an unfinished scan with other settings or of another scene.
     OSError : it cannot be written; what is finished is kept.
     """
-    kind = path.suffix.lower().lstrip(".")
+    kind = ending_of(path).lstrip(".")
     if kind not in FORMATS:
         raise SpecError(str(path), f"cannot be written; end its name in .{', .'.join(FORMATS)}")
     state = ScanState(_digest(scan, seed, offset), scan.pulses, at_once or scan.at_once)
-    noted, partial = path.with_suffix(".partial.json"), path.with_suffix(".partial.ply")
+    stem = path.name[: -len(kind) - 1]
+    noted, partial = (path.with_name(f"{stem}.partial.{end}") for end in ("json", "ply"))
     if resume and noted.is_file():
         state = _resumed(noted, state)
     begin = state.done
@@ -99,12 +103,12 @@ def write_scan(
                 progress(done, scan.pulses)
     finally:
         file.close()
-    _finish(file, path, kind)
+    _finish(file, path, kind, offset.crs)
     noted.unlink(missing_ok=True)
     return Written(path, scan.pulses, file.count, begin, state.lost)
 
 
-def _finish(file: PlyFile, path: Path, kind: str) -> None:
+def _finish(file: PlyFile, path: Path, kind: str, crs: str) -> None:
     """The partial file as the one that was asked for."""
     if kind == "ply":
         file.path.replace(path)
@@ -112,7 +116,7 @@ def _finish(file: PlyFile, path: Path, kind: str) -> None:
     if kind == "npz":
         write_npz_rows(path, file.rows())
     else:
-        write_las(path, file.rows())
+        write_las(path, file.rows(), crs=crs)
     file.path.unlink()
 
 
@@ -152,7 +156,7 @@ def _resumed(noted: Path, fresh: ScanState) -> ScanState:
     return known
 
 
-def _digest(scan: Scan, seed: int, offset: tuple[float, float, float]) -> str:
+def _digest(scan: Scan, seed: int, offset: Offset) -> str:
     """Return what decides the bytes of a scan, in one number: settings, seed, scene, engine."""
     total = hashlib.blake2b(digest_size=16)
     settings = dataclasses.asdict(scan.scanner)

@@ -9,8 +9,9 @@ import numpy as np
 
 from ..base.words import keep
 from ..spec import Scanner, Terrestrial
+from .coordinates import Offset
 from .figures import Figure, numbers, organ_figures, share
-from .kind import Offset, ResultKind
+from .kind import ResultKind
 from .plot import Axis, Plot, Strip, by_distance, from_above
 from .point_files import ENDINGS, write_points
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base.words import keep
+from .coordinates import Offset
 from .figures import Figure, numbers, sound_columns, words
-from .kind import Finding, Offset, ResultKind
+from .kind import Finding, ResultKind
 from .plot import Plot, sound_plot
 
 if TYPE_CHECKING:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..base.words import keep
+from .coordinates import Offset
 from .figures import Figure, numbers, organ_figures, share
-from .kind import Offset, ResultKind
+from .kind import ResultKind
 from .plot import Axis, Plot, Strip, by_distance
 from .point_files import ENDINGS, write_points
 

@@ -71,6 +71,12 @@ class Crown(Settings):
         ge=0,
         le=1,
     )
+    gaps: float = param(
+        0.0,
+        help="share of the crown, farthest from its limbs, that stays empty (with an architecture)",
+        ge=0,
+        le=0.9,
+    )
     rise: float = param(
         0.1, help="how much branches turn up, as a share of each step; negative: down", ge=-1, le=1
     )
@@ -94,6 +100,9 @@ class Crown(Settings):
     twig_leaves: int = param(12, help="leaves, or shoots of needles, of a twig", ge=1, le=1000)
     twig_angle_deg: Normal = param(
         Normal(mean=50.0, sd=15.0), unit="deg", help="angle between a twig and its branch"
+    )
+    hang: float = param(
+        0.0, help="how much twigs hang: 1 as much down as along, as of a weeping birch", ge=0, le=5
     )
     twig_radius: float = param(0.0015, unit="m", help="radius of a twig", gt=0, le=0.1)
 

@@ -2,9 +2,9 @@
 
 The crowns that stand about a tree, weighted by a normal kernel of twice its own crown's width and by the
 square of their height over its own (light comes from above), cover a share of the ground, κ. The score
-(log κ - log κ₀)/s, κ₀ = 1, is a part of what crown bases and widths of the tree differ by from the law of its
-kind: above 0 the base is higher and the crown narrower than of most measured trees, below 0 lower and wider.
-Crowns of neighbours overlap little, no living crown is but a tuft on a pole, none has more leaves than
+(log κ - log κ₀)/s, κ₀ = 1.5, is a part of what crown bases and widths of the tree differ by from the law
+of its kind: above 0 the base is higher and the crown narrower than of most measured trees, below 0 lower and
+wider. Crowns of neighbours overlap little, no living crown is but a tuft on a pole, none has more leaves than
 nineteen of twenty measured ones, and no stand a larger leaf area index than closed ones have.
 """
 
@@ -16,9 +16,10 @@ from scipy.special import ndtr, ndtri
 
 KERNEL = 1.0  # standard deviation of the kernel over the mean width of crowns
 REACH = 2.5  # of those, beyond which neighbours do not count
-CLOSED, SPREAD = 1.0, 0.7  # κ₀ and s
+CLOSED, SPREAD = 1.5, 0.7  # κ₀ and s
 MOST = 2.0  # of the score, either way
 BASE, WIDTH = 0.65, -0.55  # correlation of the score with residuals of crown base and width
+ALONE = (-MOST * WIDTH, -MOST * BASE)  # scores of crown width and base of a tree without neighbours
 YOUNG = 0.07  # metres of diameter, below which a tree stands under the canopy
 OVERLAP = 1.8  # sum of two neighbours' radii over their distance, at most
 NARROWEST = 0.6  # of what was drawn, that neighbours may leave of a crown's width

@@ -189,7 +189,7 @@ def _plant(
     given = np.empty((0, 3))  # height, scale and rotation of trees of a list
     if planting.layout in ("poisson", "clusters", "strauss"):
         process = process_of(planting, forest, inputs)
-        points, expected = _drawn(planting, process, rng), process.total
+        points, expected = draw_places(planting, process, rng), process.total
         on_field = np.ones(len(points), dtype=bool)
     else:
         if planting.layout == "rows":
@@ -224,7 +224,7 @@ def _plant(
     )
 
 
-def _drawn(planting: Planting, process: Process, rng: np.random.Generator) -> np.ndarray:
+def draw_places(planting: Planting, process: Process, rng: np.random.Generator) -> np.ndarray:
     """Places (N, 2) of a random layout."""
     if planting.layout == "clusters":
         return sample_clusters(process, planting.clusters, rng)

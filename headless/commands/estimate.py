@@ -28,6 +28,13 @@ class EstimateCommand(Command):
             help="Gaussian hills of maximum likelihood, or a kernel estimate (default mixture)",
         )
         parser.add_argument(
+            "--law",
+            choices=("auto", "poisson", "thomas", "matern", "strauss"),
+            default="auto",
+            help="how trees stand about that intensity: by chance, in groups, apart; auto takes the "
+            "first that the map's own tests accept (default auto)",
+        )
+        parser.add_argument(
             "--window",
             nargs="+",
             default=(),
@@ -49,4 +56,11 @@ class EstimateCommand(Command):
     def run(self, chosen: argparse.Namespace) -> None:
         from .work.estimate import estimate_site
 
-        estimate_site(chosen.map, chosen.out, chosen.method, chosen.window, chosen.species)
+        estimate_site(
+            chosen.map,
+            self.output(chosen),
+            chosen.method,
+            chosen.window,
+            chosen.species,
+            law=chosen.law,
+        )

@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from forest_addon.formats.crs import can_tell_crs, wkt_of
+from forest_addon.results.coordinates import Offset
 from forest_addon.spec import SpecError
 
 from ..command import Command, refuse_negative
 
-FORMATS = ("laz", "las", "ply", "npz")
+FORMATS = ("laz", "las", "copc.laz", "ply", "npz")
 
 
 class LidarCommand(Command):
@@ -70,6 +72,9 @@ with the same command and --resume, to the same bytes."""
         parser.add_argument(
             "--offset", metavar="X,Y,Z", help="added to coordinates as they are written (UTM), m"
         )
+        parser.add_argument(
+            "--crs", default="", metavar="EPSG:N", help="their coordinate system, told in LAS files"
+        )
         parser.add_argument("--out", type=Path, metavar="FILE", help="default out/FILE-NAME.laz")
         parser.add_argument("--format", choices=FORMATS, help="default: as --out ends, else laz")
         parser.add_argument("--resume", action="store_true", help="go on with an unfinished scan")
@@ -86,7 +91,7 @@ with the same command and --resume, to the same bytes."""
             blend = chosen.blend.stem if chosen.blend else "scan"
             name = f"{blend}-{Path(chosen.scanner or 'lidar').stem}"
             return Path("out") / f"{name}.{chosen.format or 'laz'}"
-        if chosen.format and chosen.out.suffix != f".{chosen.format}":
+        if chosen.format and not chosen.out.name.endswith(f".{chosen.format}"):
             return Path(f"{chosen.out}.{chosen.format}")
         return Path(chosen.out)
 
@@ -99,7 +104,7 @@ with the same command and --resume, to the same bytes."""
         return f"what was scanned is kept beside {chosen.out}; --resume goes on with it"
 
     def run(self, chosen: argparse.Namespace) -> None:
-        from .work.lidar import list_scanners, numbers, scan_blend, sensor_of
+        from .work.lidar import list_scanners, scan_blend, sensor_of
 
         if chosen.list:
             list_scanners()
@@ -116,7 +121,7 @@ with the same command and --resume, to the same bytes."""
         if chosen.blend is None:
             raise SpecError("lidar", "needs a .blend file; --list prints the scanners")
         sensor = sensor_of(chosen.scanner, chosen.at, chosen.along, chosen.azimuth, chosen.set)
-        offset = numbers("--offset", chosen.offset, 3) if chosen.offset else (0.0, 0.0, 0.0)
+        offset = _offset(chosen)
         if chosen.out.suffix.lstrip(".") not in FORMATS:
             raise SpecError(f"--out {chosen.out}", f"must end in one of .{', .'.join(FORMATS)}")
         scan_blend(
@@ -138,7 +143,6 @@ with the same command and --resume, to the same bytes."""
         ------
         SpecError : words that do not go with a survey, or a survey that cannot be used.
         """
-        from .work.lidar import numbers
         from .work.survey import scan_survey
 
         words = ("blend", "scanner", "at", "along", "azimuth", "set", "resume", "chunk")
@@ -154,7 +158,23 @@ with the same command and --resume, to the same bytes."""
             assets=chosen.assets,
             reference=chosen.reference,
             seed=chosen.seed,
-            offset=numbers("--offset", chosen.offset, 3) if chosen.offset else (0.0, 0.0, 0.0),
+            offset=_offset(chosen),
             engine=chosen.engine,
             quiet=chosen.quiet,
         )
+
+
+def _offset(chosen: argparse.Namespace) -> Offset:
+    """Return what is added to coordinates, and their system.
+
+    Raises
+    ------
+    SpecError : not three numbers; a system that PROJ does not know, or cannot be told without it.
+    """
+    from .work.lidar import numbers
+
+    if chosen.crs and not can_tell_crs():
+        raise SpecError("--crs", "needs pyproj; install it by pip install pyproj")
+    wkt_of(chosen.crs)
+    metres = numbers("--offset", chosen.offset, 3) if chosen.offset else (0.0, 0.0, 0.0)
+    return Offset(metres, chosen.crs)

@@ -30,7 +30,7 @@ from forest_addon.formats.table import write_csv
 from forest_addon.formats.toml_file import write_settings
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.results.coordinates import FILE as COORDINATES
-from forest_addon.results.coordinates import PROPERTY, on_the_map, write_note
+from forest_addon.results.coordinates import PROPERTY, Offset, on_the_map, write_note
 from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.results.points import records
 from forest_addon.results.scan_file import write_npz_rows
@@ -250,7 +250,7 @@ def _observe(
     with work.stage("write"):
         is_cloud = results_of(sensor).is_cloud
         if not is_cloud or keep.clouds != "npz":
-            write_finding(folder, sensor, found, settings.offset)
+            write_finding(folder, sensor, found, Offset.of(settings))
         if is_cloud:
             work.points[sensor.name] = len(found)
             if keep.clouds != "laz":

@@ -3,7 +3,7 @@
 log y = a + b·x + c·x², x = log(D/0.2 m), plus a residual that is normal on either side of 0 with its own
 spread, so that it goes through the 5, 50 and 95 % points of the measured ones; a law goes on straight
 beyond the diameters that were measured. Of the crown base y is base/(height - base), so that a crown always
-has a length. Residuals of a tree are correlated as measured (a Gaussian copula), cut at two standard
+has a length. Residuals of a tree are correlated as measured (a Gaussian copula), cut at 1.9 standard
 deviations; what is known of a tree counts for what is drawn of it (conditional normal).
 """
 
@@ -17,7 +17,7 @@ from ...spec.allometry import DBH
 
 MEASURES = ("height", "crown_width", "crown_base", "leaf_area")  # columns, in this order
 Z90 = 1.6448536269514722  # 90 % of a normal lie within ± this
-LIMIT = 2.0  # standard deviations at which residuals are cut
+LIMIT = 1.9  # standard deviations at which residuals are cut
 PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
 

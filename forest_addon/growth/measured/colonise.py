@@ -55,9 +55,13 @@ def colonise(
 
     scaffold : its stem and limbs, and which of their nodes (N,) bear branches; None: a stem alone.
     """
-    points = _points(crown, height, base, width, rng)
+    count = round(crown.points / (1 - crown.gaps)) if scaffold else crown.points
+    points = _points(crown, (height, base, width), count, rng)
     span = height - base
     volume = np.pi * (width / 2) ** 2 * span * 0.45
+    if scaffold is not None and crown.gaps:
+        points = _near(points, scaffold[0].place[scaffold[1]], crown.points)
+        volume *= 1 - crown.gaps
     apart = (volume / max(len(points), 1)) ** (1 / 3)
     step, kill = STEP * apart, KILL * apart
     if scaffold is None:
@@ -112,19 +116,27 @@ def colonise(
     return Nodes(every, np.concatenate(parent).astype(np.int64), trunk)
 
 
+def _near(points: np.ndarray, limbs: np.ndarray, count: int) -> np.ndarray:
+    """So many of points (A, 3): those nearest to limbs (N, 3), so that the sky shows between limbs."""
+    away, _ = cKDTree(limbs).query(points)
+    return points[np.sort(np.argsort(away, kind="stable")[:count])]
+
+
 def _points(
-    crown: Crown, height: float, base: float, width: float, rng: np.random.Generator
+    crown: Crown, size: tuple[float, float, float], count: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """(A, 3) points in the envelope, at random but none in a gap or a clump: strata by volume."""
+    """(A, 3) points in the envelope, at random but none in a gap or a clump: strata by volume.
+
+    size : the tree's height, its crown's base and width, metres.
+    """
+    height, base, width = size
     shares = (np.arange(64) + 0.5) / 64
     weight = np.cumsum(outline(crown, shares) ** 2)
-    at = (np.arange(crown.points) + rng.random(crown.points)) / crown.points
+    at = (np.arange(count) + rng.random(count)) / count
     share = np.interp(at, np.concatenate([[0.0], weight / weight[-1]]), np.linspace(0, 1, 65))
-    inner = rng.random(crown.points) ** (0.5 * (1 - 0.7 * crown.shell))
+    inner = rng.random(count) ** (0.5 * (1 - 0.7 * crown.shell))
     radius = width / 2 * outline(crown, share) * inner
-    azimuth = (
-        2 * np.pi * ((np.arange(crown.points) * 0.618034) % 1 + 0.3 * rng.random(crown.points))
-    )
+    azimuth = 2 * np.pi * ((np.arange(count) * 0.618034) % 1 + 0.3 * rng.random(count))
     return np.column_stack(
         [radius * np.cos(azimuth), radius * np.sin(azimuth), base + share * (height - base)]
     )

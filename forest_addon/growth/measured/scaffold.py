@@ -20,7 +20,9 @@ GOLDEN = np.pi * (3 - np.sqrt(5))
 THICK_AT = 0.5  # metres of diameter for which the number of heavy limbs is given
 FEWEST = 3  # heavy limbs of a stem that divides
 WEAK_ANGLE = 68.0  # degrees
-SECOND_FORK, LAST_FORK = 0.3, 0.75  # of the way from the first fork to the top
+LAST_FORK = 0.72  # of the crown's length, where the last heavy limb leaves
+STEEPER = 45.0  # degrees that the highest heavy limb is steeper than the lowest
+KINKS = np.arange(3, 7)  # half waves of a limb's bends
 FULLEST = 0.9  # of the crown's radius that heavy limbs reach
 FORKED_TOP = 0.82  # of the crown's length, where a stem that divides ends
 FLARE = np.array([0.1, 0.3, 0.6, 1.0, 1.6])  # diameters above the ground where a stem has nodes
@@ -173,20 +175,12 @@ def _forked(
     """Feet (K,) and curves (K, 4, 3) of the limbs that a stem divides into, the outermost first."""
     height, base, width, _ = size
     span = height - base
-    rank = np.arange(count, 0, -1)
-    wide = FULLEST * np.sqrt((rank + 0.4 * rng.random(count)) / (count + 0.6))
-    wide[:2] = (
-        0.45 + 0.25 * rng.random(2)[:count]
-    )  # the first division makes stems that reach the top
-    level = _dome(crown, wide) * (0.86 + 0.12 * rng.random(count))
-    azimuth = GOLDEN * rank + 0.5 * rng.random(count) + 2 * np.pi * rng.random()
-    onward = np.maximum(np.arange(count) - 1, 0) / max(count - 2, 1)
-    start = np.where(
-        onward > 0,
-        SECOND_FORK + (LAST_FORK - SECOND_FORK) * (onward**1.2),
-        0.03 * rng.random(count),
-    )
-    start = np.clip(plan.fork + (1 - plan.fork) * start, 0, level - 0.15)
+    onward = (np.arange(count) + 0.7 * rng.random(count)) / count  # the lowest is the outermost
+    wide = FULLEST * (1 - 0.75 * onward**1.3) * (0.8 + 0.2 * rng.random(count))
+    wide[0] *= 0.6 + 0.25 * rng.random()  # the first division makes two stems
+    level = _dome(crown, wide) * (0.8 + 0.18 * rng.random(count))
+    azimuth = GOLDEN * np.arange(count) + 0.9 * rng.random(count) + 2 * np.pi * rng.random()
+    start = np.clip(plan.fork + (LAST_FORK - plan.fork) * onward**1.1, 0, level - 0.12)
     foot = base + span * np.maximum(start, 0.0)
     end = np.column_stack(
         [
@@ -195,11 +189,17 @@ def _forked(
             base + span * level - foot,
         ]
     )
-    angle = np.deg2rad(plan.angle_deg.mean + plan.angle_deg.sd * rng.standard_normal(count))
+    steep = STEEPER * (onward - 0.4)  # limbs from low on the stem spread, the upper ones rise
+    angle = plan.angle_deg.mean - steep + plan.angle_deg.sd * rng.standard_normal(count)
+    angle = np.deg2rad(np.clip(angle, 15.0, 100.0))
+    azimuth = azimuth + 0.5 * rng.standard_normal(count)  # they set out to another side
     around = np.column_stack([np.cos(azimuth), np.sin(azimuth)])
     leave = np.column_stack([around * np.sin(angle)[:, None], np.cos(angle)])
-    tip = np.deg2rad(plan.tip_deg)
-    arrive = np.column_stack([around * np.cos(tip), np.full(count, np.sin(tip))])
+    tip = plan.tip_deg + steep + 12.0 * rng.standard_normal(count)
+    tip = np.deg2rad(np.clip(tip, -30.0, 85.0))
+    azimuth = np.arctan2(end[:, 1], end[:, 0]) + 0.4 * rng.standard_normal(count)
+    around = np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+    arrive = np.column_stack([around * np.cos(tip)[:, None], np.sin(tip)])
     chord = np.linalg.norm(end, axis=1, keepdims=True)
     zero = np.zeros_like(end)
     return foot, np.stack([zero, 0.4 * chord * leave, end - 0.3 * chord * arrive, end], axis=1)
@@ -272,6 +272,9 @@ def _nodes_of(
     place = 3 * t * (1 - t) ** 2 * p1 + 3 * t**2 * (1 - t) * p2 + t**3 * p3
     sway = 0.12 * crook * chord[:, None] * rng.standard_normal((2, len(foot), 3))
     place = place + sway[0][of] * np.sin(np.pi * t) + sway[1][of] * np.sin(2 * np.pi * t) / 2
+    bends = 0.3 * crook * chord[:, None] * rng.standard_normal((len(KINKS), len(foot), 3))
+    for bend, waves in zip(bends, KINKS, strict=True):
+        place = place + bend[of] * np.sin(waves * np.pi * t) / waves**1.5
     parent = first + np.arange(len(of)) - 1
     parent[within == 0] = on
     return foot[of] + place, parent, np.flatnonzero(within == 0)

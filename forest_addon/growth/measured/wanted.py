@@ -10,7 +10,8 @@ from ...base.rng import keyed_uniform
 from ...spec import Allometry, Normal, SpecError, Targets
 from ..draw import draw_normal
 from ..mesh.blades import Blade
-from .allometry import MEASURES, band, draw
+from .allometry import MEASURES, band, draw, measures
+from .allometry import middle as measured_middle
 
 TARGETS = ("dbh", *MEASURES)
 WIDEST = 2.0  # crowns over heights; the measured ones have up to 1.8
@@ -101,8 +102,15 @@ def one_tree(
     return Wanted(*row.tolist())
 
 
-def typical_tree(targets: Targets, kind: Allometry | None, where: str) -> Wanted:
+def typical_tree(
+    targets: Targets,
+    kind: Allometry | None,
+    where: str,
+    score: tuple[float, float] | None = None,
+) -> Wanted:
     """Targets of a species' middle tree: of the mean diameter, and in all else the median given that.
+
+    score : normal scores of its crown's width and base, None: the medians.
 
     Raises
     ------
@@ -112,7 +120,14 @@ def typical_tree(targets: Targets, kind: Allometry | None, where: str) -> Wanted
     if targets.dbh is not None:
         dbh = np.array([targets.dbh.mean])
     middle = np.full((1, len(MEASURES)), 0.5)
-    return Wanted(*drawn(kind, dbh, given_by(targets)[None], middle, where)[0].tolist())
+    given = given_by(targets)[None]
+    if score is not None and kind is not None:
+        height = given[:, :1] / np.exp(measured_middle(kind.height, dbh))
+        found = measures(kind, dbh, np.array([[0.0, score[0], score[1], 0.0]]))
+        found[:, 2] *= np.where(np.isfinite(height[:, 0]), height[:, 0], 1.0)
+        free = np.isnan(given) & np.array([[False, True, True, False]])
+        given = np.where(free, found, given)
+    return Wanted(*drawn(kind, dbh, given, middle, where)[0].tolist())
 
 
 def refuse_contradictions(

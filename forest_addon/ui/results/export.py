@@ -11,6 +11,8 @@ from bpy_extras.io_utils import ExportHelper
 from ...blender.scene.layout import RESULTS, find_part
 from ...blender.scene.ours import is_ours
 from ...blender.sensors.objects import file_name
+from ...formats.crs import can_tell_crs
+from ...results.point_files import ending_of
 from ..shell.running import PROBLEMS, in_words
 from ..shell.words import say
 from . import frames
@@ -21,6 +23,10 @@ WORDS = {
     ".laz": ("LAZ", "A compressed point cloud with all labels"),
     ".las": ("LAS", "A point cloud with all labels"),
     ".ply": ("PLY", "A point cloud with all labels, binary"),
+    ".copc.laz": ("COPC", "A point cloud that viewers stream, with all labels"),
+    ".e57": ("E57", "A point cloud with the scanner's pose and a panorama"),
+    ".pcd": ("PCD", "A point cloud with all labels, for PCL and ROS"),
+    ".xyz": ("XYZ", "A point cloud as lines of text"),
     ".wav": ("WAV", "A sound; echoes slowed down for human ears"),
     ".npz": ("NPZ", "Arrays for Python"),
     ".csv": ("CSV", "A table, for spreadsheets"),
@@ -29,8 +35,9 @@ WORDS = {
 
 def _endings(sensor: Any) -> tuple[str, ...]:
     from ...results.kinds import results_of
+    from ...results.point_files import can_write
 
-    return results_of(sensor).endings
+    return tuple(ending for ending in results_of(sensor).endings if can_write(ending))
 
 
 def _is_response(sensor: Any) -> bool:
@@ -83,8 +90,11 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
     def check(self, _context: bpy.types.Context) -> bool:
         """The name follows the format that is chosen beside it."""
         path = Path(self.filepath)
-        renamed = str(path.with_suffix(f".{self.ending.lower()}")) if path.name else ""
-        if renamed == self.filepath or path.suffix.lower() not in WORDS:
+        had = ending_of(path)
+        if had not in WORDS or not path.name:
+            return False
+        renamed = str(path.with_name(path.name[: -len(had)] + f".{self.ending.lower()}"))
+        if renamed == self.filepath:
             return False
         self.filepath = renamed
         return True
@@ -120,6 +130,9 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
         context.scene.forest_sensing.results[self.result].file = str(path)
+        if found[2].crs and not can_tell_crs():
+            problem = say("Written without its coordinate system: Blender has no pyproj")
+            self.report({"WARNING"}, problem)
         self.report({"INFO"}, say("Written: {file}", file=path))
         return {"FINISHED"}
 

@@ -17,6 +17,7 @@ from ...blender.scene.layout import RESULTS, part
 from ...blender.show.cloud import show_cloud, show_heard
 from ...blender.show.legend import Entry, legend_of, legend_of_heard
 from ...blender.show.sound import give_sound
+from ...results.coordinates import NO_OFFSET, Offset
 from ...results.figures import Figure, of_forest
 from ...results.kind import Finding
 from ...results.kinds import figures_of, results_of, sentence_of, write_finding
@@ -69,7 +70,7 @@ def keep_finding(
     sensor: Sensor,
     found: Finding,
     seconds: float,
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    offset: Offset = NO_OFFSET,
     names: Names = ((), ()),
     frame: int | None = None,
     geometry: SceneGeometry | None = None,
@@ -124,7 +125,7 @@ def save_finding(
     name: str,
     sensor: Sensor,
     found: Any,
-    offset: tuple[float, float, float],
+    offset: Offset,
 ) -> Path:
     """Write a result to a folder and note the file in the panel, at the result of this name.
 

@@ -14,6 +14,7 @@ import bpy
 from ...blender.jobs import Task, Work
 from ...blender.scene.standings import may_be_met
 from ...blender.sensors import objects as sensors
+from ...results.coordinates import Offset
 from ...spec import SpecError
 from ..settings.exchange import to_spec
 from ..settings.preferences import expansions, rays_of
@@ -201,7 +202,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
                 sensor,
                 found,
                 took,
-                settings.offset,
+                Offset.of(settings),
                 names,
                 kept,
                 observer.geometry,
@@ -215,7 +216,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
                 try:
                     numbered = replace(sensor, name=sensor.name + number)
                     path = save_finding(
-                        context, folder, thing.name, numbered, found, settings.offset
+                        context, folder, thing.name, numbered, found, Offset.of(settings)
                     )
                     sentence = say("{found}, saved as {path}", found=sentence, path=path)
                 except (OSError, ImportError) as problem:

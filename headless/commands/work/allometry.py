@@ -18,6 +18,7 @@ from forest_addon.growth.measured.fit import KINDS, fit_kind
 from forest_addon.growth.measured.measure import crown_base_of, dbh_of, leaf_tips, width_of
 from forest_addon.growth.measured.meet import grow_measured
 from forest_addon.growth.measured.wanted import Kind, Wanted
+from forest_addon.growth.mesh.blades import leaf_areas
 from forest_addon.growth.tree import blade_of, grow
 from forest_addon.spec import SpecError, Species
 
@@ -76,7 +77,7 @@ def check_species(name: str, trees: int) -> None:
             max(float(met.skeleton.end[:, 2].max()), float(tips[:, 2].max())),
             width_of(tips),
             crown_base_of(met.skeleton, sites.segment),
-            blade.share * float(np.dot(sites.length, sites.width)),
+            float(leaf_areas(sites, blade).sum()),
         )
     spent = time.process_time() - before
     inside = np.abs(scores(law, dbh, found[:, 1:])) <= Z90 * (1 + 1e-6)

@@ -1,4 +1,4 @@
-"""A map of trees becomes a scene whose forests are like the site.
+"""A map of trees becomes a scene whose forests are like the site: its intensity and the law about it.
 
 Written beside each other: the scene (TOML), for kernel estimates one array a species (npy), and a picture
 of trees, estimated intensity and what the statistics say.
@@ -26,6 +26,7 @@ from forest_addon.stand.compose import process_of
 from forest_addon.stand.inputs import Inputs
 from forest_addon.stand.poisson import sample
 from forest_addon.stand.process import Process
+from forest_addon.stand.statistics.choose import ACCEPTED, ChosenLaw, MappedSpecies, choose_law
 from forest_addon.stand.statistics.goodness import Estimate, examine, law_of
 from forest_addon.stand.statistics.kernel import KernelEstimate, kernel_estimate
 from forest_addon.stand.statistics.mixture import FittedMixture, fit_mixture
@@ -46,16 +47,20 @@ def estimate_site(
     window: Sequence[str] = (),
     species: Sequence[str] = (),
     say: Say = print,
+    law: str = "auto",
 ) -> Path:
     """Estimate a site from a CSV of trees; returns the scene file.
 
     window : four numbers x0 y0 x1 y1, or a CSV of corners; none: around the trees. species : pairs
-    "name in the CSV=preset or species file", or one preset for all trees.
+    "name in the CSV=preset or species file", or one preset for all trees. law : "auto" chooses among
+    Poisson, groups and repulsion by their tests (``choose_law``), or the name of one.
 
     Raises
     ------
-    SpecError : the map, the window or a species cannot be used.
+    SpecError : the map, the window, a species or the law cannot be used.
     """
+    if method == "kernel" and law not in ("auto", "poisson"):
+        raise SpecError("--law", f"{law} goes with --method mixture; a kernel estimate is Poisson")
     trees = read_tree_map(path)
     if not len(trees):
         raise SpecError(str(path), "has no trees below its header; give one a row")
@@ -67,22 +72,17 @@ def estimate_site(
     field = _field(frame)
 
     say(f"{path.name}: {len(trees):,} trees on {frame.area:,.0f} m²" + _said(offset))
-    grown, arrays = [], {}
+    grown: list[SpeciesOfSite] = []
+    arrays: dict[str, np.ndarray] = {}
     out.parent.mkdir(parents=True, exist_ok=True)
     for name, kind in kinds.items():
         points = trees.position[trees.species == name] - offset
-        estimate = (
-            fit_mixture(points, frame) if method == "mixture" else kernel_estimate(points, frame)
+        mapped = MappedSpecies(name or kind, points, frame, field)
+        one, rasters = _grown(
+            mapped, kind, method, law, f"{out.stem}-{_plain(name or kind)}.npy", say
         )
-        file = f"{out.stem}-{_plain(name or kind)}.npy"
-        planting, inputs = _planting(kind, estimate, file)
-        arrays |= inputs.rasters
-        process = process_of(planting, field, inputs)
-
-        law = law_of(estimate, partial(_simulate, process, name or kind))
-        fitness = examine(points, frame, law)
-        grown.append(SpeciesOfSite(name or kind, points, estimate, planting, fitness))
-        say(f"  {_summary(grown[-1])}")
+        grown.append(one)
+        arrays |= rasters
 
     for file, pixels in arrays.items():
         with replacing(out.parent / file) as written:
@@ -106,6 +106,30 @@ def estimate_site(
     say(f"Wrote {', '.join(written)}.")
     say(f"Next: {PROGRAM} stand {out} --out points.csv")
     return out
+
+
+def _grown(
+    mapped: MappedSpecies, kind: str, method: str, law: str, file: str, say: Say
+) -> tuple[SpeciesOfSite, dict[str, np.ndarray]]:
+    """Return what was estimated of a species' trees, and the arrays that its planting reads."""
+    points, frame = mapped.points, mapped.window
+    estimate = fit_mixture(points, frame) if method == "mixture" else kernel_estimate(points, frame)
+    planting, inputs = _planting(kind, estimate, file)
+    process = process_of(planting, mapped.field, inputs)
+    fitness = examine(points, frame, law_of(estimate, partial(_simulate, process, mapped.name)))
+    others: list[ChosenLaw] = []
+    if isinstance(estimate, FittedMixture):
+        by_chance = ChosenLaw("poisson", estimate, planting, fitness)
+        try:
+            taken, *others = choose_law(mapped, by_chance, estimate, law)
+        except ValueError as problem:
+            raise SpecError("--law", f"{mapped.name}: {problem}") from None
+        estimate, planting, fitness = taken.estimate, taken.planting, taken.goodness
+    grown = SpeciesOfSite(mapped.name, points, estimate, planting, fitness)
+    say(f"  {_summary(grown)}")
+    if others:
+        say(f"    tried too: {', '.join(_words(one) for one in others)}")
+    return grown, dict(inputs.rasters)
 
 
 def _simulate(process: Process, name: str, number: int) -> np.ndarray:
@@ -212,13 +236,30 @@ def _summary(grown: SpeciesOfSite) -> str:
     else:
         what = f"kernel of {estimate.bandwidth:.3g} m"
     text = f"{grown.name} as {grown.planting.species}: {len(grown.points):,} trees, {what}"
+    if grown.planting.layout == "clusters":
+        groups = grown.planting.clusters
+        wide = "σ" if groups.kind == "thomas" else "radius"
+        text += (
+            f", in {groups.groups * 1e4:.3g} {groups.kind.capitalize()} groups/ha, "
+            f"{wide} {groups.spread:.3g} m"
+        )
+    elif grown.planting.layout == "strauss":
+        strauss = grown.planting.strauss
+        text += f", keeping apart within {strauss.radius:.3g} m (Strauss, γ = {strauss.gamma:.2g})"
     if grown.goodness is None:
         return text + "; too few trees to test"
-    verdict = "within" if grown.goodness.excess.inside else "beyond"
-    return (
-        f"{text}; L {verdict} its envelope (p = {grown.goodness.excess.p_value:.3f}), "
-        f"quadrats p = {grown.goodness.quadrat_p_value:.3f}"
-    )
+    tests = grown.goodness.excess.p_value, grown.goodness.quadrat_p_value
+    text += f"; L p = {tests[0]:.3f}, quadrats p = {tests[1]:.3f}: "
+    if min(tests) > ACCEPTED:
+        return text + "stands of this law are like the map"
+    text += "no law that was tried is like this map, the scene has the nearest"
+    return text
+
+
+def _words(law: ChosenLaw) -> str:
+    hills = len(law.estimate.peak)
+    over = f" over {hills} hill{'s' * (hills != 1)}" if hills else ""
+    return f"{law.name}{over} p = {law.p_value:.3f}"
 
 
 def _scene_text(scene: Scene, source: str, method: str, positions: np.ndarray) -> str:
@@ -255,6 +296,19 @@ def _scene_text(scene: Scene, source: str, method: str, positions: np.ndarray) -
                 for hill in planting.gaussians
             ]
             lines.append("]")
+        if planting.layout == "clusters":
+            groups = planting.clusters
+            lines += [
+                'layout = "clusters"',
+                f'clusters = {{ kind = "{groups.kind}", groups = {groups.groups:.6g}, '
+                f"spread = {groups.spread:.6g} }}",
+            ]
+        elif planting.layout == "strauss":
+            strauss = planting.strauss
+            lines += [
+                'layout = "strauss"',
+                f"strauss = {{ radius = {strauss.radius:.6g}, gamma = {strauss.gamma:.6g} }}",
+            ]
         lines += [f"rasters = [{{ file = {json.dumps(r.file)} }}]" for r in planting.rasters]
     return "\n".join(lines) + "\n"
 

@@ -16,6 +16,7 @@ from typing import Any
 from forest_addon.formats.scanner_file import PLATFORMS, merged, read_scanner, scanner_names
 from forest_addon.formats.toml_file import structure
 from forest_addon.formats.toml_text import parse_tables
+from forest_addon.results.coordinates import NO_OFFSET, Offset
 from forest_addon.results.scan_file import write_scan
 from forest_addon.sensing.kinds import kind_of
 from forest_addon.sensing.lidar.scan import Scan
@@ -126,7 +127,7 @@ def scan_blend(
     target: Path,
     *,
     seed: int = 0,
-    offset: tuple[float, ...] = (0.0, 0.0, 0.0),
+    offset: Offset = NO_OFFSET,
     engine: str = "auto",
     resume: bool = False,
     at_once: int | None = None,
@@ -172,7 +173,7 @@ def scan_blend(
                 target,
                 scan,
                 seed,
-                offset=offset,  # type: ignore[arg-type]
+                offset=offset,
                 resume=resume,
                 at_once=at_once,
                 progress=progress,

@@ -16,6 +16,7 @@ from forest_addon.growth.measured.wanted import Kind, typical_tree
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.growth.truth import tree_truth
 from forest_addon.spec import Normal, SpecError, Species
+from forest_addon.stand.competition import ALONE
 
 from ...progress import hushed
 from ...report.drawing import can_draw, without
@@ -103,10 +104,10 @@ def show_closeups(
 
 
 def _grow(name: str, seed: int) -> tuple[Species, Tree]:
-    """A tree of a preset or species file; of a measured one its middle tree."""
+    """A tree of a preset or species file; of a measured one its middle tree, standing alone."""
     species, template = load_species(find_species(name, Path()))
     fine = species.changed(detail=species.detail.changed(tolerance=0.003))
     wanted = None
     if species.targets is not None and isinstance(template, Kind):
-        wanted = typical_tree(species.targets, template.allometry, species.name)
+        wanted = typical_tree(species.targets, template.allometry, species.name, ALONE)
     return species, grow(fine, template, stream(seed, "sheet", name), wanted)

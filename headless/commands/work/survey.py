@@ -14,6 +14,7 @@ import numpy as np
 from forest_addon.base.trimesh import GROUND, OTHER, TriMesh
 from forest_addon.formats.helios.scene import Part
 from forest_addon.formats.helios.survey import Survey, read_survey
+from forest_addon.results.coordinates import NO_OFFSET, Offset
 from forest_addon.results.scan_file import write_scan
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.scan import Scan
@@ -67,7 +68,7 @@ def scan_survey(
     assets: Path | None = None,
     reference: Path | None = None,
     seed: int = 0,
-    offset: tuple[float, ...] = (0.0, 0.0, 0.0),
+    offset: Offset = NO_OFFSET,
     engine: str = "auto",
     quiet: bool = False,
 ) -> list[LegCounts]:
@@ -100,7 +101,7 @@ def scan_survey(
         file = target.with_name(f"{target.stem}-{name}{target.suffix}")
         started = time.process_time()
         with stages.stage(f"{name}, {scan.pulses:,} pulses") as progress:
-            done = write_scan(file, scan, seed, offset=offset, progress=progress)  # type: ignore[arg-type]
+            done = write_scan(file, scan, seed, offset=offset, progress=progress)
         took = time.process_time() - started
         mean = scan.total / max(done.points, 1)
         found.append(LegCounts(name, scan.by_returns, mean, took))
