@@ -50,9 +50,10 @@ WINGS: dict[str, dict[str, set[str]]] = {
         "graft": {"lsystem", "mesh", "recognise"},
         "regrow": {"mesh", "recognise", "graft"},
         "measured": {"lsystem", "mesh"},
+        "sway": {"measured", "mesh"},
         "library": {"lsystem", "mesh", "measured", "recognise", "graft", "regrow"},
     },
-    "stand": {"intensity": set(), "statistics": {"intensity"}},
+    "stand": {"intensity": set(), "statistics": {"intensity"}, "wind": set()},
     "blender": {
         "scene": set(),
         "read": {"scene"},

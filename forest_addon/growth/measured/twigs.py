@@ -15,6 +15,7 @@ from ..skeleton import LeafSites, Skeleton
 
 GOLDEN = np.pi * (3 - np.sqrt(5))
 FEW_TIPS = 5  # a segment bears twigs if at most so many branches end beyond it
+TAPER, SHORTEST = 6.0, 0.35  # mean twigs below the top where twigs are whole; length of the topmost
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,10 @@ def seat_twigs(
     direction = np.cos(angle) * heading + np.sin(angle) * around
     direction[:, 2] += crown.rise - crown.hang
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    end = start + draw_normal(crown.twig, keys, "twig length")[:, None] * direction
+    length = draw_normal(crown.twig, keys, "twig length")
+    room = skeleton.end[:, 2].max() - start[:, 2]  # to the top, where twigs are of this year
+    length = length * np.clip(room / (TAPER * crown.twig.mean), SHORTEST, 1.0)
+    end = start + length[:, None] * direction
     return Twigs(start, end, segment, keys)
 
 

@@ -260,8 +260,32 @@ def leaf_areas(sites: LeafSites, blade: Blade) -> np.ndarray:
     """(L,) m² of one side of the leaves of ``lay``."""
     if not blade.by_facets:
         return np.asarray(blade.share * sites.length * sites.width)
-    found = [_curved(sites, part, blade)[2] for part in _parts(len(sites))]
+    found = [_facet_areas(sites, part, blade).sum(axis=1) for part in _parts(len(sites))]
     return np.concatenate(found) if found else np.empty(0)
+
+
+def _facet_areas(sites: LeafSites, part: slice, blade: Blade) -> np.ndarray:
+    """(L, F) areas of the facets of some of the leaves.
+
+    The images of the unit frame's axes, x, y and z, turn a facet of area vector h into one whose square is
+    h·A·h, where A is the adjugate of the images' Gram matrix (Cauchy and Binet); y is across x and z.
+    """
+    d, u = sites.direction[part], sites.up[part]
+    dd, uu, du = (np.einsum("li,li->l", p, q) for p, q in ((d, d), (u, u), (d, u)))
+    long, wide = sites.length[part] ** 2, sites.width[part] ** 2
+    flat = np.maximum(dd * uu - du * du, 0.0)
+    across = long * wide * flat
+    adjugate = np.stack([across * uu, long * long * flat, across * dd, -2 * across * du], axis=1)
+    h = _area_vectors(blade)
+    terms = np.stack([h[:, 0] ** 2, h[:, 1] ** 2, h[:, 2] ** 2, h[:, 0] * h[:, 2]])
+    square = adjugate @ terms
+    return np.asarray(np.sqrt(np.maximum(square, 0.0, out=square), out=square))
+
+
+def _area_vectors(blade: Blade) -> np.ndarray:
+    """(F, 3) half the cross products of the edges of a blade's facets."""
+    a, b, c = (blade.vertices[blade.triangles[:, k]] for k in range(3))
+    return np.asarray(0.5 * np.cross(b - a, c - a))
 
 
 def _curved(
@@ -269,20 +293,17 @@ def _curved(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centre (L, 3), normal (L, 3) and area (L,) of some of the leaves, from their facets' areas.
 
-    The images of the unit frame's axes, X, Y and Z, turn the edges e and f of a facet into the area vector
-    (e×f)ₓ Y×Z/2 + (e×f)ᵧ Z×X/2 + (e×f)_z X×Y/2.
+    The images of the unit frame's axes, X, Y and Z, turn an area vector h into
+    h_x Y×Z + h_y Z×X + h_z X×Y.
     """
     x, y, z = _frame(sites, part)
-    a, b, c = (blade.vertices[blade.triangles[:, k]] for k in range(3))
-    half = 0.5 * np.cross(b - a, c - a)
-    pairs = np.stack([cross_rows(y, z), cross_rows(z, x), cross_rows(x, y)], axis=1)
-    vector = np.einsum("fk,lki->lfi", half, pairs)
-    size = np.sqrt(np.einsum("lfi,lfi->lf", vector, vector))
+    size = _facet_areas(sites, part, blade)
     area = size.sum(axis=1)
-    weight = size / np.maximum(area, np.finfo(float).tiny)[:, None]
-    middle = np.einsum("lf,fk->lk", weight, (a + b + c) / 3)
+    middle = size @ blade.vertices[blade.triangles].mean(axis=1)
+    middle /= np.maximum(area, np.finfo(float).tiny)[:, None]
     centre = sites.foot[part] + middle[:, :1] * x + middle[:, 1:2] * y + middle[:, 2:] * z
-    normal = vector.sum(axis=1)
+    whole = _area_vectors(blade).sum(axis=0)
+    normal = whole[0] * cross_rows(y, z) + whole[1] * cross_rows(z, x) + whole[2] * cross_rows(x, y)
     length = np.linalg.norm(normal, axis=1)
     normal /= np.maximum(length, np.finfo(float).tiny)[:, None]
     all_round = length < 0.5 * area  # a shoot: it faces as what bears it has it

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from forest_addon.spec import SpecError
+
 from ...command import Command, refuse_negative
 
 
@@ -14,13 +16,23 @@ class ValidateCommand(Command):
     description = (
         "Print and draw simulation beside measurement, with intervals, and say what agrees. Subjects: "
         "reverb, lidar, stand, leaves, trees; none: all. With a FILE of yours: reverb RECORDING.wav "
-        "--stand TREES.csv, or lidar CLOUD.laz --scene MY.toml."
+        "--stand TREES.csv, lidar CLOUD.laz --scene MY.toml, or two clouds: lidar A.laz B.laz."
     )
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
         parser.add_argument("subject", nargs="?", metavar="SUBJECT", help="which; default all")
         parser.add_argument(
             "file", nargs="?", type=Path, metavar="FILE", help="a recording or cloud of your own"
+        )
+        parser.add_argument(
+            "other", nargs="?", type=Path, metavar="OTHER.laz", help="a cloud to hold it to"
+        )
+        parser.add_argument(
+            "--origin",
+            action="append",
+            default=[],
+            metavar="X,Y,Z",
+            help="where the scanner of two clouds stood; twice: of each (default: as pulses say)",
         )
         parser.add_argument(
             "--data",
@@ -54,6 +66,13 @@ class ValidateCommand(Command):
 
     def run(self, chosen: argparse.Namespace) -> None:
         refuse_negative(chosen.seed)
+        if chosen.other:
+            from ..validation.clouds.pair import hold_pair
+
+            hold_pair(chosen.subject, (chosen.file, chosen.other), chosen.origin, chosen)
+            return
+        if chosen.origin:
+            raise SpecError("--origin", "belongs to two clouds: validate lidar A.laz B.laz")
         from ..validation.run import run_sections
 
         run_sections([chosen.subject] if chosen.subject else [], chosen, chosen.out)

@@ -29,19 +29,26 @@ FEWEST = 100  # pulses that a share is told of
 @dataclass(frozen=True)
 class CloudReturns:
     """CloudReturns of a cloud: place (N, 3) m, number (N,) of its pulse's, how many that pulse had, ground
-    (N,) bool, whether it is classed so."""
+    (N,) bool, whether it is classed so; where it is known time (N,) s, source (N,), the number of the flight
+    line, and intensity (N,) in the instrument's numbers."""
 
     place: np.ndarray
     number: np.ndarray
     count: np.ndarray
     ground: np.ndarray
+    time: np.ndarray | None = None
+    source: np.ndarray | None = None
+    intensity: np.ndarray | None = None
 
     def within(self, low: np.ndarray, high: np.ndarray) -> CloudReturns:
         """Those over a rectangle."""
         rows = ((self.place[:, :2] >= low) & (self.place[:, :2] <= high)).all(axis=1)
-        return CloudReturns(
-            *(getattr(self, name)[rows] for name in CloudReturns.__dataclass_fields__)
-        )
+        return self.take(rows)
+
+    def take(self, rows: np.ndarray) -> CloudReturns:
+        """Those of these rows, numbers or bool."""
+        values = (getattr(self, name) for name in CloudReturns.__dataclass_fields__)
+        return CloudReturns(*(None if value is None else value[rows] for value in values))
 
     def shares(self) -> tuple[np.ndarray, int]:
         """(4,) shares of pulses with 1, 2, 3 and 4 returns, and of how many pulses."""
@@ -82,8 +89,15 @@ def read_cloud(path: Path) -> CloudReturns:
         raise SpecError(
             str(path), "does not say which return of how many each point is; export it with these"
         )
+    names = set(cloud.point_format.dimension_names)
     return CloudReturns(
-        np.asarray(cloud.xyz), number, count, np.asarray(cloud.classification) == GROUND
+        np.asarray(cloud.xyz),
+        number,
+        count,
+        np.asarray(cloud.classification) == GROUND,
+        np.asarray(cloud.gps_time) if "gps_time" in names else None,
+        np.asarray(cloud.point_source_id),
+        np.asarray(cloud.intensity, float),
     )
 
 

@@ -1,0 +1,1 @@
+"""Wind over and within a stand, and how its trees answer it."""
