@@ -7,7 +7,7 @@ beam (``footprint``) is at its distance
 
 so that six numbers of a beam give all its ranges and angles of incidence. They lie within ``patches.SHORT``
 of the pulse's length, so the echo has one crest (``crests``): Newton's method from the mean of the ranges,
-moved by their third moment. What is found is what ``waveform`` finds of the same rays, but for rounding (1e-11 m).
+moved by their third moment. It is what ``waveform`` finds of the same rays, but for rounding (1e-11 m).
 """
 
 from __future__ import annotations

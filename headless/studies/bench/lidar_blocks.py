@@ -1,4 +1,4 @@
-"""Scans of blocks on the ground, as surveys of HELIOS++ have them: beams known to meet one face, against rays.
+"""Scans of blocks on the ground, as surveys of HELIOS++ have them: beams on one face, against rays.
 
 CPU time of all threads from pulse to cloud; the plain way traces every ray of every beam. Error: the largest
 difference of a range between both.
