@@ -54,6 +54,7 @@ from .progress import Stages, hushed
 from .record import facts_of, write_record
 from .report import findings, page
 from .report.drawing import can_draw, without
+from .report.turning import BUDGET, turning_cloud
 from .unfinished import Unfinished
 
 MOST_LEAVES = 5_000_000  # rows of leaves.npz; beyond, leaves are written once a variant
@@ -235,7 +236,19 @@ def _describe(run: Run, world: World, result: Result) -> page.Finding:
             run.files.append(path.name)
     finding = findings.finding_of(sensor, found, picture, world.observer)
     audits = () if result.audit is None else (result.audit,)
-    return dataclasses.replace(finding, audits=audits, notes=(*finding.notes, *result.notes))
+    heard = {name for each in run.findings for name in each.sounds}
+    cloud = results_of(sensor).points(sensor, found)
+    turned = ""
+    if run.settings.output.report and cloud is not None:
+        turned = turning_cloud(cloud, run.forest.labels, BUDGET // len(run.settings.sensors))
+    return dataclasses.replace(
+        finding,
+        audits=audits,
+        figure=turned,
+        sounds=tuple(name for name in run.files if name.endswith(".wav") and name not in heard),
+        warnings=(*finding.warnings, *(f"{warning}." for warning in result.warnings)),
+        notes=(*finding.notes, *map(str, result.chosen)),
+    )
 
 
 def _describe_stand(run: Run, inputs: Inputs) -> None:

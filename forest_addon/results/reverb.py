@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,11 +55,11 @@ def of_response(response: ImpulseResponse, trunks: int | None = None) -> list[Fi
         numbers("reverberation time", "Reverb Time", f"{seconds:.2f} s")
         if np.isfinite(seconds)
         else words("reverberation time", "Reverb Time", "not reached"),
-        numbers("reverberation time by octave", "", _octaves(measured.band, measured.t30, "s", 2)),
+        _by_octave("reverberation time by octave", measured.band, measured.t30, "s", 2),
         numbers("C50", "Clarity C50", f"{clarity:.1f} dB")
         if np.isfinite(clarity)
         else words("C50", "Clarity C50", "no late sound"),
-        numbers("C50 by octave", "", _octaves(measured.band, measured.c50, "dB", 1)),
+        _by_octave("C50 by octave", measured.band, measured.c50, "dB", 1),
         _passing("direct path", "Direct Path", [channel.direct_clear for channel in channels]),
         _passing("ground path", "Ground Path", [channel.ground_clear for channel in channels]),
         *_multiple_scattering(response.model_error),
@@ -78,14 +79,15 @@ def _of_model(reverb: Reverb) -> list[Figure]:
     ]
 
 
-def _octaves(band: np.ndarray, value: np.ndarray, unit: str, digits: int) -> str:
+def _by_octave(name: str, band: np.ndarray, value: np.ndarray, unit: str, digits: int) -> Figure:
     """Octaves with their values; those without are left out."""
-    shown = [
-        f"{middle:g} Hz {number:.{digits}f} {unit}"
+    shown = {
+        f"{middle:g} Hz": f"{number:.{digits}f} {unit}"
         for middle, number in zip(band[1:], value[1:], strict=True)
         if np.isfinite(number)
-    ]
-    return ", ".join(shown) or "not reached"
+    }
+    text = ", ".join(f"{octave} {told}" for octave, told in shown.items()) or "not reached"
+    return replace(numbers(name, "", text), by_octave=shown)
 
 
 def _passing(name: str, short: str, clear: Sequence[bool]) -> Figure:

@@ -89,7 +89,7 @@ class ImpulseResponse:
 
     @property
     def microphones(self) -> tuple[ImpulseResponse, ...]:
-        """What microphones hear that are alike to all sides, one for every pair of ends."""
+        """Responses of microphones that are alike to all sides, one for every pair of ends."""
         return tuple(one.plain or one for one in self.channels if one.component == 0)
 
     @property

@@ -23,7 +23,7 @@ from .hearing import OMNI_EAR, Hearing
 def encoded(
     pair: Pair, plain: ImpulseResponse, hearing: Hearing, expansions: Expansions
 ) -> list[ImpulseResponse]:
-    """What ``plain``, of one microphone, is in every channel of a receiver."""
+    """Channels of a receiver that hears what ``plain`` is of one microphone."""
     if hearing is OMNI_EAR:
         return [plain]
     count, size = len(plain.direct), len(hearing.names)

@@ -25,7 +25,7 @@ AMBISONICS = ("W", "Y", "Z", "X")
 
 
 @dataclass(frozen=True)
-class Group:
+class SoundGroup:
     """Sound of some directions.
 
     gain : (M,) of trunks, 0 where one is not in it. taps : (C, K) of what every channel hears of it.
@@ -36,7 +36,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Source:
+class NoiseSource:
     """Noise that comes from one direction, or that one harmonic has.
 
     level, space : share of the energy of level noise, and of noise from all sides. taps : (C, K).
@@ -56,13 +56,13 @@ class Hearing:
         """(C, K) response to sound from where (3,) points, of any length."""
         return np.ones((1, 1))
 
-    def groups(self, azimuth: np.ndarray) -> list[Group]:
+    def groups(self, azimuth: np.ndarray) -> list[SoundGroup]:
         """Groups that level sound from azimuths (M,) in radians is sorted into."""
-        return [Group(np.ones(len(azimuth)), np.ones((1, 1)))]
+        return [SoundGroup(np.ones(len(azimuth)), np.ones((1, 1)))]
 
-    def noise(self) -> list[Source]:
+    def noise(self) -> list[NoiseSource]:
         """Parts of the noise, each independent of the others."""
-        return [Source(1.0, 1.0, np.ones((1, 1)))]
+        return [NoiseSource(1.0, 1.0, np.ones((1, 1)))]
 
 
 @dataclass(frozen=True)
@@ -80,19 +80,19 @@ class Ambisonics(Hearing):
             [[1.0], [y * turned[0] - x * turned[1]], [z], [x * turned[0] + y * turned[1]]]
         )
 
-    def groups(self, azimuth: np.ndarray) -> list[Group]:
+    def groups(self, azimuth: np.ndarray) -> list[SoundGroup]:
         turn = azimuth - self.azimuth
         gains = (np.ones(len(turn)), np.sin(turn), np.cos(turn))
-        return [Group(g, np.eye(4)[:, [row]]) for g, row in zip(gains, (0, 1, 3), strict=True)]
+        return [SoundGroup(g, np.eye(4)[:, [row]]) for g, row in zip(gains, (0, 1, 3), strict=True)]
 
-    def noise(self) -> list[Source]:
+    def noise(self) -> list[NoiseSource]:
         shares = ((1.0, 1.0), (1 / 2, 1 / 3), (0.0, 1 / 3), (1 / 2, 1 / 3))  # means of squares
-        return [Source(*share, np.eye(4)[:, [row]]) for row, share in enumerate(shares)]
+        return [NoiseSource(*share, np.eye(4)[:, [row]]) for row, share in enumerate(shares)]
 
 
 @dataclass(frozen=True)
-class Head(Hearing):
-    """Head of a file.
+class MeasuredHead(Hearing):
+    """MeasuredHead of a file.
 
     azimuth : radians, where it faces. directions : (D, 3) unit vectors, x ahead and y to the left.
     responses : (D, 2, K) of the left and the right ear, at the reverb's rate.
@@ -113,17 +113,17 @@ class Head(Hearing):
         found: np.ndarray = self.responses[int(np.argmax(self.directions @ way))]
         return found
 
-    def groups(self, azimuth: np.ndarray) -> list[Group]:
+    def groups(self, azimuth: np.ndarray) -> list[SoundGroup]:
         sector = np.round((azimuth - self.azimuth) * (SECTORS / (2.0 * math.pi))) % SECTORS
         return [
-            Group((sector == number).astype(np.float64), self._nearest(way))
+            SoundGroup((sector == number).astype(np.float64), self._nearest(way))
             for number, way in enumerate(_level())
         ]
 
-    def noise(self) -> list[Source]:
+    def noise(self) -> list[NoiseSource]:
         around = np.array(_spread(AROUND))
-        return [Source(1 / SECTORS, 0.0, self._nearest(way)) for way in _level()] + [
-            Source(0.0, 1 / AROUND, self._nearest(way)) for way in around
+        return [NoiseSource(1 / SECTORS, 0.0, self._nearest(way)) for way in _level()] + [
+            NoiseSource(0.0, 1 / AROUND, self._nearest(way)) for way in around
         ]
 
 
@@ -148,7 +148,7 @@ def hearing_of(reverb: Reverb, folder: Path) -> Hearing:
         np.moveaxis(head.responses, 2, 0).reshape(length, -1), head.sample_rate, reverb.sample_rate
     )
     flat = flat * (head.sample_rate / reverb.sample_rate)  # sums over samples stay, as of a filter
-    return Head(azimuth, head.directions, np.moveaxis(flat.reshape(-1, count, ears), 0, 2))
+    return MeasuredHead(azimuth, head.directions, np.moveaxis(flat.reshape(-1, count, ears), 0, 2))
 
 
 def _level() -> np.ndarray:

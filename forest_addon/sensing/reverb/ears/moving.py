@@ -1,4 +1,4 @@
-"""What is heard where a source or a receiver moves: a dry sound through impulse responses of moments.
+"""Sound heard where a source or a receiver moves: a dry one through impulse responses of moments.
 
 Responses of moments on a path (``at``) and a dry sound go in; wet sound goes out. Trees and noise are
 faded from moment to moment, linearly and in time: their pitch shifts only as far as moments are
