@@ -35,7 +35,6 @@ from forest_addon.results.coordinates import FILE, PROPERTY, Offset, on_the_map,
 from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.kinds import kind_of
-from forest_addon.sensing.reverb.auralise import auralise
 from forest_addon.spec import Scene, Sensor, SpecError
 from forest_addon.stand.forest import (
     GrownForest,
@@ -55,6 +54,7 @@ from .progress import Stages, hushed
 from .record import facts_of, write_record
 from .report import findings, page
 from .report.drawing import can_draw, without
+from .report.turning import BUDGET, turning_cloud
 from .unfinished import Unfinished
 
 MOST_LEAVES = 5_000_000  # rows of leaves.npz; beyond, leaves are written once a variant
@@ -203,9 +203,9 @@ def _take(run: Run, world: World, result: Result, sound: Dry | None) -> None:
     record = results_of(sensor)
     if record.is_response and record.sound is not None:
         heard, rate = record.sound(sensor, found)
-        if sound is not None:
+        if sound is not None and record.wet is not None:
             name, samples, dry_rate = sound
-            heard = auralise(heard, samples, rate, dry_rate)
+            heard, rate = record.wet(sensor, found, samples, dry_rate)
             write_wav(run.path(f"{sensor.name}-{name}.wav"), heard, rate)
         with hushed():
             give_sound(put_sensor(scene, sensor), sensor.name, heard, rate)
@@ -236,7 +236,19 @@ def _describe(run: Run, world: World, result: Result) -> page.Finding:
             run.files.append(path.name)
     finding = findings.finding_of(sensor, found, picture, world.observer)
     audits = () if result.audit is None else (result.audit,)
-    return dataclasses.replace(finding, audits=audits, notes=(*finding.notes, *result.notes))
+    heard = {name for each in run.findings for name in each.sounds}
+    cloud = results_of(sensor).points(sensor, found)
+    turned = ""
+    if run.settings.output.report and cloud is not None:
+        turned = turning_cloud(cloud, run.forest.labels, BUDGET // len(run.settings.sensors))
+    return dataclasses.replace(
+        finding,
+        audits=audits,
+        figure=turned,
+        sounds=tuple(name for name in run.files if name.endswith(".wav") and name not in heard),
+        warnings=(*finding.warnings, *(f"{warning}." for warning in result.warnings)),
+        notes=(*finding.notes, *map(str, result.chosen)),
+    )
 
 
 def _describe_stand(run: Run, inputs: Inputs) -> None:

@@ -42,7 +42,12 @@ APART = {"studies/papers", "studies/validation", "studies/flight"}
 # Folders within a room: the sisters that each may import. Files at the room's own level import all.
 WINGS: dict[str, dict[str, set[str]]] = {
     "sensing": {"rays": set(), "lidar": {"rays"}, "sonar": {"rays"}, "reverb": {"rays"}},
-    "sensing/reverb": {"trunks": set(), "forest": {"trunks"}, "sums": {"trunks", "forest"}},
+    "sensing/reverb": {
+        "trunks": set(),
+        "forest": {"trunks"},
+        "sums": {"trunks", "forest"},
+        "ears": {"forest", "sums"},
+    },
     "growth": {
         "mesh": set(),
         "lsystem": set(),
@@ -80,7 +85,7 @@ PACKAGES: dict[str, set[str]] = {
     "forest_addon/base": NUMBERS,
     "forest_addon/spec": set(),
     "forest_addon/formats": NUMBERS
-    | {"PIL", "cattrs", "copclib", "laspy", "lazrs", "pye57", "pyproj", "tomli_w"},
+    | {"PIL", "cattrs", "copclib", "laspy", "lazrs", "pye57", "pyproj", "sofar", "tomli_w"},
     "forest_addon/acoustics": NUMBERS,
     "forest_addon/growth": NUMBERS,
     "forest_addon/stand": NUMBERS,

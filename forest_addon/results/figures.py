@@ -24,7 +24,8 @@ class Figure:
     """One figure: its names, and its value.
 
     pattern, values : the value, of which the pattern can be translated; numbers and their units are filled
-    in already and have no pattern.
+    in already and have no pattern. by_octave : the value of each octave, where there is one of each; the
+    report makes a table of such figures.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Figure:
     text: str
     pattern: str = ""
     values: Mapping[str, float | str] = field(default_factory=dict)
+    by_octave: Mapping[str, str] = field(default_factory=dict)
 
 
 def numbers(name: str, short: str, text: str) -> Figure:
@@ -45,8 +47,13 @@ def words(name: str, short: str, pattern: str, /, **values: float | str) -> Figu
 
 
 def facts(figures: Sequence[Figure]) -> dict[str, str]:
-    """Return what the report shows of figures."""
+    """Return what the report and run.json show of figures."""
     return {each.name: each.text for each in figures if each.name}
+
+
+def octave_table(figures: Sequence[Figure]) -> dict[str, Mapping[str, str]]:
+    """Return the figures that have a value for each octave: name, then octave and value."""
+    return {each.name: each.by_octave for each in figures if each.name and each.by_octave}
 
 
 def of_forest(forest: GrownForest) -> list[Figure]:

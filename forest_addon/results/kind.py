@@ -56,12 +56,13 @@ class ResultKind:
     sentence : the most telling figure in a few words, ``keep``-ed for translators; empty: the first figure.
 
     title, story, notes : heading, sentence and remarks in the report.
+    doubts : what a user should be warned of, as a tolerance that was not reached.
     write : the files of a run in a folder, with the offset of the scene; the one of the data first.
     endings, save : formats that a result is exported to, the usual one first, and how; labels are of points.
     plot : a picture of it; None: there is nothing to draw. points : it as points in the scene; None: it has
         none. is_cloud : points are all that it is. marks : what sounded where, to show in the scene.
     sound : samples (N, C) and rate in Hz, as it is played; None: it is silent. is_response : other sounds are
-        played through it.
+        played through it. wet : a dry sound (M,) of a rate as it is heard, (N, C) and its rate.
     """
 
     figures: Callable[[Any, Finding, Seen | None], list[Figure]]
@@ -71,6 +72,7 @@ class ResultKind:
     title: Callable[[Any], str] = _title
     story: Callable[[Any, Finding], str] = _no_words
     notes: Callable[[Any, Finding], tuple[str, ...]] = _no_notes
+    doubts: Callable[[Any, Finding], tuple[str, ...]] = _no_notes
     write: Callable[[Path, Any, Finding, Offset], list[Path]] | None = None
     endings: tuple[str, ...] = (".npz", ".csv")
     save: Callable[[Path, Any, Finding, Offset, Labels | None], None] | None = None
@@ -80,3 +82,4 @@ class ResultKind:
     marks: Callable[[Finding], Contributions | None] = _nothing
     sound: Callable[[Any, Finding], tuple[np.ndarray, float]] | None = None
     is_response: bool = False
+    wet: Callable[[Any, Finding, np.ndarray, float], tuple[np.ndarray, float]] | None = None

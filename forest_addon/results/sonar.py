@@ -120,6 +120,17 @@ def _notes(sonar: Sonar, found: Finding) -> tuple[str, ...]:
     return tuple(_echo_notes(sonar, _echoes(found)))
 
 
+def _doubts(sonar: Sonar, found: Finding) -> tuple[str, ...]:
+    """Return that a tolerance was not reached, and what to do."""
+    error = max(echo.error_bound for echo in _echoes(found))
+    if not error > sonar.tolerance > 0:
+        return ()
+    return (
+        f"the sum may be {error:.1e} of all amplitudes off, where {sonar.tolerance:.0e} was asked for: what "
+        f"is looked up is not smooth enough. Set tolerance to {error:.0e}, or to 0 for the direct sum.",
+    )
+
+
 def _echo_notes(sonar: Sonar, echoes: Sequence[Echo]) -> Iterator[str]:
     bound, error, table = (
         max(getattr(echo, name) for echo in echoes)
@@ -128,7 +139,7 @@ def _echo_notes(sonar: Sonar, echoes: Sequence[Echo]) -> Iterator[str]:
     kind = "Fast sum" if sonar.tolerance else "Direct sum over every scatterer and frequency"
     summed = f"{kind}, error at most {error:.1e} of all amplitudes"
     if error > sonar.tolerance > 0:
-        summed += f" ({sonar.tolerance:.0e} was asked for: what is looked up is not smooth enough)"
+        summed += f" ({sonar.tolerance:.0e} was asked for)"
     if table:
         summed += f", and {table:.1e} from the tables of discs and cylinders"
     shade = {
@@ -192,6 +203,7 @@ SONAR = ResultKind(
     sentence=_sentence,
     story=_story,
     notes=_notes,
+    doubts=_doubts,
     write=_write,
     endings=(".wav", ".npz", ".csv"),
     save=_save,

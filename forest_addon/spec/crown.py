@@ -52,6 +52,12 @@ class Crown(Settings):
     widest: float = param(
         0.3, help="height of the widest place, from the crown's base 0 to its top 1", ge=0, le=0.9
     )
+    dome: float = param(
+        0.0,
+        help="how much higher that place is of a stem of 0.4 m than of 0.15 m: crowns get domes with age",
+        ge=-0.9,
+        le=0.9,
+    )
     top: float = param(
         1.5, help="how full the crown is above that: 1 a cone, 2 a dome, more a box", ge=0.5, le=8
     )

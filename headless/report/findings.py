@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from forest_addon.results.figures import facts, of_forest
+from forest_addon.results.figures import facts, octave_table, of_forest
 from forest_addon.results.kinds import results_of
 from forest_addon.sensing.kind import Seen
 from forest_addon.spec import Scene, Sensor
@@ -21,17 +21,39 @@ if TYPE_CHECKING:  # its estimates bring scipy.optimize
 
 def forest_finding(settings: Scene, forest: GrownForest, picture: Path | None) -> Finding:
     """Trees, leaves and triangles of the forest, and where its trees stand."""
-    kinds = {planting.layout for planting in settings.plantings}
-    what = {frozenset({"rows"}): "An orchard", frozenset({"list"}): "A forest from a list of trees"}
+    wide, deep = settings.forest.size
     return Finding(
         "Forest",
-        f"{what.get(frozenset(kinds), 'An inhomogeneous Poisson forest')} on "
-        f"{settings.forest.size[0]:g} by {settings.forest.size[1]:g} m, grown from L-systems and STL "
-        "branch templates.",
+        f"{_stand_in_words(settings)} on {wide:g} by {deep:g} m.",
         facts(of_forest(forest)),
         tuple(_stand_notes(settings, forest)),
         picture,
     )
+
+
+LAYOUTS = {
+    "clusters": "Trees in groups",
+    "strauss": "Trees that keep apart (a Strauss process)",
+    "rows": "Rows of trees",
+    "list": "Trees from a list",
+}
+
+
+def _stand_in_words(settings: Scene) -> str:
+    """Return how the trees of a scene are placed, as its settings say."""
+    layouts = {planting.layout for planting in settings.plantings}
+    if not layouts:
+        return "A field without trees"
+    if len(layouts) > 1:
+        return "Trees placed in several ways"
+    (layout,) = layouts
+    if layout != "poisson":
+        return LAYOUTS[layout]
+    uneven = any(
+        planting.gaussians or planting.rasters or planting.painted
+        for planting in settings.plantings
+    )
+    return "An inhomogeneous Poisson forest" if uneven else "A Poisson forest"
 
 
 def _stand_notes(settings: Scene, forest: GrownForest) -> Iterator[str]:
@@ -109,10 +131,13 @@ def goodness_finding(found: Goodness, picture: Path | None) -> Finding:
 def finding_of(sensor: Sensor, found: Any, picture: Path | None, seen: Seen) -> Finding:
     """Return what a sensor has to say of what it found in a scene."""
     record = results_of(sensor)
+    figures = record.figures(sensor, found, seen)
     return Finding(
         record.title(sensor),
         record.story(sensor, found),
-        facts(record.figures(sensor, found, seen)),
+        facts(figures),
         record.notes(sensor, found),
         picture,
+        octaves=octave_table(figures),
+        warnings=record.doubts(sensor, found),
     )

@@ -18,10 +18,15 @@ from forest_addon.formats.atomic import replacing
 from forest_addon.sensing.audit import Audit
 from forest_addon.spec import Scene
 
+from .turning import viewer
+
 
 @dataclass(frozen=True)
 class Finding:
-    """Finding of one stage; ``notes`` are about accuracy and what was left out."""
+    """Finding of one stage; ``notes`` are about accuracy and what was left out, ``warnings`` what is hardly
+    meant. figure : HTML of a cloud that can be turned. octaves : tables by the names of figures, in place of
+    these among the facts. sounds : files that the page plays.
+    """
 
     title: str
     sentence: str
@@ -29,6 +34,10 @@ class Finding:
     notes: tuple[str, ...] = ()
     picture: Path | None = field(default=None, compare=False)
     audits: tuple[Audit, ...] = ()
+    figure: str = field(default="", compare=False)
+    warnings: tuple[str, ...] = ()
+    octaves: Mapping[str, Mapping[str, str]] = field(default_factory=dict, compare=False)
+    sounds: tuple[str, ...] = ()
 
 
 def write(
@@ -53,6 +62,8 @@ def write(
     listed = "".join(
         f'<li><a href="{html.escape(name)}">{html.escape(name)}</a></li>' for name in files
     )
+    turning = any(finding.figure for finding in findings)
+    code = f"<script>{viewer()}</script>" if turning else ""
     page = f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
@@ -66,7 +77,7 @@ def write(
 <tr class="sum"><td>together</td><td>{sum(seconds.values()):.2f} s</td></tr></table></section>
 <section><h2>Files</h2><ul class="files">{listed}</ul>
 <p>run.json holds versions, seed and every parameter of this run.</p></section>
-</main></body></html>
+</main>{code}</body></html>
 """
     with replacing(path) as partial:
         partial.write_text(page, encoding="utf-8")
@@ -76,8 +87,17 @@ def _section(finding: Finding) -> str:
     facts = "".join(
         f"<div><dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd></div>"
         for name, value in finding.facts.items()
+        if name not in finding.octaves
     )
     notes = "".join(f"<p class='note'>{html.escape(note)}</p>" for note in finding.notes)
+    sounds = "".join(
+        f"<p class='sound'><audio controls preload='none' src='{html.escape(name)}'></audio> "
+        f"{html.escape(name)}</p>"
+        for name in finding.sounds
+    )
+    warnings = "".join(
+        f"<p class='warning'>Warning: {html.escape(warning)}</p>" for warning in finding.warnings
+    )
     picture = (
         f'<img src="{_inline(finding.picture)}" alt="{html.escape(finding.title)}">'
         if finding.picture
@@ -86,8 +106,23 @@ def _section(finding: Finding) -> str:
     audits = "".join(_audit(audit) for audit in finding.audits)
     return (
         f"<section><h2>{html.escape(finding.title)}</h2><p>{html.escape(finding.sentence)}</p>"
-        f"<dl>{facts}</dl>{picture}{audits}{notes}</section>"
+        f"{warnings}<dl>{facts}</dl>{_octaves(finding)}{sounds}{finding.figure}{picture}{audits}{notes}</section>"
     )
+
+
+def _octaves(finding: Finding) -> str:
+    """A table of the figures that have a value for each octave."""
+    octaves = list(dict.fromkeys(band for values in finding.octaves.values() for band in values))
+    if not octaves:
+        return ""
+    head = "".join(f"<th>{html.escape(band)}</th>" for band in octaves)
+    rows = "".join(
+        f"<tr><td>{html.escape(name.removesuffix(' by octave'))}</td>"
+        + "".join(f"<td>{html.escape(values.get(band, '–'))}</td>" for band in octaves)
+        + "</tr>"
+        for name, values in finding.octaves.items()
+    )
+    return f"<table class='octaves'><tr><th></th>{head}</tr>{rows}</table>"
 
 
 def _audit(audit: Audit) -> str:
@@ -123,6 +158,19 @@ h2{font-size:21px;margin:0 0 6px}p{margin:0 0 12px;max-width:74ch}
 dl{display:flex;flex-wrap:wrap;gap:12px 34px;margin:14px 0 18px}
 dt{color:var(--faint);font-size:13px}dd{margin:0;font-size:18px;font-variant-numeric:tabular-nums}
 section img{width:100%;border:1px solid var(--line);border-radius:4px;background:#fff}
+.warning{color:#8a2d17;background:#fbe9e4;border-left:4px solid #c8442c;padding:8px 12px;
+max-width:none}
+.cloud{margin:0 0 14px}.cloud canvas{display:block;width:100%;height:520px;border-radius:4px;
+touch-action:none}
+.tools{display:flex;flex-wrap:wrap;gap:6px 22px;align-items:center;margin:8px 0 2px;font-size:14px}
+.tools label{display:flex;gap:8px;align-items:center}
+.legend{display:flex;flex-wrap:wrap;gap:4px 14px;align-items:center}
+.legend i{display:inline-block;width:11px;height:11px;border-radius:50%;margin-right:5px}
+.ramp{display:inline-block;width:140px;height:11px;border-radius:3px;margin:0 6px}
+.octaves{margin:0 0 16px}.octaves th{font-weight:400;font-size:13px;color:var(--faint);text-align:right}
+.octaves td,.octaves th{padding:3px 0 3px 26px}.octaves td:first-child{padding-left:0;text-align:left}
+.sound{display:flex;gap:14px;align-items:center;color:var(--faint);font-size:14px}
+figcaption{color:var(--faint);font-size:14px}
 .note{color:var(--faint);font-size:14px;margin:10px 0 0}
 table{border-collapse:collapse}td{padding:3px 34px 3px 0;font-variant-numeric:tabular-nums}
 td+td{text-align:right;padding-right:0}.sum td{border-top:1px solid var(--line);font-weight:600}

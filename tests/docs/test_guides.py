@@ -18,7 +18,7 @@ from forest_addon import spec
 from forest_addon.formats.toml_file import write_settings
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-PAGES = sorted(DOCS.glob("guide/*.md"))
+PAGES = [*sorted(DOCS.glob("guide/*.md")), DOCS / "stand.md"]
 
 
 def blocks(page):

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.rng import daughter_keys, keyed_uniform
-from ...spec import SpecError, Species
+from ...spec import Crown, SpecError, Species
 from ..mesh.axes import first_level
 from ..mesh.blades import Blade, leaf_areas
 from ..mesh.foliage import stalk_of
@@ -27,6 +27,7 @@ from .wanted import Wanted
 
 MOST_LEAVES = 5_000_000
 ROUNDS = 12
+YOUNG, OLD = 0.15, 0.4  # metres of diameter
 
 
 @dataclass(frozen=True)
@@ -75,8 +76,8 @@ def grow_crown(species: Species, wanted: Wanted, blade: Blade, key: int) -> Met:
 
     key : 64 bits, the lineage of the tree.
     """
-    crown = species.crown
-    assert crown is not None
+    assert species.crown is not None
+    crown = _aged(species.crown, wanted.dbh)
     tree = np.array([key], np.uint64)
     rng = np.random.Generator(np.random.PCG64(key))
     margin = min(
@@ -106,6 +107,14 @@ def grow_crown(species: Species, wanted: Wanted, blade: Blade, key: int) -> Met:
     radius[: len(bare)] = with_radii(_first(drawn, len(bare)), pipes, crown, wanted.dbh).radius
     wood = replace(drawn, radius=radius)
     return Met(wood, sites if species.leaf.on else LeafSites.none())
+
+
+def _aged(crown: Crown, dbh: float) -> Crown:
+    """The crown of a stem of this diameter: its widest place moves up as its tree grows old."""
+    if not crown.dome:
+        return crown
+    age = np.clip((dbh - YOUNG) / (OLD - YOUNG), 0.0, 1.0)
+    return crown.changed(widest=float(np.clip(crown.widest + crown.dome * age, 0.0, 0.9)))
 
 
 def to_breast_height(skeleton: Skeleton, height: float) -> Skeleton:

@@ -17,7 +17,11 @@ from .nodes import Line
 
 FROM = 0.05  # metres of radius, below which an axis is smooth
 FULL = 0.12  # metres of radius, from which furrows have all of their depth
-AROUND, ALONG = 5, 3  # corners a ridge around the stem, rings a ridge's width along it
+AROUND = 5  # corners a ridge around the stem
+ALONG, RUNNING = (
+    3.0,
+    1.0,
+)  # rings a ridge's width along it; of furrows, which run up the stem seven widths
 MOST_CORNERS = 360
 SMALLEST = 0.035  # metres: scales that are smaller are meshed as if they had this size
 DEEPEST = 0.25  # of a ring's radius, that a furrow is deep at most
@@ -39,6 +43,11 @@ class Relief:
     upper_from: float
     seed: int
 
+    @property
+    def rings(self) -> float:
+        """Rings a ridge's width along an axis: few where bark changes slowly on the way up."""
+        return ALONG if self.texture in ("plated", "cracked") else RUNNING
+
     def most(self, radius: float) -> float:
         """Bound how far the surface of a stem of this radius lies from its circle, metres."""
         return self.depth + 0.7 * self.ovality * radius if radius >= FROM else 0.0
@@ -57,7 +66,7 @@ class Relief:
         axis = np.repeat(np.arange(len(last)), np.diff(line.first))
         rough = (thick >= FROM)[axis]
         rough[last] = False
-        times = np.where(rough, np.ceil(step / (self.size / ALONG)), 1).astype(np.int64)
+        times = np.where(rough, np.ceil(step * self.rings / self.size), 1).astype(np.int64)
         times = np.maximum(times, 1)
         node = np.repeat(np.arange(len(times)), times)
         part = (np.arange(len(node)) - np.repeat(np.cumsum(times) - times, times)) / times[node]
