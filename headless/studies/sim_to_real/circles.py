@@ -1,9 +1,9 @@
 """Stem labels of one tree's cloud, by circles fitted to layers of it and followed upwards from the ground.
 
-Each circle is found by random sampling near the one below (Fischler & Bolles 1981, RANSAC), then fitted to its
-own points by least squares (Taubin's algebraic fit refined by iteration). A layer whose circle strays from its
-neighbours is bridged by them. Above the first metre and a half in which no circle fits, nothing is labelled: what
-stem there is cannot be told from branches by a circle, so those heights do not count in any score.
+Each circle is found by random sampling near the one below (Fischler & Bolles 1981, RANSAC), then fitted to
+its own points by least squares, outliers counting less. A circle that strays from its neighbours takes their
+median. Above the first metre and a half in which no circle fits, nothing is labelled: what stem there is
+cannot be told from branches by a circle, so those heights do not count in any score.
 """
 
 from __future__ import annotations

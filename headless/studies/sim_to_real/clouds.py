@@ -1,8 +1,8 @@
-"""Clouds with labels: plots of ours and of others by FOR-instance's field names, and measured trees.
+"""Clouds with labels: plots of ours and of others by FOR-instance's names, and measured trees.
 
-Labels of the measured trees are not drawn by hand. Stems of the pine and the spruce (TreeLS) are circles fitted to
-layers (``circles``): sure below the crown, less so in it, and none above. Wood of the broadleaved tree (aRchi) is
-what is near its published cylinders (TreeQSM): twigs without a cylinder count as other than wood.
+Labels of the measured trees are not drawn by hand. Stems of pine and spruce (TreeLS) are circles fitted to
+layers (``circles``): sure below the crown, less so in it, and none above. Wood of the broadleaved tree
+(aRchi) is what is near its published cylinders (TreeQSM): twigs without a cylinder count as other than wood.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from forest_addon.spec import SpecError
 
 from .circles import follow_stem
-from .features import Cells, cells_of, features_of
+from .features import VoxelCells, cells_of, features_of
 
 STEM, CLASSES = 4, 7
 LOWEST = 0.3  # metres above the ground: below is ground and litter, which no score counts
@@ -32,14 +32,14 @@ BROADLEAF = ("aRchi_1.las", "aRchi_1_qsm.txt")
 
 @dataclass(frozen=True)
 class Labelled:
-    """Cells of a cloud with what is known of them.
+    """VoxelCells of a cloud with what is known of them.
 
     features : (C, F). stem, wood : (C,) bool, or None where nobody knows. top : metres above the ground up
     to which labels hold. base : of ours, the kind of stand.
     """
 
     name: str
-    cells: Cells
+    cells: VoxelCells
     features: np.ndarray
     stem: np.ndarray | None
     wood: np.ndarray | None
@@ -66,7 +66,7 @@ def measured_trees(folder: Path) -> Iterator[Labelled]:
         if (folder / file).is_file():
             points = laspy.read(folder / file).xyz
             cells = cells_of(points)
-            height = cells.height[cells.of_point]
+            height = points[:, 2] - ground_below(points)
             stem = follow_stem(points, height)
             if stem is not None:
                 on = cells.majority(stem.holds(points, height)) > 0.5
@@ -75,6 +75,10 @@ def measured_trees(folder: Path) -> Iterator[Labelled]:
     if cloud.is_file() and cylinders.is_file():
         points = laspy.read(cloud).xyz
         cells = cells_of(points)
+        above = (
+            cells.centre[:, 2] - cells.centre[:, 2].min()
+        )  # cut out of its plot, it has no ground
+        cells = CloudCells(cells.centre, above, cells.of_point)
         wood = cells.majority(near_cylinders(points, np.loadtxt(cylinders))) > 0.5
         yield Labelled("broadleaf", cells, features_of(cells), None, wood)
 
@@ -105,7 +109,7 @@ def read_folder(folder: Path) -> list[Labelled]:
 
 
 def read_scene(folder: Path, within: tuple[float, float, float, float], base: str) -> Labelled:
-    """A scene of a dataset of ours, its scans joined. within : lowest x and y, then highest, metres, that count."""
+    """A scene of ours, its scans joined. within : lowest x and y, then highest, metres, that count."""
     files = sorted(folder.glob("*-forinstance.laz"))
     return _read_plot(f"ours {folder.name}", files, str(folder), within, base)
 
@@ -123,7 +127,7 @@ def _read_plot(
     if not (classes == STEM).any() or (classes == STEM).all():
         raise SpecError(
             where,
-            "has no two classes to learn: its field classification must be FOR-instance's, with 4 for stem",
+            "has not both stem and the rest: classification must be FOR-instance's, 4 for stem",
         )
     wood = None
     if all("organ" in cloud.point_format.extra_dimension_names for cloud in clouds):

@@ -2,8 +2,8 @@
 
 A cloud is reduced to the means of its points in cells of 5 cm, so that how many points there were no longer
 matters; heights are above the ground, which is the lowest of each square metre. Around each mean follow, at
-several radii, the eigenvalue features of Weinmann et al. (2015, ISPRS J. 105:286) by pgeof, and how far what is
-there goes on straight up and down and how much of it is near: stems go on, branches do not.
+several radii, the eigenvalue features of Weinmann et al. (2015, ISPRS J. 105:286) by pgeof, and how far what
+is there goes on straight up and down and how much of it is near: stems go on, branches do not.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ NAMES = (
 
 
 @dataclass(frozen=True)
-class Cells:
-    """Cells of a cloud that hold a point.
+class VoxelCells:
+    """VoxelCells of a cloud that hold a point.
 
     centre : (C, 3) metres, the mean of their points. height : (C,) metres above the ground.
     of_point : (P,) the cell of each point.
@@ -48,10 +48,10 @@ class Cells:
         return np.bincount(self.of_point, flags, len(self.centre)) / count
 
 
-def cells_of(points: np.ndarray, edge: float = EDGE) -> Cells:
+def cells_of(points: np.ndarray, edge: float = EDGE) -> VoxelCells:
     """Reduce points (P, 3), metres, to the means of cells."""
     centre, of_point = _means(points, edge)
-    return Cells(centre, centre[:, 2] - ground_below(centre), of_point)
+    return VoxelCells(centre, centre[:, 2] - ground_below(centre), of_point)
 
 
 def _means(points: np.ndarray, edge: float) -> tuple[np.ndarray, np.ndarray]:
@@ -86,7 +86,7 @@ def ground_below(points: np.ndarray, edge: float = 1.0) -> np.ndarray:
     return np.where(np.isnan(found), nearest, found)
 
 
-def features_of(cells: Cells) -> np.ndarray:
+def features_of(cells: VoxelCells) -> np.ndarray:
     """(C, len(NAMES)) float32 features of cells."""
     centre = cells.centre - cells.centre.min(axis=0)
     shapes = [_shapes(centre, *scale) for scale in SCALES]
@@ -108,7 +108,7 @@ def _columns(centre: np.ndarray) -> list[np.ndarray]:
     """Shares of the layers above and below a cell in which a thin upright column holds something."""
     index = np.floor((centre - centre.min(axis=0)) / LAYER).astype(int)
     layers = round(REACH / LAYER)
-    filled = np.zeros(index.max(axis=0) + [1, 1, 1 + 2 * layers], dtype=bool)
+    filled = np.zeros(np.add(index.max(axis=0), (1, 1, 1 + 2 * layers)), dtype=bool)
     index[:, 2] += layers
     filled[tuple(index.T)] = True
     found = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -65,13 +66,16 @@ def train(rows: Taught, seed: int, network: bool = False) -> Any:
     """Return a classifier: a random forest (Breiman 2001), or a network of two layers of 64."""
     # An extra: see [project.optional-dependencies] study.
     from sklearn.ensemble import RandomForestClassifier
+    from sklearn.exceptions import ConvergenceWarning
     from sklearn.neural_network import MLPClassifier
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
 
     if network:
         layers = MLPClassifier((64, 64), max_iter=12, batch_size=512, random_state=seed)
-        return make_pipeline(StandardScaler(), layers).fit(rows.features, rows.label)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ConvergenceWarning)  # twelve rounds are meant
+            return make_pipeline(StandardScaler(), layers).fit(rows.features, rows.label)
     forest = RandomForestClassifier(
         TREES,
         min_samples_leaf=LEAST,
@@ -82,7 +86,7 @@ def train(rows: Taught, seed: int, network: bool = False) -> Any:
     return forest.fit(rows.features, rows.label, rows.weight)
 
 
-def tested(
+def scored(
     learner: Any, cloud: Labelled, what: str, high: float = np.inf, but: np.ndarray | None = None
 ) -> Score:
     """Score on a cloud below a height; ``but`` (C,) bool: cells that do not count."""

@@ -1,7 +1,7 @@
-"""TLSeparation (Vicari et al. 2019, Methods Ecol. Evol. 10:680), the published rules that tell wood from leaf.
+"""TLSeparation (Vicari et al. 2019, Methods Ecol. Evol. 10:680), the rules that tell wood from leaf.
 
-Version 1.3.3 was written for Python 2 and numpy before 1.20. Words that have gone since are replaced as it is
-imported (dictionaries' ``iteritems`` and lists of keys, ``numpy.int`` and the like); its rules are as published.
+Version 1.3.3 was written for Python 2 and numpy before 1.20. Words that have gone since are replaced as it
+is imported (dictionaries' ``iteritems`` and lists of keys, ``numpy.int``); its rules are as published.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def wood_by_rules(points: np.ndarray) -> np.ndarray:
     ------
     ImportError : it is not installed.
     """
-    finder = _Finder()
+    finder = _SeparationFinder()
     sys.meta_path.insert(0, finder)
     try:
         with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
@@ -56,7 +56,7 @@ def wood_by_rules(points: np.ndarray) -> np.ndarray:
     return found
 
 
-class _Finder(PathFinder):
+class _SeparationFinder(PathFinder):
     """Finds the modules of TLSeparation, and has them translated."""
 
     @classmethod

@@ -1,7 +1,7 @@
 """Train on plots of ours, test on real clouds: scores beside those of training on real ones and of rules.
 
-Every seed learns from another two thirds of our plots; intervals hold 90 % of the seeds. Scores count cells of
-5 cm above 0.3 m, as far up as labels hold.
+Every seed learns from another two thirds of our plots; intervals hold 90 % of the seeds. Scores count cells
+of 5 cm above 0.3 m, as far up as labels hold.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ...dataset.factory import Asked, make_dataset
 from ...dataset.plan import find_plan, read_plan
 from .clouds import Labelled, measured_trees, read_folder, read_scene
 from .features import NAMES
-from .learn import Score, Taught, cross_validated, lent, taught, tested, train
+from .learn import Score, Taught, cross_validated, lent, scored, taught, train
 from .rules import can_separate, wood_by_rules
 
 PLAN = "measured-stands"
@@ -48,7 +48,7 @@ class Request:
 
 
 @dataclass
-class Row:
+class StudyRow:
     """Scores of one label of one cloud: of every way to learn, a score a seed."""
 
     cloud: str
@@ -71,16 +71,16 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Found:
-    """Found of the study. importance : what to the (F,) importances of ours and of each real cloud."""
+class StudyFindings:
+    """StudyFindings of the study. importance : what to the (F,) importances of ours and of each real cloud."""
 
-    rows: list[Row]
+    rows: list[StudyRow]
     importance: dict[str, dict[str, np.ndarray]]
     plots: int
     seconds: dict[str, float]
 
 
-def run_study(asked: Request, out: Path, say: Say = print) -> Found:
+def run_study(asked: Request, out: Path, say: Say = print) -> StudyFindings:
     """Make plots, learn, test; writes scores.csv, importance.csv and study.json to ``out``.
 
     Raises
@@ -115,7 +115,7 @@ def run_study(asked: Request, out: Path, say: Say = print) -> Found:
         say(f"seed {number + 1} of {asked.seeds}: {time.process_time() - began:.0f} CPU s")
     _by_rules(real, rows, say)
     seconds = {"plots": made, "learning": time.process_time() - began}
-    found = Found(rows, importance, asked.plots, seconds)
+    found = StudyFindings(rows, importance, asked.plots, seconds)
     _write(found, out)
     return found
 
@@ -155,7 +155,7 @@ def _seconds_of(folder: Path) -> float:
     return float(sum(sum(one.get("cpu", {}).values()) for one in said))
 
 
-def _rows(cloud: Labelled) -> list[Row]:
+def _rows(cloud: Labelled) -> list[StudyRow]:
     found = []
     for what, highs in (("stem", (LOW, np.inf)), ("wood", (np.inf,))):
         truth = getattr(cloud, what)
@@ -163,7 +163,7 @@ def _rows(cloud: Labelled) -> list[Row]:
             continue
         for high in highs:
             cells = cloud.counted(high=high)
-            found.append(Row(cloud.name, what, high, len(cells), float(truth[cells].mean())))
+            found.append(StudyRow(cloud.name, what, high, len(cells), float(truth[cells].mean())))
     return found
 
 
@@ -176,7 +176,7 @@ def _one_seed(
     ours: Sequence[Labelled],
     real: Sequence[Labelled],
     what: str,
-    rows: Sequence[Row],
+    rows: Sequence[StudyRow],
     importance: dict[str, np.ndarray],
 ) -> None:
     """Learn once from each and note the scores."""
@@ -195,8 +195,8 @@ def _one_seed(
         truth, height = getattr(cloud, what), cloud.cells.height
         for row in mine:
             for way, learner in learners.items():
-                row.add(way, tested(learner, cloud, what, row.high))
-            row.add("ours + 10 % real", tested(mixed, cloud, what, row.high, lends[cloud.name][1]))
+                row.add(way, scored(learner, cloud, what, row.high))
+            row.add("ours + 10 % real", scored(mixed, cloud, what, row.high, lends[cloud.name][1]))
             below = height[counted] < row.high
             row.add("real", Score.of(truth[counted][below], told[below]))
         known = Taught(cloud.features[counted], truth[counted], np.ones(len(counted)))
@@ -207,7 +207,7 @@ def _add(sums: dict[str, np.ndarray], name: str, values: np.ndarray) -> None:
     sums[name] = sums.get(name, 0.0) + values
 
 
-def _by_rules(real: Sequence[Labelled], rows: Sequence[Row], say: Say) -> None:
+def _by_rules(real: Sequence[Labelled], rows: Sequence[StudyRow], say: Say) -> None:
     """Note the scores of TLSeparation where the wood of a tree is known."""
     if not can_separate():
         say("tlseparation is not installed: no scores of rules (pip install forest-sensing[study])")
@@ -220,7 +220,7 @@ def _by_rules(real: Sequence[Labelled], rows: Sequence[Row], say: Say) -> None:
                 row.add("rules", Score.of(cloud.wood[cells], told[cells]))
 
 
-def _write(found: Found, out: Path) -> None:
+def _write(found: StudyFindings, out: Path) -> None:
     table: dict[str, list] = {
         key: [] for key in ("cloud", "label", "below_m", "cells", "way", "seed", "miou", "f1")
     }
