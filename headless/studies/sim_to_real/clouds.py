@@ -32,7 +32,7 @@ BROADLEAF = ("aRchi_1.las", "aRchi_1_qsm.txt")
 
 @dataclass(frozen=True)
 class Labelled:
-    """VoxelCells of a cloud with what is known of them.
+    """Cells of a cloud with what is known of them.
 
     features : (C, F). stem, wood : (C,) bool, or None where nobody knows. top : metres above the ground up
     to which labels hold. base : of ours, the kind of stand.

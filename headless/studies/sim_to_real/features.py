@@ -32,7 +32,7 @@ NAMES = (
 
 @dataclass(frozen=True)
 class VoxelCells:
-    """VoxelCells of a cloud that hold a point.
+    """Cells of a cloud that hold a point.
 
     centre : (C, 3) metres, the mean of their points. height : (C,) metres above the ground.
     of_point : (P,) the cell of each point.

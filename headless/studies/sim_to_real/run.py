@@ -72,7 +72,7 @@ class StudyRow:
 
 @dataclass(frozen=True)
 class StudyFindings:
-    """StudyFindings of the study. importance : what to the (F,) importances of ours and of each real cloud."""
+    """Findings of the study. importance : what to the (F,) importances of ours and of each real cloud."""
 
     rows: list[StudyRow]
     importance: dict[str, dict[str, np.ndarray]]

@@ -84,7 +84,7 @@ def test_a_column_goes_on_above_and_below_and_a_bar_does_not():
     for upright, expected in ((True, 1.0), (False, 0.1)):
         order = (1, 2, 0) if upright else (0, 1, 2)
         points = np.column_stack([along, thin])[:, order] + [3.0, 3.0, 3.0]
-        points = np.concatenate([points, [*floor(2000), 3.0, 3.0, 0.0]])
+        points = np.concatenate([points, np.add(floor(2000), (3.0, 3.0, 0.0))])
         cells = cells_of(points)
         middle = np.linalg.norm(cells.centre - 3.0, axis=1) < 0.5
         found = features_of(cells)[middle]
