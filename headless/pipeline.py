@@ -35,7 +35,6 @@ from forest_addon.results.coordinates import FILE, PROPERTY, Offset, on_the_map,
 from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.kinds import kind_of
-from forest_addon.sensing.reverb.auralise import auralise
 from forest_addon.spec import Scene, Sensor, SpecError
 from forest_addon.stand.forest import (
     GrownForest,
@@ -204,9 +203,9 @@ def _take(run: Run, world: World, result: Result, sound: Dry | None) -> None:
     record = results_of(sensor)
     if record.is_response and record.sound is not None:
         heard, rate = record.sound(sensor, found)
-        if sound is not None:
+        if sound is not None and record.wet is not None:
             name, samples, dry_rate = sound
-            heard = auralise(heard, samples, rate, dry_rate)
+            heard, rate = record.wet(sensor, found, samples, dry_rate)
             write_wav(run.path(f"{sensor.name}-{name}.wav"), heard, rate)
         with hushed():
             give_sound(put_sensor(scene, sensor), sensor.name, heard, rate)

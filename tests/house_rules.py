@@ -42,7 +42,12 @@ APART = {"studies/papers", "studies/validation", "studies/flight"}
 # Folders within a room: the sisters that each may import. Files at the room's own level import all.
 WINGS: dict[str, dict[str, set[str]]] = {
     "sensing": {"rays": set(), "lidar": {"rays"}, "sonar": {"rays"}, "reverb": {"rays"}},
-    "sensing/reverb": {"trunks": set(), "forest": {"trunks"}, "sums": {"trunks", "forest"}},
+    "sensing/reverb": {
+        "trunks": set(),
+        "forest": {"trunks"},
+        "sums": {"trunks", "forest"},
+        "ears": {"forest", "sums"},
+    },
     "growth": {
         "mesh": set(),
         "lsystem": set(),
@@ -80,7 +85,7 @@ PACKAGES: dict[str, set[str]] = {
     "forest_addon/base": NUMBERS,
     "forest_addon/spec": set(),
     "forest_addon/formats": NUMBERS
-    | {"PIL", "cattrs", "copclib", "laspy", "lazrs", "pye57", "pyproj", "tomli_w"},
+    | {"PIL", "cattrs", "copclib", "laspy", "lazrs", "pye57", "pyproj", "sofar", "tomli_w"},
     "forest_addon/acoustics": NUMBERS,
     "forest_addon/growth": NUMBERS,
     "forest_addon/stand": NUMBERS,
@@ -98,7 +103,8 @@ PACKAGES: dict[str, set[str]] = {
     "headless/dataset": NUMBERS
     | {"bpy", "dask", "distributed", "laspy", "matplotlib", "tomli_w", "tqdm"},
     "headless/report": NUMBERS | {"PIL", "bpy", "matplotlib"},
-    "headless/studies": NUMBERS | {"bpy", "laspy", "mathutils", "matplotlib", "pyhelios"},
+    "headless/studies": NUMBERS
+    | {"bpy", "laspy", "mathutils", "matplotlib", "pgeof", "pyhelios", "sklearn", "tlseparation"},
 }
 NETWORK = {"socket", "http", "urllib", "requests", "ftplib", "ssl", "smtplib", "aiohttp"}
 LONGEST_FILE, LARGEST_FOLDER, LONGEST_FUNCTION, MOST_PARAMETERS = 400, 24, 60, 8

@@ -18,7 +18,6 @@ EXCEPTIONS = {
         "forest_addon/growth/measured/colonise.py: colonise": "one loop over states that change together",
         "forest_addon/growth/mesh/meshing.py: _tubes": "one sum over rings, each line an array of it",
         "forest_addon/growth/recognise/closing.py: close": "holes, caps and axes of one cut",
-        "forest_addon/sensing/lidar/scan.py: _measure": "the way of a chunk through the receiver",
         "forest_addon/sensing/sonar/ping.py: ping": "the way of a ping, step by step",
         "forest_addon/flight/flying.py: fly": "the loop of a flight",
         "forest_addon/ui/sensors/run.py: _look": "the stages of a run, each said to the user",

@@ -123,7 +123,7 @@ class World:
                 found = observer.observe(sensor, self.scene, progress, self.folder, way)
             seconds = time.perf_counter() - before
             audit = observer.audit(sensor, self.scene, found, seconds, self.folder, way)
-            warnings = observer.warnings(sensor, way)
+            warnings = observer.warnings(sensor, way, self.folder)
             empty = observer.empty(sensor, self.scene, found, self.folder, way)
             warnings = (*warnings, f"{sensor.name}: {empty}") if empty else warnings
         except SpecError:

@@ -62,7 +62,7 @@ class ResultKind:
     plot : a picture of it; None: there is nothing to draw. points : it as points in the scene; None: it has
         none. is_cloud : points are all that it is. marks : what sounded where, to show in the scene.
     sound : samples (N, C) and rate in Hz, as it is played; None: it is silent. is_response : other sounds are
-        played through it.
+        played through it. wet : a dry sound (M,) of a rate as it is heard, (N, C) and its rate.
     """
 
     figures: Callable[[Any, Finding, Seen | None], list[Figure]]
@@ -82,3 +82,4 @@ class ResultKind:
     marks: Callable[[Finding], Contributions | None] = _nothing
     sound: Callable[[Any, Finding], tuple[np.ndarray, float]] | None = None
     is_response: bool = False
+    wet: Callable[[Any, Finding, np.ndarray, float], tuple[np.ndarray, float]] | None = None

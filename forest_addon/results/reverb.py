@@ -121,8 +121,8 @@ def _sentence(response: ImpulseResponse) -> str:
     return keep("{count:,} trunks heard", count=response.trunks)
 
 
-def _story(reverb: Reverb, _response: ImpulseResponse) -> str:
-    distance = float(np.linalg.norm(np.subtract(reverb.source, reverb.receiver)))
+def _story(reverb: Reverb, response: ImpulseResponse) -> str:
+    distance = float(np.linalg.norm(np.subtract(response.source, response.receiver)))
     how = (
         "from single scattering by trunks (Kaneko & Gamper 2021)."
         if reverb.model == "paper"
@@ -170,6 +170,18 @@ def _notes(reverb: Reverb, response: ImpulseResponse) -> tuple[str, ...]:
             f"Figures are of the first of {len(channels)} channels, {response.channel}; "
             f"{reverb.name}.npz has those of all."
         )
+    if response.at == response.at:
+        notes.append(
+            "Source or receiver move: each moment has channels of its own; a dry sound is heard through all "
+            "of them, its direct sound and the ground's with their Doppler shift at every sample, what "
+            "trunks scatter faded from moment to moment."
+        )
+    if reverb.heard_as == "ambisonics":
+        notes.append("Ambisonics of first order: W, Y, Z, X (ACN), SN3D.")
+    if reverb.noise_db:
+        notes.append(
+            "Background noise is added where a dry sound is heard, not to impulse responses."
+        )
     if any(channel.clamped for channel in channels):
         most = max(channel.clamped for channel in channels)
         notes.append(
@@ -189,12 +201,14 @@ def _write(folder: Path, reverb: Reverb, response: ImpulseResponse, _offset: Off
 
 
 def _save(
-    path: Path, _reverb: Reverb, response: ImpulseResponse, _offset: Offset, _labels: Labels | None
+    path: Path, reverb: Reverb, response: ImpulseResponse, _offset: Offset, _labels: Labels | None
 ) -> None:
     from ..formats.table import write_csv
     from ..sensing.reverb.response import channels_of
 
-    if path.suffix.lower() == ".csv":
+    if path.suffix.lower() == ".sofa":
+        _write_sofa(path, reverb, response)
+    elif path.suffix.lower() == ".csv":
         samples = np.atleast_2d(channels_of(response).T)
         write_csv(path, sound_columns(samples, response.sample_rate))
     elif path.suffix.lower() == ".wav":
@@ -224,6 +238,7 @@ def write_response(path: Path, found: ImpulseResponse) -> None:
     measures = [
         room_metrics(channel.samples, found.sample_rate, channel.left_db) for channel in channels
     ]
+    moving = {"moment": np.array([one.at for one in channels])} if found.at == found.at else {}
     times, densities = zip(
         *(echo_density(channel.samples, found.sample_rate) for channel in channels), strict=True
     )
@@ -234,6 +249,9 @@ def write_response(path: Path, found: ImpulseResponse) -> None:
             part: np.array([getattr(channel, part) for channel in channels])
             for part in ("samples", "direct", "ground", "trees")
         },
+        "source": np.array([channel.source for channel in channels]),
+        "receiver": np.array([channel.receiver for channel in channels]),
+        **moving,
         "direct_delay": np.array([channel.direct_delay for channel in channels]),
         "left_out": np.array([channel.left_db for channel in channels]),
         "energy_decay": np.array([energy_decay_db(channel.samples) for channel in channels]),
@@ -249,6 +267,7 @@ def write_response(path: Path, found: ImpulseResponse) -> None:
     units = dict.fromkeys(("time", "direct_delay", "centre_time", "echo_density_time"), "s")
     units |= dict.fromkeys(("edt", "t20", "t30", "t60"), "s") | {"band": "Hz", "d50": "1"}
     units |= dict.fromkeys(("energy_decay", "left_out", "c50", "c80"), "dB") | {"echo_density": "1"}
+    units |= {"source": "m", "receiver": "m"} | dict.fromkeys(moving, "s")
     units |= dict.fromkeys(("samples", "direct", "ground", "trees"), "re source's impulse at 1 m")
     write_npz(path, arrays, units)
 
@@ -263,15 +282,65 @@ def _sound(_reverb: Reverb, response: ImpulseResponse) -> tuple[np.ndarray, floa
     return channels_of(response), response.sample_rate
 
 
+def wet_sound_of(
+    reverb: Reverb, response: ImpulseResponse, dry: np.ndarray, dry_rate: float
+) -> tuple[np.ndarray, float]:
+    """(N, C) samples of a dry sound (M,) or (M, D) in the forest, and their rate; noise is in them.
+
+    Where source or receiver move, C are the channels of one moment, and the sound begins when the path does.
+    """
+    from ..base.rng import stream
+    from ..sensing.reverb.auralise import auralise, resample
+    from ..sensing.reverb.background import background
+    from ..sensing.reverb.ears.moving import heard_moving, moves
+    from ..sensing.reverb.response import channels_of
+
+    rate = response.sample_rate
+    mono = np.asarray(dry, np.float64)
+    mono = resample(mono.mean(axis=1) if mono.ndim == 2 else mono, dry_rate, rate)
+    if moves(response):
+        speed = float(np.linalg.norm(np.subtract(response.source, response.receiver)))
+        heard = heard_moving(response, mono, speed / max(response.direct_delay, 1e-9))
+    else:
+        heard = auralise(channels_of(response), mono, rate, rate)
+    if reverb.noise_db:
+        aside = np.sqrt(1 / 3) if reverb.heard_as == "ambisonics" else 1.0
+        gains = [aside if one.component else 1.0 for one in response.channels][: heard.shape[1]]
+        rng = stream(0, "reverb", reverb.name, "background")
+        heard = heard + background(reverb.noise_db, mono, rate, len(heard), tuple(gains), rng)
+    return heard, rate
+
+
+def _write_sofa(path: Path, reverb: Reverb, response: ImpulseResponse) -> None:
+    """Write measurements, source by source and moment by moment, by receivers."""
+    from ..formats.sofa import write_responses
+
+    channels = response.channels
+    rows: dict[tuple, list[ImpulseResponse]] = {}
+    for one in channels:
+        rows.setdefault((one.at if one.at == one.at else None, one.source), []).append(one)
+    table = list(rows.values())
+    write_responses(
+        path,
+        np.array([[one.samples for one in row] for row in table]),
+        response.sample_rate,
+        np.array([row[0].source for row in table]),
+        np.array([[one.receiver for one in row] for row in table]),
+        reverb.name,
+        [one.channel.split(" to ", 1)[1] for one in table[0]],
+    )
+
+
 REVERB = ResultKind(
     figures=_figures,
     sentence=_sentence,
     story=_story,
     notes=_notes,
     write=_write,
-    endings=(".wav", ".npz", ".csv"),
+    endings=(".wav", ".npz", ".csv", ".sofa"),
     save=_save,
     plot=_plot,
     sound=_sound,
     is_response=True,
+    wet=wet_sound_of,
 )

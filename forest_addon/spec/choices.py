@@ -73,6 +73,11 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "miki": ("Miki", "Sound at all frequencies; the usual choice"),
         "delany-bazley": ("Delany-Bazley", "The older formula; not for low frequencies"),
     },
+    "heard_as": {
+        "omni": ("Microphones", "One channel of even pressure at each receiver"),
+        "ambisonics": ("Ambisonics", "Four channels of first order (ACN, SN3D) at each receiver"),
+        "binaural": ("Two Ears", "Left and right through the head of a SOFA file"),
+    },
     "model": {
         "paper": ("As the Paper", "Kaneko's weights, no losses but the air's"),
         "forest": ("Forest", "Cylinders' own scattering, with what ground, bark and leaves take"),

@@ -24,6 +24,7 @@ ADVANCED: dict[str, frozenset[str]] = {
             *("ground", "impedance_model", "flow_resistivity", "strength", "spreading"),
             *("extinction", "multiple_share", "path_ground", "turbulence", "bark", "foliage"),
             *("leaf_area_density", "leaf_absorption", "min_radius", "tolerance", "rescattering"),
+            *("array_file", "source_path", "receiver_path", "path_step", "noise_db"),
         }
     ),
     "beam": frozenset({"wavelength_nm", "exit_diameter", "subrays", "pulse_ns", "extinction"}),
@@ -51,6 +52,8 @@ APPLIES: dict[str, tuple[str, tuple[str, ...]]] = {
     "array_spacing": ("array", (MORE_THAN_ONE,)),
     "array_azimuth_deg": ("array", (MORE_THAN_ONE,)),
     "array_elevation_deg": ("array", (MORE_THAN_ONE,)),
+    "head_file": ("heard_as", ("binaural",)),
+    "head_azimuth_deg": ("heard_as", ("ambisonics", "binaural")),
     "channels": ("pattern", ("spinning",)),
 }
 

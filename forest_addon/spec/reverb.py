@@ -48,6 +48,44 @@ class Reverb(Sensor):
         90.0, "direction from the first microphone of a row to the last"
     )
     array_elevation_deg: float = elevation(0.0, "the same")
+    array_file: str = param(
+        "",
+        help="CSV of an array's microphones, columns x, y, z: metres from each receiver; instead of a row",
+        file=True,
+    )
+    source_path: str = param(
+        "",
+        help="CSV of where the first source goes, columns time, x, y, z: seconds and metres",
+        file=True,
+    )
+    receiver_path: str = param(
+        "", help="the same of the first receiver, and of the microphones around it", file=True
+    )
+    path_step: float = param(
+        0.1,
+        unit="s",
+        help="between the impulse responses of a source or a receiver that moves",
+        gt=0,
+        le=60,
+    )
+    heard_as: str = param(
+        "omni",
+        help="each receiver is a microphone; or four channels of first-order ambisonics; or two ears by "
+        "the head of head_file",
+        choices=("omni", "ambisonics", "binaural"),
+    )
+    head_file: str = param(
+        "", help="SOFA file (AES69) of a head's impulse responses, SimpleFreeFieldHRIR", file=True
+    )
+    head_azimuth_deg: float = azimuth(180.0, "where ambisonics and the head face")
+    noise_db: tuple[float, ...] = param(
+        (),
+        help="background noise in octaves from 63 Hz up, re the mean square of the dry sound at 1 m; "
+        "added where a dry sound is heard",
+        unit="dB",
+        ge=-200,
+        le=100,
+    )
     directivity: str = param(
         "omni",
         help="how sources send: alike all round, as a cardioid, or as a file says",
@@ -230,6 +268,8 @@ class Reverb(Sensor):
                 "tolerance",
                 "is finer than float64 keeps; use 0 for the exact sum, or 1e-9 and more",
             )
+        if self.heard_as == "binaural" and not self.head_file:
+            raise SpecError("head_file", "is needed where heard_as is binaural; name a SOFA file")
         if self.directivity == "measured" and not self.directivity_file:
             raise SpecError(
                 "directivity_file", "is needed where directivity is measured; name a CSV"

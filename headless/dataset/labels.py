@@ -18,6 +18,10 @@ FILES = {
     "NAME-hidden.npz": "every tree on the axes of some pulses, and whether the pulse saw it",
     "NAME-points.npz": "points of a scan with all labels, an array a field",
     "NAME.laz": "point clouds, LAS 1.4: tree, species, organ, leaf, normal, true range as extra bytes",
+    "NAME-forinstance.laz": "point clouds in the terms of FOR-instance: `classification` 0 unclassified, "
+    "1 low vegetation (lying stems and stumps, too), 2 terrain, 3 out points (none here), 4 stem, 5 live "
+    "branches with their leaves, 6 woody branches, which are dead; `treeID` the tree of trees.csv + 1, 0 "
+    "none; `organ` as above; `order` 0 the stem, 1 its branches and so on, -1 unknown",
     "NAME-route.csv": "poses of a sonar's route, in the scene's coordinates, without its offset",
     "coordinates.txt": "what coordinates are, of a scene with an offset",
     "NAME.wav": "echoes slowed down, or impulse responses, as sound",

@@ -46,6 +46,7 @@ from forest_addon.stand.truth import cylinder_table, inventory, voxel_arrays
 from forest_addon.stand.undergrowth import LOW
 
 from ..progress import hushed
+from .for_instance import orders_of, write_for_instance
 from .ground import FILE, heights_of, terrain_of
 from .place import place_sensors
 from .plan import Recipe
@@ -173,7 +174,7 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
             write_npz(folder / "voxels.npz", arrays | more, units | {"origin": "m"})
             cells = Cells.around(arrays["cell"].astype(np.int64), keep.voxels)
     for sensor in settings.sensors:
-        _observe(work, sensor, settings, observer, keep, cells)
+        _observe(work, sensor, settings, observer, keep, (cells, forest))
     with work.stage("write"):
         _write_blender(settings, keep, folder)
         write_settings(folder / "scene.toml", settings)
@@ -231,10 +232,15 @@ def _place(recipe: Recipe, site: ForestSite, folder: Path) -> ForestSite:
 
 
 def _observe(
-    work: _Making, sensor: Any, settings: Scene, observer: Observer, keep: Keep, cells: Cells | None
+    work: _Making,
+    sensor: Any,
+    settings: Scene,
+    observer: Observer,
+    keep: Keep,
+    truth: tuple[Cells | None, GrownForest],
 ) -> None:
     """Run one sensor, write what it found, and what it could not see."""
-    folder = work.folder
+    folder, (cells, forest) = work.folder, truth
     with work.stage(OBSERVING):
         way = observer.way(sensor, folder)
         found = observer.observe(sensor, settings, None, folder, way)
@@ -255,6 +261,11 @@ def _observe(
             work.points[sensor.name] = 0
     if not is_cloud:
         return
+    if keep.for_instance:
+        with work.stage("write"):
+            order = orders_of(found, observer.geometry, forest)
+            path = folder / f"{sensor.name}-forinstance.laz"
+            write_for_instance(path, found, order, settings.plantings, settings.offset)
     with work.stage("occlusion"):
         scan = lidar.Scan(sensor, observer.caster, settings.seed, way)
         if keep.occlusion and cells is not None:

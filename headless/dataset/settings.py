@@ -128,6 +128,10 @@ class Keep(Settings):
         help="a scene without a tree and a result without a point or an echo may be part of the dataset; "
         "else the check fails on them, and a flight above its scanner's range is refused",
     )
+    for_instance: bool = param(
+        False,
+        help="clouds also as NAME-forinstance.laz, with the classes and field names of FOR-instance",
+    )
     leaves: bool = param(False, help="leaves.npz, the truth of every leaf")
     blend: bool = param(False, help="forest.blend")
     glb: bool = param(False, help="forest.glb")

@@ -24,6 +24,7 @@ from forest_addon.formats.tree_map import read_rings, read_tree_map
 from forest_addon.formats.wav import read_wav, write_wav
 from forest_addon.growth.library.species_file import load_species
 from forest_addon.sensing.reverb.directivity_file import read_directivity
+from forest_addon.sensing.reverb.place_file import read_microphones, read_path
 from forest_addon.sensing.sonar.equipment_files import read_call, read_pattern, read_route
 from forest_addon.spec import Scene, Sonar, SpecError, Species
 from forest_addon.stand.tree_list import read_tree_list
@@ -76,6 +77,12 @@ READERS = {
     "map": ("a.csv", text("x,y,species", "1.5,2,oak", "3,-4e0,elm"), read_tree_map),
     "rings": ("a.csv", text("x;y;ring", "0;0;a", "9;0;a", "9;9;b"), read_rings),
     "list": ("a.csv", text("x,y,scale,rotation", "1,2,1.1,0.5", "3,4,,"), read_tree_list),
+    "microphones": ("a.csv", text("x,y,z", "0,0,0", "0.5,-1e-1,2"), read_microphones),
+    "path": (
+        "a.csv",
+        text("time,x,y,z", "0,0,0,1.5", "2,3,4,1.5"),
+        lambda path: read_path(path, "k"),
+    ),
     "directivity": ("a.csv", text("angle_deg,250,1000", "0,0,0", "180,-3,-20"), read_directivity),
     "pattern": ("a.csv", text("angle_deg,60000,70000", "0,0,0", "90,-9,-20"), read_pattern),
     "route": (

@@ -107,9 +107,11 @@ class Observer:
         """
         return kind_of(sensor).run(self._observation(sensor, settings, folder, way), progress)
 
-    def warnings(self, sensor: Sensor, way: Trajectory | None = None) -> tuple[str, ...]:
+    def warnings(
+        self, sensor: Sensor, way: Trajectory | None = None, folder: Path = Path()
+    ) -> tuple[str, ...]:
         """Return what a user would not want of where a sensor stands, in sentences: inside of a tree."""
-        points = kind_of(sensor).positions(Observation(sensor, self, Scene(), Path(), way))
+        points = kind_of(sensor).positions(Observation(sensor, self, Scene(), folder, way))
         trees = tree_around(self.wood, points)
         return tuple(
             f"{sensor.name} stands inside tree {tree}, at "

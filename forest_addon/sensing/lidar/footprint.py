@@ -15,12 +15,14 @@ are exact along every axis: a plane is at its range at any incidence, and as wid
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from scipy.special import xlogy
 
 from ...base.rng import keyed_uniform
+from ...base.rows import RowTable
 from ...spec import Beam
 from .scanner import Pulses
 
@@ -56,6 +58,40 @@ def places(subrays: int) -> np.ndarray:
     return place
 
 
+@dataclass(frozen=True)
+class BeamFrames(RowTable):
+    """P beams whose sub-rays, at (x, y) of ``places``, start at origin + x·exit_x + y·exit_y and go along
+    axis + x·turn_x + y·turn_y; all (P, 3).
+    """
+
+    origin: np.ndarray
+    axis: np.ndarray
+    exit_x: np.ndarray
+    exit_y: np.ndarray
+    turn_x: np.ndarray
+    turn_y: np.ndarray
+
+
+def frames(pulses: Pulses, beam: Beam, keys: np.ndarray) -> BeamFrames:
+    """The frames of P pulses.
+
+    keys : (P,) uint64 keys of the pulses, for the turn of each.
+    """
+    turn = 2 * np.pi * keyed_uniform(keys, "footprint")
+    cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
+    along, across = np.array(beam.divergence_mrad) * 0.5e-3
+    u, v = pulses.across, np.cross(pulses.direction, pulses.across)
+    exit_radius = beam.exit_diameter / 2
+    return BeamFrames(
+        origin=pulses.origin,
+        axis=pulses.direction,
+        exit_x=exit_radius * (cos * u + sin * v),
+        exit_y=exit_radius * (cos * v - sin * u),
+        turn_x=across * cos * v - along * sin * u,
+        turn_y=-along * cos * u - across * sin * v,
+    )
+
+
 def spread(pulses: Pulses, beam: Beam, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(P·N, 3) origins and unit directions of the sub-rays of P pulses, pulse by pulse.
 
@@ -63,24 +99,22 @@ def spread(pulses: Pulses, beam: Beam, keys: np.ndarray) -> tuple[np.ndarray, np
     """
     if beam.subrays == 1:
         return pulses.origin, pulses.direction
-    x, y = places(beam.subrays).T  # before the turn of each pulse
-    turn = 2 * np.pi * keyed_uniform(keys, "footprint")
-    cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
-    along, across = np.array(beam.divergence_mrad) * 0.5e-3
-    u, v = pulses.across, np.cross(pulses.direction, pulses.across)
-    exit_radius = beam.exit_diameter / 2
-    origin = _placed(
-        pulses.origin, exit_radius * (cos * u + sin * v), x, exit_radius * (cos * v - sin * u), y
-    )
-    way = _placed(
-        pulses.direction,
-        across * cos * v - along * sin * u,
-        x,
-        -along * cos * u - across * sin * v,
-        y,
-    )
+    return sub_rays(frames(pulses, beam, keys), beam.subrays)
+
+
+def sub_rays(beams: BeamFrames, subrays: int) -> tuple[np.ndarray, np.ndarray]:
+    """(P·N, 3) origins and unit directions of the N sub-rays of P beams, beam by beam."""
+    x, y = places(subrays).T  # before the turn of each pulse
+    origin = _placed(beams.origin, beams.exit_x, x, beams.exit_y, y)
+    way = _placed(beams.axis, beams.turn_x, x, beams.turn_y, y)
     way /= np.sqrt(way[0] ** 2 + way[1] ** 2 + way[2] ** 2)
     return origin.T, way.T
+
+
+def reach(beam: Beam) -> tuple[float, float]:
+    """Metres that a sub-ray starts at most beside the axis, and radians that it turns from it at most."""
+    widest = float(np.hypot(*places(beam.subrays).T).max())
+    return widest * beam.exit_diameter / 2, widest * max(beam.divergence_mrad) * 0.5e-3
 
 
 def _placed(

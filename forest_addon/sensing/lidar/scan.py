@@ -20,17 +20,19 @@ import numpy as np
 from ...base.progress import Progress
 from ...base.rng import daughter_keys, first_key
 from ...base.trimesh import LEAF
+from ..rays.bundles import Faces
 from ..rays.caster import RayCaster, hit_normals
 from ..trajectory import Trajectory
 from . import noise, patches
 from .cloud import Cloud, Lost, join
-from .footprint import spread
+from .footprint import BeamFrames, frames, sub_rays
+from .one_face import Received, on_one_face, received, seen
 from .passage import Contacts, meet
 from .radiometry import detection_limit, intensity, reflectance_of, refuse_surplus
 from .receiver import awake, chosen_returns, ranks, reading
 from .returns import cosines, label
 from .scanner import LiDAR, Pattern, Pulses, pattern_of
-from .waveform import LIGHT, WaveformEchoes, find_echoes, pulse_length
+from .waveform import LIGHT, find_echoes, pulse_length
 
 RAYS_AT_ONCE = 65_536
 MOST_LOST = 100  # pulses of a scan; beyond, it is not a pulse that is at fault
@@ -60,6 +62,9 @@ class Scan:
         self._key = first_key(seed, "lidar", scanner.name)
         self.pulses = self.pattern.count
         self.at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
+        self._faces = Faces.of(caster.scene) if scanner.beam.subrays > 1 else None
+        if self._faces is not None:
+            self.at_once *= 4  # hardly a ray is traced
         self._lost = 0
 
     def moved(self, seed: int, path: Trajectory) -> Scan:
@@ -71,9 +76,9 @@ class Scan:
         return other
 
     def seen_by(self, caster: RayCaster) -> Scan:
-        """The same scan by another caster of the same scene."""
+        """The same scan by another caster of the same scene, which is asked for every ray."""
         other = copy(self)
-        other.caster = caster
+        other.caster, other._faces = caster, None
         return other
 
     def look(self, first: int, stop: int) -> Cloud:
@@ -85,16 +90,59 @@ class Scan:
         scanner, beam = self.scanner, self.scanner.beam
         pulses = self.pattern.pulses(number)
         keys = daughter_keys(self._key, number)
-        origins, directions = spread(pulses, beam, keys)
-        ray_keys = keys
-        if beam.subrays > 1:
-            ray_keys = daughter_keys(
-                np.repeat(keys, beam.subrays), np.tile(np.arange(beam.subrays), len(number))
+        if beam.subrays == 1:
+            contacts = meet(
+                self.caster,
+                pulses.origin,
+                pulses.direction,
+                scanner.max_range,
+                scanner.surfaces,
+                keys,
             )
-        contacts = meet(
-            self.caster, origins, directions, scanner.max_range, scanner.surfaces, ray_keys
+            found = self._received((pulses.origin, pulses.direction), contacts)
+        else:
+            found = self._beams(pulses, keys)
+        return self._measure(pulses, number, keys, found)
+
+    def _beams(self, pulses: Pulses, keys: np.ndarray) -> Received:
+        """Return the echoes of pulses of several sub-rays; no ray is traced of those that surely meet one
+        face, or nothing."""
+        scanner, scene = self.scanner, self.caster.scene
+        beams = frames(pulses, scanner.beam, keys)
+        parts, done = [], np.zeros(len(pulses), dtype=bool)
+        if self._faces is not None:
+            nothing, known, hits = seen(self._faces, beams, scanner)
+            found, sure = received(scene, scanner, beams.select(known), hits)
+            done[nothing] = done[known[sure]] = True
+            parts.append(_renumbered(found, known))
+        rest = np.flatnonzero(~done)
+        at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
+        for first in range(0, max(len(rest), 1), at_once):
+            rows = rest[first : first + at_once]
+            parts.append(_renumbered(self._traced(beams.select(rows), keys[rows]), rows))
+        found = Received.joined(parts)
+        if len(parts) == 1:
+            return found
+        return found.select(np.argsort(found.echoes.pulse, kind="stable"))
+
+    def _traced(self, beams: BeamFrames, keys: np.ndarray) -> Received:
+        scanner, count = self.scanner, self.scanner.beam.subrays
+        rays = sub_rays(beams, count)
+        ray_keys = np.zeros(len(rays[0]), dtype=np.uint64)
+        if scanner.surfaces.leaf_transmittance:
+            ray_keys = daughter_keys(np.repeat(keys, count), np.tile(np.arange(count), len(keys)))
+        contacts = meet(self.caster, *rays, scanner.max_range, scanner.surfaces, ray_keys)
+        beam, first = on_one_face(contacts, len(keys), count)
+        whole, sure = received(
+            self.caster.scene, scanner, beams.select(beam), contacts.hits.select(first)
         )
-        return self._measure(pulses, number, keys, (origins, directions), contacts)
+        if not len(sure):
+            return self._received(rays, contacts)
+        alone = np.zeros(len(keys), dtype=bool)
+        alone[beam[sure]] = True
+        rest = contacts.select(~alone[contacts.ray // count])
+        found = Received.joined([_renumbered(whole, beam), self._received(rays, rest)])
+        return found.select(np.argsort(found.echoes.pulse, kind="stable"))
 
     def chunks(self, first: int = 0, at_once: int | None = None) -> Iterator[tuple[int, Cloud]]:
         """Pieces of the scan from pulse ``first`` on: where each ends, and what it found.
@@ -121,15 +169,8 @@ class Scan:
             why = f"{type(fault).__name__}: {fault}"
             return replace(self.look(first, first), pulses=1, lost=(Lost(first, stop, why),))
 
-    def _measure(
-        self,
-        pulses: Pulses,
-        number: np.ndarray,
-        keys: np.ndarray,
-        rays: tuple[np.ndarray, np.ndarray],
-        contacts: Contacts,
-    ) -> Cloud:
-        """Return what the receiver makes of the light that comes back to origins and directions of rays."""
+    def _received(self, rays: tuple[np.ndarray, np.ndarray], contacts: Contacts) -> Received:
+        """Return the echoes of the light that comes back to origins and directions of rays."""
         scanner, scene = self.scanner, self.caster.scene
         hits, ways = contacts.hits, rays[1][contacts.ray]
         normal = hit_normals(scene, hits)
@@ -160,21 +201,28 @@ class Scan:
             blur = np.zeros(len(counts))
             distance[solid], blur[solid] = patches.blurred(met, scanner.beam.subrays, sigma)
         echoes = find_echoes(pulse, subray, distance, energy[counts], sigma, blur)
-        echoes = _taken(echoes, np.flatnonzero(echoes.energy >= detection_limit(scanner)))
+        chosen = counts[echoes.contact]
+        return Received(echoes, hits.select(chosen), ways[chosen], normal[chosen])
 
-        echoes = _taken(echoes, awake(echoes, scanner.receiver.dead_zone))
+    def _measure(
+        self, pulses: Pulses, number: np.ndarray, keys: np.ndarray, found: Received
+    ) -> Cloud:
+        """Return what the receiver makes of echoes."""
+        scanner = self.scanner
+        found = found.select(np.flatnonzero(found.echoes.energy >= detection_limit(scanner)))
+        found = found.select(awake(found.echoes, scanner.receiver.dead_zone))
 
-        return_keys = daughter_keys(keys[echoes.pulse], ranks(echoes.pulse))
+        return_keys = daughter_keys(keys[found.echoes.pulse], ranks(found.echoes.pulse))
         kept = np.flatnonzero(noise.kept(scanner.noise, return_keys))
-        echoes, return_keys = _taken(echoes, kept), return_keys[kept]
-        kept = chosen_returns(echoes, scanner.beam.max_returns, scanner.receiver.keep)
-        echoes, return_keys = _taken(echoes, kept), return_keys[kept]
+        found, return_keys = found.select(kept), return_keys[kept]
+        kept = chosen_returns(found.echoes, scanner.beam.max_returns, scanner.receiver.keep)
+        found, return_keys = found.select(kept), return_keys[kept]
+        echoes = found.echoes
         rank = ranks(echoes.pulse)
 
-        chosen = counts[echoes.contact]
-        seen = label(scene, hits.select(chosen), ways[chosen], normal[chosen])
+        labelled = label(self.caster.scene, found.hits, found.way, found.normal)
         measured = echoes.distance + noise.range_error(
-            scanner.noise, echoes.distance, seen.cos_incidence, return_keys
+            scanner.noise, echoes.distance, labelled.cos_incidence, return_keys
         )
         way = pulses.direction[echoes.pulse]
         return Cloud(
@@ -189,7 +237,7 @@ class Scan:
             intensity=reading(scanner, echoes.energy, measured),
             width=echoes.width * 2 / LIGHT,
             true_range=echoes.distance,
-            returns=replace(seen, distance=measured),
+            returns=replace(labelled, distance=measured),
             pulses=len(pulses),
             engine=self.caster.engine,
         )
@@ -219,7 +267,6 @@ def scan(
     return join(found)
 
 
-def _taken(echoes: WaveformEchoes, rows: np.ndarray) -> WaveformEchoes:
-    return WaveformEchoes(
-        **{n: getattr(echoes, n)[rows] for n in WaveformEchoes.__dataclass_fields__}
-    )
+def _renumbered(found: Received, pulse: np.ndarray) -> Received:
+    """The same echoes, of pulses with other numbers."""
+    return replace(found, echoes=replace(found.echoes, pulse=pulse[found.echoes.pulse]))

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.rows import RowTable
 from .crests import crests
 
 LIGHT = 299_792_458.0  # m/s
@@ -23,7 +24,7 @@ APART = 8.0  # standard deviations beyond which contacts are treated alone
 
 
 @dataclass(frozen=True)
-class WaveformEchoes:
+class WaveformEchoes(RowTable):
     """E echoes, sorted by pulse and then by range.
 
     pulse : (E,) pulse. distance : (E,) metres, of the crest. energy : (E,) all that belongs to it.

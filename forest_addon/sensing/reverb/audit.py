@@ -87,7 +87,7 @@ def audit_response(
     """
     begin, budget = time.perf_counter(), share * seconds
     number = int(rng.integers(len(pairs)))
-    pair, heard = pairs[number], found.channels[number]
+    pair, heard = pairs[number], found.microphones[number]
     reverb, upright = pair.reverb, pair.losses is not None
     ends = pair.source[:2], pair.receiver[:2]
     paths = trunk_paths(pair.forest, *ends, reverb.strength, reverb.spreading, None, upright)

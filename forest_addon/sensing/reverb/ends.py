@@ -1,8 +1,9 @@
-"""The ends of the paths: which sources there are, and which microphones.
+"""The ends of the paths: which sources there are, and which microphones, and where they go.
 
 The settings of a reverb go in, with the places of Blender objects by name; named places come out. A
-receiver is a microphone, or a row of them around its place: an array, or a pair of ears (without a head,
-so that they differ by delay and by distance alone). A channel is a source and a microphone.
+receiver is a microphone, or a row of them around its place, or an array of a file: all differ by delay and
+by distance alone (``ears`` gives one directions, or a head). A channel is a source and a microphone, at a
+moment where one of them moves.
 """
 
 from __future__ import annotations
@@ -10,68 +11,132 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from ...spec import Reverb, SpecError
+from .place_file import MOST_MOMENTS, read_microphones, read_path
 
 Places = Mapping[str, tuple[float, float, float]]
 
 
 @dataclass(frozen=True)
 class Ends:
-    """sources : (S, 3) and receivers : (R, 3) metres, with a name for each."""
+    """sources : (S, 3) and receivers : (R, 3) metres, with a name for each.
+
+    times : (T,) s, moments of what moves. source_shift, receiver_shift : (T, 3) m from the places above, of
+    the first source and of the first ``moving`` receivers. Nothing moves: one moment, without a shift.
+    """
 
     sources: np.ndarray
     receivers: np.ndarray
     source_names: tuple[str, ...]
     receiver_names: tuple[str, ...]
+    times: tuple[float, ...] = ()
+    source_shift: np.ndarray | None = None
+    receiver_shift: np.ndarray | None = None
+    moving: int = 0
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """S·R names, source by source."""
-        return tuple(f"{s} to {r}" for s in self.source_names for r in self.receiver_names)
+        """T·S·R names, moment by moment, in it source by source."""
+        names = [f"{s} to {r}" for s in self.source_names for r in self.receiver_names]
+        if not self.times:
+            return tuple(names)
+        return tuple(f"{name} at {time:g} s" for time in self.times for name in names)
 
     @property
     def pairs(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """S·R pairs of source and receiver, in the order of the channels."""
-        return [(source, receiver) for source in self.sources for receiver in self.receivers]
+        """T·S·R pairs of source and receiver, in the order of the channels."""
+        return [
+            (source, receiver)
+            for moment in range(max(1, len(self.times)))
+            for source in self._moved(self.sources, self.source_shift, 1, moment)
+            for receiver in self._moved(self.receivers, self.receiver_shift, self.moving, moment)
+        ]
 
     @property
     def on_ground(self) -> np.ndarray:
-        """(S + R, 2) where they stand."""
-        return np.concatenate([self.sources, self.receivers])[:, :2]
+        """(T·(S + R), 2) where they stand."""
+        pairs = np.array(self.pairs)
+        if not self.times:
+            pairs = np.concatenate([self.sources, self.receivers])[:, None]
+        return np.unique(pairs.reshape(-1, 3)[:, :2], axis=0) if self.times else pairs[:, 0, :2]
+
+    @staticmethod
+    def _moved(places: np.ndarray, shift: np.ndarray | None, count: int, moment: int) -> np.ndarray:
+        if shift is None:
+            return places
+        found = places.copy()
+        found[:count] += shift[moment]
+        return found
 
 
-def ends_of(reverb: Reverb, objects: Places | None = None) -> Ends:
+def ends_of(reverb: Reverb, objects: Places | None = None, folder: Path = Path()) -> Ends:
     """All ends that a reverb names.
 
-    objects : places of the Blender objects that can be named.
+    objects : places of the Blender objects that can be named. folder : that its files are relative to.
 
     Raises
     ------
-    SpecError : an object is not there; an end is not above the ground.
+    SpecError : an object or a file is not there; an end is not above the ground.
     """
     sources = _places("source", reverb.source, reverb.sources, reverb.source_objects, objects or {})
     centres = _places(
         "receiver", reverb.receiver, reverb.receivers, reverb.receiver_objects, objects or {}
     )
-    row = _row(reverb)
+    row = read_microphones(folder / reverb.array_file) if reverb.array_file else _row(reverb)
     receivers = {
         name if len(row) == 1 else f"{name}.{number + 1}": np.add(place, shift)
         for name, place in centres.items()
         for number, shift in enumerate(row)
     }
-    low = next((name for name, place in receivers.items() if place[2] <= 0), None)
-    if low:
-        raise SpecError(
-            "array_elevation_deg", f"{low} would be below the ground; raise it, or shorten the row"
-        )
-    return Ends(
+    found = Ends(
         np.array(list(sources.values()), np.float64),
         np.array(list(receivers.values()), np.float64),
         tuple(sources),
         tuple(receivers),
+    )
+    if reverb.source_path or reverb.receiver_path:
+        found = _moving(found, reverb, folder, len(row))
+    number = next((n for n, (_, end) in enumerate(found.pairs) if end[2] <= 0), None)
+    if number is not None:
+        key = "array_file" if reverb.array_file else "array_elevation_deg"
+        name = found.channels[number].split(" to ", 1)[1]
+        raise SpecError(key, f"{name} would be below the ground; raise it, or shorten the row")
+    return found
+
+
+def _moving(ends: Ends, reverb: Reverb, folder: Path, microphones: int) -> Ends:
+    """Ends at the moments of their paths, every ``path_step``; before and after its path, an end waits."""
+    named = {"source_path": reverb.source_path, "receiver_path": reverb.receiver_path}
+    paths = {key: read_path(folder / name, key) for key, name in named.items() if name}
+    first = min(time[0] for time, _ in paths.values())
+    last = max(time[-1] for time, _ in paths.values())
+    steps = max(1, math.ceil((last - first) / reverb.path_step - 1e-9))
+    if steps >= MOST_MOMENTS:
+        raise SpecError(
+            "path_step",
+            f"gives {steps + 1:,} impulse responses; lengthen it, at most 2,000 are made",
+        )
+    times = np.linspace(first, last, steps + 1)
+
+    def shift(key: str, centre: np.ndarray) -> np.ndarray | None:
+        if key not in paths:
+            return None
+        time, place = paths[key]
+        return np.column_stack([np.interp(times, time, axis) for axis in place.T]) - centre
+
+    return Ends(
+        ends.sources,
+        ends.receivers,
+        ends.source_names,
+        ends.receiver_names,
+        tuple(times.tolist()),
+        shift("source_path", np.asarray(reverb.source)),
+        shift("receiver_path", np.asarray(reverb.receiver)),
+        microphones,
     )
 
 

@@ -34,7 +34,8 @@ def trunks_of(seen: Seen, reverb: Reverb) -> Any:
     """``Trunks`` of the scene where the sound of the first channel passes them."""
     from .ends import ends_of
 
-    source, receiver = ends_of(reverb, seen.places).pairs[0]
+    still = reverb.changed(array_file="", source_path="", receiver_path="")
+    source, receiver = ends_of(still, seen.places).pairs[0]
     return seen.once(cuts_of, reverb.min_radius).between(source, receiver)
 
 
@@ -54,16 +55,18 @@ def trunks_between(
 def response_inputs(job: Observation) -> dict[str, Any]:
     """Arguments of ``impulse_response`` and of ``pairs_of`` that a scene gives."""
     from .directivity_file import directivity_of
+    from .ears.hearing import hearing_of
     from .ends import ends_of
 
     reverb, seen, settings = job.sensor, job.seen, job.settings
-    ends = ends_of(reverb, seen.places)
+    ends = ends_of(reverb, seen.places, job.folder)
     return {
         "trunks": trunks_between(seen, reverb, settings, ends),
         "reverb": reverb,
         "air": settings.air,
         "ends": ends,
         "directivity": directivity_of(reverb, job.folder),
+        "hearing": hearing_of(reverb, job.folder),
         "wood": seen.wood,
         "rng": stream(settings.seed, "reverb", reverb.name, "continuation"),
         "field": (settings.forest.origin, settings.forest.size),
@@ -105,7 +108,7 @@ def _canopy(job: Observation) -> Any:
 
     if job.sensor.model != "forest":
         return BARE
-    source, receiver = ends_of(job.sensor, job.seen.places).pairs[0]
+    source, receiver = ends_of(job.sensor, job.seen.places, job.folder).pairs[0]
     area = float(np.prod(job.settings.forest.size))
     return canopy_of(job.seen.geometry, (float(source[2]), float(receiver[2])), area)
 
@@ -113,12 +116,13 @@ def _canopy(job: Observation) -> Any:
 def _where_ends_are(job: Observation) -> np.ndarray:
     from .ends import ends_of
 
-    pairs = np.concatenate(ends_of(job.sensor, job.seen.places).pairs)
+    pairs = np.concatenate(ends_of(job.sensor, job.seen.places, job.folder).pairs)
     return np.unique(pairs, axis=0)
 
 
 def _cost(reverb: Reverb, _trajectory: Any, _engine: str) -> Cost:
     channels = (1 + len(reverb.sources)) * (1 + len(reverb.receivers)) * reverb.array
+    channels *= {"omni": 1, "ambisonics": 3, "binaural": 12}[reverb.heard_as]  # sums over trunks
     return cost_of_work(reverb, "channels", channels, CHANNEL)
 
 

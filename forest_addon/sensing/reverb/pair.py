@@ -25,7 +25,7 @@ from .forest.tail import FADE, Tail, tail_of
 from .model_error import ModelError, model_error
 from .sums.fast_scattering import Expansions
 from .sums.tree_response import NEAREST, TreeResponse, tree_response
-from .sums.weak import weak_between
+from .sums.weak import Weak, weak_between
 from .trunks.slices import Trunks
 
 LOWEST = 1.0  # Hz; below it, the ground is as it is there
@@ -50,6 +50,9 @@ class ImpulseResponse:
     channel : which source and which receiver. further : the responses of further pairs.
     weak : trunks that are left out because they add next to nothing. weak_bound : what they add to any
     octave at most, as a share of it.
+    source, receiver : (3,) metres. at : seconds on the path of what moves; NaN: nothing does.
+    component : number of a receiver's channel, of ambisonics or a head. plain : what one microphone alike to
+    all sides hears in its place, kept with the first component of a head.
     """
 
     sample_rate: float
@@ -73,11 +76,21 @@ class ImpulseResponse:
     further: tuple[ImpulseResponse, ...] = ()
     weak: int = 0
     weak_bound: float = 0.0
+    source: tuple[float, ...] = (0.0, 0.0, 0.0)
+    receiver: tuple[float, ...] = (0.0, 0.0, 0.0)
+    at: float = math.nan
+    component: int = 0
+    plain: ImpulseResponse | None = None
 
     @property
     def channels(self) -> tuple[ImpulseResponse, ...]:
         """This response and the further ones."""
         return (self, *self.further)
+
+    @property
+    def microphones(self) -> tuple[ImpulseResponse, ...]:
+        """Responses of microphones that are alike to all sides, one for every pair of ends."""
+        return tuple(one.plain or one for one in self.channels if one.component == 0)
 
     @property
     def samples(self) -> np.ndarray:
@@ -90,7 +103,7 @@ class Pair:
     """A source, a receiver and what is between them.
 
     clear : direct and ground sound pass. around, key : of a model ``forest``. trunks : of the field; beyond :
-    those around it. all_trunks : also those that add next to nothing.
+    those around it. all_trunks : also those that add next to nothing. at : as of the response.
     """
 
     source: np.ndarray
@@ -105,6 +118,7 @@ class Pair:
     trunks: Trunks
     beyond: Trunks
     all_trunks: bool = True
+    at: float = math.nan
 
     @cached_property
     def losses(self) -> Losses | None:
@@ -117,16 +131,14 @@ class Pair:
         self, expansions: Expansions, rescattering: int | None, progress: Progress | None
     ) -> ImpulseResponse:
         """The response with trunks of the field and those beyond it."""
-        forest, ours = self.forest, len(self.trunks)
         rate, air = self.reverb.sample_rate, self.air
-        weak = None
-        if not self.all_trunks:
-            given = self.reverb, air, self.losses, self.directivity, self.clear[0]
-            weak = weak_between(forest, self.source, self.receiver, *given)
-            forest, ours = forest.select(~weak.rows), ours - int(weak.rows[:ours].sum())
+        forest, weak = self.loud
+        ours = len(self.trunks)
+        if weak is not None:
+            ours -= int(weak.rows[:ours].sum())
         tail = self.tail(expansions)
         last = FADE * tail.joint if tail else math.inf
-        trees = self._trees(forest, expansions, progress, last)
+        trees = self.trees(forest, expansions, progress, last)
         count = len(trees.samples)
         noise = None
         if tail:
@@ -156,8 +168,20 @@ class Pair:
             tail=noise,
             joint=tail.joint / air.speed() if tail else math.inf,
             channel=self.channel,
+            source=tuple(self.source.tolist()),
+            receiver=tuple(self.receiver.tolist()),
+            at=self.at,
         )
         return found if weak is None else replace(found, **weak.told(found.samples, rate))
+
+    @cached_property
+    def loud(self) -> tuple[Trunks, Weak | None]:
+        """Trunks that are summed, and those that add next to nothing, where they are left out."""
+        if self.all_trunks:
+            return self.forest, None
+        given = self.reverb, self.air, self.losses, self.directivity, self.clear[0]
+        weak = weak_between(self.forest, self.source, self.receiver, *given)
+        return self.forest.select(~weak.rows), weak
 
     @property
     def forest(self) -> Trunks:
@@ -190,7 +214,7 @@ class Pair:
     def noise(self, tail: Tail, count: int) -> np.ndarray:
         """(count,) samples of a tail."""
         rng = stream(int(self.key[0]), *self.key[1:], "tail")
-        return tail.samples(self.reverb.sample_rate, count, self.air, rng) * self._all_round()
+        return tail.samples(self.reverb.sample_rate, count, self.air, rng) * self.all_round()
 
     def terms(self, trunks: Trunks) -> list[tuple[Term, np.ndarray]]:
         """The products that the directivity is made of, with their gains (M,) towards trunks."""
@@ -200,21 +224,25 @@ class Pair:
         allowed = max(0.1 * self.reverb.tolerance, 1e-9)
         return [(term, term.gains(cosine)) for term in self.directivity.terms(allowed)]
 
-    def _all_round(self) -> float:
+    def all_round(self) -> float:
         """Root mean square of what a directed source sends level, at 1 kHz."""
         turn = np.linspace(0.0, math.pi, 37)
         level = math.cos(math.radians(self.reverb.facing_elevation_deg))
         gains = [self.directivity.at(level * math.cos(a), np.array([1000.0])) for a in turn]
         return float(np.sqrt(np.mean(np.square(np.abs(gains)))))
 
-    def _trees(
+    def trees(
         self,
         forest: Trunks,
         expansions: Expansions,
         progress: Progress | None,
         last: float = math.inf,
+        heard: np.ndarray | float = 1.0,
     ) -> TreeResponse:
-        """The trunks' sound: a sum for each product that the directivity is made of."""
+        """The trunks' sound: a sum for each product that the directivity is made of.
+
+        last : metres of path after which trunks are not summed. heard : (M,) gain of each trunk.
+        """
         parts = []
         for term, gain in self.terms(forest):
             part = tree_response(
@@ -223,7 +251,7 @@ class Pair:
                 self.receiver,
                 self.reverb,
                 self.air,
-                gain=gain,
+                gain=gain * heard,
                 losses=self.losses,
                 last=last,
                 expansions=expansions,

@@ -37,6 +37,8 @@ from ...spec import Air, Reverb
 from ..rays.caster import RayCaster
 from .arrivals import lines_of_sight
 from .directivity import OMNI, Directivity
+from .ears.encoded import encoded
+from .ears.hearing import OMNI_EAR, Hearing
 from .ends import Ends, ends_of
 from .forest.losses import Losses
 from .forest.surroundings import BARE, FoliageCanopy, Surroundings, surroundings
@@ -66,6 +68,7 @@ def impulse_response(
     *,
     ends: Ends | None = None,
     directivity: Directivity = OMNI,
+    hearing: Hearing = OMNI_EAR,
     wood: RayCaster | None = None,
     rng: np.random.Generator | None = None,
     field: Field | None = None,
@@ -79,7 +82,7 @@ def impulse_response(
 
     trunks : of the modelled field, all of them scatter; or a function of source and receiver.
     ends : sources and receivers; None: those that ``reverb`` has without Blender's objects.
-    directivity : of every source; where they point is in ``reverb``.
+    directivity : of every source; where they point is in ``reverb``. hearing : of every receiver.
     wood : what blocks the direct and the ground sound; None: nothing does.
     rng, field : for ``reverb.continue_to``: the random stream, and corner and extent of the field.
     expansions : what the fast sum set up for other responses; None: it is set up for this one.
@@ -105,14 +108,11 @@ def impulse_response(
         key=key,
         all_trunks=all_trunks,
     )
-    found = [
-        pair.response(
-            prepared,
-            None if number else reverb.rescattering,
-            _share_of(progress, number, len(pairs)),
-        )
-        for number, pair in enumerate(pairs)
-    ]
+    found: list[ImpulseResponse] = []
+    for number, pair in enumerate(pairs):
+        share = _share_of(progress, number, len(pairs))
+        one = pair.response(prepared, None if number else reverb.rescattering, share)
+        found += encoded(pair, one, hearing, prepared)
     return replace(found[0], further=tuple(found[1:]))
 
 
@@ -123,6 +123,7 @@ def pairs_of(
     *,
     ends: Ends | None = None,
     directivity: Directivity = OMNI,
+    hearing: Hearing = OMNI_EAR,
     wood: RayCaster | None = None,
     rng: np.random.Generator | None = None,
     field: Field | None = None,
@@ -130,7 +131,10 @@ def pairs_of(
     key: tuple[int | str, ...] = (0, "reverb"),
     all_trunks: bool = True,
 ) -> list[Pair]:
-    """Every source with every receiver and what is between them; arguments as of ``impulse_response``."""
+    """Every source with every receiver and what is between them; arguments as of ``impulse_response``.
+
+    Of what moves every moment has the same random numbers, so that noise changes no faster than it.
+    """
     ends = ends_of(reverb) if ends is None else ends
     between = trunks if callable(trunks) else lambda source, receiver: trunks
     ours = [between(*pair) for pair in ends.pairs]
@@ -142,6 +146,7 @@ def pairs_of(
             for pair, some in zip(ends.pairs, ours, strict=True)
         ]
         reverb = replace(reverb, duration=max(lengths))
+    channels, alike = ends.channels, len(ends.sources) * len(ends.receivers)
     return [
         Pair(
             *pair,
@@ -150,11 +155,12 @@ def pairs_of(
             directivity,
             lines_of_sight(*pair, wood),
             around,
-            (*key, number),
-            ends.channels[number],
+            (*key, number % alike),
+            channels[number],
             ours[number],
             beyond,
             all_trunks,
+            ends.times[number // alike] if ends.times else math.nan,
         )
         for number, pair in enumerate(ends.pairs)
     ]

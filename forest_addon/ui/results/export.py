@@ -11,8 +11,6 @@ from bpy_extras.io_utils import ExportHelper
 from ...blender.scene.layout import RESULTS, find_part
 from ...blender.scene.ours import is_ours
 from ...blender.sensors.objects import file_name
-from ...formats.crs import can_tell_crs
-from ...results.point_files import ending_of
 from ..shell.running import PROBLEMS, in_words
 from ..shell.words import say
 from . import frames
@@ -89,6 +87,8 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
 
     def check(self, _context: bpy.types.Context) -> bool:
         """The name follows the format that is chosen beside it."""
+        from ...results.point_files import ending_of
+
         path = Path(self.filepath)
         had = ending_of(path)
         if had not in WORDS or not path.name:
@@ -113,6 +113,7 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
                 self.layout.prop(props, "dry", text="")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
+        from ...formats.crs import can_tell_crs
         from ...formats.wav import write_wav
         from ...results.kinds import write_as
 

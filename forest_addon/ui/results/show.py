@@ -85,7 +85,7 @@ def heard_of(scene: bpy.types.Scene, name: str) -> tuple[np.ndarray, float] | No
     SpecError : the file of the dry sound cannot be used.
     """
     from ...blender.show.sound import sound_of as speaker_sound
-    from ...results.dry_sounds import PEAK_DB, wet_sound
+    from ...results.dry_sounds import PEAK_DB, dry_sound, wet_sound
     from ...results.kinds import results_of
     from ...sensing.reverb.auralise import normalised
     from .held import find
@@ -106,6 +106,9 @@ def heard_of(scene: bpy.types.Scene, name: str) -> tuple[np.ndarray, float] | No
     if props.dry == "NONE":
         return normalised(np.reshape(response, (len(response), -1)), PEAK_DB)[0], rate
     file = Path(bpy.path.abspath(props.dry_file))
+    if held is not None and record is not None and record.wet is not None:
+        wet, rate = record.wet(*held[:2], *dry_sound(props.dry.lower(), file))
+        return normalised(wet, PEAK_DB)[0], rate
     return wet_sound(response, rate, props.dry.lower(), file), rate
 
 

@@ -14,7 +14,6 @@ import bpy
 from ...blender.jobs import Task, Work
 from ...blender.scene.standings import may_be_met
 from ...blender.sensors import objects as sensors
-from ...results.coordinates import Offset
 from ...spec import SpecError
 from ..settings.exchange import to_spec
 from ..settings.preferences import expansions, rays_of
@@ -171,6 +170,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
     ) -> Work:
         """Run these sensors in the scene of one frame, None: as it is, of which nothing is numbered."""
         from ...blender.sensors.observe import Observer
+        from ...results.coordinates import Offset
         from ...sensing.cost import note_pace
         from ...stand.plan import labels
         from ..results import frames

@@ -4,9 +4,10 @@ from .bench import BenchCommand
 from .flight import FlightCommand
 from .reverb_figures import ReverbFiguresCommand
 from .simlidar import SimlidarCommand
+from .study import StudyCommand
 from .validate import ValidateCommand
 
 COMMANDS = (
-    *(ValidateCommand(), BenchCommand()),
+    *(ValidateCommand(), BenchCommand(), StudyCommand()),
     *(SimlidarCommand(), ReverbFiguresCommand(), FlightCommand()),
 )

@@ -20,6 +20,7 @@ from .comparison import Comparison, as_record, from_record
 from .page import Subject, copy_pictures, page_text, part_text
 
 SECTIONS = ("reverb", "lidar", "stand", "leaves", "trees", "wind")  # in the order of the page
+PARTS = (*SECTIONS, "training")  # the last is made by ``study sim-to-real``
 KEPT = "validation.json"
 VARIABLE = "FOREST_MEASURED"  # the environment's name for the folder of measurements
 
@@ -57,8 +58,8 @@ def run_sections(
             "" if arguments.file else getattr(module, "TERMS", ""),
             tuple(comparisons),
         )
-        _keep(part, folder)
-        _tell(part, time.process_time() - began, say)
+        keep_subject(part, folder)
+        tell_subject(part, time.process_time() - began, say)
         parts.append(part)
     if arguments.docs:
         say(f"\nWrote {write_page(out, arguments.docs)}.")
@@ -93,7 +94,7 @@ def write_page(out: Path, docs: Path) -> Path:
     kept, pictures = docs / "validation", docs / "pictures" / "validation"
     kept.mkdir(parents=True, exist_ok=True)
     parts = []
-    for name in SECTIONS:
+    for name in PARTS:
         new, old = out / name / KEPT, kept / f"{name}.json"
         if new.is_file():
             copy_pictures(_read(new, new.parent), pictures)
@@ -119,7 +120,9 @@ def _module(name: str) -> ModuleType | None:
     return importlib.import_module(whole) if importlib.util.find_spec(whole) else None
 
 
-def _keep(part: Subject, folder: Path) -> None:
+def keep_subject(part: Subject, folder: Path) -> None:
+    """Write a subject as JSON and Markdown into a folder, where ``write_page`` finds it."""
+    folder.mkdir(parents=True, exist_ok=True)
     record = {
         "name": part.name,
         "title": part.title,
@@ -136,7 +139,8 @@ def _keep(part: Subject, folder: Path) -> None:
         written.write_text(part_text(part, ""), encoding="utf-8")
 
 
-def _tell(part: Subject, seconds: float, say: Say) -> None:
+def tell_subject(part: Subject, seconds: float, say: Say) -> None:
+    """Say a subject's table, and what does not agree."""
     say(f"\n{part.title} ({seconds:.0f} CPU s)")
     rows = [_row(c) for c in part.comparisons]
     head = ("", "measured", "simulated", "")

@@ -176,3 +176,37 @@ def test_an_empty_cloud_is_no_good_data_unless_the_plan_says_so(tmp_path, warm, 
     ended = warm.run("--check", out)
     assert ended.returncode == (0 if allowed else 4), ended.stderr
     assert ("tls: 0 points" in ended.stderr) is not allowed
+
+
+def test_points_in_the_terms_of_for_instance_agree_with_trees_and_cylinders(undisturbed):
+    laspy = pytest.importorskip("laspy")
+    known, stems = 0, 0
+    for folder in sorted((undisturbed / "scenes").iterdir()):
+        plain = laspy.read(folder / "tls.laz")
+        cloud = laspy.read(folder / "tls-forinstance.laz")
+        organ, tree = np.asarray(plain["organ"]), np.asarray(plain["tree"])
+        classes = np.asarray(cloud.classification)
+        assert np.abs(cloud.xyz - plain.xyz).max() <= 0.0006
+        assert (np.asarray(cloud["treeID"]) == np.where(tree >= 0, tree + 1, 0)).all()
+        assert ((classes == 2) == (organ == 3)).all()
+        assert np.isin(classes[organ == 2], (5,)).all()
+        rows = np.loadtxt(folder / "cylinders.csv", delimiter=",", skiprows=1, ndmin=2)
+        with open(folder / "cylinders.csv") as file:
+            head = file.readline().strip().split(",")
+        column = {name: rows[:, head.index(name)] for name in head}
+        for number in np.flatnonzero(organ == 1)[::7]:
+            mine = column["tree"] == tree[number]
+            start, end = (
+                np.column_stack([column[f"{which}{a}"][mine] for a in "XYZ"])
+                for which in ("start", "end")
+            )
+            step = end - start
+            share = np.clip(
+                ((plain.xyz[number] - start) * step).sum(1) / (step**2).sum(1), 0.0, 1.0
+            )
+            away = np.linalg.norm(plain.xyz[number] - start - share[:, None] * step, axis=1)
+            order = column["branching_order"][mine][np.argmin(away - column["radius_cyl"][mine])]
+            known += 1
+            stems += (order == 0) == (classes[number] == 4)
+    assert known > 20
+    assert stems > 0.9 * known  # at forks two cylinders are as near

@@ -57,15 +57,17 @@ class SurveyLeg:
         way, across, angle = self._deflected(step, channel)
         head = np.deg2rad(leg.head_deg[0] + leg.head_speed * time)
         axis = device.head_axis / np.linalg.norm(device.head_axis)
-        channels = Rotation.concatenate(device.turn)
-        turn = self._carried * Rotation.from_rotvec(head[:, None] * axis) * channels[channel]
+        for index, turn in enumerate(device.turn):
+            rows = np.flatnonzero(channel == index) if self._channels > 1 else slice(None)
+            way[rows], across[rows] = turn.apply(way[rows]), turn.apply(across[rows])
+        cos, sin = np.cos(head), np.sin(head)
         along = leg.stop - leg.start
         length = float(np.linalg.norm(along))
         gone = leg.speed * time[:, None] * along / length if length else 0.0
         return Pulses(
             origin=leg.start + gone + survey.mount + device.origin[channel],
-            direction=turn.apply(way),
-            across=turn.apply(across),
+            direction=self._carried.apply(_about(axis, cos, sin, way)),
+            across=self._carried.apply(_about(axis, cos, sin, across)),
             time=time,
             scan_angle=angle,
         )
@@ -113,6 +115,17 @@ def step_count(survey: Survey, leg: Leg) -> int:
             "leg", "has no end, or too many pulses; give headRotateStop_deg or maxDuration_s"
         )
     return int(np.ceil(steps - 1e-6))
+
+
+def _about(axis: np.ndarray, cos: np.ndarray, sin: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """(P, 3) vectors about a unit axis (3,) by angles with these cosines and sines (P,): Rodrigues 1840."""
+    x, y, z = v.T
+    along = (axis[0] * x + axis[1] * y + axis[2] * z) * (1 - cos)
+    turned = np.empty_like(v)
+    for k, (one, other) in enumerate(((1, 2), (2, 0), (0, 1))):
+        beside = axis[one] * v[:, other] - axis[other] * v[:, one]
+        turned[:, k] = v[:, k] * cos + beside * sin + axis[k] * along
+    return turned
 
 
 def _heading(leg: Leg) -> Rotation:

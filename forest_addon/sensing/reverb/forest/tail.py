@@ -39,6 +39,42 @@ NO_TRUNK = PhaseFunction(0.0, 1.0, np.zeros(1440), np.full(1440, 0.5 / math.pi))
 
 
 @dataclass(frozen=True)
+class NoiseBlocks:
+    """Blocks of noise by their energies a bin, (X, F): level, and from all sides (None: none).
+
+    starts : (X,) first samples. size : samples of a block. count : of the whole. silent : samples before it.
+    """
+
+    level: np.ndarray
+    space: np.ndarray | None
+    starts: np.ndarray
+    size: int
+    count: int
+    silent: int
+
+    def samples(
+        self, rng: np.random.Generator, level: float = 1.0, space: float = 1.0
+    ) -> np.ndarray:
+        """(count,) drawn, with shares of the energy that arrives level and from all sides."""
+        size, starts, hop = self.size, self.starts, self.size // 2
+        energy = level * self.level
+        if self.space is not None:
+            energy = energy + space * self.space
+        noise = fft.rfft(rng.standard_normal((len(starts), size)), axis=1) * np.sqrt(energy)
+        blocks = fft.irfft(noise, size, axis=1) * np.sin(math.pi * (np.arange(size) + 0.5) / size)
+        total = np.zeros((len(starts) + 1) * hop)
+        total[:-hop].reshape(-1, hop)[:] += blocks[:, :hop]
+        total[hop:].reshape(-1, hop)[:] += blocks[:, hop:]
+        whole = np.zeros(self.count)
+        skipped = max(0, -int(starts[0]))
+        place = max(0, int(starts[0]))
+        part = total[skipped : skipped + self.count - place]
+        whole[place : place + len(part)] = part
+        whole[: self.silent] = 0.0
+        return whole
+
+
+@dataclass(frozen=True)
 class Tail:
     """Noise of a pair.
 
@@ -70,28 +106,27 @@ class Tail:
 
     def samples(self, rate: float, count: int, air: Air, rng: np.random.Generator) -> np.ndarray:
         """(count,) noise at ``rate`` Hz, sample 0 when the source sounds."""
+        return self.blocks(rate, count, air).samples(rng)
+
+    def blocks(self, rate: float, count: int, air: Air) -> NoiseBlocks:
+        """The same, not yet drawn."""
         size = 2 * max(16, 2 ** round(math.log2(BLOCK * rate / 2)))
         hop, step = size // 2, air.speed() / rate
         first = max(0, int(self.energy[0].edges[0] / step) // hop - 1)
         starts = np.arange(first, -(-count // hop) + 1) * hop - hop
         length = np.maximum((starts + 0.5 * size) * step, self.energy[0].edges[0] * 1.001)
         frequency = np.arange(size // 2 + 1) * (rate / size)
-        level = np.sqrt(self._spectrum(frequency, length) * step) * roll_off(frequency / rate)
-        noise = fft.rfft(rng.standard_normal((len(starts), size)), axis=1) * level
-        blocks = fft.irfft(noise, size, axis=1) * np.sin(math.pi * (np.arange(size) + 0.5) / size)
-        total = np.zeros((len(starts) + 1) * hop)
-        total[:-hop].reshape(-1, hop)[:] += blocks[:, :hop]
-        total[hop:].reshape(-1, hop)[:] += blocks[:, hop:]
-        whole = np.zeros(count)
-        skipped = max(0, -int(starts[0]))
-        place = max(0, int(starts[0]))
-        part = total[skipped : skipped + count - place]
-        whole[place : place + len(part)] = part
-        whole[: math.ceil(self.energy[0].edges[0] / step)] = 0.0
-        return whole
+        level, space = self._spectra(frequency, length)
+        silent = math.ceil(self.energy[0].edges[0] / step)
+        shape = step * np.square(roll_off(frequency / rate))
+        return NoiseBlocks(
+            level * shape, None if space is None else space * shape, starts, size, count, silent
+        )
 
-    def _spectrum(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
-        """(X, F) N."""
+    def _spectra(
+        self, frequency: np.ndarray, length: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """(X, F) N, of what arrives level, and of what branches or leaves turned; None where nothing does."""
         once, again = self.energies(length)
         heard = np.square(self.kept(length)) * once * np.exp(self.lift[:, None] * length)
         wanted = np.log(np.maximum(once + again - heard, LEAST))
@@ -107,13 +142,13 @@ class Tail:
             energy * slope * lost * self.losses.unthinned.mean_square(frequency, length[:, None])
         )
         if self.diffuse is None:
-            return np.asarray(found)
+            return np.asarray(found), None
         turned = np.log(
             np.maximum([self.turned(row, length) for row in range(len(self.diffuse))], LEAST)
         )
         energy = np.exp((1.0 - share) * turned[low] + share * turned[low + 1]).T
         lost = np.exp(-2.0 * np.outer(length, self.losses.of_air(frequency)))
-        return np.asarray(found + energy * slope * lost)
+        return np.asarray(found), energy * slope * lost
 
     def turned(self, band: int, length: np.ndarray) -> np.ndarray:
         """(X,) a metre that branches or leaves turned, of one octave; beyond the last bin as it fell."""

@@ -1,0 +1,119 @@
+"""Sound by directions as SOFA files (AES69-2022), by the library sofar: heads in, arrays' responses out."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..spec import SpecError
+from .atomic import replacing
+from .foreign import guarded
+
+MISSING = 'needs the library sofar; install it with pip install "forest-sensing[sofa]"'
+
+
+@dataclass(frozen=True)
+class HeadResponses:
+    """Impulse responses of a head: (D, 2, K), from unit vectors (D, 3), x ahead and y to the left; Hz."""
+
+    directions: np.ndarray
+    responses: np.ndarray
+    sample_rate: float
+
+
+def read_head(path: str | os.PathLike[str]) -> HeadResponses:
+    """Read the convention SimpleFreeFieldHRIR; a delay that the file states is put before its samples.
+
+    Raises
+    ------
+    SpecError : the file or the library is missing; it is no such file; it holds NaN or infinity.
+    """
+    sofar = _library(path)
+    return _read_head(path, sofar)
+
+
+@guarded("a SOFA file of a head")
+def _read_head(path: Path, sofar: Any) -> HeadResponses:
+    if not path.is_file():
+        raise FileNotFoundError(path)
+    found = sofar.read_sofa(str(path), verify=False, verbose=False)
+    if found.GLOBAL_SOFAConventions != "SimpleFreeFieldHRIR" or found.GLOBAL_DataType != "FIR":
+        raise SpecError(
+            str(path),
+            f"holds {found.GLOBAL_SOFAConventions}; give one of the convention SimpleFreeFieldHRIR",
+        )
+    responses = np.asarray(found.Data_IR, np.float64)
+    place = np.atleast_2d(np.asarray(found.SourcePosition, np.float64))
+    if found.SourcePosition_Type == "spherical":
+        azimuth, elevation = np.radians(place[:, :2]).T
+        level = np.cos(elevation)
+        place = np.column_stack(
+            [level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)]
+        )
+    size = np.linalg.norm(place, axis=1)
+    whole = np.isfinite(responses).all() and np.isfinite(place).all() and (size > 0).all()
+    if responses.ndim != 3 or responses.shape[1] != 2 or len(place) != len(responses) or not whole:
+        raise SpecError(str(path), "needs finite responses of two ears and a direction for each")
+    delay = np.asarray(getattr(found, "Data_Delay", 0.0), np.float64)
+    delay = np.broadcast_to(np.round(delay).astype(np.int64), responses.shape[:2])
+    longest = int(np.clip(delay.max(), 0, 100_000))
+    late = np.zeros((*responses.shape[:2], responses.shape[2] + longest))
+    for row, ear in np.ndindex(*delay.shape):
+        first = int(np.clip(delay[row, ear], 0, longest))
+        late[row, ear, first : first + responses.shape[2]] = responses[row, ear]
+    rate = float(np.ravel(found.Data_SamplingRate)[0])
+    if not rate > 0:
+        raise SpecError(str(path), "needs a sampling rate above 0 Hz")
+    return HeadResponses(place / size[:, None], late, rate)
+
+
+def write_responses(
+    path: str | os.PathLike[str],
+    samples: np.ndarray,
+    sample_rate: float,
+    sources: np.ndarray,
+    receivers: np.ndarray,
+    title: str,
+    names: Sequence[str],
+) -> None:
+    """Write the convention SingleRoomSRIR: M measurements by R receivers.
+
+    samples : (M, R, N). sources : (M, 3) and receivers : (M, R, 3) metres in the scene. names : of receivers.
+
+    Raises
+    ------
+    SpecError : the library is missing.
+    """
+    sofar = _library(path)
+    centre = receivers.mean(axis=1)
+    file = sofar.Sofa("SingleRoomSRIR")
+    file.GLOBAL_Title = title
+    file.GLOBAL_RoomType = "reverberant"
+    file.GLOBAL_ApplicationName = "Forest Sensing"
+    file.GLOBAL_Comment = "receivers: " + ", ".join(names)
+    file.Data_IR = samples
+    file.Data_SamplingRate = sample_rate
+    file.Data_Delay = np.zeros((1, samples.shape[1]))
+    file.SourcePosition, file.SourcePosition_Type = sources, "cartesian"
+    file.SourcePosition_Units = "metre"
+    file.ListenerPosition = centre
+    file.ReceiverPosition = np.moveaxis(receivers - centre[:, None], 0, 2)
+    for name in ("ReceiverDescriptions", "ReceiverView", "ReceiverUp", "EmitterDescriptions"):
+        file.delete(name)
+    file.ReceiverPosition_Type, file.ReceiverPosition_Units = "cartesian", "metre"
+    file.MeasurementDate = np.zeros(len(samples))
+    with replacing(path) as partial:
+        sofar.write_sofa(str(partial), file)
+
+
+def _library(path: str | os.PathLike[str]) -> Any:
+    try:
+        import sofar
+    except ImportError:
+        raise SpecError(str(path), MISSING) from None
+    return sofar

@@ -1,0 +1,1 @@
+"""Ears with directions: ambisonics and heads, and what is heard where source or receiver move."""

@@ -1,0 +1,165 @@
+"""Channels of a receiver by directions of arrival: first-order ambisonics, or two ears of a measured head.
+
+Ways of arrival go in, impulse responses of the channels go out. Ambisonics are in ACN order and SN3D
+(W, Y, Z, X; "AmbiX", Nachbar et al. 2011): 1 and the unit vector towards the sound, x where the receiver
+faces, y to its left, z up. A head is the SOFA file's: a sound is heard as from the direction measured that
+is next to its own. So that not every trunk needs a filter of its own, level sound is sorted into ``groups``:
+the plane's harmonics of first order, or SECTORS directions of a head.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ....formats.sofa import read_head
+from ....spec import Reverb
+from ..auralise import resample
+
+SECTORS = 36  # directions of level sound that a head tells apart
+AROUND = 60  # directions in space that noise comes from
+AMBISONICS = ("W", "Y", "Z", "X")
+
+
+@dataclass(frozen=True)
+class SoundGroup:
+    """Sound of some directions.
+
+    gain : (M,) of trunks, 0 where one is not in it. taps : (C, K) of what every channel hears of it.
+    """
+
+    gain: np.ndarray
+    taps: np.ndarray
+
+
+@dataclass(frozen=True)
+class NoiseSource:
+    """Noise that comes from one direction, or that one harmonic has.
+
+    level, space : share of the energy of level noise, and of noise from all sides. taps : (C, K).
+    """
+
+    level: float
+    space: float
+    taps: np.ndarray
+
+
+class Hearing:
+    """Hearing of one microphone that is the same to all sides."""
+
+    names: tuple[str, ...] = ("",)
+
+    def taps(self, way: np.ndarray) -> np.ndarray:
+        """(C, K) response to sound from where (3,) points, of any length."""
+        return np.ones((1, 1))
+
+    def groups(self, azimuth: np.ndarray) -> list[SoundGroup]:
+        """Groups that level sound from azimuths (M,) in radians is sorted into."""
+        return [SoundGroup(np.ones(len(azimuth)), np.ones((1, 1)))]
+
+    def noise(self) -> list[NoiseSource]:
+        """Parts of the noise, each independent of the others."""
+        return [NoiseSource(1.0, 1.0, np.ones((1, 1)))]
+
+
+@dataclass(frozen=True)
+class Ambisonics(Hearing):
+    """First order; azimuth : radians, where x points."""
+
+    azimuth: float
+    names = AMBISONICS
+
+    def taps(self, way: np.ndarray) -> np.ndarray:
+        size = float(np.linalg.norm(way))
+        x, y, z = way / size if size > 0 else np.array([1.0, 0.0, 0.0])
+        turned = math.cos(self.azimuth), math.sin(self.azimuth)
+        return np.array(
+            [[1.0], [y * turned[0] - x * turned[1]], [z], [x * turned[0] + y * turned[1]]]
+        )
+
+    def groups(self, azimuth: np.ndarray) -> list[SoundGroup]:
+        turn = azimuth - self.azimuth
+        gains = (np.ones(len(turn)), np.sin(turn), np.cos(turn))
+        return [SoundGroup(g, np.eye(4)[:, [row]]) for g, row in zip(gains, (0, 1, 3), strict=True)]
+
+    def noise(self) -> list[NoiseSource]:
+        shares = ((1.0, 1.0), (1 / 2, 1 / 3), (0.0, 1 / 3), (1 / 2, 1 / 3))  # means of squares
+        return [NoiseSource(*share, np.eye(4)[:, [row]]) for row, share in enumerate(shares)]
+
+
+@dataclass(frozen=True)
+class MeasuredHead(Hearing):
+    """MeasuredHead of a file.
+
+    azimuth : radians, where it faces. directions : (D, 3) unit vectors, x ahead and y to the left.
+    responses : (D, 2, K) of the left and the right ear, at the reverb's rate.
+    """
+
+    azimuth: float
+    directions: np.ndarray
+    responses: np.ndarray
+    names = ("left", "right")
+
+    def taps(self, way: np.ndarray) -> np.ndarray:
+        size = float(np.linalg.norm(way))
+        x, y, z = way / size if size > 0 else np.array([1.0, 0.0, 0.0])
+        c, s = math.cos(self.azimuth), math.sin(self.azimuth)
+        return self._nearest(np.array([x * c + y * s, y * c - x * s, z]))
+
+    def _nearest(self, way: np.ndarray) -> np.ndarray:
+        found: np.ndarray = self.responses[int(np.argmax(self.directions @ way))]
+        return found
+
+    def groups(self, azimuth: np.ndarray) -> list[SoundGroup]:
+        sector = np.round((azimuth - self.azimuth) * (SECTORS / (2.0 * math.pi))) % SECTORS
+        return [
+            SoundGroup((sector == number).astype(np.float64), self._nearest(way))
+            for number, way in enumerate(_level())
+        ]
+
+    def noise(self) -> list[NoiseSource]:
+        around = np.array(_spread(AROUND))
+        return [NoiseSource(1 / SECTORS, 0.0, self._nearest(way)) for way in _level()] + [
+            NoiseSource(0.0, 1 / AROUND, self._nearest(way)) for way in around
+        ]
+
+
+OMNI_EAR = Hearing()
+
+
+def hearing_of(reverb: Reverb, folder: Path) -> Hearing:
+    """Return how receivers hear; ``folder`` is where the name of the head's file starts from.
+
+    Raises
+    ------
+    SpecError : the file cannot be used, or what reads it is missing.
+    """
+    azimuth = math.radians(reverb.head_azimuth_deg)
+    if reverb.heard_as == "ambisonics":
+        return Ambisonics(azimuth)
+    if reverb.heard_as == "omni":
+        return OMNI_EAR
+    head = read_head(folder / reverb.head_file)
+    count, ears, length = head.responses.shape
+    flat = resample(
+        np.moveaxis(head.responses, 2, 0).reshape(length, -1), head.sample_rate, reverb.sample_rate
+    )
+    flat = flat * (head.sample_rate / reverb.sample_rate)  # sums over samples stay, as of a filter
+    return MeasuredHead(azimuth, head.directions, np.moveaxis(flat.reshape(-1, count, ears), 0, 2))
+
+
+def _level() -> np.ndarray:
+    """(SECTORS, 3) level directions, from ahead to the left."""
+    turn = 2.0 * math.pi * np.arange(SECTORS) / SECTORS
+    return np.column_stack([np.cos(turn), np.sin(turn), np.zeros(SECTORS)])
+
+
+def _spread(count: int) -> np.ndarray:
+    """(N, 3) directions evenly over the sphere (a spiral by the golden angle)."""
+    z = 1.0 - (2.0 * np.arange(count) + 1.0) / count
+    turn = np.arange(count) * (math.pi * (3.0 - math.sqrt(5.0)))
+    level = np.sqrt(1.0 - z**2)
+    return np.column_stack([level * np.cos(turn), level * np.sin(turn), z])

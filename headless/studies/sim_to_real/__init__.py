@@ -1,0 +1,1 @@
+"""Training on our plots, tested on real clouds: what a network for forests gains and lacks."""
