@@ -71,6 +71,7 @@ from .species import (
     Species,
     Template,
 )
+from .wind import Wind
 
 __all__ = [
     "AUTO",
@@ -134,6 +135,7 @@ __all__ = [
     "Terrain",
     "Terrestrial",
     "Tractor",
+    "Wind",
     "did_you_mean",
     "param",
     "param_of",

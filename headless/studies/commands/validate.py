@@ -15,7 +15,7 @@ class ValidateCommand(Command):
     help = "hold the simulations to measurements: what agrees, what does not"
     description = (
         "Print and draw simulation beside measurement, with intervals, and say what agrees. Subjects: "
-        "reverb, lidar, stand, leaves, trees; none: all. With a FILE of yours: reverb RECORDING.wav "
+        "reverb, lidar, stand, leaves, trees, wind; none: all. With a FILE of yours: reverb RECORDING.wav "
         "--stand TREES.csv, lidar CLOUD.laz --scene MY.toml, or two clouds: lidar A.laz B.laz."
     )
 

@@ -21,7 +21,7 @@ TAIL = """\
 - **Sonar.** No echoes of foliage with its leaves' positions were at hand; the echo model is held to exact
   waves on discs and facets ([sonar](sonar.md)), not to an animal's recording.
 - **Intensity of LiDAR** in absolute units: the clouds give digital numbers without calibration.
-- **Wind, rain, moving leaves**, and how they change from one scan to the next.
+- **Rain and moving leaves**, and how wind changes a scan from one time to the next.
 - **Bark**: its roughness, and its reflectance at the wavelengths of scanners.
 """
 

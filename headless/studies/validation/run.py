@@ -19,7 +19,7 @@ from forest_addon.spec import SpecError, unknown
 from .comparison import Comparison, as_record, from_record
 from .page import Subject, copy_pictures, page_text, part_text
 
-SECTIONS = ("reverb", "lidar", "stand", "leaves", "trees")  # in the order of the page
+SECTIONS = ("reverb", "lidar", "stand", "leaves", "trees", "wind")  # in the order of the page
 PARTS = (*SECTIONS, "training")  # the last is made by ``study sim-to-real``
 KEPT = "validation.json"
 VARIABLE = "FOREST_MEASURED"  # the environment's name for the folder of measurements

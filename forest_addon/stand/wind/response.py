@@ -1,0 +1,122 @@
+"""Response of one tree to the wind: amplitudes of its modes as a closed function of time.
+
+Drag on a member is quadratic in slow and linear in fast wind, as leaves fold and crowns bend
+(reconfiguration, Vogel exponent -1: de Langre 2008; Rudnicki et al. 2004): F = c U² / √(1 + (U/U_r)²), c =
+ρ c_d A. It is made linear about the local mean: its slope times the turbulence drives the modes, and its
+slope times the tree's own velocity is the aerodynamic damping. A mode is then an oscillator whose answer to
+each wave of the wind is known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...growth.sway.shape import SwayShape
+from .field import DRAG, WindField
+
+AIR = 1.2  # kg/m³
+WOOD_DRAG = 1.0  # of a cylinder, by the area that faces the wind
+FOLDING = 10.0  # m/s, speed at which leaves and crowns fold
+INTERNAL = 0.02  # damping of wood and roots over the critical one; below 0.05 in the measured trees
+MOST_DAMPING = 0.95
+KNOTS = 64  # a second, between which amplitudes are cubic
+
+
+@dataclass(frozen=True)
+class SwayResponse:
+    """Sway of one tree: the real part of the sum over waves, about a mean.
+
+    mean : (M,) amplitudes of modes as the mean wind bends the tree. waves : (M, K) complex amplitudes.
+    rate : (K,) rad/s. frequency : (M,) Hz, damping : (M,) over the critical one, aerodynamic included.
+    Amplitudes times the variant's modes are metres in the variant's axes, of the tree as large as it stands.
+    """
+
+    mean: np.ndarray
+    waves: np.ndarray
+    rate: np.ndarray
+    frequency: np.ndarray
+    damping: np.ndarray
+
+    def spread(self) -> np.ndarray:
+        """(M,) standard deviation of the amplitudes."""
+        return np.sqrt(0.5 * (np.abs(self.waves) ** 2).sum(axis=1))
+
+    def exact(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Amplitudes (N, M) at times (N,), and their rates, by the whole sum."""
+        turn = np.exp(1j * time[:, None] * self.rate)
+        return self.mean + (turn @ self.waves.T).real, (turn @ (1j * self.rate * self.waves).T).real
+
+    def amplitudes(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Amplitudes (N, M) at times (N,), and their rates, cubic between knots 1/64 s apart.
+
+        Knots lie at whole multiples, so that a moment is the same in whatever company it is asked for.
+        """
+        knot = np.floor(time * KNOTS)
+        share = (time * KNOTS - knot)[:, None]
+        used, row = np.unique(np.concatenate([knot, knot + 1]), return_inverse=True)
+        value, slope = (x / KNOTS**k for k, x in enumerate(self.exact(used / KNOTS)))
+        low, high = row[: len(time)], row[len(time) :]
+        a, b, da, db = value[low], value[high], slope[low], slope[high]
+        rise = b - a
+        second, third = 3 * rise - 2 * da - db, da + db - 2 * rise
+        found = a + share * (da + share * (second + share * third))
+        return found, KNOTS * (da + share * (2 * second + 3 * share * third))
+
+
+def response_of(
+    shape: SwayShape,
+    field: WindField,
+    position: np.ndarray,
+    rotation: float,
+    scale: float = 1.0,
+    ground: float = 0.0,
+) -> SwayResponse:
+    """Answer of a tree that stands at a place, turned and scaled, to the wind.
+
+    position : (3,) of its foot in the world. ground : height from which its heights count.
+    A tree scaled by s sways s times slower: stiffness goes with s, mass with s³.
+    """
+    cos, sin = np.cos(rotation), np.sin(rotation)
+    own, modes = shape.at_members()
+    world = scale * own @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]) + position
+    world[:, 2] -= ground
+    wind = field.mean(world[:, 2])
+    force, slope = drag(shape, wind, scale)
+    x, y = field.along
+    axes = np.array([[x * cos + y * sin, y * cos - x * sin, 0.0], [0, 0, 0], [0, 0, 1.0]])
+    axes[1] = [-axes[0, 1], axes[0, 0], 0.0]
+    push = np.einsum("bmi,ci->bmc", modes, axes) / scale**1.5
+    aside = force / np.maximum(wind, 1e-9)
+    lever = np.stack([slope, aside, aside], axis=1)
+    omega = 2 * np.pi * shape.modes.frequency / scale
+    drive = np.einsum("bmc,bkc->mk", push * lever[:, None], field.waves(world))
+    aerodynamic = np.einsum("bmc,bnc,bc->mn", push, push, lever)
+    diagonal = np.diagonal(aerodynamic)
+    # Beyond the critical damping a mode creeps; the share that the others take from it stays.
+    most = 2 * omega * (MOST_DAMPING - INTERNAL)
+    aerodynamic = aerodynamic * np.minimum(1.0, most / np.maximum(diagonal, 1e-12)).min()
+    damper = aerodynamic + np.diag(2 * INTERNAL * omega)
+    rate = 2 * np.pi * field.frequency
+    answer = 1j * rate[:, None, None] * damper
+    answer += np.eye(len(omega)) * (omega**2 - rate[:, None] ** 2)[:, :, None]
+    return SwayResponse(
+        mean=push[:, :, 0].T @ force / omega**2 / scale**1.5,
+        waves=np.linalg.solve(answer, drive.T[:, :, None])[:, :, 0].T / scale**1.5,
+        rate=rate,
+        frequency=omega / (2 * np.pi),
+        damping=np.diagonal(damper) / (2 * omega),
+    )
+
+
+def drag(shape: SwayShape, wind: np.ndarray, scale: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """(B,) drag of members in N in winds (B,) m/s, and (B,) its slope in N s/m."""
+    leaf = (
+        AIR * 2 * DRAG * shape.leafy * scale**2
+    )  # of their one-sided area, half of which is ``leafy``
+    wood = 0.5 * AIR * WOOD_DRAG * shape.woody * scale**2
+    fold = np.sqrt(1 + (wind / FOLDING) ** 2)
+    force = wood * wind**2 + leaf * wind**2 / fold
+    slope = 2 * wood * wind + leaf * wind * (2 + (wind / FOLDING) ** 2) / fold**3
+    return force, slope

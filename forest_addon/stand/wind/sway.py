@@ -1,0 +1,208 @@
+"""Sway of a whole stand: the motion that sensors and the view ask for, tree by tree.
+
+A variant is reduced to its modes once, a tree's answer to the wind is found when it is first asked for. All
+of it follows from the scene's settings and seed, so every process finds the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+
+import numpy as np
+
+from ...base.rng import daughter_keys, first_key
+from ...growth.mesh.leaves import Leaves
+from ...growth.sway.motion import Anchors
+from ...growth.sway.shape import SwayShape, corner_leaves, shape_of
+from ...growth.sway.wood import wood_of_species
+from ...growth.tree import Tree
+from ...spec import Species, Wind
+from ..forest import GrownForest
+from .field import WindField
+from .flutter import NOD, TWIST, Flutter
+from .response import SwayResponse, response_of
+
+FEW = 65_536  # points at a time
+SIGMAS = (
+    6.0  # of a mode beyond its mean, that it exceeds less than once in a hundred million moments
+)
+LOWEST = 1.0  # metres of height for which wind is told
+
+
+class ForestSway:
+    """Motion of the trees of a grown forest in the wind (a ``growth.sway.motion.Motion``).
+
+    field : the wind. Trees without a skeleton, and dead wood that lies or stands as a stump, do not move.
+    """
+
+    def __init__(self, forest: GrownForest, wind: Wind, seed: int) -> None:
+        self._forest = forest
+        self._seed = seed
+        stand = forest.stand
+        heights = forest.heights()
+        top = float(np.quantile(heights, 0.9)) if len(heights) else LOWEST
+        leaf = [_leaf_area(forest.variant_of(t)) * stand.scale[t] ** 2 for t in range(len(stand))]
+        index = float(sum(leaf)) / stand.area if stand.area > 0 else 0.0
+        self.field = WindField.drawn(wind, max(top, LOWEST), index, seed)
+        self._shapes: dict[tuple[int, int], SwayShape | None] = {}
+        self._anchors: dict[tuple[int, int], Anchors] = {}
+        self._responses: dict[int, SwayResponse | None] = {}
+
+    def shape(self, tree: int) -> SwayShape | None:
+        """The modes of a tree's variant, None of what does not move."""
+        key = self._key(tree)
+        if key not in self._shapes:
+            grown, species = self._forest.variants[key], self._forest.species[key[0]]
+            self._shapes[key] = _shape(grown, species)
+        return self._shapes[key]
+
+    def response(self, tree: int) -> SwayResponse | None:
+        """The answer of a tree to the wind, None of what does not move."""
+        if tree not in self._responses:
+            shape, stand = self.shape(tree), self._forest.stand
+            place = stand.position[tree] - [0.0, 0.0, stand.sink[tree]]
+            turn, scale = float(stand.rotation[tree]), float(stand.scale[tree])
+            ground = float(stand.position[tree, 2])
+            self._responses[tree] = (
+                None
+                if shape is None
+                else response_of(shape, self.field, place, turn, scale, ground)
+            )
+        return self._responses[tree]
+
+    def anchors(self, tree: int) -> Anchors:
+        """Anchors of the mesh vertices of a tree's variant, in the order of ``Tree.mesh.vertices``."""
+        key = self._key(tree)
+        if key not in self._anchors:
+            mesh = self._forest.variants[key].mesh
+            self._anchors[key] = self.anchors_of(tree, mesh.vertices, corner_leaves(mesh))
+        return self._anchors[key]
+
+    def anchors_of(self, tree: int, points: np.ndarray, leaf: np.ndarray) -> Anchors:
+        """Anchors of points (N, 3) of a tree's variant in its own frame; leaf : (N,) its leaf, -1 wood."""
+        shape = self.shape(tree)
+        return _still(len(points)) if shape is None else shape.anchors_of(points, leaf)
+
+    def displacement(self, tree: np.ndarray, at: Anchors, time: np.ndarray) -> np.ndarray:
+        """(N, 3) metres that points of trees (N,) are off their rest at times (N,), in the world's axes."""
+        return self._moved(tree, at, time, 0)
+
+    def velocity(self, tree: np.ndarray, at: Anchors, time: np.ndarray) -> np.ndarray:
+        """(N, 3) metres a second of points of trees (N,) at times (N,), in the world's axes."""
+        return self._moved(tree, at, time, 1)
+
+    def reach(self, tree: np.ndarray) -> np.ndarray:
+        """(N,) metres that points of trees stay within, of six standard deviations of every mode."""
+        known = {int(t): self._reach(int(t)) for t in np.unique(tree)}
+        return np.array([known[int(t)] for t in tree])
+
+    def _key(self, tree: int) -> tuple[int, int]:
+        stand = self._forest.stand
+        return int(stand.species[tree]), int(stand.variant[tree])
+
+    def _reach(self, tree: int) -> float:
+        shape, response = self.shape(tree), self.response(tree)
+        if shape is None or response is None:
+            return 0.0
+        most = np.abs(response.mean) + np.minimum(
+            SIGMAS * response.spread(), np.abs(response.waves).sum(axis=1)
+        )
+        arm = float(np.abs(self.anchors(tree).arm).max(initial=0.0))
+        ends = np.concatenate(shape.ends)
+        far = np.linalg.norm(ends[:, :, :3], axis=2) + arm * np.linalg.norm(ends[:, :, 3:], axis=2)
+        leaf = float(np.linalg.norm(self.anchors(tree).reach, axis=1).max(initial=0.0))
+        scale = float(self._forest.stand.scale[tree])
+        return float((far @ most).max()) + 2 * (TWIST + NOD) * leaf * scale
+
+    def _moved(self, tree: np.ndarray, at: Anchors, time: np.ndarray, order: int) -> np.ndarray:
+        found = np.zeros((len(tree), 3))
+        for number, rows in _by_tree(tree):
+            shape, response = self.shape(number), self.response(number)
+            if shape is None or response is None:
+                continue
+            for first in range(0, len(rows), FEW):
+                few = rows[first : first + FEW]
+                found[few] = self._of_one(number, at[few], np.asarray(time)[few], order)
+        return found
+
+    def _of_one(self, tree: int, at: Anchors, time: np.ndarray, order: int) -> np.ndarray:
+        shape, response = self.shape(tree), self.response(tree)
+        assert shape is not None
+        assert response is not None
+        stand = self._forest.stand
+        amplitude = response.amplitudes(time)[order]
+        low, high = self._tables(self._key(tree))
+        both = low[at.bone]
+        both += at.along[:, None, None] * (high - low)[at.bone]
+        six = np.einsum("nm,nmi->ni", amplitude, both)
+        moved = six[:, :3] + np.cross(six[:, 3:], at.arm)
+        leafy = np.flatnonzero(at.leaf >= 0)
+        if len(leafy):
+            moved[leafy] += self._fluttered(tree, at[leafy], time[leafy], order)
+        cos, sin = np.cos(stand.rotation[tree]), np.sin(stand.rotation[tree])
+        x, y, z = moved.T
+        return np.stack([cos * x - sin * y, sin * x + cos * y, z], axis=1)
+
+    def _tables(self, key: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+        shape = self._shapes[key]
+        assert shape is not None
+        kept: dict[str, tuple[np.ndarray, np.ndarray]] = vars(shape)
+        if "_tables" not in kept:
+            kept["_tables"] = shape.ends
+        return kept["_tables"]
+
+    def _fluttered(self, tree: int, at: Anchors, time: np.ndarray, order: int) -> np.ndarray:
+        """(N, 3) displacement or velocity of points of leaves about their feet, in the variant's axes."""
+        shape, stand = self.shape(tree), self._forest.stand
+        assert shape is not None
+        seats = shape.seats
+        scale = float(stand.scale[tree])
+        tree_key = daughter_keys(self._first, np.array([tree]))
+        key = daughter_keys(np.broadcast_to(tree_key, at.leaf.shape), at.leaf)
+        wind = self.field.mean(scale * seats.foot[at.leaf, 2])
+        angle = Flutter.of(key, wind).angles(time)[order]
+        along, normal = seats.axis[at.leaf], seats.normal[at.leaf]
+        axis = angle[:, :1] * along + angle[:, 1:] * np.cross(along, normal)
+        return scale * np.cross(axis, at.reach)
+
+    @cached_property
+    def _first(self) -> np.ndarray:
+        return first_key(self._seed, "flutter")
+
+
+def sway_of(forest: GrownForest, wind: Wind, seed: int) -> ForestSway | None:
+    """The motion of a forest in a scene's wind; None without wind or trees."""
+    return ForestSway(forest, wind, seed) if wind.speed > 0 and len(forest.stand) else None
+
+
+def _shape(tree: Tree, species: Species) -> SwayShape | None:
+    if species.dead or not len(tree.skeleton) or tree.skeleton.radius.max() <= 0:
+        return None
+    if len(tree.skeleton) < 2:
+        return None
+    return shape_of(tree.skeleton, tree.leaves, wood_of_species(species))
+
+
+def _leaf_area(tree: Tree) -> float:
+    leaves: Leaves = tree.leaves
+    return float(np.pi * (leaves.radius**2).sum())
+
+
+def _still(count: int) -> Anchors:
+    none = np.zeros(count, np.int32)
+    return Anchors(
+        none,
+        np.zeros(count, np.float32),
+        np.zeros((count, 3), np.float32),
+        none - 1,
+        np.zeros((count, 3), np.float32),
+    )
+
+
+def _by_tree(tree: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    """Each tree with the rows that name it."""
+    tree = np.asarray(tree)
+    order = np.argsort(tree, kind="stable")
+    found, first = np.unique(tree[order], return_index=True)
+    yield from zip(found.tolist(), np.split(order, first[1:]), strict=True)

@@ -1,0 +1,1 @@
+"""Trees and records of sway that ``validate wind`` compares."""
