@@ -17,7 +17,7 @@ import numpy as np
 from forest_addon.spec import SpecError
 
 from .circles import follow_stem
-from .features import VoxelCells, cells_of, features_of
+from .features import VoxelCells, cells_of, features_of, ground_below
 
 STEM, CLASSES = 4, 7
 LOWEST = 0.3  # metres above the ground: below is ground and litter, which no score counts
@@ -78,7 +78,7 @@ def measured_trees(folder: Path) -> Iterator[Labelled]:
         above = (
             cells.centre[:, 2] - cells.centre[:, 2].min()
         )  # cut out of its plot, it has no ground
-        cells = CloudCells(cells.centre, above, cells.of_point)
+        cells = VoxelCells(cells.centre, above, cells.of_point)
         wood = cells.majority(near_cylinders(points, np.loadtxt(cylinders))) > 0.5
         yield Labelled("broadleaf", cells, features_of(cells), None, wood)
 

@@ -72,7 +72,7 @@ class StudyRow:
 
 @dataclass(frozen=True)
 class StudyFindings:
-    """Findings of the study. importance : what to the (F,) importances of ours and of each real cloud."""
+    """Findings of the study. importance : of each label, (F,) importances of ours and of each cloud."""
 
     rows: list[StudyRow]
     importance: dict[str, dict[str, np.ndarray]]
