@@ -71,7 +71,6 @@ from .species import (
     Species,
     Template,
 )
-from .wind import Wind
 
 __all__ = [
     "AUTO",
@@ -135,7 +134,6 @@ __all__ = [
     "Terrain",
     "Terrestrial",
     "Tractor",
-    "Wind",
     "did_you_mean",
     "param",
     "param_of",

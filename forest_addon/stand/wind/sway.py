@@ -17,9 +17,9 @@ from ...growth.sway.motion import Anchors
 from ...growth.sway.shape import SwayShape, corner_leaves, shape_of
 from ...growth.sway.wood import wood_of_species
 from ...growth.tree import Tree
-from ...spec import Species, Wind
+from ...spec import Species
 from ..forest import GrownForest
-from .field import WindField
+from .field import Wind, WindField
 from .flutter import NOD, TWIST, Flutter
 from .response import SwayResponse, response_of
 
