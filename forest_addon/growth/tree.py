@@ -33,7 +33,7 @@ from .measured.reshape import Parts, lowest_kept, reshaped
 from .measured.templates import fitted_template
 from .measured.wanted import Kind, Wanted, one_tree
 from .mesh.axes import first_level
-from .mesh.blades import Blade, lay, leaf_areas, thin_leaves, truth_of
+from .mesh.blades import Blade, facings, lay, leaf_areas, thin_leaves, truth_of
 from .mesh.edges import repeated_edges
 from .mesh.incline import incline_leaves, incline_sites
 from .mesh.leaves import Leaves, join_leaves
@@ -202,7 +202,7 @@ def _whole(
         skeleton = with_dead(skeleton, species.architecture, wanted, key)
     if species.inclination is not None and len(sites):
         angle = draw_inclination(species.inclination, _leaf_keys(len(sites), rng))
-        sites = incline_sites(sites, angle)
+        sites = incline_sites(sites, angle, facings(sites, blade))
     left = leaves_left(species)
     area = leaf_areas(sites, blade) if blade.by_facets and left < 1 else None
     sites = thin_leaves(sites, left, rng, blade.middle[0], area) if left else sites.none()

@@ -256,6 +256,14 @@ def truth_of(sites: LeafSites, blade: Blade, branch: np.ndarray) -> Leaves:
     )
 
 
+def facings(sites: LeafSites, blade: Blade) -> np.ndarray:
+    """(L, 3) unit normals of leaves: of a curved one the mean of its facets, which leans to its tip."""
+    if not blade.curved:
+        return sites.up
+    found = [_curved(sites, part, blade)[1] for part in _parts(len(sites))]
+    return np.concatenate(found) if found else sites.up
+
+
 def leaf_areas(sites: LeafSites, blade: Blade) -> np.ndarray:
     """(L,) m² of one side of the leaves of ``lay``."""
     if not blade.by_facets:

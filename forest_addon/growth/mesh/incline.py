@@ -44,9 +44,9 @@ def turns(normal: np.ndarray, axis: np.ndarray, wanted: np.ndarray) -> np.ndarra
     return turn
 
 
-def incline_sites(sites: LeafSites, wanted: np.ndarray) -> LeafSites:
-    """Leaf sites with these inclinations (L,), radians."""
-    turn = turns(sites.up, sites.direction, wanted)
+def incline_sites(sites: LeafSites, wanted: np.ndarray, normal: np.ndarray) -> LeafSites:
+    """Leaf sites whose leaves incline so (L,), radians. normal : (L, 3) as the leaves face now."""
+    turn = turns(normal, sites.direction, wanted)
     direction, up = (np.einsum("lij,lj->li", turn, v) for v in (sites.direction, sites.up))
     return replace(sites, direction=direction, up=up)
 

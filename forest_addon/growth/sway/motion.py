@@ -57,7 +57,7 @@ class Motion(Protocol):
         ...
 
     def reach(self, tree: np.ndarray) -> np.ndarray:
-        """(N,) metres that no point of each tree ever exceeds, for the boxes of ray engines."""
+        """(N,) metres of six standard deviations, which points of each tree hardly ever exceed."""
         ...
 
     def anchors(self, tree: int) -> Anchors:

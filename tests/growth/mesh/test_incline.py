@@ -12,9 +12,11 @@ from forest_addon.base.rng import daughter_keys, stream
 from forest_addon.base.trimesh import LEAF
 from forest_addon.growth.draw import draw_inclination
 from forest_addon.growth.library.species_file import find_species, load_species
-from forest_addon.growth.mesh.incline import turns
+from forest_addon.growth.mesh.blades import facings, truth_of
+from forest_addon.growth.mesh.incline import incline_sites, turns
 from forest_addon.growth.mesh.leaves import measure_leaves
-from forest_addon.growth.tree import grow
+from forest_addon.growth.skeleton import LeafSites
+from forest_addon.growth.tree import blade_of, grow
 from forest_addon.spec import Inclination, Siblings, SpecError, Species, Template
 
 KEYS = daughter_keys(np.zeros(20_000, np.uint64), np.arange(20_000))
@@ -69,6 +71,24 @@ def test_a_turned_leaf_has_the_inclination_and_keeps_its_azimuth():
     assert np.allclose(*facing, atol=1e-6)
     tip = np.einsum("lij,lj->li", turn[:1], axis[:1])
     assert tip[0, 2] == pytest.approx(-np.sin(wanted[0]))  # a flat leaf tips downwards
+
+
+def test_curled_leaves_that_hang_incline_as_wanted_too():
+    """A curled leaf faces not as its foot does, and leaves of hanging twigs all lean the same way."""
+    species, _ = load_species(find_species("silver-birch", Path()))
+    blade = blade_of(species, None)
+    assert blade.curved
+    rng = np.random.default_rng(3)
+    down = rng.normal(size=(200, 3)) * [0.3, 0.3, 0.1] - [0, 0, 1]
+    down /= np.linalg.norm(down, axis=1, keepdims=True)
+    up = np.cross(down, rng.normal(size=(200, 3)))
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    size = np.full(200, 0.05)
+    sites = LeafSites(np.zeros((200, 3)), down, up, size, 0.7 * size, np.zeros(200, np.int64))
+    wanted = rng.uniform(0.05, 1.5, 200)
+    inclined = incline_sites(sites, wanted, facings(sites, blade))
+    truth = truth_of(inclined, blade, np.zeros(200, np.int64))
+    assert np.allclose(angles_of(truth), wanted, atol=1e-7)
 
 
 def grown(kind, inclination):
