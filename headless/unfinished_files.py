@@ -15,6 +15,8 @@ from typing import IO, Any
 
 import numpy as np
 
+from forest_addon.results.coordinates import Offset
+
 TEXT = "text"  # the entry that holds the JSON; arrays are called by their number
 ROOM = (__package__ or "").removesuffix("headless") + "forest_addon."
 
@@ -55,6 +57,8 @@ def _packed(value: Any, arrays: list[np.ndarray]) -> Any:
         names = [f.name for f in dataclasses.fields(value) if hasattr(value, f.name)]
         fields = {name: _packed(getattr(value, name), arrays) for name in names}
         return ["made", [kind.__module__, kind.__qualname__, fields]]
+    if isinstance(value, Offset):
+        return ["offset", [list(value), value.crs]]
     if isinstance(value, dict):
         return ["dict", [[_packed(k, arrays), _packed(v, arrays)] for k, v in value.items()]]
     if isinstance(value, tuple | list | set | frozenset):
@@ -82,6 +86,8 @@ def _unpacked(packed: Any, arrays: Any) -> Any:
         return _made(*content, arrays)
     if kind == "dict":
         return {_unpacked(k, arrays): _unpacked(v, arrays) for k, v in content}
+    if kind == "offset":
+        return Offset(*content)
     if kind == "path":
         return Path(content)
     if kind == "later":

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from forest_addon.formats.crs import can_tell_crs, wkt_of
-from forest_addon.results.coordinates import Offset
 from forest_addon.spec import SpecError
 
 from ..command import Command, refuse_negative
+
+if TYPE_CHECKING:
+    from forest_addon.results.coordinates import Offset
 
 FORMATS = ("laz", "las", "copc.laz", "ply", "npz")
 
@@ -171,6 +173,9 @@ def _offset(chosen: argparse.Namespace) -> Offset:
     ------
     SpecError : not three numbers; a system that PROJ does not know, or cannot be told without it.
     """
+    from forest_addon.formats.crs import can_tell_crs, wkt_of
+    from forest_addon.results.coordinates import Offset
+
     from .work.lidar import numbers
 
     if chosen.crs and not can_tell_crs():

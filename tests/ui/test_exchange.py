@@ -42,7 +42,10 @@ def values(kind, known, digits):
                 return st.lists(item.filter(bool), max_size=2).map(tuple)
             return st.just(()) | st.lists(item, min_size=3, max_size=4).map(tuple)
         if parts[-1] is Ellipsis:
-            return st.lists(groups(parts[0], digits), max_size=3).map(tuple)
+            one = groups(parts[0], digits) if fields.is_group(parts[0]) else None
+            if one is None:
+                one = values(parts[0], known, digits)
+            return st.lists(one, max_size=3).map(tuple)
         return st.tuples(*(values(part, known, digits) for part in parts))
     if fields.is_group(kind):
         return groups(kind, digits)

@@ -11,7 +11,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from ....base.rng import stream
 from ..forest.tail import FADE
@@ -75,5 +74,7 @@ def _through(samples: np.ndarray, taps: np.ndarray) -> np.ndarray:
     """(C, N) samples (N,) through filters (C, K)."""
     if taps.shape[1] == 1:
         return taps * samples
+    from scipy.signal import fftconvolve  # here: it takes half a second to import
+
     found: np.ndarray = fftconvolve(samples[None], taps, axes=1)[:, : len(samples)]
     return found

@@ -14,7 +14,6 @@ import math
 from functools import cache
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from ..band import SPREAD
 from ..pair import ImpulseResponse
@@ -77,6 +76,8 @@ def _faded(
 
     sent : faded as the sound is sent, else as it is heard.
     """
+    from scipy.signal import fftconvolve  # here: it takes half a second to import
+
     total = np.zeros(count)
     length = responses.shape[1]
     for number, response in enumerate(responses):
