@@ -19,7 +19,7 @@ from .points import UNITS, records
 
 ENDINGS = (".laz", ".las", ".copc.laz", ".e57", ".ply", ".pcd", ".xyz", ".npz", ".csv")
 COPC = ".copc.laz"
-NEEDS = {COPC: "copclib", ".e57": "pye57"}  # packages of the extra [files]
+NEEDS = {COPC: "copclib", ".e57": "pye57", ".sofa": "sofar"}  # of the extras [files] and [sofa]
 STILL = 1e-6  # metres that the places of a scanner on a tripod may differ by
 
 

@@ -37,7 +37,7 @@ from .looks import Leafy, SensorLook, Upright
 
 COARSE = 1000  # added to a variant's number; a planting has at most as many
 SHARE = 0.25  # of the leaves, and of a shoot's blades, that a coarse variant has
-BOUND = 0.02  # on gap fraction and projected area of a coarse variant
+BOUND = 0.05  # on gap fraction and projected area of a coarse variant
 OFF = 0.1  # of a footprint that a tube may be off by
 WORTH = 1.5  # times the tolerance that is set: less is not worth another mesh
 FEWER = 0.9  # of the triangles: nor is one with more

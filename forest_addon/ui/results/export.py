@@ -25,6 +25,7 @@ WORDS = {
     ".e57": ("E57", "A point cloud with the scanner's pose and a panorama"),
     ".pcd": ("PCD", "A point cloud with all labels, for PCL and ROS"),
     ".xyz": ("XYZ", "A point cloud as lines of text"),
+    ".sofa": ("SOFA", "Impulse responses with their places (AES69)"),
     ".wav": ("WAV", "A sound; echoes slowed down for human ears"),
     ".npz": ("NPZ", "Arrays for Python"),
     ".csv": ("CSV", "A table, for spreadsheets"),
