@@ -28,6 +28,7 @@ examples:
       --azimuth=-30,30 --set angle_step_deg=0.1 --set beam.subrays=37 --out scan.ply
   python -m headless lidar park.blend --scanner riegl-minivux-1uav --along FlightPath
   python -m headless lidar park.blend --scanner riegl-vq-780i --at 0,-200,800 --azimuth 90
+  python -m headless lidar --like real.laz --scanner riegl-vux-1uav --out out/like.toml
   python -m headless lidar --survey data/surveys/demo/tls_plane.xml --out plane.laz
 
 --set takes any setting of a scene file's sensor. A scan that was interrupted goes on
@@ -49,6 +50,19 @@ with the same command and --resume, to the same bytes."""
             type=Path,
             metavar="FILE.json",
             help="points and pulses by returns of each leg, to be held beside ours",
+        )
+        parser.add_argument(
+            "--like",
+            type=Path,
+            metavar="REAL.laz",
+            help="write a scene that is flown as this cloud was; --scanner takes an instrument's light",
+        )
+        parser.add_argument(
+            "--trajectory",
+            type=Path,
+            metavar="FILE",
+            help="with --like: its way, as CSV (time_s, x_m, y_m, z_m, heading_deg, pitch_deg, "
+            "roll_deg) or SBET",
         )
         parser.add_argument("--list", action="store_true", help="print the scanners that are known")
         parser.add_argument(
@@ -88,6 +102,8 @@ with the same command and --resume, to the same bytes."""
 
     def output(self, chosen: argparse.Namespace) -> Path:
         if chosen.out is None:
+            if chosen.like:
+                return Path("out") / f"like-{chosen.like.stem}.toml"
             if chosen.survey:
                 return Path("out") / f"{chosen.survey.stem}.{chosen.format or 'laz'}"
             blend = chosen.blend.stem if chosen.blend else "scan"
@@ -101,6 +117,8 @@ with the same command and --resume, to the same bytes."""
         return None if chosen.list else chosen.out.with_name(f".{chosen.out.stem}.lock")
 
     def kept(self, chosen: argparse.Namespace) -> str:
+        if chosen.like:
+            return "nothing was written"
         if chosen.survey:
             return f"legs that were finished are kept beside {chosen.out}"
         return f"what was scanned is kept beside {chosen.out}; --resume goes on with it"
@@ -114,6 +132,11 @@ with the same command and --resume, to the same bytes."""
         refuse_negative(chosen.seed)
         if chosen.chunk is not None and chosen.chunk < 1:
             raise SpecError("--chunk", f"{chosen.chunk} is out of range; use at least 1")
+        if chosen.like:
+            self._write_like(chosen)
+            return
+        if chosen.trajectory:
+            raise SpecError("--trajectory", "belongs to --like REAL.laz")
         if chosen.survey:
             self._run_survey(chosen)
             return
@@ -137,6 +160,24 @@ with the same command and --resume, to the same bytes."""
             at_once=chosen.chunk,
             quiet=chosen.quiet,
         )
+
+    def _write_like(self, chosen: argparse.Namespace) -> None:
+        """Write the scene of a cloud.
+
+        Raises
+        ------
+        SpecError : words that do not go with it, or a cloud that cannot be used.
+        """
+        from .work.like import write_like
+
+        words = ("blend", "survey", "at", "along", "azimuth", "set", "resume", "chunk", "format")
+        for word in words:
+            if getattr(chosen, word):
+                option = "FILE.blend" if word == "blend" else f"--{word}"
+                raise SpecError(option, "does not go with --like, which writes a scene")
+        if chosen.out.suffix != ".toml":
+            raise SpecError(f"--out {chosen.out}", "must end in .toml: --like writes a scene")
+        write_like(chosen.like, chosen.out, chosen.scanner, chosen.trajectory, chosen.crs)
 
     def _run_survey(self, chosen: argparse.Namespace) -> None:
         """Run a survey of HELIOS++.

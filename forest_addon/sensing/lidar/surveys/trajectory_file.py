@@ -1,0 +1,104 @@
+"""Trajectories of real platforms as files: CSV in metres and degrees, and SBET as inertial systems write it.
+
+A CSV has the columns ``time_s, x_m, y_m, z_m, heading_deg, pitch_deg, roll_deg``: the heading from +X to +Y,
+pitch nose up, roll right side down. An SBET is 17 doubles a record (little-endian): time, latitude,
+longitude,
+altitude, three velocities, roll, pitch, platform heading, wander angle, three accelerations, three
+rates; angles in
+radians. The true heading is the platform's less the wander angle, and clockwise from north.
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from ....formats.foreign import guarded
+from ....formats.table import write_csv
+from ....spec import SpecError
+
+COLUMNS = ("time_s", "x_m", "y_m", "z_m", "heading_deg", "pitch_deg", "roll_deg")
+RECORD = 17  # doubles of an SBET
+SBET_ENDINGS = (".sbet", ".out")
+
+
+def read_trajectory(path: Path, crs: str = "") -> np.ndarray:
+    """(K, 7) rows of ``COLUMNS`` in the order of time; a file that ends in .sbet or .out is an SBET.
+
+    crs : the map's system that an SBET goes to, as EPSG:26912.
+
+    Raises
+    ------
+    SpecError : a file that is something else, fewer than two poses, or times that do not rise.
+    """
+    rows = read_sbet(path, crs) if path.suffix in SBET_ENDINGS else read_poses(path)
+    if len(rows) < 2:
+        raise SpecError(str(path), f"has {len(rows)} poses; a trajectory needs two")
+    if not np.isfinite(rows).all():
+        raise SpecError(str(path), "has values that are no numbers")
+    if (np.diff(rows[:, 0]) <= 0).any():
+        late = int(np.argmax(np.diff(rows[:, 0]) <= 0)) + 2
+        raise SpecError(str(path), f"pose {late} is not later than the one before; sort by time")
+    return rows
+
+
+@guarded("a CSV of time, place and attitude")
+def read_poses(path: Path) -> np.ndarray:
+    """(K, 7) rows of a CSV; lines that start with # are passed over, other columns too.
+
+    Raises
+    ------
+    SpecError : columns are missing, or a value is no number.
+    """
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        lines = [row for row in csv.reader(line for line in file if line[:1] != "#") if row]
+    head = [name.strip() for name in lines[0]] if lines else []
+    missing = [name for name in COLUMNS if name not in head]
+    if missing:
+        raise SpecError(str(path), f"lacks the columns {', '.join(missing)}")
+    place = [head.index(name) for name in COLUMNS]
+    try:
+        rows = [[float(row[number]) for number in place] for row in lines[1:]]
+    except (ValueError, IndexError):
+        raise SpecError(str(path), "has a value that is no number, or a row too short") from None
+    return np.array(rows, dtype=np.float64).reshape(-1, len(COLUMNS))
+
+
+@guarded("an SBET")
+def read_sbet(path: Path, crs: str) -> np.ndarray:
+    """(K, 7) rows of an SBET in a map's metres; its altitudes are taken as they are.
+
+    Raises
+    ------
+    SpecError : no system is named, pyproj is not there, or the file is no SBET.
+    """
+    found = np.fromfile(path, dtype="<f8")
+    if not len(found) or len(found) % RECORD:
+        raise SpecError(str(path), f"is no SBET: {8 * len(found)} bytes are no records of 136")
+    time, lat, lon, up, _, _, _, roll, pitch, heading, wander = found.reshape(-1, RECORD).T[:11]
+    if (np.abs(lat) > np.pi / 2).any() or (np.abs(lon) > 2 * np.pi).any():
+        raise SpecError(str(path), "is no SBET: latitudes or longitudes are no radians")
+    if not crs:
+        raise SpecError("--crs", "is missing; an SBET needs the map's system, as EPSG:26912")
+    try:
+        import pyproj
+    except ImportError:
+        raise SpecError(str(path), "an SBET needs pyproj: pip install pyproj") from None
+    try:
+        system = pyproj.CRS.from_user_input(crs)
+    except pyproj.exceptions.CRSError:
+        raise SpecError("--crs", f'"{crs}" is no system that PROJ knows') from None
+    degrees = np.degrees(lon), np.degrees(lat)
+    to_map = pyproj.Transformer.from_crs("EPSG:4326", system, always_xy=True)
+    east, north = to_map.transform(*degrees)
+    grid = np.asarray(pyproj.Proj(system).get_factors(*degrees).meridian_convergence)
+    turn = 90 - np.degrees(heading - wander) + grid
+    turn = (turn + 180) % 360 - 180
+    return np.column_stack([time, east, north, up, turn, np.degrees(pitch), np.degrees(roll)])
+
+
+def write_poses(path: Path, rows: np.ndarray) -> None:
+    """Write rows (K, 7) of ``COLUMNS`` as CSV."""
+    write_csv(path, {name: rows[:, number].tolist() for number, name in enumerate(COLUMNS)})
