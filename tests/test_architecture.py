@@ -10,13 +10,6 @@ from house_rules import House
 ROOT = Path(__file__).resolve().parents[1]
 # Places that break a rule with a reason: rule, how the violation begins, why.
 EXCEPTIONS = {
-    "packages_of_others_are_listed": {
-        "forest_addon/sensing/lidar/surveys/trajectory_file.py imports pyproj": "SBET's latitudes in metres",
-        "headless/commands/work/like.py imports laspy": "the real cloud whose flight is read",
-    },
-    "public_names_are_used": {
-        "forest_addon/sensing/lidar/surveys/trajectory_file.py: write_poses": "its reader's counterpart",
-    },
     "functions_are_short": {
         "headless/commands/lidar.py: arguments": "an option a line",
         "forest_addon/blender/scene/nodes.py: _make_instancer": "one node group, a line a node",

@@ -21,11 +21,11 @@ from .atomic import replacing
 
 CELLS = 128  # along the edge of a node, as the format recommends
 FEWEST = 5_000  # points of a node that are not divided further
-DEEPEST = 16
+DEEPEST = 14  # the cells of its nodes still have numbers of 63 bits
 
 
 def write_copc(path: str | os.PathLike[str], plain: str | os.PathLike[str]) -> None:
-    """Write the points of a LAS or LAZ file as COPC, with its extra bytes and coordinate system.
+    """Write the points of a LAS or LAZ file of point format 6 as COPC, with its extra bytes and system.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def _numbered(at: np.ndarray, across: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _keys(at: np.ndarray, across: int) -> np.ndarray:
-    """(N,) one whole number for three; exact in 64 bits, as ``across`` is at most 2^23 of 2^21 that fit."""
+    """(N,) one whole number for three below ``across``, which is 2^21 at most."""
     mixed = at.astype(np.uint64)
     return np.asarray(
         (mixed[:, 0] * np.uint64(across) + mixed[:, 1]) * np.uint64(across) + mixed[:, 2]

@@ -22,6 +22,7 @@ from laspy.vlrs.known import WktCoordinateSystemVlr
 
 from ..base.labels import Labels
 from ..base.trimesh import DEAD, GROUND, LEAF, WOOD
+from ..spec import SpecError
 from .atomic import replacing
 from .copc import write_copc
 from .crs import wkt_of
@@ -93,6 +94,22 @@ def write_las(
     except lazrs.LazrsError as problem:  # what its compressor makes of a full disk
         name = os.path.basename(path)
         raise OSError(f"{name} could not be written ({problem}); is the disk full?") from None
+
+
+def read_las(path: str | os.PathLike[str]) -> laspy.LasData:
+    """Read a LAS or LAZ file of any origin.
+
+    Raises
+    ------
+    SpecError : it cannot be read as one, or has no points.
+    """
+    try:
+        cloud = laspy.read(path)
+    except (laspy.errors.LaspyException, lazrs.LazrsError, OSError) as problem:
+        raise SpecError(str(path), f"cannot be read as LAS or LAZ ({problem})") from None
+    if not len(cloud.points):
+        raise SpecError(str(path), "has no points")
+    return cloud
 
 
 def _classes(labels: Labels) -> np.ndarray:

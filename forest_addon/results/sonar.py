@@ -125,9 +125,10 @@ def _doubts(sonar: Sonar, found: Finding) -> tuple[str, ...]:
     error = max(echo.error_bound for echo in _echoes(found))
     if not error > sonar.tolerance > 0:
         return ()
+    enough = 10.0 ** np.ceil(np.log10(error))
     return (
         f"the sum may be {error:.1e} of all amplitudes off, where {sonar.tolerance:.0e} was asked for: what "
-        f"is looked up is not smooth enough. Set tolerance to {error:.0e}, or to 0 for the direct sum.",
+        f"is looked up is not smooth enough. Set tolerance to {enough:.0e}, or to 0 for the direct sum.",
     )
 
 

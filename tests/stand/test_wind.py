@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from references.rods import rod
 from scipy.integrate import solve_ivp, trapezoid
 
 from forest_addon.growth.mesh.leaves import Leaves
-from forest_addon.growth.skeleton import Skeleton
 from forest_addon.growth.sway.shape import shape_of, shape_with
 from forest_addon.growth.sway.wood import GreenWood
 from forest_addon.stand.wind.field import DECAY, Wind, WindField, kaimal
@@ -17,22 +17,8 @@ WOOD = GreenWood(800.0, 9e9)
 BREEZE = Wind(speed=6.0, direction_deg=30.0)
 
 
-def stem(height: float = 15.0, count: int = 30) -> Skeleton:
-    z = np.linspace(0.0, height, count + 1)
-    points = np.column_stack([0 * z, 0 * z, z])
-    radius = np.interp(z, [0, height], [0.1, 0.02])
-    return Skeleton(
-        points[:-1],
-        points[1:],
-        np.column_stack([radius[:-1], radius[1:]]),
-        np.arange(count) - 1,
-        np.zeros(count, np.int64),
-        np.arange(count),
-    )
-
-
 def tree(modes: int = 12):
-    skeleton = stem()
+    skeleton = rod(0.1, 0.02, 15.0, 30)
     area = np.where(skeleton.start[:, 2] > 6, 3.0, 0.0)
     return shape_with(skeleton, area, WOOD, modes)
 
@@ -98,7 +84,9 @@ def test_drag_goes_from_quadratic_to_linear():
     leafy = shape.leafy > 0
     slow, twice = drag(shape, np.full(len(leafy), 0.1))[0], drag(shape, np.full(len(leafy), 0.2))[0]
     assert (twice / slow)[leafy] == pytest.approx(np.full(leafy.sum(), 4.0), rel=1e-3)
-    bare = shape_with(stem(), np.where(stem().start[:, 2] > 6, 1e4, 0.0), WOOD)
+    bare = shape_with(
+        rod(0.1, 0.02, 15.0, 30), np.where(rod(0.1, 0.02, 15.0, 30).start[:, 2] > 6, 1e4, 0.0), WOOD
+    )
     fast = [drag(bare, np.full(len(bare.leafy), u))[0][bare.leafy > 0] for u in (200.0, 400.0)]
     assert (fast[1] / fast[0]) == pytest.approx(np.full(len(fast[0]), 2.0), rel=0.01)
     step = 1e-4
@@ -190,7 +178,7 @@ def test_a_larger_tree_sways_slower_and_a_turned_one_the_same():
 
 
 def test_a_leaf_is_held_where_its_stalk_is():
-    skeleton = stem()
+    skeleton = rod(0.1, 0.02, 15.0, 30)
     foot, axis = np.array([[0.05, 0.0, 10.0]]), np.array([[1.0, 0.0, 0.0]])
     leaves = Leaves(
         foot + 0.05 * axis,

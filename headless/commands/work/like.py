@@ -6,9 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import laspy
 import numpy as np
 
+from forest_addon.formats.las import read_las
 from forest_addon.formats.scanner_file import read_scanner
 from forest_addon.formats.toml_file import structure, write_settings
 from forest_addon.sensing.lidar.surveys.flown import FlightLine, lines_of, split_lines
@@ -22,7 +22,7 @@ RANGE = 1.3  # times the farthest return: the range of a scanner that nobody nam
 
 @dataclass(frozen=True)
 class FlownCloud:
-    """FlownCloud: place (N, 3) m, time (N,) s, number and count (N,) of returns, line (N,)."""
+    """Returns of a real flight: place (N, 3) m, time (N,) s, number and count (N,) of returns, line (N,)."""
 
     place: np.ndarray
     time: np.ndarray
@@ -100,12 +100,7 @@ def read_flown(path: Path) -> FlownCloud:
     ------
     SpecError : it is no LAS file, is empty, or has no GPS times.
     """
-    try:
-        cloud = laspy.read(path)
-    except (laspy.errors.LaspyException, OSError) as problem:
-        raise SpecError(str(path), f"cannot be read as LAS or LAZ ({problem})") from None
-    if not len(cloud.points):
-        raise SpecError(str(path), "has no points")
+    cloud = read_las(path)
     if "gps_time" not in set(cloud.point_format.dimension_names):
         raise SpecError(str(path), "has no GPS times; export it with them")
     time = np.asarray(cloud.gps_time)

@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import laspy
 import numpy as np
 
+from forest_addon.formats.las import read_las
 from forest_addon.spec import SpecError
 
 from .circles import follow_stem
@@ -21,10 +21,7 @@ from .features import VoxelCells, cells_of, features_of, ground_below
 
 STEM, CLASSES = 4, 7
 LOWEST = 0.3  # metres above the ground: below is ground and litter, which no score counts
-NEAR, LUMP = (
-    0.02,
-    0.25,
-)  # metres, and share of its radius, from a cylinder within which a point is wood
+NEAR, LUMP = 0.02, 0.25  # metres, and share of its radius, from a cylinder within which is wood
 ENDINGS = ("*.las", "*.laz")
 TREES = {"pine": "treels_pine.laz", "spruce": "treels_spruce.laz"}
 BROADLEAF = ("aRchi_1.las", "aRchi_1_qsm.txt")
@@ -64,7 +61,7 @@ def measured_trees(folder: Path) -> Iterator[Labelled]:
     """Yield the measured trees that are in a folder; none is no fault."""
     for name, file in TREES.items():
         if (folder / file).is_file():
-            points = laspy.read(folder / file).xyz
+            points = np.asarray(read_las(folder / file).xyz)
             cells = cells_of(points)
             height = points[:, 2] - ground_below(points)
             stem = follow_stem(points, height)
@@ -73,11 +70,10 @@ def measured_trees(folder: Path) -> Iterator[Labelled]:
                 yield Labelled(name, cells, features_of(cells), on, None, stem.top)
     cloud, cylinders = (folder / name for name in BROADLEAF)
     if cloud.is_file() and cylinders.is_file():
-        points = laspy.read(cloud).xyz
+        points = np.asarray(read_las(cloud).xyz)
         cells = cells_of(points)
-        above = (
-            cells.centre[:, 2] - cells.centre[:, 2].min()
-        )  # cut out of its plot, it has no ground
+        # Cut out of its plot, it has no ground.
+        above = cells.centre[:, 2] - cells.centre[:, 2].min()
         cells = VoxelCells(cells.centre, above, cells.of_point)
         wood = cells.majority(near_cylinders(points, np.loadtxt(cylinders))) > 0.5
         yield Labelled("broadleaf", cells, features_of(cells), None, wood)
@@ -121,7 +117,7 @@ def _read_plot(
     within: tuple[float, float, float, float] | None = None,
     base: str = "",
 ) -> Labelled:
-    clouds = [laspy.read(path) for path in files]
+    clouds = [read_las(path) for path in files]
     points = np.concatenate([cloud.xyz for cloud in clouds])
     classes = np.concatenate([np.asarray(cloud.classification) for cloud in clouds])
     if not (classes == STEM).any() or (classes == STEM).all():

@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import laspy
 import numpy as np
 from scipy.spatial import cKDTree
 
+from forest_addon.formats.las import read_las
 from forest_addon.spec import Scene, SpecError
 
 from .comparison import Comparison, Interval
@@ -78,13 +78,8 @@ def read_cloud(path: Path) -> CloudReturns:
     ------
     SpecError : it is no LAS or LAZ file, has no points, or does not say which return of how many each is.
     """
-    try:
-        cloud = laspy.read(path)
-    except (laspy.errors.LaspyException, OSError) as problem:
-        raise SpecError(str(path), f"cannot be read as LAS or LAZ ({problem})") from None
+    cloud = read_las(path)
     number, count = np.asarray(cloud.return_number), np.asarray(cloud.number_of_returns)
-    if not len(number):
-        raise SpecError(str(path), "has no points; nothing can be compared with it")
     if not (number > 0).any() or not (count > 0).any():
         raise SpecError(
             str(path), "does not say which return of how many each point is; export it with these"

@@ -11,14 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import laspy
 import numpy as np
 
 from forest_addon.base.rng import stream
 from forest_addon.blender.rays.casters import make_caster
+from forest_addon.formats.las import read_las
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.scan import Scan, join
-from forest_addon.spec import Airborne, Beam, Rays, SpecError, Surfaces
+from forest_addon.spec import Airborne, Beam, Rays, Surfaces
 
 from ...report.pictures import FAINT, INK, LEAF_GREEN, blank_figure, save_figure
 from .comparison import Comparison, Interval, Picture
@@ -124,10 +124,7 @@ def read_returns(path: Path) -> Echoed:
     ------
     SpecError : it is no LAS or LAZ file.
     """
-    try:
-        cloud = laspy.read(path)
-    except (laspy.errors.LaspyException, OSError) as problem:
-        raise SpecError(str(path), f"cannot be read as LAS or LAZ ({problem})") from None
+    cloud = read_las(path)
     z = np.asarray(cloud.z, float)
     return Echoed(
         np.asarray(cloud.return_number),

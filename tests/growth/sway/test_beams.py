@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from references.rods import rod
 from scipy.optimize import brentq
 from scipy.special import iv, jv, kv, yv
 
@@ -15,21 +16,6 @@ from forest_addon.growth.sway.wood import GreenWood, wood_of_genus
 
 WOOD = GreenWood(density=800.0, modulus=9e9)
 HEIGHT = 20.0
-
-
-def rod(foot: float, tip: float, height: float = HEIGHT, count: int = 40, lean: float = 0.0):
-    along = np.linspace(0.0, height, count + 1)
-    way = np.array([np.sin(lean), 0.0, np.cos(lean)])
-    points = along[:, None] * way
-    radius = np.interp(along, [0.0, height], [foot, tip])
-    return Skeleton(
-        points[:-1],
-        points[1:],
-        np.column_stack([radius[:-1], radius[1:]]),
-        np.arange(count) - 1,
-        np.zeros(count, np.int64),
-        np.arange(count),
-    )
 
 
 def with_tip_mass(skeleton: Skeleton, mass: float, gravity: float = 0.0) -> np.ndarray:

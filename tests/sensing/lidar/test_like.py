@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
+from forest_addon.formats.table import write_csv
 from forest_addon.sensing.lidar.scanner import pattern_of
 from forest_addon.sensing.lidar.surveys.flown import FlightLine
 from forest_addon.sensing.lidar.surveys.like import pattern_like, scanner_like
 from forest_addon.sensing.lidar.surveys.trajectory_file import (
+    COLUMNS,
     RECORD,
     read_trajectory,
-    write_poses,
 )
 from forest_addon.spec import Mobile, Pose, SpecError
 
@@ -47,9 +48,10 @@ def test_rates_field_and_tilt_are_read_back(sweep, pitch):
 
 def test_csv_goes_to_and_fro_and_times_must_rise(tmp_path):
     rows = np.arange(21.0).reshape(3, 7) / 7
-    write_poses(tmp_path / "a.csv", rows)
+    written = lambda table: {name: table[:, k].tolist() for k, name in enumerate(COLUMNS)}  # noqa: E731
+    write_csv(tmp_path / "a.csv", written(rows))
     assert (read_trajectory(tmp_path / "a.csv") == rows).all()
-    write_poses(tmp_path / "b.csv", rows[::-1])
+    write_csv(tmp_path / "b.csv", written(rows[::-1]))
     with pytest.raises(SpecError, match="pose 2 is not later"):
         read_trajectory(tmp_path / "b.csv")
 

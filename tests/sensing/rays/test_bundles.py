@@ -1,4 +1,4 @@
-"""What is said of bundles of rays, without a look at any ray, against every ray in float64."""
+"""Verdicts on bundles of rays, found without a look at any ray, against every ray in float64."""
 
 import numpy as np
 import pytest

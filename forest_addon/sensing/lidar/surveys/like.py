@@ -62,7 +62,9 @@ def pattern_like(line: FlightLine, place: np.ndarray, time: np.ndarray) -> Flown
     middle = np.array([time[a:b].mean() for a, b in sweeps])
     period = _period(middle[same]) / (2 if zigzag else 1)
     low, high = np.quantile(angle, [0.001, 0.999]) + np.array([-MARGIN, MARGIN])
-    step = float(np.median(np.abs(turns))) / rate  # degrees between pulses
+    # Degrees between pulses, by how many there are in a sweep: clocks of some instruments step unevenly.
+    swept = sum(abs(float(angle[b - 1] - angle[a])) for a, b in sweeps)
+    step = swept / sum(b - 1 - a for a, b in sweeps)
     a_line = max(2, round((high - low) / step))
     return FlownPattern(
         pulse_rate=float(np.clip(a_line / period, 1, 1e9)),

@@ -1,11 +1,10 @@
 """Trajectories of real platforms as files: CSV in metres and degrees, and SBET as inertial systems write it.
 
-A CSV has the columns ``time_s, x_m, y_m, z_m, heading_deg, pitch_deg, roll_deg``: the heading from +X to +Y,
-pitch nose up, roll right side down. An SBET is 17 doubles a record (little-endian): time, latitude,
-longitude,
-altitude, three velocities, roll, pitch, platform heading, wander angle, three accelerations, three
-rates; angles in
-radians. The true heading is the platform's less the wander angle, and clockwise from north.
+A CSV has the columns ``time_s, x_m, y_m, z_m, heading_deg, pitch_deg, roll_deg``: the heading from +X
+to +Y, pitch nose up, roll right side down. An SBET is 17 doubles a record (little-endian): time, latitude,
+longitude, altitude, three velocities, roll, pitch, platform heading, wander angle, three accelerations,
+three rates; angles in radians. The true heading is the platform's less the wander angle, and clockwise
+from north.
 """
 
 from __future__ import annotations
@@ -15,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ....formats.crs import to_map
 from ....formats.foreign import guarded
-from ....formats.table import write_csv
 from ....spec import SpecError
 
 COLUMNS = ("time_s", "x_m", "y_m", "z_m", "heading_deg", "pitch_deg", "roll_deg")
@@ -82,23 +81,7 @@ def read_sbet(path: Path, crs: str) -> np.ndarray:
         raise SpecError(str(path), "is no SBET: latitudes or longitudes are no radians")
     if not crs:
         raise SpecError("--crs", "is missing; an SBET needs the map's system, as EPSG:26912")
-    try:
-        import pyproj
-    except ImportError:
-        raise SpecError(str(path), "an SBET needs pyproj: pip install pyproj") from None
-    try:
-        system = pyproj.CRS.from_user_input(crs)
-    except pyproj.exceptions.CRSError:
-        raise SpecError("--crs", f'"{crs}" is no system that PROJ knows') from None
-    degrees = np.degrees(lon), np.degrees(lat)
-    to_map = pyproj.Transformer.from_crs("EPSG:4326", system, always_xy=True)
-    east, north = to_map.transform(*degrees)
-    grid = np.asarray(pyproj.Proj(system).get_factors(*degrees).meridian_convergence)
+    east, north, grid = to_map(crs, np.degrees(lon), np.degrees(lat))
     turn = 90 - np.degrees(heading - wander) + grid
     turn = (turn + 180) % 360 - 180
     return np.column_stack([time, east, north, up, turn, np.degrees(pitch), np.degrees(roll)])
-
-
-def write_poses(path: Path, rows: np.ndarray) -> None:
-    """Write rows (K, 7) of ``COLUMNS`` as CSV."""
-    write_csv(path, {name: rows[:, number].tolist() for number, name in enumerate(COLUMNS)})
