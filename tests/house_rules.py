@@ -93,7 +93,7 @@ PACKAGES: dict[str, set[str]] = {
     "forest_addon/results": NUMBERS,
     "forest_addon/site": NUMBERS,
     "forest_addon/blender": NUMBERS | {"bpy", "mathutils"},
-    "forest_addon/api": NUMBERS | {"bpy", "matplotlib"},
+    "forest_addon/api": NUMBERS | {"bpy", "matplotlib", "pandas", "xarray"},
     "forest_addon/flight": NUMBERS | {"gymnasium", "matplotlib"},
     "forest_addon/ui": NUMBERS
     | {"aud", "blf", "bpy", "bpy_extras", "gpu", "gpu_extras", "imbuf", "mathutils"},

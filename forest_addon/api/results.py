@@ -27,11 +27,11 @@ from ..sensing.reverb.response import ImpulseResponse, channels_of
 from ..sensing.sonar.flight import PingSeries
 from ..sensing.sonar.ping import Echo
 from ..spec import Choice, Sensor, SpecError
-from . import plots
+from . import labelled, plots
 from .given import file_to_write, path_of
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Result:
     """Result of a sensor.
 
@@ -50,6 +50,31 @@ class Result:
     offset: Offset = NO_OFFSET
     chosen: tuple[Choice, ...] = ()
     warnings: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        figures = ", ".join(f"{name} {text}" for name, text in list(self.summary().items())[:2])
+        return f"{type(self).__name__}({self.sensor.name!r}: {figures})"
+
+    def to_xarray(self) -> Any:
+        """An ``xarray.Dataset``; units are attributes of its variables.
+
+        Raises
+        ------
+        SpecError : xarray is not installed (extra ``analysis``); a result without arrays.
+        """
+        return labelled.dataset_of(self.sensor, self.found, self._facts())
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame``, a row a point or sample; ``attrs["units"]`` has the units by column.
+
+        Raises
+        ------
+        SpecError : pandas is not installed (extra ``analysis``); a result without arrays.
+        """
+        return labelled.frame_of(self.sensor, self.found, self._facts())
+
+    def _facts(self) -> dict[str, Any]:
+        return labelled.facts_of(self.sensor, self.offset, self.seconds)
 
     def save(self, path: str | Path) -> Path:
         """Write it to a file, in the format that the ending of its name says; returns its path.
@@ -271,6 +296,11 @@ CLASSES: Mapping[str, Callable[..., Result]] = {  # of kinds whose results have 
     "sonar": Echoes,
     "reverb": Response,
 }
+
+
+def is_scanner(sensor: Sensor) -> bool:
+    """Return whether these are settings of a sensor whose points go to a file chunk by chunk."""
+    return CLASSES.get(getattr(sensor, "kind", "")) is PointCloud
 
 
 def result_of(
