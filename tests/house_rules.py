@@ -92,7 +92,7 @@ PACKAGES: dict[str, set[str]] = {
     "forest_addon/sensing": NUMBERS,
     "forest_addon/results": NUMBERS,
     "forest_addon/site": NUMBERS,
-    "forest_addon/blender": NUMBERS | {"bpy", "mathutils"},
+    "forest_addon/blender": NUMBERS | {"bmesh", "bpy", "mathutils"},
     "forest_addon/api": NUMBERS | {"bpy", "matplotlib", "pandas", "xarray"},
     "forest_addon/flight": NUMBERS | {"gymnasium", "matplotlib"},
     "forest_addon/ui": NUMBERS
