@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,6 +30,11 @@ from ..spec import Choice, Sensor, SpecError
 from . import labelled, plots
 from .given import file_to_write, path_of
 
+if TYPE_CHECKING:
+    from ..sensing.trajectory import Trajectory
+
+BAG = ".mcap"
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Result:
@@ -41,6 +46,7 @@ class Result:
     coordinate system.
     chosen : what was left to "auto", with its bound and why; ``sensor`` has the values.
     warnings : sentences about what is hardly meant, as a sensor inside of a trunk.
+    way : where it went, of a sensor that follows a trajectory.
     """
 
     sensor: Sensor
@@ -50,6 +56,7 @@ class Result:
     offset: Offset = NO_OFFSET
     chosen: tuple[Choice, ...] = ()
     warnings: tuple[str, ...] = ()
+    way: Trajectory | None = None
 
     def __repr__(self) -> str:
         figures = ", ".join(f"{name} {text}" for name, text in list(self.summary().items())[:2])
@@ -178,13 +185,18 @@ class PointCloud(Result):
 
     @property
     def endings(self) -> tuple[str, ...]:
-        return ENDINGS
+        return (*ENDINGS, BAG)
 
     def plot(self) -> Any:
         return plots.draw_cloud(self.found)
 
     def _write(self, path: Path, ending: str) -> None:
-        write_points(path, self.found, self.offset)
+        if ending == BAG:
+            from ..results.bag import write_scan_bag
+
+            write_scan_bag(path, self.sensor, self.found, self.way)
+        else:
+            write_points(path, self.found, self.offset)
 
 
 class RowScan(Result):
@@ -311,6 +323,8 @@ def result_of(
     offset: Offset,
     chosen: tuple[Choice, ...] = (),
     warnings: tuple[str, ...] = (),
+    way: Trajectory | None = None,
 ) -> Result:
     """A sensor's finding as a result."""
-    return CLASSES.get(sensor.kind, Result)(sensor, found, seconds, audit, offset, chosen, warnings)
+    made = CLASSES.get(sensor.kind, Result)
+    return made(sensor, found, seconds, audit, offset, chosen, warnings, way)

@@ -184,7 +184,7 @@ class World:
         offset = Offset.of(self.scene)
         ours = [one for one in self.chosen if one.sensor == sensor.name]
         chosen = (*chosen, *left_out(sensor, found), *ours)
-        return result_of(sensor, found, seconds, audit, offset, chosen, warnings)
+        return result_of(sensor, found, seconds, audit, offset, chosen, warnings, way)
 
     @property
     def observer(self) -> Observer:
