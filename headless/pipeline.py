@@ -16,7 +16,7 @@ import numpy as np
 
 from forest_addon.api import Result, Site, World
 from forest_addon.base.progress import Progress
-from forest_addon.blender.files.export import export_glb, save_blend
+from forest_addon.blender.files.export import export_glb, export_usd, save_blend
 from forest_addon.blender.files.opening import empty_file
 from forest_addon.blender.read.kept import forget
 from forest_addon.blender.scene.layout import RESULTS, part
@@ -32,6 +32,7 @@ from forest_addon.formats.npz import write_npz
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.wav import read_wav, write_wav
 from forest_addon.results.coordinates import FILE, PROPERTY, Offset, on_the_map, write_note
+from forest_addon.results.cylinder_files import write_cylinders, write_models
 from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.sensing.audit import Audit
 from forest_addon.sensing.kinds import kind_of
@@ -48,6 +49,7 @@ from forest_addon.stand.forest import (
 from forest_addon.stand.inputs import Inputs
 from forest_addon.stand.intensity.terrain import GroundSurface
 from forest_addon.stand.targets import record
+from forest_addon.stand.truth import cylinder_table
 
 from .command import DoubtfulError
 from .progress import Stages, hushed
@@ -183,6 +185,9 @@ def _write_scene(run: Run) -> None:
     if wanted.glb:
         with stages.stage("write forest.glb"), hushed(errors=True):
             export_glb(scene, run.path("forest.glb"))
+    if wanted.usd:
+        with stages.stage("write forest.usdc"), hushed(errors=True):
+            export_usd(scene, run.path("forest.usdc"))
     if wanted.preview:
         with stages.stage("render preview.png") as progress, hushed():
             field = run.settings.forest
@@ -333,6 +338,11 @@ def _write_truth(run: Run) -> None:
         run.files.append(FILE)
     write_csv(run.path("trees.csv"), on_the_map(tree_table(run.forest), offset))
     write_csv(run.path("leaf_angles.csv"), angle_table(run.forest))
+    if run.settings.output.qsm:
+        rows = cylinder_table(run.forest)
+        write_cylinders(run.path("cylinders.csv"), rows, offset)
+        for path in write_models(run.out / "qsm", rows, offset):
+            run.files.append(str(path.relative_to(run.out)))
     if not run.settings.output.leaves:
         return
     metres = dict.fromkeys(("centre", "length", "width", "radius"), "m")

@@ -11,6 +11,8 @@
     echo = world.ping(forest.Sonar(position=(3, 0, 1.5)))
     sound = world.impulse_response(forest.Reverb(source=(0, 0, 1.5), receiver=(9, 0, 1.5)))
     cloud.save("cloud.laz")
+    table = cloud.to_pandas()                          # or to_xarray()
+    world.scan_to("large.laz", forest.Terrestrial())   # of any size, in constant memory
 
 Settings (``Scene``, ``Terrestrial``, ...) are those of a scene file, each checked when it is made. They
 need no Blender; ``build`` and ``current`` do: ``bpy`` from PyPI, or Blender itself. What cannot be used
@@ -21,6 +23,10 @@ These names stay: a later version may add to them.
 
 from __future__ import annotations
 
+from importlib import import_module
+from typing import Any
+
+from ..base.progress import Progress
 from ..spec import (
     Accuracy,
     Air,
@@ -50,27 +56,61 @@ from ..spec import (
 from .results import Echoes, PointCloud, Response, Result, RowScan
 from .scanners import instrument, instruments
 from .site import Site, build, current, read
+from .ways import trajectory
 from .world import World
+
+_TYPES = {  # of what functions take and give, imported when they are asked for
+    "Audit": "..sensing.audit",
+    "Canopy": "..sensing.canopy",
+    "Cloud": "..sensing.lidar.cloud",
+    "Echo": "..sensing.sonar.ping",
+    "GrownForest": "..stand.forest",
+    "ImpulseResponse": "..sensing.reverb.response",
+    "PingSeries": "..sensing.sonar.flight",
+    "Returns": "..sensing.lidar.returns",
+    "RoomMetrics": "..sensing.reverb.metrics",
+    "TractorScan": "..sensing.lidar.tractor",
+    "Trajectory": "..sensing.trajectory",
+    "Written": "..results.scan_file",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Return a type of ``_TYPES``."""
+    if name not in _TYPES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_TYPES[name], __name__), name)
+
 
 __all__ = [
     "Accuracy",
     "Air",
     "Airborne",
+    "Audit",
     "Beam",
+    "Canopy",
+    "Cloud",
+    "Echo",
     "Echoes",
     "Forest",
     "Gaussian",
+    "GrownForest",
+    "ImpulseResponse",
     "Mobile",
     "Noise",
     "Normal",
+    "PingSeries",
     "Planting",
     "PointCloud",
     "Pose",
+    "Progress",
     "Rays",
     "Receiver",
     "Response",
     "Result",
+    "Returns",
     "Reverb",
+    "RoomMetrics",
     "RowScan",
     "Rows",
     "Scene",
@@ -83,10 +123,14 @@ __all__ = [
     "Terrain",
     "Terrestrial",
     "Tractor",
+    "TractorScan",
+    "Trajectory",
     "World",
+    "Written",
     "build",
     "current",
     "instrument",
     "instruments",
     "read",
+    "trajectory",
 ]

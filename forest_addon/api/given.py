@@ -116,3 +116,20 @@ def enough_memory(key: str, what: str) -> Iterator[None]:
     except MemoryError as problem:
         said = f" ({problem})" if str(problem) else ""
         raise SpecError(key, f"needs more memory than there is{said}; {what}") from None
+
+
+def import_blender() -> Any:
+    """``bpy``.
+
+    Raises
+    ------
+    SpecError : it is not installed; says what to do.
+    """
+    try:
+        import bpy
+    except ImportError:
+        raise SpecError(
+            "bpy",
+            "is not installed; pip install bpy (5.2 for Python 3.13, 4.5 for 3.11), or run in Blender",
+        ) from None
+    return bpy

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,11 +27,16 @@ from ..sensing.reverb.response import ImpulseResponse, channels_of
 from ..sensing.sonar.flight import PingSeries
 from ..sensing.sonar.ping import Echo
 from ..spec import Choice, Sensor, SpecError
-from . import plots
+from . import labelled, plots
 from .given import file_to_write, path_of
 
+if TYPE_CHECKING:
+    from ..sensing.trajectory import Trajectory
 
-@dataclass(frozen=True, eq=False)
+BAG = ".mcap"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Result:
     """Result of a sensor.
 
@@ -41,6 +46,7 @@ class Result:
     coordinate system.
     chosen : what was left to "auto", with its bound and why; ``sensor`` has the values.
     warnings : sentences about what is hardly meant, as a sensor inside of a trunk.
+    way : where it went, of a sensor that follows a trajectory.
     """
 
     sensor: Sensor
@@ -50,6 +56,32 @@ class Result:
     offset: Offset = NO_OFFSET
     chosen: tuple[Choice, ...] = ()
     warnings: tuple[str, ...] = ()
+    way: Trajectory | None = None
+
+    def __repr__(self) -> str:
+        figures = ", ".join(f"{name} {text}" for name, text in list(self.summary().items())[:2])
+        return f"{type(self).__name__}({self.sensor.name!r}: {figures})"
+
+    def to_xarray(self) -> Any:
+        """An ``xarray.Dataset``; units are attributes of its variables.
+
+        Raises
+        ------
+        SpecError : xarray is not installed (extra ``analysis``); a result without arrays.
+        """
+        return labelled.dataset_of(self.sensor, self.found, self._facts())
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame``, a row a point or sample; ``attrs["units"]`` has the units by column.
+
+        Raises
+        ------
+        SpecError : pandas is not installed (extra ``analysis``); a result without arrays.
+        """
+        return labelled.frame_of(self.sensor, self.found, self._facts())
+
+    def _facts(self) -> dict[str, Any]:
+        return labelled.facts_of(self.sensor, self.offset, self.seconds)
 
     def save(self, path: str | Path) -> Path:
         """Write it to a file, in the format that the ending of its name says; returns its path.
@@ -153,13 +185,18 @@ class PointCloud(Result):
 
     @property
     def endings(self) -> tuple[str, ...]:
-        return ENDINGS
+        return (*ENDINGS, BAG)
 
     def plot(self) -> Any:
         return plots.draw_cloud(self.found)
 
     def _write(self, path: Path, ending: str) -> None:
-        write_points(path, self.found, self.offset)
+        if ending == BAG:
+            from ..results.bag import write_scan_bag
+
+            write_scan_bag(path, self.sensor, self.found, self.way)
+        else:
+            write_points(path, self.found, self.offset)
 
 
 class RowScan(Result):
@@ -273,6 +310,11 @@ CLASSES: Mapping[str, Callable[..., Result]] = {  # of kinds whose results have 
 }
 
 
+def is_scanner(sensor: Sensor) -> bool:
+    """Return whether these are settings of a sensor whose points go to a file chunk by chunk."""
+    return CLASSES.get(getattr(sensor, "kind", "")) is PointCloud
+
+
 def result_of(
     sensor: Sensor,
     found: Finding,
@@ -281,6 +323,8 @@ def result_of(
     offset: Offset,
     chosen: tuple[Choice, ...] = (),
     warnings: tuple[str, ...] = (),
+    way: Trajectory | None = None,
 ) -> Result:
     """A sensor's finding as a result."""
-    return CLASSES.get(sensor.kind, Result)(sensor, found, seconds, audit, offset, chosen, warnings)
+    made = CLASSES.get(sensor.kind, Result)
+    return made(sensor, found, seconds, audit, offset, chosen, warnings, way)

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from ..base.progress import Progress
 from ..formats.toml_file import read_settings
 from ..site import ForestSite
-from ..spec import Scene, with_files
+from ..spec import Scene, SpecError, with_files
 from ..stand.forest import GrownForest
-from .given import enough_memory, path_of, progress_of, scene_of
-from .world import World, import_blender
+from .given import enough_memory, import_blender, path_of, progress_of, scene_of
+from .world import World
 
 
 def read(path: str | Path) -> Scene:
@@ -89,6 +89,12 @@ def current(scene: Scene | None = None) -> World:
 
 class Site(ForestSite):
     """A scene whose files are read, in Blender with the file open that it starts from; nothing has grown."""
+
+    def __reduce__(self) -> Any:
+        raise SpecError(
+            "site",
+            "belongs to the file open in this Blender and cannot be copied or sent; send its scene",
+        )
 
     @classmethod
     def of(cls, scene: Scene, folder: str | Path = ".") -> Self:

@@ -33,13 +33,16 @@ from ..spec import (
 )
 from ..spec.typed import typed
 from . import truth
-from .given import called, enough_memory, points_of, progress_of
-from .results import Echoes, PointCloud, Response, Result, RowScan, result_of
+from .given import called, enough_memory, file_to_write, import_blender, points_of, progress_of
+from .results import Echoes, PointCloud, Response, Result, RowScan, is_scanner, result_of
+from .ways import way_of
 
 if TYPE_CHECKING:
     from ..blender.sensors.observe import Observer
+    from ..results.scan_file import Written
     from ..sensing.audit import Audit
     from ..sensing.canopy import Canopy
+    from ..sensing.trajectory import Trajectory
     from ..spec import Choice
     from ..stand.forest import GrownForest
     from ..stand.placed import PlacedTrees
@@ -77,23 +80,64 @@ class World:
         self,
         sensor: Tractor | Terrestrial | Mobile | Airborne,
         progress: Progress | None = None,
+        along: Trajectory | None = None,
     ) -> PointCloud | RowScan:
         """A LiDAR scan: a ``PointCloud``, or the matrix of a tractor as a ``RowScan``.
 
+        along : where a ``Mobile`` scanner goes, in place of its settings; see ``trajectory``.
+
         Raises
         ------
         SpecError : settings that this scene cannot serve.
         """
-        return self._expect(sensor, "lidar", "scan", progress)
+        return self._expect(sensor, "lidar", "scan", progress, along)
 
-    def ping(self, sensor: Sonar, progress: Progress | None = None) -> Echoes:
+    def scan_to(
+        self,
+        path: str | Path,
+        sensor: Terrestrial | Mobile | Airborne,
+        *,
+        resume: bool = False,
+        progress: Progress | None = None,
+        along: Trajectory | None = None,
+    ) -> Written:
+        """Run a scan of any size into a file, in the memory of one chunk of pulses.
+
+        path : .laz, .las, .copc.laz, .ply or .npz. resume : go on with a scan into this file that was cut
+        off, to the same bytes. progress : may raise to cancel; what was scanned is kept.
+
+        Raises
+        ------
+        SpecError : settings that this scene cannot serve; an ending that holds no points.
+        OSError : it cannot be written; what was scanned is kept.
+        """
+        from ..results.scan_file import write_scan
+        from ..sensing.lidar.scan import Scan
+
+        if not (isinstance(sensor, Settings) and is_scanner(sensor)):
+            raise SpecError("scan_to", f"takes a scanner, not {called(sensor)}")
+        path, observer = file_to_write(path), self.observer
+        progress_of(progress)
+        sensor, _ = choose(sensor)
+        way = way_of(observer, sensor, along, self.folder)
+        scan = Scan(sensor, observer.caster, self.scene.seed, way)
+        offset = Offset.of(self.scene)
+        return write_scan(
+            path, scan, self.scene.seed, offset=offset, resume=resume, progress=progress
+        )
+
+    def ping(
+        self, sensor: Sonar, progress: Progress | None = None, along: Trajectory | None = None
+    ) -> Echoes:
         """The echo of one ping, or of one from every pose of a route.
 
+        along : poses to ping from, in place of those of its settings; see ``trajectory``.
+
         Raises
         ------
         SpecError : settings that this scene cannot serve.
         """
-        return self._expect(sensor, "sonar", "ping", progress)
+        return self._expect(sensor, "sonar", "ping", progress, along)
 
     def impulse_response(self, sensor: Reverb, progress: Progress | None = None) -> Response:
         """Return what receivers hear of sources by way of the trunks, a channel for each pair.
@@ -104,8 +148,15 @@ class World:
         """
         return self._expect(sensor, "reverb", "impulse_response", progress)
 
-    def look(self, sensor: Sensor, progress: Progress | None = None) -> Result:
+    def look(
+        self,
+        sensor: Sensor,
+        progress: Progress | None = None,
+        along: Trajectory | None = None,
+    ) -> Result:
         """The result of a sensor of any kind.
+
+        along : where one that moves goes, in place of its settings; see ``trajectory``.
 
         Raises
         ------
@@ -119,7 +170,7 @@ class World:
         before = time.perf_counter()
         try:
             with enough_memory(sensor.name, "take fewer rays, pings or samples"):
-                way = observer.way(sensor, self.folder)
+                way = way_of(observer, sensor, along, self.folder)
                 found = observer.observe(sensor, self.scene, progress, self.folder, way)
             seconds = time.perf_counter() - before
             audit = observer.audit(sensor, self.scene, found, seconds, self.folder, way)
@@ -133,7 +184,7 @@ class World:
         offset = Offset.of(self.scene)
         ours = [one for one in self.chosen if one.sensor == sensor.name]
         chosen = (*chosen, *left_out(sensor, found), *ours)
-        return result_of(sensor, found, seconds, audit, offset, chosen, warnings)
+        return result_of(sensor, found, seconds, audit, offset, chosen, warnings, way)
 
     @property
     def observer(self) -> Observer:
@@ -303,12 +354,29 @@ class World:
         )
         return f"<b>{self.scene.name}</b>, seed {self.scene.seed}<table>{rows}</table>"
 
-    def _expect(self, sensor: Any, family: str, call: str, progress: Progress | None) -> Any:
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Names of the objects that labels of points number: ``objects[cloud.labels["object"]]``."""
+        return tuple(self.observer.names)
+
+    @property
+    def species(self) -> tuple[str, ...]:
+        """Names of the species that labels number; without what comes from asset libraries."""
+        return () if self.forest is None else tuple(self.forest.labels)
+
+    def _expect(
+        self,
+        sensor: Any,
+        family: str,
+        call: str,
+        progress: Progress | None,
+        along: Trajectory | None = None,
+    ) -> Any:
         kinds = [kind for kind in KINDS.values() if kind.family == family]
         if type(sensor) not in [kind.settings for kind in kinds]:
             wanted = " or ".join(kind.settings.__name__ for kind in kinds)
             raise SpecError(call, f"takes a {wanted}, not {called(sensor)}")
-        return self.look(sensor, progress)
+        return self.look(sensor, progress, along)
 
     def _standing(self) -> tuple[GrownForest | None, PlacedTrees]:
         """Return what was grown here, and trees of libraries; an error where there is neither."""
@@ -323,20 +391,3 @@ class World:
         if self.forest is None:
             raise SpecError("world", "was not grown here; its trees are known to build() alone")
         return self.forest
-
-
-def import_blender() -> Any:
-    """``bpy``.
-
-    Raises
-    ------
-    SpecError : it is not installed; says what to do.
-    """
-    try:
-        import bpy
-    except ImportError:
-        raise SpecError(
-            "bpy",
-            "is not installed; pip install bpy (5.2 for Python 3.13, 4.5 for 3.11), or run in Blender",
-        ) from None
-    return bpy

@@ -6,9 +6,9 @@
     scene = "assets/scenes/flight-poisson.toml"
     env = gym.make("ForestSensing/Flight-v0", scene=scene, sensors=("lidar", "sonar"))
 
-What is sensed is a dict of float64 arrays, ``lidar`` (rays,) metres, ``sonar`` (ears, ...), ``odometry``
-(8,); an action is a number from -1 to 1 for each thing a body decides (``bodies``). The reward is the metres
-nearer to the aim, -10 for a touch, 10 for arriving.
+What is sensed is a dict of arrays, ``lidar`` (rays,) metres, ``sonar`` (ears, ...), ``odometry``
+(8,), float64 or, rounded to it, float32; an action is a number from -1 to 1 for each thing a body decides
+(``bodies``). The reward is the metres nearer to the aim, -10 for a touch, 10 for arriving.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from .woods import FlightSurroundings, Stock
 
 FORESTS = ("new", "fixed")
 MODES = ("rgb_array", "human")
+DTYPES = ("float64", "float32")
 
 
 class _Flights:
@@ -48,8 +49,10 @@ class _Flights:
         every: int,
         forest: str,
         folder: str | Path,
+        dtype: str,
     ) -> None:
-        for name, value, known in (("forest", forest, FORESTS), ("heard", heard, HEARD)):
+        words = (("forest", forest, FORESTS), ("heard", heard, HEARD), ("dtype", dtype, DTYPES))
+        for name, value, known in words:
             if value not in known:
                 raise unknown(name, value, known)
         for sensor in sensors:
@@ -74,15 +77,16 @@ class _Flights:
         self.flyers = Flyers(self.flight, count, eyes, ears, every)
         self.forest = forest
         self._entered: int | None = None
+        self.dtype: Any = np.dtype(dtype).type
         told: dict[str, spaces.Space] = {}
         if eyes:
-            told["lidar"] = spaces.Box(0.0, eyes.scanner.max_range, (eyes.rays,), np.float64)
+            told["lidar"] = spaces.Box(0.0, eyes.scanner.max_range, (eyes.rays,), self.dtype)
         if ears:
             low, high = (0.0, 1.0) if heard == "cochleagram" else (-FARTHEST, FARTHEST)
-            told["sonar"] = spaces.Box(low, high, ears.shape, np.float64)
-        told["odometry"] = spaces.Box(-FARTHEST, FARTHEST, (ODOMETRY,), np.float64)
+            told["sonar"] = spaces.Box(low, high, ears.shape, self.dtype)
+        told["odometry"] = spaces.Box(-FARTHEST, FARTHEST, (ODOMETRY,), self.dtype)
         self.observed = spaces.Dict(told)
-        self.actions = spaces.Box(-1.0, 1.0, (len(ACTIONS[self.flight.body]),), np.float64)
+        self.actions = spaces.Box(-1.0, 1.0, (len(ACTIONS[self.flight.body]),), self.dtype)
 
     def enter(self, seed: int, options: dict[str, Any]) -> None:
         """Plant the forest of an episode."""
@@ -90,6 +94,13 @@ class _Flights:
         if wanted != self._entered:
             self.flyers.enter(self.stock.surroundings(int(wanted)))
             self._entered = wanted
+
+    def sense(self) -> dict[str, np.ndarray]:
+        """Return what the flyers sense, a row a flyer."""
+        return {
+            name: values.astype(self.dtype, copy=False)
+            for name, values in self.flyers.sense().items()
+        }
 
     @property
     def surroundings(self) -> FlightSurroundings:
@@ -120,6 +131,7 @@ class FlightEnv(gymnasium.Env):
     sensors : of "lidar" and "sonar" those that it carries. flight, lidar, sonar : in place of the scene's.
     heard : what the sonar tells, "cochleagram" or "waveforms". every : steps from ping to ping.
     forest : "new" at every reset, or "fixed", the scene's own. folder : that relative paths start from.
+    dtype : of what is sensed, and of actions.
 
     ``reset(options=…)`` takes "forest" (a seed), "start" and "goal" (metres) and "heading_deg".
     """
@@ -138,11 +150,12 @@ class FlightEnv(gymnasium.Env):
         forest: str = "new",
         folder: str | Path = ".",
         render_mode: str | None = None,
+        dtype: str = "float64",
     ) -> None:
         if render_mode not in (None, *MODES):
             raise unknown("render_mode", render_mode, MODES)
         self.flights = _Flights(
-            1, scene, tuple(sensors), flight, lidar, sonar, heard, every, forest, folder
+            1, scene, tuple(sensors), flight, lidar, sonar, heard, every, forest, folder, dtype
         )
         self.observation_space = self.flights.observed
         self.action_space = self.flights.actions
@@ -169,7 +182,7 @@ class FlightEnv(gymnasium.Env):
         self._trail = [flyers.state.position[0].copy()]
         if self._view is not None and self._view.world is not self.flights.surroundings:
             self._view = None
-        seen = _first(flyers.sense())
+        seen = _first(self.flights.sense())
         if self.render_mode == "human":
             self._show()
         return seen, self._info()
@@ -187,7 +200,7 @@ class FlightEnv(gymnasium.Env):
         out = flyers.step(np.asarray(action, dtype=np.float64)[None])
         if self.render_mode is not None:
             self._trail.append(flyers.state.position[0].copy())
-        seen = _first(flyers.sense())
+        seen = _first(self.flights.sense())
         if self.render_mode == "human":
             self._show()
         crashed, arrived = bool(out.crashed[0]), bool(out.arrived[0])
@@ -245,7 +258,8 @@ class FlightVectorEnv(gymnasium.vector.VectorEnv):
     """
 
     metadata: ClassVar[dict[str, Any]] = {
-        "render_modes": [],
+        "render_modes": ["rgb_array"],
+        "render_fps": 20,
         "autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP,
     }
 
@@ -262,19 +276,34 @@ class FlightVectorEnv(gymnasium.vector.VectorEnv):
         forest: str = "new",
         folder: str | Path = ".",
         render_mode: str | None = None,
+        dtype: str = "float64",
     ) -> None:
         if num_envs < 1:
             raise SpecError("num_envs", f"{num_envs} is out of range; use at least 1")
+        if render_mode not in (None, "rgb_array"):
+            raise unknown("render_mode", render_mode, ("rgb_array",))
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.flights = _Flights(
-            num_envs, scene, tuple(sensors), flight, lidar, sonar, heard, every, forest, folder
+            num_envs,
+            scene,
+            tuple(sensors),
+            flight,
+            lidar,
+            sonar,
+            heard,
+            every,
+            forest,
+            folder,
+            dtype,
         )
         self.single_observation_space = self.flights.observed
         self.single_action_space = self.flights.actions
         self.observation_space = batch_space(self.flights.observed, num_envs)
         self.action_space = batch_space(self.flights.actions, num_envs)
         self._over = np.zeros(num_envs, dtype=bool)
+        self._view: top_view.TopView | None = None
+        self._trails: list[list[np.ndarray]] = []
 
     def reset(
         self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
@@ -292,7 +321,10 @@ class FlightVectorEnv(gymnasium.vector.VectorEnv):
         self._where, self._next = where, [int(s) for s in seeds]
         self.flights.flyers.start(range(self.num_envs), self._next, **where)
         self._over[:] = False
-        return self.flights.flyers.sense(), self._info()
+        if self.render_mode is not None:
+            self._trails = [[place.copy()] for place in self.flights.flyers.state.position]
+            self._view = top_view.TopView(self.flights.surroundings)
+        return self.flights.sense(), self._info()
 
     def step(
         self, actions: np.ndarray
@@ -317,8 +349,25 @@ class FlightVectorEnv(gymnasium.vector.VectorEnv):
             crashed, arrived, late = crashed & ~again, arrived & ~again, late & ~again
             reward = np.where(again, 0.0, reward)
         self._over = crashed | arrived | late
+        for row, place in enumerate(flyers.state.position if self._trails else ()):
+            kept = [] if again[row] else self._trails[row]
+            self._trails[row] = [*kept, place.copy()]
         info = self._info() | {"crashed": crashed, "arrived": arrived}
-        return flyers.sense(), reward, crashed | arrived, late, info
+        return self.flights.sense(), reward, crashed | arrived, late, info
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """The pictures of "rgb_array", one a flyer; before the first reset there are none."""
+        if self._view is None:
+            return None
+        flyers, reach = self.flights.flyers, self.flights.flyers.lidar
+        return tuple(
+            self._view.draw(
+                np.array(trail), goal, float(heading), reach and reach.scanner.max_range
+            )
+            for trail, goal, heading in zip(
+                self._trails, flyers.goal, flyers.state.heading, strict=True
+            )
+        )
 
     def _info(self) -> dict[str, Any]:
         flyers = self.flights.flyers

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ..sensing.sonar.ping import Contributions
 
 Finding = Any  # what a sensor found: a Cloud, an Echo, ...
+Variables = Mapping[str, tuple[tuple[str, ...], np.ndarray, str]]  # dimensions, values, unit
 
 
 def _title(sensor: Any) -> str:
@@ -53,6 +54,8 @@ class ResultKind:
 
     figures : its figures; the scene, where it is known, for those that need it. arrays : named arrays of
         what was found, with ``units`` by name; what is written where ``write`` and ``save`` say nothing else.
+    labelled : the same for tables: variables and coordinates by name, each its dimensions, values and unit;
+        what is known by ``arrays`` alone has dimensions without names.
     sentence : the most telling figure in a few words, ``keep``-ed for translators; empty: the first figure.
 
     title, story, notes : heading, sentence and remarks in the report.
@@ -68,6 +71,7 @@ class ResultKind:
     figures: Callable[[Any, Finding, Seen | None], list[Figure]]
     arrays: Callable[[Finding], dict[str, np.ndarray]] | None = None
     units: Mapping[str, str] = field(default_factory=dict)
+    labelled: Callable[[Finding], tuple[Variables, Variables]] | None = None
     sentence: Callable[[Finding], str] = _no_words
     title: Callable[[Any], str] = _title
     story: Callable[[Any, Finding], str] = _no_words

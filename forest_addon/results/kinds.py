@@ -17,7 +17,7 @@ from ..formats.atomic import replacing
 from ..spec import Sensor, SpecError
 from .coordinates import NO_OFFSET, Offset
 from .figures import Figure
-from .kind import Finding, ResultKind
+from .kind import Finding, ResultKind, Variables
 from .point_files import ending_of
 from .reverb import REVERB
 from .scanner import SCANNER
@@ -53,6 +53,18 @@ def sentence_of(sensor: Sensor, found: Finding) -> str:
     record = results_of(sensor)
     first = [each.text for each in record.figures(sensor, found, None)[:1]]
     return record.sentence(found) or next(iter(first), "")
+
+
+def labelled_of(sensor: Sensor, found: Finding) -> tuple[Variables, Variables]:
+    """Variables and coordinates of a result by name, each its dimensions, values and unit."""
+    record = results_of(sensor)
+    if record.labelled is not None:
+        return record.labelled(found)
+    arrays = {name: np.asarray(values) for name, values in _arrays(record, found).items()}
+    return {
+        name: (tuple(f"{name}_{k}" for k in range(v.ndim)), v, record.units.get(name, ""))
+        for name, v in arrays.items()
+    }, {}
 
 
 def write_finding(

@@ -12,7 +12,7 @@ import numpy as np
 from ..base.words import keep
 from .coordinates import Offset
 from .figures import Figure, numbers, sound_columns, words
-from .kind import ResultKind
+from .kind import ResultKind, Variables
 from .plot import Plot, sound_plot
 
 if TYPE_CHECKING:
@@ -331,8 +331,22 @@ def _write_sofa(path: Path, reverb: Reverb, response: ImpulseResponse) -> None:
     )
 
 
+def _labelled(response: ImpulseResponse) -> tuple[Variables, Variables]:
+    from ..sensing.reverb.response import channels_of
+
+    samples = channels_of(response)
+    samples = samples[:, None] if samples.ndim == 1 else samples
+    names = np.array([channel.channel for channel in response.channels])
+    time = np.arange(len(samples)) / response.sample_rate
+    return {"sample": (("time", "channel"), samples, "re the source's impulse at 1 m")}, {
+        "time": (("time",), time, "s"),
+        "channel": (("channel",), names, ""),
+    }
+
+
 REVERB = ResultKind(
     figures=_figures,
+    labelled=_labelled,
     sentence=_sentence,
     story=_story,
     notes=_notes,

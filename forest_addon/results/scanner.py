@@ -11,7 +11,7 @@ from ..base.words import keep
 from ..spec import Scanner, Terrestrial
 from .coordinates import Offset
 from .figures import Figure, numbers, organ_figures, share
-from .kind import ResultKind
+from .kind import ResultKind, Variables
 from .plot import Axis, Plot, Strip, by_distance, from_above
 from .point_files import ENDINGS, write_points
 
@@ -101,8 +101,19 @@ def cloud_plot(scanner: Scanner, cloud: Cloud) -> Plot | None:
     )
 
 
+def _labelled(cloud: Cloud) -> tuple[Variables, Variables]:
+    from .points import UNITS, records
+
+    rows = records(cloud)
+    return {
+        name: (("point",), rows[name].copy(), UNITS.get(name, ""))
+        for name in rows.dtype.names or ()
+    }, {}
+
+
 SCANNER = ResultKind(
     figures=_figures,
+    labelled=_labelled,
     sentence=_sentence,
     title=_title,
     story=_story,

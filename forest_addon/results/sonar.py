@@ -11,7 +11,7 @@ import numpy as np
 from ..base.words import keep
 from .coordinates import Offset
 from .figures import Figure, numbers, sound_columns, words
-from .kind import Finding, ResultKind
+from .kind import Finding, ResultKind, Variables
 from .plot import Plot, sound_plot
 
 if TYPE_CHECKING:
@@ -199,8 +199,24 @@ def _sound(sonar: Sonar, found: Finding) -> tuple[np.ndarray, float]:
     return sound_of(found, sonar.time_expansion)
 
 
+def _labelled(found: Finding) -> tuple[Variables, Variables]:
+    from ..sensing.sonar.flight import PingSeries
+
+    pings, dims = PingSeries(_echoes(found)), ("ping", "ear", "time")
+    unit = "re the call at 1 m"
+    place, _ = pings.poses()
+    return {
+        "waveform": (dims, pings.stacked("waveforms"), unit),
+        "envelope": (dims, pings.stacked("envelopes"), unit),
+    }, {
+        "time": (("time",), pings.time, "s"),
+        **{name: (("ping",), place[:, k], "m") for k, name in enumerate("xyz")},
+    }
+
+
 SONAR = ResultKind(
     figures=_figures,
+    labelled=_labelled,
     sentence=_sentence,
     story=_story,
     notes=_notes,

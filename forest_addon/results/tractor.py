@@ -10,7 +10,7 @@ import numpy as np
 from ..base.words import keep
 from .coordinates import Offset
 from .figures import Figure, numbers, organ_figures, share
-from .kind import ResultKind
+from .kind import ResultKind, Variables
 from .plot import Axis, Plot, Strip, by_distance
 from .point_files import ENDINGS, write_points
 
@@ -96,8 +96,20 @@ def matrix_plot(_tractor: Tractor, scan: TractorScan) -> Plot:
     )
 
 
+def _labelled(scan: TractorScan) -> tuple[Variables, Variables]:
+    both = ("scan", "angle")
+    return {
+        "distance": (both, scan.matrix, "m"),
+        "organ": (both, scan.organ, ""),
+    }, {
+        "angle": (("angle",), np.rad2deg(scan.angle), "deg"),
+        "track": (("scan",), scan.track, "m"),
+    }
+
+
 TRACTOR = ResultKind(
     figures=_figures,
+    labelled=_labelled,
     arrays=_arrays,
     units={"distance": "m", "angle": "rad", "track": "m"},
     sentence=_sentence,

@@ -149,6 +149,11 @@ class SensorKind:
     fixed: Callable[[Any], str] = _nothing_fixed
 
     @property
+    def moves(self) -> bool:
+        """Return whether it can go along a trajectory."""
+        return self.trajectory is not _stays
+
+    @property
     def name(self) -> str:
         """Its word in a scene file."""
         return str(self.settings.__dataclass_fields__["kind"].default)

@@ -105,7 +105,7 @@ class Settings:
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        dataclass(frozen=True, kw_only=True)(cls)
+        dataclass(frozen=True, kw_only=True, repr=False)(cls)
         cls.__init__ = _by_name(cls, cls.__init__)  # type: ignore[method-assign]
 
     def __post_init__(self) -> None:
@@ -119,6 +119,16 @@ class Settings:
             object.__setattr__(self, name, value)
             _check(name, value, known)
         self.check()
+
+    def __repr__(self) -> str:
+        """Those that are not the default, as Python."""
+        given = []
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if field.name != "kind" and value != field.default:
+                said = "auto" if param_of(field).auto and value == AUTO else value
+                given.append(f"{field.name}={said!r}")
+        return f"{type(self).__name__}({', '.join(given)})"
 
     def check(self) -> None:
         """Rules between fields; raises SpecError."""

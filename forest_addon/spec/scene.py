@@ -69,6 +69,11 @@ class Output(Settings):
     report: bool = param(True, help="write report.html")
     blend: bool = param(True, help="write forest.blend")
     glb: bool = param(True, help="write forest.glb")
+    usd: bool = param(False, help="write forest.usdc, Universal Scene Description")
+    qsm: bool = param(
+        False,
+        help="write all branches as cylinders: cylinders.csv, and qsm/ with a TreeQSM file a tree",
+    )
     preview: bool = param(True, help="render preview.png with Cycles")
     preview_from: str = param(
         "whole",

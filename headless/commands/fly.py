@@ -38,6 +38,9 @@ examples:
         )
         parser.add_argument("--seed", type=int, default=0, help="of the first flight (default 0)")
         parser.add_argument("--no-blend", action="store_true", help="write no .blend")
+        parser.add_argument(
+            "--bags", type=int, default=0, metavar="N", help="ROS 2 bags of the first N flights"
+        )
         parser.add_argument("--out", type=Path, metavar="DIR", help="default out/fly-SCENE")
 
     def output(self, chosen: argparse.Namespace) -> Path:
@@ -48,6 +51,8 @@ examples:
 
     def run(self, chosen: argparse.Namespace) -> None:
         refuse_negative(chosen.seed)
+        if chosen.bags < 0:
+            raise SpecError("--bags", f"{chosen.bags} is out of range; use at least 0")
         if chosen.episodes < 1:
             raise SpecError("--episodes", f"{chosen.episodes} is out of range; use at least 1")
         speeds = listed("--speeds", chosen.speeds)
@@ -64,6 +69,7 @@ examples:
             densities,
             chosen.trained,
             not chosen.no_blend,
+            bags=chosen.bags,
         )
 
 

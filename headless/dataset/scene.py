@@ -24,13 +24,13 @@ from forest_addon.blender.files.opening import empty_file, open_file
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.blender.site import build_site, with_objects
 from forest_addon.formats.atomic import replacing
-from forest_addon.formats.digits import write_numbers
 from forest_addon.formats.npz import write_npz
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.toml_file import write_settings
 from forest_addon.growth.tree import Tree, grow
 from forest_addon.results.coordinates import FILE as COORDINATES
 from forest_addon.results.coordinates import PROPERTY, Offset, on_the_map, write_note
+from forest_addon.results.cylinder_files import write_cylinders
 from forest_addon.results.kinds import results_of, write_finding
 from forest_addon.results.points import records
 from forest_addon.results.scan_file import write_npz_rows
@@ -53,11 +53,6 @@ from .plan import Recipe
 from .settings import Ground, Keep, Placing
 
 MOST_KEPT = 2_000_000_000  # bytes of library trees that a process keeps
-DECIMALS = (
-    dict.fromkeys(("startX", "startY", "startZ", "endX", "endY", "endZ", "length"), 5)
-    | dict.fromkeys(("radius_cyl", "radius_start", "radius_end"), 6)
-    | {"volume": 12}
-)
 OBSERVING = "sensors"
 
 
@@ -161,8 +156,7 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
             )
     if keep.cylinders:
         with work.stage("cylinders"):
-            rows = on_the_map(cylinder_table(forest), settings.offset)
-            write_numbers(folder / "cylinders.csv", rows, DECIMALS)
+            write_cylinders(folder / "cylinders.csv", cylinder_table(forest), settings.offset)
     cells = None
     if keep.voxels:
         with work.stage("voxels"):

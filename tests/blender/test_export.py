@@ -1,6 +1,8 @@
 """The forest as .glb: as it was planned, valid, and small where trees are points."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon import spec
 from forest_addon.base.places import ASSETS
-from forest_addon.blender.files.export import export_glb
+from forest_addon.blender.files.export import export_glb, export_usd
 from forest_addon.blender.scene import nodes
 from forest_addon.blender.scene.forest import build
 from forest_addon.blender.scene.layout import TREES, VARIANTS, part
@@ -138,3 +140,59 @@ def test_nodes_that_pick_collections_are_refused_in_words(empty_blender, tmp_pat
         export_glb(bpy.context.scene, tmp_path / "forest.glb")
     assert not list(tmp_path.iterdir())
     assert not list(bpy.context.scene.collection.objects)
+
+
+def wide(instancing):
+    """A stand with a kilometre of ground around it."""
+    scene = settings(instancing, 6).changed(
+        forest=spec.Forest(size=(60.0, 60.0), margin=1000.0, instancing=instancing)
+    )
+    kinds = [load_species(ASSETS / "species" / f"{p.species}.toml") for p in scene.plantings]
+    forest = grow_forest(scene, kinds)
+    build(bpy.context.scene, scene, forest)
+    return forest
+
+
+@pytest.mark.parametrize("instancing", ["points", "objects"])
+def test_a_viewer_that_frames_all_shows_the_forest(empty_blender, instancing, tmp_path):
+    forest = wide(instancing)
+    before = len(bpy.data.meshes), set(bpy.data.objects)
+    export_glb(bpy.context.scene, tmp_path / "forest.glb")
+    assert (len(bpy.data.meshes), set(bpy.data.objects)) == before
+    document, _ = read_glb(tmp_path / "forest.glb")
+    (ground,) = (m for m in document["meshes"] if m["name"].startswith("Ground"))
+    box = document["accessors"][ground["primitives"][0]["attributes"]["POSITION"]]
+    x, y = (np.array([box[end][k] for end in ("min", "max")]) for k in (0, 2))
+    trees = forest.stand.position
+    for edges, place in ((x, trees[:, 0]), (np.sort(-y), trees[:, 1])):
+        assert place.min() - 30 < edges[0] < place.min() - 4
+        assert place.max() + 4 < edges[1] < place.max() + 30
+
+
+READ_USD = """
+import sys
+from pxr import Usd, UsdGeom
+stage = Usd.Stage.Open(sys.argv[1])
+box = UsdGeom.BBoxCache(0, ["default", "render"]).ComputeWorldBound(stage.GetPseudoRoot())
+whole = box.ComputeAlignedRange()
+count = sum(
+    len(UsdGeom.PointInstancer(p).GetProtoIndicesAttr().Get()) for p in stage.Traverse()
+    if p.IsA(UsdGeom.PointInstancer)
+) or sum("abop" in p.GetName() for p in stage.GetPrimAtPath("/root").GetChildren())
+print(UsdGeom.GetStageUpAxis(stage), UsdGeom.GetStageMetersPerUnit(stage), count)
+print(*whole.GetMin(), *whole.GetMax())
+"""
+
+
+@pytest.mark.parametrize("instancing", ["points", "objects"])
+def test_another_reader_finds_every_tree_of_a_usd_file(empty_blender, instancing, tmp_path):
+    pytest.importorskip("pxr", reason="usd-core reads USD files back")
+    forest = wide(instancing)
+    export_usd(bpy.context.scene, tmp_path / "forest.usdc")
+    words = [sys.executable, "-c", READ_USD, str(tmp_path / "forest.usdc")]  # beside Blender's own
+    told = subprocess.run(words, capture_output=True, text=True, check=True).stdout.split()
+    assert told[:3] == ["Z", "1.0", str(len(forest.stand))]
+    low, high = np.array(told[3:], float).reshape(2, 3)
+    top = (forest.stand.position[:, 2] + forest.heights()).max()
+    assert abs(high[2] - top) < 0.3
+    assert (high - low)[:2].max() < 130

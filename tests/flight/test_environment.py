@@ -173,3 +173,31 @@ def test_pictures(env):
     assert picture.dtype == np.uint8
     assert picture.shape[2] == 3
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) >= 4
+
+
+def test_pictures_of_many_flyers():
+    many = FlightVectorEnv(2, SCENE, sensors=(), render_mode="rgb_array")
+    assert many.render() is None
+    many.reset(seed=1)
+    many.step(np.zeros((2, 3)))
+    one, other = many.render()
+    assert one.shape == other.shape
+    assert not np.array_equal(one, other)
+    with pytest.raises(forest.SpecError, match="render_mode"):
+        FlightVectorEnv(2, SCENE, render_mode="human")
+
+
+def test_single_precision_is_the_same_flight_rounded(env):
+    plain, half = (FlightEnv(SCENE, dtype=dtype) for dtype in ("float64", "float32"))
+    assert half.observation_space["lidar"].dtype == half.action_space.dtype == np.float32
+    assert all(
+        np.isfinite([space.low, space.high]).all() for space in half.observation_space.values()
+    )
+    seen, rounded = plain.reset(seed=3)[0], half.reset(seed=3)[0]
+    for _ in range(5):
+        assert half.observation_space.contains(rounded)
+        for name, values in seen.items():
+            assert np.array_equal(values.astype(np.float32), rounded[name])
+        seen, rounded = (e.step(np.array([0.25, 0.5, 0.125]))[0] for e in (plain, half))
+    with pytest.raises(forest.SpecError, match="dtype"):
+        FlightEnv(SCENE, dtype="float16")

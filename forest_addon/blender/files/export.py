@@ -1,8 +1,9 @@
-"""The scene as a .blend and the forest as a .glb, each whole or not there.
+"""The scene as a .blend and the forest as a .glb or USD file, each whole or not there.
 
 In a .glb, trees that are objects are nodes that share meshes; trees that are points become one node a
 variant with a list of places (``formats.glb``), which Blender's own exporter cannot write with their
-numbers and without a node for each first.
+numbers and without a node for each first. The ground of both ends a little beyond the trees, so that a viewer
+that frames all shows the forest.
 """
 
 from __future__ import annotations
@@ -11,9 +12,12 @@ import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
+import bmesh
 import bpy
 import numpy as np
+from mathutils import Vector
 
 from ...formats.atomic import replacing
 from ...formats.glb import Copies, instance_nodes
@@ -21,6 +25,8 @@ from ..scene.instances import read_points
 from ..scene.layout import GROUND_NAME, PART_KEY, TREES, objects_in, root
 from ..scene.nodes import in_full
 
+BESIDE = 0.25  # of the trees' extent, that the ground goes on beyond them
+LEAST_BESIDE = 5.0  # metres
 NUMBERS = {"_TREE": "tree", "_SPECIES": "species"}
 
 
@@ -51,33 +57,129 @@ def export_glb(scene: bpy.types.Scene, path: str | os.PathLike[str]) -> None:
     OSError : the exporter could not write it.
     ValueError : nodes that were edited instance something that is no object; says what to do.
     """
-    top = root(scene)
-    wanted = {
-        thing
-        for child in (top.children if top else ())
-        if child.get(PART_KEY) in (TREES, GROUND_NAME)
-        for thing in objects_in(child)
-    }
+    wanted = _of_parts(scene, TREES, GROUND_NAME)
     with in_full(bpy.context.evaluated_depsgraph_get()), _stand_ins(scene, wanted) as copies:
         bare = {thing for thing in wanted if thing.type == "MESH" and not thing.data.polygons}
-        shown = (wanted - bare) | {scene.objects[name] for name in copies}
-        with replacing(path) as partial, _selected(shown):
-            try:
-                bpy.ops.export_scene.gltf(
-                    filepath=str(partial),
-                    export_format="GLB",
-                    use_selection=True,
-                    export_extras=True,
-                    export_apply=False,
-                    export_animations=False,
-                    export_attributes=False,
-                    export_texcoords=False,
-                    export_yup=True,
-                )
-            except RuntimeError as problem:
-                raise _refused(problem, path) from None
+        with replacing(path) as partial, _trimmed(scene, wanted) as trimmed:
+            shown = (trimmed - bare) | {scene.objects[name] for name in copies}
+            with _selected(shown):
+                _write_glb(partial, path)
             if copies:
                 instance_nodes(partial, copies)
+
+
+def _write_glb(partial: Path, path: str | os.PathLike[str]) -> None:
+    """Write what is selected.
+
+    Raises
+    ------
+    OSError : the exporter could not write it; says the path that was asked for.
+    """
+    try:
+        bpy.ops.export_scene.gltf(
+            filepath=str(partial),
+            export_format="GLB",
+            use_selection=True,
+            export_extras=True,
+            export_apply=False,
+            export_animations=False,
+            export_attributes=False,
+            export_texcoords=False,
+            export_yup=True,
+        )
+    except RuntimeError as problem:
+        raise _refused(problem, path) from None
+
+
+def export_usd(scene: bpy.types.Scene, path: str | os.PathLike[str]) -> None:
+    """Export trees and ground as USD (.usdc, .usda, .usdz), Z up, metres; copies of a tree are instances.
+
+    Raises
+    ------
+    OSError : the exporter could not write it.
+    """
+    wanted = _of_parts(scene, TREES, GROUND_NAME)
+    with (
+        in_full(bpy.context.evaluated_depsgraph_get()),
+        replacing(path) as partial,
+        _trimmed(scene, wanted) as shown,
+        _selected(shown),
+    ):
+        try:
+            bpy.ops.wm.usd_export(
+                filepath=str(partial),
+                check_existing=False,
+                selected_objects_only=True,
+                export_animation=False,
+                use_instancing=True,
+                evaluation_mode="RENDER",
+                export_lights=False,
+                convert_world_material=False,
+                convert_orientation=False,
+            )
+        except RuntimeError as problem:
+            raise _refused(problem, path) from None
+
+
+def _of_parts(scene: bpy.types.Scene, *parts: str) -> set[bpy.types.Object]:
+    """The objects of these parts of the forest."""
+    top = root(scene)
+    return {
+        thing
+        for child in (top.children if top else ())
+        if child.get(PART_KEY) in parts
+        for thing in objects_in(child)
+    }
+
+
+@contextmanager
+def _trimmed(
+    scene: bpy.types.Scene, shown: set[bpy.types.Object]
+) -> Iterator[set[bpy.types.Object]]:
+    """The same objects, the ground cut off a little beyond the trees."""
+    grounds = {t for t in _of_parts(scene, GROUND_NAME) & shown if t.type == "MESH"}
+    corners = [
+        np.array([t.matrix_world @ Vector(corner) for corner in t.bound_box])
+        for t in shown - grounds
+        if t.type == "MESH" and t.data.vertices  # of trees that are points, their places
+    ]
+    if not corners or not grounds:
+        yield shown
+        return
+    every = np.concatenate(corners)[:, :2]
+    low, high = every.min(axis=0), every.max(axis=0)
+    more = max(BESIDE * float((high - low).max()), LEAST_BESIDE)
+    made = [_cut(ground, low - more, high + more) for ground in grounds]
+    try:
+        for thing in made:
+            scene.collection.objects.link(thing)
+        yield (shown - grounds) | set(made)
+    finally:
+        meshes = [thing.data for thing in made]
+        bpy.data.batch_remove([*made, *meshes])
+
+
+def _cut(ground: bpy.types.Object, low: np.ndarray, high: np.ndarray) -> bpy.types.Object:
+    """A copy of a ground, what is outside of a rectangle (2,) to (2,) metres in the world cut away."""
+    shape = bmesh.new()
+    shape.from_mesh(ground.data)
+    shape.transform(ground.matrix_world)
+    for axis, (edge, side) in [(k, e) for k in (0, 1) for e in ((low, -1.0), (high, 1.0))]:
+        normal, place = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
+        normal[axis], place[axis] = side, float(edge[axis])
+        bmesh.ops.bisect_plane(
+            shape,
+            geom=[*shape.verts, *shape.edges, *shape.faces],
+            plane_co=place,
+            plane_no=normal,
+            clear_outer=True,
+        )
+    data = bpy.data.meshes.new(ground.data.name)
+    shape.to_mesh(data)
+    shape.free()
+    for material in ground.data.materials:
+        data.materials.append(material)
+    return bpy.data.objects.new(ground.name, data)
 
 
 @contextmanager

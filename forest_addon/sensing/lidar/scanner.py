@@ -116,6 +116,11 @@ class Sweep:
         duration = path.duration or 1 / scanner.line_rate
         self.count = max(1, int(np.floor(duration * scanner.pulse_rate * (1 + 1e-12) + 1e-9)))
 
+    @property
+    def path(self) -> Trajectory:
+        """The platform's way."""
+        return self._path
+
     def pulses(self, number: np.ndarray) -> Pulses:
         """See ``Pattern``; the scan angle is counted from nadir, spinning: from the horizon."""
         time = number / self._scanner.pulse_rate

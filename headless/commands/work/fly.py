@@ -55,10 +55,11 @@ def fly_scene(
     trained: Path | None = None,
     blend: bool = True,
     say: Say = print,
+    bags: int = 0,
 ) -> list[FlightCell]:
     """Fly ``episodes`` times at each speed and density and write everything into a folder.
 
-    speeds : m/s; none: the scene's.
+    speeds : m/s; none: the scene's. bags : of how many flights of the first cell ROS 2 bags are written.
 
     Raises
     ------
@@ -97,8 +98,29 @@ def fly_scene(
         with hushed(errors=True):
             _save(out / "flights.blend", *first)
         names += ", flights.blend"
+    tracks = cells[0].tracks[:bags]
+    for number, track in enumerate(tracks):
+        write_track_bag(out / f"flight-{number:04d}.mcap", track, lidar_of(whole).max_range)
+    if tracks:
+        names += f", {len(tracks)} bags: flight-0000.mcap and on"
     say(f"Written to {out}: {names}")
     return cells
+
+
+def write_track_bag(path: Path, track: Track, reach: float) -> None:
+    """Write a flight as a ROS 2 bag: its way, and the range of what was nearest. reach : metres sensed.
+
+    Raises
+    ------
+    SpecError : the library rosbags is missing.
+    """
+    from scipy.spatial.transform import Rotation
+
+    from forest_addon.formats.rosbag import BagWay, write_bag
+
+    time = np.arange(len(track.position)) * track.step
+    turn = Rotation.from_euler("Z", track.heading[:, None])
+    write_bag(path, BagWay(time, track.position, turn, track.nearest), reach=reach)
 
 
 def thinned(settings: Scene, factor: float) -> Scene:
