@@ -22,7 +22,7 @@ from ..growth.measured.measure import BREAST, stem_profile
 from ..growth.measured.wanted import TARGETS, Kind, Wanted, draw_dbh, drawn, given_by
 from ..growth.skeleton import Skeleton
 from ..spec import Allometry, Planting, Species
-from .competition import MOST_INDEX, apart, bounded, canopy_of, competed, score, thinned
+from .competition import MOST_INDEX, apart, bounded, canopy_of, competed, filled, score, thinned
 from .inputs import Inputs
 from .plan import Stand, chosen_of
 
@@ -76,7 +76,8 @@ def with_targets(
         where = f"plantings[{group.number}]"
         wanted[rows] = drawn(law, group.dbh, group.given, uniform, where, site)
     for rows, free in _free(wanted, groups, 1):
-        wanted[rows, 2] = apart(stand.position[rows, :2], wanted[rows, 2], free)
+        place = stand.position[rows, :2]
+        wanted[rows, 2] = filled(place, apart(place, wanted[rows, 2], free), free)
     for group in groups:
         if group.law is not None:
             most, free = band(group.law, group.dbh)[1, :, 3], np.isnan(group.given)

@@ -75,14 +75,20 @@ def _mossy(graph: Graph, bark: spec.Bark, colour: Value, surface: Surface) -> Va
 
 
 def _cracked(graph: Graph, bark: spec.Bark) -> Surface:
-    """Small scales between cracks that wander."""
-    place = graph.moved(graph.place(), 6.0, 0.03)
+    """Long ridges of small scales between cracks that wander and fray."""
     size = bark.size
-    drawn = graph.scaled(place, (size, size, 3.2 * size))
-    edge, _ = graph.cells(drawn)
-    fine = graph.noise(drawn, 3.0, 8.0)
-    height = graph.math("MULTIPLY_ADD", fine, 0.45, graph.step(edge, 0.0, 0.28))
-    return Surface(height, 0.012, graph.math("MULTIPLY", height, 0.62))
+    place = graph.moved(graph.moved(graph.place(), 5.0, 0.03), 24.0, 0.35 * size)
+    edge, own = graph.cells(graph.scaled(place, (size, size, 5.5 * size)))
+    small, each = graph.cells(graph.scaled(place, (0.5 * size, 0.5 * size, 1.3 * size)))
+    fine = graph.noise(graph.scaled(place, (0.01, 0.01, 0.03)), 1.0, 6.0, 0.65)
+    clouds = graph.noise(place, 1.7, 4.0, 0.6)
+    scales = graph.math("MULTIPLY_ADD", graph.step(small, 0.0, 0.12), 0.30, 0.70)
+    height = graph.math("MULTIPLY", graph.step(edge, 0.0, 0.20), scales)
+    height = graph.math("MULTIPLY_ADD", fine, 0.35, graph.math("MULTIPLY", height, 0.8))
+    height = graph.math("MULTIPLY_ADD", own, 0.12, height)
+    tone = graph.math("MULTIPLY_ADD", height, 0.55, graph.math("MULTIPLY", clouds, 0.18))
+    tone = graph.math("MULTIPLY_ADD", each, 0.10, tone)
+    return Surface(height, 0.010, tone)
 
 
 def _smooth(graph: Graph, bark: spec.Bark) -> Surface:
@@ -129,11 +135,11 @@ def _furrowed(graph: Graph, bark: spec.Bark) -> Surface:
 
 def _plated(graph: Graph, bark: spec.Bark) -> Surface:
     """Plates of many thin scales, worn down in steps, between deep dark furrows; further up only scales."""
-    place = graph.moved(graph.place(), 7.0, 0.018)
     size = bark.size
-    drawn = graph.scaled(place, (size, size, 2.3 * size))
+    place = graph.moved(graph.moved(graph.place(), 7.0, 0.018), 26.0, 0.22 * size)
+    drawn = graph.scaled(place, (size, size, 2.6 * size))
     edge, own = graph.cells(drawn, 1.0, 0.95)
-    plates = graph.step(edge, 0.015, 0.17)
+    plates = graph.step(edge, 0.0, 0.13)
     torn = graph.moved(graph.place(), 22.0, 0.010)
     scales_edge, scales = graph.cells(graph.scaled(torn, (0.42 * size, 0.42 * size, 0.62 * size)))
     thin_edge, thin = graph.cells(graph.scaled(torn, (0.19 * size, 0.19 * size, 0.26 * size)))

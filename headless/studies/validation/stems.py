@@ -53,11 +53,13 @@ SCANNER = Terrestrial(
 
 
 def taubin(points: np.ndarray) -> tuple[np.ndarray, float]:
-    """Centre (2,) and radius of the circle through points (N, 2), by Taubin's method."""
+    """Centre (2,) and radius of the circle through points (N, 2), by Taubin's method; 0 if they are one."""
     middle = points.mean(axis=0)
     x, y = (points - middle).T
     z = x * x + y * y
     mean = z.mean()
+    if not mean:
+        return middle, 0.0
     design = np.stack([(z - mean) / (2 * np.sqrt(mean)), x, y], axis=1)
     a, b, c = np.linalg.svd(design, full_matrices=False)[2][-1]
     a /= 2 * np.sqrt(mean)
