@@ -8,7 +8,6 @@ import bpy
 
 from ...blender.scene.layout import CLOUD_KEY
 from ...blender.sensors.objects import file_name, kind_of, sensors_of
-from ...blender.show.cloud import rename_cloud
 from . import held
 
 _sensor_of: dict[tuple[int, str], int] = {}  # uid of a sensor, by scene and name of its result
@@ -34,6 +33,8 @@ def follow_names(scene: bpy.types.Scene) -> None:
 
 def _rename(scene: bpy.types.Scene, result: Any, name: str) -> None:
     """Call a result otherwise, and its points, unless the user has named those."""
+    from ...blender.show.cloud import rename_cloud  # brings in scipy
+
     held.rename(scene, result.name, name)
     if result.title == result.name:
         result.title = name
