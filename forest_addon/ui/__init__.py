@@ -68,7 +68,7 @@ def _rooms() -> tuple[ModuleType, ...]:
     from .forest import build, gallery, live, new_file, painting, scene_file, start, tree
     from .forest import lists as forest_lists
     from .forest import panels as forest_panels
-    from .results import export, frames, show, swatches
+    from .results import export, frames, names, show, swatches
     from .results import panel as results_panel
     from .sensors import add, flight, instruments, run, things
     from .sensors import lists as sensors_lists
@@ -91,6 +91,7 @@ def _rooms() -> tuple[ModuleType, ...]:
             show,
             export,
             frames,
+            names,
             swatches,
         ),
         preferences,

@@ -151,6 +151,7 @@ def test_what_is_imported_is_ours_or_in_the_zip_or_in_blender(code, wheels):
     known = tops | SHIPPED_BY_BLENDER | set(sys.stdlib_module_names)
     known |= {
         "bpy",
+        "bmesh",
         "bpy_extras",
         "mathutils",
         "gpu",
@@ -167,7 +168,7 @@ def test_what_is_imported_is_ours_or_in_the_zip_or_in_blender(code, wheels):
     # commands and scripts where it is installed, and says what to install where it is not. So are formats
     # that Blender has no package for: the panel does not offer them.
     optional = {"pyroomacoustics", "pyhelios", "dask", "distributed", "dask_jobqueue", "gymnasium"}
-    optional |= {"copclib", "pye57", "pyproj", "sofar"}
+    optional |= {"copclib", "pandas", "pye57", "pyproj", "rosbags", "sofar", "xarray"}
     for name, tree in code.items():
         lacking = imported(tree) - known - optional - drawers
         assert not lacking, f"{name}: {lacking}"

@@ -11,6 +11,7 @@ pose is made of is not shown in the panel again (``posed`` of its kind).
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import bpy
@@ -19,13 +20,17 @@ import numpy as np
 from ...sensing.kinds import KINDS
 from ...spec import Sensor, SpecError
 from ..read.single import shortest
-from ..scene.layout import SENSORS, find_part, part
+from ..scene.layout import ROOT_KEY, SENSORS, find_part, part, root
+from ..scene.ours import is_local
 
 KIND_KEY = "forest_sensor_kind"  # custom property of a sensor's object: its kind
 RECEIVER_KEY = "forest_receiver"  # custom property of a reverb's source: its receiver
 PATH_KEY = "forest_path"  # custom property of a moving scanner: the curve that was made for it
 
 AZIMUTHS, ELEVATIONS = ("azimuth_deg", "heading_deg"), ("elevation_deg",)
+BODIES = {"EMPTY", "SPEAKER"}  # types of the objects that sensors are
+FEW = 100  # objects of a collection that are looked at anew each time
+_KEPT: dict[int, tuple[Any, tuple[str, ...]]] = {}  # by collection: its state, names of its sensors
 DEGREE_DIGITS = 4  # what single precision keeps of an angle: rounding gives 110 back
 
 
@@ -124,15 +129,86 @@ def file_name(name: str) -> str:
 
 
 def sensors_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The sensors of a scene, in the order of their names."""
-    home = home_of(scene)
-    things = home.objects if home else ()
-    return sorted((thing for thing in things if kind_of(thing)), key=lambda thing: thing.name)
+    """The sensors of a scene, in the order of their names, in whatever collection they are.
+
+    Those that are linked from another file, and those of another scene's forest, are not among them.
+    """
+    found = {thing for home in _homes(scene) for thing in _sensors_in(home)}
+    return sorted(found, key=lambda thing: thing.name)
 
 
-def home_of(scene: bpy.types.Scene) -> bpy.types.Collection | None:
-    """The collection of a scene's sensors, None where it has none yet."""
-    return find_part(scene, SENSORS)
+def home_of(scene: bpy.types.Scene) -> bpy.types.Collection | bpy.types.Scene | None:
+    """A block whose ``objects`` are all sensors and perhaps others: the collection of the scene's sensors, or
+    the scene where some are elsewhere; None where it has no sensor."""
+    home = find_part(scene, SENSORS)
+    there = set() if home is None else set(home.objects)
+    return home if there.issuperset(sensors_of(scene)) else scene
+
+
+def is_stranger(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:
+    """Return whether a scene shows a sensor that it cannot run as it is: one that is linked from another
+    file, is of another scene's forest, or whose receiver or path is in no collection here."""
+    if thing.type not in BODIES or kind_of(thing) not in KINDS:
+        return False
+    return thing not in sensors_of(scene) or bool(_left_behind(scene, thing))
+
+
+def adopt(scene: bpy.types.Scene, thing: bpy.types.Object) -> bpy.types.Object:
+    """Make a sensor that a scene shows its own, or a copy of one of another scene's forest; return it.
+
+    What it needs comes along. The receiver of a pasted reverb, for one, is in the file, and in no collection.
+    """
+    made = thing
+    if not is_local(thing):
+        made = thing.make_local() or thing
+    elif thing not in sensors_of(scene):
+        made = thing.copy()
+    home = part(scene, SENSORS)
+    if made not in sensors_of(scene):
+        home.objects.link(made)
+    for one in _left_behind(scene, made):
+        home.objects.link(one if is_local(one) else one.make_local() or one)
+    return made
+
+
+def _left_behind(scene: bpy.types.Scene, thing: bpy.types.Object) -> list[bpy.types.Object]:
+    """Return what a sensor needs and the scene does not hold: its receiver, its path."""
+    needed = (_held(thing, RECEIVER_KEY), _held(thing, PATH_KEY))
+    return [one for one in needed if one is not None and scene.objects.get(one.name) != one]
+
+
+def _homes(scene: bpy.types.Scene) -> Iterator[bpy.types.Collection]:
+    """The collections of a scene but for those of other scenes' forests."""
+    top, waiting = root(scene), [scene.collection]
+    while waiting:
+        home = waiting.pop()
+        if ROOT_KEY in home and home != top:
+            continue
+        yield home
+        waiting.extend(home.children)
+
+
+def _sensors_in(home: bpy.types.Collection) -> list[bpy.types.Object]:
+    """The sensors of this file that hang in a collection itself.
+
+    Of a collection of many objects, which trees are, their names are kept as long as it has as many objects,
+    the same last one, and sensors of these names, so that drawing a panel does not look at every tree.
+    """
+    things = home.objects
+    count = len(things)
+    if count <= FEW:
+        return [thing for thing in things if _is_sensor(thing)]
+    state = (count, things[count - 1].name)
+    known, names = _KEPT.get(home.session_uid, (None, ()))
+    kept = [things.get(name) for name in names] if known == state else [None]
+    if not all(thing is not None and _is_sensor(thing) for thing in kept):
+        kept = [thing for thing in things if _is_sensor(thing)]
+        _KEPT[home.session_uid] = (state, tuple(thing.name for thing in kept))
+    return kept
+
+
+def _is_sensor(thing: bpy.types.Object) -> bool:
+    return thing.type in BODIES and kind_of(thing) in KINDS and is_local(thing)
 
 
 def place(thing: bpy.types.Object, settings: Sensor) -> None:

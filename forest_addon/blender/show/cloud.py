@@ -18,7 +18,7 @@ from ...sensing.lidar.cloud import Cloud
 from ...sensing.sonar.ping import Contributions
 from ..scene.layout import CLOUD_KEY, COLOUR_BY, FRAME_KEY
 from ..scene.nodes import choose_input
-from ..scene.ours import is_ours, make_object, own
+from ..scene.ours import is_ours, make_object, own, settle
 from .cloud_nodes import heard_group, points_material, scan_group
 
 COLOUR_OF_ORGAN = {
@@ -39,8 +39,8 @@ def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types
     """
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(cloud))
-    _fill(data, "position", "FLOAT_VECTOR", cloud.position, "vector")
-    _fill(data, "surface_normal", "FLOAT_VECTOR", cloud.returns.normal, "vector")
+    fill(data, "position", "FLOAT_VECTOR", cloud.position, "vector")
+    fill(data, "surface_normal", "FLOAT_VECTOR", cloud.returns.normal, "vector")
     for measure, values in {
         "distance": cloud.returns.distance,
         "true_range": cloud.true_range,
@@ -50,17 +50,17 @@ def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types
         "scan_angle": cloud.scan_angle,
         "time": cloud.time,
     }.items():
-        _fill(data, measure, "FLOAT", values)
+        fill(data, measure, "FLOAT", values)
     for label in ("tree", "species", "organ", "leaf"):
-        _fill(data, label, "INT", getattr(cloud.returns, label))
-    _fill(data, "object", "INT", cloud.returns.instance)
-    _fill(data, "pulse", "INT", cloud.pulse)
-    _fill(data, "return_number", "INT", cloud.number)
-    _fill(data, "number_of_returns", "INT", cloud.count)
+        fill(data, label, "INT", getattr(cloud.returns, label))
+    fill(data, "object", "INT", cloud.returns.instance)
+    fill(data, "pulse", "INT", cloud.pulse)
+    fill(data, "return_number", "INT", cloud.number)
+    fill(data, "number_of_returns", "INT", cloud.count)
     colour = np.tile(OTHER, (128, 1))
     for organ, shade in COLOUR_OF_ORGAN.items():
         colour[organ] = shade
-    _fill(data, "organ_colour", "FLOAT_COLOR", colour[cloud.returns.organ], "color")
+    fill(data, "organ_colour", "FLOAT_COLOR", colour[cloud.returns.organ], "color")
     foreign = not np.isin(cloud.returns.organ, list(COLOUR_OF_ORGAN)).any()
     return _show(home, name, data, scan_group, "Object" if foreign and len(cloud) else "")
 
@@ -69,16 +69,16 @@ def show_heard(home: bpy.types.Collection, name: str, heard: Contributions) -> b
     """Put what a sonar heard into a collection as points, brighter where it is louder."""
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(heard))
-    _fill(data, "position", "FLOAT_VECTOR", heard.position, "vector")
+    fill(data, "position", "FLOAT_VECTOR", heard.position, "vector")
     loudest = float(heard.amplitude.max(initial=0.0)) or 1.0
     level = 20.0 * np.log10(np.maximum(heard.amplitude / loudest, QUIETEST))
     share = (1.0 - level / (20.0 * np.log10(QUIETEST)))[:, None]
-    _fill(data, "level", "FLOAT", level)
-    _fill(data, "distance", "FLOAT", heard.distance)
-    _fill(data, "delay", "FLOAT", heard.delay)
+    fill(data, "level", "FLOAT", level)
+    fill(data, "distance", "FLOAT", heard.distance)
+    fill(data, "delay", "FLOAT", heard.delay)
     for label in ("tree", "instance", "number"):
-        _fill(data, label, "INT", getattr(heard, label))
-    _fill(data, "organ_colour", "FLOAT_COLOR", FAINT + share * (LOUD - FAINT), "color")
+        fill(data, label, "INT", getattr(heard, label))
+    fill(data, "organ_colour", "FLOAT_COLOR", FAINT + share * (LOUD - FAINT), "color")
     return _show(home, name, data, heard_group)
 
 
@@ -107,6 +107,13 @@ def _show(
         choose_input(modifier, COLOUR_BY, colour_by)
     thing.hide_render = True
     return thing
+
+
+def rename_cloud(thing: bpy.types.Object, name: str) -> None:
+    """Have an object of points belong to a sensor of this name, and be called so unless the user named it."""
+    thing[CLOUD_KEY] = name
+    if is_ours(thing):
+        settle(thing, f"{name} points")
 
 
 def _standing(home: bpy.types.Collection, name: str) -> bpy.types.Object | None:
@@ -143,9 +150,10 @@ def _hand_over(thing: bpy.types.Object, data: bpy.types.Mesh) -> None:
     own(data)
 
 
-def _fill(
+def fill(
     data: bpy.types.Mesh, name: str, kind: str, values: np.ndarray, key: str = "value"
 ) -> None:
+    """Write values (P,) or (P, K) as an attribute of a mesh's points. key : Blender's name of a value."""
     attribute = data.attributes.get(name) or data.attributes.new(name, kind, "POINT")
     dtype = np.int32 if kind == "INT" else np.float32
     attribute.data.foreach_set(key, np.ascontiguousarray(values, dtype=dtype).ravel())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -32,17 +34,59 @@ WORDS = {
 }
 
 
-def _endings(sensor: Any) -> tuple[str, ...]:
-    from ...results.kinds import results_of
-    from ...results.point_files import can_write
+@dataclass(frozen=True)
+class Exportable:
+    """A result that can be exported: formats, labels by what they are of, offset, how it is written.
 
-    return tuple(ending for ending in results_of(sensor).endings if can_write(ending))
+    precision : metres, of points that are taken from the file; 0 of a result that is held.
+    """
+
+    endings: tuple[str, ...]
+    labels: dict[str, Any]
+    offset: Any
+    write: Callable[[Path, Any], None]
+    is_response: bool = False
+    precision: float = 0.0
 
 
-def _is_response(sensor: Any) -> bool:
-    from ...results.kinds import results_of
+def found_of(scene: bpy.types.Scene, name: str) -> Exportable | None:
+    """Return a result as it can be exported: what is held of this session, else the points that the file
+    keeps; None where there is neither."""
+    from ...results.coordinates import Offset
+    from ...results.kinds import results_of, write_as
+    from ...results.point_files import ENDINGS, can_write, write_points
 
-    return results_of(sensor).is_response
+    held = find(scene, name)
+    if held is not None:
+        record = results_of(held[0])
+        endings = tuple(ending for ending in record.endings if can_write(ending))
+        return Exportable(
+            endings,
+            labels_of(scene, name),
+            held[2],
+            lambda path, labels: write_as(path, *held, labels),
+            record.is_response,
+        )
+    kept = _kept(scene, name)
+    if kept is None:
+        return None
+    offset = Offset(kept.offset, kept.crs)
+    return Exportable(
+        tuple(ending for ending in ENDINGS if can_write(ending)),
+        kept.labels,
+        offset,
+        lambda path, label: write_points(path, kept.cloud, offset, label),
+        precision=kept.precision,
+    )
+
+
+def _kept(scene: bpy.types.Scene, name: str) -> Any:
+    """Return the cloud that the object of a result still shows."""
+    from ...blender.show.kept_cloud import kept_scan
+
+    results = scene.forest_sensing.results
+    shown = scene.objects.get(results[name].shown) if name in results else None
+    return kept_scan(shown.data) if shown is not None and shown.type == "MESH" else None
 
 
 class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
@@ -78,10 +122,10 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        found = find(context.scene, self.result)
+        found = found_of(context.scene, self.result)
         if found is None:
             return self._refuse()
-        usual = _endings(found[0])[0]
+        usual = found.endings[0]
         self.ending = usual[1:].upper()
         self.filepath = f"{file_name(self.result)}{usual}"
         return ExportHelper.invoke(self, context, event)
@@ -101,11 +145,11 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
         return True
 
     def draw(self, context: bpy.types.Context) -> None:
-        found = find(context.scene, self.result)
+        found = found_of(context.scene, self.result)
         column = self.layout.column(align=True)
-        for ending in _endings(found[0]) if found is not None else ():
+        for ending in found.endings if found is not None else ():
             column.prop_enum(self, "ending", ending[1:].upper())
-        if labels_of(context.scene, self.result):
+        if found is not None and found.labels:
             self.layout.prop(self, "labels")
         if self._has_sounds(context):
             self.layout.prop(self, "heard")
@@ -116,32 +160,37 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...formats.crs import can_tell_crs
         from ...formats.wav import write_wav
-        from ...results.kinds import write_as
 
-        found = find(context.scene, self.result)
+        found = found_of(context.scene, self.result)
         if found is None:
             return self._refuse()
         path = Path(bpy.path.abspath(self.filepath))
         try:
-            if self.heard and _is_response(found[0]) and path.suffix.lower() == ".wav":
+            if self.heard and found.is_response and path.suffix.lower() == ".wav":
                 write_wav(path, *heard_of(context.scene, self.result))
             else:
-                labels = labels_of(context.scene, self.result).get(self.labels)
-                write_as(path, *found, labels)
+                found.write(path, found.labels.get(self.labels))
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
         context.scene.forest_sensing.results[self.result].file = str(path)
-        if found[2].crs and not can_tell_crs():
+        if found.offset.crs and not can_tell_crs():
             problem = say("Written without its coordinate system: Blender has no pyproj")
             self.report({"WARNING"}, problem)
-        self.report({"INFO"}, say("Written: {file}", file=path))
+        words = say("Written: {file}", file=path)
+        if found.precision:
+            words = say(
+                "Written: {file}, from the points that this file keeps, to {metres:.1g} m",
+                file=path,
+                metres=found.precision,
+            )
+        self.report({"INFO"}, words)
         return {"FINISHED"}
 
     def _has_sounds(self, context: bpy.types.Context) -> bool:
         """Return whether there is a choice of what sounds: for a reverb that becomes a WAV."""
-        found = find(context.scene, self.result)
-        return found is not None and _is_response(found[0]) and self.ending == "WAV"
+        found = found_of(context.scene, self.result)
+        return found is not None and found.is_response and self.ending == "WAV"
 
     def _refuse(self) -> set[str]:
         problem = say("{name} is held no longer. Run its sensor again", name=self.result)

@@ -15,6 +15,7 @@ import numpy as np
 from ...base.labels import Labels
 from ...blender.scene.layout import RESULTS, part
 from ...blender.show.cloud import show_cloud, show_heard
+from ...blender.show.kept_cloud import note_scan
 from ...blender.show.legend import Entry, legend_of, legend_of_heard
 from ...blender.show.sound import give_sound
 from ...results.coordinates import NO_OFFSET, Offset
@@ -106,6 +107,7 @@ def keep_finding(
     hold(context.scene, thing.name, (sensor, found, offset), labels)
     if cloud is not None:
         points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
+        note_scan(points.data, cloud, offset, offset.crs, labels)
         show(context, points)  # selected, all points would be orange
         result.shown = points.name
         _explain(result, legend_of(cloud, *names))

@@ -43,6 +43,13 @@ def find(scene: bpy.types.Scene, name: str) -> Held | None:
     return _held.get((scene.session_uid, name))
 
 
+def rename(scene: bpy.types.Scene, old: str, new: str) -> None:
+    """Hold under another name what is held under one."""
+    for kept in (_held, _labels):
+        if (scene.session_uid, old) in kept:
+            kept[scene.session_uid, new] = kept.pop((scene.session_uid, old))  # type: ignore[attr-defined]
+
+
 def labels_of(scene: bpy.types.Scene, name: str) -> dict[str, Labels]:
     """The labels of a result's points that are held with it."""
     return _labels.get((scene.session_uid, name), {})

@@ -126,6 +126,31 @@ class FOREST_OT_remove_sensor(InOwnScene, bpy.types.Operator):
         return {"FINISHED"}
 
 
+class FOREST_OT_adopt_sensor(InOwnScene, bpy.types.Operator):
+    """Make a sensor that came from another file or scene one of this scene, with its receiver or path"""
+
+    bl_idname = "forest.adopt_sensor"
+    bl_label = "Adopt Sensor"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not super().poll(context):
+            return False
+        thing = context.view_layer.objects.active
+        if thing is None or not sensors.is_stranger(context.scene, thing):
+            cls.poll_message_set(say("The active object is no sensor of another file or scene"))
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        made = sensors.adopt(context.scene, context.view_layer.objects.active)
+        context.view_layer.update()
+        choose_sensor(context, made)
+        self.report({"INFO"}, say("{name} is a sensor of this scene now", name=made.name))
+        return {"FINISHED"}
+
+
 class FOREST_MT_sensors(bpy.types.Menu):
     """Sensors to add"""
 
@@ -148,6 +173,7 @@ CLASSES = (
     FOREST_OT_add_sensor,
     FOREST_OT_scan_here,
     FOREST_OT_remove_sensor,
+    FOREST_OT_adopt_sensor,
     FOREST_MT_sensors,
 )
 

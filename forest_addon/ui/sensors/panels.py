@@ -38,6 +38,7 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         buttons = row.column(align=True)
         buttons.menu("FOREST_MT_sensors", text="", icon="ADD")
         buttons.operator("forest.remove_sensor", text="", icon="REMOVE")
+        draw_adopt(layout, context, context.view_layer.objects.active)
         thing = chosen_sensor(context)
         run = layout.row(align=True)
         run.scale_y = BIG
@@ -87,14 +88,27 @@ class FOREST_PT_sensor_data(bpy.types.Panel):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         thing = context.object
-        return thing is not None and thing in sensors.sensors_of(context.scene)
+        return thing is not None and sensors.kind_of(thing) in KINDS
 
     def draw(self, context: bpy.types.Context) -> None:
         thing = context.object
+        draw_adopt(self.layout, context, thing)
+        if thing not in sensors.sensors_of(context.scene):
+            return
         run = self.layout.operator("forest.run", icon="PLAY")
         run.sensor, run.frames = thing.name, "THIS"
         split(self.layout).prop(context.scene.forest_sensing, "advanced")
         _draw_sensor(self.layout, thing)
+
+
+def draw_adopt(
+    layout: bpy.types.UILayout, context: bpy.types.Context, thing: bpy.types.Object | None
+) -> None:
+    """Offer to make a sensor this scene's own, where it is not, or lacks what it needs."""
+    if thing is None or not sensors.is_stranger(context.scene, thing):
+        return
+    layout.label(text=label("{name} is not whole here", name=thing.name), icon="ERROR")
+    layout.operator("forest.adopt_sensor", icon="LINKED")
 
 
 def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:

@@ -215,10 +215,19 @@ def in_words(problem: BaseException) -> str:
     if isinstance(problem, MemoryError):
         return say("There is not enough memory for this; take fewer trees or coarser steps")
     if isinstance(problem, ReferenceError):
-        return say("The scene was removed or undone meanwhile; run it again")
+        return say(_what_is_gone(problem))
     if isinstance(problem, OSError) and problem.strerror:
         return f"{problem.filename or say('A file cannot be written')}: {problem.strerror}"
     return str(problem)
+
+
+def _what_is_gone(problem: ReferenceError) -> str:
+    """Return which thing was removed while a job used it."""
+    if "type Object" in str(problem):
+        return keep("An object was removed or undone meanwhile, perhaps the sensor; run it again")
+    if "type Scene" in str(problem):
+        return keep("The scene was removed or undone meanwhile; run it again")
+    return keep("Something of the scene was removed or undone meanwhile; run it again")
 
 
 def register() -> None:

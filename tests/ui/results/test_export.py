@@ -46,10 +46,10 @@ def test_sounds_are_exported_too(built, tmp_path):
 
 
 def test_what_is_held_no_longer_says_so(built, tmp_path):
-    run("cloud")
+    run("echo")
     held.let_go()
     with pytest.raises(RuntimeError, match="Run its sensor again"):
-        press("export_result", result="cloud", filepath=str(tmp_path / "mine.laz"))
+        press("export_result", result="echo", filepath=str(tmp_path / "mine.wav"))
 
 
 def test_a_result_is_removed_with_its_points(built):

@@ -1,0 +1,106 @@
+"""Clouds outlive the session: exported from a reopened file in every format; results follow their sensors."""
+
+import laspy
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon.results.point_files import ENDINGS, can_write
+from forest_addon.ui.results import held
+from forest_addon.ui.results.names import follow_names
+
+from ..pressing import press, run
+
+
+def reopened(tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "forest.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "forest.blend"))
+    return bpy.context.scene.forest_sensing
+
+
+def read(path):
+    las = laspy.read(path)
+    return {name: np.asarray(las[name]) for name in las.point_format.dimension_names} | {
+        axis: np.asarray(getattr(las, axis)) for axis in "xyz"
+    }
+
+
+def test_a_cloud_of_a_reopened_file_is_written_as_before(built, tmp_path):
+    built.offset = "[1000, 2000, 0]"
+    run("cloud")
+    labels = {"labels": "OBJECT"}
+    press("export_result", result="cloud", filepath=str(tmp_path / "before.laz"), **labels)
+    props = reopened(tmp_path)
+    assert held.find(bpy.context.scene, "cloud") is None
+    press("export_result", result="cloud", filepath=str(tmp_path / "after.laz"), **labels)
+    before, after = read(tmp_path / "before.laz"), read(tmp_path / "after.laz")
+    assert before.keys() == after.keys()
+    assert float(after["x"].min()) > 900
+    for name, values in before.items():
+        if values.dtype.kind == "f":
+            assert np.allclose(values, after[name], rtol=2e-6, atol=2e-5), name
+        elif name not in ("X", "Y", "Z"):
+            off = np.abs(values.astype(float) - after[name])
+            assert off.max() <= (1 if name in ("intensity", "scan_angle") else 0), name
+    names = [
+        r.string for r in laspy.open(tmp_path / "after.laz").header.vlrs if hasattr(r, "string")
+    ]
+    assert names == [
+        r.string for r in laspy.open(tmp_path / "before.laz").header.vlrs if hasattr(r, "string")
+    ]
+    assert props.results["cloud"].file.endswith("after.laz")
+
+
+def test_every_format_is_offered_and_written(built, tmp_path):
+    run("cloud")
+    reopened(tmp_path)
+    for ending in ENDINGS:
+        if can_write(ending):
+            path = tmp_path / f"again{ending}"
+            for labels in ("CLASS", "SPECIES", "MATERIAL"):
+                press("export_result", result="cloud", filepath=str(path), labels=labels)
+            assert path.stat().st_size > 100
+
+
+def test_points_that_were_deleted_by_hand_are_not_written(built, tmp_path):
+    run("cloud")
+    props = reopened(tmp_path)
+    data = bpy.data.objects[props.results["cloud"].shown].data
+    count = len(data.vertices)
+    import bmesh
+
+    shape = bmesh.new()
+    shape.from_mesh(data)
+    bmesh.ops.delete(shape, geom=list(shape.verts)[:10], context="VERTS")
+    shape.to_mesh(data)
+    press("export_result", result="cloud", filepath=str(tmp_path / "less.ply"))
+    assert f"element vertex {count - 10}".encode() in (tmp_path / "less.ply").read_bytes()[:3000]
+
+
+def test_without_points_it_says_to_run_again(built, tmp_path):
+    run("cloud")
+    props = reopened(tmp_path)
+    bpy.data.objects.remove(bpy.data.objects[props.results["cloud"].shown])
+    with pytest.raises(RuntimeError, match="Run its sensor again"):
+        press("export_result", result="cloud", filepath=str(tmp_path / "no.laz"))
+
+
+def test_a_result_follows_its_sensor(built, tmp_path):
+    run("cloud")
+    follow_names(bpy.context.scene)  # Blender calls it after each change
+    thing, points = bpy.data.objects["cloud"], bpy.data.objects[built.results["cloud"].shown]
+    thing.name = "north tripod"
+    bpy.context.view_layer.update()
+    follow_names(bpy.context.scene)
+    result = built.results["north tripod"]
+    assert "cloud" not in built.results
+    assert (result.title, result.shown, points.name) == (
+        "north tripod",
+        *["north-tripod points"] * 2,
+    )
+    press("export_result", result="north tripod", filepath=str(tmp_path / "held.laz"))
+    count = len(bpy.data.objects)
+    run("north tripod")  # in place of what it found before
+    assert len(bpy.data.objects) == count
+    assert [r.name for r in built.results if r.kind == "terrestrial"] == ["north tripod"]
