@@ -135,6 +135,7 @@ class FOREST_PG_result(bpy.types.PropertyGroup):
     name: StringProperty()
     kind: StringProperty()
     title: StringProperty()
+    stale: BoolProperty(description="Found before the forest was grown anew")
     opened: BoolProperty(description="Show figures and picture; the newest result is", default=True)
     figures: CollectionProperty(type=FOREST_PG_figure)
     shown: StringProperty(description="Object with what was found")
@@ -208,7 +209,7 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
             ),
             "live": BoolProperty(
                 name="Live",
-                description="Build the forest anew whenever a setting, a hill, a painting or the terrain "
+                description="Grow the forest anew whenever a setting, a hill, a painting or the terrain "
                 "has changed",
                 update=_begin_live,
             ),

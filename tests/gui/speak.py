@@ -24,7 +24,7 @@ msgid "{density:,.0f} trees/ha"
 msgstr "‹{density:,.0f}/ha›"
 
 msgctxt "Operator"
-msgid "Build Forest"
+msgid "Grow Forest"
 msgstr "‹forêt›"
 """
 

@@ -89,7 +89,7 @@ def newcomer(steps: Steps) -> Scenario:
     place = yield from find_tab("Forest")
     yield from press(place, lambda: side.active_panel_category == "Forest", 10, "the tab")
 
-    steps.step("Grow a Forest")
+    steps.step("Grow Forest")
     place = yield from find_button("forest.build()", 0.5)
     yield from press(place, lambda: "forest" in results() and idle(), 180, "the forest")
 

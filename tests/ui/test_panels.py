@@ -108,7 +108,7 @@ def drawn(context=None):
 
 def test_a_newcomer_sees_two_doors_and_a_way_to_open_a_file(props):
     seen = drawn()
-    assert {"Grow a Forest", "Scan This Scene", "Open"} <= set(seen)
+    assert {"Grow Forest", "Scan This Scene", "Open"} <= set(seen)
     assert {"Seed", "Air"}.isdisjoint(seen)
 
 
@@ -116,7 +116,7 @@ def test_who_scans_a_scene_of_his_own_is_asked_for_no_forest(props):
     assert bpy.ops.forest.scan_here() == {"FINISHED"}
     props.point_size, props.advanced, props.show_points = 4.0, True, True  # how it is looked at
     seen = drawn()
-    assert {"Grow a Forest", "Run Tripod LiDAR"} <= set(seen)
+    assert {"Grow Forest", "Run Tripod LiDAR"} <= set(seen)
     assert {"Seed", "Plantings"}.isdisjoint(seen)
 
 

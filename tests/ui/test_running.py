@@ -131,7 +131,7 @@ class Pressed:
 @pytest.mark.slow
 def test_escape_says_what_stays_and_leaves_a_step_to_undo(built):
     """Sensors that had finished are kept: Blender is told of a change, the user of which."""
-    button = Pressed(FOREST_OT_run, sensor="", frames="THIS", keep=False)
+    button = Pressed(FOREST_OT_run, sensor="", frames="THIS", keep=False, again=False)
     button.until(lambda: "echo" in built.results)
     assert button.escape() == {"FINISHED"}
     assert button.said == ["Run Sensor was cancelled; what was done stays: cloud, echo"]
@@ -139,7 +139,7 @@ def test_escape_says_what_stays_and_leaves_a_step_to_undo(built):
 
 
 def test_escape_before_anything_is_found_says_so(built):
-    button = Pressed(FOREST_OT_run, sensor="", frames="THIS", keep=False)
+    button = Pressed(FOREST_OT_run, sensor="", frames="THIS", keep=False, again=False)
     button.until(lambda: button._job.label == "cloud, 1 of 4")
     assert button.escape() == {"CANCELLED"}
     assert button.said == ["Run Sensor was cancelled; nothing was changed"]
@@ -148,7 +148,7 @@ def test_escape_before_anything_is_found_says_so(built):
 
 @pytest.mark.slow
 def test_what_was_found_before_an_error_can_be_undone_too(built):
-    button = Pressed(FOREST_OT_run, sensor="", frames="THIS", keep=False)
+    button = Pressed(FOREST_OT_run, sensor="", frames="THIS", keep=False, again=False)
     button.until(lambda: "cloud" in built.results)
     bpy.data.objects.remove(sensors.receiver_of(bpy.data.objects["reverb"]))
     assert button.until(lambda: False) == {"FINISHED"}

@@ -246,11 +246,10 @@ def test_the_template_has_every_kind_of_text(template):
         ("*", "{count:,} taken away"),  # kept figures
         ("*", "Leaves Heard"),
         ("*", "Images"),  # plain, in a layout
-        ("Operator", "Update"),  # plain, on a button
+        ("Operator", "Grow Forest"),  # plain, on a button
         ("*", "In this file alone"),  # a placeholder
         ("*", "This picture is no longer there. Run its sensor again"),  # a report
-        ("Operator", "Build Forest"),
-        ("*", "Throw the dice: another seed is another forest. Press Update to see it"),
+        ("*", "Throw the dice: another seed is another forest. Press Grow Forest to see it"),
         ("*", "Where They Stand"),  # a panel
         ("*", "Frame Range"),  # of an enumeration of an operator
         ("*", "Drag in View"),  # a property
@@ -296,8 +295,8 @@ def test_a_pattern_is_looked_up_before_it_is_filled(catalog):
 
 
 def test_a_job_is_called_as_its_button(registered, catalog):
-    catalog["*", "Build Forest"] = "‹not this one›"
-    catalog["Operator", "Build Forest"] = "Wald bauen"
+    catalog["*", "Grow Forest"] = "‹not this one›"
+    catalog["Operator", "Grow Forest"] = "Wald bauen"
     assert words.title_of_operator(bpy.types.FOREST_OT_build) == "Wald bauen"
 
 

@@ -82,7 +82,7 @@ def put(
 
 def _clear(homes: set[bpy.types.Collection], kept: set[bpy.types.Object]) -> None:
     """Remove what of ours is wanted no more; what is in a collection of the user's too stays in that.
-    Points that were found in the forest of before go, the objects that show them stay.
+    Points that were found in the forest of before stay until their sensor runs again.
 
     What is nowhere any more, its collection removed, goes as well: it would keep its name from others.
     """
@@ -93,9 +93,9 @@ def _clear(homes: set[bpy.types.Collection], kept: set[bpy.types.Object]) -> Non
         for thing in list(home.objects):
             if thing in kept or thing.type != "MESH" or not is_ours(thing):
                 continue
-            if CLOUD_KEY in thing:  # its next points come with what the user has done to it
-                thing.data.clear_geometry()
-            elif thing in theirs:
+            if CLOUD_KEY in thing:
+                continue
+            if thing in theirs:
                 home.objects.unlink(thing)
             else:
                 doomed.add(thing)

@@ -20,7 +20,7 @@ from ...blender.sensors.objects import sensors_of
 from ...spec import Scene
 from ..settings.exchange import forestless, to_spec
 from ..shell.running import InOwnScene, Working, getting_ready
-from ..shell.views import look_at
+from ..shell.views import look_at, views
 from ..shell.words import say
 from ..species.edit import edited_species, load
 from . import live
@@ -36,10 +36,16 @@ def _import_rooms(_tell: Any) -> None:
 
 
 class FOREST_OT_build(Working, bpy.types.Operator):
-    """Grow the trees and plant them, in place of the forest that stands in this scene"""
+    """Grow the trees and plant them, in place of the forest that stands; results stay and are marked"""
 
     bl_idname = "forest.build"
-    bl_label = "Build Forest"
+    bl_label = "Grow Forest"
+
+    frame: bpy.props.BoolProperty(
+        name="Frame",
+        description="Turn every 3D view to the forest",
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
 
     def work(self, context: bpy.types.Context) -> Work:
         started, scene = time.perf_counter(), context.scene
@@ -69,13 +75,16 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         first = "forest" not in scene.forest_sensing.results
         build_site(scene, site, forest)
         scene.forest_sensing.built = mark
-        if first and context.area is not None and context.area.type == "VIEW_3D":
+        if getattr(self, "frame", False):
+            for _, area in views():
+                look_at(area, settings.forest)
+        elif first and context.area is not None and context.area.type == "VIEW_3D":
             look_at(context.area, settings.forest)
         return keep_forest(context, settings, forest, time.perf_counter() - started)
 
 
 class FOREST_OT_new_seed(InOwnScene, bpy.types.Operator):
-    """Throw the dice: another seed is another forest. Press Update to see it"""
+    """Throw the dice: another seed is another forest. Press Grow Forest to see it"""
 
     bl_idname = "forest.new_seed"
     bl_label = "New Seed"

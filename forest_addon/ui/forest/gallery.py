@@ -98,7 +98,10 @@ def draw_gallery(layout: bpy.types.UILayout, operator: str) -> None:
     for card in GALLERY:
         column = grid.box().column(align=True)
         column.template_icon(icon_value=icon_of(card.preset), scale=7.0)
-        column.operator(operator, text=label(card.title)).preset = card.preset
+        entry = column.operator(operator, text=label(card.title))
+        entry.preset = card.preset
+        if operator == "forest.start":
+            entry.grow = True
         lines = column.column(align=True)
         lines.active = False
         words = textwrap.wrap(label(card.words), LETTERS)

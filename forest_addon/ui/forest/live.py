@@ -44,7 +44,7 @@ class FOREST_OT_live(bpy.types.Operator):
     """
 
     bl_idname = "forest.live"
-    bl_label = "Build Live"
+    bl_label = "Grow Live"
     bl_options: ClassVar[set[str]] = {"INTERNAL"}
 
     def invoke(self, _context: bpy.types.Context, event: bpy.types.Event) -> set[str]:

@@ -93,7 +93,7 @@ class FOREST_OT_paint(bpy.types.Operator):
         take_up(thing)
         _in_hand = thing.name
         see_through(True)
-        self.report({"INFO"}, "Paint where trees stand; Done ends it, Update plants them")
+        self.report({"INFO"}, "Paint where trees stand; Done ends it, Grow Forest plants them")
         return {"FINISHED"}
 
     def _canvas(self, context: bpy.types.Context) -> bpy.types.Object:

@@ -236,7 +236,7 @@ class FOREST_PT_ground(WithForest, bpy.types.Panel):
 
 def _draw_start(layout: bpy.types.UILayout) -> None:
     """Draw the start for a newcomer: two doors, and the way to a file."""
-    _build_or_progress(layout, "OUTLINER_OB_CURVES", label("Grow a Forest"))
+    _build_or_progress(layout, "OUTLINER_OB_CURVES", label("Grow Forest"))
     scan = layout.row()
     scan.scale_y = BIG
     scan.operator("forest.scan_here", icon="OUTLINER_OB_POINTCLOUD")
@@ -246,13 +246,13 @@ def _draw_start(layout: bpy.types.UILayout) -> None:
 
 
 def _draw_update(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
-    """The button that builds, with a star where settings have changed since, and Live beside it."""
+    """The button that grows, with a star where settings have changed since, and Live beside it."""
     row = layout.row(align=True)
     if "forest" not in scene.forest_sensing.results:
-        _build_or_progress(row, "PLAY", label("Build Forest"))
+        _build_or_progress(row, "OUTLINER_OB_CURVES", label("Grow Forest"))
     else:
         star = " *" if live.is_stale(scene) else ""
-        _build_or_progress(row, "FILE_REFRESH", label("Update") + star)
+        _build_or_progress(row, "FILE_REFRESH", label("Grow Forest") + star)
     beside = row.row(align=True)
     beside.scale_y = BIG
     beside.ui_units_x = 3

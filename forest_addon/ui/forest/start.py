@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import tomllib
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import bpy
 
@@ -28,11 +28,11 @@ def presets() -> tuple[tuple[str, str], ...]:
 
 
 class FOREST_OT_start(WhenReady, bpy.types.Operator):
-    """Take this set-up: species, field, sensors. Build Forest then grows it"""
+    """Take this set-up, species, field, sensors, and grow it; what else is in the scene stays"""
 
     bl_idname = "forest.start"
     bl_label = "Start a Forest"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+    bl_options: ClassVar[set[str]] = {"UNDO"}
 
     preset: bpy.props.StringProperty(
         name="Preset",
@@ -45,6 +45,12 @@ class FOREST_OT_start(WhenReady, bpy.types.Operator):
             ("KEEP", "Keep", "Sensors of this scene stay, those of the set-up are added"),
             ("REPLACE", "Replace", "Those of the set-up take their place"),
         ],
+        options={"SKIP_SAVE"},
+    )
+
+    grow: bpy.props.BoolProperty(
+        name="Grow",
+        description="Grow it at once and look at it; else Grow Forest does",
         options={"SKIP_SAVE"},
     )
 
@@ -73,7 +79,12 @@ class FOREST_OT_start(WhenReady, bpy.types.Operator):
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
-        done = say("{name} is set up. Press Build Forest in the sidebar to grow it", name=name)
+        props = context.scene.forest_sensing
+        if self.grow and (props.plantings or props.stems):
+            how = "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT"
+            bpy.ops.forest.build(how, frame=True)
+            return {"FINISHED"}
+        done = say("{name} is set up. Press Grow Forest in the sidebar", name=name)
         self.report({"INFO"}, done)
         return {"FINISHED"}
 
@@ -134,6 +145,7 @@ def draw_presets(layout: bpy.types.UILayout, operator: str) -> None:
     for card in GALLERY:
         entry = layout.operator(operator, text=label(card.title), icon_value=icon_of(card.preset))
         entry.preset = card.preset
+        _grown_at_once(entry, operator)
     layout.separator()
     more = FOREST_MT_more_new if operator == "forest.new" else FOREST_MT_more
     layout.menu(more.__name__, icon="DOCUMENTS")
@@ -145,7 +157,15 @@ def draw_others(layout: bpy.types.UILayout, operator: str) -> None:
     shown = {card.preset for card in GALLERY}
     for file, title in presets():
         if file not in shown:
-            layout.operator(operator, text=title).preset = file
+            entry = layout.operator(operator, text=title)
+            entry.preset = file
+            _grown_at_once(entry, operator)
+
+
+def _grown_at_once(entry: Any, operator: str) -> None:
+    """Have a forest that is added be grown by the click; that of a new file is anyway."""
+    if operator == "forest.start":
+        entry.grow = True
 
 
 def draw_in_menu(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:

@@ -47,9 +47,10 @@ Names = tuple[Sequence[str], Sequence[str]]
 def keep_forest(
     context: bpy.types.Context, settings: Scene, forest: GrownForest, seconds: float
 ) -> str:
-    """Note what stands now; results of the forest before go. Returns the figures in a sentence."""
+    """Note what stands now; results of the forest before stay, marked. Returns the figures in a sentence."""
     props = context.scene.forest_sensing
-    props.results.clear()
+    for result in props.results:
+        result.stale = result.kind != "forest"
     figures = in_words(of_forest(forest))
     for number, planting in enumerate(props.plantings):
         planting.standing = int(np.count_nonzero(forest.stand.species == number))

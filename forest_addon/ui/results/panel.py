@@ -22,6 +22,10 @@ class FOREST_PT_results(OnceStarted, bpy.types.Panel):
         results = context.scene.forest_sensing.results
         if not results:
             self.layout.label(text="Nothing has run yet", icon="INFO")
+        if any(result.stale for result in results):
+            row = self.layout.row(align=True)
+            row.label(text="Some are from before the last change", icon="TIME")
+            row.operator("forest.run", text="Run Again", icon="FILE_REFRESH").again = True
         for result in results:
             _draw_result(self.layout, result)
 
@@ -30,7 +34,8 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
     from ...results.kinds import RESULTS
 
     header, body = layout.panel_prop(result, "opened")
-    header.label(text=result.title, icon=icon_of(result.kind))
+    title = label("{name} (before)", name=result.title) if result.stale else result.title
+    header.label(text=title, icon=icon_of(result.kind))
     if result.shown:
         chosen = header.operator("forest.select_result", text="", icon="RESTRICT_SELECT_OFF")
         chosen.shown = result.shown

@@ -42,9 +42,13 @@ def costs(context: bpy.types.Context, things: Iterable[bpy.types.Object]) -> lis
     return found
 
 
-def chosen_things(scene: bpy.types.Scene, name: str) -> list[bpy.types.Object]:
-    """The sensor of this name, all where it is empty."""
-    return [thing for thing in sensors.sensors_of(scene) if name in ("", thing.name)]
+def chosen_things(scene: bpy.types.Scene, name: str, again: bool = False) -> list[bpy.types.Object]:
+    """The sensor of this name, all where it is empty. again : only those whose result is of the forest that
+    stood before."""
+    results = scene.forest_sensing.results
+    stale = {result.name for result in results if result.stale}
+    found = [thing for thing in sensors.sensors_of(scene) if name in ("", thing.name)]
+    return [thing for thing in found if thing.name in stale] if again else found
 
 
 def is_large(found: list[Cost], frames: int = 1, keep: bool = False) -> bool:

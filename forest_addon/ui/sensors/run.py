@@ -87,6 +87,11 @@ class FOREST_OT_run(Working, bpy.types.Operator):
     )
 
     sure: bpy.props.BoolProperty(options={"HIDDEN", "SKIP_SAVE"})
+    again: bpy.props.BoolProperty(
+        name="Again",
+        description="Only sensors whose result is from before the last change",
+        options={"SKIP_SAVE"},
+    )
     keep: bpy.props.BoolProperty(
         name="Keep in File",
         description="Points and pictures of all frames stay in this file; the timeline shows them",
@@ -98,7 +103,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         """Return what it would do, with what that costs where the settings say."""
         words = say(cls.__doc__ or "")
         try:
-            found = costs(context, chosen_things(context.scene, given.sensor))
+            found = costs(context, chosen_things(context.scene, given.sensor, given.again))
         except PROBLEMS:
             return words
         return f"{words}.\n{in_short(found)}" if found else words
@@ -107,14 +112,18 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         if not (self.sure or bpy.app.background):
             frames = len(frames_of(context.scene)) if self.frames == "RANGE" else 1
             try:
-                found = costs(context, chosen_things(context.scene, self.sensor))
+                found = costs(context, chosen_things(context.scene, self.sensor, self.again))
                 large = is_large(found, frames, self.keep)
             except PROBLEMS:
                 large = False  # running it says what is wrong
             if large:
                 return set(
                     bpy.ops.forest.run_large(
-                        "INVOKE_DEFAULT", sensor=self.sensor, frames=self.frames, keep=self.keep
+                        "INVOKE_DEFAULT",
+                        sensor=self.sensor,
+                        frames=self.frames,
+                        keep=self.keep,
+                        again=self.again,
                     )
                 )
         return super().invoke(context, event)
@@ -135,7 +144,10 @@ class FOREST_OT_run(Working, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> Work:
         scene = context.scene
         yield getting_ready(_import_rooms)
-        chosen = chosen_things(scene, self.sensor)
+        chosen = chosen_things(scene, self.sensor, self.again)
+        if not chosen and self.again:
+            problem = say("no result is from before the last change; press Run")
+            raise SpecError(say("Run Again"), problem)
         if not chosen:
             problem = say("{name} is no sensor of this scene; add it again", name=self.sensor)
             raise SpecError("sensor", problem)
@@ -244,6 +256,7 @@ class FOREST_OT_run_large(bpy.types.Operator):
     sensor: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
     frames: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
     keep: bpy.props.BoolProperty(options={"HIDDEN", "SKIP_SAVE"})
+    again: bpy.props.BoolProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_props_dialog(
@@ -252,12 +265,14 @@ class FOREST_OT_run_large(bpy.types.Operator):
 
     def draw(self, context: bpy.types.Context) -> None:
         frames = len(frames_of(context.scene)) if self.frames == "RANGE" else 1
-        found = costs(context, chosen_things(context.scene, self.sensor))
+        found = costs(context, chosen_things(context.scene, self.sensor, self.again))
         self.layout.label(text=in_short(found, frames, self.keep), icon="INFO")
         self.layout.label(text="Esc stops it; what was found until then stays.")
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
-        given = {"sensor": self.sensor, "frames": self.frames, "keep": self.keep, "sure": True}
+        given = {name: getattr(self, name) for name in ("sensor", "frames", "keep", "again")} | {
+            "sure": True
+        }
         return set(bpy.ops.forest.run("INVOKE_DEFAULT", **given))
 
 

@@ -132,7 +132,7 @@ class FOREST_OT_edit_species(_OfSpecies, bpy.types.Operator):
         exchange.write(item.settings, species)
         planting.species = item.name
         return say(
-            "{species} can be changed now; Update builds the forest with it",
+            "{species} can be changed now; Grow Forest grows it so",
             species=title_of(path.stem),
         )
 

@@ -34,7 +34,7 @@ class FOREST_PT_species(WithForest, bpy.types.Panel):
         if item is None:
             buttons.operator("forest.edit_species", icon="GREASEPENCIL")
         else:
-            buttons.operator("forest.build", text="Update", icon="FILE_REFRESH")
+            buttons.operator("forest.build", icon="FILE_REFRESH")
             buttons.operator("forest.save_species", icon="FILE_TICK")
             buttons.operator("forest.discard_species", icon="LOOP_BACK")
         buttons.separator()

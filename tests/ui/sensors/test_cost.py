@@ -75,7 +75,7 @@ def test_what_is_large_is_asked_about_before(built):
     told = bpy.types.Operator.bl_rna_get_subclass_py("FOREST_OT_run").description
 
     class Given:
-        sensor = "cloud"
+        sensor, again = "cloud", False
 
     assert "pulses" in told(bpy.context, Given)
 
