@@ -184,8 +184,8 @@ def _keep(files: list[Path], path: Path, wide: int = 0) -> None:
 DRAWN: dict[str, Callable[[Path, Path], None]] = {
     "demo": _demo,
     "close-ups": _closeups,
-    "measured-species": _sheet(MEASURED, 800, 1600),
-    "species": _sheet((), 300, 1020),
+    "measured-species": _sheet(MEASURED, 500, 1600),
+    "species": _sheet((), 220, 1020),
     "asset-library": _library,
 }
 
