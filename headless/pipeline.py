@@ -196,7 +196,7 @@ def _write_scene(run: Run) -> None:
             if wanted.preview_from == "walker":
                 stems, tall = run.forest.stand.position[:, :2], run.forest.heights()
                 stand_walker(scene, stems, tall, middle, max(field.size) / 2, run.ground.height)
-            exposure = 1.1 if wanted.preview_from == "walker" else 0.35
+            exposure = 1.3 if wanted.preview_from == "walker" else 0.35
             render(scene, wanted, run.path("preview.png"), progress, exposure)
 
 

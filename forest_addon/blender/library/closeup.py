@@ -23,6 +23,7 @@ from ..scene import materials
 from ..scene.meshes import to_mesh
 from ..show.horizon import lay_horizon
 from ..show.preview import SUN, render, set_stage
+from ..show.walker import grow_around
 
 BEHIND, NEAREST, FARTHEST = 60, 7.0, 55.0  # trees behind, metres
 Progress = Callable[[int, int], None]
@@ -67,6 +68,8 @@ def render_closeup(
     lay_horizon(scene, np.zeros(2), FARTHEST, 0.0)
     _ground(scene)
     _stand_behind(scene, mesh, view)
+    way = view.target - view.eye
+    grow_around(scene, view.eye[:2], math.atan2(way[1], way[0]), lambda place: np.zeros(len(place)))
     camera, data = scene.camera, scene.camera.data
     camera.location = view.eye
     camera.rotation_euler = Vector(view.target - view.eye).to_track_quat("-Z", "Y").to_euler()

@@ -14,7 +14,7 @@ from ... import spec
 from .graph import Colour, Graph, Value
 
 MOSS, ALGAE = (0.045, 0.065, 0.012), (0.12, 0.15, 0.07)
-SCAR = (0.018, 0.015, 0.013)
+SCAR, FURROW = (0.018, 0.015, 0.013), (0.030, 0.024, 0.020)
 TWIG_BROWN = (0.055, 0.030, 0.022)
 PALE = (0.42, 0.44, 0.38)
 SHEDS_FROM = 1.5  # branching order from which a birch's bark is brown and thin
@@ -88,7 +88,8 @@ def _cracked(graph: Graph, bark: spec.Bark) -> Surface:
     height = graph.math("MULTIPLY_ADD", own, 0.12, height)
     tone = graph.math("MULTIPLY_ADD", height, 0.55, graph.math("MULTIPLY", clouds, 0.18))
     tone = graph.math("MULTIPLY_ADD", each, 0.10, tone)
-    return Surface(height, 0.010, tone)
+    furrows = graph.math("MULTIPLY", graph.step(edge, 0.12, 0.0), 0.65)
+    return Surface(height, 0.010, tone, ((furrows, FURROW),))
 
 
 def _smooth(graph: Graph, bark: spec.Bark) -> Surface:

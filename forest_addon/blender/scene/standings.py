@@ -8,13 +8,16 @@ there: an object, or a geometry with a mesh and instances of its own, and so on 
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import bpy
 import numpy as np
 
-from .layout import objects_in
+from .layout import TREES, VARIANTS, find_part, objects_in
+from .ours import ROLE_KEY
 
 TREE_KEY, SPECIES_KEY = "forest_tree", "forest_species"
 IGNORED_KEY, REFLECTANCE_KEY = "forest_ignored", "forest_reflectance"
@@ -42,6 +45,17 @@ class Standing:
     species: np.ndarray
     source: bpy.types.Object | None
     keeper: Any = None
+
+
+def planted_names(scene: bpy.types.Scene, known: Sequence[str]) -> list[str]:
+    """Name what the forest of a scene is planted with, by number: what is known, then the undergrowth."""
+    found = dict(enumerate(known))
+    for home in (find_part(scene, name) for name in (VARIANTS, TREES)):
+        for thing in objects_in(home) if home is not None else ():
+            number, role = thing.get(SPECIES_KEY, -1), thing.get(ROLE_KEY, "")
+            if number >= 0 and "/" in role:
+                found.setdefault(number, re.sub(r"[ .]\d+$", "", role.split("/", 1)[1]))
+    return [found.get(number, "") for number in range(max(found, default=-1) + 1)]
 
 
 def has_nodes(thing: bpy.types.Object) -> bool:

@@ -74,7 +74,7 @@ def _named(
     """The most frequent of these numbers that have a name."""
     there, count = np.unique(numbers, return_counts=True)
     order = there[np.argsort(-count, kind="stable")]
-    known = [int(number) for number in order if 0 <= number < len(names)]
+    known = [int(n) for n in order if 0 <= n < len(names) and names[n]]
     return [Entry(choice, names[number], colour_of(number)) for number in known[:MOST]]
 
 

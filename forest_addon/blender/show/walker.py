@@ -33,7 +33,8 @@ CLEAR, ROOM = 3.0, 6.5  # metres to any stem, and to those in view; twice that t
 SHRUB = 5.0  # metres of height, below which a plant hides what is behind it
 UP = 0.09  # how much the eye looks up, a metre forward
 SUN_HEIGHT, SUN_ASIDE = math.radians(32.0), math.radians(105.0)  # to the right of straight ahead
-FAR, FULL = 26.0, 9.0  # metres as far as anything grows, and as far as everything does
+FAR, FULL = 34.0, 9.0  # metres as far as anything grows, and as far as everything does
+NEAR, THINNEST = 0.9, 0.2  # metres from the eye; share of what grows far away
 CELL = 0.8  # metres between patches
 PATCH = 0.55  # metres from the middle of a patch to its plants
 
@@ -57,6 +58,7 @@ PLANTS = (
     Plant("grass", 16, 4, 0.52, 0, (0.6, 1.25)),
     Plant("bilberry", 14, 3, 0.38, 1, (0.7, 1.3)),
     Plant("fern", 1, 4, 0.10, 2, (0.6, 1.2)),
+    Plant("litter", 1, 4, 0.16, 3, (0.7, 1.1)),
 )
 
 
@@ -116,16 +118,20 @@ def stand_walker(
     flat = math.cos(SUN_HEIGHT)
     light = Vector((flat * math.cos(side), flat * math.sin(side), math.sin(SUN_HEIGHT)))
     sun.rotation_euler = light.to_track_quat("Z", "Y").to_euler()
-    _grow_around(scene, place, turn, height)
+    grow_around(scene, place, turn, height)
 
 
-def _grow_around(
+def grow_around(
     scene: bpy.types.Scene,
     place: np.ndarray,
     turn: float,
     height: Callable[[np.ndarray], np.ndarray],
 ) -> None:
-    """Put patches of undergrowth where the eye sees the ground."""
+    """Put patches of undergrowth, for the picture alone, where an eye sees the ground.
+
+    place : (2,) of the eye, metres. turn : where it looks, radians from +X. height : of the ground (N,) at
+    places (N, 2).
+    """
     home = bpy.data.collections.new(NAME)
     scene.collection.children.link(home)
     rng = stream(11, "undergrowth")
@@ -134,8 +140,8 @@ def _grow_around(
     spots = spots + rng.uniform(-0.5, 0.5, spots.shape) * CELL
     far = np.hypot(spots[:, 0], spots[:, 1])
     aside = np.abs((np.arctan2(spots[:, 1], spots[:, 0]) - turn + np.pi) % (2 * np.pi) - np.pi)
-    spots, far = (spots + place)[keep := (far > 0.9) & (far < FAR) & (aside < 0.75)], far[keep]
-    thinned = np.clip((FAR - far) / (FAR - FULL), 0.12, 1.0)
+    spots, far = (spots + place)[keep := (far > NEAR) & (far < FAR) & (aside < 0.75)], far[keep]
+    thinned = np.clip((FAR - far) / (FAR - FULL), THINNEST, 1.0)
     ground = height(spots)
     for plant in PLANTS:
         waves = _waves(spots, plant.sort)

@@ -181,6 +181,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         ahead: Ahead,
     ) -> Work:
         """Run these sensors in the scene of one frame, None: as it is, of which nothing is numbered."""
+        from ...blender.scene.standings import planted_names
         from ...blender.sensors.observe import Observer
         from ...results.coordinates import Offset
         from ...sensing.cost import note_pace
@@ -204,7 +205,8 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             found = yield Task(step, partial(observe, way=way), span=span)
             took = time.perf_counter() - started
             note_pace(sensor, cost, took)
-            names = observer.names, labels(settings.plantings)
+            planted = planted_names(context.scene, labels(settings.plantings))
+            names = observer.names, planted
             kept = frame if self.keep else None
             if self.keep and thing.name not in self._job.kept:
                 frames.begin(context.scene, thing.name)

@@ -22,6 +22,7 @@ from forest_addon.base.trimesh import TriMesh
 from forest_addon.blender.rays.bvh import BvhCaster
 from forest_addon.blender.rays.embree import EmbreeCaster
 from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.measured.wanted import Kind, typical_tree
 from forest_addon.growth.tree import grow
 from forest_addon.sensing.rays.caster import Hits
 from forest_addon.sensing.rays.exact import cast_exactly
@@ -32,6 +33,7 @@ from ..tables import median_seconds, table
 
 TREES = {"20k": "whorl-8", "200k": "honda-broadleaf"}  # leaf-on, of about as many triangles
 VARIANTS = 5
+MEASURED = ("european-beech", "scots-pine", "norway-spruce")  # middle trees, among 1000
 INSTANCES = (1, 10, 100, 1000)
 RAYS = {BvhCaster: 20_000, EmbreeCaster: 200_000}
 SCAN = 100_000  # rays of a scan
@@ -53,6 +55,7 @@ def run(say: Say) -> None:
             }
             for engine in (BvhCaster, EmbreeCaster):
                 rows.append([f"{count} x {size}", *_measure(engine, scene, exact)])
+    rows += [_measured_row(name) for name in MEASURED]
     head = ["trees", "engine", "tripod, rays/s", "flight, rays/s", "anywhere, rays/s"]
     head += ["two threads", "build, s"]
     head += ["error, median m", "99 %", "other surface", "missed"]
@@ -66,6 +69,16 @@ def run(say: Say) -> None:
         for engine in (BvhCaster, EmbreeCaster)
     ]
     table(say, ["trees of", "engine", "unique triangles", "MB", "bytes a unique triangle"], rows)
+
+
+def _measured_row(name: str) -> list[str]:
+    """Embree among many middle trees of a measured species."""
+    meshes = grow_trees(name)
+    scene = plant(meshes, INSTANCES[-1])
+    exact = {kind: cast_exactly(scene, *rays) for kind, rays in _rays(scene, CHECKED).items()}
+    size = np.mean([len(mesh.triangles) for mesh in meshes]) / 1000
+    trees = f"{INSTANCES[-1]} x {name}, {size:,.0f}k"
+    return [trees, *_measure(EmbreeCaster, scene, exact)]
 
 
 def _say_calls(say: Say) -> None:
@@ -130,8 +143,13 @@ def started(engine: str) -> None:
 
 
 def grow_trees(size: str) -> list[TriMesh]:
-    species, template = load_species(find_species(TREES[size], Path()))
-    return [grow(species, template, stream(1, "bench", n)).mesh for n in range(VARIANTS)]
+    """Trees of about a size, or middle trees of a measured species, with all their leaves."""
+    name = TREES.get(size, size)
+    species, template = load_species(find_species(name, Path()))
+    wanted = None
+    if species.targets is not None and isinstance(template, Kind):
+        wanted = typical_tree(species.targets, template.allometry, name)
+    return [grow(species, template, stream(1, "bench", n), wanted).mesh for n in range(VARIANTS)]
 
 
 def _measure(engine: type[Search], scene: SceneGeometry, exact: dict[str, Hits]) -> list[str]:

@@ -8,6 +8,7 @@ bpy = pytest.importorskip("bpy")
 from forest_addon.blender.scene.layout import CLOUD_KEY, COLOUR_BY, COLOUR_MAP, SHARE
 from forest_addon.blender.scene.nodes import choose_input, chosen_input, set_input
 from forest_addon.blender.show.cloud_nodes import on_map
+from forest_addon.stand.undergrowth import PLANTS
 from forest_addon.ui.results import swatches
 from forest_addon.ui.results.points import GAMMA, positions_and_colours
 from forest_addon.ui.results.swatches import SIDE, pixels_of
@@ -53,6 +54,17 @@ def test_each_name_stands_beside_the_colour_of_its_points(built, choice):
     else:
         assert names <= {each.name for each in bpy.data.objects}
     assert names <= set(drawn())
+
+
+@pytest.mark.parametrize("instancing", ["objects", "points"])
+def test_undergrowth_is_named_as_well(small, instancing):
+    small.forest.undergrowth, small.forest.instancing = "sparse", instancing
+    assert bpy.ops.forest.build() == {"FINISHED"}
+    run("cloud")
+    named = {e.name: e.colour for e in small.results["cloud"].legend if e.choice == "Species"}
+    met = set(labels(points_of(small, "cloud"), "species")) - {-1}
+    assert len(named) == len(met) > 2  # each species that was met has a name
+    assert {"hazelnut"} < set(named) <= {"hazelnut", *PLANTS}
 
 
 def test_a_measure_has_its_smallest_and_largest_value(built):
