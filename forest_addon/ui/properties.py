@@ -178,6 +178,7 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
                 name="Display",
                 description="What views show of trees that are points; renders and sensors see full trees",
                 items=display.ITEMS,
+                options={"SKIP_SAVE"},
                 get=display.get_display,
                 set=display.set_display,
             ),
