@@ -171,7 +171,11 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
             "accuracy": PointerProperty(type=GROUPS[spec.Accuracy]),
             "flight": PointerProperty(type=GROUPS[spec.Flight]),
             "active_sensor": IntProperty(
-                options={"HIDDEN", "SKIP_SAVE"}, get=number_of_sensor, set=choose_number
+                name="Sensor",
+                description="The sensor that the buttons below are about",
+                options={"HIDDEN", "SKIP_SAVE"},
+                get=number_of_sensor,
+                set=choose_number,
             ),
             "last_sensor": PointerProperty(type=bpy.types.Object),
             "display": EnumProperty(

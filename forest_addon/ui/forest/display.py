@@ -18,8 +18,8 @@ ITEMS = (
     ("DOTS", "Points", "Views draw a dot where each tree stands", 2),
 )
 SAYS = {
-    "LIGHT": keep("Views show stand-ins; sensors and renders see full trees"),
-    "DOTS": keep("Views show a dot a tree; sensors and renders see full trees"),
+    "LIGHT": keep("Stand-ins; sensors see full trees"),
+    "DOTS": keep("Dots; sensors see full trees"),
 }
 
 
