@@ -33,7 +33,8 @@ class Cost:
     def __str__(self) -> str:
         rays = f" of {self.work:,} rays" if self.work > self.count else ""
         memory = f", {self.memory / 1e9:.1f} GB" if self.memory > 5e7 else ""
-        return f"{self.count:,} {self.what}{rays}: about {_lasting(self.seconds)}{memory}"
+        what = self.what.removesuffix("s") if self.count == 1 else self.what
+        return f"{self.count:,} {what}{rays}: about {_lasting(self.seconds)}{memory}"
 
 
 def _lasting(seconds: float) -> str:

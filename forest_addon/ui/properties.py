@@ -21,7 +21,7 @@ from bpy.props import (
 )
 
 from .. import spec
-from .forest import live
+from .forest import display, live
 from .settings import hills, references
 from .settings.fields import fields_of
 from .settings.groups import group_class, help_of, label_of, make_group, property_of
@@ -171,9 +171,21 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
             "accuracy": PointerProperty(type=GROUPS[spec.Accuracy]),
             "flight": PointerProperty(type=GROUPS[spec.Flight]),
             "active_sensor": IntProperty(
-                options={"HIDDEN", "SKIP_SAVE"}, get=number_of_sensor, set=choose_number
+                name="Sensor",
+                description="The sensor that the buttons below are about",
+                options={"HIDDEN", "SKIP_SAVE"},
+                get=number_of_sensor,
+                set=choose_number,
             ),
             "last_sensor": PointerProperty(type=bpy.types.Object),
+            "display": EnumProperty(
+                name="Display",
+                description="What views show of trees that are points; renders and sensors see full trees",
+                items=display.ITEMS,
+                options={"SKIP_SAVE"},
+                get=display.get_display,
+                set=display.set_display,
+            ),
             "show_sensors": BoolProperty(
                 name="Sensors",
                 description="Draw where sensors look: beams to -3 dB, fans, paths of sound",

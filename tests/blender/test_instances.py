@@ -163,7 +163,7 @@ def test_a_user_finds_named_inputs(empty_blender):
     assert (modifier.name, modifier.node_group.name) == (nodes.INSTANCER, "Forest Sensing Forest")
     sockets = [i for i in modifier.node_group.interface.items_tree if i.in_out == "INPUT"]
     assert [socket.name for socket in sockets] == [
-        *("Points", "Variants", "Outlines", "Scale", "Rotation", "Light View", "Show Share")
+        *("Points", "Variants", "Outlines", "Scale", "Rotation", "Light View", "Dots", "Show Share")
     ]
     assert all(socket.description for socket in sockets)
 

@@ -647,7 +647,7 @@ def ramp_colours(material):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("how", HOW)
-@pytest.mark.parametrize("where", ["ground_mesh", "outline", "fingerprint", "points_mesh"])
+@pytest.mark.parametrize("where", ["ground_mesh", "stand_in", "fingerprint", "points_mesh"])
 def test_an_update_that_fails_changes_nothing(empty_blender, how, where, monkeypatch):
     plant(how)
     bpy.data.materials.remove(slots(first(VARIANTS))[1])

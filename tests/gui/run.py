@@ -24,6 +24,7 @@ SCENARIOS = {  # and where their pictures are
     "doors": OUT / "doors",
     "session": OUT,
     "ten_clicks": OUT / "ten-clicks",
+    "large": OUT / "large",
 }
 STARTS = 5
 

@@ -379,6 +379,7 @@ def newcomer(steps: Steps) -> Scenario:
 
     steps.step("500 trees")
     enlarge(10)
+    props().forest.instancing = "objects"  # by itself so many triangles become points
     started = time.perf_counter()
     press("forest.build")
     yield from wait_for(lambda: idle() and len(trees()) > 400, 120, "the larger forest")

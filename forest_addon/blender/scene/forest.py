@@ -18,7 +18,7 @@ import bpy
 import numpy as np
 
 from ... import spec
-from ...growth.mesh.outline import outline
+from ...growth.mesh.stand_in import stand_in
 from ...growth.tree import Tree
 from ...growth.truth import tree_truth
 from ...stand.forest import GrownForest
@@ -27,7 +27,17 @@ from . import assets, materials
 from .ground import ground_mesh
 from .ground_nodes import show_near
 from .instances import points_mesh, ranks
-from .layout import GROUND_NAME, OUTLINES, TREES, VARIANTS, find_part, part, root
+from .layout import (
+    GROUND_NAME,
+    GROUND_ROLE,
+    OUTLINES,
+    POINTS_ROLE,
+    TREES,
+    VARIANTS,
+    find_part,
+    part,
+    root,
+)
 from .meshes import to_mesh
 from .nodes import give_instancer, instancer_group
 from .ours import MADE_KEY, all_or_nothing, is_ours
@@ -37,11 +47,10 @@ from .standings import SPECIES_KEY, TREE_KEY
 
 MANY = 1000  # trees; where there are more, they are points unless the settings say otherwise
 SHOWN_IN_FULL = (
-    30_000_000  # triangles; where there are more, views show outlines until told otherwise
+    30_000_000  # triangles; where there are more, views show stand-ins until told otherwise
 )
 PICTURE_KEY = "forest_picture"  # what the picture of a variant was drawn from
 _stands: dict[int, weakref.ref[GrownForest]] = {}  # built last, by scene
-POINTS_ROLE, GROUND_ROLE = f"{TREES}/points", f"{GROUND_NAME}/ground"
 
 
 def build(
@@ -86,6 +95,17 @@ def build(
         show_near(things[GROUND_ROLE], settings.forest, terrain)
     _stands[scene.session_uid] = weakref.ref(forest)
     return root(scene)
+
+
+def triangles_of(forest: GrownForest) -> int:
+    """Return how many triangles a view draws that shows every tree in full."""
+    stand = forest.stand
+    pairs = np.column_stack([stand.species, stand.variant])
+    kinds, count = np.unique(pairs, axis=0, return_counts=True) if len(stand) else (pairs, pairs)
+    return sum(
+        int(many) * len(forest.variants[planting, variant].mesh.triangles)
+        for (planting, variant), many in zip(kinds.tolist(), count.tolist(), strict=True)
+    )
 
 
 def stands(scene: bpy.types.Scene, forest: GrownForest) -> bool:
@@ -193,7 +213,7 @@ def _variant_mesh(name: str, tree: Tree, told: bool) -> bpy.types.Mesh:
 
 
 def _outline_mesh(name: str, tree: Tree) -> bpy.types.Mesh:
-    return to_mesh(name, outline(tree.mesh))
+    return to_mesh(name, stand_in(tree.mesh, tree.skeleton))
 
 
 def _trees(

@@ -25,6 +25,10 @@ ROOT, TREES, VARIANTS, OUTLINES = "Forest", "Trees", "Variants", "Outlines"
 GROUND_NAME, SENSORS, RESULTS, INTENSITY = "Ground", "Sensors", "Results", "Intensity"
 PARTS = (TREES, VARIANTS, OUTLINES, GROUND_NAME, SENSORS, RESULTS)  # of every forest
 LIBRARIES = (VARIANTS, OUTLINES)  # not seen themselves
+POINTS_ROLE, GROUND_ROLE = (
+    f"{TREES}/points",
+    f"{GROUND_NAME}/ground",
+)  # of the objects that are these
 
 
 def root(scene: bpy.types.Scene) -> bpy.types.Collection | None:

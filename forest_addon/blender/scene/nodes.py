@@ -2,9 +2,9 @@
 
 It is made once a file and then left alone, so whatever is changed in it by hand stays. A modifier hands it
 the points and the collection of variants; its objects count in the order of their names. *Scale* and
-*Rotation* are of all trees alike, and sensors see them so. With *Light View* a view shows outlines of the
-trees from a second collection, with *Show Share* some of the trees; renders show all of them in full, and
-whoever measures reads within ``in_full``.
+*Rotation* are of all trees alike, and sensors see them so. With *Light View* a view shows stand-ins of
+the trees from a second collection, with *Dots* a dot for each tree, with *Show Share* some of the trees;
+renders show all of them in full, and whoever measures reads within ``in_full``.
 """
 
 from __future__ import annotations
@@ -19,10 +19,13 @@ from .layout import SHARE
 from .ours import is_local, is_ours
 
 INSTANCER = "Forest Sensing Forest"
-# A group with other sockets than these gets another number. Of version 1 were no size and turn of all.
-LAYOUT_KEY, LAYOUT, KNOWN = "forest_layout", 2, (1, 2)
+# A group with other sockets than these gets another number. Of version 1 were no size and turn of all, of
+# version 2 no dots.
+LAYOUT_KEY, LAYOUT, KNOWN = "forest_layout", 3, (1, 2, 3)
 FIRST = "Forest Instancer"  # what version 1 was called
 POINTS, VARIANTS, OUTLINES, LIGHT, TREES = "Points", "Variants", "Outlines", "Light View", "Trees"
+DOTS = "Dots"
+DOT = 0.35  # metres, radius of a dot, of a tree of size 1
 ALL_SCALE, ALL_ROTATION = "Scale", "Rotation"
 VIEW_KEY = "forest_view"  # of a group that changes what views show and nothing else
 LIGHT_KEY = "forest_light"  # on an object: what *Light View* was set to when it was built last
@@ -86,7 +89,7 @@ def in_full(depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
         (modifier, name, value, full)
         for modifier in by_nodes
         if _is_instancer(modifier.node_group)
-        for name, full in ((LIGHT, False), (SHARE, 1.0))
+        for name, full in ((LIGHT, False), (DOTS, False), (SHARE, 1.0))
         if name in _sockets(modifier) and (value := _input(modifier, name)[0]) != full
     ]
     switches = [
@@ -114,8 +117,29 @@ def in_full(depsgraph: bpy.types.Depsgraph) -> Iterator[None]:
 
 
 def is_light(modifier: bpy.types.Modifier) -> bool:
-    """Return whether views show outlines of an instancer's trees."""
+    """Return whether views show stand-ins of an instancer's trees."""
     return LIGHT in _sockets(modifier) and bool(_input(modifier, LIGHT)[0])
+
+
+def instancer_of(thing: bpy.types.Object | None) -> bpy.types.Modifier | None:
+    """The modifier that puts trees on an object's points, None where it has none."""
+    modifiers = thing.modifiers if thing is not None else ()
+    return next((m for m in modifiers if m.type == "NODES" and _is_instancer(m.node_group)), None)
+
+
+def shown_of(modifier: bpy.types.Modifier) -> str:
+    """Return what views show of an instancer's trees: "FULL", "LIGHT" (stand-ins) or "DOTS"."""
+    if DOTS in _sockets(modifier) and _input(modifier, DOTS)[0]:
+        return "DOTS"
+    return "LIGHT" if is_light(modifier) else "FULL"
+
+
+def show_as(modifier: bpy.types.Modifier, what: str) -> None:
+    """Have views show an instancer's trees so; what one of an older file has no input for is left out."""
+    sockets = _sockets(modifier)
+    for name, on in ((LIGHT, what == "LIGHT"), (DOTS, what == "DOTS")):
+        if name in sockets:
+            set_input(modifier, name, on)
 
 
 def instancer_group() -> bpy.types.NodeTree:
@@ -198,10 +222,11 @@ def _make_instancer() -> bpy.types.NodeTree:
     for name, way, kind, told in (
         (POINTS, "INPUT", "NodeSocketGeometry", "A vertex or point for every tree"),
         (VARIANTS, "INPUT", "NodeSocketCollection", "Trees to choose from, counted by name"),
-        (OUTLINES, "INPUT", "NodeSocketCollection", "Their outlines, in the same order"),
+        (OUTLINES, "INPUT", "NodeSocketCollection", "Their stand-ins, in the same order"),
         (ALL_SCALE, "INPUT", "NodeSocketFloat", "Size of all trees; sensors see them so"),
         (ALL_ROTATION, "INPUT", "NodeSocketFloat", "Turn of all trees about the vertical"),
-        (LIGHT, "INPUT", "NodeSocketBool", "Show outlines in views; renders and sensors see trees"),
+        (LIGHT, "INPUT", "NodeSocketBool", "Stand-ins in views; renders and sensors see trees"),
+        (DOTS, "INPUT", "NodeSocketBool", "Dots in views; renders and sensors see trees"),
         (SHARE, "INPUT", "NodeSocketFloat", "Of trees in views; renders and sensors see all"),
         (TREES, "OUTPUT", "NodeSocketGeometry", "An instance for every point, with its attributes"),
     ):
@@ -237,9 +262,9 @@ def _make_instancer() -> bpy.types.NodeTree:
 
     link = group.links.new
     frame = node("NodeFrame", "What each point says", 0, 0)
-    start, end = node("NodeGroupInput", "", -260, 160), node("NodeGroupOutput", "", 780, 160)
+    start, end = node("NodeGroupInput", "", -260, 160), node("NodeGroupOutput", "", 1040, 160)
     viewed = node("GeometryNodeIsViewport", "In a view", -260, 420).outputs[0]
-    choice = node("GeometryNodeSwitch", "Outlines or trees", 260, 160)
+    choice = node("GeometryNodeSwitch", "Stand-ins or trees", 260, 160)
     choice.input_type = "GEOMETRY"
     some = node("FunctionNodeRandomValue", "A share of all", 0, 640)
     some.data_type = "BOOLEAN"
@@ -266,5 +291,17 @@ def _make_instancer() -> bpy.types.NodeTree:
     link(both("ADD", "Turned", -460, turn, start.outputs[ALL_ROTATION]), upright.inputs["Z"])
     link(upright.outputs["Vector"], place.inputs["Rotation"])
     link(both("MULTIPLY", "Sized", -620, size, start.outputs[ALL_SCALE]), place.inputs["Scale"])
-    link(place.outputs["Instances"], end.inputs[TREES])
+    dots = node("GeometryNodeMeshToPoints", "A dot for every tree", 520, -160)
+    sized = node("ShaderNodeMath", "Size of a dot", 260, -680)
+    sized.operation = "MULTIPLY"
+    sized.inputs[1].default_value = DOT
+    link(size, sized.inputs[0])
+    link(sized.outputs[0], dots.inputs["Radius"])
+    link(start.outputs[POINTS], dots.inputs["Mesh"])
+    last = node("GeometryNodeSwitch", "Dots or trees", 780, 160)
+    last.input_type = "GEOMETRY"
+    link(both("AND", "Dots, in a view", 620, viewed, start.outputs[DOTS]), last.inputs["Switch"])
+    link(place.outputs["Instances"], last.inputs["False"])
+    link(dots.outputs["Points"], last.inputs["True"])
+    link(last.outputs["Output"], end.inputs[TREES])
     return group

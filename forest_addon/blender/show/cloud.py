@@ -19,7 +19,7 @@ from ...sensing.sonar.ping import Contributions
 from ..scene.layout import CLOUD_KEY, COLOUR_BY, FRAME_KEY
 from ..scene.nodes import choose_input
 from ..scene.ours import is_ours, make_object, own, settle
-from .cloud_nodes import heard_group, points_material, scan_group
+from .cloud_nodes import SCALE, heard_group, points_material, scan_group
 
 COLOUR_OF_ORGAN = {
     WOOD: (0.30, 0.17, 0.08, 1.0),
@@ -29,7 +29,6 @@ COLOUR_OF_ORGAN = {
 }
 OTHER = (0.5, 0.5, 0.5, 1.0)  # organs that have no colour of nature
 QUIETEST = 1e-3  # amplitude, of the loudest, that is shown faintest
-FAINT, LOUD = np.array([0.25, 0.02, 0.0, 1.0]), np.array([1.0, 0.35, 0.05, 1.0])
 
 
 def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types.Object:
@@ -66,19 +65,22 @@ def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types
 
 
 def show_heard(home: bpy.types.Collection, name: str, heard: Contributions) -> bpy.types.Object:
-    """Put what a sonar heard into a collection as points, brighter where it is louder."""
+    """Put what a sonar heard into a collection as points, on the usual scale of colours by loudness."""
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(heard))
     fill(data, "position", "FLOAT_VECTOR", heard.position, "vector")
     loudest = float(heard.amplitude.max(initial=0.0)) or 1.0
     level = 20.0 * np.log10(np.maximum(heard.amplitude / loudest, QUIETEST))
-    share = (1.0 - level / (20.0 * np.log10(QUIETEST)))[:, None]
+    share = 1.0 - level / (20.0 * np.log10(QUIETEST))
     fill(data, "level", "FLOAT", level)
     fill(data, "distance", "FLOAT", heard.distance)
     fill(data, "delay", "FLOAT", heard.delay)
     for label in ("tree", "instance", "number"):
         fill(data, label, "INT", getattr(heard, label))
-    fill(data, "organ_colour", "FLOAT_COLOR", FAINT + share * (LOUD - FAINT), "color")
+    place = np.linspace(0.0, 1.0, len(SCALE))
+    colour = [np.interp(share, place, channel) for channel in np.array(SCALE).T]
+    colour = np.column_stack([*colour, np.ones(len(share))])
+    fill(data, "organ_colour", "FLOAT_COLOR", colour, "color")
     return _show(home, name, data, heard_group)
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from ...base.trimesh import PART_NAMES
 from ...sensing.lidar.cloud import Cloud
 from ...sensing.sonar.ping import Contributions
-from .cloud import COLOUR_OF_ORGAN, FAINT, LOUD, OTHER, QUIETEST
-from .cloud_nodes import GOLDEN, SCALE, VALUE, VIVID
+from .cloud import COLOUR_OF_ORGAN, OTHER, QUIETEST
+from .cloud_nodes import GOLDEN, SCALE, USUAL_MAP, VALUE, VIVID, on_map
 
 MOST = 12  # names of one choice; what is hit more rarely is left out
 DEGREES = 180.0 / np.pi
@@ -59,9 +59,9 @@ def legend_of_heard(heard: Contributions) -> list[Entry]:
     """The legend of what a sonar heard."""
     if not len(heard):
         return []
-    quiet, low, high = 20.0 * np.log10(QUIETEST), FAINT[:3], LOUD[:3]
+    quiet = 20.0 * np.log10(QUIETEST)
     found = [
-        Entry("Loudness", f"{quiet * (1.0 - share):.0f} dB", _rgb(low + share * (high - low)))
+        Entry("Loudness", f"{quiet * (1.0 - share):.0f} dB", on_map(USUAL_MAP, share))
         for share in (1.0, 0.5, 0.0)
     ]
     found += _scaled("Delay", 1e3 * heard.delay, "ms")

@@ -50,6 +50,7 @@ class FOREST_OT_build(Working, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> Work:
         started, scene = time.perf_counter(), context.scene
         yield getting_ready(_import_rooms)
+        from ...blender.scene.forest import SHOWN_IN_FULL, triangles_of
         from ...blender.site import build_site, with_objects
         from ...formats.toml_file import read_settings
         from ...site import ForestSite
@@ -73,6 +74,11 @@ class FOREST_OT_build(Working, bpy.types.Operator):
             take_scene(scene, settings, folder, keep_sensors=True)
             mark = live.fingerprint(scene, context.evaluated_depsgraph_get())
         first = "forest" not in scene.forest_sensing.results
+        if settings.forest.instancing == "auto" and triangles_of(forest) > SHOWN_IN_FULL:
+            points = replace(
+                site.scene.forest, instancing="points"
+            )  # a view can show stand-ins then
+            site = replace(site, scene=replace(site.scene, forest=points))
         build_site(scene, site, forest)
         scene.forest_sensing.built = mark
         if getattr(self, "frame", False):

@@ -24,6 +24,7 @@ from ..shell.chosen import chosen
 from ..shell.running import current, how_far
 from ..shell.words import label
 from . import live
+from .display import draw_display
 from .painting import PAINTING
 
 
@@ -58,6 +59,7 @@ class FOREST_PT_forest(Tab, bpy.types.Panel):
         seed.operator("forest.new_seed", text="", icon="FILE_REFRESH")
         draw_field(column, props.forest, "size")
         draw_field(column, props.forest, "instancing")
+        draw_display(column, props)
 
 
 class FOREST_PT_plantings(WithForest, bpy.types.Panel):

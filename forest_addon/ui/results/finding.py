@@ -158,7 +158,7 @@ def _is_some(figure: Figure) -> bool:
 def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:
     """Add to a result how far off it is, and of how many values that was checked."""
     off = f"{audit.error:.0e} {audit.unit}".strip()
-    words = keep("{off} off in {count}", off=off, count=f"{audit.checked:,}")
+    words = keep("{count} checked, off by {off}", off=off, count=f"{audit.checked:,}")
     if not audit.kept:
         words = keep("{off} off: MORE than {allowed}", off=off, allowed=f"{audit.allowed:.0e}")
     result = context.scene.forest_sensing.results[name]

@@ -73,11 +73,15 @@ def in_words(found: list[Cost], frames: int = 1, keep: bool = False) -> str:
     if "pulses" in there:
         parts.append(label("{count} pulses", count=count("pulses")))
     if "pings" in there:
-        parts.append(label("{count} pings", count=count("pings")))
+        one = count("pings") == "1"
+        parts.append(label("1 ping") if one else label("{count} pings", count=count("pings")))
     if "channels" in there:
-        parts.append(label("{count} channels", count=count("channels")))
+        one = count("channels") == "1"
+        many = label("{count} channels", count=count("channels"))
+        parts.append(label("1 channel") if one else many)
     if "runs" in there:
-        parts.append(label("{count} runs", count=count("runs")))
+        one = count("runs") == "1"
+        parts.append(label("1 run") if one else label("{count} runs", count=count("runs")))
     parts.append(label("about {time}", time=duration(frames * sum(c.seconds for c in found))))
     memory = memory_of(found, frames if keep else 1)
     if memory >= 5e7:

@@ -42,7 +42,7 @@ class FOREST_AP_preferences(bpy.types.AddonPreferences):
         column = self.layout.column()
         column.use_property_split = True
         column.use_property_decorate = False
-        column.label(text="Rays, where a scene says auto")
+        column.label(text="Ray casting, for scenes left to auto")
         column.prop(self, "engine")
         column.prop(self, "threads")
         column.label(text="Cache")

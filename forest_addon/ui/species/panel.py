@@ -9,7 +9,7 @@ import bpy
 from ..settings.drawing import WithForest, draw_settings, folded, split
 from ..settings.lists import draw_list
 from ..shell.chosen import chosen_planting
-from ..shell.words import label
+from ..shell.words import keep, label, label_kept
 from .edit import edited_item
 
 GROWN = ("siblings", "rules", "honda", "crown")  # in place of the grammar
@@ -42,6 +42,25 @@ class FOREST_PT_species(WithForest, bpy.types.Panel):
         buttons.operator("forest.make_library", text="As Assets", icon="ASSET_MANAGER")
 
 
+SECTIONS = {  # of a species: by what they do
+    "template": keep("Branches from STL Files"),
+    "siblings": keep("Trees Like That One"),
+    "grammar": keep("L-system of the Papers"),
+    "rules": keep("L-system of Your Own"),
+    "honda": keep("Branching by Angles and Ratios"),
+    "crown": keep("Crown That Fills a Shape"),
+    "architecture": keep("Limbs, Forks, Dead Branches"),
+    "targets": keep("Size to Reach"),
+    "needles": keep("Shoots of Needles"),
+    "jitter": keep("Natural Variation"),
+    "leaf": keep("Leaves"),
+    "inclination": keep("How Leaves Incline"),
+    "detail": keep("Detail of the Mesh"),
+    "look": keep("Colours"),
+    "bark": keep("Bark"),
+}
+
+
 class FOREST_PT_edited(WithForest, bpy.types.Panel):
     """The settings of an edited species, part by part."""
 
@@ -59,7 +78,7 @@ class FOREST_PT_edited(WithForest, bpy.types.Panel):
             header, body = folded(self.layout, f"FOREST_species_{part}")
             if optional:
                 header.prop(group, f"use_{part}", text="")
-            header.label(text=group.bl_rna.properties[part].name)
+            header.label(text=label_kept(SECTIONS.get(part, group.bl_rna.properties[part].name)))
             if body is not None:
                 body.active = getattr(group, f"use_{part}", True) and not _is_idle(group, part)
                 _draw_part(body, getattr(group, part))

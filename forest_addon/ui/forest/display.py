@@ -1,0 +1,53 @@
+"""Display of a forest of points: full trees, stand-ins or dots in views; what measures sees full trees."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ...blender.scene.layout import POINTS_ROLE, TREES, find_part
+from ...blender.scene.nodes import instancer_of, show_as, shown_of
+from ...blender.scene.ours import ROLE_KEY
+from ..shell.words import keep, label_kept
+
+SHOWN = ("FULL", "LIGHT", "DOTS")
+ITEMS = (
+    ("FULL", "Full", "Views draw every triangle of every tree", 0),
+    ("LIGHT", "Light", "Views draw a stand-in of at most 500 triangles a tree", 1),
+    ("DOTS", "Points", "Views draw a dot where each tree stands", 2),
+)
+SAYS = {
+    "LIGHT": keep("Stand-ins; sensors see full trees"),
+    "DOTS": keep("Dots; sensors see full trees"),
+}
+
+
+def forest_of_points(scene: bpy.types.Scene) -> bpy.types.Modifier | None:
+    """The modifier that puts trees on points, None in a scene whose trees are objects."""
+    home = find_part(scene, TREES)
+    things = home.objects if home is not None else ()
+    thing = next((t for t in things if t.get(ROLE_KEY) == POINTS_ROLE), None)
+    return instancer_of(thing)
+
+
+def get_display(props: Any) -> int:
+    """Return the number of what views show."""
+    modifier = forest_of_points(props.id_data)
+    return 0 if modifier is None else SHOWN.index(shown_of(modifier))
+
+
+def set_display(props: Any, number: int) -> None:
+    """Have views show something else."""
+    modifier = forest_of_points(props.id_data)
+    if modifier is not None:
+        show_as(modifier, SHOWN[number])
+
+
+def draw_display(layout: bpy.types.UILayout, props: Any) -> None:
+    """The switch, and what views show where that is less than the forest."""
+    if forest_of_points(props.id_data) is None:
+        return
+    layout.row(align=True).prop(props, "display", expand=True)
+    if props.display in SAYS:
+        layout.label(text=label_kept(SAYS[props.display]), icon="INFO")

@@ -1,0 +1,80 @@
+"""Stand-ins of trees: few triangles that stand where the tree stands, with its trunk and its crown."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import LEAF, OTHER, WOOD, TriMesh
+from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.mesh.stand_in import MOST, stand_in
+from forest_addon.growth.skeleton import Skeleton
+from forest_addon.growth.tree import grow
+
+NOTHING = Skeleton(
+    *(np.empty(shape) for shape in ((0, 3), (0, 3), (0, 2))),
+    *(np.empty(0, np.int64) for _ in range(3)),
+)
+
+
+def sky(mesh, height, rng, low, high):
+    """The share of level rays through a box that meet no leaf, from one side: by brute force."""
+    corners = mesh.vertices[mesh.triangles[mesh.part == LEAF]]
+    flat = corners[:, :, 1:]  # seen along x
+    met = []
+    for y, z in rng.uniform(low, high, (60, 2)):
+        a, b, c = (flat[:, k] - (y, z) for k in range(3))
+        turns = np.stack(
+            [u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] for u, v in ((a, b), (b, c), (c, a))]
+        )
+        met.append(((turns >= 0).all(axis=0) | (turns <= 0).all(axis=0)).any())
+    return 1 - np.mean(met)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("species", ["maple", "silver-birch", "apple-leafless"])
+def test_a_stand_in_is_its_tree_at_a_glance(species):
+    tree = grow(*load_species(find_species(species, Path())), stream(2, "outline"))
+    mesh, rough = tree.mesh, stand_in(tree.mesh, tree.skeleton)
+    assert 50 < len(rough.triangles) <= MOST
+    assert np.isfinite(rough.vertices).all()
+    assert ((rough.material == 1) == (rough.part == LEAF)).all()
+    top = mesh.vertices[:, 2].max()
+    assert rough.vertices[:, 2].max() == pytest.approx(top, rel=0.12)
+    wood = rough.vertices[rough.triangles[rough.part == WOOD].ravel()]
+    low = np.abs(wood[:, 2] - 0.05 * top) < 0.06 * top  # the trunk stands at the foot, as thick
+    assert np.linalg.norm(wood[low][:, :2].mean(axis=0)) < 0.05 * top
+    leaves = mesh.vertices[mesh.triangles[mesh.part == LEAF].ravel()]
+    assert (rough.part == LEAF).any() == bool(len(leaves))
+    if not len(leaves):
+        return
+    cards = rough.vertices[rough.triangles[rough.part == LEAF].ravel()]
+    assert np.allclose(cards.mean(axis=0), leaves.mean(axis=0), atol=0.06 * top)
+    assert np.allclose(cards.std(axis=0), leaves.std(axis=0), rtol=0.25, atol=0.02 * top)
+    middle, half = leaves[:, 1:].mean(axis=0), 1.2 * leaves[:, 1:].std(axis=0)
+    rng = np.random.default_rng(1)
+    true, shown = (sky(m, top, rng, middle - half, middle + half) for m in (mesh, rough))
+    assert abs(true - shown) < 0.22  # sky through the crown, of 1
+
+
+def test_what_has_no_skeleton_has_a_trunk_all_the_same():
+    angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    ring = np.column_stack([0.2 * np.cos(angle) + 3, 0.2 * np.sin(angle) - 1])
+    heights = np.linspace(0, 6, 13)
+    vertices = np.concatenate([np.column_stack([ring, np.full(48, z)]) for z in heights])
+    corner = np.arange(48 * 12)
+    pole = TriMesh.of_part(vertices, np.column_stack([corner, corner + 1, corner + 48]), WOOD)
+    rough = stand_in(pole, NOTHING)
+    foot = rough.vertices[rough.vertices[:, 2] < 1e-9]
+    foot = foot[np.linalg.norm(foot[:, :2] - [3, -1], axis=1) > 1e-3]  # without the cap's middle
+    assert np.abs(np.linalg.norm(foot[:, :2] - [3, -1], axis=1) - 0.2).max() < 0.03
+    assert (rough.part == WOOD).all()
+
+
+@pytest.mark.parametrize(
+    "vertices", [np.empty((0, 3)), np.zeros((3, 3)), np.array([[0, 0, -1], [1, 0, -1], [0, 1, -2]])]
+)
+def test_what_does_not_stand_up_has_no_stand_in(vertices):
+    triangles = np.array([[0, 1, 2]]) if len(vertices) else np.empty((0, 3))
+    assert len(stand_in(TriMesh.of_part(vertices, triangles, OTHER), NOTHING).triangles) == 0
