@@ -66,7 +66,9 @@ def take_picture(preset: str, path: Path) -> None:
     middle = np.array(field.origin) + np.array(field.size) / 2
     lay_horizon(scene, middle, max(field.size) / 2 + AROUND, field.terrain.base)
     for thing in scene.objects:
-        thing.hide_render |= thing.name.startswith(LAWN)  # the plain of the horizon is there instead
+        thing.hide_render |= thing.name.startswith(
+            LAWN
+        )  # the plain of the horizon is there instead
     bpy.context.view_layer.update()  # until then the camera does not say where it looks
     eye = np.array(scene.camera.location[:2])
     way = scene.camera.matrix_world.to_quaternion() @ Vector((0.0, 0.0, -1.0))
