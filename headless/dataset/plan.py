@@ -30,7 +30,7 @@ from forest_addon.spec.base import Settings, with_files
 from . import dotted, vary
 from .chance import refuse_without_chance
 from .place import refuse_out_of_range
-from .randomise import randomised, refuse_without_effect
+from .randomise import randomised
 from .settings import Ground, Head, Keep, Mix, Placing, Running, Splits
 
 PLANS = ASSETS / "plans"
@@ -159,9 +159,7 @@ def _plan(path: Path, tables: dict[str, Any]) -> Plan:
     ]
     settings = structure(head, Head)
     if settings.randomise != "none":
-        by_itself = randomised(settings.randomise, [b.table for b in bases], tables.get("mix", {}))
-        tables["vary"] = by_itself | tables.get("vary", {})
-        refuse_without_effect(settings.randomise, settings.count)
+        tables["vary"] = randomised(settings, [base.table for base in bases], tables)
     varied = tuple(vary.read_varied(tables.get("vary", {})))
     plan = Plan(
         path=path,

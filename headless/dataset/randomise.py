@@ -12,27 +12,28 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from forest_addon.formats.scanner_file import PLATFORMS, read_scanner, scanner_names
-from forest_addon.spec import SpecError, unknown
+from forest_addon.spec import SpecError
 
-WORDS = ("none", "measured")
+from .settings import Head
+
 RELIEF = (0.0, 3.0)  # metres, of a plot
 STEEPER, COARSER = 0.75, 1.5  # times the angle step that a plan has
 DENSITY = (0.5, 2.0)  # times the density of a mix
 
 
 def randomised(
-    word: str, scenes: Sequence[Mapping[str, Any]], mix: Mapping[str, Any]
+    head: Head, scenes: Sequence[Mapping[str, Any]], plan: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """A [vary] table for a plan of these base scenes and this mix; empty for "none".
+    """A [vary] table for a plan of these base scenes: what its word draws, and its own over that.
 
     Raises
     ------
-    SpecError : a word that is not known.
+    SpecError : a plan whose scenes are counted by a grid alone.
     """
-    if word not in WORDS:
-        raise unknown("randomise", word, WORDS)
-    if word == "none":
-        return {}
+    if head.count == 0:
+        said = f'is needed beside randomise = "{head.randomise}"; give the number of scenes'
+        raise SpecError("count", said)
+    mix = plan.get("mix", {})
     found: dict[str, Any] = {
         "forest.undergrowth": {"choice": ["none", "sparse", "dense"], "weights": [1, 2, 2]},
         "terrain.relief": {"uniform": list(RELIEF)},
@@ -43,11 +44,11 @@ def randomised(
     kinds = {sensor.get("kind") for sensor in sensors}
     if sensors and kinds <= set(PLATFORMS):
         found |= _of_scanners(sensors, kinds)
-    return found
+    return found | plan.get("vary", {})
 
 
 def _of_scanners(sensors: Sequence[Mapping[str, Any]], kinds: set[Any]) -> dict[str, Any]:
-    """What varies of scanners, where every sensor of a plan is one."""
+    """Return what varies of scanners, where every sensor of a plan is one."""
     able = [name for name in scanner_names() if kinds <= set(read_scanner(name).tables)]
     tables = [read_scanner(name).tables[kind] for name in able for kind in kinds]
     spread = [
@@ -63,16 +64,3 @@ def _of_scanners(sensors: Sequence[Mapping[str, Any]], kinds: set[Any]) -> dict[
         low, high = STEEPER * min(map(float, steps)), COARSER * max(map(float, steps))
         found["sensors[*].angle_step_deg"] = {"uniform": [low, high]}
     return found
-
-
-def refuse_without_effect(word: str, count: int) -> None:
-    """Refuse a word for a plan whose scenes are counted by a grid alone.
-
-    Raises
-    ------
-    SpecError : it is one.
-    """
-    if word != "none" and count == 0:
-        raise SpecError(
-            "count", f'is needed beside randomise = "{word}"; give the number of scenes'
-        )
