@@ -37,6 +37,7 @@ from forest_addon.blender.show.walker import EYE, grow_around, walkers_view
 from forest_addon.site import ForestSite
 from headless.cli import main as headless
 from headless.command import read_scene
+from headless.commands.work.species import show_closeups
 
 ROOT = Path(__file__).resolve().parents[1]
 MEASURED = (
@@ -69,20 +70,13 @@ class Shot:
     exposure: float
 
 
+WIDE = (1200, 675)
 SHOTS = {
     "rioja-pines": Shot(
-        *("assets/scenes/rioja-pines.toml", (1280, 720), 0.16, 24.0, (22.0, 120.0), True, 0.6),
+        *("assets/scenes/rioja-pines.toml", WIDE, 0.20, 24.0, (22.0, 120.0), True, 0.6)
     ),
     "undergrowth": Shot(
-        *(
-            "packaging/pictures/undergrowth.toml",
-            (1280, 720),
-            0.05,
-            25.0,
-            (38.0, 105.0),
-            False,
-            1.1,
-        ),
+        *("packaging/pictures/undergrowth.toml", WIDE, 0.05, 25.0, (38.0, 105.0), False, 1.1)
     ),
 }
 
@@ -91,7 +85,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description="Render the pictures of trees.")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "pictures")
     parser.add_argument("--share", type=float, default=1.0, help="of the size, for a trial")
-    parser.add_argument("--samples", type=int, default=48, help="a pixel")
+    parser.add_argument("--samples", type=int, default=32, help="a pixel")
     parser.add_argument("names", nargs="*", help="of pictures; all unless given")
     given = parser.parse_args(arguments)
     for name in given.names or (*SHOTS, *DRAWN):
@@ -148,9 +142,8 @@ def _demo(folder: Path, path: Path) -> None:
 
 
 def _closeups(folder: Path, path: Path) -> None:
-    headless(["species", "--close-ups", str(folder)])
-    found = [next(folder.glob(f"{kind}-*.png")) for kind in ("fork", "bark", "twig")]
-    _keep(found, path, 480)
+    show_closeups((), folder, 1, size=(480, 600), samples=32)
+    _keep([next(folder.glob(f"{kind}-*.png")) for kind in ("fork", "bark", "twig")], path)
 
 
 def _sheet(names: tuple[str, ...], pixels: int, wide: int) -> Callable[[Path, Path], None]:
@@ -191,8 +184,8 @@ def _keep(files: list[Path], path: Path, wide: int = 0) -> None:
 DRAWN: dict[str, Callable[[Path, Path], None]] = {
     "demo": _demo,
     "close-ups": _closeups,
-    "measured-species": _sheet(MEASURED, 800, 1600),
-    "species": _sheet((), 300, 1020),
+    "measured-species": _sheet(MEASURED, 500, 1600),
+    "species": _sheet((), 220, 1020),
     "asset-library": _library,
 }
 

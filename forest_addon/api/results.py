@@ -176,12 +176,27 @@ class PointCloud(Result):
 
     def summary(self) -> dict[str, str]:
         share = len(np.unique(self.found.pulse)) / max(self.found.pulses, 1)
+        moved = {} if self.found.velocity is None else self._moved()
         return {
             "points": f"{len(self):,}",
             "pulses": f"{self.found.pulses:,}, {share:.1%} of them came back",
+            **moved,
             "rays by": self.found.engine,
             "time": f"{self.seconds:.2f} s",
         }
+
+    def _moved(self) -> dict[str, str]:
+        figures = figures_of(self.sensor, self.found)
+        return {each.name: each.text for each in figures if each.short in ("Met Moving", "Blur")}
+
+    @property
+    def motion(self) -> dict[str, np.ndarray]:
+        """Of a scene that moved, (P, 3) each: ``velocity`` of what was met, m/s, and ``rest``, metres, where
+        that point is when the scene stands as at the present frame; nothing of a still scene."""
+        found = self.found
+        if found.velocity is None or found.rest is None:
+            return {}
+        return {"velocity": found.velocity, "rest": found.rest}
 
     @property
     def endings(self) -> tuple[str, ...]:

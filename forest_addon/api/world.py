@@ -120,7 +120,8 @@ class World:
         progress_of(progress)
         sensor, _ = choose(sensor)
         way = way_of(observer, sensor, along, self.folder)
-        scan = Scan(sensor, observer.caster, self.scene.seed, way)
+        observer.prepare(sensor, way)
+        scan = Scan(sensor, observer.eyes(sensor), self.scene.seed, way)
         offset = Offset.of(self.scene)
         return write_scan(
             path, scan, self.scene.seed, offset=offset, resume=resume, progress=progress

@@ -15,6 +15,8 @@ from .kind import ResultKind, Variables
 from .plot import Axis, Plot, Strip, by_distance, from_above
 from .point_files import ENDINGS, write_points
 
+THIRDS = 3  # of the heights of what moves
+
 if TYPE_CHECKING:
     from ..base.labels import Labels
     from ..sensing.kind import Seen
@@ -31,10 +33,38 @@ def _figures(scanner: Scanner, cloud: Cloud, _seen: Seen | None) -> list[Figure]
     ]
     if scanner.beam.max_returns > 1:
         found.append(numbers("of several returns", "Several Returns", share(cloud.count > 1)))
+    if cloud.velocity is not None:
+        found += _of_motion(cloud)
     if cloud.lost:
         lost = "; ".join(map(str, cloud.lost))
         found.append(numbers("not measured, by a fault of this program", "Not Measured", lost))
     return [*found, numbers("", "Rays By", cloud.engine)]
+
+
+def _of_motion(cloud: Cloud) -> list[Figure]:
+    """Figures of a scene that moved: how much of what was met did, and how far from where it stands still."""
+    assert cloud.velocity is not None
+    assert cloud.rest is not None
+    moving = np.linalg.norm(cloud.velocity, axis=1) > 0
+    away = np.linalg.norm(cloud.position - cloud.rest, axis=1)
+    pulses = len(np.unique(cloud.pulse[moving])) / max(len(np.unique(cloud.pulse)), 1)
+    found = [numbers("pulses that met something moving", "Met Moving", f"{pulses:.1%}")]
+    if not moving.any():
+        return found
+    speed = float(np.linalg.norm(cloud.velocity[moving], axis=1).max())
+    height = cloud.rest[moving, 2]
+    edges = np.linspace(height.min(), height.max(), THIRDS + 1)
+    third = np.clip(np.searchsorted(edges, height, side="right") - 1, 0, THIRDS - 1)
+    blur = ", ".join(
+        f"{100 * float(np.sqrt(np.mean(away[moving][third == k] ** 2))):.2g} cm from {edges[k]:.1f} m"
+        for k in range(THIRDS)
+        if (third == k).any()
+    )
+    return [
+        *found,
+        numbers("fastest of it", "Fastest", f"{speed:.3g} m/s"),
+        numbers("blur, rms, by height", "Blur", blur),
+    ]
 
 
 def _sentence(cloud: Cloud) -> str:

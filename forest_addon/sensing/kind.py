@@ -68,6 +68,7 @@ class Observation:
 
     sensor : its settings, with nothing left to "auto". seen : the scene. settings : the scene's.
     folder : that files named in the settings are relative to. trajectory : where it goes; None: it stays.
+    moving : a ``MovingCaster`` of a scene that moves meanwhile; None: it stands still.
     """
 
     sensor: Any
@@ -75,6 +76,12 @@ class Observation:
     settings: Scene
     folder: Path = Path()
     trajectory: Trajectory | None = None
+    moving: Any = None
+
+    @property
+    def caster(self) -> Any:
+        """Rays that meet everything, where the scene moves at times of their own."""
+        return self.seen.caster if self.moving is None else self.moving
 
 
 def _stays(_sensor: Any, _folder: Path, _follower: Follower) -> None:
@@ -91,6 +98,10 @@ def _never_empty(_job: Observation, _found: Any) -> str:
 
 def _one_run(sensor: Any, _trajectory: Any, _engine: str) -> Cost:
     return cost_of_work(sensor, "runs", 1, GUESS)
+
+
+def _a_moment(_sensor: Any, _trajectory: Any) -> float:
+    return 0.0
 
 
 def _no_lines(_sensor: Any) -> np.ndarray:
@@ -114,6 +125,7 @@ class SensorKind:
     trajectory : where it goes, by its settings, a folder and Blender's scene; None: it stays.
     positions : (P, 3) m where it should not stand inside of a tree.
     empty : that a finding holds nothing, and why, in a sentence; "" of one that holds something.
+    lasts : seconds of a scene that moves, which a run along a trajectory looks at; 0: it stands still.
     cost : of a run along a trajectory with a ray engine. outline : (N, 2, 3) m, ends of the lines that show
         where it looks.
     choose : what is left to "auto", chosen. left_out : what a finding left out, and the bound on that.
@@ -133,6 +145,7 @@ class SensorKind:
     trajectory: Callable[[Any, Path, Follower], Trajectory | None] = _stays
     positions: Callable[[Observation], np.ndarray] = _where_it_stands
     empty: Callable[[Observation, Any], str] = _never_empty
+    lasts: Callable[[Any, Any], float] = _a_moment
     cost: Callable[[Any, Any, str], Cost] = _one_run
     outline: Callable[[Any], np.ndarray] = _no_lines
     choose: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen

@@ -180,6 +180,11 @@ class Scanner(Sensor):
     surfaces: Surfaces = param(Surfaces(), help="reflectance and transmittance")
     receiver: Receiver = param(Receiver(), help="which echoes become returns")
     noise: Noise = param(Noise(), help="what is measured wrongly")
+    motion: bool = param(
+        False,
+        help="animated objects are where they are at the time of each pulse, counted from the scene's first "
+        "frame; left out: all stands as at the present frame",
+    )
 
     def check(self) -> None:
         if self.min_range >= self.max_range:

@@ -261,7 +261,8 @@ def _observe(
             path = folder / f"{sensor.name}-forinstance.laz"
             write_for_instance(path, found, order, settings.plantings, settings.offset)
     with work.stage("occlusion"):
-        scan = lidar.Scan(sensor, observer.caster, settings.seed, way)
+        observer.prepare(sensor, way)
+        scan = lidar.Scan(sensor, observer.eyes(sensor), settings.seed, way)
         if keep.occlusion and cells is not None:
             arrays = occlusion(scan, found, cells, keep.occlusion)
             arrays |= {"origin": np.array(settings.offset)}

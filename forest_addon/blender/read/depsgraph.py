@@ -40,8 +40,14 @@ def read_scene(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:
     return kept(depsgraph, _read)
 
 
-def _read(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:
-    found = _Found()
+def read_places(depsgraph: bpy.types.Depsgraph) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Read where instances stand, (I, 3, 4), and names of their objects, in the order of ``read_scene``."""
+    scene = _read(depsgraph, _Whereabouts())
+    return scene.transform, scene.object_name
+
+
+def _read(depsgraph: bpy.types.Depsgraph, found: _Found | None = None) -> SceneGeometry:
+    found = _Found() if found is None else found
     by_nodes = set()
     plain = []
     iterate = _has_other_instances(depsgraph)
@@ -205,6 +211,13 @@ class _Found:
 
     def _name(self, thing: bpy.types.Object) -> int:
         return self._names.setdefault(thing.name, len(self._names))
+
+
+class _Whereabouts(_Found):
+    """Instances alone: meshes are not read."""
+
+    def _number(self, mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> int:
+        return 0 if len(mesh.polygons) else -1
 
 
 def _says(owner: bpy.types.Object, thing: bpy.types.Object, key: str, otherwise: Any) -> Any:

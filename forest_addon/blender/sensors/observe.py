@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,6 +18,7 @@ from ...sensing.kind import Observation
 from ...sensing.kinds import choose, kind_of
 from ...sensing.rays.caster import RayCaster
 from ...sensing.rays.inside import tree_around
+from ...sensing.rays.moving import MovingCaster
 from ...sensing.rays.precision import rounding_warning
 from ...sensing.reverb.sums.fast_scattering import Expansions
 from ...sensing.trajectory import Trajectory
@@ -29,6 +30,7 @@ from ..read.kept import kept
 from ..scene.asset_truth import placed_trees
 from ..scene.nodes import in_full
 from .following import SceneFollower
+from .moving import WITHIN, moving_caster
 
 T = TypeVar("T")
 ENDS = {"SPEAKER", "EMPTY", "CAMERA"}  # what can be a source or a receiver
@@ -54,6 +56,7 @@ class Observer:
         self._rays = rays or Rays()
         self.expansions = Expansions() if expansions is None else expansions
         self._made: dict[Any, Any] = {}
+        self._moving: dict[Sensor, MovingCaster] = {}
 
     @classmethod
     def of(
@@ -89,6 +92,24 @@ class Observer:
             self._made[make, *of] = make(self, *of)
         return self._made[make, *of]  # type: ignore[no-any-return]
 
+    def prepare(self, sensor: Sensor, way: Trajectory | None = None) -> None:
+        """Read how the scene moves while a sensor looks, if it heeds that; on the main thread, before
+        ``observe``.
+
+        Raises
+        ------
+        ValueError : a motion that cannot be followed; says what to change.
+        """
+        seconds = kind_of(sensor).lasts(sensor, way)
+        self._moving.pop(sensor, None)
+        if seconds > 0:
+            make = partial(make_caster, rays=self._rays)
+            self._moving[sensor] = moving_caster(self.geometry, seconds, make)
+
+    def eyes(self, sensor: Sensor) -> Any:
+        """Rays of a sensor: of the scene as it stands, or as it moves, where that was prepared."""
+        return self._moving.get(sensor, self.caster)
+
     def observe(
         self,
         sensor: Sensor,
@@ -113,7 +134,17 @@ class Observer:
         """Return what a user would not want of where a sensor stands, in sentences: inside of a tree."""
         points = kind_of(sensor).positions(Observation(sensor, self, Scene(), folder, way))
         trees = tree_around(self.wood, points)
-        return tuple(
+        moving = self._moving.get(choose(sensor)[0])
+        said = [
+            f'{sensor.name}: "{name}" changes its shape; motion takes it as it stands at the present frame'
+            for name in (moving.frozen if moving is not None else ())
+        ]
+        if moving is not None and moving.within > WITHIN:
+            said.append(
+                f"{sensor.name}: what moves may be {moving.within:.1g} m off between frames; raise the frame "
+                "rate for less"
+            )
+        return *said, *(
             f"{sensor.name} stands inside tree {tree}, at "
             f"({', '.join(f'{v:g}' for v in points[trees == tree][0])}) m; move it out of the wood"
             for tree in np.unique(trees[trees >= 0]).tolist()
@@ -150,7 +181,11 @@ class Observer:
         """A sensor with nothing left to "auto", where it goes."""
         sensor, _ = choose(sensor)
         way = self.way(sensor, folder) if way is None else way
-        return Observation(sensor, self, settings, folder, way)
+        moving = self._moving.get(sensor)
+        if moving is None and kind_of(sensor).lasts(sensor, way) > 0:
+            self.prepare(sensor, way)
+            moving = self._moving[sensor]
+        return Observation(sensor, self, settings, folder, way, moving)
 
     @staticmethod
     def way(sensor: Sensor, folder: Path = Path()) -> Any:

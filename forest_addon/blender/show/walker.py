@@ -126,22 +126,23 @@ def grow_around(
     place: np.ndarray,
     turn: float,
     height: Callable[[np.ndarray], np.ndarray],
+    reach: float = FAR,
 ) -> None:
     """Put patches of undergrowth, for the picture alone, where an eye sees the ground.
 
     place : (2,) of the eye, metres. turn : where it looks, radians from +X. height : of the ground (N,) at
-    places (N, 2).
+    places (N, 2). reach : metres as far as anything grows.
     """
     home = bpy.data.collections.new(NAME)
     scene.collection.children.link(home)
     rng = stream(11, "undergrowth")
-    cells = np.arange(-FAR, FAR, CELL)
+    cells = np.arange(-reach, reach, CELL)
     spots = np.stack(np.meshgrid(cells, cells), axis=-1).reshape(-1, 2)
     spots = spots + rng.uniform(-0.5, 0.5, spots.shape) * CELL
     far = np.hypot(spots[:, 0], spots[:, 1])
     aside = np.abs((np.arctan2(spots[:, 1], spots[:, 0]) - turn + np.pi) % (2 * np.pi) - np.pi)
-    spots, far = (spots + place)[keep := (far > NEAR) & (far < FAR) & (aside < 0.75)], far[keep]
-    thinned = np.clip((FAR - far) / (FAR - FULL), THINNEST, 1.0)
+    spots, far = (spots + place)[keep := (far > NEAR) & (far < reach) & (aside < 0.75)], far[keep]
+    thinned = np.clip((reach - far) / (reach - FULL), THINNEST, 1.0)
     ground = height(spots)
     for plant in PLANTS:
         waves = _waves(spots, plant.sort)

@@ -16,6 +16,7 @@ from ..skeleton import LeafSites, Skeleton
 GOLDEN = np.pi * (3 - np.sqrt(5))
 FEW_TIPS = 5  # a segment bears twigs if at most so many branches end beyond it
 TAPER, SHORTEST = 6.0, 0.35  # mean twigs below the top where twigs are whole; length of the topmost
+SPARSEST = 0.2  # twigs a metre of branch at the top, over those below
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Twigs:
 def seat_twigs(
     crown: Crown, skeleton: Skeleton, tips: np.ndarray, count: int, key: np.ndarray
 ) -> Twigs:
-    """Set twigs evenly along all thin segments.
+    """Set twigs evenly along all thin segments, fewer where short branches crowd below the top.
 
     tips : (S,) branches that end beyond each segment. key : (1,) lineage of the tree.
     """
@@ -40,11 +41,13 @@ def seat_twigs(
         bearing = np.flatnonzero(tips <= max(FEW_TIPS, tips.min()))
     way = skeleton.end[bearing] - skeleton.start[bearing]
     length = np.sqrt(np.einsum("si,si->s", way, way))
-    reach = np.cumsum(length)
+    below = skeleton.end[:, 2].max() - skeleton.end[bearing, 2]
+    thinned = np.clip(below / (TAPER * crown.twig.mean), SPARSEST, 1.0)
+    reach = np.cumsum(length * thinned)
     keys = daughter_keys(np.repeat(key, count), np.arange(count))
     at = (np.arange(count) + keyed_uniform(keys, "twig place")) / count * reach[-1]
     pick = np.minimum(np.searchsorted(reach, at, side="right"), len(bearing) - 1)
-    share = 1 - (reach[pick] - at) / length[pick]
+    share = 1 - (reach[pick] - at) / np.diff(reach, prepend=0.0)[pick]
     segment = bearing[pick]
     heading = way[pick] / length[pick, None]
     start = skeleton.start[segment] + np.clip(share, 0, 1)[:, None] * way[pick]

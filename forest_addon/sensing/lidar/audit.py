@@ -45,7 +45,7 @@ def audit_scan(
 
     scan : the same scan, ready to look again. scene : the true one; left out: the caster's.
     """
-    exact = scan.seen_by(Referee(scan.caster, scene))
+    exact = scan.exactly(scene)
     came = cloud.pulse[np.diff(cloud.pulse, prepend=-1) != 0]
     nothing = np.ones(scan.pulses, dtype=bool)
     nothing[came[(came >= 0) & (came < scan.pulses)]] = False

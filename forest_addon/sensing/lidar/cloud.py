@@ -39,6 +39,8 @@ class Cloud(RowTable):
     width : (P,) seconds, standard deviation of the echo; 0 where a pulse has no length.
     true_range : (P,) metres, the range without noise.
     returns : measured range, surface and labels of the P returns.
+    velocity, rest : of a scan in a scene that moves, (P, 3) m/s of what was met, and (P, 3) metres where that
+        point is when the scene stands as at the frame of the scan; None of a still scene.
     lost : those of the ``pulses`` on which the program failed; a fault of ours, to be reported.
     """
 
@@ -57,6 +59,8 @@ class Cloud(RowTable):
     pulses: int
     engine: str
     lost: tuple[Lost, ...] = ()
+    velocity: np.ndarray | None = None
+    rest: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.pulse)

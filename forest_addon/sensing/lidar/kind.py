@@ -33,7 +33,17 @@ def _drive(job: Observation, progress: Progress | None) -> Any:
 def _scan(job: Observation, progress: Progress | None) -> Any:
     from .scan import scan
 
-    return scan(job.sensor, job.seen.caster, job.settings.seed, job.trajectory, progress)
+    return scan(job.sensor, job.caster, job.settings.seed, job.trajectory, progress)
+
+
+def _lasts(scanner: Any, trajectory: Any) -> float:
+    """Seconds until the last pulse of a scan in a scene that moves."""
+    from .scanner import pattern_of
+
+    if not scanner.motion:
+        return 0.0
+    pattern = pattern_of(scanner, trajectory)
+    return float(pattern.pulses(np.array([pattern.count - 1])).time[0])
 
 
 def _audit_drive(job: Observation, found: Any, seconds: float) -> Audit:
@@ -48,7 +58,7 @@ def _audit_scan(job: Observation, found: Any, seconds: float) -> Audit:
     from .audit import audit_scan
     from .scan import Scan
 
-    work = Scan(job.sensor, job.seen.caster, job.settings.seed, job.trajectory)
+    work = Scan(job.sensor, job.caster, job.settings.seed, job.trajectory)
     rng = stream(job.settings.seed, "audit", job.sensor.name)
     return audit_scan(work, found, rng, seconds, job.settings.accuracy.audit, job.seen.geometry)
 
@@ -170,6 +180,7 @@ TERRESTRIAL = SensorKind(
     run=_scan,
     audit=_audit_scan,
     empty=_no_points,
+    lasts=_lasts,
     cost=_cost_of_scan,
     outline=_window,
     look=look_of_terrestrial,
@@ -188,6 +199,7 @@ MOBILE = SensorKind(
     empty=_no_points,
     trajectory=_trajectory,
     positions=_where_it_starts,
+    lasts=_lasts,
     cost=_cost_of_scan,
     outline=_poses,
     look=look_of_mobile,
@@ -204,6 +216,7 @@ AIRBORNE = SensorKind(
     run=_scan,
     audit=_audit_scan,
     empty=_no_points,
+    lasts=_lasts,
     cost=_cost_of_scan,
     outline=_strips,
     look=look_of_airborne,

@@ -8,6 +8,7 @@ sends back τ²ⁿ. The first is unbiased with one ray a leaf, the second needs 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -42,14 +43,16 @@ def meet(
     max_distance: float,
     surfaces: Surfaces,
     keys: np.ndarray,
+    time: np.ndarray | None = None,
 ) -> Contacts:
     """Follow rays (R, 3), (R, 3) until their light is spent or they leave the scene.
 
-    keys : (R,) uint64 keys of the rays, for chances.
+    keys : (R,) uint64 keys of the rays, for chances. time : (R,) s, for a caster of a scene that moves.
     """
     ray = np.arange(len(origins))
     light = np.ones(len(origins))
-    hits = caster.cast(origins, directions, max_distance)
+    when: dict[str, Any] = {} if time is None else {"time": time}
+    hits = caster.cast(origins, directions, max_distance, **when)
     found: list[Contacts] = []
     while True:
         met = np.flatnonzero(hits.found)
@@ -66,6 +69,7 @@ def meet(
             max_distance,
             min_distance=behind.distance,
             leaving=behind,
+            **{name: every[ray] for name, every in when.items()},
         )
     return Contacts.joined(found)
 

@@ -22,6 +22,9 @@ from ...base.rng import daughter_keys, first_key
 from ...base.trimesh import LEAF
 from ..rays.bundles import Faces
 from ..rays.caster import RayCaster, hit_normals
+from ..rays.geometry import SceneGeometry
+from ..rays.moving import MovingCaster
+from ..rays.referee import Referee
 from ..trajectory import Trajectory
 from . import noise, patches
 from .cloud import Cloud, Lost, join
@@ -62,7 +65,9 @@ class Scan:
         self._key = first_key(seed, "lidar", scanner.name)
         self.pulses = self.pattern.count
         self.at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
-        self._faces = Faces.of(caster.scene) if scanner.beam.subrays > 1 else None
+        self._moving = caster if isinstance(caster, MovingCaster) else None
+        still = self._moving is None and scanner.beam.subrays > 1
+        self._faces = Faces.of(caster.scene) if still else None
         if self._faces is not None:
             self.at_once *= 4  # hardly a ray is traced
         self._lost = 0
@@ -79,7 +84,14 @@ class Scan:
         """The same scan by another caster of the same scene, which is asked for every ray."""
         other = copy(self)
         other.caster, other._faces = caster, None
+        other._moving = caster if isinstance(caster, MovingCaster) else None
         return other
+
+    def exactly(self, true: SceneGeometry | None = None) -> Scan:
+        """The same scan with every ray held against float64. true : the scene that is; left out: its own."""
+        if self._moving is not None:
+            return self.seen_by(self._moving.judged(true))
+        return self.seen_by(Referee(self.caster, true))
 
     def look(self, first: int, stop: int) -> Cloud:
         """The returns of the pulses from number ``first`` to before ``stop``."""
@@ -98,8 +110,9 @@ class Scan:
                 scanner.max_range,
                 scanner.surfaces,
                 keys,
+                None if self._moving is None else pulses.time,
             )
-            found = self._received((pulses.origin, pulses.direction), contacts)
+            found = self._received((pulses.origin, pulses.direction), contacts, pulses.time)
         else:
             found = self._beams(pulses, keys)
         return self._measure(pulses, number, keys, found)
@@ -119,29 +132,34 @@ class Scan:
         at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
         for first in range(0, max(len(rest), 1), at_once):
             rows = rest[first : first + at_once]
-            parts.append(_renumbered(self._traced(beams.select(rows), keys[rows]), rows))
+            traced = self._traced(beams.select(rows), keys[rows], pulses.time[rows])
+            parts.append(_renumbered(traced, rows))
         found = Received.joined(parts)
         if len(parts) == 1:
             return found
         return found.select(np.argsort(found.echoes.pulse, kind="stable"))
 
-    def _traced(self, beams: BeamFrames, keys: np.ndarray) -> Received:
+    def _traced(self, beams: BeamFrames, keys: np.ndarray, time: np.ndarray) -> Received:
         scanner, count = self.scanner, self.scanner.beam.subrays
         rays = sub_rays(beams, count)
         ray_keys = np.zeros(len(rays[0]), dtype=np.uint64)
         if scanner.surfaces.leaf_transmittance:
             ray_keys = daughter_keys(np.repeat(keys, count), np.tile(np.arange(count), len(keys)))
-        contacts = meet(self.caster, *rays, scanner.max_range, scanner.surfaces, ray_keys)
+        when = np.repeat(time, count)
+        at = None if self._moving is None else when
+        contacts = meet(self.caster, *rays, scanner.max_range, scanner.surfaces, ray_keys, at)
+        if self._moving is not None:
+            return self._received(rays, contacts, when)
         beam, first = on_one_face(contacts, len(keys), count)
         whole, sure = received(
             self.caster.scene, scanner, beams.select(beam), contacts.hits.select(first)
         )
         if not len(sure):
-            return self._received(rays, contacts)
+            return self._received(rays, contacts, when)
         alone = np.zeros(len(keys), dtype=bool)
         alone[beam[sure]] = True
         rest = contacts.select(~alone[contacts.ray // count])
-        found = Received.joined([_renumbered(whole, beam), self._received(rays, rest)])
+        found = Received.joined([_renumbered(whole, beam), self._received(rays, rest, when)])
         return found.select(np.argsort(found.echoes.pulse, kind="stable"))
 
     def chunks(self, first: int = 0, at_once: int | None = None) -> Iterator[tuple[int, Cloud]]:
@@ -169,11 +187,16 @@ class Scan:
             why = f"{type(fault).__name__}: {fault}"
             return replace(self.look(first, first), pulses=1, lost=(Lost(first, stop, why),))
 
-    def _received(self, rays: tuple[np.ndarray, np.ndarray], contacts: Contacts) -> Received:
-        """Return the echoes of the light that comes back to origins and directions of rays."""
+    def _received(
+        self, rays: tuple[np.ndarray, np.ndarray], contacts: Contacts, time: np.ndarray
+    ) -> Received:
+        """Return the echoes of the light that comes back to origins and directions of rays, sent at times."""
         scanner, scene = self.scanner, self.caster.scene
         hits, ways = contacts.hits, rays[1][contacts.ray]
-        normal = hit_normals(scene, hits)
+        stood = None
+        if self._moving is not None:
+            stood = self._moving.transforms(hits.instance, time[contacts.ray])
+        normal = hit_normals(scene, hits, stood)
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         energy = intensity(
             reflectance * contacts.light / scanner.beam.subrays,
@@ -225,6 +248,11 @@ class Scan:
             scanner.noise, echoes.distance, labelled.cos_incidence, return_keys
         )
         way = pulses.direction[echoes.pulse]
+        velocity = rest = None
+        if self._moving is not None:
+            met = pulses.origin[echoes.pulse] + labelled.distance[:, None] * found.way
+            when = pulses.time[echoes.pulse]
+            velocity, rest = self._moving.velocities(met, labelled.instance, when)
         return Cloud(
             position=pulses.origin[echoes.pulse] + measured[:, None] * way,
             pulse=number[echoes.pulse],
@@ -240,6 +268,8 @@ class Scan:
             returns=replace(labelled, distance=measured),
             pulses=len(pulses),
             engine=self.caster.engine,
+            velocity=velocity,
+            rest=rest,
         )
 
 

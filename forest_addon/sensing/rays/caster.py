@@ -121,8 +121,13 @@ def unit_columns(directions: np.ndarray) -> np.ndarray:
     return d
 
 
-def hit_normals(scene: SceneGeometry, hits: Hits) -> np.ndarray:
-    """(R, 3) unit world normals of the triangles that were hit; NaN for a miss."""
+def hit_normals(
+    scene: SceneGeometry, hits: Hits, transform: np.ndarray | None = None
+) -> np.ndarray:
+    """(R, 3) unit world normals of the triangles that were hit; NaN for a miss.
+
+    transform : (R, 3, 4) of what was hit, where it was then; left out: where the scene says.
+    """
     normals = np.full((len(hits.distance), 3), np.nan)
     found = np.flatnonzero(hits.found)
     mesh_of_hit = scene.mesh_index[hits.instance[found]]
@@ -132,7 +137,8 @@ def hit_normals(scene: SceneGeometry, hits: Hits) -> np.ndarray:
         for first in range(0, len(rows), ROWS):
             part = rows[first : first + ROWS]
             a, b, c = (mesh.vertices[corner].T for corner in mesh.triangles[hits.triangle[part]].T)
-            m = scene.transform[hits.instance[part]].reshape(-1, 12).T.copy()
+            stood = scene.transform[hits.instance[part]] if transform is None else transform[part]
+            m = stood.reshape(-1, 12).T.copy()
             u, v = _turned(m, b - a), _turned(m, c - a)
             x = u[1] * v[2] - u[2] * v[1]
             y = u[2] * v[0] - u[0] * v[2]

@@ -185,6 +185,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         from ...blender.sensors.observe import Observer
         from ...results.coordinates import Offset
         from ...sensing.cost import note_pace
+        from ...sensing.kinds import choose
         from ...stand.plan import labels
         from ..results import frames
         from ..results.finding import keep_finding, note_audit, save_finding
@@ -201,6 +202,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             (sensor,) = settings.sensors
             observe = partial(observer.observe, sensor, settings, folder=home)
             way = observer.way(sensor, home)
+            observer.prepare(choose(sensor)[0], way)  # here: it goes from frame to frame
             step, span, cost = ahead.next(thing.name)
             found = yield Task(step, partial(observe, way=way), span=span)
             took = time.perf_counter() - started

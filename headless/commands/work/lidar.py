@@ -166,7 +166,8 @@ def scan_blend(
         way = observer.way(sensor)
         cost = kind_of(sensor).cost(sensor, way, caster.engine)
         stages.say(f"  {replace(cost, memory=0)}")  # points go to the disk as they come
-        scan = Scan(sensor, caster, seed, way)  # type: ignore[arg-type]
+        observer.prepare(sensor, way)
+        scan = Scan(sensor, observer.eyes(sensor), seed, way)  # type: ignore[arg-type]
         started = time.perf_counter()
         with stages.stage(f"scan {scan.pulses:,} pulses") as progress:
             done = write_scan(

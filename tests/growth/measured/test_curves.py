@@ -13,6 +13,7 @@ from forest_addon.growth.measured.measure import dbh_of
 from forest_addon.growth.measured.wanted import Wanted
 from forest_addon.growth.mesh.axes import find_axes
 from forest_addon.growth.mesh.meshing import mesh_wood
+from forest_addon.growth.mesh.union import shared_once
 from forest_addon.growth.skeleton import LeafSites, Skeleton
 from forest_addon.growth.solid import volume_of
 from forest_addon.growth.tree import grow
@@ -107,6 +108,21 @@ def test_the_truth_has_the_collars_volume():
     assert pieces == pytest.approx(
         float((np.pi * length * (r1**2 + r1 * r2 + r2**2) / 3).sum()), rel=0.01
     )
+
+
+def test_wood_with_collars_is_closed_and_its_truth_is_the_volume_of_the_union():
+    species, kind = load_species(find_species("european-beech", Path()))
+    wood = grow(species, kind, stream(1, "closed"), Wanted(0.3, 18.0, 7.0, 6.0, 20.0)).skeleton
+    mesh = mesh_wood(wood, 5e-4, uv=False)
+    ahead, after = (mesh.triangles[:, k].astype(np.int64).ravel() for k in ([0, 1, 2], [1, 2, 0]))
+    keys, times = np.unique(ahead * len(mesh.vertices) + after, return_counts=True)
+    assert (times == 1).all()  # every edge once in each direction
+    assert np.array_equal(keys, np.unique(after * len(mesh.vertices) + ahead))
+    corners = mesh.vertices[mesh.triangles]
+    pieces = np.einsum("ti,ti->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6
+    union = shared_once(corners) * pieces  # by upright lines through the mesh
+    assert union == pytest.approx(volume_of(wood), rel=0.012)
+    assert pieces > 1.02 * union  # what lies within the parent counts twice there
 
 
 @pytest.mark.parametrize("name", ["silver-birch", "scots-pine"])

@@ -1,0 +1,175 @@
+"""Scans of a Blender scene that moves: each pulse meets animated objects where they are at its time."""
+
+import math
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon import api as forest
+
+SPEED, RATE = 3.0, 0.8  # m/s, rad/s
+FAR = 12.0
+FAN = forest.Terrestrial(
+    position=(0, 0, 0),
+    azimuth_deg=(-20, 20),
+    elevation_deg=(-10, 10),
+    angle_step_deg=0.5,
+    pulse_rate=2000.0,
+    motion=True,
+)
+
+
+def keyed(thing, path, rows, frames):
+    """Linear keys of a property at frames."""
+    for frame, row in zip(frames, rows, strict=True):
+        setattr(thing, path, row)
+        thing.keyframe_insert(path, frame=frame)
+    bags = thing.animation_data.action
+    curves = getattr(bags, "fcurves", None)
+    if curves is None:
+        curves = bags.layers[0].strips[0].channelbags[0].fcurves
+    for curve in curves:
+        for point in curve.keyframe_points:
+            point.interpolation = "LINEAR"
+        curve.extrapolation = "LINEAR"
+
+
+@pytest.fixture
+def scene(empty_blender):
+    scene = bpy.context.scene
+    scene.render.fps, scene.frame_start, scene.frame_end = 24, 1, 100
+    bpy.ops.mesh.primitive_plane_add(size=60, location=(40, 0, 0), rotation=(0, math.pi / 2, 0))
+    bpy.context.object.name = "wall"
+    bpy.ops.mesh.primitive_plane_add(size=2, location=(FAR, 0, 0))
+    plate = bpy.context.object
+    plate.name, plate.rotation_euler = "plate", (0, math.pi / 2, 0)
+    scene.frame_set(1)
+    return scene
+
+
+@pytest.mark.parametrize("engine", ["embree", "bvhtree"])
+@pytest.mark.parametrize("subrays", [1, 7])
+def test_a_plate_that_nears_is_met_where_it_is(scene, engine, subrays):
+    """Against the closed form: a plate at x = FAR - SPEED t, before a wall that stands."""
+    plate = bpy.data.objects["plate"]
+    frames = (1, 1 + 24 * 4)
+    keyed(plate, "location", [(FAR, 0, 0), (FAR - 4 * SPEED, 0, 0)], frames)
+    world = forest.current(forest.Scene(rays=forest.Rays(engine=engine)))
+    beam = forest.Beam(subrays=subrays, divergence_mrad=(0.1, 0.1))
+    result = world.scan(FAN.changed(beam=beam))
+    cloud = result.found
+    way = np.column_stack(
+        [
+            np.cos(cloud.elevation) * np.cos(cloud.azimuth),
+            np.cos(cloud.elevation) * np.sin(cloud.azimuth),
+            np.sin(cloud.elevation),
+        ]
+    )
+    assert len(cloud) == 81 * 41
+    assert cloud.time.max() > 1.0
+    place = FAR - SPEED * cloud.time
+    at = place[:, None] / way[:, :1] * way
+    aside = np.abs(at[:, 1:]).max(axis=1)
+    ours = np.array([world.objects[n] == "plate" for n in result.labels["object"]])
+    sure = np.abs(aside - 1) > 0.01  # beams over its edge have two echoes
+    assert np.array_equal(ours[sure], (aside < 1)[sure])
+    expected = np.where(ours, place, 40.0) / way[:, 0]
+    off = np.abs(cloud.true_range - expected)[sure]
+    assert off.max() < 1e-6 if subrays == 1 else off.max() < 1e-4
+    assert np.allclose(result.motion["velocity"][ours], (-SPEED, 0, 0), rtol=1e-5)
+    assert not result.motion["velocity"][~ours].any()
+    assert np.allclose(result.motion["rest"][ours, 0], FAR, atol=1e-4)
+    assert np.array_equal(result.motion["rest"][~ours], cloud.position[~ours]) or subrays > 1
+    assert result.audit.kept
+    assert result.audit.checked > 20
+    assert "%" in result.summary()["pulses that met something moving"]
+    assert bpy.context.scene.frame_current == 1
+
+
+def test_turning_parented_and_constrained_things_are_followed(scene):
+    """Between frames too: Euler keys turn evenly about Z, what hangs on it goes along."""
+    plate = bpy.data.objects["plate"]
+    plate.rotation_euler = (0, 0, 0)
+    bpy.ops.object.empty_add(location=(FAR, 0, 0))
+    hub = bpy.context.object
+    plate.parent, plate.location, plate.rotation_euler = hub, (0, 0, 0), (0, math.pi / 2, 0)
+    keyed(hub, "rotation_euler", [(0, 0, 0), (0, 0, 4 * RATE)], (1, 1 + 24 * 4))
+    scene.frame_set(1)
+    result = forest.current().scan(FAN)
+    cloud = result.found
+    tree = np.array(
+        [n == "plate" for n in np.array(forest.current().objects)[cloud.returns.instance]]
+    )
+    turn = RATE * cloud.time
+    normal = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    way = np.column_stack(
+        [
+            np.cos(cloud.elevation) * np.cos(cloud.azimuth),
+            np.cos(cloud.elevation) * np.sin(cloud.azimuth),
+            np.sin(cloud.elevation),
+        ]
+    )
+    expected = FAR * normal[:, 0] / (way * normal).sum(axis=1)
+    assert tree.sum() > 100
+    assert np.abs(cloud.true_range - expected)[tree].max() < 2e-5
+    assert np.allclose(np.abs((cloud.returns.normal * normal).sum(axis=1))[tree], 1, atol=1e-6)
+    arm = cloud.position[tree] - (FAR, 0, 0)
+    spin = np.cross((0, 0, RATE), arm)
+    assert np.allclose(result.motion["velocity"][tree], spin, rtol=1e-3, atol=1e-4)
+    assert result.audit.kept
+
+
+def test_a_scene_that_stands_still_is_scanned_as_before(scene):
+    still, moving = (forest.current().scan(FAN.changed(motion=m)) for m in (False, True))
+    assert np.array_equal(still.points, moving.points)
+    assert not moving.motion["velocity"].any()
+    assert still.motion == {}
+
+
+@pytest.mark.parametrize("engine", ["embree", "bvhtree"])
+def test_nothing_but_what_moves(scene, engine):
+    bpy.data.objects.remove(bpy.data.objects["wall"])
+    plate = bpy.data.objects["plate"]
+    keyed(plate, "location", [(FAR, 0, 0), (FAR - 4 * SPEED, 0, 0)], (1, 97))
+    cloud = forest.current(forest.Scene(rays=forest.Rays(engine=engine))).scan(FAN)
+    assert 100 < len(cloud) < 81 * 41
+    assert cloud.audit.kept
+
+
+def test_what_changes_its_shape_is_named(scene):
+    plate = bpy.data.objects["plate"]
+    plate.shape_key_add(name="Basis")
+    key = plate.shape_key_add(name="wide")
+    for point in key.data:
+        point.co *= 2.0
+    for frame, value in ((1, 0.0), (30, 1.0)):
+        key.value = value
+        key.keyframe_insert("value", frame=frame)
+    scene.frame_set(1)
+    warnings = forest.current().scan(FAN).warnings
+    assert any('"plate" changes its shape' in words for words in warnings)
+
+
+def test_what_appears_meanwhile_is_refused_in_words(scene):
+    plate = bpy.data.objects["plate"]
+    for frame, hidden in ((1, False), (10, True)):
+        plate.hide_viewport = plate.hide_render = hidden
+        plate.keyframe_insert("hide_viewport", frame=frame)
+        plate.keyframe_insert("hide_render", frame=frame)
+    scene.frame_set(1)
+    with pytest.raises(forest.SpecError, match="appear or vanish"):
+        forest.current().scan(FAN)
+    long = FAN.changed(pulse_rate=1.0)
+    with pytest.raises(forest.SpecError, match="frames of the scene"):
+        forest.current().scan(long)
+
+
+def test_a_large_scan_goes_to_a_file_as_it_moves(scene, tmp_path):
+    plate = bpy.data.objects["plate"]
+    keyed(plate, "location", [(FAR, 0, 0), (FAR - 4 * SPEED, 0, 0)], (1, 97))
+    world = forest.current()
+    cloud = world.scan(FAN)
+    done = world.scan_to(tmp_path / "moving.npz", FAN)
+    assert np.array_equal(np.load(done.path)["x"], cloud.points[:, 0])

@@ -1,0 +1,92 @@
+"""Rays in time against closed forms: a plate that moves and turns."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("bpy")
+
+from forest_addon.base.trimesh import OTHER, TriMesh
+from forest_addon.blender.rays.bvh import BvhCaster
+from forest_addon.blender.rays.casters import make_caster
+from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.sensing.rays.moving import MovingCaster, RigidPath
+from forest_addon.spec import Rays
+
+RATE, SPEED = 1.3, 20.0  # rad/s about Z, m/s along X
+SIZE = np.array([2.0, 3.0, 0.5])
+ENGINES = [lambda scene: make_caster(scene, Rays()), BvhCaster]
+
+
+def plates(transforms):
+    corners = np.array([[0.0, -5, -5], [0, 5, -5], [0, 5, 5], [0, -5, 5]])
+    mesh = TriMesh(
+        corners,
+        np.array([[0, 1, 2], [0, 2, 3]]),
+        part=np.full(2, OTHER, np.int8),
+        leaf=np.full(2, -1),
+        material=np.zeros(2, np.int64),
+    )
+    count = len(transforms)
+    nothing = np.full(count, -1)
+    names = tuple("plate" for _ in transforms)
+    mesh_index = np.zeros(count, np.int64)
+    return SceneGeometry((mesh,), np.array(transforms), mesh_index, names, nothing, nothing)
+
+
+def turning(time):
+    """(K, 3, 4) of a plate that starts 30 m ahead, nears at SPEED and turns at RATE."""
+    found = np.zeros((len(time), 3, 4))
+    c, s = np.cos(RATE * time), np.sin(RATE * time)
+    found[:, 0, 0], found[:, 0, 1], found[:, 1, 0], found[:, 1, 1] = c, -s, s, c
+    found[:, 2, 2] = 1.0
+    found[:, :, :3] *= SIZE
+    found[:, 0, 3] = 30.0 - SPEED * time
+    return found
+
+
+@pytest.mark.parametrize("make", ENGINES)
+def test_ranges_of_a_turning_plate_are_those_of_the_closed_form(make):
+    samples = np.linspace(0, 1, 25)
+    path = RigidPath(samples, turning(samples))
+    wall = np.eye(3, 4)
+    wall[0, 3] = 50.0
+    caster = MovingCaster(plates([wall, turning(np.zeros(1))[0]]), {1: path}, make)
+    rng = np.random.default_rng(5)
+    time = rng.uniform(0, 1, 4000)
+    way = np.column_stack([np.ones(4000), rng.uniform(-0.09, 0.09, (4000, 2))])
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    origins = np.zeros((4000, 3))
+    hits = caster.cast(origins, way, time=time)
+    normal = np.column_stack([np.cos(RATE * time), np.sin(RATE * time), np.zeros(4000)])
+    place = 30.0 - SPEED * time
+    distance = place * normal[:, 0] / (way * normal).sum(axis=1)
+    point = distance[:, None] * way - np.column_stack([place, 0 * time, 0 * time])
+    across = -np.sin(RATE * time) * point[:, 0] + np.cos(RATE * time) * point[:, 1]
+    meets = (np.abs(across) < 15) & (np.abs(point[:, 2]) < 2.5) & (distance > 0)
+    assert (~meets).any()
+    assert meets.sum() > 500
+    np.testing.assert_array_equal(hits.instance, np.where(meets, 1, 0))
+    expected = np.where(meets, distance, 50.0 / way[:, 0])
+    np.testing.assert_allclose(hits.distance, expected, rtol=0, atol=1e-9)
+    behind = caster.cast(origins, way, time=time, min_distance=hits.distance, leaving=hits)
+    np.testing.assert_array_equal(behind.instance, np.where(meets, 0, -1))
+
+
+def test_velocity_is_that_of_a_turning_body():
+    samples = np.linspace(0, 1, 25)
+    path = RigidPath(samples, turning(samples))
+    rng = np.random.default_rng(6)
+    time, own = rng.uniform(0, 1, 500), rng.normal(size=(500, 3))
+    arm = np.einsum("rij,rj->ri", turning(time)[:, :, :3], own)
+    expected = np.cross([0, 0, RATE], arm) + np.array([-SPEED, 0, 0])
+    got = path.velocity(own, time)
+    np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-10)
+    assert not path.velocity(own, time + 2).any()
+
+
+def test_a_mirrored_part_keeps_its_samples():
+    rng = np.random.default_rng(7)
+    transform = np.concatenate([turning(np.linspace(0, 1, 5)), rng.normal(size=(5, 3, 4))])
+    transform[2, :, 0] *= -1
+    path = RigidPath(np.arange(10.0), transform)
+    np.testing.assert_allclose(path.at(np.arange(10.0)), transform, atol=1e-12)
