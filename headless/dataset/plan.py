@@ -158,9 +158,8 @@ def _plan(path: Path, tables: dict[str, Any]) -> Plan:
         {"name": base.name, "weight": base.weight, "scene": base.table} for base in bases
     ]
     settings = structure(head, Head)
-    if settings.randomise != "none":
-        tables["vary"] = randomised(settings, [base.table for base in bases], tables)
-    varied = tuple(vary.read_varied(tables.get("vary", {})))
+    tables |= {"vary": randomised(settings, [base.table for base in bases], tables)}
+    varied = tuple(vary.read_varied(tables["vary"]))
     plan = Plan(
         path=path,
         head=settings,

@@ -21,15 +21,16 @@ STEEPER, COARSER = 0.75, 1.5  # times the angle step that a plan has
 DENSITY = (0.5, 2.0)  # times the density of a mix
 
 
-def randomised(
-    head: Head, scenes: Sequence[Mapping[str, Any]], plan: Mapping[str, Any]
-) -> dict[str, Any]:
+def randomised(head: Head, scenes: Sequence[Mapping[str, Any]], plan: Mapping[str, Any]) -> Any:
     """A [vary] table for a plan of these base scenes: what its word draws, and its own over that.
 
     Raises
     ------
     SpecError : a plan whose scenes are counted by a grid alone.
     """
+    own = plan.get("vary", {})
+    if head.randomise == "none" or not isinstance(own, dict):  # what is no table is refused later
+        return own
     if head.count == 0:
         said = f'is needed beside randomise = "{head.randomise}"; give the number of scenes'
         raise SpecError("count", said)
@@ -44,7 +45,7 @@ def randomised(
     kinds = {sensor.get("kind") for sensor in sensors}
     if sensors and kinds <= set(PLATFORMS):
         found |= _of_scanners(sensors, kinds)
-    return found | plan.get("vary", {})
+    return found | own
 
 
 def _of_scanners(sensors: Sequence[Mapping[str, Any]], kinds: set[Any]) -> dict[str, Any]:
