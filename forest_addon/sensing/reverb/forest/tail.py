@@ -232,11 +232,10 @@ def _layer(
     elif abs(losses.constant) < 1:
         impedance[:] = (1.0 + abs(losses.constant)) / (1.0 - abs(losses.constant))
     top = max(clutter.top, losses.stand.trunk_height, losses.source_height, losses.receiver_height)
-    absorption = losses.leaf_absorption
     return Layer(
         trunks,
         phases,
-        tuple(scatter_of(clutter, float(band), speed, absorption) for band in bands),
+        tuple(scatter_of(clutter, float(band), speed, losses.takes) for band in bands),
         top,
         reverb.canopy_return,
         impedance,
