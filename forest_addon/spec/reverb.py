@@ -151,8 +151,8 @@ class Reverb(Sensor):
     )
     multiple_share: float = param(
         0.9,
-        help="forest: from when this share of the energy still to come is scattered more than once, or by "
-        "branches, all is noise; 1: never",
+        help="forest: from when, in every octave, this share of the energy still to come is scattered more "
+        "than once or by branches, or the rest is 40 dB below the octave, all is noise; 1: never",
         gt=0,
         le=1,
     )
