@@ -57,7 +57,7 @@ What this says, in plain words:
   0.007 dB/m in the median stand at 2 kHz, nor the viscous and heat-conducting air at branches, 0.001 dB/m.
   The ground alone lengthens T20 at 4 kHz: the interference of path and ground has its maximum within the
   decay, and what breaks it up brings T20 nearer to the recording. Not tried: trunks that lean and are
-  rough (a lean of 3 degrees turns what they scatter by up to 6, out   of the layer), and ground that
+  rough (a lean of 3 degrees turns what they scatter by up to 6, out of the layer), and ground that
   is not flat.
 - **C50 from 1 to 8 kHz is 3 to 5 dB low**, for the same reason and perhaps because the recording's
   source sends more towards the receiver than to other sides; its directivity is not published with it.
