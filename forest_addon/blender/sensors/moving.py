@@ -88,7 +88,7 @@ class _PlacesInTime:
             depsgraph = bpy.context.evaluated_depsgraph_get()
             with in_full(depsgraph):
                 transform, names = read_places(depsgraph)
-                if frame == math.floor(frame):  # between frames it would cost a third of the reading
+                if frame.is_integer():  # at every sample it would be a third of the reading
                     self._look_at_shapes(depsgraph)
             if len(transform) != len(self._scene) or names != self._scene.object_name:
                 raise SpecError(
