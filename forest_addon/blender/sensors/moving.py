@@ -88,7 +88,8 @@ class _PlacesInTime:
             depsgraph = bpy.context.evaluated_depsgraph_get()
             with in_full(depsgraph):
                 transform, names = read_places(depsgraph)
-                self._look_at_shapes(depsgraph)
+                if frame.is_integer():  # at every sample it would be a third of the reading
+                    self._look_at_shapes(depsgraph)
             if len(transform) != len(self._scene) or names != self._scene.object_name:
                 raise SpecError(
                     "motion",
