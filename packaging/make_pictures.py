@@ -70,7 +70,7 @@ class Shot:
     exposure: float
 
 
-WIDE = (1200, 675)
+WIDE = (1000, 562)
 SHOTS = {
     "rioja-pines": Shot(
         *("assets/scenes/rioja-pines.toml", WIDE, 0.20, 24.0, (22.0, 120.0), True, 0.6)

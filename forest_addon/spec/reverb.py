@@ -151,8 +151,8 @@ class Reverb(Sensor):
     )
     multiple_share: float = param(
         0.9,
-        help="forest: from when this share of the energy still to come is scattered more than once, or by "
-        "branches, all is noise; 1: never",
+        help="forest: from when, in every octave, this share of the energy still to come is scattered more "
+        "than once or by branches, or the rest is 40 dB below the octave, all is noise; 1: never",
         gt=0,
         le=1,
     )
@@ -168,7 +168,8 @@ class Reverb(Sensor):
     )
     bark: float = param(
         0.05,
-        help="forest: share of the energy that bark absorbs of a wave head on (Li et al. 2020: below 0.1)",
+        help="forest: share of the energy that bark of trunks and branches absorbs of a wave head on (Li et "
+        "al. 2020: below 0.1)",
         ge=0,
         le=0.9,
     )
@@ -189,6 +190,10 @@ class Reverb(Sensor):
     )
     branches: bool = param(
         True, help="forest: branches, twigs and leaves scatter sound, up and down too"
+    )
+    boundary_loss: bool = param(
+        True,
+        help="forest: the viscous, heat-conducting air at the bark of branches and twigs takes sound",
     )
     branch_area_density: float = param(
         0.0,

@@ -30,6 +30,7 @@ from forest_addon.spec.base import Settings, with_files
 from . import dotted, vary
 from .chance import refuse_without_chance
 from .place import refuse_out_of_range
+from .randomise import randomised
 from .settings import Ground, Head, Keep, Mix, Placing, Running, Splits
 
 PLANS = ASSETS / "plans"
@@ -156,10 +157,12 @@ def _plan(path: Path, tables: dict[str, Any]) -> Plan:
     tables["scenes"] = [
         {"name": base.name, "weight": base.weight, "scene": base.table} for base in bases
     ]
-    varied = tuple(vary.read_varied(tables.get("vary", {})))
+    settings = structure(head, Head)
+    tables |= {"vary": randomised(settings, [base.table for base in bases], tables)}
+    varied = tuple(vary.read_varied(tables["vary"]))
     plan = Plan(
         path=path,
-        head=structure(head, Head),
+        head=settings,
         bases=bases,
         varied=varied,
         own={key: tables[key] for key in OWN if key in tables},

@@ -180,6 +180,13 @@ class Head(Settings):
         "species, from which every scene of a split draws",
     )
 
+    randomise: str = param(
+        "none",
+        help="what varies by itself: nothing, or (measured) instrument, noise, resolution, undergrowth, "
+        "relief and density within the ranges that instruments and stands have; [vary] goes over it",
+        choices=("none", "measured"),
+    )
+
     @property
     def library(self) -> int:
         """Trees of each species that a split shares; 0: every scene grows its own."""

@@ -26,6 +26,7 @@ SCENARIOS = {  # and where their pictures are
     "ten_clicks": OUT / "ten-clicks",
     "large": OUT / "large",
     "looking": OUT / "looking",
+    "leave": OUT / "leave",
 }
 STARTS = 5
 
@@ -89,6 +90,11 @@ def _play(blender: Blender, name: str, pictures: Path) -> int:
         log, ended = played.stdout, played.returncode == 0
     except subprocess.TimeoutExpired as late:
         log, ended = str(late.stdout), False
+    left = next((line for line in log.splitlines() if line.startswith("LEAVING ")), "")
+    if left:
+        log += (
+            f"\nFIGURE quitting meanwhile: gone after {time.time() - float(left.split()[1]):.1f} s"
+        )
     (OUT / f"{name}.log").write_text(log, encoding="utf-8")
     return _judge(pictures, ended, log)
 

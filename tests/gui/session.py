@@ -273,11 +273,11 @@ def newcomer(steps: Steps) -> Scenario:
     yield 1
     window, area, main, side = view()
 
-    steps.step("change the seed and update")
+    steps.step("change the seed and grow the forest anew: results stay, marked")
     places = sorted(tuple(tree.location) for tree in trees())
     props().seed += 1
     press("forest.build")
-    yield from wait_for(lambda: idle() and not done("reverb"), 60, "the new forest")
+    yield from wait_for(lambda: idle() and props().results["reverb"].stale, 60, "the new forest")
     yield 1
     assert sorted(tuple(tree.location) for tree in trees()) != places
 
@@ -289,10 +289,11 @@ def newcomer(steps: Steps) -> Scenario:
     assert sorted(tuple(tree.location) for tree in trees()) == places
 
     steps.step("drag a hill, and Live builds the forest anew")
+    was_built = props().built
     props().drag_hills = props().live = True
     for planting in props().plantings:
         planting.variants = 1
-    yield from wait_for(lambda: not done("cloud") and idle(), 60, "the first Live build")
+    yield from wait_for(lambda: props().built != was_built and idle(), 60, "the first Live build")
     bpy.ops.ed.undo_push(message="Live")
     props().plantings[0].active_gaussians = 1
     hill = props().plantings[0].gaussians[1]

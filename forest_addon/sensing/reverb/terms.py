@@ -24,6 +24,10 @@ def terms_of(reverb: Reverb) -> tuple[tuple[str, ...], tuple[str, ...]]:
         "bark that absorbs": forest and reverb.bark > 0,
         "leaves that absorb": forest and reverb.foliage and reverb.leaf_absorption > 0,
         "branches, twigs and leaves that scatter in space": forest and reverb.branches,
+        "bark of branches that absorbs": forest and reverb.branches and reverb.bark > 0,
+        "viscous, heat-conducting air at branches": forest
+        and reverb.branches
+        and reverb.boundary_loss,
         "litter that scatters": forest and reverb.branches and reverb.litter > 0,
         "trunks' ends": forest,
     }

@@ -231,7 +231,8 @@ def _tick() -> float | None:
     for window, area in views():
         if window.scene.session_uid == _eye.scene:
             with bpy.context.temp_override(window=window, area=area):
-                if _look(_eye, bpy.context):
+                shown = window.scene.forest_sensing.look_shows
+                if _look(_eye, bpy.context) or (_eye.found and shown not in _eye.drawn):
                     _redraw()
             return TICK
     return QUIET
@@ -258,7 +259,7 @@ def _draw() -> None:
     shown = context.scene.forest_sensing.look_shows
     if shown not in _eye.drawn:
         colours, legend = glance_colours(_eye.found, shown)
-        _eye.drawn[shown] = _texture(colours), legend
+        _eye.drawn = {shown: (_texture(colours), legend)}
     texture, legend = _eye.drawn[shown]
     wide = SHARE * context.region.width
     high = wide * min(max(texture.height / texture.width, 0.15), 0.6)

@@ -39,6 +39,7 @@ RANGES = {
 EVEN_BY_LOGARITHM = ("density", "radius", "leaf_radius", "branch_area_density", "branch_radius")
 OFF = {
     "branches": False,
+    "boundary_loss": False,
     "model": "forest",
     "extinction": "none",
     "tail": "none",
@@ -55,6 +56,12 @@ TERMS: dict[str, tuple[str, ...]] = {
     "ground in moving air": ("path_ground", "turbulence"),
     "leaves": ("foliage",),
     "branches and leaves": ("branches", "foliage"),
+    "branches and leaves, bark and air at branches": (
+        "branches",
+        "foliage",
+        "bark",
+        "boundary_loss",
+    ),
     "bark": ("bark",),
     "trunks' ends": ("trunk_height",),
 }

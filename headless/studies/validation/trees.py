@@ -39,9 +39,9 @@ All crowns of presets begin near the ground and are wide for their height, as of
 most measured trees stood in closed stands. Of a hazel no stem is the trunk at breast height. Presets of
 papers keep the papers' numbers; a stem's radius is, in most, ours. Taper and crowns of measured species were
 set with these volumes, so that those rows say that they can be met, not that they predict; densities are of
-genera, and known to a tenth. The scanned beech has a heavier crown than most that were weighed. In the plot of
-pines, crowns that begin at 0.45 of the height would have most voxels at 9 to 10 m as well; BAAD's pines of 12 to
-20 m begin at 0.34 to 0.77 by study, those that ours are drawn from at 0.5 to 0.7.
+genera, and known to a tenth. The scanned beech has a heavier crown than most that were weighed. In the plot
+of pines, crowns that begin at 0.45 of the height would have most voxels at 9 to 10 m as well; BAAD's pines of
+12 to 20 m begin at 0.34 to 0.77 by study, those that ours are drawn from at 0.5 to 0.7.
 """
 PRESETS = {
     "maple": "DA",

@@ -36,7 +36,7 @@ from ....acoustics.turbulence import coherence
 from ....spec import Air, Reverb
 from ..trunks.slices import Trunks
 from .clutter import BARE, Clutter
-from .scatter import level_loss
+from .scatter import Takes, level_loss
 
 LOWEST, HIGHEST = 1.0, 200e3  # Hz; below and above, ground and branches are as they are there
 NEAR = 256.0  # m of path, up to which both ways to the ground are told apart
@@ -68,6 +68,7 @@ class Losses:
     low, high : the heights of the ends, metres. resistivity : of the ground, kPa·s/m², 0: ``constant``.
     back : turbulence turns phases the other way. scattered : what branches and leaves scatter is lost too.
     extinction : as in the settings. bark, foliage, turbulence, ground : switched off where 0 or False.
+    boundary : air at branches takes sound.
     """
 
     air: Air
@@ -84,6 +85,7 @@ class Losses:
     turbulence: float
     back: bool = False
     scattered: bool = True
+    boundary: bool = False
 
     @classmethod
     def of(
@@ -105,6 +107,7 @@ class Losses:
             resistivity=resistivity,
             impedance_model=reverb.impedance_model,
             turbulence=1e-6 * reverb.turbulence,
+            boundary=reverb.boundary_loss,
         )
 
     def along(self, frequency: np.ndarray) -> np.ndarray:
@@ -117,12 +120,12 @@ class Losses:
         return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)
 
     def of_clutter(self, frequency: np.ndarray) -> np.ndarray:
-        """(F,) nepers of amplitude per metre that leaves take, and that leaves and branches scatter away."""
+        """(F,) nepers of amplitude per metre that leaves and branches take, and scatter away."""
         found = self.of_leaves(frequency)
         level = None
         if self.scattered and not self.stand.clutter.empty:
             height = 0.5 * (self.source_height + self.receiver_height)
-            level = _level(self.stand.clutter, height, self.air.speed())
+            level = _level(self.stand.clutter, height, self.air.speed(), self.takes)
         if level is None:
             return found
         return found + np.exp(level(np.log(np.clip(frequency, LOWEST, HIGHEST))))
@@ -130,6 +133,11 @@ class Losses:
     def of_leaves(self, frequency: np.ndarray) -> np.ndarray:
         """(F,) nepers of amplitude per metre that leaves take."""
         return foliage_loss(frequency, self.stand.leaf_area_density, self.leaf_absorption)
+
+    @property
+    def takes(self) -> Takes:
+        """Return what leaves and branches take for good."""
+        return Takes(self.leaf_absorption, self.bark, self.boundary)
 
     @property
     def among_leaves(self) -> bool:
@@ -295,8 +303,8 @@ def loss_per_metre(frequency: np.ndarray, air: Air, losses: Losses | None) -> np
 
 
 @lru_cache(maxsize=64)
-def _level(clutter: Clutter, height: float, speed: float) -> CubicSpline | None:
-    return level_loss(clutter, height, speed)
+def _level(clutter: Clutter, height: float, speed: float, takes: Takes) -> CubicSpline | None:
+    return level_loss(clutter, height, speed, takes)
 
 
 @lru_cache(maxsize=16)

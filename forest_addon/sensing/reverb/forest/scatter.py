@@ -6,6 +6,8 @@ about the axis as at a trunk of size ka·sin γ (van de Hulst 1957, ch. 15); it 
 the slopes that branches have, and looks all ways for sound that was scattered before. A leaf is a hard disc
 that looks all ways: Rayleigh's cross-section (2k²a³/3π)²·4π/3·cos² below, half its area above, in between
 the smaller; it scatters all ways alike. Lobes straight on, as large as the shadow, are no scattering.
+Branches take what their bark takes, as trunks', and what the air at it takes (``boundary_loss``). A leaf
+takes what was measured of leaves, in which the air at them is held.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from ....acoustics.boundary_loss import twig_loss
 from ....acoustics.extinction import cross_sections
 from ....acoustics.foliage import foliage_loss
 from .clutter import Clutter
@@ -24,8 +27,22 @@ from .transport import PhaseFunction
 
 ANGLES = 90  # of the phase function, 0 to π
 SLOPES, TURNS = 16, 180  # γ and turns about the axis, over which a branch is averaged
+THIN = 0.05  # ka, below which bark takes the same share of a branch's width
 EDGE = 4.0  # of the smaller of two areas of a leaf
 SPECTRUM = np.geomspace(1.0, 200e3, 140)  # Hz at which a level coefficient is computed
+
+
+@dataclass(frozen=True)
+class Takes:
+    """Absorption by leaves and branches: what they take for good.
+
+    leaf_absorption : G of ``acoustics/foliage``. bark : share of a wave head on that branches' bark takes.
+    boundary : the air at branches takes some too.
+    """
+
+    leaf_absorption: float = 0.0
+    bark: float = 0.0
+    boundary: bool = False
 
 
 @dataclass(frozen=True)
@@ -42,14 +59,16 @@ class Scatter:
     density: np.ndarray
 
 
-def scatter_of(clutter: Clutter, frequency: float, speed: float, leaf_absorption: float) -> Scatter:
-    """Of branches and leaves; leaf_absorption : G of ``acoustics/foliage``."""
+def scatter_of(clutter: Clutter, frequency: float, speed: float, takes: Takes) -> Scatter:
+    """Of branches and leaves."""
     radii = np.array(clutter.radii)
     wood = np.zeros(len(clutter.length))
+    lost = np.zeros(len(clutter.length))
     density = np.zeros(ANGLES)
     if len(radii):
         each = _widths(clutter, frequency, speed)
         wood = np.array(clutter.length) @ each
+        lost = np.array(clutter.length) @ _taken(clutter, frequency, speed, takes)
         share = np.array(clutter.length).sum(axis=0) * each
         for radius, part in zip(radii, share, strict=True):
             if part > 1e-3 * share.sum():
@@ -57,18 +76,18 @@ def scatter_of(clutter: Clutter, frequency: float, speed: float, leaf_absorption
     leaves = np.array(clutter.leaf_area) * _leaf_width(clutter.leaf_radius, frequency, speed)
     density += leaves.sum() / (4.0 * math.pi)
     whole = wood.sum() + leaves.sum()
-    absorbed = 2.0 * foliage_loss(np.array([frequency]), 1.0, leaf_absorption)[0]
+    absorbed = 2.0 * foliage_loss(np.array([frequency]), 1.0, takes.leaf_absorption)[0]
     return Scatter(
         wood + leaves,
-        np.array(clutter.leaf_area) * absorbed,
+        lost + np.array(clutter.leaf_area) * absorbed,
         density / whole if whole > 0 else np.full(ANGLES, 0.25 / math.pi),
     )
 
 
-def level_loss(clutter: Clutter, height: float, speed: float) -> CubicSpline | None:
-    """Nepers of amplitude a metre that branches and leaves scatter away at a height, by log frequency.
+def level_loss(clutter: Clutter, height: float, speed: float, takes: Takes) -> CubicSpline | None:
+    """Nepers of amplitude a metre that branches take or scatter away, and leaves scatter, at a height.
 
-    None where there is nothing. The values are logarithms.
+    By log frequency; the values are logarithms. None where there is nothing.
     """
     layer = int(height)
     wood = np.array(clutter.length[layer]) if layer < len(clutter.length) else np.zeros(0)
@@ -76,7 +95,11 @@ def level_loss(clutter: Clutter, height: float, speed: float) -> CubicSpline | N
     if not wood.any() and leaves <= 0:
         return None
     found = [
-        (wood @ _widths(clutter, f, speed) if wood.any() else 0.0)
+        (
+            wood @ (_widths(clutter, f, speed) + _taken(clutter, f, speed, takes))
+            if len(wood)
+            else 0.0
+        )
         + leaves * _leaf_width(clutter.leaf_radius, f, speed)
         for f in SPECTRUM.tolist()
     ]
@@ -88,6 +111,21 @@ def _widths(clutter: Clutter, frequency: float, speed: float) -> np.ndarray:
     radii, across = np.array(clutter.radii), np.array(clutter.across)
     size = np.maximum(2.0 * math.pi * frequency / speed * radii * across, 1e-4)
     return np.asarray(cross_sections(size).energy * radii * across)
+
+
+def _taken(clutter: Clutter, frequency: float, speed: float, takes: Takes) -> np.ndarray:
+    """(K,) m of width whose sound a metre of branch takes for good."""
+    radii, found = np.array(clutter.radii), np.zeros(len(clutter.radii))
+    if takes.bark > 0:
+        across = np.array(clutter.across)
+        size = np.maximum(2.0 * math.pi * frequency / speed * radii * across, THIN)
+        whole = (
+            1.0 + size**2
+        ) / size**2  # trunks' bark fades out below ka = 1, where none is measured
+        found += cross_sections(size, takes.bark).absorption * whole * radii * across
+    if takes.boundary:
+        found += twig_loss(radii, frequency, speed)
+    return found
 
 
 def _leaf_width(radius: float, frequency: float, speed: float) -> float:

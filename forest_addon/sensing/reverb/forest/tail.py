@@ -7,7 +7,8 @@ made in short blocks, each of random phases, with the energy a metre of path
 
 in between octaves by logarithms: ``heard`` is what the sum over trunks has of sound scattered once, w its
 fade-out. So the energy is that of transport at every time, and nothing jumps at the joint: from ``joint`` on,
-where more than a stated share of all energy is scattered more than once, w falls to 0 and all is noise.
+where in every octave more than a stated share of the energy is scattered more than once, or what is not is
+faint, w falls to 0 and all is noise.
 """
 
 from __future__ import annotations
@@ -34,6 +35,9 @@ BINS = 40  # of path length, evenly by its logarithm
 FADE = 1.25  # ratio of path lengths over which the sum over trunks fades out
 FOLLOWED = 20.0  # mean free paths over which packets are followed
 LEAST = 1e-30
+FAINT = (
+    1e-4  # of an octave's energy, below which what noise replaces does not count: T30 ends above
+)
 TREND = 4  # bins over which the end of what branches turned is followed
 NO_TRUNK = PhaseFunction(0.0, 1.0, np.zeros(1440), np.full(1440, 0.5 / math.pi))
 
@@ -103,6 +107,17 @@ class Tail:
         """(B, X) scattered once, and more than once, a metre, without losses along the path."""
         parts = [each.at(length) for each in self.energy]
         return np.array([once for once, _ in parts]), np.array([again for _, again in parts])
+
+    def heard(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(B, X) a metre that arrives, scattered once by trunks, and more than once or by branches."""
+        once, again = self.energies(length)
+        kept = np.exp(-2.0 * np.outer(self.losses.along(self.band), length))
+        kept = kept * self.losses.unthinned.mean_square(self.band[:, None], length)
+        if self.diffuse is None:
+            return once * kept, again * kept
+        turned = np.array([self.turned(row, length) for row in range(len(self.diffuse))])
+        lost = np.exp(-2.0 * np.outer(self.losses.of_air(self.band), length))
+        return once * kept, again * kept + turned * lost
 
     def samples(self, rate: float, count: int, air: Air, rng: np.random.Generator) -> np.ndarray:
         """(count,) noise at ``rate`` Hz, sample 0 when the source sounds."""
@@ -214,7 +229,7 @@ def tail_of(
         rng = stream(int(key[0]), *key[1:], "branches")
         turned = diffused(layer, source, receiver, edges, packets, rng)
     tail = Tail(bands, tuple(found), lift, math.inf, losses, turned)
-    return replace(tail, joint=_joint(tail, reverb.multiple_share))
+    return replace(tail, joint=_joint(tail, reverb.multiple_share, apart))
 
 
 def _layer(
@@ -232,11 +247,10 @@ def _layer(
     elif abs(losses.constant) < 1:
         impedance[:] = (1.0 + abs(losses.constant)) / (1.0 - abs(losses.constant))
     top = max(clutter.top, losses.stand.trunk_height, losses.source_height, losses.receiver_height)
-    absorption = losses.leaf_absorption
     return Layer(
         trunks,
         phases,
-        tuple(scatter_of(clutter, float(band), speed, absorption) for band in bands),
+        tuple(scatter_of(clutter, float(band), speed, losses.takes) for band in bands),
         top,
         reverb.canopy_return,
         impedance,
@@ -266,24 +280,25 @@ def _diffused(start: Energy, phase: PhaseFunction, density: Density, edges: np.n
     return Energy(edges, np.concatenate([start.once, np.full(len(middle) - count, LEAST)]), again)
 
 
-def _joint(tail: Tail, share: float) -> float:
-    """Metres of path from which on more than a share of the energy to come is scattered more than once, or
-    by branches and leaves."""
+def _joint(tail: Tail, share: float, apart: float) -> float:
+    """Metres of path from which on noise replaces the sum over trunks, that is sound scattered once.
+
+    From there on, in every octave, what it replaces is at most 1 - share of the energy still to come, at
+    this length and all later ones, or FAINT of all energy of the octave, direct sound included. Noise has
+    the energy of what it replaces; so much of it has not its waveform.
+    """
     if share >= 1:
         return math.inf
-    length = tail.energy[0].middle
-    once, again = tail.energies(length)
-    lost = np.exp(-2.0 * np.outer(tail.losses.along(tail.band), length))
-    weight = (
-        tail.band[:, None] * lost * tail.losses.unthinned.mean_square(tail.band[:, None], length)
+    length, width = tail.energy[0].middle, np.diff(tail.energy[0].edges)
+    once, several = tail.heard(length)
+    once, several = (
+        np.cumsum((part * width)[:, ::-1], axis=1)[:, ::-1] for part in (once, several)
     )
-    several = (weight * again).sum(axis=0)
-    whole = several + (weight * once).sum(axis=0)
-    if tail.diffuse is not None:
-        lost = np.exp(-2.0 * np.outer(tail.losses.of_air(tail.band), length))
-        turned = (tail.band[:, None] * lost * tail.diffuse).sum(axis=0)
-        several, whole = several + turned, whole + turned
-    width = np.diff(tail.energy[0].edges)
-    several, whole = (np.cumsum((part * width)[::-1])[::-1] for part in (several, whole))
-    above = np.flatnonzero(several > share * whole)
-    return float(length[above[0]]) if len(above) else math.inf
+    direct = tail.losses.unthinned.mean_square(tail.band, np.array(apart)) / apart**2
+    taken = 2.0 * tail.losses.along(tail.band) + tail.losses.removed(tail.band)
+    whole = direct * np.exp(-taken * apart) + once[:, 0] + several[:, 0]
+    held = once <= (1.0 - share) * (once + several)
+    held |= once <= FAINT * whole[:, None]
+    late = np.flatnonzero(~held.all(axis=0))
+    row = int(late[-1]) + 1 if len(late) else 0
+    return float(length[row]) if row < len(length) else math.inf

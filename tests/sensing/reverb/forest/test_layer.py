@@ -11,11 +11,18 @@ import pytest
 from references.foldy_lax import received
 from references.transport_in_space import in_ball, in_layer
 
+from forest_addon.acoustics.boundary_loss import twig_loss
 from forest_addon.base.rng import stream
 from forest_addon.sensing.reverb.forest.clutter import Clutter
 from forest_addon.sensing.reverb.forest.layer import Layer, diffused
 from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
-from forest_addon.sensing.reverb.forest.scatter import ANGLES, Scatter, level_loss, scatter_of
+from forest_addon.sensing.reverb.forest.scatter import (
+    ANGLES,
+    Scatter,
+    Takes,
+    level_loss,
+    scatter_of,
+)
 from forest_addon.sensing.reverb.forest.tail import tail_of
 from forest_addon.sensing.reverb.forest.transport import Density, PhaseFunction
 from forest_addon.spec import Air, Reverb
@@ -143,19 +150,31 @@ def test_branches_send_energy_into_the_noise_and_take_it_from_paths() -> None:
     assert (tail.diffuse[-1] > 0).sum() > 20
     bare = replace(losses, scattered=False)
     taken = losses.along(np.array([8000.0])) - bare.along(np.array([8000.0]))
-    scatter = scatter_of(TWIGS, 8000.0, 343.0, 0.0)
-    np.testing.assert_allclose(2 * taken, scatter.scattered[1], rtol=1e-3)
+    scatter = scatter_of(TWIGS, 8000.0, 343.0, Takes(bark=reverb.bark, boundary=True))
+    whole = scatter.scattered[1] + scatter.absorbed[1]
+    np.testing.assert_allclose(2 * taken, whole, rtol=1e-3)
 
 
 def test_phase_functions_hold_all_energy_and_grow_with_frequency() -> None:
     solid = -2 * math.pi * np.diff(np.cos(np.linspace(0, math.pi, ANGLES + 1)))
     wide = []
     for frequency in (500.0, 2000.0, 8000.0):
-        found = scatter_of(TWIGS, frequency, 343.0, 0.0015)
+        found = scatter_of(TWIGS, frequency, 343.0, Takes(0.0015))
         assert abs(found.density @ solid - 1) < 1e-3
         wide.append(found.scattered[0])
     assert wide[0] < wide[1] < wide[2]
-    assert level_loss(Clutter(), 1.5, 343.0) is None
+    assert level_loss(Clutter(), 1.5, 343.0, Takes()) is None
+
+
+def test_bark_of_twigs_takes_what_an_impedance_takes() -> None:
+    """Small cylinders see the same pressure all round: 2πa·Re β a metre, of a share 1 - |(1-β)/(1+β)|²."""
+    share, small = 0.05, Clutter((1e-4,), ((100.0,),), (1.0,), (0.0,), 0.02)
+    beta = (1 - math.sqrt(1 - share)) / (1 + math.sqrt(1 - share))
+    found = scatter_of(small, 2000.0, 343.0, Takes(bark=share))
+    assert found.absorbed[0] == pytest.approx(100.0 * 2 * math.pi * 1e-4 * beta, rel=0.02)
+    assert scatter_of(small, 2000.0, 343.0, Takes()).absorbed[0] == 0
+    wet = scatter_of(small, 2000.0, 343.0, Takes(boundary=True))
+    assert wet.absorbed[0] == pytest.approx(100.0 * twig_loss(np.array([1e-4]), 2000.0, 343.0)[0])
 
 
 def test_litter_and_a_canopy_that_returns() -> None:

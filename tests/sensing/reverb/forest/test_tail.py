@@ -71,14 +71,37 @@ def test_energy_does_not_jump_at_the_joint(share):
     assert math.isinf(made.joint) == (share == 1.0)
 
 
+@pytest.mark.parametrize("changes", [{}, {"turbulence": 0.0}, {"multiple_share": 0.5}])
+def test_what_noise_replaces_is_bounded_in_every_octave(changes):
+    """Summed anew, band by band and at every length from the joint on, over a grid of its own."""
+    made = tail(**changes)
+    share = changes.get("multiple_share", 0.9)
+    last = made.energy[0].edges[-1]
+    length = np.geomspace(10.001, last, 4000)
+    once, several = made.heard(length)
+    width = np.gradient(length)
+    to_come = np.cumsum((once * width)[:, ::-1], axis=1)[:, ::-1]
+    all_to_come = np.cumsum(((once + several) * width)[:, ::-1], axis=1)[:, ::-1]
+    after = length >= 1.1 * made.joint  # a bin of the rule
+    assert after.any()
+    direct = made.losses.unthinned.mean_square(made.band, np.array(10.0)) / 100.0
+    direct *= np.exp(-10 * (2 * made.losses.along(made.band) + made.losses.removed(made.band)))
+    whole = direct + all_to_come[:, 0]
+    over = to_come > 1.2 * np.maximum((1 - share) * all_to_come, 1e-4 * whole[:, None])
+    assert not over[:, after].any()
+    assert over[:, length < made.joint / 1.2].any()  # nor does it come later than it must
+
+
 def test_trunks_after_the_joint_are_not_summed():
-    """A joint at once leaves the direct sound, the ground's, and noise."""
-    trunks = stand_of(300, 27.0)
-    given = {"duration": 0.3, "extinction": "coherent", "multiple_share": 0.01}
-    found = impulse_response(trunks, Reverb(**(SETTINGS | given)), AIR)
-    assert found.joint < 0.06
+    """Trunks stand on beyond the joint, and are heard there where all of them are summed."""
+    trunks = stand_of(9000, 150.0)
+    given = SETTINGS | {"duration": 1.0}
+    found = impulse_response(trunks, Reverb(**given), AIR)
+    assert found.joint < 0.7
     late = int(1.3 * found.joint * 4e3)
     np.testing.assert_allclose(found.trees[late:], found.tail[late:], atol=1e-12)
+    whole = impulse_response(trunks, Reverb(**(given | {"multiple_share": 1.0})), AIR)
+    assert np.abs(whole.trees - whole.tail)[late : late + 400].max() > 1e-6
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])
