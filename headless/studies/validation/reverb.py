@@ -55,8 +55,10 @@ What this says, in plain words:
   layer in which upright trunks return it. At 8 kHz they bring T20 to the recording's; at 2 and 4 kHz
   something is still missing. By published values it is neither bark, of trunks and branches together
   0.007 dB/m in the median stand at 2 kHz, nor the viscous and heat-conducting air at branches, 0.001 dB/m.
-  Not tried: trunks that lean and are rough (a lean of 3 degrees turns what they scatter by up to 6, out
-  of the layer), and ground that is not flat.
+  The ground alone lengthens T20 at 4 kHz: the interference of path and ground has its maximum within the
+  decay, and what breaks it up brings T20 nearer to the recording. Not tried: trunks that lean and are
+  rough (a lean of 3 degrees turns what they scatter by up to 6, out of the layer), and ground that
+  is not flat.
 - **C50 from 1 to 8 kHz is 3 to 5 dB low**, for the same reason and perhaps because the recording's
   source sends more towards the receiver than to other sides; its directivity is not published with it.
 - **The decay's shape.** The recording falls as a power of time from 500 Hz to 4 kHz, ours to 1 kHz
@@ -64,7 +66,7 @@ What this says, in plain words:
   bends it.
 - **Bark and trunks' ends hardly matter** for one meeting; bark matters for sound that meets many
   trunks.
-- **Albert's stands.** The median is 1.2 s, at the short end of what was published (1.2 to 3 s); how
+- **Albert's stands.** The median is 1.4 s, at the short end of what was published (1.2 to 3 s); how
   their times were read from the decay is not known to us, and over a power law the range that is read
   decides."""
 KOLI = SoundPath(9.0, 1.5, 32e3, Air(temperature_c=16.0, humidity=75.0))
