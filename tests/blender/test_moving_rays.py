@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 pytest.importorskip("bpy")
 
@@ -90,3 +91,23 @@ def test_a_mirrored_part_keeps_its_samples():
     transform[2, :, 0] *= -1
     path = RigidPath(np.arange(10.0), transform)
     np.testing.assert_allclose(path.at(np.arange(10.0)), transform, atol=1e-12)
+
+
+def test_a_part_never_leaves_the_box_it_sweeps():
+    """Turns by up to 2 rad a sample, shears, an origin far off: its points lie within; it is not loose."""
+    rng = np.random.default_rng(8)
+    for step in (0.02, 0.5, 2.0):
+        axis = rng.normal(size=3)
+        turn = Rotation.from_rotvec(np.outer(step * np.arange(6), axis / np.linalg.norm(axis)))
+        shear = 0.1 * rng.normal(size=(6, 3, 3))
+        shape = np.eye(3) + shear + shear.transpose(0, 2, 1)
+        matrix = np.concatenate([turn.as_matrix() @ shape, rng.normal(size=(6, 3, 1))], axis=2)
+        path = RigidPath(np.arange(6.0), matrix)
+        own = rng.uniform(-1, 1, (20_000, 3)) * (1, 0.2, 3) + (4, 0, -2)
+        low, high = path.swept(own.min(axis=0), own.max(axis=0))
+        at = path.at(rng.uniform(0, 5, len(own)))
+        place = np.einsum("rij,rj->ri", at[:, :, :3], own) + at[:, :, 3]
+        assert (place > low).all()
+        assert (place < high).all()
+        if step == 0.02:
+            assert (high - low < 1.6 * np.ptp(place, axis=0)).all()

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -39,21 +40,21 @@ class RigidPath:
         if len(self.time) == 1:
             found[:] = self.transform[0]
             return found
-        place, turn, shape = self._factors()
+        place, _, shape = self._factors
         row, share = self._between(time)
         found[:, :, 3] = place[row] + share * (place[row + 1] - place[row])
         stretch = shape[row] + share[:, None] * (shape[row + 1] - shape[row])
-        found[:, :, :3] = Slerp(self.time, turn)(time).as_matrix() @ stretch
+        found[:, :, :3] = self._turns(time).as_matrix() @ stretch
         return found
 
     def velocity(self, points: np.ndarray, time: np.ndarray) -> np.ndarray:
         """(R, 3) m/s of the part's own points (R, 3) at times (R,); at a sample, of what follows."""
         if len(self.time) == 1:
             return np.zeros_like(points)
-        place, turn, shape = self._factors()
+        place, turn, shape = self._factors
         row, share = self._between(time)
         step = np.diff(self.time)[row, None]
-        turned = Slerp(self.time, turn)(np.clip(time, self.time[0], self.time[-1]))
+        turned = self._turns(np.clip(time, self.time[0], self.time[-1]))
         rate = (turn[1:] * turn[:-1].inv()).as_rotvec()[row] / step
         bend = shape[row + 1] - shape[row]
         stretched = np.einsum("rij,rj->ri", shape[row] + share[:, None] * bend, points)
@@ -63,6 +64,29 @@ class RigidPath:
         found[(time < self.time[0]) | (time > self.time[-1])] = 0.0
         return found
 
+    def swept(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Box in the world, corners (3,), that a part within a box of its own, corners (3,), never leaves.
+
+        It holds the boxes at all samples. Between two of them, a turn by an angle apart, a point at an arm m
+        is at most m times half that angle from the straight line between its places there.
+        """
+        middle, half = (low + high) / 2, (high - low) / 2
+        straight = self.transform[:, :, :3]
+        centre = straight @ middle + self.transform[:, :, 3]
+        out = np.abs(straight) @ half
+        bow = 0.0
+        if len(self.time) > 1:
+            _, turn, _ = self._factors
+            arm = float(np.linalg.norm(np.maximum(np.abs(low), np.abs(high))))
+            size = float(np.linalg.norm(straight, ord=2, axis=(1, 2)).max())
+            bow = float((turn[1:] * turn[:-1].inv()).magnitude().max()) / 2 * size * arm
+        return (centre - out).min(axis=0) - bow, (centre + out).max(axis=0) + bow
+
+    @cached_property
+    def _turns(self) -> Slerp:
+        return Slerp(self.time, self._factors[1])
+
+    @cached_property
     def _factors(self) -> tuple[np.ndarray, Rotation, np.ndarray]:
         """Places (K, 3), turns and shapes (K, 3, 3) of the samples, by polar decomposition."""
         u, size, v = np.linalg.svd(self.transform[:, :, :3])
@@ -100,10 +124,12 @@ class MovingCaster:
         self._still_number = np.flatnonzero(~moves)
         self._still = make(_chosen(scene, self._still_number))
         self._parts = {n: make(_chosen(scene, [n], STILL)) for n in paths}
-        balls = [_swept(part.scene, paths[n]) for n, part in self._parts.items()]
-        centre = np.array([middle for middle, _ in balls]).reshape(-1, 3)
-        radius = np.array([size for _, size in balls])[:, None]
-        self._swept = BoxTree(centre - radius, centre + radius)
+        boxes = [
+            paths[n].swept(*(corner[0] for corner in part.scene.bounds()))
+            for n, part in self._parts.items()
+        ]
+        low, high = np.array(boxes).reshape(-1, 2, 3).transpose(1, 0, 2)
+        self._swept = BoxTree(low, high)
         self.engine = self._still.engine
 
     def judged(self, true: SceneGeometry | None = None) -> MovingCaster:
@@ -230,16 +256,3 @@ def _renumbered(hits: Hits, numbers: np.ndarray) -> Hits:
         return replace(hits, instance=np.full_like(hits.instance, -1))
     row = np.minimum(np.searchsorted(numbers, hits.instance), len(numbers) - 1)
     return replace(hits, instance=np.where(numbers[row] == hits.instance, row, -1))
-
-
-def _swept(scene: SceneGeometry, path: RigidPath) -> tuple[np.ndarray, float]:
-    """Centre (3,) and radius of a ball in the world that a part never leaves.
-
-    Places and shapes go linearly, so that neither is ever farther or larger than at its samples.
-    """
-    low, high = scene.bounds()
-    reach = float(np.linalg.norm(np.maximum(np.abs(low[0]), np.abs(high[0]))))
-    place = path.transform[:, :, 3]
-    centre: np.ndarray = (place.min(axis=0) + place.max(axis=0)) / 2
-    size = float(np.linalg.norm(path.transform[:, :, :3], ord=2, axis=(1, 2)).max())
-    return centre, float(np.linalg.norm(place - centre, axis=1).max()) + size * reach

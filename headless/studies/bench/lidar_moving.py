@@ -1,0 +1,118 @@
+"""Rays a second where some bodies of a scene move, beside where none does, and their error against float64.
+
+400 bumpy bodies of 7,000 triangles, some of which go 1 m and turn by 1 rad within 1 s; rays from the middle
+into every direction, each at a time of its own, no two alike: the worst case. Time is CPU time of one thread.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from forest_addon.base.progress import Say
+from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import OTHER, TriMesh
+from forest_addon.blender.rays.bvh import BvhCaster
+from forest_addon.blender.rays.embree import EmbreeCaster
+from forest_addon.sensing.rays.caster import RayCaster
+from forest_addon.sensing.rays.exact import cast_exactly
+from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.sensing.rays.moving import MovingCaster, RigidPath
+
+from ..tables import median_seconds, table
+
+BODIES = 400
+MOVING = (1, 10, 40)
+SIDES = 60  # of a body
+RAYS = {BvhCaster: 20_000, EmbreeCaster: 200_000}
+CHECKED = 100  # rays towards bodies that move, each against the scene as it is at its time
+
+
+def run(say: Say) -> None:
+    """Print how much longer rays take where bodies move, and their error."""
+    say(f"\nOf {BODIES} bodies some move; each ray has a time of its own:\n")
+    scene, rows = _bodies(), []
+    for engine, count in RAYS.items():
+        for moving in MOVING:
+            rows.append([f"{moving}", engine.engine, *_measure(scene, moving, engine, count)])
+    table(say, ["moving", "engine", "still, rays/s", "moving, rays/s", "times", "error, m"], rows)
+
+
+def _measure(
+    scene: SceneGeometry, moving: int, make: Callable[[SceneGeometry], RayCaster], count: int
+) -> list[str]:
+    rng = stream(1, "bench", moving)
+    ways, time = rng.normal(size=(count, 3)), rng.uniform(0, 1, count)
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    origins = np.zeros((count, 3))
+    paths = {number: _path(scene.transform[number]) for number in range(moving)}
+    still, caster = make(scene), MovingCaster(scene, paths, make)
+    still.cast(origins, ways)
+    caster.cast(origins, ways, time=time)
+    before = median_seconds(lambda: still.cast(origins, ways))
+    after = median_seconds(lambda: caster.cast(origins, ways, time=time))
+    off = _error(caster, paths)
+    return [f"{count / before:,.0f}", f"{count / after:,.0f}", f"{after / before:.2f}", off]
+
+
+def _error(caster: MovingCaster, paths: dict[int, RigidPath]) -> str:
+    """Largest error of a distance; infinite where another body is met, or none."""
+    rng = stream(2, "bench", len(paths))
+    number, time = rng.integers(len(paths), size=CHECKED), rng.uniform(0, 1, CHECKED)
+    place = np.array([paths[n].at(t[None])[0] for n, t in zip(number, time, strict=True)])
+    ways = place[:, :, 3] + rng.uniform(-0.5, 0.5, (CHECKED, 3))
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    origins = np.zeros((CHECKED, 3))
+    found = caster.cast(origins, ways, time=time)
+    worst = 0.0
+    for row in range(CHECKED):
+        now = caster.scene.transform.copy()
+        for part, path in paths.items():
+            now[part] = path.at(time[row, None])[0]
+        scene = _scene(caster.scene.meshes[0], now)
+        truth = cast_exactly(scene, origins[:1], ways[row, None])
+        same = truth.instance[0] == found.instance[row]
+        off = abs(truth.distance[0] - found.distance[row]) if same else np.inf
+        worst = max(worst, float(off))
+    return f"{worst:.0e}"
+
+
+def _path(transform: np.ndarray) -> RigidPath:
+    time = np.linspace(0, 1, 25)
+    found = np.repeat(transform[None], len(time), axis=0)
+    found[:, 0, 3] += time
+    found[:, 0, 0] = found[:, 1, 1] = np.cos(time)
+    found[:, 1, 0] = np.sin(time)
+    found[:, 0, 1] = -np.sin(time)
+    return RigidPath(time, found)
+
+
+def _bodies() -> SceneGeometry:
+    round_, up = np.meshgrid(
+        np.linspace(0, 2 * np.pi, SIDES), np.linspace(0, np.pi, SIDES), indexing="ij"
+    )
+    ball = [np.cos(round_) * np.sin(up), np.sin(round_) * np.sin(up), np.cos(up)]
+    bumps = 1 + 0.1 * np.sin(7 * round_) * np.sin(5 * up)
+    vertices = np.stack([bumps * x for x in ball], axis=-1).reshape(-1, 3)
+    i = (np.arange(SIDES - 1)[:, None] * SIDES + np.arange(SIDES - 1)).ravel()
+    lower = np.stack([i, i + 1, i + SIDES], axis=1)
+    upper = np.stack([i + 1, i + SIDES + 1, i + SIDES], axis=1)
+    triangles = np.concatenate([lower, upper])
+    count = len(triangles)
+    mesh = TriMesh(
+        vertices,
+        triangles,
+        part=np.full(count, OTHER, np.int8),
+        leaf=np.full(count, -1),
+        material=np.zeros(count, np.int64),
+    )
+    transform = np.repeat(np.eye(3, 4)[None], BODIES, axis=0)
+    transform[:, :, 3] = stream(3, "bench").uniform(-40, 40, (BODIES, 3))
+    return _scene(mesh, transform)
+
+
+def _scene(mesh: TriMesh, transform: np.ndarray) -> SceneGeometry:
+    none = np.full(len(transform), -1)
+    names = tuple("body" for _ in transform)
+    return SceneGeometry((mesh,), transform, np.zeros(len(transform), np.int64), names, none, none)
