@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import base64
 import io
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..results.plot import Plot
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan
-from ..sensing.reverb.metrics import energy_decay_db
-from ..sensing.reverb.response import ImpulseResponse
-from ..sensing.sonar.ping import Echo
 from ..spec import SpecError
+
+if TYPE_CHECKING:
+    from ..sensing.reverb.response import ImpulseResponse
+    from ..sensing.sonar.ping import Echo
 
 ORGANS = ("other", "wood", "leaf", "ground", "dead wood")
 COLOURS = ("#7a7a7a", "#7a4a1f", "#3f8f3a", "#b8a06a", "#8c8378")
@@ -82,6 +83,8 @@ def draw_echo(echo: Echo) -> Any:
 
 def draw_response(found: ImpulseResponse) -> Any:
     """The first channel's samples and the decay of its energy."""
+    from ..sensing.reverb.metrics import energy_decay_db
+
     figure, (above, below) = _figure(2, 1, (9, 5))
     time = np.arange(len(found.samples)) / found.sample_rate
     above.plot(time, found.samples, lw=0.5, color="#8a4a2b")

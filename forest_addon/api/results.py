@@ -22,15 +22,15 @@ from ..results.point_files import ENDINGS, ending_of, write_points
 from ..sensing.audit import Audit
 from ..sensing.lidar.cloud import Cloud
 from ..sensing.lidar.tractor import TractorScan, to_cloud
-from ..sensing.reverb.metrics import RoomMetrics, room_metrics
-from ..sensing.reverb.response import ImpulseResponse, channels_of
-from ..sensing.sonar.flight import PingSeries
-from ..sensing.sonar.ping import Echo
 from ..spec import Choice, Sensor, SpecError
 from . import labelled, plots
 from .given import file_to_write, path_of
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # a sensor's physics is imported when it runs
+    from ..sensing.reverb.metrics import RoomMetrics
+    from ..sensing.reverb.response import ImpulseResponse
+    from ..sensing.sonar.flight import PingSeries
+    from ..sensing.sonar.ping import Echo
     from ..sensing.trajectory import Trajectory
 
 BAG = ".mcap"
@@ -268,6 +268,8 @@ class Echoes(Result):
     @property
     def waveforms(self) -> np.ndarray:
         """(P, E, N) echoes of the call by pose and ear, re the call at 1 m."""
+        from ..sensing.sonar.flight import PingSeries
+
         return PingSeries(self.pings).stacked("waveforms")
 
     def summary(self) -> dict[str, str]:
@@ -291,6 +293,8 @@ class Response(Result):
     @property
     def samples(self) -> np.ndarray:
         """(N,) of one channel, or (N, C), re the source's impulse at 1 m."""
+        from ..sensing.reverb.response import channels_of
+
         return channels_of(self.found)
 
     @property
@@ -301,6 +305,8 @@ class Response(Result):
     @property
     def metrics(self) -> RoomMetrics:
         """Room measures of the first channel, by band."""
+        from ..sensing.reverb.metrics import room_metrics
+
         return room_metrics(self.found.samples, self.found.sample_rate, self.found.left_db)
 
     def summary(self) -> dict[str, str]:

@@ -21,7 +21,6 @@ import numpy as np
 
 from ..base.progress import Progress
 from ..formats.atomic import replacing
-from ..formats.las import write_las
 from ..formats.ply import PlyFile
 from ..sensing.lidar.cloud import Lost, together
 from ..sensing.lidar.scan import Scan
@@ -116,6 +115,8 @@ def _finish(file: PlyFile, path: Path, kind: str, crs: str) -> None:
     if kind == "npz":
         write_npz_rows(path, file.rows())
     else:
+        from ..formats.las import write_las  # here: few runs need what it takes to import
+
         write_las(path, file.rows(), crs=crs)
     file.path.unlink()
 

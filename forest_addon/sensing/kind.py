@@ -131,6 +131,7 @@ class SensorKind:
     choose : what is left to "auto", chosen. left_out : what a finding left out, and the bound on that.
     thinned : settings, as a table, by which one of so many of its pulses is sent; None: it has none.
     look : what it needs of trees, where their detail is left to "auto".
+    glance : a coarse image of what it sees, fast enough to be live; None: it has no eyes.
     family : "lidar", "sonar", "reverb", or a word of its own.
 
     As an object in the view: help : what it is, in a sentence. icon, colour : Blender's name, linear RGBA.
@@ -152,6 +153,7 @@ class SensorKind:
     left_out: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen
     thinned: Callable[[Any, float], dict[str, Any]] | None = None
     look: Callable[[Any], SensorLook] = look_at_leaves
+    glance: Callable[[Observation], Any] | None = None
     family: str = ""
     help: str = ""
     icon: str = "DOT"

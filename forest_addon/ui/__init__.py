@@ -70,7 +70,7 @@ def _rooms() -> tuple[ModuleType, ...]:
     from .forest import panels as forest_panels
     from .results import export, frames, names, show, swatches
     from .results import panel as results_panel
-    from .sensors import add, flight, instruments, run, things
+    from .sensors import add, flight, instruments, look_through, run, things
     from .sensors import lists as sensors_lists
     from .sensors import panels as sensors_panels
     from .settings import command, hills, manual, migration, preferences
@@ -88,6 +88,7 @@ def _rooms() -> tuple[ModuleType, ...]:
             add,
             instruments,
             run,
+            look_through,
             show,
             export,
             frames,

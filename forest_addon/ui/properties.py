@@ -186,6 +186,19 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
                 get=display.get_display,
                 set=display.set_display,
             ),
+            "look_shows": EnumProperty(
+                name="Image Shows",
+                description="What the image shows while you look through a scanner",
+                items=[
+                    ("DISTANCE", "Distance", "How far away it is; near is bright"),
+                    (
+                        "BRIGHTNESS",
+                        "Brightness",
+                        "Light that comes back, as if all were equally far away",
+                    ),
+                    ("ORGAN", "Organ", "Leaf, wood, ground or something else"),
+                ],
+            ),
             "show_sensors": BoolProperty(
                 name="Sensors",
                 description="Draw where sensors look: beams to -3 dB, fans, paths of sound",

@@ -173,3 +173,18 @@ def test_a_large_scan_goes_to_a_file_as_it_moves(scene, tmp_path):
     cloud = world.scan(FAN)
     done = world.scan_to(tmp_path / "moving.npz", FAN)
     assert np.array_equal(np.load(done.path)["x"], cloud.points[:, 0])
+
+
+def test_places_never_fill_the_memory(scene, monkeypatch):
+    """Two objects, 40 frames and more: halving ends early and is said, and too long a scan is refused."""
+    plate = bpy.data.objects["plate"]
+    keyed(plate, "rotation_euler", [(0, 0, 0), (2.0, 3.0, 4.0)], (1, 97))
+    bytes_a_frame = 2 * 12 * 8
+    frames = 1 + math.ceil(24 * 81 * 41 / FAN.pulse_rate)
+    module = "forest_addon.blender.sensors.moving.MOST_BYTES"
+    monkeypatch.setattr(module, frames * bytes_a_frame)
+    few = forest.current().scan(FAN)
+    assert any("off between frames" in words for words in few.warnings)
+    monkeypatch.setattr(module, frames * bytes_a_frame - 1)
+    with pytest.raises(forest.SpecError, match="2 objects, more than are kept"):
+        forest.current().scan(FAN)

@@ -25,6 +25,7 @@ SCENARIOS = {  # and where their pictures are
     "session": OUT,
     "ten_clicks": OUT / "ten-clicks",
     "large": OUT / "large",
+    "looking": OUT / "looking",
     "leave": OUT / "leave",
 }
 STARTS = 5

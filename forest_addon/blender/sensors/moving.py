@@ -2,7 +2,8 @@
 
 Time 0 is the first frame of the scene's range, as for what sensors follow. Objects are taken as they are
 evaluated, with keys, drivers, parents, constraints and simulations. Between frames places are read as often
-as it takes until what is interpolated is right to ``WITHIN``, at most ``HALVINGS`` halvings. What changes its
+as it takes until what is interpolated is right to ``WITHIN``, at most ``HALVINGS`` halvings, fewer where
+places would fill the memory. What changes its
 shape is taken as it stands at the present frame, and named.
 """
 
@@ -24,6 +25,7 @@ from ..scene.nodes import in_full
 WITHIN = 1e-5  # metres between an interpolated place and Blender's
 HALVINGS = 4  # of a frame
 MOST_FRAMES = 20_000
+MOST_BYTES = 1_000_000_000  # of places at whole frames; of those between frames, twice as many
 STANDS = 1e-7  # metres, and parts of a turn, that single precision may shake
 
 
@@ -37,7 +39,7 @@ def moving_caster(
 
     Raises
     ------
-    SpecError : too many frames; objects appear or vanish meanwhile.
+    SpecError : too many frames, or objects in them; objects appear or vanish meanwhile.
     """
     place = bpy.context.scene
     rate = place.render.fps / place.render.fps_base
@@ -46,6 +48,13 @@ def moving_caster(
         raise SpecError(
             "motion",
             f"lasts {count:,} frames of the scene; scan for at most {MOST_FRAMES / rate:g} s of it",
+        )
+    if (count + 1) * scene.transform.nbytes > MOST_BYTES:
+        most = max(1, MOST_BYTES // scene.transform.nbytes - 1)
+        raise SpecError(
+            "motion",
+            f"lasts {count:,} frames of a scene with {len(scene):,} objects, more than are kept; scan for at "
+            f"most {most / rate:.3g} s of it",
         )
     now = place.frame_current_final
     reader = _PlacesInTime(scene, place.frame_start)
@@ -60,7 +69,7 @@ def moving_caster(
             off = _off(frames / rate, found, middle / rate, between, moves, reader.reach)
             frames, found = _merged(frames, found, middle, between)
             moves = _moves(found, scene)
-            if off < WITHIN:
+            if off < WITHIN or found.nbytes > MOST_BYTES:
                 break
     finally:
         place.frame_set(math.floor(now), subframe=now - math.floor(now))

@@ -36,6 +36,12 @@ def _scan(job: Observation, progress: Progress | None) -> Any:
     return scan(job.sensor, job.caster, job.settings.seed, job.trajectory, progress)
 
 
+def _glance(job: Observation) -> Any:
+    from .glance import glance
+
+    return glance(job)
+
+
 def _lasts(scanner: Any, trajectory: Any) -> float:
     """Seconds until the last pulse of a scan in a scene that moves."""
     from .scanner import pattern_of
@@ -168,6 +174,7 @@ TRACTOR = SensorKind(
     cost=_cost_of_drive,
     outline=_fan,
     look=look_of_tractor,
+    glance=_glance,
     family="lidar",
     help=keep("A fan of beams to the side of a tractor, which drives along an orchard's row"),
     icon="MOD_ARRAY",
@@ -184,6 +191,7 @@ TERRESTRIAL = SensorKind(
     cost=_cost_of_scan,
     outline=_window,
     look=look_of_terrestrial,
+    glance=_glance,
     thinned=_fewer_angles,
     family="lidar",
     help=keep("A scanner on a tripod, which looks all round"),
@@ -203,6 +211,7 @@ MOBILE = SensorKind(
     cost=_cost_of_scan,
     outline=_poses,
     look=look_of_mobile,
+    glance=_glance,
     thinned=_fewer_pulses,
     family="lidar",
     help=keep("Turning beams on a vehicle, which drives along a curve"),
@@ -220,6 +229,7 @@ AIRBORNE = SensorKind(
     cost=_cost_of_scan,
     outline=_strips,
     look=look_of_airborne,
+    glance=_glance,
     thinned=_fewer_pulses,
     family="lidar",
     help=keep("A scanner in an aircraft, which flies straight strips"),

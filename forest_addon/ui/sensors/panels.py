@@ -16,6 +16,7 @@ from ..settings.lists import draw_list
 from ..shell.chosen import chosen, chosen_sensor
 from ..shell.words import keep, label, label_kept
 from .instruments import draw_instrument
+from .look_through import draw_switch
 from .things import seen_thing
 
 AXES = (keep("Rotation X"), keep("Rotation Y"), keep("Rotation Z"))
@@ -55,6 +56,7 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         every.operator("forest.run", text="All").frames = "THIS"
         frames = run.operator("forest.run_frames", text="", icon="RENDER_ANIMATION")
         frames.sensor = "" if thing is None else thing.name
+        draw_switch(layout, context)
         split(layout).prop(props, "output", placeholder="In this file alone")
 
 

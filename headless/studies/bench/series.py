@@ -1,7 +1,7 @@
 """Cost of a scene in a series: a fresh process runs one after the other, each with a seed of its own.
 
-Imports are named apart, the first scene is cold; of the later ones the median counts. Error is what each
-run's audit finds of its own rays.
+Imports are named apart and find their bytecode, the first scene is cold; of the later ones the median
+counts. Error is what each run's audit finds of its own rays.
 """
 
 from __future__ import annotations
@@ -54,11 +54,14 @@ def run(say: Say) -> None:
     rows = []
     for name, species, variants, step, output in CASES:
         scene = STAND.format(species=species, variants=variants, step=step) + output
-        environment = os.environ | {"OMP_NUM_THREADS": "1"}
         with TemporaryDirectory() as folder:
+            # compiled once and kept, as where the package is installed
+            environment = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPYCACHEPREFIX": folder}
+            environment.pop("PYTHONDONTWRITEBYTECODE", None)
             path = Path(folder) / "scene.toml"
             path.write_text(scene)
             words = [sys.executable, "-m", __name__, str(path)]
+            subprocess.run(words[:3], check=True, env=environment)
             told = subprocess.run(
                 words, capture_output=True, text=True, check=True, env=environment
             ).stdout
@@ -68,8 +71,11 @@ def run(say: Say) -> None:
     table(say, [*head, "first scene, s", "later, s", "largest error, m"], rows)
 
 
-def measure(path: Path) -> None:
-    """Print the CPU seconds of this process by stage, and the pulses and the error of its scans."""
+def measure(path: Path | None) -> None:
+    """Print the CPU seconds of this process by stage, and the pulses and the error of its scans.
+
+    path : of the scene; None imports what a run imports, and ends.
+    """
     start = time.process_time()
     import bpy  # noqa: F401
 
@@ -78,6 +84,8 @@ def measure(path: Path) -> None:
     from ...pipeline import run_scene
 
     own = time.process_time()
+    if path is None:
+        return
     taken, errors = [], []
     for seed in range(1 + LATER):
         began = time.process_time()
@@ -96,4 +104,4 @@ def measure(path: Path) -> None:
 
 
 if __name__ == "__main__":
-    measure(Path(sys.argv[1]))
+    measure(Path(sys.argv[1]) if len(sys.argv) > 1 else None)

@@ -1,7 +1,8 @@
-"""Forests of many trees in Blender: time and memory to build, read back, save and open them.
+"""Forests of many trees in Blender: time and memory to build, read back, scan, save and open them.
 
 Each size runs in a process of its own, because a process has one peak of memory. The error is how far the
-evaluated instances stand from the plan, and how many trees are missing or bear another number.
+evaluated instances stand from the plan, and how many trees are missing or bear another number. The first
+chunk is that of an airborne strip, with all that it needs of the scene.
 """
 
 from __future__ import annotations
@@ -35,25 +36,35 @@ def run(say: Say) -> None:
         words = [sys.executable, "-m", __name__, instancing, str(count)]
         ended = subprocess.run(words, capture_output=True, text=True, check=True)
         told = json.loads(ended.stdout.strip().splitlines()[-1])
-        seconds = (f"{told[key]:.2f}" for key in ("grow", "build", "evaluate", "read"))
+        seconds = (f"{told[key]:.2f}" for key in ("grow", "build", "evaluate", "read", "strip"))
         files = (f"{told[key]:.2f}" for key in ("save", "open"))
         sizes = (f"{told['peak']:.2f}", f"{told['size']:.0f}")
         error = (f"{told['error']:.0e}", f"{told['wrong']:.0f}")
         shown = (f"{told['trees']:,}", instancing, f"{told['triangles']:,}")
         rows.append([*shown, *seconds, *files, *sizes, *error])
-    times = ["grow, s", "build, s", "evaluate, s", "read, s", "save, s", "open, s"]
+    times = [
+        "grow, s",
+        "build, s",
+        "evaluate, s",
+        "read, s",
+        "first chunk, s",
+        "save, s",
+        "open, s",
+    ]
     head = ["trees", "as", "triangles shown", *times, "peak, GB", "file, MB"]
     table(say, [*head, "largest error, m", "wrong numbers"], rows)
 
 
 def measure(instancing: str, count: int) -> dict[str, float]:
-    """Build, evaluate, read, save and open one forest: CPU seconds, GB, MB, metres."""
+    """Build, evaluate, read, scan, save and open one forest: CPU seconds, GB, MB, metres."""
     import bpy
 
     from forest_addon.blender.files.export import save_blend
     from forest_addon.blender.files.opening import empty_file, open_file
     from forest_addon.blender.scene.forest import build
     from forest_addon.blender.sensors.observe import Observer
+    from forest_addon.sensing.kinds import choose
+    from forest_addon.sensing.lidar.scan import Scan
 
     empty_file()
     told: dict[str, float] = {}
@@ -70,8 +81,12 @@ def measure(instancing: str, count: int) -> dict[str, float]:
     lap("build")
     depsgraph = bpy.context.evaluated_depsgraph_get()
     lap("evaluate")
-    geometry = Observer(depsgraph).geometry
+    observer = Observer(depsgraph)
+    geometry = observer.geometry
     lap("read")
+    strip, _ = choose(spec.Airborne(name="strip"))
+    next(iter(Scan(strip, observer.eyes(strip), 0).chunks()))
+    lap("strip")
     faces = np.array([len(mesh.triangles) for mesh in geometry.meshes])
     told |= {"trees": len(forest.stand), "triangles": int(faces[geometry.mesh_index].sum())}
     told |= _errors(geometry, forest)

@@ -23,10 +23,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import special
-from scipy.interpolate import CubicSpline
 
 from ....acoustics.air import absorption
 from ....acoustics.extinction import cross_sections
@@ -37,6 +37,9 @@ from ....spec import Air, Reverb
 from ..trunks.slices import Trunks
 from .clutter import BARE, Clutter
 from .scatter import Takes, level_loss
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 LOWEST, HIGHEST = 1.0, 200e3  # Hz; below and above, ground and branches are as they are there
 NEAR = 256.0  # m of path, up to which both ways to the ground are told apart
@@ -314,6 +317,8 @@ def _widths(highest: float, bark: float, extinction: str) -> CubicSpline:
     size = np.geomspace(SMALLEST, 1.001 * highest, SIZES)
     found = cross_sections(size, bark)
     taken = found.energy if extinction == "energy" else found.extinction
+    from scipy.interpolate import CubicSpline  # here: other sensors need not wait for its import
+
     return CubicSpline(np.log(size), np.log(taken))
 
 

@@ -15,15 +15,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from ....acoustics.boundary_loss import twig_loss
 from ....acoustics.extinction import cross_sections
 from ....acoustics.foliage import foliage_loss
 from .clutter import Clutter
 from .transport import PhaseFunction
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 ANGLES = 90  # of the phase function, 0 to π
 SLOPES, TURNS = 16, 180  # γ and turns about the axis, over which a branch is averaged
@@ -103,6 +106,8 @@ def level_loss(clutter: Clutter, height: float, speed: float, takes: Takes) -> C
         + leaves * _leaf_width(clutter.leaf_radius, f, speed)
         for f in SPECTRUM.tolist()
     ]
+    from scipy.interpolate import CubicSpline  # here: other sensors need not wait for its import
+
     return CubicSpline(np.log(SPECTRUM), np.log(0.5 * np.maximum(found, 1e-30)))
 
 

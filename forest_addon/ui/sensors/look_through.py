@@ -1,0 +1,298 @@
+"""Look through a scanner as through a camera: a coarse image in the corner of the view, live.
+
+While it is on, the chosen scanner's image is made anew whenever the scanner, what it follows or its settings
+change: at once, from the scene as it was read. Where the scene itself has changed, it is read again when it
+has been quiet for a moment. Nothing is added to the file, and no result is touched.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+import blf
+import bpy
+import gpu
+from gpu_extras.presets import draw_texture_2d
+
+from ...blender.scene.standings import may_be_met
+from ...blender.sensors import objects as sensors
+from ...sensing.kinds import KINDS, choose
+from ..settings.exchange import sensor_of, to_spec
+from ..settings.preferences import rays_of
+from ..shell.chosen import chosen_sensor
+from ..shell.running import PROBLEMS, current, in_words, obstacle
+from ..shell.views import views
+from ..shell.words import label, say
+
+TICK, QUIET = 0.05, 0.5  # s between two looks; s without a change before the scene is read again
+SHARE, EDGE = 0.45, 24  # of the view's width that the image takes; pixels from its corner
+FONT, SIZE, LINE = 0, 12, 18  # the size in points, the height of a line in pixels
+
+
+@dataclass
+class Eye:
+    """Live image of a scene's chosen scanner.
+
+    observer : the scene as it was read. changed_at : when the scene changed since, None: it has not.
+    found : the last ``Glance``. seconds : that it took. problem : why there is none, in a sentence.
+    """
+
+    scene: int
+    observer: Any = None
+    changed_at: float | None = None
+    moved: bool = True
+    looked_for: Any = None
+    name: str = ""
+    found: Any = None
+    seconds: float = 0.0
+    problem: str = ""
+    drawn: dict[str, Any] = field(default_factory=dict)
+
+    def look(self, context: bpy.types.Context) -> bool:
+        """Make the image anew where something has changed; returns whether there is a new one."""
+        thing = chosen_sensor(context)
+        try:
+            if thing is None or KINDS[sensors.kind_of(thing)].glance is None:
+                wanted: Any = say("Choose a scanner: this sensor has no eyes")
+            else:
+                wanted = sensor_of(thing)
+        except PROBLEMS as problem:
+            wanted = in_words(problem)
+        quiet = self.changed_at is not None and time.monotonic() - self.changed_at > QUIET
+        if wanted == self.looked_for and not self.moved and not quiet:
+            return False
+        self.looked_for, self.moved = wanted, False
+        self.name = "" if thing is None else thing.name
+        self.drawn.clear()
+        if isinstance(wanted, str):
+            self.found, self.problem = None, wanted
+            return True
+        try:
+            self._glance(context, wanted, quiet)
+            self.problem = ""
+        except PROBLEMS as problem:
+            self.found, self.problem = None, in_words(problem)
+        return True
+
+    def _glance(self, context: bpy.types.Context, sensor: Any, again: bool) -> None:
+        from ...blender.sensors.observe import Observer
+        from ...sensing.kind import Observation
+
+        settings = to_spec(context.scene, [])
+        if self.observer is None or again:
+            # without a depsgraph of before; reading changes what views show for a moment, which is no news
+            self.observer = Observer(context.evaluated_depsgraph_get(), rays_of(settings.rays))
+            self.observer.caster  # noqa: B018
+            self.changed_at = None
+        sensor, _ = choose(sensor)
+        way = Observer.way(sensor, Path(bpy.path.abspath(context.scene.forest_sensing.folder)))
+        begin = time.perf_counter()
+        glance = KINDS[sensor.kind].glance
+        assert glance is not None
+        self.found = glance(Observation(sensor, self.observer, settings, trajectory=way))
+        self.seconds = time.perf_counter() - begin
+
+
+_eye: Eye | None = None
+_handle: Any = None
+_reading = False
+
+
+class FOREST_OT_look_through(bpy.types.Operator):
+    """Show live what the chosen scanner sees, coarsely and without noise; press again to end"""
+
+    bl_idname = "forest.look_through"
+    bl_label = "Look Through"
+    bl_options: ClassVar[set[str]] = set()
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if _eye is not None:
+            return True
+        thing = chosen_sensor(context)
+        if thing is None or KINDS[sensors.kind_of(thing)].glance is None:
+            cls.poll_message_set(say("Choose a scanner: this sensor has no eyes"))
+            return False
+        reason = obstacle(context)
+        if reason:
+            cls.poll_message_set(reason)
+        return not reason
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        if _eye is not None:
+            end()
+            return {"FINISHED"}
+        eye = begin(context.scene)
+        _look(eye, context)
+        if eye.problem:
+            self.report({"WARNING"}, eye.problem)
+        return {"FINISHED"}
+
+
+def draw_switch(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the button, and what the image shows while it is on."""
+    thing = chosen_sensor(context)
+    if _eye is None and (thing is None or KINDS[sensors.kind_of(thing)].glance is None):
+        return
+    text = label("Look Through") if _eye is None else label("End Looking Through")
+    layout.operator("forest.look_through", text=text, icon="HIDE_OFF")
+    if _eye is not None:
+        layout.row(align=True).prop(context.scene.forest_sensing, "look_shows", expand=True)
+
+
+def eye() -> Eye | None:
+    """The live image, None while there is none."""
+    return _eye
+
+
+def begin(scene: bpy.types.Scene) -> Eye:
+    """Look through the chosen scanner of a scene from now on."""
+    global _eye, _handle
+    end()
+    _eye = Eye(scene.session_uid)
+    for handlers, hear in _handlers():
+        handlers.append(hear)
+    if not bpy.app.background:
+        bpy.app.timers.register(_tick, first_interval=TICK)
+        _handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_PIXEL")
+    return _eye
+
+
+def end(*_: object) -> None:
+    """Look no longer, and leave nothing behind."""
+    global _eye, _handle
+    _eye = None
+    for handlers, hear in _handlers():
+        if hear in handlers:
+            handlers.remove(hear)
+    if bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.unregister(_tick)
+    if _handle is not None:
+        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
+        _handle = None
+    _redraw()
+
+
+def unregister() -> None:
+    """Take everything back."""
+    end()
+
+
+def _handlers() -> tuple[tuple[list, Any], ...]:
+    handlers = bpy.app.handlers
+    changes = (handlers.depsgraph_update_post, handlers.frame_change_post)
+    undone = (handlers.undo_post, handlers.redo_post)
+    return (
+        *((h, _hear) for h in changes),
+        *((h, _hear_undone) for h in undone),
+        (handlers.load_pre, end),
+    )
+
+
+@bpy.app.handlers.persistent
+def _hear(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Something has changed: where the scanner is, or what it sees."""
+    if _eye is None or _reading or scene.session_uid != _eye.scene:
+        return
+    for update in depsgraph.updates:
+        thing = update.id
+        if not isinstance(thing, bpy.types.Object):
+            continue
+        _eye.moved = True
+        changed = update.is_updated_geometry or update.is_updated_transform
+        if changed and not sensors.kind_of(thing) and may_be_met(thing):
+            _eye.changed_at = time.monotonic()
+
+
+@bpy.app.handlers.persistent
+def _hear_undone(*_: object) -> None:
+    """All may have changed."""
+    if _eye is not None:
+        _eye.moved, _eye.changed_at = True, time.monotonic()
+
+
+def _look(one: Eye, context: bpy.types.Context) -> bool:
+    global _reading
+    _reading = True
+    try:
+        return one.look(context)
+    finally:
+        _reading = False
+
+
+def _tick() -> float | None:
+    if _eye is None:
+        return None
+    if current() is not None:  # a job may be building what would be read
+        return QUIET
+    for window, area in views():
+        if window.scene.session_uid == _eye.scene:
+            with bpy.context.temp_override(window=window, area=area):
+                shown = window.scene.forest_sensing.look_shows
+                if _look(_eye, bpy.context) or (_eye.found and shown not in _eye.drawn):
+                    _redraw()
+            return TICK
+    return QUIET
+
+
+def _redraw() -> None:
+    for _, area in views():
+        area.tag_redraw()
+
+
+def _draw() -> None:
+    """Draw the image, its name and its legend in the lower left corner of the view."""
+    context = bpy.context
+    if _eye is None or context.scene.session_uid != _eye.scene:
+        return
+    from ...blender.show.glance import glance_colours
+
+    scale = context.preferences.system.ui_scale
+    edge, line = EDGE * scale, LINE * scale
+    blf.size(FONT, SIZE * scale)
+    if _eye.found is None:
+        _write(_eye.problem, edge, edge, (1.0, 0.8, 0.4))
+        return
+    shown = context.scene.forest_sensing.look_shows
+    if shown not in _eye.drawn:
+        colours, legend = glance_colours(_eye.found, shown)
+        _eye.drawn = {shown: (_texture(colours), legend)}
+    texture, legend = _eye.drawn[shown]
+    wide = SHARE * context.region.width
+    high = wide * min(max(texture.height / texture.width, 0.15), 0.6)
+    gpu.state.blend_set("NONE")
+    draw_texture_2d(texture, (edge, edge + line), wide, high)
+    x = edge
+    for text, colour in legend:
+        x = _write("■", x, edge, colour) + 4 * scale
+        x = _write(label(text), x, edge, (0.9, 0.9, 0.9)) + 14 * scale
+    title = label(
+        "{sensor}, {milliseconds:.0f} ms", sensor=_eye.name, milliseconds=1e3 * _eye.seconds
+    )
+    if _eye.changed_at is not None:
+        title = label("{image}, before the last change", image=title)
+    _write(title, edge, edge + line + high + 6 * scale, (0.9, 0.9, 0.9))
+
+
+def _texture(colours: Any) -> gpu.types.GPUTexture:
+    import numpy as np
+
+    high, wide = colours.shape[:2]
+    pixels = np.ones((high, wide, 4), dtype=np.float32)
+    pixels[..., :3] = colours
+    buffer = gpu.types.Buffer("FLOAT", high * wide * 4, pixels.ravel())
+    return gpu.types.GPUTexture((wide, high), format="RGBA16F", data=buffer)
+
+
+def _write(text: str, x: float, y: float, colour: tuple[float, float, float]) -> float:
+    """Write a text over the view; returns where it ends."""
+    blf.position(FONT, x, y, 0)
+    blf.color(FONT, *colour, 1.0)
+    blf.draw(FONT, text)
+    return x + blf.dimensions(FONT, text)[0]
+
+
+CLASSES = (FOREST_OT_look_through,)

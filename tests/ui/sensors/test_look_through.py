@@ -1,0 +1,153 @@
+"""Look through a scanner: the image has the scan's own pulses, follows the scanner, leaves nothing behind."""
+
+import math
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon.blender.sensors.observe import Observer
+from forest_addon.blender.show.glance import glance_colours
+from forest_addon.sensing.lidar.panorama import range_image
+from forest_addon.ui.sensors import look_through
+from forest_addon.ui.settings import exchange
+from forest_addon.ui.shell.chosen import choose_sensor
+
+from ..pressing import counts, press, trees
+
+
+@pytest.fixture(autouse=True)
+def ended(registered):
+    yield
+    look_through.end()
+
+
+def choose(name):
+    choose_sensor(bpy.context, bpy.data.objects[name])
+
+
+def scanned(name):
+    """The first returns of a scan, without noise: (E, A) metres."""
+    settings = exchange.to_spec(bpy.context.scene, [bpy.data.objects[name]])
+    (scanner,) = settings.sensors
+    cloud = Observer(bpy.context.evaluated_depsgraph_get()).observe(scanner, settings)
+    return range_image(cloud, scanner)
+
+
+def agree(image, scan):
+    """Columns of the image are those of the scan from the last to the first, as one sees them."""
+    return np.allclose(
+        np.where(np.isfinite(image), image, np.nan)[:, ::-1], scan, atol=1e-9, equal_nan=True
+    )
+
+
+def test_the_image_is_the_scan_and_follows_the_scanner(built):
+    thing = bpy.data.objects["cloud"]
+    thing.forest_sensor.terrestrial.range_noise = 0.0
+    choose("cloud")
+    press("look_through")
+    eye = look_through.eye()
+    assert np.isfinite(eye.found.distance).mean() > 0.2
+    assert agree(eye.found.distance, scanned("cloud"))
+    observer = eye.observer
+    assert not eye.look(bpy.context)  # nothing has changed
+    thing.location.x += 0.5
+    thing.rotation_euler.z = 0.3
+    bpy.context.view_layer.update()
+    assert eye.look(bpy.context)
+    assert eye.observer is observer  # the scene is not read again
+    assert agree(eye.found.distance, scanned("cloud"))
+    thing.forest_sensor.terrestrial.max_range = 2.0
+    assert eye.look(bpy.context)
+    assert np.max(eye.found.distance, where=np.isfinite(eye.found.distance), initial=0) <= 2.0
+
+
+def test_a_changed_scene_is_read_again_when_it_is_quiet(built, monkeypatch):
+    choose("cloud")
+    press("look_through")
+    eye = look_through.eye()
+    observer, before = eye.observer, eye.found.distance
+    trees()[0].location.z += 30
+    bpy.context.view_layer.update()
+    eye.look(bpy.context)
+    assert eye.observer is observer
+    assert eye.changed_at is not None
+    monkeypatch.setattr(look_through, "QUIET", -1.0)
+    assert eye.look(bpy.context)
+    assert eye.observer is not observer
+    assert eye.changed_at is None
+    assert (eye.found.distance != before).any()
+    assert agree(eye.found.distance, scanned("cloud"))
+
+
+def test_a_plane_below_by_the_equation(props, sensor):
+    data = bpy.data.meshes.new("plane")
+    data.from_pydata(
+        [(-200, -200, 0), (200, -200, 0), (200, 200, 0), (-200, 200, 0)], [], [(0, 1, 2, 3)]
+    )
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new("plane", data))
+    sensor(
+        "terrestrial", position=(0, 0, 2), angle_step_deg=3, elevation_deg=(-60, 30), max_range=100
+    )
+    bpy.context.view_layer.update()
+    press("look_through")
+    found = look_through.eye().found
+    elevation = np.radians(np.arange(-60, 31, 3))
+    below = np.flatnonzero(elevation < -math.asin(2 / 100) - 1e-9)
+    wanted = 2 / np.sin(-elevation[below])
+    assert np.abs(found.distance[below] - wanted[:, None]).max() < 1e-5
+    others = np.delete(found.distance, below, axis=0)
+    assert not np.isfinite(others).any()
+    scanner = exchange.sensor_of(bpy.data.objects["cloud"])
+    clear = np.exp(-2 * scanner.beam.extinction * wanted)
+    bright = scanner.surfaces.other * np.sin(-elevation[below]) * clear
+    assert np.abs(found.brightness[below] - bright[:, None]).max() < 1e-6
+    assert (np.delete(found.brightness, below, axis=0) == 0).all()
+
+
+@pytest.mark.parametrize("shown", ["DISTANCE", "BRIGHTNESS", "ORGAN"])
+@pytest.mark.parametrize("name", ["cloud", "scan"])
+def test_every_scanner_has_an_image_in_colours(built, name, shown):
+    choose(name)
+    press("look_through")
+    found = look_through.eye().found
+    colours, legend = glance_colours(found, shown)
+    assert colours.shape == (*found.distance.shape, 3)
+    assert legend
+    there = np.isfinite(found.distance)
+    assert there.any()
+    assert len(np.unique(colours[there], axis=0)) > 1
+    assert len(np.unique(colours[~there], axis=0)) <= 1
+
+
+def test_a_drone_and_an_aircraft_look_down(built, sensor):
+    for kind in ("drone", "airborne"):
+        press("add_sensor", kind=kind)
+        press("look_through")
+        eye = look_through.eye()
+        assert not eye.problem
+        assert np.isfinite(eye.found.distance).any()
+        assert eye.found.distance.shape[0] > 1
+        press("look_through")
+
+
+def test_ears_do_not_look_and_the_end_leaves_nothing(built):
+    choose("echo")
+    with pytest.raises(RuntimeError, match="no eyes"):
+        press("look_through")
+    choose("cloud")
+    before, handlers = counts(), [len(h) for h, _ in look_through._handlers()]
+    press("look_through")
+    choose("echo")
+    eye = look_through.eye()
+    assert eye.look(bpy.context)
+    assert "no eyes" in eye.problem
+    press("look_through")
+    assert look_through.eye() is None
+    assert counts() == before
+    after = [len(h) for h, _ in look_through._handlers()]
+    assert all(
+        b - a in (0, 1) for a, b in zip(handlers, after, strict=True)
+    )  # what is kept has one
+    assert not any(hear in h for h, hear in look_through._handlers())
