@@ -33,10 +33,13 @@ def measured_trees(folder: Path, clade: str, place: str) -> list[MeasuredSway]:
     ]
 
 
-def record_slopes(folder: Path, clade: str) -> np.ndarray:
-    """(R,) slopes of the measured records of a clade."""
+def record_slopes(folder: Path, clade: str, sensor: str = "Strain gauge") -> np.ndarray:
+    """(R,) slopes of the measured records of a clade by one kind of sensor.
+
+    Accelerometers weigh a motion by its frequency squared: their slopes are no slopes of strain.
+    """
     with (folder / "records" / "records.csv").open(encoding="utf-8") as file:
-        rows = [r for r in csv.DictReader(file) if r["Clade2"] == clade]
+        rows = [r for r in csv.DictReader(file) if (r["Clade2"], r["Sensor"]) == (clade, sensor)]
     found = []
     for row in rows:
         with lzma.open(folder / "records" / f"{row['Filename']}.csv.xz", "rt") as text:
