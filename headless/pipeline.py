@@ -160,7 +160,7 @@ def _looked(world: World, sensor: Sensor, unfinished: Unfinished, progress: Prog
     result = unfinished.result(sensor)
     if result is None:
         result = world.look(sensor, progress)
-        unfinished.keep(result, sensor)
+        unfinished.keep(dataclasses.replace(result, way=None), sensor)  # its way is asked for again
     return result
 
 

@@ -49,7 +49,7 @@ def test_a_job_stays_in_the_scene_that_it_was_begun_in(built):
     first, second = bpy.context.scene, bpy.data.scenes.new("Second")
     for name, expected in (("build", ["forest"]), ("run", ["cloud", "forest"])):
         begun, kind = bpy.context, {"build": build.FOREST_OT_build, "run": FOREST_OT_run}[name]
-        button = SimpleNamespace(sensor="cloud", frames="THIS", keep=False)
+        button = SimpleNamespace(sensor="cloud", frames="THIS", keep=False, again=False)
         button._look = partial(FOREST_OT_run._look, button)
         work = kind.work(button, begun)
         button._job = Job(name, work)
