@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 from scipy.linalg import solve_banded
 
 from forest_addon.acoustics.boundary_loss import DIFFUSIVITY, HEATS, VISCOSITY, twig_loss
@@ -44,7 +45,7 @@ def test_sliding_along_the_axis_and_heat_by_finite_differences(radius):
     slope = np.gradient(sliding, r, edge_order=2)[0]
     drag = -2 * math.pi * radius * VISCOSITY / SPEED * slope.real
     r, warmth = _wave(radius, DIFFUSIVITY, omega)
-    lag = abs(np.trapezoid(warmth * 2 * math.pi * r, r).imag)
+    lag = abs(trapezoid(warmth * 2 * math.pi * r, r).imag)
     heat = (HEATS - 1) * omega / SPEED * lag
     found = twig_loss(np.array([radius]), 4000.0, SPEED, 1.0)[0]
     assert found == pytest.approx(drag + heat, rel=2e-3)

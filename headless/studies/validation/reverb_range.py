@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.integrate import trapezoid
 
 from forest_addon.acoustics.air import absorption
 from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
@@ -98,7 +99,7 @@ def _levels(stand: PlausibleStand, distance: float, seed: int, height: float) ->
             scattered = scattered + tail.turned(row, length) * np.exp(
                 -2.0 * float(losses.of_air(np.array([band]))[0]) * length
             )
-        whole = np.trapezoid(scattered, length)
+        whole = trapezoid(scattered, length)
         straight = losses.unthinned.mean_square(band * lines, np.array(distance))
         taken = 2.0 * losses.along(band * lines) + losses.removed(band * lines)
         whole += float(np.mean(straight * np.exp(-taken * distance))) / distance**2
