@@ -29,8 +29,8 @@ check: lint ## lint, types and the quick tests; ARGS=tests/sensing/sonar for tho
 test: $(READY) ## run the tests, a process for each core; ARGS="-n0 tests/ui" for some, in one
 	@$(TESTS) $(ARGS)
 
-test-gui: $(READY) ## drive the extension in a real Blender window, photographed in out/gui; BLENDER=...
-	@$(RUN) tests/gui/run.py
+test-gui: $(READY) ## drive the extension in a real Blender window, photographed in out/gui; BLENDER=..., ARGS="doors large"
+	@$(RUN) tests/gui/run.py $(ARGS)
 
 lint: $(READY) ## ruff on everything, mypy on the rooms that know no Blender
 	@$(RUN) -m ruff check .
