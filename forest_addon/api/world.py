@@ -65,6 +65,7 @@ class World:
     _place: Any
     seconds: float = 1.0
     _taken: Observer | None = None
+    _sway: Any = None
 
     def __repr__(self) -> str:
         count = "a scene in Blender" if self.forest is None else f"{len(self.forest.stand)} trees"
@@ -199,6 +200,7 @@ class World:
             return self._taken
         bpy = import_blender()
         from ..blender.scene.forest import stands
+        from ..blender.sensors.moving import seconds_of
         from ..blender.sensors.observe import Observer
 
         try:
@@ -213,7 +215,21 @@ class World:
             raise SpecError(
                 "world", "another forest was built in its place; build this one again to look at it"
             )
-        return Observer.of(bpy.context.evaluated_depsgraph_get(), self.scene.rays)
+        observer = Observer.of(bpy.context.evaluated_depsgraph_get(), self.scene.rays)
+        observer.blow(self._swaying, seconds_of(self._place))
+        return observer
+
+    @property
+    def _swaying(self) -> Any:
+        """The sway of the trees in the scene's wind, made once; None where they stand still."""
+        from ..stand.wind.sway import sway_of
+
+        key = self.scene.wind, self.scene.seed
+        if self.forest is None or self.scene.wind.speed == 0:
+            return None
+        if self._sway is None or self._sway[0] != key:
+            self._sway = key, sway_of(self.forest, *key)
+        return self._sway[1]
 
     @contextmanager
     def still(self) -> Iterator[Observer]:

@@ -164,6 +164,11 @@ class SensorKind:
     fixed: Callable[[Any], str] = _nothing_fixed
 
     @property
+    def timed(self) -> bool:
+        """Return whether each of its rays has a time of its own, and meets a scene that moves there."""
+        return self.lasts is not _a_moment
+
+    @property
     def moves(self) -> bool:
         """Return whether it can go along a trajectory."""
         return self.trajectory is not _stays

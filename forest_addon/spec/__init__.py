@@ -72,6 +72,8 @@ from .species import (
     Template,
 )
 
+from .wind import Wind
+
 __all__ = [
     "AUTO",
     "HORSESHOE_BAND",
@@ -134,6 +136,7 @@ __all__ = [
     "Terrain",
     "Terrestrial",
     "Tractor",
+    "Wind",
     "did_you_mean",
     "param",
     "param_of",
