@@ -71,7 +71,6 @@ from .species import (
     Species,
     Template,
 )
-
 from .wind import Wind
 
 __all__ = [

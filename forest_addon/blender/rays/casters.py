@@ -15,8 +15,8 @@ from ...base.rng import stream
 from ...base.trimesh import OTHER, TriMesh
 from ...growth.mesh.tubes import tube
 from ...sensing.rays.geometry import SceneGeometry
+from ...sensing.rays.pieces import MakeEngine
 from ...sensing.rays.search import Search
-from ...sensing.rays.swaying import MakeEngine
 from ...spec import Rays
 from .bvh import BvhCaster
 from .embree import EmbreeCaster
@@ -45,7 +45,7 @@ def make_caster(scene: SceneGeometry, rays: Rays) -> Search:
 
 
 def piece_engine(rays: Rays) -> MakeEngine | None:
-    """What finds hits on pieces that move, by the settings; None: a caster for each piece."""
+    """Return what finds hits on pieces that move, by the settings; None: a caster for each piece."""
     if rays.engine == "bvhtree" or embree_problem():
         return None
     return partial(EmbreePieces, threads=rays.threads or os.cpu_count() or 1)

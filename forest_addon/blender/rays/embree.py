@@ -177,7 +177,9 @@ class EmbreeBuild:
     parent : another on the same device, which gives it back, and lives longer.
     """
 
-    def __init__(self, library: ctypes.CDLL, device: int, parent: EmbreeBuild | None = None) -> None:
+    def __init__(
+        self, library: ctypes.CDLL, device: int, parent: EmbreeBuild | None = None
+    ) -> None:
         self._library = library
         self._device = device
         self._scenes: list[int] = []
@@ -214,15 +216,14 @@ class EmbreeBuild:
         top = self._scene()
         row, steps = place.ctypes.data, 1 if place.ndim == 3 else place.shape[1]
         each = place.strides[-3]
+        turn, form = self._library.rtcSetGeometryTransform, embree.FLOAT3X4_ROWS
         for number, scene in zip(numbers, scenes, strict=True):
             geometry = self._library.rtcNewGeometry(self._device, embree.INSTANCE)
             self._library.rtcSetGeometryInstancedScene(geometry, scene)
             if steps > 1:
                 self._library.rtcSetGeometryTimeStepCount(geometry, steps)
-            for step in range(steps):
-                self._library.rtcSetGeometryTransform(
-                    geometry, step, embree.FLOAT3X4_ROWS, row + step * each
-                )
+            rows = range(row, row + steps * each, each)
+            deque(map(turn, repeat(geometry), range(steps), repeat(form), rows), maxlen=0)
             self._attach(top, geometry, number)
             row += place.strides[0]
         return self._commit(top)

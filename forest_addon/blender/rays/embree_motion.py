@@ -1,6 +1,6 @@
 """Embree on pieces that move: instances whose places have many steps, and rays with a time each.
 
-Embree takes the elements of a place linearly between two steps, as ``sensing.rays.swaying`` does; what it
+Embree takes the elements of a place linearly between two steps, as ``sensing.rays.pieces`` does; what it
 finds in float32 is met again in float64, where the piece is at the ray's time.
 """
 
@@ -14,9 +14,9 @@ from ...base.trimesh import TriMesh
 from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
 from ...sensing.rays.geometry import SceneGeometry
+from ...sensing.rays.pieces import boxes_of, placed, swept
 from ...sensing.rays.refine import RefinedSurfaces, whole_triangles
 from ...sensing.rays.search import MARGIN, STEP, TASK, refused
-from ...sensing.rays.swaying import boxes_of, placed, swept
 from . import embree_library as embree
 from .embree import EmbreeBuild, RayPackets, all_lanes
 

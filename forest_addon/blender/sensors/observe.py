@@ -19,8 +19,9 @@ from ...sensing.kinds import choose, kind_of
 from ...sensing.rays.caster import RayCaster
 from ...sensing.rays.inside import tree_around
 from ...sensing.rays.moving import MovingCaster, TimedCaster
+from ...sensing.rays.pieces import Swaying, SwayingScene, cut
 from ...sensing.rays.precision import rounding_warning
-from ...sensing.rays.swaying import Swaying, SwayingCaster, SwayingScene, cut
+from ...sensing.rays.swaying import SwayingCaster
 from ...sensing.reverb.sums.fast_scattering import Expansions
 from ...sensing.trajectory import Trajectory
 from ...spec import Rays, Scene, Sensor
@@ -121,7 +122,7 @@ class Observer:
         ValueError : a motion that cannot be followed; says what to change.
         """
         seconds = kind_of(sensor).lasts(sensor, way)
-        sways = self._sway is not None and kind_of(sensor).timed
+        sways = self._sway is not None and kind_of(sensor).sways
         self._moving.pop(sensor, None)
         make = partial(make_caster, rays=self._rays)
         scene = self._in_pieces.still if sways else self.geometry
@@ -165,7 +166,8 @@ class Observer:
         points = kind_of(sensor).positions(Observation(sensor, self, Scene(), folder, way))
         trees = tree_around(self.wood, points)
         moving = self._moving.get(choose(sensor)[0])
-        said = [
+        said = self._in_the_wind(sensor)
+        said += [
             f'{sensor.name}: "{name}" changes its shape; motion takes it as it stands at the present frame'
             for name in (moving.frozen if moving is not None else ())
         ]
@@ -178,6 +180,19 @@ class Observer:
             f"{sensor.name} stands inside tree {tree}, at "
             f"({', '.join(f'{v:g}' for v in points[trees == tree][0])}) m; move it out of the wood"
             for tree in np.unique(trees[trees >= 0]).tolist()
+        )
+
+    def _in_the_wind(self, sensor: Sensor) -> list[str]:
+        """Say what stands still although the wind blows."""
+        if self._sway is None:
+            return []
+        if not kind_of(sensor).sways:
+            return [f"{sensor.name}: trees stand still, as if there were no wind"]
+        number = self._sway.number
+        trees = np.unique(self.geometry.tree[self.geometry.tree >= 0]).tolist()
+        still = sum(1 for tree in trees if tree not in number)
+        return [f"{sensor.name}: {still:,} trees of libraries stand still in the wind"] * (
+            still > 0
         )
 
     def empty(

@@ -80,7 +80,7 @@ class ForestSway:
         return self._responses[tree]
 
     def moves(self, tree: int) -> bool:
-        """Whether a tree sways: what has a skeleton and does not lie dead."""
+        """Return whether a tree sways: it has a skeleton and does not lie dead."""
         return self.shape(tree) is not None
 
     def rig(self, tree: int) -> SwayRig | None:
