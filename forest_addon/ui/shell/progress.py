@@ -1,4 +1,4 @@
-"""Progress of the running job, with the button that stops it: where jobs are started, and in the status bar."""
+"""Progress of the running job, with the button that stops it: where jobs start, and in the status bar."""
 
 from __future__ import annotations
 
