@@ -74,12 +74,12 @@ def _rooms() -> tuple[ModuleType, ...]:
     from .sensors import lists as sensors_lists
     from .sensors import panels as sensors_panels
     from .settings import command, hills, manual, migration, preferences
-    from .shell import chosen, languages, running
+    from .shell import chosen, languages, pace, running
     from .species import edit, import_stl, library, pictures
     from .species import panel as species_panel
 
     return (
-        *(properties, pictures, languages, running, things, tree, gallery, start, new_file),
+        *(properties, pictures, languages, pace, running, things, tree, gallery, start, new_file),
         *(
             sensors_lists,
             forest_lists,
