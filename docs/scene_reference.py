@@ -19,6 +19,8 @@ TABLES: list[tuple[str, type[spec.Settings]]] = [
     ("[[plantings]]", spec.Planting),
     ("[[plantings]] gaussians", spec.Gaussian),
     ("[[plantings]] rasters", spec.Raster),
+    ("[[plantings]] by_hand", spec.HandTree),
+    ("[[plantings]] clearings", spec.Clearing),
     ("[[plantings]] clusters", spec.Clusters),
     ("[[plantings]] strauss", spec.Strauss),
     ("[[plantings]] rows", spec.Rows),

@@ -27,11 +27,13 @@ from .base import (
 from .crown import Crown, Needles, Targets
 from .flight import Flight
 from .forest import (
+    Clearing,
     Clusters,
     Corners,
     Distance,
     Forest,
     Gaussian,
+    HandTree,
     Planting,
     Raster,
     Rows,
@@ -86,6 +88,7 @@ __all__ = [
     "Bark",
     "Beam",
     "Choice",
+    "Clearing",
     "Clusters",
     "Corners",
     "Crown",
@@ -97,6 +100,7 @@ __all__ = [
     "Forest",
     "Gaussian",
     "Grammar",
+    "HandTree",
     "Honda",
     "Inclination",
     "Jitter",

@@ -57,6 +57,8 @@ def _make_groups() -> dict[type, type]:
         spec.Distance,
         spec.Terrain,
         spec.Gaussian,
+        spec.HandTree,
+        spec.Clearing,
         spec.Raster,
         spec.Rows,
         spec.Clusters,
