@@ -117,6 +117,10 @@ class FacetPopulation:
     def __len__(self) -> int:
         return len(self.blocks.order)
 
+    @property
+    def held(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._corners.mean(axis=1), np.full(len(self._corners), -1)
+
     def ceiling(self, views: Views, lowest: float, highest: float) -> np.ndarray:
         # |p|·r² of a facet: its glint h/2, and its rims (h/4π)·∫|dφ|, at most two turns.
         farthest = views.nearest + 2 * views.stretch[:, 0] * self.blocks.radius[views.block]

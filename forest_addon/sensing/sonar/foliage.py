@@ -48,6 +48,11 @@ class LeafPopulation:
     def __len__(self) -> int:
         return len(self.blocks.order)
 
+    @property
+    def held(self) -> tuple[np.ndarray, np.ndarray]:
+        order = self.blocks.order
+        return self._foliage.local[0][order], self._foliage.leaf[order].astype(np.int64)
+
     def ceiling(self, views: Views, lowest: float, highest: float) -> np.ndarray:
         widened = np.sqrt(views.stretch[:, 0] * views.stretch[:, 1]) * self._largest[views.block]
         most = self.blocks.count[views.block] * amplitude_bound(
@@ -100,6 +105,8 @@ class LeafPopulation:
         leaf = self.blocks.order[rows]
         centre, normal, radius = self._foliage.moved(transform, leaf)
         number = self._foliage.leaf[leaf].astype(np.int64)
+        if sight.turns is not None:
+            centre, normal = sight.turns(number, centre, normal)
         far = LeafEchoes(centre, normal, radius, number, np.ones(len(leaf)), self._model)
         if self._model == "paper":
             distance = np.linalg.norm(centre - sight.point, axis=1)

@@ -10,7 +10,7 @@ of its rows when a sonar comes near.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Protocol, Self
 
@@ -116,17 +116,23 @@ class Scatterers(Protocol):
     def joined(cls, parts: Sequence[Self]) -> Self: ...
 
 
+# Leaves (M,) with centres and normals (M, 3) in the world, to the centres and normals that they turn to.
+LeafTurns = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
 @dataclass(frozen=True)
 class Sight:
     """Sight of a sonar, which a population must know before it makes scatterers.
 
     point : (3,) where it is. wavenumber : the largest, 1/m. nearest, reach : metres, its range.
+    turns : how leaves flutter; None: they are still.
     """
 
     point: np.ndarray
     wavenumber: float
     reach: float
     nearest: float = 0.0
+    turns: LeafTurns | None = None
 
 
 @dataclass(frozen=True)
@@ -152,6 +158,11 @@ class Population(Protocol):
     blocks: Blocks
 
     def __len__(self) -> int: ...
+
+    @property
+    def held(self) -> tuple[np.ndarray, np.ndarray]:
+        """Middles (R, 3) of the rows and the leaf that each is of (R,), -1 where of none."""
+        ...
 
     def ceiling(self, views: Views, lowest: float, highest: float) -> np.ndarray:
         """(P,) no Σ|f| of a block, as it is viewed, between two wavenumbers is larger."""

@@ -146,6 +146,10 @@ class WoodPopulation:
     def __len__(self) -> int:
         return len(self.blocks.order)
 
+    @property
+    def held(self) -> tuple[np.ndarray, np.ndarray]:
+        return (self._start + self._end) / 2, np.full(len(self._start), -1)
+
     def ceiling(self, views: Views, lowest: float, highest: float) -> np.ndarray:
         widest = views.stretch[:, 0]
         size = _largest_backscatter(highest * widest * self._thickest[views.block])

@@ -100,7 +100,7 @@ def test_no_block_is_louder_than_its_ceiling(model: str) -> None:
         for row in range(len(blocks)):
             one = blocks.select(np.array([row]))
             total = 0.0
-            for made, _ in targets.scatterers(sonar, one, sight):
+            for made, _, _ in targets.scatterers(sonar, one, sight):
                 distance = np.linalg.norm(made.centre - point, axis=1)
                 made = made.select((distance > sonar.near_limit) & (distance < sonar.max_range))
                 size = made.seen(point).bound(lowest, highest)
