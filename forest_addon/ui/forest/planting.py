@@ -180,6 +180,7 @@ class FOREST_OT_plant(bpy.types.Operator):
         """Grow the forest when a stroke is done and nothing else runs, and see what stands then."""
         if self.grew is not None and self.grew.over and current() is None:
             self.grew = None
+            context.workspace.status_text_set(say(KEYS))  # where the job said how far it was
             if not self.due and not self.stroke:
                 self.hand.look()
                 self.area.tag_redraw()
