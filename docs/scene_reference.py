@@ -27,6 +27,7 @@ TABLES: list[tuple[str, type[spec.Settings]]] = [
     ("[plantings.targets]", spec.Targets),
     ("[[stems]]", spec.Stems),
     ("[air]", spec.Air),
+    ("[wind]", spec.Wind),
     ("[rays]", spec.Rays),
     ('[[sensors]] kind = "tractor"', spec.Tractor),
     ('[[sensors]] kind = "terrestrial"', spec.Terrestrial),

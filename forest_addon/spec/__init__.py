@@ -73,6 +73,7 @@ from .species import (
     Species,
     Template,
 )
+from .wind import Wind
 
 __all__ = [
     "AUTO",
@@ -138,6 +139,7 @@ __all__ = [
     "Terrain",
     "Terrestrial",
     "Tractor",
+    "Wind",
     "did_you_mean",
     "param",
     "param_of",

@@ -104,7 +104,16 @@ def ordered(value):
 
 OF_PLANTING = {spec.Gaussian: "gaussians", spec.Raster: "rasters"}
 SINGLE = [
-    *(spec.Forest, spec.Terrain, spec.Distance, *OF_PLANTING, spec.Rows, spec.Planting, spec.Air),
+    *(
+        spec.Forest,
+        spec.Terrain,
+        spec.Distance,
+        *OF_PLANTING,
+        spec.Rows,
+        spec.Planting,
+        spec.Air,
+        spec.Wind,
+    ),
     spec.Rays,
     *spec.SENSORS.values(),
 ]
