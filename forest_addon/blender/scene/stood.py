@@ -7,16 +7,19 @@ a tree that was moved by hand is known, and one that was deleted. Of trees that 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
 
-from ...stand.forest import GrownForest
 from .instances import natural
 from .layout import POINTS_ROLE, TREES, VARIANTS, find_part, grove, groves, within_reach
 from .nodes import ROTATION, SCALE, VARIANT
 from .ours import ROLE_KEY, by_role
 from .standings import TREE_KEY
+
+if TYPE_CHECKING:
+    from ...stand.forest import GrownForest
 
 STOOD_KEY = "forest_stood"  # of a tree: x, y, rotation, scale, variant, diameter; of a collection: x, y, ...
 NEAR = 1e-3  # metres, and share of a size: less is no change

@@ -94,7 +94,7 @@ class FOREST_OT_plant(bpy.types.Operator):
         place = self._below(context, event)
         if place is None and not self.stroke:
             return {"PASS_THROUGH"}
-        if event.type == "MOUSEMOVE":
+        if event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE"):
             self.at = place
             self.clearing = event.ctrl
             if self.stroke and place is not None:
