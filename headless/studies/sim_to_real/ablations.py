@@ -19,6 +19,7 @@ import tomli_w
 
 from forest_addon.base.places import ASSETS
 from forest_addon.base.progress import Say
+from forest_addon.base.rng import stream
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.table import write_csv
 from forest_addon.formats.toml_text import read_tables
@@ -229,7 +230,7 @@ def _curve(
     found = []
     for count in sorted({2**k for k in range(10) if 2**k < len(ours)} | {len(ours)}):
         for number in range(seeds):
-            turn = np.random.default_rng([seed, number]).permutation(len(ours))[:count]
+            turn = stream(seed, "curve", number).permutation(len(ours))[:count]
             mine = [ours[k] for k in turn.tolist()]
             for what in ("stem", "wood"):
                 clouds = [cloud for cloud in real if getattr(cloud, what) is not None]
