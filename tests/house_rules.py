@@ -78,7 +78,17 @@ WINGS: dict[str, dict[str, set[str]]] = {
     },
 }
 SENSORS = ("lidar", "sonar", "reverb")
-BLENDER = {"bpy", "mathutils", "bmesh", "gpu", "gpu_extras", "bpy_extras", "bl_ui", "addon_utils"}
+BLENDER = {
+    "bpy",
+    "mathutils",
+    "bmesh",
+    "gpu",
+    "gpu_extras",
+    "bpy_extras",
+    "bl_ui",
+    "bl_operators",
+    "addon_utils",
+}
 NUMBERS = {"numpy", "scipy"}
 # Packages of others that a room may import, beside the standard library.
 PACKAGES: dict[str, set[str]] = {

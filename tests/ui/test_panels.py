@@ -85,6 +85,10 @@ class Layout:
     def template_icon_view(self, group, name, show_labels, scale, scale_popup):
         assert group.bl_rna.properties[name].type == "ENUM"
 
+    def popover(self, panel, text="", icon="NONE"):
+        assert hasattr(bpy.types, panel)
+        self._known_icon(icon)
+
     def separator(self):
         pass
 
