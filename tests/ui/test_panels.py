@@ -102,6 +102,8 @@ def drawn(context=None):
     context = context or bpy.context
     seen = []
     for panel in (cls for cls in ui._classes() if issubclass(cls, bpy.types.Panel)):
+        if panel.bl_region_type == "HEADER":  # Blender draws the files of presets
+            continue
         if not hasattr(panel, "poll") or panel.poll(context):
             canvas = SimpleNamespace(layout=Layout(seen), which=getattr(panel, "which", ""))
             for part in ("draw_header_preset", "draw"):

@@ -33,7 +33,7 @@ ENDS = {"sources", "receivers", "source_path", "receiver_path", "poses", "follow
 
 
 @dataclass(frozen=True)
-class Kind:
+class PresetKind:
     """Kind of thing that presets are of: a kind of sensor, a planting or the wind.
 
     left : settings that stay as they are. group : the properties of the one that is chosen, None where there
@@ -52,14 +52,14 @@ class Kind:
         return tuple(f.name for f in fields(self.settings) if f.name not in self.left)  # type: ignore[arg-type]
 
 
-def kinds() -> dict[str, Kind]:
+def kinds() -> dict[str, PresetKind]:
     """Return all kinds, by name."""
     found = {
-        "planting": Kind(
+        "planting": PresetKind(
             *("planting", "Planting Presets", spec.Planting, frozenset(PLACES)),
             lambda context: chosen_planting(context.scene.forest_sensing),
         ),
-        "wind": Kind(
+        "wind": PresetKind(
             *("wind", "Wind Presets", spec.Wind, frozenset()),
             lambda context: context.scene.forest_sensing.wind,
         ),
@@ -67,11 +67,11 @@ def kinds() -> dict[str, Kind]:
     for name, settings in spec.SENSORS.items():
         of_place = {"kind", "name", *KINDS[name].posed, *ENDS, *references.REFERENCES}
         left = frozenset(of_place & {f.name for f in fields(settings)})  # type: ignore[arg-type]
-        found[name] = Kind(name, "Sensor Presets", settings, left, _of_sensor(name))
+        found[name] = PresetKind(name, "Sensor Presets", settings, left, _of_sensor(name))
     return found
 
 
-def values_of(kind: Kind, context: bpy.types.Context) -> dict[str, Any]:
+def values_of(kind: PresetKind, context: bpy.types.Context) -> dict[str, Any]:
     """The settings of the chosen one that a preset keeps, as a table of a scene file.
 
     Raises
@@ -84,7 +84,7 @@ def values_of(kind: Kind, context: bpy.types.Context) -> dict[str, Any]:
     return {name: table[name] for name in kind.names if name in table}
 
 
-def apply(kind: Kind, context: bpy.types.Context, values: dict[str, Any]) -> None:
+def apply(kind: PresetKind, context: bpy.types.Context, values: dict[str, Any]) -> None:
     """Set the chosen one as a preset says; what the preset does not say is as it is by default.
 
     Raises
@@ -131,7 +131,7 @@ class FOREST_OT_apply_preset(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def _read(kind: Kind, context: bpy.types.Context) -> spec.Settings:
+def _read(kind: PresetKind, context: bpy.types.Context) -> spec.Settings:
     if kind.name in spec.SENSORS:
         return exchange.sensor_of(chosen_sensor(context))
     return exchange.read(kind.group(context), kind.settings)
@@ -147,7 +147,7 @@ def _of_sensor(name: str) -> Callable[[bpy.types.Context], Any]:
     return group
 
 
-class _Add(AddPresetBase):
+class _PresetButton(AddPresetBase):
     """Base of the operators that keep the chosen one's settings as a preset, or remove one."""
 
     kind: ClassVar[str]
@@ -168,19 +168,20 @@ class _Add(AddPresetBase):
         except SpecError as problem:
             self.report({"ERROR"}, in_words(problem))
             return
-        call = f"bpy.ops.forest.apply_preset(kind={self.kind!r}, values={values!r})"
+        given = ", ".join((f"kind={self.kind!r}", f"values={values!r}"))
+        lines = ("import bpy", "", f"bpy.ops.forest.apply_preset({given})", "")
         with replacing(Path(path)) as partial:
-            partial.write_text(f"import bpy\n\n{call}\n", encoding="utf-8")
+            partial.write_text("\n".join(lines), encoding="utf-8")
 
 
-def _classes(kind: Kind) -> tuple[type, type]:
+def _classes(kind: PresetKind) -> tuple[type, type]:
     """The panel of a kind's presets, and the operator that adds and removes them."""
     folder, name = f"{FOLDER}/{kind.name}", f"FOREST_PT_presets_{kind.name}"
     panel = type(
         name,
         (PresetPanel, bpy.types.Panel),
         {
-            "__doc__": f"{kind.title}: choose one, keep the settings as one, remove one",
+            "__doc__": "Choose a preset, keep the settings as one, or remove one",
             "bl_label": kind.title,
             "preset_subdir": folder,
             "preset_operator": "script.execute_preset",
@@ -189,7 +190,7 @@ def _classes(kind: Kind) -> tuple[type, type]:
     )
     add = type(
         f"FOREST_OT_preset_{kind.name}",
-        (_Add, bpy.types.Operator),
+        (_PresetButton, bpy.types.Operator),
         {
             "__doc__": "Keep these settings as a preset, or remove one",
             "bl_idname": f"forest.preset_{kind.name}",
