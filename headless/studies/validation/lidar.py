@@ -1,7 +1,8 @@
 """LiDAR against measured clouds: returns of a pulse, stems found from a tripod, and thin branches.
 
-Three parts: a plot of conifers by drone and aircraft (``plots``), stems of measured plots from one tripod
-scan (``stems``), and diameters of thin branches in a scan with and without errors (``twigs``).
+Four parts: a plot of conifers by drone and aircraft (``plots``), the same line by line (``clouds.flights``),
+stems of measured plots from one tripod scan (``stems``), and diameters of thin branches in a scan with and
+without errors (``twigs``).
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from .clouds.flights import compare_flights
 from .comparison import Comparison
 from .own_cloud import compare_own
 from .plots import compare_plots
@@ -62,9 +64,10 @@ than that.
 
 
 def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Comparison]:
-    """All three parts; or a cloud of the user's own against a scene."""
+    """All four parts; or a cloud of the user's own against a scene."""
     if arguments.file:
         return compare_own(arguments.file, arguments.scene, out)
     found = compare_plots(data / "clouds", out, arguments.seed)
+    found += compare_flights(data / "clouds", arguments.seed)
     found += compare_stems(data / "rioja", out, arguments.seed)
     return [*found, *compare_twigs(out, arguments.seed)]
