@@ -255,12 +255,13 @@ def _by_rules(real: Sequence[Labelled], rows: Sequence[StudyRow], say: Say) -> N
 
 def _write(found: StudyFindings, out: Path) -> None:
     table: dict[str, list] = {
-        key: [] for key in ("cloud", "label", "below_m", "cells", "way", "seed", "miou", "f1")
+        key: []
+        for key in ("cloud", "label", "below_m", "sure", "cells", "way", "seed", "miou", "f1")
     }
     for row in found.rows:
         for way, scores in row.scores.items():
             for number, score in enumerate(scores):
-                values = (row.cloud, row.what, row.high, row.cells, way, number)
+                values = (row.cloud, row.what, row.high, int(row.sure), row.cells, way, number)
                 for key, value in zip(table, (*values, score.iou, score.f1), strict=True):
                     table[key].append(value)
     write_csv(out / "scores.csv", table)
