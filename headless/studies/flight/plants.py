@@ -1,4 +1,4 @@
-"""Which of two plants, told from echoes of both ears and several pings.
+"""Recognition of plants: which of two, told from echoes of both ears and several pings.
 
 After Kuc (2020, J. Acoust. Soc. Am. 148:3270): a sonar with audible clicks, two ears and five emissions at
 aspects 18° apart heard a Ficus benjamina and a Schefflera arboricola, whose leaf areas differ by a factor of
