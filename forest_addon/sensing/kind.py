@@ -133,6 +133,7 @@ class SensorKind:
     thinned : settings, as a table, by which one of so many of its pulses is sent; None: it has none.
     look : what it needs of trees, where their detail is left to "auto".
     glance : a coarse image of what it sees or hears, fast enough to be live; None: there is none.
+    listens : whether that is what it hears, wherever one wants to listen.
     family : "lidar", "sonar", "reverb", or a word of its own.
 
     As an object in the view: help : what it is, in a sentence. icon, colour : Blender's name, linear RGBA.
@@ -156,6 +157,7 @@ class SensorKind:
     thinned: Callable[[Any, float], dict[str, Any]] | None = None
     look: Callable[[Any], SensorLook] = look_at_leaves
     glance: Callable[[Observation], Any] | None = None
+    listens: bool = False
     family: str = ""
     help: str = ""
     icon: str = "DOT"

@@ -15,6 +15,7 @@ import numpy as np
 from ..kind import Observation
 from .equipment_files import equip
 from .ping import ping
+from .targets import EchoTargets
 
 CHANNELS, COLUMNS = 40, 256
 QUALITY = 10.0  # centre frequency over the equivalent rectangular bandwidth
@@ -37,15 +38,13 @@ class Cochleagram:
     reach: float
 
 
-def listen(job: Observation) -> Cochleagram:
-    """Return what a sonar hears from where its settings say, of one ping.
+def listen(job: Observation, targets: EchoTargets) -> Cochleagram:
+    """Return what a sonar hears of targets from where its settings say, in one ping.
 
     Raises
     ------
     ValueError : the record would be longer than memory.
     """
-    from .kind import targets_of
-
     sonar, seen = job.sensor, job.seen
     coarse = sonar.changed(
         route="",
@@ -57,7 +56,7 @@ def listen(job: Observation) -> Cochleagram:
         cull=max(sonar.cull, CULL),
     )
     echo = ping(
-        seen.once(targets_of),
+        targets,
         coarse,
         job.settings.air,
         seen.wood if "trunks" in coarse.shading else None,

@@ -78,7 +78,7 @@ def _audit(job: Observation, found: Any, seconds: float) -> Audit:
 def _glance(job: Observation) -> Any:
     from .glance import listen
 
-    return listen(job)
+    return listen(job, job.seen.once(targets_of))
 
 
 def _trajectory(sonar: Sonar, folder: Path, follower: Follower) -> Trajectory | None:
@@ -191,4 +191,5 @@ SONAR = SensorKind(
     colour=ECHO,
     fixed=_fixed,
     glance=_glance,
+    listens=True,
 )

@@ -140,7 +140,7 @@ def draw_switch(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     thing = chosen_sensor(context)
     if _eye is None and (thing is None or KINDS[sensors.kind_of(thing)].glance is None):
         return
-    hears = thing is not None and sensors.kind_of(thing) == "sonar"
+    hears = thing is not None and KINDS[sensors.kind_of(thing)].listens
     text = label("Listen Here") if hears else label("Look Through")
     if _eye is not None:
         text = label("End Listening") if hears else label("End Looking Through")
@@ -286,8 +286,8 @@ def _draw() -> None:
 
 
 def _placed(context: bpy.types.Context, sensor: Any) -> Any:
-    """A sensor where it is, a sonar at the 3D cursor: one listens about as one clicks about."""
-    if sensor.kind != "sonar":
+    """A sensor where it is, one that listens at the 3D cursor: one clicks about, and hears."""
+    if not KINDS[sensor.kind].listens:
         return sensor
     place = tuple(round(float(x), 4) for x in context.scene.cursor.location)
     return sensor.changed(position=place, route="", follow="")
