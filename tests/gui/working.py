@@ -48,7 +48,9 @@ def grow() -> Scenario:
     yield from wait_for(lambda: running() is None, 120, "the forest")
     grown = time.perf_counter() - began
     yield from settle()
-    print(f"FIGURE grown {grown:.1f} s after the click, drawn after {time.perf_counter() - began:.1f} s")
+    print(
+        f"FIGURE grown {grown:.1f} s after the click, drawn after {time.perf_counter() - began:.1f} s"
+    )
 
 
 def begin() -> Scenario:

@@ -25,6 +25,7 @@ from ..shell.views import look_at, views
 from ..shell.words import say
 from ..species.edit import edited_species, load
 from . import live
+from .beside import beside_cube
 from .scene_file import take_scene
 
 DEMO = ASSETS / "scenes" / "demo.toml"
@@ -59,7 +60,8 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         from ..results.finding import keep_forest
 
         demo = forestless(scene.forest_sensing)
-        settings = read_settings(DEMO, Scene) if demo else to_spec(scene)
+        given = read_settings(DEMO, Scene) if demo else to_spec(scene)
+        settings = beside_cube(scene, given) if demo else given
         if demo and sensors_of(scene):
             settings = replace(settings, sensors=())  # those that are there are the user's own
         edited = edited_species(scene)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...base.labels import Labels
 from ...blender.scene.layout import RESULTS, part
-from ...blender.show.cloud import show_cloud, show_heard
+from ...blender.show.cloud import end_with_ground, show_cloud, show_heard
 from ...blender.show.kept_cloud import note_scan
 from ...blender.show.legend import Entry, legend_of, legend_of_heard
 from ...blender.show.sound import give_sound
@@ -29,9 +29,8 @@ from ...sensing.rays.geometry import SceneGeometry
 from ...spec import Scene, Sensor
 from ...stand.forest import GrownForest
 from ..settings.exchange import forestless
-from ..shell.selection import show
 from ..shell.words import Kept, keep, label_kept, say, say_kept
-from . import frames, images
+from . import frames, images, shown
 from .held import hold
 
 # What says nothing where no forest was asked for and none of it was met.
@@ -109,13 +108,15 @@ def keep_finding(
     if cloud is not None:
         points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
         note_scan(points.data, cloud, offset, offset.crs, labels)
-        show(context, points)  # selected, all points would be orange
         result.shown = points.name
         _explain(result, legend_of(cloud, *names))
     elif marks is not None:
-        home = part(context.scene, RESULTS)
-        result.shown = show_heard(home, sensor.name, marks).name
+        points = show_heard(part(context.scene, RESULTS), sensor.name, marks)
+        result.shown = points.name
         _explain(result, legend_of_heard(marks))
+    if result.shown:
+        shown.show_result(context, result)
+        _note_beyond(result, end_with_ground(points, context.scene))
     if frame is not None:
         frames.hold(result, kept, frame)
     frames.let_go(left)
@@ -184,6 +185,14 @@ def _labels(cloud: Cloud, geometry: SceneGeometry, species: Sequence[str]) -> di
         "SPECIES": labels_by_species(cloud.returns, species),
         "MATERIAL": labels_by_material(cloud.returns, geometry),
     }
+
+
+def _note_beyond(result: Any, count: int) -> None:
+    """Say of points that views leave out how many they are."""
+    if not count:
+        return
+    figure, words = result.figures.add(), keep("{count:,} beyond the ground shown", count=count)
+    figure.name, figure.value, figure.made_of = keep("Far Points"), words, words.made_of
 
 
 def _explain(result: Any, legend: Iterable[Entry]) -> None:
