@@ -73,7 +73,7 @@ WINGS: dict[str, dict[str, set[str]]] = {
         "settings": {"shell"},
         "species": {"shell", "settings"},
         "results": {"shell", "settings"},
-        "sensors": {"shell", "settings", "results"},
+        "sensors": {"shell", "settings", "species", "results", "forest"},
         "forest": {"shell", "settings", "species", "results"},
     },
 }

@@ -44,6 +44,7 @@ from forest_addon.stand.forest import Grown, GrownForest, angle_table, leaf_tabl
 from forest_addon.stand.plan import labels
 from forest_addon.stand.truth import cylinder_table, inventory, voxel_arrays
 from forest_addon.stand.undergrowth import LOW
+from forest_addon.stand.wind.sway import sway_of
 
 from ..progress import hushed
 from .for_instance import orders_of, write_for_instance
@@ -141,6 +142,7 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
     with work.stage("evaluate"):
         rays = Rays(engine=settings.rays.engine, threads=session.threads)
         observer = Observer(bpy.context.evaluated_depsgraph_get(), rays, session.expansions)
+        observer.blow(sway_of(forest, settings.wind, settings.seed))
     with work.stage("trees"):
         table = inventory(forest)
         write_note(folder / COORDINATES, settings.offset, settings.crs)

@@ -129,6 +129,12 @@ def stands(scene: bpy.types.Scene, forest: GrownForest) -> bool:
     return last is not None and last() is forest
 
 
+def standing_forest(scene: bpy.types.Scene) -> GrownForest | None:
+    """Return the forest that was last built in a Blender scene, if it is still in memory."""
+    last = _stands.get(scene.session_uid)
+    return None if last is None else last()
+
+
 @dataclass
 class _Plan:
     """Needs of a forest: objects, plantings that have a collection of their own, pictures of variants that

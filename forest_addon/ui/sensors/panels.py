@@ -226,6 +226,15 @@ class FOREST_PT_air(OnceStarted, bpy.types.Panel):
         draw_settings(split(self.layout), context.scene.forest_sensing.air)
 
 
+class FOREST_PT_wind(OnceStarted, bpy.types.Panel):
+    bl_label = "Wind"
+    bl_parent_id = "FOREST_PT_sensors"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        draw_settings(split(self.layout), context.scene.forest_sensing.wind)
+
+
 class FOREST_PT_rays(OnceStarted, bpy.types.Panel):
     bl_label = spec.Rays.TITLE
     bl_parent_id = "FOREST_PT_sensors"
@@ -242,5 +251,6 @@ CLASSES = (
     FOREST_PT_sensor_data,
     FOREST_PT_thing,
     FOREST_PT_air,
+    FOREST_PT_wind,
     FOREST_PT_rays,
 )

@@ -15,6 +15,7 @@ from ...blender.jobs import Task, Work
 from ...blender.scene.standings import may_be_met
 from ...blender.sensors import objects as sensors
 from ...spec import SpecError
+from ..forest.swaying import swaying
 from ..settings.exchange import to_spec
 from ..settings.preferences import expansions, rays_of
 from ..shell.running import PROBLEMS, WhenReady, Working, getting_ready, in_words
@@ -145,6 +146,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
     ) -> Work:
         """Run these sensors in the scene of one frame, None: as it is, of which nothing is numbered."""
         from ...blender.scene.standings import planted_names
+        from ...blender.sensors.moving import seconds_of
         from ...blender.sensors.observe import Observer
         from ...results.coordinates import Offset
         from ...sensing.cost import note_pace
@@ -154,7 +156,12 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         from ..results.finding import keep_finding, note_audit, note_estimate, save_finding
 
         rays = rays_of(to_spec(context.scene, []).rays)
+        missing: list[str] = []
+        sway = yield from swaying(context, missing)
         observer = Observer.of(context.evaluated_depsgraph_get(), rays, expansions())
+        observer.blow(sway, seconds_of(context.scene))
+        for sentence in missing:
+            self.report({"WARNING"}, sentence)
         if observer.warning:
             self.report({"WARNING"}, observer.warning)
         home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
