@@ -6,13 +6,17 @@ to a little outside of it; renders show all of it, and whoever measures reads wi
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import bpy
 
 from ... import spec
-from ...stand.intensity.terrain import GroundSurface
 from .layout import GROUND_NAME, find_part
 from .nodes import VIEW_KEY, input_of, set_input
 from .ours import is_local
+
+if TYPE_CHECKING:
+    from ...stand.intensity.terrain import GroundSurface
 
 GROUP = "Forest Sensing Ground"
 LOW, HIGH = "Shown From", "Shown To"
