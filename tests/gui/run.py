@@ -27,6 +27,7 @@ SCENARIOS = {  # and where their pictures are
     "large": OUT / "large",
     "looking": OUT / "looking",
     "working": OUT / "working",
+    "planting": OUT / "planting",
     "leave": OUT / "leave",
 }
 STARTS = 5

@@ -158,14 +158,24 @@ def _is_some(figure: Figure) -> bool:
 
 def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:
     """Add to a result how far off it is, and of how many values that was checked."""
-    off = f"{audit.error:.0e} {audit.unit}".strip()
+    off, allowed = (plain(value, audit.unit) for value in (audit.error, audit.allowed))
     words = keep("{count} checked, off by {off}", off=off, count=f"{audit.checked:,}")
     if not audit.kept:
-        words = keep("{off} off: MORE than {allowed}", off=off, allowed=f"{audit.allowed:.0e}")
+        words = keep("{off} off: MORE than {allowed}", off=off, allowed=allowed)
     result = context.scene.forest_sensing.results[name]
     figure = result.figures.add()
     figure.name, figure.value, figure.made_of = keep("Audit"), words, words.made_of
     frames.tell_again(result, context.scene.frame_current)
+
+
+def plain(value: float, unit: str) -> str:
+    """An error as one says it: metres in parts of a millimetre, a share in percent."""
+    if not np.isfinite(value):
+        return f"{value} {unit}".strip()
+    if unit == "m":
+        return "< 0.001 mm" if value < 1e-6 else f"{1e3 * value:,.3f} mm"
+    percent = "< 0.0001 %" if value < 1e-6 else f"{100.0 * value:,.4f} %"
+    return f"{percent} {unit}".strip()
 
 
 def note_estimate(context: bpy.types.Context, name: str, took: float, estimated: float) -> None:
