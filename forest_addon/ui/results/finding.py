@@ -173,7 +173,7 @@ def plain(value: float, unit: str) -> str:
     if not np.isfinite(value):
         return f"{value} {unit}".strip()
     if unit == "m":
-        return "< 0.001 mm" if value < 1e-6 else f"{1e3 * value:,.3f} mm"
+        return "< 0.001 mm" if value < 1e-6 else keep("{size:,.3f} mm", size=1e3 * value)
     percent = "< 0.0001 %" if value < 1e-6 else f"{100.0 * value:,.4f} %"
     return f"{percent} {unit}".strip()
 
