@@ -1,4 +1,4 @@
-"""Flight lines of two real clouds over one plot of conifers, each flown again over a stand of ours.
+"""FlightOfCloud lines of two real clouds over one plot of conifers, each flown again over a stand of ours.
 
 Trees stand where the drone's cloud has its summits, as high as these, with the diameters that pines of these
 heights have; around the plot the same stand goes on. Way, height and fan of each line are read from the
@@ -25,10 +25,10 @@ from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Beam, Mobile, Rays, SpecError, Surfaces
 
 from ....commands.work.like import FlownCloud, read_flown
-from .yardstick import ground_below
 from ..comparison import Comparison, Interval
 from ..living import geometry_of, site_of, tops_of
 from ..own_cloud import CloudReturns, read_cloud
+from .yardstick import ground_below
 
 SPECIES = "ponderosa-pine"
 SURFACES = Surfaces(wood=0.4, leaf=0.35, ground=0.3)
@@ -44,7 +44,7 @@ RANGE = 1.3  # times the farthest return
 
 
 @dataclass(frozen=True)
-class Flight:
+class FlightOfCloud:
     """Name and file of a cloud, and the beam that is assumed of its instrument."""
 
     name: str
@@ -53,7 +53,7 @@ class Flight:
 
 
 FLIGHTS = (
-    Flight(
+    FlightOfCloud(
         "drone",
         "spanner_UAS.laz",
         Beam(
@@ -64,7 +64,7 @@ FLIGHTS = (
             max_returns=5,
         ),
     ),
-    Flight(
+    FlightOfCloud(
         "aircraft",
         "spanner_ALS.laz",
         Beam(divergence_mrad=(0.25, 0.25), subrays=19, pulse_ns=4.0, max_returns=7),
@@ -140,7 +140,7 @@ def threshold(
 
 
 def _lines(
-    flight: Flight, file: Path, scene: SceneGeometry, low: np.ndarray, seed: int
+    flight: FlightOfCloud, file: Path, scene: SceneGeometry, low: np.ndarray, seed: int
 ) -> list[Comparison]:
     """Rows of the lines of a cloud that are long enough to tell their pattern."""
     cloud, returns = read_flown(file), read_cloud(file)
