@@ -77,6 +77,7 @@ def _rooms() -> tuple[ModuleType, ...]:
         scene_file,
         start,
         tree,
+        wind_view,
     )
     from .forest import lists as forest_lists
     from .forest import panels as forest_panels
@@ -110,5 +111,5 @@ def _rooms() -> tuple[ModuleType, ...]:
         preferences,
         *(forest_panels, by_hand, sensors_panels, flight, results_panel),
         *(overlay, edit, import_stl, library, species_panel),
-        *(chosen, hills, painting, hand_edits, planting, live, command, manual, migration),
+        *(chosen, hills, painting, hand_edits, planting, wind_view, live, command, manual, migration),
     )
