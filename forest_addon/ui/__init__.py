@@ -86,7 +86,7 @@ def _rooms() -> tuple[ModuleType, ...]:
     from .sensors import add, flight, instruments, look_through, run, things
     from .sensors import lists as sensors_lists
     from .sensors import panels as sensors_panels
-    from .settings import command, hills, manual, migration, preferences
+    from .settings import command, hills, manual, migration, preferences, presets
     from .shell import chosen, languages, pace, running
     from .species import edit, import_stl, library, pictures
     from .species import panel as species_panel
@@ -109,6 +109,7 @@ def _rooms() -> tuple[ModuleType, ...]:
             swatches,
         ),
         preferences,
+        presets,
         *(forest_panels, by_hand, sensors_panels, flight, results_panel),
         *(overlay, edit, import_stl, library, species_panel),
         *(chosen, hills, painting, hand_edits, planting, wind_view, live, command, manual, migration),

@@ -28,6 +28,7 @@ SCENARIOS = {  # and where their pictures are
     "looking": OUT / "looking",
     "working": OUT / "working",
     "planting": OUT / "planting",
+    "road": OUT / "road",
     "leave": OUT / "leave",
 }
 STARTS = 5

@@ -14,6 +14,7 @@ from ..forest.wind_view import draw_wind
 from ..settings import references
 from ..settings.drawing import BIG, OnceStarted, draw_settings, folded, split
 from ..settings.lists import draw_list
+from ..settings.presets import draw_presets
 from ..shell.chosen import chosen, chosen_sensor
 from ..shell.progress import draw_job
 from ..shell.running import current
@@ -59,6 +60,9 @@ class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return super().poll(context) and chosen_sensor(context) is not None
+
+    def draw_header_preset(self, context: bpy.types.Context) -> None:
+        draw_presets(self.layout, sensors.kind_of(chosen_sensor(context)))
 
     def draw(self, context: bpy.types.Context) -> None:
         thing = chosen_sensor(context)
@@ -231,6 +235,9 @@ class FOREST_PT_wind(OnceStarted, bpy.types.Panel):
     bl_label = "Wind"
     bl_parent_id = "FOREST_PT_sensors"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw_header_preset(self, _context: bpy.types.Context) -> None:
+        draw_presets(self.layout, "wind")
 
     def draw(self, context: bpy.types.Context) -> None:
         draw_settings(split(self.layout), context.scene.forest_sensing.wind)
