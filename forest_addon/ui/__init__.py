@@ -112,5 +112,16 @@ def _rooms() -> tuple[ModuleType, ...]:
         presets,
         *(forest_panels, by_hand, sensors_panels, flight, results_panel),
         *(overlay, edit, import_stl, library, species_panel),
-        *(chosen, hills, painting, hand_edits, planting, wind_view, live, command, manual, migration),
+        *(
+            chosen,
+            hills,
+            painting,
+            hand_edits,
+            planting,
+            wind_view,
+            live,
+            command,
+            manual,
+            migration,
+        ),
     )

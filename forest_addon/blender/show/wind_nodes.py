@@ -48,7 +48,7 @@ def showing_group(key: str) -> bpy.types.NodeTree:
     return found or _Showing(key).group
 
 
-class _Making:
+class _WindGroup:
     """A group while it is made."""
 
     def __init__(self, name: str, inputs: tuple[tuple[str, str, str], ...], told: str) -> None:
@@ -100,7 +100,7 @@ class _Making:
         return made.outputs["Geometry"]
 
 
-class _Moving(_Making):
+class _Moving(_WindGroup):
     """The group that moves the pieces of all trees."""
 
     def __init__(self) -> None:
@@ -168,7 +168,7 @@ class _Moving(_Making):
         return so_far
 
 
-class _Showing(_Making):
+class _Showing(_WindGroup):
     """The group that shows the pieces of one tree."""
 
     def __init__(self, key: str) -> None:
