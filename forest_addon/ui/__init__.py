@@ -81,7 +81,7 @@ def _rooms() -> tuple[ModuleType, ...]:
     )
     from .forest import lists as forest_lists
     from .forest import panels as forest_panels
-    from .results import export, frames, names, show, swatches
+    from .results import export, frames, names, show, shown, swatches
     from .results import panel as results_panel
     from .sensors import add, flight, instruments, look_through, run, things
     from .sensors import lists as sensors_lists
@@ -103,6 +103,7 @@ def _rooms() -> tuple[ModuleType, ...]:
             run,
             look_through,
             show,
+            shown,
             export,
             frames,
             names,

@@ -5,6 +5,7 @@ Runs in Blender's window (see run.py).
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -162,6 +163,27 @@ def scenario(steps: Steps) -> Scenario:
     yield from wait_for(idle, 60, "the forest of another seed")
     assert near(-8, 0, 0.01) == 1
     assert len(maple.by_hand) == planted + 1
+    yield from settle()
+
+    steps.step("the season's slider takes leaves as soon as it is let go")
+    props.live = True
+    yield from wait_for(idle, 60, "what Live found")
+    built, maple = props.built, props.plantings[0]  # a list that grew may have moved
+    begun = time.perf_counter()
+    maple.season = 0.8
+    yield from wait_for(lambda: props.built != built and idle(), 60, "the forest in autumn")
+    print(f"FIGURE a season with Live: {time.perf_counter() - begun:.1f} s in all", flush=True)
+    print(f"FIGURE of it growing: {props.results['forest'].figures['Time'].value}", flush=True)
+    props.live = False
+    yield from settle()
+
+    steps.step("a preset of the planting in Blender's menu")
+    assert press("forest.preset_planting", invoke=False, name="Late autumn") == {"FINISHED"}
+    window, area, main, _ = view()
+    point_at(main.x + main.width // 3, main.y + main.height // 2)
+    yield from settle()
+    with bpy.context.temp_override(window=window, area=area, region=main):
+        bpy.ops.wm.call_panel("INVOKE_DEFAULT", name="FOREST_PT_presets_planting")
     yield from settle()
 
 

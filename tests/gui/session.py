@@ -137,7 +137,7 @@ def a_broken_overlay_stays_alone() -> Scenario:
     yield 1
     assert not overlay._broken
     assert len(overlay.outlines._batches) == 4
-    assert any(batch is not None for batch in overlay.points._batches.values())
+    assert any(overlay.points._batches.values())
     for thing in (*added, curve):
         bpy.data.objects.remove(thing)
 

@@ -25,6 +25,7 @@ from ..shell.views import look_at, views
 from ..shell.words import say
 from ..species.edit import edited_species, load
 from . import live
+from .beside import beside_cube
 from .hand_edits import take_up_changes
 from .scene_file import take_scene
 
@@ -61,7 +62,8 @@ class FOREST_OT_build(Working, bpy.types.Operator):
 
         demo = forestless(scene.forest_sensing)
         changed = 0 if demo else take_up_changes(scene)
-        settings = read_settings(DEMO, Scene) if demo else to_spec(scene)
+        given = read_settings(DEMO, Scene) if demo else to_spec(scene)
+        settings = beside_cube(scene, given) if demo else given
         if demo and sensors_of(scene):
             settings = replace(settings, sensors=())  # those that are there are the user's own
         edited = edited_species(scene)

@@ -21,7 +21,7 @@ from ..shell.running import current
 from ..shell.words import keep, label, label_kept
 from .instruments import draw_instrument
 from .look_through import draw_switch
-from .things import seen_thing
+from .things import is_unrendered, seen_thing
 
 AXES = (keep("Rotation X"), keep("Rotation Y"), keep("Rotation Z"))
 
@@ -217,6 +217,8 @@ class FOREST_PT_thing(OnceStarted, bpy.types.Panel):
         column = split(self.layout)
         column.prop(thing, "name")
         column.prop(thing, "forest_seen")
+        if is_unrendered(thing):
+            column.label(text="Not in renders; sensed all the same", icon="INFO")
         column.prop(thing, "forest_reflects")
         if thing.forest_reflects:
             column.prop(thing, "forest_reflected")
