@@ -40,7 +40,7 @@ def scenario(steps: Steps) -> Scenario:
     yield from settle()
 
     steps.step("one click looks through its tripod")
-    tripod = bpy.data.objects["cloud"]
+    tripod = bpy.data.objects["tripod"]
     bpy.ops.object.select_all(action="DESELECT")
     tripod.select_set(True)
     bpy.context.view_layer.objects.active = tripod
