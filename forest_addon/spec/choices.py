@@ -42,8 +42,8 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "points": ("Points", "One object with a point a tree: a hundred thousand stay light"),
     },
     "sprouting": {
-        "apex": ("At the Tip", "Daughters fork where their mother ends"),
-        "along": ("Along", "Daughters leave their mother at random places along it"),
+        "apex": ("At the Tip", "Daughters fork where their parent ends"),
+        "along": ("Along", "Daughters leave their parent at random places along it"),
     },
     "shape": {
         "ellipse": ("Ellipse", "An oval blade"),

@@ -71,7 +71,7 @@ def scenario(steps: Steps) -> Scenario:
 
     steps.step("a tree of my own")
     home = own_tree()
-    for sensor in [t for t in bpy.data.objects if t.name in ("scan", "echo", "reverb", "cloud")]:
+    for sensor in [t for t in bpy.data.objects if t.name in ("tractor", "bat", "clap", "tripod")]:
         bpy.data.objects.remove(sensor)
     press(
         "forest.import_tree", invoke=False, directory=f"{home}/", title="my-hazel", accept=True,

@@ -79,7 +79,7 @@ def build(
     standing = KeptStanding.of(scene)
     edited = next((thing.name for thing in standing.things.values() if thing.mode == "EDIT"), "")
     if edited:
-        raise ValueError(f'"{edited}" is being edited; leave Edit Mode, then build again')
+        raise ValueError(f'"{edited}" is being edited; leave Edit Mode, then grow the forest again')
     with all_or_nothing():
         plan = _Plan(as_assets=as_assets, ready=ready or ReadyForest())
         _fill(plan, scene, standing, settings.forest, forest, terrain)

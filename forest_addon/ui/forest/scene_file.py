@@ -74,7 +74,7 @@ class FOREST_OT_load_scene(InOwnScene, bpy.types.Operator, ImportHelper):
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
-        done = say("{name} is loaded. Build the forest to see it", name=name)
+        done = say("{name} is loaded. Press Grow Forest to see it", name=name)
         if before and not self.keep_sensors:
             gone = say(
                 "Its sensors took the place of {count}; undo brings those back", count=before

@@ -103,7 +103,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             cls.poll_message_set(say("There is no sensor yet. Add one to the list"))
             return False
         if not any(may_be_met(thing) for thing in context.view_layer.objects):
-            reason = say("There is nothing to sense in this scene. Build a forest first")
+            reason = say("There is nothing to sense in this scene. Grow a forest first")
             cls.poll_message_set(reason)
             return False
         return True
