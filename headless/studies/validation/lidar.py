@@ -36,16 +36,17 @@ bark, lean, wind and the other program's own fit are not in ours, and which of t
 A twig is thickened as measured in sign and place, but a tree by a tenth of what was measured: our tree has
 less of its volume in twigs, and nothing of ours moves between scans.
 
-The first rows mix angles: the drone's cloud has lines at 25 to 68 degrees off nadir, ours looked within 30. Line
-by line, over pines with the foliage of the southwestern ponderosa pine (preset ponderosa-pine) in the places of the
-plot's summits, a threshold read from the cloud makes the share of single returns rise with the angle as measured
-only at 68 degrees; elsewhere ours have 11 to 27 points too few of them, for the drone and the aircraft alike:
-light goes too deep into our crowns. By ablation, two of the drone's lines (26 and 56 degrees; measured 45 and 60 %):
-34 and 35 % as they stand; 31 and 28 % with the threshold of the faintest return of all in place of the faintest
-twentieth's, and from there 18 and 12 % with the shoots of Scots pine, 32 and 32 % with leaves of 20 % reflectance in
-place of 35, 29 and 22 % with half the leaf area, 34 and 31 % with a pulse of 6 ns. So shoots and threshold
-matter most, the pulse and reflectances little, and none is enough. Gaps between returns of a VZ-400i agree
-without a dead zone: the length of the pulse alone makes that edge.
+The first rows mix angles: the drone's cloud has lines at 25 to 68 degrees off nadir, ours looked within 30.
+Line by line, over pines with the foliage of the southwestern ponderosa pine (preset ponderosa-pine) in the
+places of the plot's summits, a threshold read from the cloud makes the share of single returns rise with
+the angle as measured only at 68 degrees; elsewhere ours have 11 to 27 points too few of them, for the drone
+and the aircraft alike: light goes too deep into our crowns. By ablation, two of the drone's lines (26 and
+56 degrees; measured 45 and 60 %): 34 and 35 % as they stand; 31 and 28 % with the threshold of the faintest
+return of all in place of the faintest twentieth's, and from there 18 and 12 % with the shoots of Scots
+pine, 32 and 32 % with leaves of 20 % reflectance in place of 35, 29 and 22 % with half the leaf area, 34
+and 31 % with a pulse of 6 ns. So shoots and threshold matter most, the pulse and reflectances little, and
+none is enough. Gaps between returns of a VZ-400i agree without a dead zone: the length of the pulse alone
+makes that edge.
 
 `python -m headless validate lidar CLOUD.laz --scene MY.toml` holds the clouds of a scene to one of your
 own.
