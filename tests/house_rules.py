@@ -73,7 +73,7 @@ WINGS: dict[str, dict[str, set[str]]] = {
         "settings": {"shell"},
         "species": {"shell", "settings"},
         "results": {"shell", "settings"},
-        "sensors": {"shell", "settings", "results"},
+        "sensors": {"shell", "settings", "species", "results", "forest"},
         "forest": {"shell", "settings", "species", "results"},
     },
 }
@@ -115,7 +115,8 @@ PACKAGES: dict[str, set[str]] = {
     | {"bpy", "dask", "distributed", "laspy", "matplotlib", "tomli_w", "tqdm"},
     "headless/report": NUMBERS | {"PIL", "bpy", "matplotlib"},
     "headless/studies": NUMBERS
-    | {"bpy", "laspy", "mathutils", "matplotlib", "pgeof", "pyhelios", "sklearn", "tlseparation"},
+    | {"bpy", "laspy", "mathutils", "matplotlib", "pgeof", "pyhelios", "sklearn", "tlseparation"}
+    | {"tomli_w"},
 }
 NETWORK = {"socket", "http", "urllib", "requests", "ftplib", "ssl", "smtplib", "aiohttp"}
 LONGEST_FILE, LARGEST_FOLDER, LONGEST_FUNCTION, MOST_PARAMETERS = 400, 24, 60, 8

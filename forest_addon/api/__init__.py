@@ -52,6 +52,7 @@ from ..spec import (
     Terrain,
     Terrestrial,
     Tractor,
+    Wind,
 )
 from .results import Echoes, PointCloud, Response, Result, RowScan
 from .scanners import instrument, instruments
@@ -125,6 +126,7 @@ __all__ = [
     "Tractor",
     "TractorScan",
     "Trajectory",
+    "Wind",
     "World",
     "Written",
     "build",

@@ -8,9 +8,10 @@ made, not when this is imported.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -71,10 +72,8 @@ class World:
         return f"World({self.scene.name!r}, seed {self.scene.seed}: {count})"
 
     def __reduce__(self) -> Any:
-        raise SpecError(
-            "world",
-            "stands in this Blender and cannot be copied or sent; send its scene, and build that",
-        )
+        why = "stands in this Blender and cannot be copied or sent; send its scene, and build that"
+        raise SpecError("world", why)
 
     def scan(
         self,
@@ -199,21 +198,29 @@ class World:
             return self._taken
         bpy = import_blender()
         from ..blender.scene.forest import stands
+        from ..blender.sensors.moving import seconds_of
         from ..blender.sensors.observe import Observer
 
         try:
             name = self._place.name
         except ReferenceError:
-            raise SpecError(
-                "world", "the file that it stood in is closed; build it again"
-            ) from None
+            closed = "the file that it stood in is closed; build it again"
+            raise SpecError("world", closed) from None
         if bpy.context.scene != self._place:
             raise SpecError("world", f'Blender shows another scene; go back to "{name}"')
         if self.forest is not None and not stands(self._place, self.forest):
-            raise SpecError(
-                "world", "another forest was built in its place; build this one again to look at it"
-            )
-        return Observer.of(bpy.context.evaluated_depsgraph_get(), self.scene.rays)
+            other = "another forest was built in its place; build this one again to look at it"
+            raise SpecError("world", other)
+        observer = Observer.of(bpy.context.evaluated_depsgraph_get(), self.scene.rays)
+        observer.blow(self._swaying, seconds_of(self._place))
+        return observer
+
+    @cached_property
+    def _swaying(self) -> Any:
+        """The sway of the trees in the scene's wind; None where they stand still."""
+        from ..stand.wind.sway import sway_of
+
+        return self.forest and sway_of(self.forest, self.scene.wind, self.scene.seed)
 
     @contextmanager
     def still(self) -> Iterator[Observer]:
@@ -346,13 +353,8 @@ class World:
         """For notebooks: what stands here."""
         if self.forest is None:
             return f"<b>{self.scene.name}</b>: the scene in Blender"
-        kinds: Mapping[str, int] = {
-            label: int(np.count_nonzero(self.forest.stand.species == number))
-            for number, label in enumerate(self.forest.labels)
-        }
-        rows = "".join(
-            f"<tr><td>{label}</td><td>{count:,}</td></tr>" for label, count in kinds.items()
-        )
+        kinds = zip(self.forest.labels, self.forest.stand.counts(), strict=True)
+        rows = "".join(f"<tr><td>{label}</td><td>{count:,}</td></tr>" for label, count in kinds)
         return f"<b>{self.scene.name}</b>, seed {self.scene.seed}<table>{rows}</table>"
 
     @property

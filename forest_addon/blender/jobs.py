@@ -67,7 +67,7 @@ class Job:
         self.result = ""
         self.over = False
         self.kept: list[str] = []  # what the work has brought to its end, in words
-        self._begun = time.monotonic()
+        self._begun = self._since = time.monotonic()
         self._span: tuple[float, float] | None = None
         self._work = work
         self._thread: threading.Thread | None = None
@@ -79,9 +79,10 @@ class Job:
 
     @property
     def left(self) -> float | None:
-        """Seconds until the end, as it went until now; None where that cannot be said."""
-        took = time.monotonic() - self._begun
-        if self._span is None or took < SOON or self.share < LITTLE:
+        """Seconds until the end, as it went until now; of what it does now, where the job does not know what
+        is to come. None where that cannot be said."""
+        took = time.monotonic() - (self._begun if self._span else self._since)
+        if took < SOON or self.share < LITTLE:
             return None
         return took * (1.0 - self.share) / self.share
 
@@ -136,7 +137,7 @@ class Job:
         return self._work.send(outcome)
 
     def _begin(self, task: Task) -> None:
-        self._span = task.span
+        self._span, self._since = task.span, time.monotonic()
         self.label, self.share = task.label, task.span[0] if task.span else 0.0
 
     def _run_beside(self, task: Task) -> None:

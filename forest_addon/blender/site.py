@@ -12,6 +12,7 @@ from ..spec import SpecError
 from ..stand.forest import GrownForest
 from .read.inputs import inputs_from_scene
 from .scene.forest import build
+from .scene.ready import ReadyForest
 
 S = TypeVar("S", bound=ForestSite)
 
@@ -28,17 +29,22 @@ def with_objects(site: S, depsgraph: bpy.types.Depsgraph | None = None) -> S:
 
 
 def build_site(
-    place: bpy.types.Scene, site: ForestSite, forest: GrownForest, *, as_assets: bool = True
+    place: bpy.types.Scene,
+    site: ForestSite,
+    forest: GrownForest,
+    *,
+    as_assets: bool = True,
+    ready: ReadyForest | None = None,
 ) -> None:
     """Put a forest that grew on a site into a Blender scene, in place of the one that stands there.
 
-    as_assets : whether variants become assets, each with a picture.
+    as_assets : whether variants become assets, each with a picture. ready : what was made ahead.
 
     Raises
     ------
     SpecError : something that stands there is in the way; nothing is changed.
     """
     try:
-        build(place, site.scene, forest, site.inputs.terrain, as_assets=as_assets)
+        build(place, site.scene, forest, site.inputs.terrain, as_assets=as_assets, ready=ready)
     except ValueError as problem:
         raise SpecError("build", str(problem)) from None

@@ -126,6 +126,7 @@ class SensorKind:
     positions : (P, 3) m where it should not stand inside of a tree.
     empty : that a finding holds nothing, and why, in a sentence; "" of one that holds something.
     lasts : seconds of a scene that moves, which a run along a trajectory looks at; 0: it stands still.
+    sways : whether it meets trees where the wind has them at the time of each of its rays.
     cost : of a run along a trajectory with a ray engine. outline : (N, 2, 3) m, ends of the lines that show
         where it looks.
     choose : what is left to "auto", chosen. left_out : what a finding left out, and the bound on that.
@@ -147,6 +148,7 @@ class SensorKind:
     positions: Callable[[Observation], np.ndarray] = _where_it_stands
     empty: Callable[[Observation, Any], str] = _never_empty
     lasts: Callable[[Any, Any], float] = _a_moment
+    sways: bool = False
     cost: Callable[[Any, Any, str], Cost] = _one_run
     outline: Callable[[Any], np.ndarray] = _no_lines
     choose: Callable[[Any], tuple[Choice, ...]] = _nothing_chosen

@@ -27,11 +27,13 @@ from .base import (
 from .crown import Crown, Needles, Targets
 from .flight import Flight
 from .forest import (
+    Clearing,
     Clusters,
     Corners,
     Distance,
     Forest,
     Gaussian,
+    HandTree,
     Planting,
     Raster,
     Rows,
@@ -71,6 +73,7 @@ from .species import (
     Species,
     Template,
 )
+from .wind import Wind
 
 __all__ = [
     "AUTO",
@@ -85,6 +88,7 @@ __all__ = [
     "Bark",
     "Beam",
     "Choice",
+    "Clearing",
     "Clusters",
     "Corners",
     "Crown",
@@ -96,6 +100,7 @@ __all__ = [
     "Forest",
     "Gaussian",
     "Grammar",
+    "HandTree",
     "Honda",
     "Inclination",
     "Jitter",
@@ -134,6 +139,7 @@ __all__ = [
     "Terrain",
     "Terrestrial",
     "Tractor",
+    "Wind",
     "did_you_mean",
     "param",
     "param_of",

@@ -105,6 +105,38 @@ class Strauss(Settings):
     )
 
 
+class HandTree(Settings):
+    """A tree that somebody has set by hand: it stays where it is whatever is drawn around it.
+
+    What is left out is drawn as of any other tree of its planting.
+    """
+
+    position: tuple[float, float] = param(unit="m", help="where it stands", ge=-1e7, le=1e7)
+    rotation_deg: float | None = param(
+        None, unit="deg", help="turn about the vertical, counter-clockwise", ge=-360, le=360
+    )
+    scale: float | None = param(
+        None, help="size factor; counts where trees are not grown to measure", gt=0, le=100
+    )
+    diameter: float | None = param(
+        None,
+        unit="m",
+        help="diameter at breast height; counts where trees are grown to measure",
+        gt=0,
+        le=20,
+    )
+    variant: int | None = param(
+        None, help="which of the planting's variants it is, counted from 0", ge=0, le=999
+    )
+
+
+class Clearing(Settings):
+    """A disc on which nothing that a planting draws or lists stands; trees set by hand may."""
+
+    position: tuple[float, float] = param(unit="m", help="its centre", ge=-1e7, le=1e7)
+    radius: float = param(0.01, unit="m", help="its radius", gt=0, le=1e5)
+
+
 class Planting(Settings):
     """One species of the forest and where its trees stand.
 
@@ -185,6 +217,12 @@ class Planting(Settings):
     )
     collection: str = param(
         "", help="collection of the Blender scene whose objects say where trees stand (list)"
+    )
+    by_hand: tuple[HandTree, ...] = param(
+        (), help="trees set by hand, besides those that are drawn; spacing takes none of them away"
+    )
+    clearings: tuple[Clearing, ...] = param(
+        (), help="discs that are kept free of trees that are drawn or listed"
     )
 
     def check(self) -> None:

@@ -161,6 +161,7 @@ class Reverb(Sensor):
     )
     turbulence: float = param(
         1.0,
+        unit="1e-6",
         help="forest: mean square of the fluctuation of the refractive index in millionths, which parts "
         "the direct from the reflected sound (Daigle 1979); 0: still air",
         ge=0,

@@ -12,6 +12,7 @@ from .lidar import Airborne, Mobile, Terrestrial, Tractor
 from .reverb import Reverb
 from .sensor import Sensor
 from .sonar import Sonar
+from .wind import Wind
 
 SENSORS = Sensor.KINDS
 SENSORS |= {
@@ -109,6 +110,7 @@ class Scene(Settings):
         (), help="trees that are cylinders only, for reverb", most=1000
     )
     air: Air = param(Air(), help="the air")
+    wind: Wind = param(Wind(), help="the wind in which trees sway")
     rays: Rays = param(Rays(), help="how rays are cast")
     sensors: tuple[Sensor, ...] = param((), help="what looks at the forest", most=10_000)
     flight: Flight = param(Flight(), help="a flyer that finds its way")

@@ -64,7 +64,9 @@ def shown(value: Any) -> str:
     if isinstance(value, int) and value.bit_length() > MOST_BITS:
         return "a whole number of more than 300 digits"
     try:
-        text = f'"{value}"' if isinstance(value, str) else " ".join(str(value).split())
+        text = " ".join(str(value).split())
+        if isinstance(value, str):
+            text = f'"{value}"' if value.isprintable() else ascii(value)
     except Exception:  # tables within tables; digits beyond Python's limit; whatever it is
         text = "a table or list"
     return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}…"

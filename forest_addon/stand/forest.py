@@ -159,8 +159,9 @@ class ForestPlan:
                 (stand.off_ground, "where there is no ground"),
             ]
             whys = [f"{lost[number]:,} are {why}" for lost, why in gone if lost[number]]
-            if whys and (planting.exact or planting.layout == "list"):
+            if whys and (planting.exact or planting.layout == "list" or planting.by_hand):
                 meant = "exactly so many" if planting.exact else "a list"
+                meant = "those drawn and set by hand" if planting.by_hand else meant
                 said.append(f"{name}: {counts[number]:,} trees of {meant} stand; {', '.join(whys)}")
         if self.scene.plantings and not len(stand):
             said.append("no tree stands: expect more, or a larger field")

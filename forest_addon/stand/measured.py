@@ -6,6 +6,9 @@ No more trees than variants: each is grown for itself. More: trees of like propo
 (k-means over log H/D, W/D, leaf area/D², the odds of the base, and less so log D, each over its measured
 spread), which is grown to the targets of the one nearest to their middle. A tree is its variant in the size
 at which the stem, 1.3 m up, has its diameter, exactly.
+
+Trees set by hand take part in none of this beside trees that are drawn: each is one of the variants that
+those have, in the size of its own diameter, so that nothing else changes where one is set.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from ..growth.measured.measure import BREAST, stem_profile
 from ..growth.measured.wanted import TARGETS, Kind, Wanted, draw_dbh, drawn, given_by
 from ..growth.skeleton import Skeleton
 from ..spec import Allometry, Planting, Species
+from .by_hand import told_of
 from .competition import MOST_INDEX, apart, bounded, canopy_of, competed, filled, score, thinned
 from .inputs import Inputs
 from .plan import Stand, chosen_of
@@ -92,17 +96,47 @@ def with_targets(
         rng = stream(seed, "stand", names[number], "variants")
         label, models = groups_of(wanted[rows], plantings[number].variants, group.law, rng)
         variant[rows], scale[rows] = label, 1.0
-        variants |= {
-            (number, k): Wanted(*wanted[rows[model]].tolist()) for k, model in enumerate(models)
-        }
+        models = wanted[rows[models]]
+        variants |= {(number, k): Wanted(*model.tolist()) for k, model in enumerate(models)}
+        rows = np.flatnonzero((stand.species == number) & (stand.number < 0))
+        if len(rows):
+            asked = told_of(plantings[number], stand.number[rows], "variant")
+            variant[rows], wanted[rows] = _like(asked, variant[rows], models, group, rows, wanted)
+            scale[rows] = 1.0
     sized = replace(stand, variant=variant, scale=scale)
     return MeasuredTrees(sized, wanted, variants, tuple(laws), tuple(ignored))
+
+
+def _like(
+    asked: np.ndarray,
+    label: np.ndarray,
+    models: np.ndarray,
+    group: _MeasuredGroup,
+    rows: np.ndarray,
+    wanted: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Variants (M,) and targets (M, 5) of trees set by hand: as the variant that somebody chose, the one that
+    their group has given them, or the one nearest in diameter, in the size that gives them theirs.
+
+    asked, label : (M,) variants that were chosen, NaN for none, and that the group gave. models : (K, 5).
+    """
+    alone = bool(group.rows[0] == rows[0])  # nothing is drawn: they are the group
+    dbh = wanted[rows, 0] if alone else group.by_hand
+    near = np.abs(np.log(dbh[:, None] / models[:, 0])).argmin(axis=1)
+    chosen = np.isfinite(asked)
+    took = np.where(chosen, np.nan_to_num(asked) % len(models), label if alone else near)
+    took = took.astype(np.int64)
+    size = dbh / models[took, 0]
+    scaled = models[took] * size[:, None] ** np.array([1, 1, 1, 1, 2])
+    own = alone & ~chosen
+    return took, np.where(own[:, None], wanted[rows], scaled)
 
 
 @dataclass(frozen=True)
 class _MeasuredGroup:
     """The R trees of a planting with targets: their rows, diameters (R,), measures given (R, 4), NaN for
-    none, and uniform numbers (R, 4) that the others are drawn by.
+    none, and uniform numbers (R, 4) that the others are drawn by. by_hand : (M,) diameters of trees beside
+    them that were set by hand.
     """
 
     number: int
@@ -111,6 +145,7 @@ class _MeasuredGroup:
     dbh: np.ndarray
     given: np.ndarray
     uniform: np.ndarray
+    by_hand: np.ndarray
 
 
 def _groups(
@@ -127,6 +162,9 @@ def _groups(
         kind, own = species[number][1], species[number][0].targets
         targets = planting.targets or own
         rows = np.flatnonzero(stand.species == number)
+        hand = rows[stand.number[rows] < 0]
+        alone = len(hand) == len(rows)
+        rows = rows if alone else rows[stand.number[rows] >= 0]
         if targets is None:
             ignored += _ignored(number, names, plantings, inputs)
         if targets is None or not len(rows):
@@ -138,13 +176,17 @@ def _groups(
         keys = daughter_keys(np.repeat(key, len(rows)), stand.number[rows])
         given = np.tile(given_by(targets), (len(rows), 1))
         dbh = draw_dbh(targets, keys)
+        mine = draw_dbh(targets, daughter_keys(np.repeat(key, len(hand)), stand.number[hand]))
+        said = told_of(planting, stand.number[hand], "diameter")
+        hands = np.where(np.isfinite(said), said, mine)
+        dbh = hands if alone else dbh
         listed = _listed(number, names, plantings, inputs)
-        if listed is not None:
+        if listed is not None and not alone:
             told = listed[stand.number[rows]]
             dbh = np.where(np.isfinite(told[:, 0]), told[:, 0], dbh)
             given = np.where(np.isfinite(told[:, 1:]), told[:, 1:], given)
         uniform = np.stack([keyed_uniform(keys, name) for name in MEASURES], axis=1)
-        groups.append(_MeasuredGroup(number, law, rows, dbh, given, uniform))
+        groups.append(_MeasuredGroup(number, law, rows, dbh, given, uniform, hands))
     return groups, ignored
 
 

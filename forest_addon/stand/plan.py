@@ -14,6 +14,7 @@ import numpy as np
 
 from ..base.rng import stream
 from ..spec import Forest, Planting, SpecError
+from .by_hand import is_cleared, set_trees
 from .cluster import sample_clusters
 from .compose import area_of, corners_of, masks_of, process_of
 from .gibbs import sample_strauss
@@ -32,7 +33,7 @@ class Stand:
 
     position : (N, 3) metres, on the ground. rotation : (N,) radians about the vertical. scale : (N,).
     species : (N,) int64, number of the planting. variant : (N,) int64. id : (N,) int64, from 0.
-    number : (N,) int64, of the tree among all that its planting has drawn.
+    number : (N,) int64, of the tree among all that its planting has drawn; below 0: set by hand.
     sink : (N,) metres that a tree's foot goes below its position; known when its variant has grown.
     too_near : (P,) trees that spacing took away. off_ground : (P,) trees where there is no ground.
     off_field : (P,) trees of a list beyond the field.
@@ -96,7 +97,10 @@ def plan_stand(
     distance = distances_of(forest, names)
     ground = inputs.ground(forest.terrain.base)
     planted = [
-        _plant(seed, number, names, plantings, forest, inputs, ground)
+        _with_hand(
+            _plant(seed, number, names, plantings, forest, inputs, ground),
+            *(seed, names[number], plantings[number], ground),
+        )
         for number in range(len(plantings))
     ]
 
@@ -107,7 +111,9 @@ def plan_stand(
     scale = joined("scale", np.empty(0))
     species = np.repeat(np.arange(len(planted)), [len(p.mark) for p in planted])
     crown = np.array([p.crown for p in plantings], dtype=float)[species] * scale
-    keep = space(position[:, :2], mark, Spacing(distance, species, crown), forest.spacing_rule)
+    number = joined("number", np.empty(0, dtype=np.int64))
+    rule = Spacing(distance, species, crown)
+    keep = space(position[:, :2], mark, rule, forest.spacing_rule, number < 0)
     return Stand(
         position=position[keep],
         rotation=joined("rotation", np.empty(0))[keep],
@@ -115,7 +121,7 @@ def plan_stand(
         species=species[keep],
         variant=joined("variant", np.empty(0, dtype=np.int64))[keep],
         id=np.arange(int(keep.sum())),
-        number=joined("number", np.empty(0, dtype=np.int64))[keep],
+        number=number[keep],
         sink=np.zeros(int(keep.sum())),
         too_near=np.bincount(species[~keep], minlength=len(planted)),
         off_ground=np.array([p.off_ground for p in planted], dtype=np.int64),
@@ -221,6 +227,27 @@ def _plant(
         expected=expected,
         off_ground=int((on_field & ~on_ground).sum()),
         off_field=int((~on_field).sum()),
+    )
+
+
+def _with_hand(
+    drawn: _Planted, seed: int, label: str, planting: Planting, ground: GroundSurface
+) -> _Planted:
+    """Take away what stands in clearings, and add the trees that were set by hand, older than any other."""
+    if not planting.by_hand and not planting.clearings:
+        return drawn
+    stay = ~is_cleared(drawn.position[:, :2], planting.clearings)
+    mine = set_trees(seed, label, planting, ground)
+    return _Planted(
+        position=np.concatenate([drawn.position[stay], mine.position]),
+        mark=np.concatenate([drawn.mark[stay], np.full(len(mine.number), -1.0)]),
+        rotation=np.concatenate([drawn.rotation[stay], mine.rotation]),
+        scale=np.concatenate([drawn.scale[stay], mine.scale]),
+        variant=np.concatenate([drawn.variant[stay], mine.variant]),
+        number=np.concatenate([drawn.number[stay], mine.number]),
+        expected=drawn.expected,
+        off_ground=drawn.off_ground + mine.off_ground,
+        off_field=drawn.off_field,
     )
 
 

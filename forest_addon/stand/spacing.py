@@ -51,12 +51,35 @@ class Spacing:
         return float(max(largest, 2 * self.crown.max(initial=0.0)))
 
 
-def space(points: np.ndarray, mark: np.ndarray, spacing: Spacing, rule: str) -> np.ndarray:
+def space(
+    points: np.ndarray,
+    mark: np.ndarray,
+    spacing: Spacing,
+    rule: str,
+    fixed: np.ndarray | None = None,
+) -> np.ndarray:
     """(N,) bool, which trees stay, by the rule ``matern`` or ``greedy``.
 
     points : (N, 2) metres. mark : (N,) ages, smaller is older; of two alike the first is older.
+    fixed : (N,) bool, trees that stay whatever is near, and that others keep away from; their marks are the
+    smallest.
     """
-    return {"matern": matern_ii, "greedy": greedy}[rule](points, mark, spacing)
+    keep = {"matern": matern_ii, "greedy": greedy}
+    if fixed is None or not fixed.any():
+        return keep[rule](points, mark, spacing)
+    if rule == "matern":
+        return matern_ii(points, mark, spacing) | fixed
+    if spacing.reach() <= 0:
+        return np.ones(len(points), dtype=bool)
+    free = ~fixed
+    for query, other in Neighbours(points[fixed], spacing.reach()).pairs(points):
+        near = _too_near(points, points, query, np.flatnonzero(fixed)[other], spacing)
+        free[query[near]] = False
+    free &= ~fixed
+    some = Spacing(spacing.distance, spacing.kind[free], spacing.crown[free])
+    stay = fixed.copy()
+    stay[free] = greedy(points[free], mark[free], some)
+    return stay
 
 
 def matern_ii(points: np.ndarray, mark: np.ndarray, spacing: Spacing | float) -> np.ndarray:

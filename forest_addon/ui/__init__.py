@@ -65,7 +65,7 @@ def _classes() -> tuple[type, ...]:
 def _rooms() -> tuple[ModuleType, ...]:
     """Return what has classes, menus or handlers; panels in the order in which they stand."""
     from . import overlay, properties
-    from .forest import build, gallery, live, new_file, painting, scene_file, start, tree
+    from .forest import build, by_hand, gallery, live, new_file, painting, scene_file, start, tree
     from .forest import lists as forest_lists
     from .forest import panels as forest_panels
     from .results import export, frames, names, show, swatches
@@ -74,12 +74,12 @@ def _rooms() -> tuple[ModuleType, ...]:
     from .sensors import lists as sensors_lists
     from .sensors import panels as sensors_panels
     from .settings import command, hills, manual, migration, preferences
-    from .shell import chosen, languages, running
+    from .shell import chosen, languages, pace, running
     from .species import edit, import_stl, library, pictures
     from .species import panel as species_panel
 
     return (
-        *(properties, pictures, languages, running, things, tree, gallery, start, new_file),
+        *(properties, pictures, languages, pace, running, things, tree, gallery, start, new_file),
         *(
             sensors_lists,
             forest_lists,
@@ -96,7 +96,7 @@ def _rooms() -> tuple[ModuleType, ...]:
             swatches,
         ),
         preferences,
-        *(forest_panels, sensors_panels, flight, results_panel),
+        *(forest_panels, by_hand, sensors_panels, flight, results_panel),
         *(overlay, edit, import_stl, library, species_panel),
         *(chosen, hills, painting, live, command, manual, migration),
     )

@@ -57,6 +57,8 @@ def _make_groups() -> dict[type, type]:
         spec.Distance,
         spec.Terrain,
         spec.Gaussian,
+        spec.HandTree,
+        spec.Clearing,
         spec.Raster,
         spec.Rows,
         spec.Clusters,
@@ -76,7 +78,15 @@ def _make_groups() -> dict[type, type]:
     measured = (spec.Targets, spec.Crown, spec.Needles, spec.DeadBranches, spec.Architecture)
     of_trees = (spec.Rules, spec.Honda, spec.Siblings, spec.Leaf, spec.Inclination, spec.Detail)
     of_sensors = (spec.Beam, spec.Surfaces, spec.Noise, spec.Receiver, spec.Pose, spec.Place)
-    of_scene = (spec.Forest, spec.Planting, spec.Stems, spec.Air, spec.Rays, spec.Accuracy)
+    of_scene = (
+        spec.Forest,
+        spec.Planting,
+        spec.Stems,
+        spec.Air,
+        spec.Wind,
+        spec.Rays,
+        spec.Accuracy,
+    )
     of_scene += (spec.Flight,)
     plain = (*held, *of_species, *of_trees, *measured, spec.Species, *of_sensors, *of_scene)
     for settings in (*plain, *spec.SENSORS.values()):
@@ -167,6 +177,7 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
             "stems": CollectionProperty(type=GROUPS[spec.Stems]),
             "active_stems": IntProperty(options={"HIDDEN"}),
             "air": PointerProperty(type=GROUPS[spec.Air]),
+            "wind": PointerProperty(type=GROUPS[spec.Wind]),
             "rays": PointerProperty(type=GROUPS[spec.Rays]),
             "accuracy": PointerProperty(type=GROUPS[spec.Accuracy]),
             "flight": PointerProperty(type=GROUPS[spec.Flight]),

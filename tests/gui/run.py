@@ -26,6 +26,7 @@ SCENARIOS = {  # and where their pictures are
     "ten_clicks": OUT / "ten-clicks",
     "large": OUT / "large",
     "looking": OUT / "looking",
+    "working": OUT / "working",
     "leave": OUT / "leave",
 }
 STARTS = 5

@@ -70,6 +70,8 @@ def values(kind, known, digits):
 STARTS = {
     spec.Planting: {"species": "maple", "expected": 3.0},
     spec.Gaussian: {"centre": (1.0, 2.0), "width": (3.0, 4.0)},
+    spec.HandTree: {"position": (1.0, 2.0)},
+    spec.Clearing: {"position": (1.0, 2.0)},
     spec.Raster: {"file": "hill.png"},
     spec.Distance: {"species": "maple", "other": "maple", "distance": 2.0},
     spec.Template: {"wood": "wood.stl"},
@@ -102,7 +104,16 @@ def ordered(value):
 
 OF_PLANTING = {spec.Gaussian: "gaussians", spec.Raster: "rasters"}
 SINGLE = [
-    *(spec.Forest, spec.Terrain, spec.Distance, *OF_PLANTING, spec.Rows, spec.Planting, spec.Air),
+    *(
+        spec.Forest,
+        spec.Terrain,
+        spec.Distance,
+        *OF_PLANTING,
+        spec.Rows,
+        spec.Planting,
+        spec.Air,
+        spec.Wind,
+    ),
     spec.Rays,
     *spec.SENSORS.values(),
 ]

@@ -7,7 +7,7 @@ session, and BVHTree elsewhere; a caster's ``engine`` says which it is.
 from __future__ import annotations
 
 import os
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -15,11 +15,13 @@ from ...base.rng import stream
 from ...base.trimesh import OTHER, TriMesh
 from ...growth.mesh.tubes import tube
 from ...sensing.rays.geometry import SceneGeometry
+from ...sensing.rays.pieces import MakeEngine
 from ...sensing.rays.search import Search
 from ...spec import Rays
 from .bvh import BvhCaster
 from .embree import EmbreeCaster
 from .embree_library import EmbreeError
+from .embree_motion import EmbreePieces
 
 
 def make_caster(scene: SceneGeometry, rays: Rays) -> Search:
@@ -40,6 +42,13 @@ def make_caster(scene: SceneGeometry, rays: Rays) -> Search:
     if rays.engine == "embree":
         raise ValueError(f'engine "embree" cannot be used: {problem}; use "auto" or "bvhtree"')
     return BvhCaster(scene)
+
+
+def piece_engine(rays: Rays) -> MakeEngine | None:
+    """Return what finds hits on pieces that move, by the settings; None: a caster for each piece."""
+    if rays.engine == "bvhtree" or embree_problem():
+        return None
+    return partial(EmbreePieces, threads=rays.threads or os.cpu_count() or 1)
 
 
 def moved_caster(like: Search, scene: SceneGeometry) -> Search:

@@ -69,8 +69,7 @@ class EmbreeCaster(Search):
         self._inner_low = self._low[:, None] + 3 * MARGIN
         self._inner_high = self._high[:, None] - 3 * MARGIN
         self._middle = self._centre[:, None]
-        self._valid = _aligned((PACKET,), np.int32)
-        self._valid[:] = -1
+        self._valid = all_lanes()
         self._valid_address = self._valid.ctypes.data
         self._kept = threading.local()
 
@@ -79,7 +78,7 @@ class EmbreeCaster(Search):
             self._device = self._library.rtcNewDevice(f"threads={threads}".encode())
         else:
             self._device = like._device
-        self._build = build = _Build(self._library, self._device, like and like._build)
+        self._build = build = EmbreeBuild(self._library, self._device, like and like._build)
         made: dict[int, np.ndarray] = {} if like is None else like._usable
         self._usable = usable = {
             m: made[m] if m in made else whole_triangles(scene.meshes[m])
@@ -151,20 +150,19 @@ class EmbreeCaster(Search):
             and np.maximum.reduce(start) <= MARGIN
         )
 
-    def _packets_of(self, count: int) -> _RayPackets:
+    def _packets_of(self, count: int) -> RayPackets:
         """Room for so many rays: of few, what this thread has kept."""
         if count > KEPT:
-            return _RayPackets(count)
+            return RayPackets(count)
         size = -(-count // PACKET)
         kept = self._kept.__dict__
         if size not in kept:
-            kept[size] = _RayPackets(count)
-        ready: _RayPackets = kept[size]
+            kept[size] = RayPackets(count)
+        ready: RayPackets = kept[size]
         return ready
 
-    def _trace(self, packets: _RayPackets) -> None:
-        run, valid = self._library.rtcIntersect16, self._valid_address
-        deque(map(run, repeat(valid), repeat(self._top), packets.addresses, repeat(None)), maxlen=0)
+    def _trace(self, packets: RayPackets) -> None:
+        packets.trace(self._library, self._valid_address, self._top)
 
     def _numbered(self, instance: np.ndarray, primitive: np.ndarray) -> np.ndarray:
         """Triangles of the meshes, from those that Embree was given."""
@@ -173,13 +171,15 @@ class EmbreeCaster(Search):
         return found
 
 
-class _Build:
+class EmbreeBuild:
     """Embree's scenes on one device, and the arrays that they read where they are.
 
     parent : another on the same device, which gives it back, and lives longer.
     """
 
-    def __init__(self, library: ctypes.CDLL, device: int, parent: _Build | None = None) -> None:
+    def __init__(
+        self, library: ctypes.CDLL, device: int, parent: EmbreeBuild | None = None
+    ) -> None:
         self._library = library
         self._device = device
         self._scenes: list[int] = []
@@ -208,13 +208,22 @@ class _Build:
         return self._commit(scene)
 
     def instances(self, numbers: list[int], scenes: list[int], place: np.ndarray) -> int:
-        """A scene of instances; a hit names the instance by its number. place : (I, 3, 4) float32."""
+        """A scene of instances; a hit names the instance by its number.
+
+        place : (I, 3, 4) float32, or (I, K, 3, 4) at even steps of a ray's time from 0 to 1, between which
+        their elements go linearly.
+        """
         top = self._scene()
-        row = place.ctypes.data
+        row, steps = place.ctypes.data, 1 if place.ndim == 3 else place.shape[1]
+        each = place.strides[-3]
+        turn, form = self._library.rtcSetGeometryTransform, embree.FLOAT3X4_ROWS
         for number, scene in zip(numbers, scenes, strict=True):
             geometry = self._library.rtcNewGeometry(self._device, embree.INSTANCE)
             self._library.rtcSetGeometryInstancedScene(geometry, scene)
-            self._library.rtcSetGeometryTransform(geometry, 0, embree.FLOAT3X4_ROWS, row)
+            if steps > 1:
+                self._library.rtcSetGeometryTimeStepCount(geometry, steps)
+            rows = range(row, row + steps * each, each)
+            deque(map(turn, repeat(geometry), range(steps), repeat(form), rows), maxlen=0)
             self._attach(top, geometry, number)
             row += place.strides[0]
         return self._commit(top)
@@ -243,7 +252,7 @@ def _release(
     device: int,
     scenes: list[int],
     arrays: list[np.ndarray],
-    parent: _Build | None,
+    parent: EmbreeBuild | None,
 ) -> None:
     """Give everything back, the last made first."""
     for scene in reversed(scenes):
@@ -253,7 +262,7 @@ def _release(
     arrays.clear()
 
 
-class _RayPackets:
+class RayPackets:
     """Rays as Embree wants them: packets (P, 21, 16) float32, the last one filled up with idle lanes."""
 
     def __init__(self, count: int) -> None:
@@ -269,9 +278,19 @@ class _RayPackets:
         first, step = self.packets.ctypes.data, self.packets.strides[0]
         self.addresses = range(first, first + step * size, step)
 
-    def fill(self, origins: np.ndarray, directions: np.ndarray, reach: np.ndarray) -> None:
-        """Rays (3, R), (3, R), (R,)."""
+    def fill(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        reach: np.ndarray,
+        time: np.ndarray | None = None,
+    ) -> None:
+        """Rays (3, R), (3, R), (R,), and their times (R,) from 0 to 1 where their scene moves."""
         count = len(reach)
+        if time is not None:
+            every = np.zeros(self._lanes.shape[1], dtype=np.float32)
+            every[:count] = time
+            self.packets[:, TIME] = every.reshape(-1, PACKET)
         self._lanes[:3, :count] = origins
         self._lanes[3:6, :count] = directions
         np.minimum(reach, FAR, out=reach)
@@ -282,12 +301,24 @@ class _RayPackets:
         self.packets[:, TFAR] = self._by_packet[:, 6]
         self._found[:] = NONE
 
+    def trace(self, library: ctypes.CDLL, valid: int, scene: int) -> None:
+        """Send them into a scene. valid : address of 16 flags."""
+        run = library.rtcIntersect16
+        deque(map(run, repeat(valid), repeat(scene), self.addresses, repeat(None)), maxlen=0)
+
     def read(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Instance and triangle (M,) of the rays that met something, and which rays (M,) these are."""
         found = self._found.swapaxes(0, 1).reshape(ROWS - PRIMITIVE, -1)
         met = (found[GEOMETRY - PRIMITIVE, :count] != NONE).nonzero()[0]
         instance = found[INSTANCE - PRIMITIVE].take(met).astype(np.int64)
         return instance, found[0].take(met).astype(np.int64), met
+
+
+def all_lanes() -> np.ndarray:
+    """(16,) flags of a packet whose rays are all sent."""
+    valid = _aligned((PACKET,), np.int32)
+    valid[:] = -1
+    return valid
 
 
 def _aligned(shape: tuple[int, ...], dtype: type) -> np.ndarray:

@@ -18,7 +18,6 @@ import bpy
 import numpy as np
 
 from ... import spec
-from ...growth.mesh.stand_in import stand_in
 from ...growth.tree import Tree
 from ...growth.truth import tree_truth
 from ...stand.forest import GrownForest
@@ -42,7 +41,8 @@ from .meshes import to_mesh
 from .nodes import give_instancer, instancer_group
 from .ours import MADE_KEY, all_or_nothing, is_ours
 from .placing import WantedObject, put
-from .standing import Coat, KeptStanding, fingerprint, has_own_mesh
+from .ready import ReadyForest
+from .standing import SHAPE_KEY, Coat, KeptStanding, fingerprint, has_own_mesh
 from .standings import SPECIES_KEY, TREE_KEY
 
 MANY = 1000  # trees; where there are more, they are points unless the settings say otherwise
@@ -60,12 +60,14 @@ def build(
     terrain: GroundSurface | None = None,
     *,
     as_assets: bool = True,
+    ready: ReadyForest | None = None,
 ) -> bpy.types.Collection:
     """Put a forest into a Blender scene, or bring the one that is there up to date; its sensors stay.
 
     terrain : the ground that the forest was planned on; None: flat.
     as_assets : whether variants become assets, each with a picture, and say what they measure; nobody
         looks at those of a scene that is not kept.
+    ready : what was made ahead (``make_ready``).
 
     Raises
     ------
@@ -78,7 +80,8 @@ def build(
     if edited:
         raise ValueError(f'"{edited}" is being edited; leave Edit Mode, then build again')
     with all_or_nothing():
-        plan = _plan(scene, standing, settings.forest, forest, terrain, as_assets)
+        plan = _Plan(as_assets=as_assets, ready=ready or ReadyForest())
+        _fill(plan, scene, standing, settings.forest, forest, terrain)
 
     chosen = bpy.data.objects.get(settings.forest.terrain.object)
     if chosen is not None and is_ours(chosen):  # else it stays anyway, or went while trees grew
@@ -108,35 +111,53 @@ def triangles_of(forest: GrownForest) -> int:
     )
 
 
+def are_points(settings: spec.Forest, forest: GrownForest) -> bool:
+    """Return whether the trees of a forest are points of one object, not objects."""
+    if settings.instancing == "auto":
+        return len(forest.stand) > MANY
+    return settings.instancing == "points"
+
+
+def shapes_in(scene: bpy.types.Scene) -> set[str]:
+    """Return the shapes of all meshes of ours that stand in a scene (``make_ready``)."""
+    return {str(mesh.get(SHAPE_KEY, "")) for mesh in KeptStanding.of(scene).meshes.values()}
+
+
 def stands(scene: bpy.types.Scene, forest: GrownForest) -> bool:
     """Return whether a forest is the one that was last built in a Blender scene."""
     last = _stands.get(scene.session_uid)
     return last is not None and last() is forest
 
 
+def standing_forest(scene: bpy.types.Scene) -> GrownForest | None:
+    """Return the forest that was last built in a Blender scene, if it is still in memory."""
+    last = _stands.get(scene.session_uid)
+    return None if last is None else last()
+
+
 @dataclass
 class _Plan:
     """Needs of a forest: objects, plantings that have a collection of their own, pictures of variants that
-    are new, and whether views show outlines."""
+    are new, and whether views show outlines; ready : what was made ahead."""
 
     wanted: list[WantedObject] = field(default_factory=list)
     labels: tuple[str, ...] = ()
     as_assets: bool = True
     portraits: dict[str, assets.AssetPortrait] = field(default_factory=dict)
     light: bool = False
+    ready: ReadyForest = field(default_factory=ReadyForest)
 
 
-def _plan(
+def _fill(
+    plan: _Plan,
     scene: bpy.types.Scene,
     standing: KeptStanding,
     settings: spec.Forest,
     forest: GrownForest,
     terrain: GroundSurface,
-    as_assets: bool,
-) -> _Plan:
+) -> None:
     """Make all data of a forest; the scene stays as it is."""
-    plan, stand = _Plan(as_assets=as_assets), forest.stand
-    points = len(stand) > MANY if settings.instancing == "auto" else settings.instancing == "points"
+    stand, points = forest.stand, are_points(settings, forest)
     library = _fill_library(plan, standing, forest, points)
     number_of = {key: number for number, key in enumerate(forest.variants)}
     pairs = zip(stand.species.tolist(), stand.variant.tolist(), strict=True)
@@ -152,7 +173,6 @@ def _plan(
         make = partial(to_mesh, "Ground", shape)
         data = standing.renew(GROUND_ROLE, "Ground", fingerprint(shape), make, [coat])
         plan.wanted.append(WantedObject(GROUND_NAME, GROUND_ROLE, "Ground", data))
-    return plan
 
 
 def _coats(forest: GrownForest) -> list[tuple[Coat, Coat]]:
@@ -186,18 +206,19 @@ def _fill_library(
         label, numbered = forest.labels[planting], f"{number:0{digits}d} "
         name = f"{label}.{variant:03d}"
         role, look = f"{VARIANTS}/{name}", forest.species[planting].look
-        was, shape = standing.things.get(role), fingerprint(tree.mesh)
+        key = planting, variant
+        was, shape = standing.things.get(role), plan.ready.shape(forest, key)
         says = {SPECIES_KEY: planting, PICTURE_KEY: f"{shape} {look.bark} {look.foliage()}"}
         make = partial(_variant_mesh, name, tree, plan.as_assets)
         sister = standing.first(f"{VARIANTS}/{label}")
         mesh = standing.renew(role, name, shape, make, coats[planting], sister)
         known = was is not None and (has_own_mesh(was) or was.get(PICTURE_KEY) == says[PICTURE_KEY])
         if plan.as_assets and not known:
-            plan.portraits[role] = assets.portray(forest.species[planting], label, tree.mesh)
+            plan.portraits[role] = plan.ready.portrait(forest, key)
         library.append(WantedObject(VARIANTS, role, numbered + name, mesh, says=says))
         if with_outlines:
             role, rough = f"{OUTLINES}/{name}", f"{name} outline"
-            make = partial(_outline_mesh, rough, tree)
+            make = partial(_outline_mesh, rough, plan.ready, forest, key)
             data = standing.renew(role, rough, shape, make, coats[planting], mesh)
             plan.wanted.append(WantedObject(OUTLINES, role, numbered + rough, data))
     plan.wanted += library
@@ -212,8 +233,10 @@ def _variant_mesh(name: str, tree: Tree, told: bool) -> bpy.types.Mesh:
     return data
 
 
-def _outline_mesh(name: str, tree: Tree) -> bpy.types.Mesh:
-    return to_mesh(name, stand_in(tree.mesh, tree.skeleton))
+def _outline_mesh(
+    name: str, ready: ReadyForest, forest: GrownForest, key: tuple[int, int]
+) -> bpy.types.Mesh:
+    return to_mesh(name, ready.stand_in(forest, key))
 
 
 def _trees(

@@ -78,6 +78,12 @@ def moving_caster(
     return MovingCaster(scene, paths, make, off, tuple(sorted(reader.frozen)))
 
 
+def seconds_of(place: bpy.types.Scene) -> float:
+    """Seconds from the first frame of a scene's range to the present one."""
+    rate = place.render.fps / place.render.fps_base
+    return float((place.frame_current_final - place.frame_start) / rate)
+
+
 class _PlacesInTime:
     """Transforms of a scene's instances at frames, counted from the first one of its range."""
 

@@ -18,13 +18,15 @@ from ...sensing.kind import Observation
 from ...sensing.kinds import choose, kind_of
 from ...sensing.rays.caster import RayCaster
 from ...sensing.rays.inside import tree_around
-from ...sensing.rays.moving import MovingCaster
+from ...sensing.rays.moving import MovingCaster, TimedCaster
+from ...sensing.rays.pieces import Swaying, SwayingScene, cut
 from ...sensing.rays.precision import rounding_warning
+from ...sensing.rays.swaying import SwayingCaster
 from ...sensing.reverb.sums.fast_scattering import Expansions
 from ...sensing.trajectory import Trajectory
 from ...spec import Rays, Scene, Sensor
 from ...stand.placed import PlacedTrees
-from ..rays.casters import make_caster
+from ..rays.casters import make_caster, piece_engine
 from ..read.depsgraph import read_scene
 from ..read.kept import kept
 from ..scene.asset_truth import placed_trees
@@ -33,6 +35,7 @@ from .following import SceneFollower
 from .moving import WITHIN, moving_caster
 
 T = TypeVar("T")
+SWAYING = "swaying"  # key of the scene in pieces, among what was made
 ENDS = {"SPEAKER", "EMPTY", "CAMERA"}  # what can be a source or a receiver
 
 
@@ -56,7 +59,9 @@ class Observer:
         self._rays = rays or Rays()
         self.expansions = Expansions() if expansions is None else expansions
         self._made: dict[Any, Any] = {}
-        self._moving: dict[Sensor, MovingCaster] = {}
+        self._moving: dict[Sensor, TimedCaster] = {}
+        self._sway: Swaying | None = None
+        self._start = 0.0
 
     @classmethod
     def of(
@@ -92,6 +97,22 @@ class Observer:
             self._made[make, *of] = make(self, *of)
         return self._made[make, *of]  # type: ignore[no-any-return]
 
+    def blow(self, sway: Swaying | None, start: float = 0.0) -> None:
+        """Let trees sway, or stand still. start : s, the wind's time when a sensor begins."""
+        if sway is not self._sway or start != self._start:
+            self._moving.clear()
+        if sway is not self._sway:
+            self._made.pop((SWAYING,), None)
+        self._sway, self._start = sway, start
+
+    @property
+    def _in_pieces(self) -> SwayingScene:
+        """The scene with the trees that sway in pieces; made once."""
+        if (SWAYING,) not in self._made:
+            assert self._sway is not None
+            self._made[SWAYING,] = cut(self.geometry, self._sway)
+        return self._made[SWAYING,]  # type: ignore[no-any-return]
+
     def prepare(self, sensor: Sensor, way: Trajectory | None = None) -> None:
         """Read how the scene moves while a sensor looks, if it heeds that; on the main thread, before
         ``observe``.
@@ -101,10 +122,20 @@ class Observer:
         ValueError : a motion that cannot be followed; says what to change.
         """
         seconds = kind_of(sensor).lasts(sensor, way)
+        sways = self._sway is not None and kind_of(sensor).sways
         self._moving.pop(sensor, None)
+        make = partial(make_caster, rays=self._rays)
+        scene = self._in_pieces.still if sways else self.geometry
+        moving: TimedCaster | None = None
         if seconds > 0:
-            make = partial(make_caster, rays=self._rays)
-            self._moving[sensor] = moving_caster(self.geometry, seconds, make)
+            moving = moving_caster(scene, seconds, make)
+        if sways:
+            assert self._sway is not None
+            still = MovingCaster(scene, {}, make) if moving is None else moving
+            given = self._in_pieces, self._sway, still, make, piece_engine(self._rays)
+            moving = SwayingCaster(*given, 0.0 if seconds > 0 else self._start)
+        if moving is not None:
+            self._moving[sensor] = moving
 
     def eyes(self, sensor: Sensor) -> Any:
         """Rays of a sensor: of the scene as it stands, or as it moves, where that was prepared."""
@@ -135,7 +166,8 @@ class Observer:
         points = kind_of(sensor).positions(Observation(sensor, self, Scene(), folder, way))
         trees = tree_around(self.wood, points)
         moving = self._moving.get(choose(sensor)[0])
-        said = [
+        said = self._in_the_wind(sensor)
+        said += [
             f'{sensor.name}: "{name}" changes its shape; motion takes it as it stands at the present frame'
             for name in (moving.frozen if moving is not None else ())
         ]
@@ -148,6 +180,19 @@ class Observer:
             f"{sensor.name} stands inside tree {tree}, at "
             f"({', '.join(f'{v:g}' for v in points[trees == tree][0])}) m; move it out of the wood"
             for tree in np.unique(trees[trees >= 0]).tolist()
+        )
+
+    def _in_the_wind(self, sensor: Sensor) -> list[str]:
+        """Say what stands still although the wind blows."""
+        if self._sway is None:
+            return []
+        if not kind_of(sensor).sways:
+            return [f"{sensor.name}: trees stand still, as if there were no wind"]
+        number = self._sway.number
+        trees = np.unique(self.geometry.tree[self.geometry.tree >= 0]).tolist()
+        still = sum(1 for tree in trees if tree not in number)
+        return [f"{sensor.name}: {still:,} trees of libraries stand still in the wind"] * (
+            still > 0
         )
 
     def empty(
@@ -182,9 +227,9 @@ class Observer:
         sensor, _ = choose(sensor)
         way = self.way(sensor, folder) if way is None else way
         moving = self._moving.get(sensor)
-        if moving is None and kind_of(sensor).lasts(sensor, way) > 0:
+        if moving is None:
             self.prepare(sensor, way)
-            moving = self._moving[sensor]
+            moving = self._moving.get(sensor)
         return Observation(sensor, self, settings, folder, way, moving)
 
     @staticmethod

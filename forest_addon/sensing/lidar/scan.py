@@ -23,7 +23,7 @@ from ...base.trimesh import LEAF
 from ..rays.bundles import Faces
 from ..rays.caster import RayCaster, hit_normals
 from ..rays.geometry import SceneGeometry
-from ..rays.moving import MovingCaster
+from ..rays.moving import TimedCaster
 from ..rays.referee import Referee
 from ..trajectory import Trajectory
 from . import noise, patches
@@ -65,7 +65,7 @@ class Scan:
         self._key = first_key(seed, "lidar", scanner.name)
         self.pulses = self.pattern.count
         self.at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
-        self._moving = caster if isinstance(caster, MovingCaster) else None
+        self._moving = caster if isinstance(caster, TimedCaster) else None
         still = self._moving is None and scanner.beam.subrays > 1
         self._faces = Faces.of(caster.scene) if still else None
         if self._faces is not None:
@@ -84,7 +84,7 @@ class Scan:
         """The same scan by another caster of the same scene, which is asked for every ray."""
         other = copy(self)
         other.caster, other._faces = caster, None
-        other._moving = caster if isinstance(caster, MovingCaster) else None
+        other._moving = caster if isinstance(caster, TimedCaster) else None
         return other
 
     def exactly(self, true: SceneGeometry | None = None) -> Scan:
@@ -253,6 +253,8 @@ class Scan:
             met = pulses.origin[echoes.pulse] + labelled.distance[:, None] * found.way
             when = pulses.time[echoes.pulse]
             velocity, rest = self._moving.velocities(met, labelled.instance, when)
+            instance, triangle = self._moving.known(labelled.instance, labelled.triangle)
+            labelled = replace(labelled, instance=instance, triangle=triangle)
         return Cloud(
             position=pulses.origin[echoes.pulse] + measured[:, None] * way,
             pulse=number[echoes.pulse],

@@ -6,6 +6,7 @@ float64, and what it meets is exact there as in a still scene. Distances come ba
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -101,7 +102,55 @@ class RigidPath:
         return row, np.clip(share, 0.0, 1.0)[:, None]
 
 
-class MovingCaster:
+class TimedCaster(ABC):
+    """Closest hits of rays at times of their own, in a scene that moves.
+
+    scene : what hits are numbered by. within : metres by which places may be off between two samples.
+    frozen : names of objects that change their shape, and are taken as they are in ``scene``.
+    """
+
+    engine: str
+    scene: SceneGeometry
+    within: float = 0.0
+    frozen: tuple[str, ...] = ()
+
+    @abstractmethod
+    def cast(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_distance: float | np.ndarray = np.inf,
+        *,
+        time: np.ndarray,
+        min_distance: float | np.ndarray = 0.0,
+        leaving: Hits | None = None,
+    ) -> Hits:
+        """The closest hit of each ray at its time (R,), s; the rest as ``RayCaster.cast``."""
+
+    @abstractmethod
+    def judged(self, true: SceneGeometry | None = None) -> TimedCaster:
+        """The same motion by a caster that holds the engine against float64, ray by ray.
+
+        true : the scene that is true; left out: its own.
+        """
+
+    @abstractmethod
+    def transforms(self, instance: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """(R, 3, 4) local to world of instances (R,) at times (R,), s; a miss has that of the last one."""
+
+    @abstractmethod
+    def velocities(
+        self, points: np.ndarray, instance: np.ndarray, time: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(R, 3) m/s of surface points (R, 3), met on instances (R,) at times (R,), and where they are in the
+        scene as it stands still, metres."""
+
+    def known(self, instance: np.ndarray, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The numbers that instances and triangles (R,) have in the scene as it was read."""
+        return instance, triangle
+
+
+class MovingCaster(TimedCaster):
     """Closest hits of rays at times of their own, in a scene of which some instances move.
 
     paths : of the instances that move, by number; each gives the whole transform of its instance.

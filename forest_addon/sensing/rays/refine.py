@@ -53,19 +53,26 @@ class RefinedSurfaces:
         directions: np.ndarray,
         instance: np.ndarray,
         triangle: np.ndarray,
+        transform: np.ndarray | None = None,
     ) -> np.ndarray:
         """(R,) metres along rays (3, R) with unit directions to the planes of their triangles (R,).
+
+        transform : (R, 3, 4) of the instances, where they are then; left out: where the scene says.
 
         A ray that float32 found to hit and that passes just beside the triangle may meet its plane
         far away, or never: the distance is kept within that of the triangle's corners.
         """
         if len(instance) <= ROWS:
-            return self._distance(origins, directions, instance, triangle)
+            return self._distance(origins, directions, instance, triangle, transform)
         found = np.empty(len(instance))
         for first in range(0, len(instance), ROWS):
             part = slice(first, first + ROWS)
             found[part] = self._distance(
-                origins[:, part], directions[:, part], instance[part], triangle[part]
+                origins[:, part],
+                directions[:, part],
+                instance[part],
+                triangle[part],
+                None if transform is None else transform[part],
             )
         return found
 
@@ -75,9 +82,14 @@ class RefinedSurfaces:
         directions: np.ndarray,
         instance: np.ndarray,
         triangle: np.ndarray,
+        transform: np.ndarray | None,
     ) -> np.ndarray:
         """Few calls on whole arrays: of few rays each costs more than what it computes."""
-        m = self._transform.take(instance, 1).reshape(3, 4, 1, -1)  # to, from, 1, R
+        if transform is None:
+            place = self._transform.take(instance, 1)
+        else:
+            place = np.ascontiguousarray(transform.reshape(-1, 12).T)
+        m = place.reshape(3, 4, 1, -1)  # to, from, 1, R
         number = self._triangles.take(self._first.take(instance) + triangle, 0)
         corner = (
             self._vertices.take(number, 0).transpose(2, 1, 0).copy()

@@ -155,13 +155,13 @@ class Search(RayCaster, ABC):
         left: Hits,
     ) -> None:
         """Search on behind those hits that do not count, until all do; a miss always does."""
-        rays = np.flatnonzero(_refused(hits, near, left))
+        rays = np.flatnonzero(refused(hits, near, left))
         step = STEP
         while len(rays):
             start[rays] = np.maximum(start[rays], hits.distance[rays]) + step
             step *= 2.0
             hits.put(rays, self._nearest(*_taken(rays, origins, directions, start, far)))
-            rays = rays[_refused(hits.select(rays), near[rays], left.select(rays))]
+            rays = rays[refused(hits.select(rays), near[rays], left.select(rays))]
 
 
 def _within(hits: Hits, far: np.ndarray | float) -> Hits:
@@ -180,10 +180,10 @@ def _taken(rays: np.ndarray, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
     return tuple(np.ascontiguousarray(array[..., rays]) for array in arrays)
 
 
-def _refused(hits: Hits, near: np.ndarray, left: Hits) -> np.ndarray:
-    """(R,) bool: what does not count, being too near or the triangle that the ray leaves."""
-    refused: np.ndarray = hits.distance < near
+def refused(hits: Hits, near: np.ndarray, left: Hits) -> np.ndarray:
+    """(R,) bool: which hits do not count, being too near or the triangle that the ray leaves."""
+    nearer: np.ndarray = hits.distance < near
     if left.found.any():
         same = (hits.instance == left.instance) & (hits.triangle == left.triangle)
-        refused |= left.found & hits.found & (same | (hits.distance <= near))
-    return refused
+        nearer |= left.found & hits.found & (same | (hits.distance <= near))
+    return nearer

@@ -110,9 +110,11 @@ def law_of_scene(scene: Scene, inputs: Inputs) -> TestedLaw:
 
 
 def poisson_trees(scene: Scene, stand: Stand) -> np.ndarray:
-    """(N, 2) places of the trees that a Poisson process placed, not rows or a list."""
+    """(N, 2) places of the trees that a Poisson process placed, not rows, a list or a hand."""
     poisson = np.array([p.layout == "poisson" for p in scene.plantings], dtype=bool)
-    return stand.position[poisson[stand.species], :2] if len(stand) else np.empty((0, 2))
+    if not len(stand):
+        return np.empty((0, 2))
+    return stand.position[poisson[stand.species] & (stand.number >= 0), :2]
 
 
 def window_of(forest: Forest) -> Window:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.rng import stream
+from ...spec import Wind
 
 LINES = 256
 LOWEST, HIGHEST = 0.005, 8.0  # Hz
@@ -26,29 +27,6 @@ STEEPEST = 4.0  # exponent within canopies
 SIDE, UP = 0.8, 0.55  # standard deviations across and upright over that along the wind
 PEAKS = (0.15, 0.25, 0.45)  # f h / U_h where f S(f) peaks: along, across, upright
 DISPLACED, ROUGH = 0.7, 0.1  # zero plane and roughness length over the height of trees
-
-
-@dataclass(frozen=True)
-class Wind:
-    """Wind at the height of the trees' tops.
-
-    speed : mean, m/s; 0: none. direction_deg : where it blows to, from +X towards +Y. turbulence : standard
-    deviation along the wind over the mean.
-
-    Raises
-    ------
-    ValueError : a speed beyond 0 to 30, or a turbulence beyond 0 to 0.6.
-    """
-
-    speed: float
-    direction_deg: float = 240.0
-    turbulence: float = 0.3
-
-    def __post_init__(self) -> None:
-        for name, most in (("speed", 30.0), ("turbulence", 0.6)):
-            value = getattr(self, name)
-            if not 0 <= value <= most:
-                raise ValueError(f"wind.{name} is {value:g}; give 0 to {most:g}")
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ WOOD_DRAG = 1.0  # of a cylinder, by the area that faces the wind
 FOLDING = 10.0  # m/s, speed at which leaves and crowns fold
 INTERNAL = 0.02  # damping of wood and roots over the critical one; below 0.05 in the measured trees
 MOST_DAMPING = 0.95
-KNOTS = 64  # a second, between which amplitudes are cubic
+KNOTS = 32  # a second, between which amplitudes are cubic
 
 
 @dataclass(frozen=True)

@@ -12,16 +12,18 @@ from functools import cached_property
 import numpy as np
 
 from ...base.rng import daughter_keys, first_key
+from ...base.trimesh import TriMesh
 from ...growth.mesh.leaves import Leaves
 from ...growth.sway.motion import Anchors
+from ...growth.sway.rig import SwayRig, piece_of_triangles, rig_of
 from ...growth.sway.shape import SwayShape, corner_leaves, shape_of
 from ...growth.sway.wood import wood_of_species
 from ...growth.tree import Tree
-from ...spec import Species
+from ...spec import Species, Wind
 from ..forest import GrownForest
-from .field import Wind, WindField
+from .field import WindField
 from .flutter import NOD, TWIST, Flutter
-from .response import SwayResponse, response_of
+from .response import KNOTS, SwayResponse, response_of
 
 FEW = 65_536  # points at a time
 SIGMAS = (
@@ -48,6 +50,12 @@ class ForestSway:
         self._shapes: dict[tuple[int, int], SwayShape | None] = {}
         self._anchors: dict[tuple[int, int], Anchors] = {}
         self._responses: dict[int, SwayResponse | None] = {}
+        self._rigs: dict[tuple[int, int], SwayRig | None] = {}
+
+    @property
+    def number(self) -> dict[int, int]:
+        """The place in the stand of each tree, by the number that sensors report."""
+        return {int(tree): row for row, tree in enumerate(self._forest.stand.id)}
 
     def shape(self, tree: int) -> SwayShape | None:
         """The modes of a tree's variant, None of what does not move."""
@@ -70,6 +78,49 @@ class ForestSway:
                 else response_of(shape, self.field, place, turn, scale, ground)
             )
         return self._responses[tree]
+
+    def moves(self, tree: int) -> bool:
+        """Return whether a tree sways: it has a skeleton and does not lie dead."""
+        return self.shape(tree) is not None
+
+    def rig(self, tree: int) -> SwayRig | None:
+        """The pieces of a tree's variant that move as one, None of what does not move."""
+        key = self._key(tree)
+        if key not in self._rigs:
+            shape = self.shape(tree)
+            self._rigs[key] = None if shape is None else rig_of(shape)
+        return self._rigs[key]
+
+    def pieces(self, tree: int, mesh: TriMesh) -> np.ndarray:
+        """(T,) the piece that each triangle of the mesh of a tree's variant is of; the tree must move."""
+        shape, rig = self.shape(tree), self.rig(tree)
+        assert shape is not None
+        assert rig is not None
+        return piece_of_triangles(shape, rig, mesh)
+
+    def places(self, tree: int, knot: np.ndarray) -> np.ndarray:
+        """(K, G, 3, 4) where the pieces of a tree are at knots (K,), whole numbers of 1/64 s.
+
+        They are maps from rest in the variant's own frame and size. Between knots pieces go straight.
+        """
+        rig, response = self.rig(tree), self.response(tree)
+        assert rig is not None
+        assert response is not None
+        amplitude = response.exact(np.asarray(knot) / KNOTS)[0]
+        return rig.places(amplitude / float(self._forest.stand.scale[tree]))
+
+    def most(self, tree: int, low: np.ndarray, high: np.ndarray) -> float:
+        """Metres in the variant's size that no point of a tree's pieces, in boxes from (G, 3) to (G, 3), is
+        ever off its rest: all waves in phase."""
+        rig, response = self.rig(tree), self.response(tree)
+        assert rig is not None
+        assert response is not None
+        middle, half = (low + high) / 2, (high - low) / 2
+        off = np.abs(np.einsum("gmij,gj->gmi", rig.maps[..., :3], middle) + rig.maps[..., 3])
+        off += np.einsum("gmij,gj->gmi", np.abs(rig.maps[..., :3]), half)
+        amplitude = np.abs(response.mean) + np.abs(response.waves).sum(axis=1)
+        amplitude /= float(self._forest.stand.scale[tree])
+        return float(np.linalg.norm(np.einsum("m,gmi->gi", amplitude, off), axis=1).max())
 
     def anchors(self, tree: int) -> Anchors:
         """Anchors of the mesh vertices of a tree's variant, in the order of ``Tree.mesh.vertices``."""

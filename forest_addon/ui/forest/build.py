@@ -9,6 +9,7 @@ from __future__ import annotations
 import secrets
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -50,7 +51,8 @@ class FOREST_OT_build(Working, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> Work:
         started, scene = time.perf_counter(), context.scene
         yield getting_ready(_import_rooms)
-        from ...blender.scene.forest import SHOWN_IN_FULL, triangles_of
+        from ...blender.scene.forest import SHOWN_IN_FULL, are_points, shapes_in, triangles_of
+        from ...blender.scene.ready import make_ready
         from ...blender.site import build_site, with_objects
         from ...formats.toml_file import read_settings
         from ...site import ForestSite
@@ -70,16 +72,18 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         site = yield Task(say("reading files"), read)
         site = with_objects(site, context.evaluated_depsgraph_get())
         forest = yield Task(say("growing trees"), site.grow)
+        known, points = shapes_in(scene), are_points(settings.forest, forest)
+        if settings.forest.instancing == "auto" and triangles_of(forest) > SHOWN_IN_FULL:
+            points = True  # a view can show stand-ins then
+            grown = replace(site.scene.forest, instancing="points")
+            site = replace(site, scene=replace(site.scene, forest=grown))
+        make = partial(make_ready, forest, known, points)
+        ready = yield Task(say("measuring trees, drawing their pictures"), make)
         if demo:  # only now: whoever cancels has the scene of before
             take_scene(scene, settings, folder, keep_sensors=True)
             mark = live.fingerprint(scene, context.evaluated_depsgraph_get())
         first = "forest" not in scene.forest_sensing.results
-        if settings.forest.instancing == "auto" and triangles_of(forest) > SHOWN_IN_FULL:
-            points = replace(
-                site.scene.forest, instancing="points"
-            )  # a view can show stand-ins then
-            site = replace(site, scene=replace(site.scene, forest=points))
-        build_site(scene, site, forest)
+        build_site(scene, site, forest, ready=ready)
         scene.forest_sensing.built = mark
         if getattr(self, "frame", False):
             for _, area in views():

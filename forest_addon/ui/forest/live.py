@@ -21,7 +21,7 @@ import numpy as np
 from ...blender.jobs import Job
 from ..settings import exchange
 from ..shell.running import PROBLEMS, current, obstacle, stop
-from ..shell.views import region_of
+from ..shell.views import redraw_panels, region_of
 from ..species.edit import edited_species
 
 QUIET = 0.4  # s without a change before anything is done
@@ -242,8 +242,8 @@ def _attend(window: bpy.types.Window) -> bool:
     with bpy.context.temp_override(window=window, area=area, region=region):
         was = is_stale(scene)
         mark = settle(scene, bpy.context.evaluated_depsgraph_get())
-        if area is not None and was != is_stale(scene):
-            area.tag_redraw()
+        if was != is_stale(scene):
+            redraw_panels()
         job = current()
         if _building is not None and _building[0] is not job:
             _building = None

@@ -21,7 +21,8 @@ from ..settings.lists import draw_list
 from ..settings.migration import draw_notice
 from ..shell import requirements
 from ..shell.chosen import chosen
-from ..shell.running import current, how_far
+from ..shell.progress import draw_job
+from ..shell.running import current
 from ..shell.words import label
 from . import live
 from .display import draw_display
@@ -279,21 +280,12 @@ def _say_what_a_unit_is(layout: bpy.types.UILayout) -> None:
 
 def _build_or_progress(layout: bpy.types.UILayout, icon: str, text: str) -> None:
     """The button that builds; while something runs, how far that is, in its place so that nothing moves."""
-    if current() is not None:
-        _draw_job(layout)
-        return
-    row = layout.row()
+    row, job = layout.row(align=True), current()
     row.scale_y = BIG
-    row.operator("forest.build", text=text, icon=icon)
-
-
-def _draw_job(layout: bpy.types.UILayout) -> None:
-    """Draw how far the running job is, and the button that stops it."""
-    job = current()
-    row = layout.row(align=True)
-    row.scale_y = BIG
-    row.progress(factor=job.share, text=how_far(job))
-    row.operator("forest.cancel", text="", icon="CANCEL")
+    if job is not None:
+        draw_job(row, job)
+    else:
+        row.operator("forest.build", text=text, icon=icon)
 
 
 CLASSES = (

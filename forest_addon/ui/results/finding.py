@@ -167,6 +167,16 @@ def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:
     frames.tell_again(result, context.scene.frame_current)
 
 
+def note_estimate(context: bpy.types.Context, name: str, took: float, estimated: float) -> None:
+    """Say beside the time that a run took what was estimated before."""
+    words = keep("{took:.1f} s, {estimated:.1f} s estimated", took=took, estimated=estimated)
+    result = context.scene.forest_sensing.results[name]
+    figure = result.figures.get("Time")
+    if figure is not None:
+        figure.value, figure.made_of = words, words.made_of
+        frames.tell_again(result, context.scene.frame_current)
+
+
 def _labels(cloud: Cloud, geometry: SceneGeometry, species: Sequence[str]) -> dict[str, Labels]:
     """Return what the points of a cloud can be labelled by when they are exported."""
     return {

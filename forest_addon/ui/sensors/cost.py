@@ -10,7 +10,7 @@ import bpy
 
 from ...blender.sensors import objects as sensors
 from ..settings.exchange import to_spec
-from ..shell.running import duration
+from ..shell.progress import duration
 from ..shell.words import label
 
 if TYPE_CHECKING:

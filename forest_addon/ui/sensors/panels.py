@@ -14,6 +14,8 @@ from ..settings import references
 from ..settings.drawing import BIG, OnceStarted, draw_settings, folded, split
 from ..settings.lists import draw_list
 from ..shell.chosen import chosen, chosen_sensor
+from ..shell.progress import draw_job
+from ..shell.running import current
 from ..shell.words import keep, label, label_kept
 from .instruments import draw_instrument
 from .look_through import draw_switch
@@ -41,21 +43,7 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         buttons.operator("forest.remove_sensor", text="", icon="REMOVE")
         draw_adopt(layout, context, context.view_layer.objects.active)
         thing = chosen_sensor(context)
-        run = layout.row(align=True)
-        run.scale_y = BIG
-        one = run.row(align=True)
-        one.enabled = thing is not None
-        this = one.operator(
-            "forest.run",
-            text=label("Run") if thing is None else label("Run {sensor}", sensor=thing.name),
-            icon="PLAY",
-        )
-        this.sensor, this.frames = "" if thing is None else thing.name, "THIS"
-        every = run.row(align=True)
-        every.ui_units_x = 3  # the rest is for the sensor's name
-        every.operator("forest.run", text="All").frames = "THIS"
-        frames = run.operator("forest.run_frames", text="", icon="RENDER_ANIMATION")
-        frames.sensor = "" if thing is None else thing.name
+        _draw_run(layout, thing)
         draw_switch(layout, context)
         split(layout).prop(props, "output", placeholder="In this file alone")
 
@@ -97,10 +85,36 @@ class FOREST_PT_sensor_data(bpy.types.Panel):
         draw_adopt(self.layout, context, thing)
         if thing not in sensors.sensors_of(context.scene):
             return
-        run = self.layout.operator("forest.run", icon="PLAY")
-        run.sensor, run.frames = thing.name, "THIS"
+        row, job = self.layout.row(align=True), current()
+        if job is not None:
+            draw_job(row, job)
+        else:
+            run = row.operator("forest.run", icon="PLAY")
+            run.sensor, run.frames = thing.name, "THIS"
         split(self.layout).prop(context.scene.forest_sensing, "advanced")
         _draw_sensor(self.layout, thing)
+
+
+def _draw_run(layout: bpy.types.UILayout, thing: bpy.types.Object | None) -> None:
+    """The buttons that run a sensor, all, or a frame range; while something runs, how far that is."""
+    run, job = layout.row(align=True), current()
+    run.scale_y = BIG
+    if job is not None:
+        draw_job(run, job)
+        return
+    one = run.row(align=True)
+    one.enabled = thing is not None
+    this = one.operator(
+        "forest.run",
+        text=label("Run") if thing is None else label("Run {sensor}", sensor=thing.name),
+        icon="PLAY",
+    )
+    this.sensor, this.frames = "" if thing is None else thing.name, "THIS"
+    every = run.row(align=True)
+    every.ui_units_x = 3  # the rest is for the sensor's name
+    every.operator("forest.run", text="All").frames = "THIS"
+    frames = run.operator("forest.run_frames", text="", icon="RENDER_ANIMATION")
+    frames.sensor = "" if thing is None else thing.name
 
 
 def draw_adopt(
@@ -212,6 +226,15 @@ class FOREST_PT_air(OnceStarted, bpy.types.Panel):
         draw_settings(split(self.layout), context.scene.forest_sensing.air)
 
 
+class FOREST_PT_wind(OnceStarted, bpy.types.Panel):
+    bl_label = "Wind"
+    bl_parent_id = "FOREST_PT_sensors"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        draw_settings(split(self.layout), context.scene.forest_sensing.wind)
+
+
 class FOREST_PT_rays(OnceStarted, bpy.types.Panel):
     bl_label = spec.Rays.TITLE
     bl_parent_id = "FOREST_PT_sensors"
@@ -228,5 +251,6 @@ CLASSES = (
     FOREST_PT_sensor_data,
     FOREST_PT_thing,
     FOREST_PT_air,
+    FOREST_PT_wind,
     FOREST_PT_rays,
 )

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import bpy
 
@@ -15,55 +15,19 @@ from ...blender.jobs import Task, Work
 from ...blender.scene.standings import may_be_met
 from ...blender.sensors import objects as sensors
 from ...spec import SpecError
+from ..forest.swaying import swaying
 from ..settings.exchange import to_spec
 from ..settings.preferences import expansions, rays_of
 from ..shell.running import PROBLEMS, WhenReady, Working, getting_ready, in_words
 from ..shell.words import label, say
+from .ahead import Ahead
 from .cost import chosen_things, costs, is_large
 from .cost import in_words as in_short
-
-if TYPE_CHECKING:
-    from ...sensing.cost import Cost
 
 
 def _import_rooms(_tell: Any) -> None:
     from ...blender.sensors import observe  # noqa: F401
     from ..results import finding  # noqa: F401
-
-
-class Ahead:
-    """All runs of a job, one after the other: which one comes, and which share of the whole it is."""
-
-    def __init__(self, of_sensors: list[Cost], frames: int) -> None:
-        self._of_sensors, self._frames, self._done = of_sensors, frames, 0
-        self._frame = sum(max(cost.seconds, 1e-3) for cost in of_sensors)
-
-    def next(self, name: str) -> tuple[str, tuple[float, float], Cost]:
-        """Return what the next run is called, from which share of the job to which it leads, what it
-        costs."""
-        frame, number = divmod(self._done, len(self._of_sensors))
-        self._done += 1
-        before = sum(max(cost.seconds, 1e-3) for cost in self._of_sensors[:number])
-        cost = self._of_sensors[number]
-        whole = self._frames * self._frame
-        low = (frame * self._frame + before) / whole
-        span = low, low + max(cost.seconds, 1e-3) / whole
-        words = name
-        if len(self._of_sensors) > 1:
-            words = say(
-                "{sensor}, {number} of {count}",
-                sensor=words,
-                number=number + 1,
-                count=len(self._of_sensors),
-            )
-        if self._frames > 1:
-            words = say(
-                "{sensor}, frame {number} of {count}",
-                sensor=words,
-                number=frame + 1,
-                count=self._frames,
-            )
-        return words, span, cost
 
 
 class FOREST_OT_run(Working, bpy.types.Operator):
@@ -155,7 +119,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         ahead = Ahead(costs(context, chosen), 1 if self.frames == "THIS" else len(frames_of(scene)))
         folder = _folder(scene.forest_sensing.output)
         if self.frames == "THIS":
-            return (yield from self._look(context, chosen, folder, None, ahead))
+            return ahead.told((yield from self._look(context, chosen, folder, None, ahead)))
         now, part_of_frame, sentence = scene.frame_current, scene.frame_subframe, ""
         frames = frames_of(scene)
         if folder is None and not self.keep and len(frames) > 1:
@@ -170,7 +134,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
                 sentence = yield from self._look(context, chosen, folder, frame, ahead)
         finally:
             scene.frame_set(now, subframe=part_of_frame)
-        return sentence
+        return ahead.told(sentence)
 
     def _look(
         self,
@@ -182,16 +146,22 @@ class FOREST_OT_run(Working, bpy.types.Operator):
     ) -> Work:
         """Run these sensors in the scene of one frame, None: as it is, of which nothing is numbered."""
         from ...blender.scene.standings import planted_names
+        from ...blender.sensors.moving import seconds_of
         from ...blender.sensors.observe import Observer
         from ...results.coordinates import Offset
         from ...sensing.cost import note_pace
         from ...sensing.kinds import choose
         from ...stand.plan import labels
         from ..results import frames
-        from ..results.finding import keep_finding, note_audit, save_finding
+        from ..results.finding import keep_finding, note_audit, note_estimate, save_finding
 
         rays = rays_of(to_spec(context.scene, []).rays)
+        missing: list[str] = []
+        sway = yield from swaying(context, missing)
         observer = Observer.of(context.evaluated_depsgraph_get(), rays, expansions())
+        observer.blow(sway, seconds_of(context.scene))
+        for sentence in missing:
+            self.report({"WARNING"}, sentence)
         if observer.warning:
             self.report({"WARNING"}, observer.warning)
         home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
@@ -207,6 +177,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             found = yield Task(step, partial(observe, way=way), span=span)
             took = time.perf_counter() - started
             note_pace(sensor, cost, took)
+            ahead.note(thing.name, took, cost.seconds)
             planted = planted_names(context.scene, labels(settings.plantings))
             names = observer.names, planted
             kept = frame if self.keep else None
@@ -223,6 +194,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
                 kept,
                 observer.geometry,
             )
+            note_estimate(context, thing.name, took, cost.seconds)
             empty = observer.empty(sensor, settings, found, home, way)
             if empty:
                 sentence = f"{thing.name}: {empty}"

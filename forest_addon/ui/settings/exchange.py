@@ -35,7 +35,17 @@ from .fields import (
 T = TypeVar("T", bound=Settings)
 # What is set where one senses, whether a forest is to stand there or not.
 OF_SENSORS = frozenset(
-    {"air", "rays", "accuracy", "active_sensor", "last_sensor", "output", "results", "layout"}
+    {
+        "air",
+        "wind",
+        "rays",
+        "accuracy",
+        "active_sensor",
+        "last_sensor",
+        "output",
+        "results",
+        "layout",
+    }
     | {"show_sensors", "show_points", "point_size", "advanced", "folder"}
     | {"dry", "dry_file"}
 )
@@ -63,6 +73,7 @@ def to_spec(scene: Any, things: Iterable[Any] | None = None) -> spec.Scene:
             read(group, spec.Stems, f"stems[{number}]") for number, group in enumerate(props.stems)
         ),
         air=read(props.air, spec.Air, "air"),
+        wind=read(props.wind, spec.Wind, "wind"),
         rays=read(props.rays, spec.Rays, "rays"),
         flight=read(props.flight, spec.Flight, "flight"),
         accuracy=read(props.accuracy, spec.Accuracy, "accuracy"),
@@ -118,6 +129,7 @@ def from_spec(scene: Any, settings: spec.Scene, keep_sensors: bool = False) -> N
     props.offset, props.crs = text_of(settings.offset), settings.crs
     write(props.forest, settings.forest)
     write(props.air, settings.air)
+    write(props.wind, settings.wind)
     write(props.rays, settings.rays)
     write(props.flight, settings.flight)
     write(props.accuracy, settings.accuracy)

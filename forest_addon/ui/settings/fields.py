@@ -18,6 +18,10 @@ LARGEST_INT = 2**31 - 1  # what Blender's whole numbers hold
 WHEN_USED = {
     "expected": 20.0,
     "density": 0.05,
+    "rotation_deg": 0.0,
+    "scale": 1.0,  # of a tree set by hand
+    "diameter": 0.25,
+    "variant": 0,
     "sound_speed": 343.2,
     "line_step_deg": 0.25,
     "size": (30.0, 30.0),

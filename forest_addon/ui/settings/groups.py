@@ -100,7 +100,7 @@ LABELS = {
     "facing_azimuth_deg": "Facing Azim.(°)",
     "facing_elevation_deg": "Facing Elev.(°)",
     "impedance_model": "Impedance",
-    "turbulence": "Turbul. (1e-6)",
+    "turbulence (1e-6)": "Turbul. (1e-6)",
     "acceleration": "Accel. (m/s²)",
     "turn_rate_deg": "Turn (°/s)",
     "flow_resistivity": "σ (kPa·s/m²)",

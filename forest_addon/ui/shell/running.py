@@ -1,4 +1,4 @@
-"""Running long work from a button: progress in the status bar and the panel, Esc or Cancel stops it.
+"""Running long work from a button: progress in status bar and panels, Esc or Cancel stops it.
 
 An operator that computes is a ``_Working`` with a ``work`` generator (``blender/jobs``). From a window it
 runs modally: the window lives on, one job at a time, and nothing is left half done when it is stopped: what a
@@ -16,8 +16,8 @@ import bpy
 from ...base.progress import Progress
 from ...blender.jobs import Job, Task, Work
 from ...spec import SpecError
-from . import requirements
-from .views import redraw_sidebars
+from . import pace, requirements
+from .progress import how_far, show_job, show_no_job
 from .words import keep, say, title_of_operator
 
 TICK = 0.05  # s between two looks at a running job
@@ -34,25 +34,6 @@ def current() -> Job | None:
     if _current is not None and _current.over and not _current.busy:
         _current = None
     return _current
-
-
-def how_far(job: Job) -> str:
-    """Return what a job is doing, how much of it is done, and when it will be."""
-    if job.left is None:
-        return f"{job.label} {job.share:.0%}"
-    left = duration(job.left)
-    return say("{step} {share:.0%}, {time} left", step=job.label, share=job.share, time=left)
-
-
-def duration(seconds: float) -> str:
-    """A time as one says it."""
-    if seconds < 1.5:
-        return say("a second")
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    if seconds < 5400:
-        return say("{minutes:.0f} min", minutes=seconds / 60)
-    return say("{hours:.1f} h", hours=seconds / 3600)
 
 
 def stop() -> None:
@@ -104,6 +85,7 @@ class Working(WhenReady):
         self._shown = ""
         self._timer = manager.event_timer_add(TICK, window=context.window)
         manager.modal_handler_add(self)
+        pace.rough_edges()
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -135,10 +117,10 @@ class Working(WhenReady):
             self._leave(context)
             self.report({"INFO"}, job.result)
             return {"FINISHED"}
-        text = say("{job}: {step}  |  Esc: cancel", job=job.title, step=how_far(job))
+        text = how_far(job)
         if text != self._shown:  # drawing costs the task time
             self._shown = text
-            _show(context, text)
+            show_job(context, job)
         return {"RUNNING_MODAL"}
 
     def cancel(self, context: bpy.types.Context) -> None:
@@ -160,7 +142,8 @@ class Working(WhenReady):
 
     def _leave(self, context: bpy.types.Context) -> None:
         context.window_manager.event_timer_remove(self._timer)
-        _show(context, None)
+        pace.usual_edges()
+        show_no_job(context)
 
 
 class FOREST_OT_cancel(bpy.types.Operator):
@@ -238,6 +221,8 @@ def register() -> None:
 
 def unregister() -> None:
     """Take the handlers back and stop what runs."""
+    if current() is not None:
+        show_no_job(bpy.context)
     stop()
     for handlers in _handlers():
         if _stop_before in handlers:
@@ -266,13 +251,6 @@ def _how_it_ended(job: Job) -> str:
         return say("{job} was cancelled; nothing was changed", job=job.title)
     kept = ", ".join(dict.fromkeys(job.kept))
     return say("{job} was cancelled; what was done stays: {kept}", job=job.title, kept=kept)
-
-
-def _show(context: bpy.types.Context, text: str | None) -> None:
-    """Text in the status bar, and the panel drawn anew."""
-    if context.workspace is not None:
-        context.workspace.status_text_set(text)
-    redraw_sidebars()
 
 
 @contextmanager

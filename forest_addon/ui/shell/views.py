@@ -10,6 +10,7 @@ from mathutils import Vector
 from ...spec import Forest
 
 TAB = "Forest"
+PANELS = {"VIEW_3D": "UI", "PROPERTIES": "WINDOW"}  # where panels of ours are, by the kind of area
 ACROSS = (
     0.36  # metres from the middle to the edge of a view, a metre of its distance; lens of 50 mm
 )
@@ -30,10 +31,12 @@ def region_of(area: bpy.types.Area, kind: str) -> bpy.types.Region:
     return next(region for region in area.regions if region.type == kind)
 
 
-def redraw_sidebars() -> None:
-    """Have every sidebar drawn anew."""
-    for _, area in views():
-        region_of(area, "UI").tag_redraw()
+def redraw_panels() -> None:
+    """Have every sidebar of a 3D view and every Properties editor drawn anew, and no view itself."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type in PANELS:
+                region_of(area, PANELS[area.type]).tag_redraw()
 
 
 def look_at(area: bpy.types.Area, field: Forest) -> None:

@@ -87,7 +87,7 @@ def run_study(asked: Request, out: Path, say: Say = print) -> StudyFindings:
     ------
     SpecError : an extra or the measurements are missing.
     """
-    _needs_extras()
+    needs_extras()
     began = time.process_time()
     plan = read_plan(find_plan(PLAN), [f"count={asked.plots}", f"seed={asked.seed}"])
     make_dataset(plan, out / "plots", Asked(Cluster(workers=1), quiet=False))
@@ -110,7 +110,7 @@ def run_study(asked: Request, out: Path, say: Say = print) -> StudyFindings:
             if clouds:
                 sums = importance.setdefault(what, {})
                 _one_seed(
-                    _some(ours, seed), clouds, what, [r for r in rows if r.what == what], sums
+                    some_of(ours, seed), clouds, what, [r for r in rows if r.what == what], sums
                 )
         say(f"seed {number + 1} of {asked.seeds}: {time.process_time() - began:.0f} CPU s")
     _by_rules(real, rows, say)
@@ -140,7 +140,13 @@ def read_scene_table(folder: Path) -> dict:
         return tomllib.load(file)["forest"]
 
 
-def _needs_extras() -> None:
+def needs_extras() -> None:
+    """Refuse to go on without the extra ``study``.
+
+    Raises
+    ------
+    SpecError : what is missing.
+    """
     from importlib.util import find_spec
 
     missing = [name for name in ("pgeof", "sklearn") if find_spec(name) is None]
@@ -167,7 +173,8 @@ def _rows(cloud: Labelled) -> list[StudyRow]:
     return found
 
 
-def _some(ours: Sequence[Labelled], seed: int) -> list[Labelled]:
+def some_of(ours: Sequence[Labelled], seed: int) -> list[Labelled]:
+    """Two thirds of our plots, drawn by a seed."""
     chosen = stream(seed, "plots").permutation(len(ours))[: max(1, round(SHARE * len(ours)))]
     return [ours[number] for number in sorted(chosen.tolist())]
 

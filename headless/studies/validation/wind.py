@@ -13,8 +13,8 @@ import numpy as np
 from forest_addon.base.rng import stream
 from forest_addon.growth.sway.shape import SwayShape
 from forest_addon.site import ForestSite
-from forest_addon.spec import Forest, Planting, Scene, SpecError
-from forest_addon.stand.wind.field import Wind, WindField
+from forest_addon.spec import Forest, Planting, Scene, SpecError, Wind
+from forest_addon.stand.wind.field import WindField
 from forest_addon.stand.wind.response import SwayResponse, response_of
 from forest_addon.stand.wind.sway import sway_of
 

@@ -11,7 +11,7 @@ from forest_addon.blender.sensors.observe import Observer
 from forest_addon.sensing import cost as costs_of
 from forest_addon.sensing.lidar.tractor import TractorScan
 from forest_addon.ui.sensors import cost
-from forest_addon.ui.sensors.run import Ahead
+from forest_addon.ui.sensors.ahead import Ahead
 from forest_addon.ui.settings.exchange import to_spec
 
 from ..pressing import press
@@ -92,3 +92,18 @@ def test_one_bar_leads_through_all_sensors_and_frames():
     assert all(before[1] == pytest.approx(after[0]) for before, after in pairwise(spans))
     assert spans[-1][1] == pytest.approx(1.0)
     assert words[3] == "cloud, 2 of 2, frame 2 of 3"
+
+
+def test_times_of_all_runs_are_told_beside_what_was_estimated():
+    one, other = (costs_of.Cost("pulses", 1, 1, seconds, 0) for seconds in (1.0, 30.0))
+    alone = Ahead([one], frames=1)
+    alone.next("cloud")
+    alone.note("cloud", 2.04, one.seconds)
+    assert alone.told("300 points in 2.0 s") == "300 points in 2.0 s (1.0 s estimated)"
+    frames = Ahead([one, other], frames=2)
+    for name, took, cost_of in [("cloud", 2.0, one), ("echo", 20.0, other)] * 2:
+        frames.next(name)
+        frames.note(name, took, cost_of.seconds)
+    assert frames.told("") == (
+        "4 runs in 44 s (62 s estimated): cloud 4.0 s (2.0 s estimated), echo 40 s (60 s estimated)"
+    )

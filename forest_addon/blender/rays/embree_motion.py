@@ -1,0 +1,170 @@
+"""Embree on pieces that move: instances whose places have many steps, and rays with a time each.
+
+Embree takes the elements of a place linearly between two steps, as ``sensing.rays.pieces`` does; what it
+finds in float32 is met again in float64, where the piece is at the ray's time.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from ...base.trimesh import TriMesh
+from ...sensing.rays.boxes import clip
+from ...sensing.rays.caster import Hits
+from ...sensing.rays.geometry import SceneGeometry
+from ...sensing.rays.pieces import boxes_of, placed, swept
+from ...sensing.rays.refine import RefinedSurfaces, whole_triangles
+from ...sensing.rays.search import MARGIN, STEP, TASK, refused
+from . import embree_library as embree
+from .embree import EmbreeBuild, RayPackets, all_lanes
+
+SLACK = 1e-6  # of the scene's size, by which rays go on
+
+
+class EmbreePieces:
+    """Embree's trees of pieces, made once; called, it gives those of a window of time their places.
+
+    Raises
+    ------
+    EmbreeError : Embree is not there, or has no memory left.
+    """
+
+    def __init__(self, meshes: tuple[TriMesh, ...], threads: int = 1) -> None:
+        self.library = embree.load()
+        self.threads = threads
+        self.device = self.library.rtcNewDevice(f"threads={threads}".encode())
+        self.build = EmbreeBuild(self.library, self.device)
+        self.valid = all_lanes()
+        every = np.arange(len(meshes))  # a place each, which is never asked for
+        stands = np.broadcast_to(np.eye(3, 4), (len(meshes), 3, 4))
+        scene = SceneGeometry(meshes, stands, every, ("",) * len(meshes), every, every)
+        self.surfaces = RefinedSurfaces(scene)
+        self.usable = [whole_triangles(mesh) for mesh in meshes]
+        size = np.array([len(rows) for rows in self.usable])
+        self._first, self._all = np.cumsum(size) - size, np.concatenate(self.usable)
+        self.boxes = boxes_of(meshes)
+        self._meshes = meshes
+        self._scenes: dict[int, int] = {}
+
+    def __call__(self, mesh: np.ndarray, places: np.ndarray) -> _EmbreeWindow:
+        return _EmbreeWindow(self, mesh, places)
+
+    def numbered(self, mesh: np.ndarray, primitive: np.ndarray) -> np.ndarray:
+        """(R,) triangles of pieces, from those that Embree was given."""
+        return np.asarray(self._all[self._first[mesh] + primitive])
+
+    def scene(self, mesh: int) -> int:
+        """Embree's scene of a piece."""
+        if mesh not in self._scenes:
+            self._scenes[mesh] = self.build.mesh(self._meshes[mesh], self.usable[mesh])
+        return self._scenes[mesh]
+
+
+class _EmbreeWindow:
+    """Pieces of a window: mesh (P,), places (K, P, 3, 4)."""
+
+    def __init__(self, pieces: EmbreePieces, mesh: np.ndarray, places: np.ndarray) -> None:
+        self._pieces, self._mesh, self._places = pieces, mesh, places
+        low, high = swept(pieces.boxes[mesh], places)
+        low, high = low.min(axis=0), high.max(axis=0)
+        self._centre = (low + high) / 2
+        self._slack = SLACK * float((high - low).max()) + SLACK
+        self._box = low - self._slack, high + self._slack
+        moved = places.swapaxes(0, 1).copy()
+        moved[:, :, :, 3] -= self._centre
+        self._build = EmbreeBuild(pieces.library, pieces.device, pieces.build)
+        known = np.flatnonzero([len(pieces.usable[m]) > 0 for m in mesh.tolist()])
+        self._top = self._build.instances(
+            known.tolist(),
+            [pieces.scene(int(m)) for m in mesh[known]],
+            np.ascontiguousarray(moved[known], dtype=np.float32),
+        )
+
+    def cast(
+        self,
+        origins: np.ndarray,
+        ways: np.ndarray,
+        near: np.ndarray,
+        far: np.ndarray,
+        knot: np.ndarray,
+        leaving: Hits | None,
+    ) -> Hits:
+        """The closest hits; see ``PieceWindow``."""
+        count = len(origins)
+        hits = Hits.misses(count)
+        parts = [slice(first, first + TASK) for first in range(0, count, TASK)]
+
+        def task(part: slice) -> None:
+            left = None if leaving is None else leaving.select(part)
+            given = origins[part], ways[part], near[part], far[part], knot[part]
+            hits.put(part, self._cast(*given, left))
+
+        if len(parts) == 1 or self._pieces.threads == 1:
+            for part in parts:
+                task(part)
+        else:
+            with ThreadPoolExecutor(self._pieces.threads) as pool:
+                list(pool.map(task, parts))
+        return hits
+
+    def _cast(
+        self,
+        origins: np.ndarray,
+        ways: np.ndarray,
+        near: np.ndarray,
+        far: np.ndarray,
+        knot: np.ndarray,
+        leaving: Hits | None,
+    ) -> Hits:
+        start = near - MARGIN
+        left = Hits.misses(len(origins)) if leaving is None else leaving
+        start[left.found] += MARGIN
+        hits = self._nearest(origins, ways, start, far, knot)
+        rays = np.flatnonzero(refused(hits, near, left))
+        step = STEP
+        while len(rays):
+            start[rays] = np.maximum(start[rays], hits.distance[rays]) + step
+            step *= 2.0
+            again = self._nearest(origins[rays], ways[rays], start[rays], far[rays], knot[rays])
+            hits.put(rays, again)
+            rays = rays[refused(again, near[rays], left.select(rays))]
+        beyond = hits.found & (hits.distance > far)
+        hits.put(beyond, Hits.misses(int(beyond.sum())))
+        return hits
+
+    def _nearest(
+        self,
+        origins: np.ndarray,
+        ways: np.ndarray,
+        start: np.ndarray,
+        limit: np.ndarray,
+        knot: np.ndarray,
+    ) -> Hits:
+        found = Hits.misses(len(origins))
+        direction, origin = np.ascontiguousarray(ways.T), np.ascontiguousarray(origins.T)
+        begin, leaves = clip(*self._box, origin, direction, start, limit)
+        rays = np.flatnonzero(begin <= leaves)
+        if not len(rays):
+            return found
+        origin, direction, knot = origin[:, rays], direction[:, rays], knot[rays]
+        moved = origin + begin[rays] * direction - self._centre[:, None]
+        reach = (limit[rays] - begin[rays]) * (1 + 1e-6) + self._slack
+        packets = RayPackets(len(rays))
+        packets.fill(moved, direction, reach, knot / (len(self._places) - 1))
+        packets.trace(self._pieces.library, self._pieces.valid.ctypes.data, self._top)
+        piece, primitive, met = packets.read(len(rays))
+        if not len(met):
+            return found
+        mesh = self._mesh[piece]
+        triangle = self._pieces.numbered(mesh, primitive)
+        distance = self._pieces.surfaces.distance(
+            np.ascontiguousarray(origin[:, met]),
+            np.ascontiguousarray(direction[:, met]),
+            mesh,
+            triangle,
+            placed(self._places, piece, knot[met]),
+        )
+        found.put(rays[met], Hits(distance, piece, triangle))
+        return found

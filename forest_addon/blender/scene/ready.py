@@ -1,0 +1,67 @@
+"""Arrays that a forest needs in Blender, made ahead, beside the window.
+
+A variant says what it measures, has a picture, and in a large forest a stand-in for views: a second of
+work for a few trees, during which a window would stand still if it were done as the forest is built.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field
+
+from ...base.progress import Progress
+from ...base.trimesh import TriMesh
+from ...growth.mesh.stand_in import stand_in
+from ...growth.truth import wood_of_tree
+from ...stand.forest import GrownForest
+from .assets import AssetPortrait, portray
+from .standing import fingerprint
+
+Variant = tuple[int, int]  # number of the planting, and of the variant in it
+
+
+@dataclass(frozen=True)
+class ReadyForest:
+    """Shapes, pictures and stand-ins of variants, as far as they were made ahead."""
+
+    shapes: dict[Variant, str] = field(default_factory=dict)
+    portraits: dict[Variant, AssetPortrait] = field(default_factory=dict)
+    stand_ins: dict[Variant, TriMesh] = field(default_factory=dict)
+
+    def shape(self, forest: GrownForest, key: Variant) -> str:
+        """The fingerprint of a variant's mesh."""
+        return self.shapes.get(key) or fingerprint(forest.variants[key].mesh)
+
+    def portrait(self, forest: GrownForest, key: Variant) -> AssetPortrait:
+        """The picture of a variant."""
+        if key in self.portraits:
+            return self.portraits[key]
+        species, label = forest.species[key[0]], forest.labels[key[0]]
+        return portray(species, label, forest.variants[key].mesh)
+
+    def stand_in(self, forest: GrownForest, key: Variant) -> TriMesh:
+        """The few triangles that views show of a variant."""
+        if key in self.stand_ins:
+            return self.stand_ins[key]
+        tree = forest.variants[key]
+        return stand_in(tree.mesh, tree.skeleton)
+
+
+def make_ready(
+    forest: GrownForest, known: Collection[str], as_points: bool, tell: Progress
+) -> ReadyForest:
+    """Make ahead what the variants of a forest need; touches no Blender.
+
+    known : shapes that stand in the scene already, of which nothing is made anew.
+    """
+    ready = ReadyForest()
+    for number, (key, tree) in enumerate(forest.variants.items()):
+        tell(number, len(forest.variants))
+        shape = ready.shapes[key] = fingerprint(tree.mesh)
+        if shape in known:
+            continue
+        wood_of_tree(tree)  # it is kept with the tree
+        ready.portraits[key] = ready.portrait(forest, key)
+        if as_points:
+            ready.stand_ins[key] = ready.stand_in(forest, key)
+    return ready

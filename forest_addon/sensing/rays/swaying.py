@@ -1,0 +1,303 @@
+"""Rays among trees that sway: pieces of each tree move as one, and rays meet them at times of their own.
+
+Where a piece is follows from knots of time; between two of them each of its points goes straight, so the
+linear part and the shift of its map do. What is met is exact for that motion, in float64.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+
+from .boxes import BoxTree, clip
+from .caster import Hits, RayCaster, unit_columns
+from .geometry import SceneGeometry, invert_transforms
+from .moving import TimedCaster
+from .pieces import (
+    MakeEngine,
+    MakeWindow,
+    PieceByPiece,
+    PieceWindow,
+    Swaying,
+    SwayingScene,
+    boxes_of,
+)
+from .referee import Referee
+
+KNOTS = 32  # a second
+SPAN = 16  # knots of a window, for which pieces are placed together
+RUN, WIDER = 16, 2.0  # rays of a run, and metres that they may be apart
+KEPT = 256  # trees by windows, whose pieces are kept in place
+
+
+class SwayingCaster(TimedCaster):
+    """Closest hits of rays at times of their own, among trees that sway and things that move or stand.
+
+    cut : the scene. sway : how its trees do. still : what does not sway, as ``cut.still`` numbers it.
+    make : what makes a caster of a still scene. engine : what finds hits on pieces; left out: casters of
+    each piece, in its own frame. start : s, when the trees' time begins for rays of time 0.
+    """
+
+    def __init__(
+        self,
+        cut: SwayingScene,
+        sway: Swaying,
+        still: TimedCaster,
+        make: Callable[[SceneGeometry], RayCaster],
+        engine: MakeEngine | None = None,
+        start: float = 0.0,
+    ) -> None:
+        self.cut, self._sway, self._still, self._start = cut, sway, still, start
+        self.scene, self.engine = cut.scene, still.engine
+        self.within, self.frozen = still.within, still.frozen
+        self._make = make
+        self._first = len(cut.read.meshes) + 1  # mesh of the first piece
+        self._window = _engine_of(cut, make, engine)
+        self._placed: dict[tuple[int, int], np.ndarray] = {}
+        self._last: tuple[int, np.ndarray, np.ndarray, PieceWindow] | None = None
+        self._trees, row = np.unique(cut.tree, return_inverse=True)
+        order = np.argsort(row, kind="stable")
+        self._of_tree = np.split(order, np.searchsorted(row[order], np.arange(1, len(self._trees))))
+        boxes = [self._box(rows) for rows in self._of_tree if len(rows)]
+        low, high = np.array(boxes).reshape(-1, 2, 3).transpose(1, 0, 2)
+        self._hull = low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf)
+        self._boxes = BoxTree(low - WIDER, high + WIDER)
+
+    def judged(self, true: SceneGeometry | None = None) -> SwayingCaster:
+        other = copy(self)
+        other._still = self._still.judged(None)
+        other._last = None
+        make = self._make
+        other._window = _engine_of(self.cut, lambda scene: Referee(make(scene), scene), None)
+        other.engine = Referee.engine
+        return other
+
+    def cast(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_distance: float | np.ndarray = np.inf,
+        *,
+        time: np.ndarray,
+        min_distance: float | np.ndarray = 0.0,
+        leaving: Hits | None = None,
+    ) -> Hits:
+        origins = np.asarray(origins, dtype=np.float64)
+        ways = unit_columns(np.asarray(directions).T).T
+        near = np.broadcast_to(np.asarray(min_distance, dtype=np.float64), len(origins))
+        far = np.array(np.broadcast_to(max_distance, len(origins)), dtype=np.float64)
+        count = self.cut.count
+        left = None if leaving is None else _among(leaving, leaving.instance < count, 0)
+        best = self._still.cast(origins, ways, far, time=time, min_distance=near, leaving=left)
+        limit = np.minimum(far, best.distance)
+        begin = np.maximum(near, 0.0)
+        sound = np.isfinite(origins.sum(axis=1) + ways.sum(axis=1)) & (begin <= limit)
+        sound = np.flatnonzero(sound)
+        knot = (np.asarray(time, dtype=np.float64) + self._start) * KNOTS
+        block = np.floor(knot / SPAN).astype(np.int64)
+        for number, rows, trees in self._met(origins, ways, begin, limit, block, sound):
+            pieces, window = self._at(number, trees)
+            left = None
+            if leaving is not None:
+                chosen = leaving.select(rows)
+                left = _renumbered(_among(chosen, chosen.instance >= count, count), pieces)
+            met = window.cast(
+                origins[rows], ways[rows], near[rows], limit[rows], knot[rows] - number * SPAN, left
+            )
+            won = np.flatnonzero(met.found & (met.distance < best.distance[rows]))
+            found = met.select(won)
+            best.put(
+                rows[won], Hits(found.distance, count + pieces[found.instance], found.triangle)
+            )
+        return best
+
+    def _met(
+        self,
+        origins: np.ndarray,
+        ways: np.ndarray,
+        begin: np.ndarray,
+        limit: np.ndarray,
+        block: np.ndarray,
+        sound: np.ndarray,
+    ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+        """Windows of time, each with rays that may meet a tree in it, and the rows of these trees.
+
+        Rays that follow one another are neighbours most often: one of a run stands for all, where the others
+        are within ``WIDER`` of it as long as they are among trees.
+        """
+        enters, leaves = clip(*self._hull, origins.T, ways.T, begin, limit)
+        near = sound[enters[sound] <= leaves[sound]]
+        if not len(near):
+            return
+        first = np.flatnonzero(
+            (np.diff(block[near], prepend=np.iinfo(np.int64).min) != 0)
+            | (np.arange(len(near)) % RUN == 0)
+        )
+        size = np.diff(first, append=len(near))
+        run = np.repeat(np.arange(len(first)), size)
+        chief = near[first + size // 2]
+        apart = np.linalg.norm(origins[near] - origins[chief][run], axis=1)
+        apart += leaves[near] * np.linalg.norm(ways[near] - ways[chief][run], axis=1)
+        alike = np.maximum.reduceat(apart, first) <= WIDER
+        alone = near[~alike[run]]
+        asked = np.concatenate([chief[alike], alone])
+        until = np.concatenate([np.maximum.reduceat(leaves[near], first)[alike], leaves[alone]])
+        some = origins[asked].T, ways[asked].T, np.zeros(len(asked)), until + WIDER
+        ray, box, _ = self._boxes.pairs(*some)
+        of_pair, meets = block[asked[ray]], np.zeros(len(asked), dtype=bool)
+        meets[ray] = True
+        of_run = np.zeros(len(first), dtype=bool)
+        of_run[np.flatnonzero(alike)] = meets[: int(alike.sum())]
+        kept = of_run[run]
+        kept[~alike[run]] = meets[int(alike.sum()) :]
+        rows = near[kept]
+        for number in _different(of_pair):
+            trees = np.bincount(box[of_pair == number], minlength=len(self._trees)) > 0
+            yield number, rows[block[rows] == number], np.flatnonzero(trees)
+
+    def transforms(self, instance: np.ndarray, time: np.ndarray) -> np.ndarray:
+        found = np.empty((len(instance), 3, 4))
+        whole = instance < self.cut.count
+        rows = np.flatnonzero(whole)
+        found[rows] = self._still.transforms(instance[rows], time[rows])
+        rows = np.flatnonzero(~whole)
+        found[rows] = self._moved(instance[rows] - self.cut.count, time[rows])[0]
+        return found
+
+    def velocities(
+        self, points: np.ndarray, instance: np.ndarray, time: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        velocity, rest = np.zeros_like(points), points.copy()
+        whole = instance < self.cut.count
+        rows = np.flatnonzero(whole)
+        velocity[rows], rest[rows] = self._still.velocities(
+            points[rows], instance[rows], time[rows]
+        )
+        rows = np.flatnonzero(~whole)
+        pieces = instance[rows] - self.cut.count
+        at, rate = self._moved(pieces, time[rows])
+        inverse = invert_transforms(at)
+        own = np.einsum("rij,rj->ri", inverse[:, :, :3], points[rows]) + inverse[:, :, 3]
+        velocity[rows] = np.einsum("rij,rj->ri", rate[:, :, :3], own) + rate[:, :, 3]
+        still = self.scene.transform[instance[rows]]
+        rest[rows] = np.einsum("rij,rj->ri", still[:, :, :3], own) + still[:, :, 3]
+        return velocity, rest
+
+    def known(self, instance: np.ndarray, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        instance, triangle = np.array(instance), np.array(triangle)
+        rows = np.flatnonzero(instance >= self.cut.count)
+        mesh = self.scene.mesh_index[instance[rows]]
+        for number in np.unique(mesh).tolist():
+            some = rows[mesh == number]
+            triangle[some] = self.cut.triangle[number][triangle[some]]
+        instance[rows] = self.cut.owner[instance[rows] - self.cut.count]
+        return instance, triangle
+
+    def _moved(self, piece: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(R, 3, 4) local to world of pieces at times, s, and its rate, 1/s."""
+        at, rate = np.empty((len(piece), 3, 4)), np.empty((len(piece), 3, 4))
+        knot = (time + self._start) * KNOTS
+        block = np.floor(knot / SPAN).astype(np.int64)
+        tree = self.cut.tree[piece]
+        order = np.lexsort((block, tree))
+        cuts = np.flatnonzero(
+            (np.diff(tree[order], prepend=-1) != 0) | (np.diff(block[order], prepend=-1) != 0)
+        )
+        for rows in np.split(order, cuts[1:]):
+            if not len(rows):
+                continue
+            number = int(block[rows[0]])
+            places = self._places(int(tree[rows[0]]), number)
+            step = np.clip((knot[rows] - number * SPAN).astype(np.int64), 0, SPAN - 1)
+            share = (knot[rows] - number * SPAN - step)[:, None, None]
+            which = self.cut.piece[piece[rows]]
+            low, high = places[step, which], places[step + 1, which]
+            at[rows], rate[rows] = low + share * (high - low), KNOTS * (high - low)
+        stands = self.scene.transform[self.cut.count + piece]
+        return _joined(stands, at), np.einsum("rij,rjk->rik", stands[:, :, :3], rate)
+
+    def _at(self, block: int, trees: np.ndarray) -> tuple[np.ndarray, PieceWindow]:
+        """The pieces (P,) of trees, by their rows, for a window of time, and what casts rays at them."""
+        if self._last is not None and self._last[0] == block:
+            _, known, pieces, window = self._last
+            if np.isin(trees, known).all():
+                return pieces, window
+            trees = np.union1d(trees, known)
+        pieces = np.concatenate([self._of_tree[row] for row in trees.tolist()])
+        local = np.concatenate(
+            [
+                self._places(int(self._trees[row]), block)[:, self.cut.piece[self._of_tree[row]]]
+                for row in trees.tolist()
+            ],
+            axis=1,
+        )
+        stands = self.scene.transform[self.cut.count + pieces]
+        places = np.stack([_joined(stands, one) for one in local])
+        mesh = self.scene.mesh_index[self.cut.count + pieces] - self._first
+        window = self._window(mesh, places)
+        self._last = block, trees, pieces, window
+        return pieces, window
+
+    def _places(self, tree: int, block: int) -> np.ndarray:
+        """(SPAN + 1, G, 3, 4) of a tree's pieces in its own frame; kept."""
+        key = (tree, block)
+        if key not in self._placed:
+            while len(self._placed) >= max(KEPT, 2 * len(self._trees)):
+                self._placed.pop(next(iter(self._placed)))
+            self._placed[key] = self._sway.places(tree, block * SPAN + np.arange(SPAN + 1))
+        return self._placed[key]
+
+    def _box(self, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Box in the world that a tree never leaves."""
+        mesh = self.scene.mesh_index[self.cut.count + pieces]
+        some_low, some_high = boxes_of(tuple(self.scene.meshes[m] for m in mesh)).swapaxes(0, 1)
+        every = np.zeros((int(self.cut.piece[pieces].max()) + 1, 2, 3))
+        every[self.cut.piece[pieces], 0], every[self.cut.piece[pieces], 1] = some_low, some_high
+        most = self._sway.most(int(self.cut.tree[pieces[0]]), every[:, 0], every[:, 1])
+        stands = self.scene.transform[self.cut.count + pieces[0]]
+        size = float(np.linalg.norm(stands[:, :3], ord=2))
+        low, high = some_low.min(axis=0), some_high.max(axis=0)
+        middle, half = (low + high) / 2, (high - low) / 2
+        centre = stands[:, :3] @ middle + stands[:, 3]
+        out = np.abs(stands[:, :3]) @ half + size * most
+        return centre - out, centre + out
+
+
+def _engine_of(
+    cut: SwayingScene, make: Callable[[SceneGeometry], RayCaster], engine: MakeEngine | None
+) -> MakeWindow:
+    meshes = cut.scene.meshes[len(cut.read.meshes) + 1 :]
+    return PieceByPiece(meshes, make) if engine is None else engine(meshes)
+
+
+def _joined(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
+    """(R, 3, 4) of going through the inner and then the outer transforms (R, 3, 4)."""
+    found = np.einsum("rij,rjk->rik", outer[:, :, :3], inner)
+    found[:, :, 3] += outer[:, :, 3]
+    return found
+
+
+def _different(values: np.ndarray) -> list[int]:
+    """The different ones of whole numbers that lie near each other, ascending."""
+    if not len(values):
+        return []
+    low = int(values.min())
+    if int(values.max()) - low > 10 * len(values):
+        return sorted(set(values.tolist()))
+    return (low + np.flatnonzero(np.bincount(values - low))).tolist()
+
+
+def _among(hits: Hits, mine: np.ndarray, first: int) -> Hits:
+    """Hits whose numbers count from ``first``; -1 where they are not of those."""
+    return replace(hits, instance=np.where(mine & hits.found, hits.instance - first, -1))
+
+
+def _renumbered(hits: Hits, pieces: np.ndarray) -> Hits:
+    """Hits numbered by a window's pieces."""
+    order = np.argsort(pieces)
+    row = np.minimum(np.searchsorted(pieces[order], hits.instance), len(pieces) - 1)
+    same = (hits.instance >= 0) & (pieces[order[row]] == hits.instance)
+    return replace(hits, instance=np.where(same, order[row], -1))

@@ -1,0 +1,111 @@
+"""Scans of trees in the wind: where pulses meet them, held to the trees' own motion."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from forest_addon import api as forest
+from forest_addon.stand.wind.sway import sway_of
+
+SCAN = forest.Terrestrial(
+    position=(0, 0, 1.5),
+    angle_step_deg=1.5,
+    elevation_deg=(-10, 60),
+    pulse_rate=3000.0,
+    max_range=60.0,
+)
+STAND = forest.Scene(
+    seed=4,
+    forest=forest.Forest(size=(16.0, 16.0)),
+    plantings=(
+        forest.Planting(species="scots-pine", expected=4.0, variants=1),
+        forest.Planting(species="maple", expected=5.0, variants=1, scale=(0.8, 1.2)),
+    ),
+)
+WINDY = STAND.changed(wind=forest.Wind(speed=9.0, direction_deg=30.0))
+
+
+def built(scene):
+    return forest.build(scene)
+
+
+@pytest.fixture(scope="module")
+def windy():
+    return built(WINDY)
+
+
+@pytest.fixture(scope="module")
+def result(windy):
+    return windy.scan(SCAN)
+
+
+def test_what_was_met_is_where_the_wind_has_it(windy, result):
+    """Against the trees' own motion, member by member, which the pieces stand for."""
+    cloud, motion = result.found, result.motion
+    sway = sway_of(windy.forest, WINDY.wind, WINDY.seed)
+    tree, leaf = result.labels["tree"], result.labels["leaf"]
+    ours = np.flatnonzero((tree >= 0) & (leaf < 0))
+    assert len(ours) > 100
+    row = np.array([sway.number[int(t)] for t in tree[ours]])
+    stands = windy.forest.transforms()[row]
+    rest = motion["rest"][ours]
+    own = np.einsum("rij,rj->ri", np.linalg.inv(stands[:, :, :3]), rest - stands[:, :, 3])
+    away = cloud.position[ours] - rest
+    for number in np.unique(row):
+        mine = np.flatnonzero(row == number)
+        held = sway.anchors_of(int(number), own[mine], np.full(len(mine), -1))
+        time = cloud.time[ours][mine]
+        told = sway.displacement(row[mine], held, time)
+        top = np.linalg.norm(sway.displacement(row[mine], held, time), axis=1).max()
+        off = np.linalg.norm(away[mine] - told, axis=1)
+        assert np.quantile(off, 0.95) < 0.01 + 0.03 * top
+    assert np.linalg.norm(away, axis=1).max() > 0.02
+    fast = np.linalg.norm(motion["velocity"][ours], axis=1)
+    assert 0.01 < fast.max() < 10
+    ground = tree < 0
+    assert not motion["velocity"][ground].any()
+
+
+def test_the_engines_agree_and_the_audit_holds(result):
+    assert result.audit.kept
+    assert result.audit.checked > 20
+    other = built(WINDY.changed(rays=forest.Rays(engine="bvhtree"))).scan(SCAN)
+    assert np.array_equal(other.found.pulse, result.found.pulse)
+    assert np.abs(other.found.true_range - result.found.true_range).max() < 1e-5
+    same = other.found.returns.instance == result.found.returns.instance
+    assert same.mean() > 0.999
+    assert np.allclose(other.motion["velocity"], result.motion["velocity"], atol=1e-3)
+
+
+def test_any_moment_alone_is_the_same(result):
+    """The second half of the pulses alone, and the same seed in another world."""
+    again = built(WINDY).scan(SCAN)
+    assert np.array_equal(again.points, result.points)
+    from forest_addon.sensing.lidar.scan import Scan
+
+    observer = built(WINDY).observer
+    observer.prepare(SCAN)
+    work = Scan(SCAN, observer.eyes(SCAN), WINDY.seed)
+    half = work.look(work.pulses // 2, work.pulses)
+    late = result.found.pulse >= work.pulses // 2
+    assert np.array_equal(half.position, result.found.position[late])
+
+
+def test_without_wind_nothing_changes_and_other_sensors_say_so():
+    still = built(STAND).scan(SCAN)
+    calm = built(STAND.changed(wind=forest.Wind(speed=0.0, turbulence=0.1))).scan(SCAN)
+    assert np.array_equal(still.points, calm.points)
+    assert calm.motion == {}
+    row = built(WINDY).scan(forest.Tractor(position=(-8, 0, 1), track=2.0))
+    assert any("trees stand still" in words for words in row.warnings)
+
+
+def test_a_later_frame_is_a_later_moment():
+    world = built(WINDY)
+    first = world.scan(SCAN)
+    bpy.context.scene.frame_set(bpy.context.scene.frame_start + 48)
+    later = world.scan(SCAN)
+    assert not np.array_equal(first.points, later.points)
+    bpy.context.scene.frame_set(bpy.context.scene.frame_start)
+    assert np.array_equal(world.scan(SCAN).points, first.points)

@@ -1,0 +1,212 @@
+"""Rays among pieces that move: closed forms of a plate and a pole, engines of single pieces, and time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from forest_addon.base.trimesh import OTHER, WOOD, TriMesh, join
+from forest_addon.growth.mesh.tubes import tube
+from forest_addon.sensing.rays.exact import ExactCaster
+from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.sensing.rays.moving import MovingCaster
+from forest_addon.sensing.rays.pieces import cut
+from forest_addon.sensing.rays.swaying import KNOTS, SPAN, SwayingCaster
+
+SPEED, TURN = 0.8, 0.3  # m/s along x, rad/s about y
+FAR = 10.0
+
+
+class Lean:
+    """A tree in two pieces: below z = 0 it stands, above it moves along x and its way bends with x."""
+
+    number = {7: 0}  # noqa: RUF012
+
+    def moves(self, tree):
+        return tree == 0
+
+    def pieces(self, _tree, mesh):
+        return (mesh.vertices[mesh.triangles].mean(axis=1)[:, 2] > 0).astype(np.int64)
+
+    def places(self, _tree, knot):
+        time = np.asarray(knot) / KNOTS
+        found = np.tile(np.eye(3, 4), (len(time), 2, 1, 1))
+        found[:, 1, 0, 3] = -SPEED * time
+        found[:, 1, 0, 2] = TURN * time  # leans, without turning: what is linear in time
+        return found
+
+    def most(self, _tree, _low, _high):
+        return 1e3
+
+
+def plate():
+    """A wall across x of 2 m in rows of 0.1 m, its upper half a piece of its own."""
+    z = np.linspace(-1, 1, 21)
+    corners = np.stack(
+        [np.column_stack([0 * z, 0 * z - 1, z]), np.column_stack([0 * z, 0 * z + 1, z])], axis=1
+    )
+    first = 2 * np.arange(20)[:, None]
+    rows = np.concatenate([first + np.array(way) for way in ((0, 1, 3), (0, 3, 2))])
+    return TriMesh.of_part(corners.reshape(-1, 3), rows, WOOD)
+
+
+def scene(mesh, tree=7):
+    wall = TriMesh.of_part(
+        np.array([[40.0, -99, -99], [40, 99, -99], [40, 0, 99]]), np.array([[0, 1, 2]]), OTHER
+    )
+    place = np.stack([np.eye(3, 4), np.eye(3, 4)])
+    place[0, 0, 3] = FAR
+    return SceneGeometry(
+        (mesh, wall),
+        place,
+        np.array([0, 1]),
+        ("tree", "wall"),
+        np.array([tree, -1]),
+        np.array([0, -1]),
+    )
+
+
+def caster(geometry, sway=None):
+    made = cut(geometry, sway or Lean())
+    still = MovingCaster(made.still, {}, ExactCaster)
+    return SwayingCaster(made, sway or Lean(), still, ExactCaster)
+
+
+def fan(count=400, seed=1):
+    rng = np.random.default_rng(seed)
+    aim = np.column_stack([np.full(count, FAR), rng.uniform(-1.2, 1.2, (count, 2))])
+    return (
+        np.zeros((count, 3)),
+        aim / np.linalg.norm(aim, axis=1, keepdims=True),
+        rng.uniform(0, 4, count),
+    )
+
+
+def test_a_leaning_plate_is_met_where_it_is():
+    """x = FAR + (TURN t) z - SPEED t above z = 0: a plane, so the range is a closed form."""
+    rays = caster(scene(plate()))
+    origin, way, time = fan()
+    hits = rays.cast(origin, way, time=time)
+    # x = FAR - SPEED t + TURN t z with x = s wx, z = s wz
+    upper = (FAR - SPEED * time) / (way[:, 0] - TURN * time * way[:, 2])
+    lower = FAR / way[:, 0]
+    top, side = upper * way[:, 2], np.abs(upper * way[:, 1])
+    meets_upper = (top > 0) & (top < 1) & (side < 1)
+    meets_lower = (
+        (lower * way[:, 2] <= 0) & (lower * way[:, 2] > -1) & (np.abs(lower * way[:, 1]) < 1)
+    )
+    expected = np.where(meets_upper, upper, np.where(meets_lower, lower, 40.0 / way[:, 0]))
+    edge = (np.abs(top) < 0.01) | (np.abs(top - 1) < 0.01) | (np.abs(side - 1) < 0.01)
+    edge |= np.abs(np.abs(lower * way[:, 1]) - 1) < 0.01
+    edge |= np.abs(lower * way[:, 2] + 1) < 0.01
+    # Both neighbours have the triangles of the seam, 0.1 m to both sides of z = 0.
+    sure = ~edge & ~((np.abs(top) < 0.12) | (np.abs(lower * way[:, 2]) < 0.12))
+    assert meets_upper[sure].sum() > 50
+    assert meets_lower[sure].sum() > 50
+    assert np.abs(hits.distance - expected)[sure].max() < 1e-9
+    points = hits.distance[:, None] * way
+    velocity, rest = rays.velocities(points, hits.instance, time)
+    ours = sure & meets_upper
+    closed = np.zeros((ours.sum(), 3))
+    closed[:, 0] = -SPEED + TURN * points[ours, 2]
+    assert np.abs(velocity[ours] - closed).max() < 1e-9
+    assert np.abs(rest[ours, 0] - FAR).max() < 1e-9
+    assert not velocity[sure & ~meets_upper].any()
+    instance, triangle = rays.known(hits.instance, hits.triangle)
+    assert set(instance[sure].tolist()) == {0, 1}
+    middle = plate().vertices[plate().triangles[triangle[ours]]].mean(axis=1)
+    assert np.abs(middle[:, 2] - rest[ours, 2]).max() < 0.07
+
+
+def test_any_order_and_company_gives_the_same():
+    rays, (origin, way, time) = caster(scene(plate())), fan()
+    whole = rays.cast(origin, way, time=time)
+    order = np.random.default_rng(2).permutation(len(time))
+    for rows in np.array_split(order, 7):
+        part = rays.cast(origin[rows], way[rows], time=time[rows])
+        assert np.array_equal(part.distance, whole.distance[rows])
+        assert np.array_equal(part.instance, whole.instance[rows])
+
+
+def test_chained_rays_and_limits():
+    """What is left is not met again, what is beyond or before a limit does not count."""
+    rays, (origin, way, time) = caster(scene(plate())), fan()
+    hits = rays.cast(origin, way, time=time)
+    first = np.flatnonzero(hits.distance < 20)
+    behind = rays.cast(
+        origin[first],
+        way[first],
+        time=time[first],
+        min_distance=hits.distance[first],
+        leaving=hits.select(first),
+    )
+    assert (behind.distance > hits.distance[first]).all()
+    assert np.isclose(behind.distance, 40.0 / way[first, 0]).mean() > 0.7  # the seam is twice there
+    near = rays.cast(origin, way, hits.distance - 1e-6, time=time)
+    assert not near.found[first].any()
+    over = rays.cast(origin, way, time=time, min_distance=15.0)
+    assert (over.distance > 15).all()
+    nowhere = rays.cast(np.full((3, 3), np.nan), np.eye(3), time=np.zeros(3))
+    assert not nowhere.found.any()
+
+
+def test_trees_of_other_numbers_and_dead_ones_stand():
+    origin, way, time = fan()
+    stands = caster(scene(plate(), tree=3))
+    plain = ExactCaster(scene(plate())).cast(origin, way)
+    assert np.array_equal(stands.cast(origin, way, time=time).distance, plain.distance)
+
+
+def test_no_ray_slips_between_pieces_of_a_pole():
+    """A closed tube bends in eight pieces: rays at its axis meet its near side, never the inside of it."""
+
+    class Bend(Lean):
+        def pieces(self, _tree, mesh):
+            z = mesh.vertices[mesh.triangles].mean(axis=1)[:, 2]
+            return np.clip((z + 4).astype(np.int64), 0, 7)
+
+        def places(self, _tree, knot):
+            time = np.asarray(knot)[:, None] / KNOTS
+            found = np.tile(np.eye(3, 4), (len(time), 8, 1, 1))
+            tilt = 0.004 * np.arange(8) * np.sin(time)  # a rotation about y, to first order
+            found[:, :, 0, 2], found[:, :, 2, 0] = tilt, -tilt
+            found[:, :, 0, 3] = -np.cumsum(
+                np.diff(tilt, axis=1, prepend=0) * (np.arange(8) - 4), axis=1
+            )
+            return found
+
+    line = np.column_stack([np.zeros((33, 2)), np.linspace(-4, 4, 33)])
+    mesh = TriMesh.of_part(*tube(line, np.full(33, 0.2), 24), WOOD)
+    rays = caster(scene(mesh), Bend())
+    rng = np.random.default_rng(5)
+    time = np.sort(rng.uniform(0.5, 1.5, 20_000))
+    aim = np.column_stack(
+        [np.full(len(time), FAR), np.zeros(len(time)), rng.uniform(-3.5, 3.5, len(time))]
+    )
+    origin = np.column_stack([np.zeros((len(time), 2)), aim[:, 2]])
+    hits = rays.cast(origin, aim - origin, time=time)
+    assert np.abs(hits.distance - (FAR - 0.2)).max() < 0.1
+
+
+def test_windows_join():
+    """On both sides of the end of a window a plate is at the same place."""
+    rays = caster(scene(plate()))
+    end = SPAN / KNOTS
+    time = np.array([end - 1e-12, end, end + 1e-12])
+    way = np.tile([1.0, 0.0, 0.05], (3, 1))
+    found = rays.cast(np.zeros((3, 3)), way, time=time).distance
+    assert np.ptp(found) < 1e-9
+
+
+@pytest.mark.parametrize("parts", [1, 3])
+def test_labels_go_with_pieces(parts):
+    one = plate()
+    mesh = join([one] * parts)
+    made = cut(scene(mesh), Lean())
+    assert len(made.piece) == 2
+    for number, rows in enumerate(
+        made.triangle[len(made.read.meshes) + 1 :], len(made.read.meshes) + 1
+    ):
+        whole = mesh.vertices[mesh.triangles[rows]]
+        own = made.scene.meshes[number]
+        assert np.array_equal(own.vertices[own.triangles], whole)

@@ -1,0 +1,73 @@
+"""Bars of a running job wherever it can be stopped, and views that are drawn once while work goes on."""
+
+from types import SimpleNamespace
+
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from ui.test_panels import Layout, drawn
+
+from forest_addon.blender.jobs import Job
+from forest_addon.ui.sensors.panels import FOREST_PT_sensor_data
+from forest_addon.ui.shell import pace, progress, running
+
+
+@pytest.fixture
+def job(monkeypatch):
+    """A job that runs, half done."""
+    job = Job("Run Sensor", (None for _ in ()))
+    job.label, job.share = "cloud", 0.5
+    monkeypatch.setattr(running, "_current", job)
+    return job
+
+
+class Bars(Layout):
+    """Notes progress bars, too."""
+
+    def _inner(self, heading="", **_):
+        return type(self)(self.seen)
+
+    row = column = box = split = grid_flow = _inner
+
+    def progress(self, factor, text):
+        self.seen.append(f"[{factor:.0%}] {text}")
+
+
+def test_run_row_grow_row_properties_and_status_bar_show_the_job(built, job, monkeypatch):
+    monkeypatch.setattr(Layout, "progress", Bars.progress, raising=False)
+    seen = drawn()
+    assert seen.count("[50%] cloud 50%") == 2
+    assert "All" not in seen
+    thing = bpy.data.objects["cloud"]
+    place = SimpleNamespace(object=thing, scene=bpy.context.scene)
+    seen = []
+    FOREST_PT_sensor_data.draw(SimpleNamespace(layout=Bars(seen)), place)
+    assert "[50%] cloud 50%" in seen
+    shown = []
+    workspace = SimpleNamespace(status_text_set=shown.append)
+    progress.show_job(SimpleNamespace(workspace=workspace), job)
+    seen = []
+    shown[0](SimpleNamespace(layout=Bars(seen)), bpy.context)
+    assert seen == ["Run Sensor", "[50%] cloud 50%", "", "Esc: cancel"]
+    job.over = True
+    assert progress.how_far(job) == "Run Sensor is stopping"
+
+
+@pytest.mark.parametrize(
+    ("took", "ago", "rough"),
+    [(1.0, 0.5, True), (1.0, 5.0, False), (0.05, 0.01, False)],
+)
+def test_slow_views_that_are_being_smoothed_are_drawn_once_and_smoothed_again(
+    took, ago, rough, monkeypatch
+):
+    system = bpy.context.preferences.system
+    system.viewport_aa = "8"
+    bpy.context.preferences.is_dirty = False
+    monkeypatch.setattr(pace, "_took", took)
+    monkeypatch.setattr(pace, "_ended", pace.time.perf_counter() - ago)
+    pace.rough_edges()
+    assert system.viewport_aa == ("OFF" if rough else "8")
+    pace.usual_edges()
+    assert system.viewport_aa == "8"
+    assert not bpy.context.preferences.is_dirty
