@@ -14,8 +14,6 @@ from ...command import LOCK, Command, refuse_negative
 if TYPE_CHECKING:
     from ..validation.page import Subject
 
-STUDIES = ("sim-to-real", "ablations")
-
 
 class StudyCommand(Command):
     name = "study"
@@ -23,11 +21,12 @@ class StudyCommand(Command):
     description = (
         "sim-to-real: make plots, learn stems and wood from them, and tell them in real clouds, beside "
         "learning from real clouds and published rules. ablations: the same of plots made without one "
-        "thing at a time (noise, sub-rays, dead branches, ...). Needs forest-sensing[study]."
+        "thing at a time (noise, sub-rays, dead branches, ...). tree-tasks: stem map, DBH and height by "
+        "3DFin, which stands in an environment of its own. The first two need forest-sensing[study]."
     )
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("study", choices=STUDIES)
+        parser.add_argument("study", choices=tuple(WORK))
         parser.add_argument(
             "--data",
             type=Path,
@@ -41,11 +40,17 @@ class StudyCommand(Command):
             help="LAS files of yours, with FOR-instance's fields: classification 4 is stem",
         )
         parser.add_argument(
-            "--plots", type=int, metavar="N", help="default 12; of each ablation, default 6"
+            "--plots", type=int, metavar="N", help="default 12; of the other studies 6"
         )
         parser.add_argument("--seeds", type=int, default=3, metavar="N", help="default 3")
         parser.add_argument("--seed", type=int, default=1, help="seed of the plots (default 1)")
         parser.add_argument("--out", type=Path, metavar="DIR", help="of results, default out/STUDY")
+        parser.add_argument(
+            "--tool",
+            default="3DFin",
+            metavar="PROGRAM",
+            help="of tree-tasks: 3DFin's program in its environment (default 3DFin)",
+        )
         parser.add_argument(
             "--docs", type=Path, metavar="DIR", help="also write its part of DIR/validation.md"
         )
@@ -70,9 +75,7 @@ class StudyCommand(Command):
         from ..validation.run import VARIABLE, keep_subject, tell_subject, write_page
 
         said = chosen.data or (Path(os.environ[VARIABLE]) if VARIABLE in os.environ else None)
-        part, seconds = (
-            _ablations(chosen, said) if chosen.study == "ablations" else _study(chosen, said)
-        )
+        part, seconds = WORK[chosen.study](chosen, said)
         keep_subject(part, chosen.out / part.name)
         tell_subject(part, seconds, print)
         if chosen.docs:
@@ -98,3 +101,15 @@ def _ablations(chosen: argparse.Namespace, data: Path | None) -> tuple[Subject, 
     began = time.process_time()
     found = run_ablations(data, chosen.out, chosen.plots, chosen.seeds, chosen.seed)
     return ablation_subject(found, chosen.out), time.process_time() - began
+
+
+def _tasks(chosen: argparse.Namespace, data: Path | None) -> tuple[Subject, float]:
+    from ..sim_to_real.task_page import task_subject
+    from ..sim_to_real.tasks import run_tasks
+
+    began = time.process_time()
+    found = run_tasks(chosen.tool, data, chosen.out, chosen.plots, chosen.seed)
+    return task_subject(found, chosen.out), time.process_time() - began
+
+
+WORK = {"sim-to-real": _study, "ablations": _ablations, "tree-tasks": _tasks}
