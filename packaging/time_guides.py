@@ -1,9 +1,9 @@
 """Plays the tutorials and writes what they take: ``python packaging/time_guides.py [PAGE ...]``.
 
-A tutorial is a page of docs/guide. Its blocks of Python, and of commands (``sh``), are played in the order in
-which they stand, in a folder that holds the shipped ``assets`` and a tree as STL. Each page runs in a process of
-its own; its CPU time, memory and files are written below its title, and into the table of docs/guide/tasks.md.
-Tests play the pages by ``play``.
+A tutorial is a page of docs/guide. Its blocks of Python, and of commands (``sh``), are played in the order
+in which they stand, in a folder that holds the shipped ``assets`` and a tree as STL. Each page runs in a
+process of its own; its CPU time, memory and files are written below its title, and into the table of
+docs/guide/tasks.md. Tests play the pages by ``play``.
 """
 
 from __future__ import annotations
