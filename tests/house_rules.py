@@ -78,7 +78,17 @@ WINGS: dict[str, dict[str, set[str]]] = {
     },
 }
 SENSORS = ("lidar", "sonar", "reverb")
-BLENDER = {"bpy", "mathutils", "bmesh", "gpu", "gpu_extras", "bpy_extras", "bl_ui", "addon_utils"}
+BLENDER = {
+    "bpy",
+    "mathutils",
+    "bmesh",
+    "gpu",
+    "gpu_extras",
+    "bpy_extras",
+    "bl_ui",
+    "bl_operators",
+    "addon_utils",
+}
 NUMBERS = {"numpy", "scipy"}
 # Packages of others that a room may import, beside the standard library.
 PACKAGES: dict[str, set[str]] = {
@@ -107,7 +117,18 @@ PACKAGES: dict[str, set[str]] = {
     "forest_addon/api": NUMBERS | {"bpy", "matplotlib", "pandas", "xarray"},
     "forest_addon/flight": NUMBERS | {"gymnasium", "matplotlib"},
     "forest_addon/ui": NUMBERS
-    | {"aud", "blf", "bpy", "bpy_extras", "gpu", "gpu_extras", "imbuf", "mathutils"},
+    | {
+        "aud",
+        "bl_operators",
+        "bl_ui",
+        "blf",
+        "bpy",
+        "bpy_extras",
+        "gpu",
+        "gpu_extras",
+        "imbuf",
+        "mathutils",
+    },
     "headless": NUMBERS | {"bpy", "matplotlib", "tqdm"},
     "headless/accuracy": NUMBERS | {"matplotlib"},
     "headless/commands": NUMBERS | {"bpy", "matplotlib"},
@@ -115,7 +136,8 @@ PACKAGES: dict[str, set[str]] = {
     | {"bpy", "dask", "distributed", "laspy", "matplotlib", "tomli_w", "tqdm"},
     "headless/report": NUMBERS | {"PIL", "bpy", "matplotlib"},
     "headless/studies": NUMBERS
-    | {"bpy", "laspy", "mathutils", "matplotlib", "pgeof", "pyhelios", "sklearn", "tlseparation"},
+    | {"bpy", "laspy", "mathutils", "matplotlib", "pgeof", "pyhelios", "sklearn", "tlseparation"}
+    | {"tomli_w"},
 }
 NETWORK = {"socket", "http", "urllib", "requests", "ftplib", "ssl", "smtplib", "aiohttp"}
 LONGEST_FILE, LARGEST_FOLDER, LONGEST_FUNCTION, MOST_PARAMETERS = 400, 24, 60, 8

@@ -148,7 +148,8 @@ class SensorKind:
     choose : what is left to "auto", chosen. left_out : what a finding left out, and the bound on that.
     thinned : settings, as a table, by which one of so many of its pulses is sent; None: it has none.
     look : what it needs of trees, where their detail is left to "auto".
-    glance : a coarse image of what it sees, fast enough to be live; None: it has no eyes.
+    glance : a coarse image of what it sees or hears, fast enough to be live; None: there is none.
+    listens : whether that is what it hears, wherever one wants to listen.
     family : "lidar", "sonar", "reverb", or a word of its own.
 
     As an object in the view: help : what it is, in a sentence. icon, colour : Blender's name, linear RGBA.
@@ -172,6 +173,7 @@ class SensorKind:
     thinned: Callable[[Any, float], dict[str, Any]] | None = None
     look: Callable[[Any], SensorLook] = look_at_leaves
     glance: Callable[[Observation], Any] | None = None
+    listens: bool = False
     family: str = ""
     help: str = ""
     icon: str = "DOT"

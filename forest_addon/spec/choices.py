@@ -42,8 +42,8 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "points": ("Points", "One object with a point a tree: a hundred thousand stay light"),
     },
     "sprouting": {
-        "apex": ("At the Tip", "Daughters fork where their mother ends"),
-        "along": ("Along", "Daughters leave their mother at random places along it"),
+        "apex": ("At the Tip", "Daughters fork where their parent ends"),
+        "along": ("Along", "Daughters leave their parent at random places along it"),
     },
     "shape": {
         "ellipse": ("Ellipse", "An oval blade"),
@@ -157,9 +157,14 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
     },
     "pattern": {
         "lines": ("Lines", "A turning mirror: straight lines, all in one direction"),
+        "fans": (
+            "Three Fans",
+            "A turning mirror: lines downwards, ahead and back, one after the other",
+        ),
         "zigzag": ("Zigzag", "A swinging mirror: to and fro"),
         "circles": ("Circles", "A tilted turning mirror: a cone around straight down"),
         "spinning": ("Spinning", "Several beams, one above the other, turn about the upright"),
+        "rosette": ("Rosette", "A beam turns about the upright and swings up and down meanwhile"),
     },
     "beam": _PATTERNS,
     "hearing": {"same": ("As the Call", "Ears hear as the mouth sends"), **_PATTERNS},

@@ -98,7 +98,7 @@ class Crown(Settings):
     )
     collar: float = param(
         0.0,
-        help="how much thicker a branch is where it leaves its mother; 0: no collars",
+        help="how much thicker a branch is where it leaves its parent; 0: no collars",
         ge=0,
         le=2,
     )

@@ -55,6 +55,8 @@ APPLIES: dict[str, tuple[str, tuple[str, ...]]] = {
     "head_file": ("heard_as", ("binaural",)),
     "head_azimuth_deg": ("heard_as", ("ambisonics", "binaural")),
     "channels": ("pattern", ("spinning",)),
+    "fan_deg": ("pattern", ("fans",)),
+    "petals": ("pattern", ("rosette",)),
 }
 
 

@@ -173,6 +173,19 @@ class Planting(Settings):
     scale: tuple[float, float] = param(
         (0.85, 1.15), help="smallest and largest size factor of a tree", gt=0, le=100
     )
+    age: float = param(
+        1.0,
+        help="age over that of the species as it is written: diameters grow in proportion; of trees grown to "
+        "measure that of 1.3 m, and all else as their kind was measured",
+        ge=0.2,
+        le=3,
+    )
+    season: float = param(
+        0.0,
+        help="0: summer; to 0.5 leaves turn their colour, to 1 they fall; evergreens stay at 0",
+        ge=0,
+        le=1,
+    )
     targets: Targets | None = param(
         None, help="what its trees are to measure, in place of the species' own and of scale"
     )

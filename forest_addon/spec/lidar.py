@@ -232,19 +232,34 @@ class MovingScanner(Scanner):
 
     pattern: str = param(
         "lines",
-        help="how the beam sweeps: parallel lines (rotating mirror), a zigzag (oscillating mirror), circles "
-        "(a cone about nadir), or several channels that spin about the vertical",
-        choices=("lines", "zigzag", "circles", "spinning"),
+        help="how the beam sweeps: parallel lines (rotating mirror), three fans in turn (downwards, ahead, "
+        "back), a zigzag (oscillating mirror), circles (a cone about nadir), several channels that spin "
+        "about the vertical, or a rosette (a head that turns while its beam swings up and down)",
+        choices=("lines", "fans", "zigzag", "circles", "spinning", "rosette"),
     )
     field_deg: tuple[float, float] = param(
         (-30.0, 30.0),
         unit="deg",
-        help="from, to; from nadir, right positive (circles: to is the cone's angle; spinning: elevation)",
+        help="from, to; from nadir, right positive (circles: to is the cone's angle; spinning, rosette: "
+        "elevation)",
         ge=-180,
         le=180,
     )
     line_rate: float = param(100.0, unit="Hz", help="lines, or turns, a second", gt=0, le=1e6)
     channels: int = param(16, help="beams one above the other (spinning)", ge=1, le=1024)
+    fan_deg: float = param(
+        10.0,
+        unit="deg",
+        help="angle ahead and back of the second and third fan (fans)",
+        ge=0,
+        le=80,
+    )
+    petals: float = param(
+        12.7,
+        help="swings up and down in a turn of the head; a whole number repeats every turn (rosette)",
+        gt=0,
+        le=1e5,
+    )
     mount_deg: tuple[float, float, float] = param(
         (0.0, 0.0, 0.0),
         unit="deg",

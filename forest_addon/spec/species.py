@@ -24,20 +24,20 @@ class Grammar(Settings):
     )
     length: float = param(2.0, unit="m", help="length of the first internode", gt=0, le=100)
     side_ratio: float = param(
-        0.62, help="length of a side branch's first internode over its mother's", gt=0, le=2
+        0.62, help="length of a side branch's first internode over its parent's", gt=0, le=2
     )
     centre_ratio: float = param(
         0.826, help="length of an internode over the one before it on the same axis", gt=0, le=2
     )
     angle_deg: float = param(
-        50.0, unit="deg", help="angle between a side branch and its mother", ge=0, le=180
+        50.0, unit="deg", help="angle between a side branch and its parent", ge=0, le=180
     )
     twist_deg: float = param(
-        -43.75, unit="deg", help="turn about the mother axis per internode", ge=-180, le=180
+        -43.75, unit="deg", help="turn about the parent axis per internode", ge=-180, le=180
     )
     radius: float = param(0.04, unit="m", help="radius at the foot of the trunk", gt=0, le=10)
     radius_ratio: float = param(
-        0.7, help="radius of a side branch over its mother's at the fork", gt=0, le=1
+        0.7, help="radius of a side branch over its parent's at the fork", gt=0, le=1
     )
 
     def check(self) -> None:
@@ -169,17 +169,17 @@ class Honda(Settings):
         Normal(mean=0.1, sd=0.01), unit="m", help="per tree: radius at the trunk's foot"
     )
     length_ratio: Normal = param(
-        Normal(mean=0.75, sd=0.03), help="per tree: length of a daughter over her mother's"
+        Normal(mean=0.75, sd=0.03), help="per tree: length of a daughter over its parent's"
     )
     radius_ratio: Normal = param(
-        Normal(mean=0.6, sd=0.03), help="per tree: radius of a daughter over her mother's"
+        Normal(mean=0.6, sd=0.03), help="per tree: radius of a daughter over its parent's"
     )
     sprouting: str = param(
         "apex",
-        help="where daughters leave their mother: at its tip, or at random places along it",
+        help="where daughters leave their parent: at its tip, or at random places along it",
         choices=("apex", "along"),
     )
-    bare: float = param(0.15, help="share of a mother without daughters (along)", ge=0, le=0.99)
+    bare: float = param(0.15, help="share of a parent without daughters (along)", ge=0, le=0.99)
     cone: float = param(
         0.0, help="how much shorter the last daughter is than the first (along)", ge=0, le=0.99
     )
@@ -190,16 +190,16 @@ class Honda(Settings):
         None, help="how many the trunk bears; left out: as any branch"
     )
     angle_deg: Normal = param(
-        Normal(mean=40.0, sd=5.0), unit="deg", help="per branch: angle to its mother"
+        Normal(mean=40.0, sd=5.0), unit="deg", help="per branch: angle to its parent"
     )
     twist_deg: Normal = param(
         Normal(mean=137.5, sd=8.0),
         unit="deg",
-        help="per branch: turn about the mother, from one daughter to the next (along), or of all "
-        "daughters, which stand evenly around the tip, against their mother's plane (apex)",
+        help="per branch: turn about the parent, from one daughter to the next (along), or of all "
+        "daughters, which stand evenly around the tip, against their parent's plane (apex)",
     )
     leader_ratio: float = param(
-        0.0, help="length of a straight leader at the apex over its mother's; 0: none", ge=0, le=2
+        0.0, help="length of a straight leader at the apex over its parent's; 0: none", ge=0, le=2
     )
     pieces: int = param(4, help="straight pieces of a branch", ge=1, le=64)
     crook_deg: Normal = param(

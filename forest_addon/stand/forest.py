@@ -15,6 +15,7 @@ from ..growth.measured.wanted import TARGETS, Kind
 from ..growth.mesh.blades import Blade
 from ..growth.mesh.leaves import Leaves, join_leaves
 from ..growth.regrow.fitted import Habit
+from ..growth.seasons import aged, fallen, in_season, with_fallen
 from ..growth.tree import Tree, grow
 from ..growth.truth import crown_base, crown_width, leaf_angles, wood_of_tree
 from ..spec import Allometry, Choice, Scene, Species
@@ -112,6 +113,10 @@ class ForestPlan:
         ValueError, SpecError : as ``plan_stand`` and ``with_targets``.
         """
         inputs = inputs or Inputs()
+        species = [
+            (in_season(aged(kind, planting.age), planting.season), template)
+            for (kind, template), planting in zip(species, scene.plantings, strict=True)
+        ]
         if scene.accuracy.relief:
             species = [(with_relief(kind), template) for kind, template in species]
         stand = plan_stand(scene.seed, scene.forest, scene.plantings, inputs)
@@ -124,10 +129,14 @@ class ForestPlan:
         own, templates = self.species[planting]
         species = species or own
         target = self.measured.variants.get((planting, variant))
-        if self.grown and target is None:
-            return self.grown(planting, variant, species)
         name = labels(self.scene.plantings)[planting]
-        return grow(species, templates, stream(self.scene.seed, "tree", name, variant), target)
+        if self.grown and target is None:
+            tree = self.grown(planting, variant, species)
+        else:
+            rng = stream(self.scene.seed, "tree", name, variant)
+            tree = grow(species, templates, rng, target)
+        share = fallen(self.scene.plantings[planting].season)
+        return with_fallen(tree, share, stream(self.scene.seed, "tree", name, variant, "fall"))
 
     def grow(self, progress: Progress | None = None) -> GrownForest:
         """Grow the variants that occur in the stand and sink their feet into the ground."""

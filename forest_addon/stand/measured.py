@@ -175,8 +175,10 @@ def _groups(
         key = first_key(seed, "stand", names[number], "measures")
         keys = daughter_keys(np.repeat(key, len(rows)), stand.number[rows])
         given = np.tile(given_by(targets), (len(rows), 1))
-        dbh = draw_dbh(targets, keys)
-        mine = draw_dbh(targets, daughter_keys(np.repeat(key, len(hand)), stand.number[hand]))
+        dbh = planting.age * draw_dbh(targets, keys)
+        mine = planting.age * draw_dbh(
+            targets, daughter_keys(np.repeat(key, len(hand)), stand.number[hand])
+        )
         said = told_of(planting, stand.number[hand], "diameter")
         hands = np.where(np.isfinite(said), said, mine)
         dbh = hands if alone else dbh

@@ -65,15 +65,28 @@ def _classes() -> tuple[type, ...]:
 def _rooms() -> tuple[ModuleType, ...]:
     """Return what has classes, menus or handlers; panels in the order in which they stand."""
     from . import overlay, properties
-    from .forest import build, by_hand, gallery, live, new_file, painting, scene_file, start, tree
+    from .forest import (
+        build,
+        by_hand,
+        gallery,
+        hand_edits,
+        live,
+        new_file,
+        painting,
+        planting,
+        scene_file,
+        start,
+        tree,
+        wind_view,
+    )
     from .forest import lists as forest_lists
     from .forest import panels as forest_panels
-    from .results import export, frames, names, show, swatches
+    from .results import export, frames, names, show, shown, swatches
     from .results import panel as results_panel
     from .sensors import add, flight, instruments, look_through, run, things
     from .sensors import lists as sensors_lists
     from .sensors import panels as sensors_panels
-    from .settings import command, hills, manual, migration, preferences
+    from .settings import command, hills, manual, migration, preferences, presets
     from .shell import chosen, languages, pace, running
     from .species import edit, import_stl, library, pictures
     from .species import panel as species_panel
@@ -90,13 +103,15 @@ def _rooms() -> tuple[ModuleType, ...]:
             run,
             look_through,
             show,
+            shown,
             export,
             frames,
             names,
             swatches,
         ),
         preferences,
+        presets,
         *(forest_panels, by_hand, sensors_panels, flight, results_panel),
-        *(overlay, edit, import_stl, library, species_panel),
-        *(chosen, hills, painting, live, command, manual, migration),
+        *(overlay, edit, import_stl, library, species_panel, wind_view),
+        *(chosen, hills, painting, hand_edits, planting, live, command, manual, migration),
     )

@@ -243,6 +243,29 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
                 description="A circle in the view for every hill: move and scale it, copy it, delete it",
                 update=_renew_hills,
             ),
+            "plant_radius": FloatProperty(
+                name="Brush Radius",
+                description="Of the disc that Plant by Hand plants or clears",
+                subtype="DISTANCE",
+                default=3.0,
+                min=0.05,
+                max=1000.0,
+                soft_max=30.0,
+            ),
+            "plant_density": FloatProperty(
+                name="Density (/m²)",
+                description="Trees on a square metre that a dragged brush fills up to",
+                default=0.1,
+                min=1e-4,
+                max=100.0,
+                soft_max=2.0,
+                precision=3,
+            ),
+            "plant_grows": BoolProperty(
+                name="Grow at Once",
+                description="Grow the forest after each stroke; else by Grow Forest",
+                default=True,
+            ),
             "live": BoolProperty(
                 name="Live",
                 description="Grow the forest anew whenever a setting, a hill, a painting or the terrain "

@@ -10,6 +10,8 @@ from forest_addon.spec import SpecError
 
 from ..command import Command
 
+CONVERTED = ("semantic-kitti", "s3dis", "coco-panoptic")
+
 
 class DatasetCommand(Command):
     name = "dataset"
@@ -24,6 +26,7 @@ examples:
   python -m headless dataset my.toml --out data             on all cores; again: goes on
   python -m headless dataset my.toml --out data --scheduler tcp://host:8786
   python -m headless dataset my.toml --out data --slurm partition=cpu,jobs=40,memory=8GB
+  python -m headless dataset --convert data --to semantic-kitti --out kitti
   python -m headless dataset --check data                   every hash, every label
   python -m headless dataset my.toml --set count=20 --set scene.sensors[tls].angle_step_deg=0.5
 
@@ -51,6 +54,15 @@ Exit code 4: some scenes could not be made; manifest.csv says why."""
         parser.add_argument(
             "--replace", action="store_true", help="make scenes anew whose settings changed"
         )
+        parser.add_argument(
+            "--convert", type=Path, metavar="DIR", help="write a made dataset in another format"
+        )
+        parser.add_argument(
+            "--to",
+            metavar="FORMAT",
+            choices=CONVERTED,
+            help="of --convert: " + ", ".join(CONVERTED),
+        )
         parser.add_argument("--check", type=Path, metavar="DIR", help="verify a dataset")
         parser.add_argument(
             "--shards", type=int, metavar="MB", help="also pack WebDataset tars of this size"
@@ -58,9 +70,13 @@ Exit code 4: some scenes could not be made; manifest.csv says why."""
         parser.add_argument("--quiet", action="store_true", help="say nothing but errors")
 
     def output(self, chosen: argparse.Namespace) -> Path:
+        if chosen.convert is not None:
+            if chosen.to is None:
+                raise SpecError("--convert", f"needs --to, one of {', '.join(CONVERTED)}")
+            return Path(chosen.out or f"{chosen.convert}-{chosen.to}")
         if chosen.out is None and chosen.check is None:
             if chosen.plan is None:
-                raise SpecError("dataset", "needs a plan, or --check and a folder")
+                raise SpecError("dataset", "needs a plan, or --check or --convert and a folder")
             return Path("out") / Path(chosen.plan).stem
         return Path(chosen.out or chosen.check)
 
@@ -72,6 +88,11 @@ Exit code 4: some scenes could not be made; manifest.csv says why."""
             from ..dataset.check import check_dataset
 
             check_dataset(chosen.check, _say(chosen.quiet))
+            return
+        if chosen.convert is not None:
+            from ..dataset.convert.formats import convert_dataset
+
+            convert_dataset(chosen.convert, chosen.to, chosen.out, _say(chosen.quiet))
             return
         if chosen.workers is not None and chosen.workers < 1:
             raise SpecError("--workers", f"{chosen.workers} is out of range; use at least 1")

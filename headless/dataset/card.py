@@ -13,32 +13,21 @@ from typing import Any
 from forest_addon.formats.atomic import replacing
 
 from . import disk
+from .convert.legend import write_names
 from .labels import FILES, LIMITS
 from .plan import SPLITS, Plan, Recipe
 from .versions import versions
 
-LOADER = '''"""Scenes of this dataset by number, as arrays. Clouds that are LAZ need laspy, all else numpy."""
-import csv, json, pathlib, numpy as np
-
-class Scenes:
-    def __init__(self, root, split="train"):
-        names = (pathlib.Path(root) / "splits" / f"{split}.txt").read_text().split()
-        self.folders = [pathlib.Path(root) / "scenes" / name for name in names]
-    def __len__(self):
-        return len(self.folders)
-    def __getitem__(self, index):
-        folder = self.folders[index]
-        arrays = {f.stem: dict(np.load(f)) for f in sorted(folder.glob("*.npz"))}
-        trees = list(csv.DictReader(open(folder / "trees.csv", newline="")))
-        return {"record": json.loads((folder / "scene.json").read_text()), "trees": trees, **arrays}
-'''
+LOADER = Path(__file__).parent / "convert" / "loader.py"  # read, never imported here
+LEGEND = "legend.csv"
 
 
 def write_card(plan: Plan, wanted: Sequence[Recipe], root: Path) -> None:
-    """Write README.md, loader.py, overview.png and varied.png of a dataset."""
+    """Write README.md, loader.py, legend.csv, overview.png and varied.png of a dataset."""
     done = list(disk.scenes_done(root))
     with replacing(root / "loader.py") as text:
-        text.write_text(LOADER, encoding="utf-8")
+        text.write_bytes(LOADER.read_bytes())
+    write_names(root / LEGEND)
     if done:
         from .overview import draw_overview, draw_varied
 
@@ -93,7 +82,8 @@ def card_text(plan: Plan, wanted: Sequence[Recipe], done: Sequence[disk.Done]) -
         "",
         "![What varied](varied.png)",
         "",
-        "`loader.py` reads scenes by number; `manifest.csv` has a row a scene, `splits/` names the scenes "
+        "`loader.py` reads scenes and clouds by number; `legend.csv` explains every column, array and field; "
+        "`manifest.csv` has a row a scene, `splits/` names the scenes "
         "of each "
         "split.",
         "",

@@ -17,6 +17,7 @@ import numpy as np
 from forest_addon.base.trimesh import DEAD, GROUND, LEAF, WOOD
 from forest_addon.formats.atomic import replacing
 from forest_addon.sensing.lidar.cloud import Cloud
+from forest_addon.sensing.lidar.returns import Returns
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Planting
 from forest_addon.stand.forest import GrownForest
@@ -35,10 +36,10 @@ FIELDS = {
 }
 
 
-def orders_of(cloud: Cloud, scene: SceneGeometry, forest: GrownForest) -> np.ndarray:
+def orders_of(found: Returns, scene: SceneGeometry, forest: GrownForest) -> np.ndarray:
     """(P,) int8 branching order of what was met, -1 where it is no grown tree or was changed in Blender."""
-    order = np.full(len(cloud), -1, dtype=np.int8)
-    found, stand = cloud.returns, forest.stand
+    order = np.full(len(found.organ), -1, dtype=np.int8)
+    stand = forest.stand
     row_of = np.full(int(stand.id.max(initial=-1)) + 2, -1)
     row_of[stand.id] = np.arange(len(stand))
     row = row_of[np.where(found.tree < len(row_of) - 1, found.tree, -1)]
@@ -56,7 +57,7 @@ def orders_of(cloud: Cloud, scene: SceneGeometry, forest: GrownForest) -> np.nda
 
 
 def classes_of(
-    cloud: Cloud, order: np.ndarray, plantings: Sequence[Planting]
+    found: Returns, order: np.ndarray, plantings: Sequence[Planting]
 ) -> tuple[np.ndarray, np.ndarray]:
     """(P,) uint8 classes of FOR-instance and (P,) int32 trees, 0 where there is none.
 
@@ -64,8 +65,7 @@ def classes_of(
     lying stems and stumps are low vegetation, young trees are trees. Wood of unknown order, of trees that
     were grafted from templates, is a live branch.
     """
-    found = cloud.returns
-    classes = np.zeros(len(cloud), dtype=np.uint8)
+    classes = np.zeros(len(found.organ), dtype=np.uint8)
     classes[found.organ == GROUND] = TERRAIN
     classes[(found.organ == LEAF) | (found.organ == WOOD)] = LIVE
     classes[found.organ == DEAD] = WOODY
@@ -100,7 +100,7 @@ def write_for_instance(
     las.x, las.y, las.z = place.T
     las.return_number, las.number_of_returns = cloud.number, cloud.count
     las.gps_time = cloud.time
-    las.classification, las["treeID"] = classes_of(cloud, order, plantings)
+    las.classification, las["treeID"] = classes_of(cloud.returns, order, plantings)
     las["organ"], las["order"] = cloud.returns.organ, order
     with replacing(path) as partial, open(partial, "wb") as file:
         las.write(file, do_compress=True)

@@ -30,6 +30,8 @@ FILES = {
     "forest.blend": "the scene in Blender",
     "forest.glb": "the scene as glTF",
     "preview.png": "a render",
+    "preview-segments.png": "what each pixel of the render shows: red + 256 green + 65536 blue is tree of "
+    "trees.csv + 1, times 8, plus the class of FOR-instance; black: sky, or what has no class",
 }
 LIMITS = (
     "Trees are models: grown by grammars or from templates, not measured ones; leaves are flat.",

@@ -91,8 +91,9 @@ def _standing(path: Path) -> list[tuple[float, float]]:
     found = []
     for sensor in tomllib.loads(path.read_text(encoding="utf-8")).get("sensors", []):
         for key in ("position", "source", "receiver"):
-            if key in sensor and sensor["kind"] in ("terrestrial", "sonar", "reverb"):
-                found.append((sensor[key][0], sensor[key][1]))
+            place = sensor.get(key)  # the receiver of a scanner is a table
+            if isinstance(place, list) and sensor["kind"] in ("terrestrial", "sonar", "reverb"):
+                found.append((place[0], place[1]))
     return found
 
 

@@ -172,7 +172,7 @@ def make(recipe: Recipe, folder: Path, session: Session) -> dict[str, Any]:
     for sensor in settings.sensors:
         _observe(work, sensor, settings, observer, keep, (cells, forest))
     with work.stage("write"):
-        _write_blender(settings, keep, folder)
+        _write_blender(settings, keep, folder, observer, forest)
         write_settings(folder / "scene.toml", settings)
         variants = _digests(forest)
     return {
@@ -259,7 +259,7 @@ def _observe(
         return
     if keep.for_instance:
         with work.stage("write"):
-            order = orders_of(found, observer.geometry, forest)
+            order = orders_of(found.returns, observer.geometry, forest)
             path = folder / f"{sensor.name}-forinstance.laz"
             write_for_instance(path, found, order, settings.plantings, settings.offset)
     with work.stage("occlusion"):
@@ -275,7 +275,9 @@ def _observe(
             write_npz(folder / f"{sensor.name}-hidden.npz", arrays, {"distance": "m"})
 
 
-def _write_blender(settings: Scene, keep: Keep, folder: Path) -> None:
+def _write_blender(
+    settings: Scene, keep: Keep, folder: Path, observer: Observer, forest: GrownForest
+) -> None:
     """Write what Blender itself writes; only what is asked for is imported."""
     if not (keep.blend or keep.glb or keep.preview):
         return
@@ -296,6 +298,12 @@ def _write_blender(settings: Scene, keep: Keep, folder: Path) -> None:
             export_glb(scene, folder / "forest.glb")
         if keep.preview:
             render(scene, settings.output, folder / "preview.png", lambda done, total: None)
+    if keep.preview:
+        from .convert.panoptic import SEGMENTS
+        from .convert.segments import write_segments
+
+        seen = observer.caster, forest, settings.plantings
+        write_segments(folder / SEGMENTS, scene, *seen)
 
 
 def _no_trees(settings: Scene, forest: GrownForest) -> dict[str, str]:

@@ -135,7 +135,10 @@ class Keep(Settings):
     leaves: bool = param(False, help="leaves.npz, the truth of every leaf")
     blend: bool = param(False, help="forest.blend")
     glb: bool = param(False, help="forest.glb")
-    preview: bool = param(False, help="preview.png, a render by Cycles")
+    preview: bool = param(
+        False,
+        help="preview.png, a render by Cycles, and preview-segments.png: class and tree of each pixel",
+    )
 
 
 class Running(Settings):

@@ -108,7 +108,7 @@ def test_a_user_finds_named_inputs(empty_blender, cloud):
     sockets = [i for i in group.interface.items_tree if i.in_out == "INPUT"]
     assert [socket.name for socket in sockets] == [
         *("Geometry", "Radius", "Colour By", "Colour Map", "Show Share"),
-        *("Lowest", "Highest", "Material"),
+        *("Lowest", "Highest", "Shown From", "Shown To", "Far Points", "Material"),
     ]
     assert all(socket.description for socket in sockets)
     shown = [n for n in group.nodes if n.type not in ("GROUP_INPUT", "GROUP_OUTPUT")]

@@ -90,9 +90,9 @@ def scenario(steps: Steps) -> Scenario:
     settings.display = "LIGHT"
 
     steps.step("a scan of full trees")
-    bpy.data.objects["cloud"].forest_sensor.terrestrial.angle_step_deg = 1.0
-    press("forest.run", sensor="cloud", sure=True)
-    yield from wait_for(lambda: "cloud" in settings.results and idle(), 240, "a cloud")
+    bpy.data.objects["tripod"].forest_sensor.terrestrial.angle_step_deg = 1.0
+    press("forest.run", sensor="tripod", sure=True)
+    yield from wait_for(lambda: "tripod" in settings.results and idle(), 240, "a cloud")
     yield from settle()
     assert settings.display == "LIGHT"
 
@@ -100,7 +100,7 @@ def scenario(steps: Steps) -> Scenario:
     settings.seed += 1
     press("forest.build")
     yield from grown(240)
-    result = settings.results["cloud"]
+    result = settings.results["tripod"]
     assert result.stale
     assert len(bpy.data.objects[result.shown].data.vertices) > 100
 
@@ -109,7 +109,7 @@ def scenario(steps: Steps) -> Scenario:
     yield from settle()
     place = yield from find_button("forest.run(again=True", 0.9, 0.75)
     click(*place)
-    yield from wait_for(lambda: not settings.results["cloud"].stale and idle(), 240, "the scan")
+    yield from wait_for(lambda: not settings.results["tripod"].stale and idle(), 240, "the scan")
     yield from settle()
 
     steps.step("a cloud of a reopened file is exported")
@@ -118,8 +118,8 @@ def scenario(steps: Steps) -> Scenario:
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     bpy.ops.wm.open_mainfile(filepath=str(path))
     yield 2
-    count = len(bpy.data.objects[props().results["cloud"].shown].data.vertices)
-    press("forest.export_result", invoke=False, result="cloud", filepath=str(OUT / "again.ply"))
+    count = len(bpy.data.objects[props().results["tripod"].shown].data.vertices)
+    press("forest.export_result", invoke=False, result="tripod", filepath=str(OUT / "again.ply"))
     assert f"element vertex {count}\n".encode() in (OUT / "again.ply").read_bytes()[:4000]
     path.unlink()
 

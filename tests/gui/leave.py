@@ -26,8 +26,8 @@ def scenario(steps: Steps) -> Scenario:
     yield from wait_for(
         lambda: "forest" in bpy.context.scene.forest_sensing.results and idle(), 120, "the forest"
     )
-    bpy.data.objects["cloud"].forest_sensor.terrestrial.angle_step_deg = 0.02
-    press("forest.run", sensor="cloud", sure=True)
+    bpy.data.objects["tripod"].forest_sensor.terrestrial.angle_step_deg = 0.02
+    press("forest.run", sensor="tripod", sure=True)
     yield 4
     assert not idle()
     steps.end()

@@ -33,6 +33,7 @@ def image():
 def scenario(steps: Steps) -> Scenario:
     steps.step("a forest")
     yield from open_tab("Forest")
+    bpy.data.objects.remove(bpy.data.objects["Cube"])  # the forest would stand beside it
     press("forest.start", preset="demo", grow=True)
     yield 0.3
     props = bpy.context.scene.forest_sensing
@@ -40,7 +41,7 @@ def scenario(steps: Steps) -> Scenario:
     yield from settle()
 
     steps.step("one click looks through its tripod")
-    tripod = bpy.data.objects["cloud"]
+    tripod = bpy.data.objects["tripod"]
     bpy.ops.object.select_all(action="DESELECT")
     tripod.select_set(True)
     bpy.context.view_layer.objects.active = tripod
@@ -79,6 +80,23 @@ def scenario(steps: Steps) -> Scenario:
     place = yield from find_button("forest.look_through", 0.9, 0.1)
     click(*place)
     yield from wait_for(lambda: eye() is None, 10, "the end")
+
+    steps.step("a sonar's ears at the 3D cursor")
+    bpy.ops.object.select_all(action="DESELECT")
+    echo = bpy.data.objects["bat"]
+    echo.select_set(True)
+    bpy.context.view_layer.objects.active = echo
+    bpy.context.scene.cursor.location = (8.0, 14.0, 1.5)
+    yield from settle()
+    place = yield from find_button("forest.look_through", 0.9, 0.1)
+    click(*place)
+    yield from wait_for(lambda: eye() is not None and eye().found is not None, 60, "an image")
+    first = eye().found.level
+    yield from settle()
+    bpy.context.scene.cursor.location.x += 2.0
+    yield from wait_for(lambda: eye().found.level is not first, 30, "another image")
+    print(f"FIGURE ears at the cursor: {1e3 * eye().seconds:.0f} ms", flush=True)
+    yield from settle()
 
 
 play(scenario, OUT)

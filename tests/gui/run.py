@@ -27,6 +27,8 @@ SCENARIOS = {  # and where their pictures are
     "large": OUT / "large",
     "looking": OUT / "looking",
     "working": OUT / "working",
+    "planting": OUT / "planting",
+    "road": OUT / "road",
     "leave": OUT / "leave",
 }
 STARTS = 5

@@ -137,7 +137,7 @@ def a_broken_overlay_stays_alone() -> Scenario:
     yield 1
     assert not overlay._broken
     assert len(overlay.outlines._batches) == 4
-    assert any(batch is not None for batch in overlay.points._batches.values())
+    assert any(overlay.points._batches.values())
     for thing in (*added, curve):
         bpy.data.objects.remove(thing)
 
@@ -146,18 +146,18 @@ def a_copy_is_chosen(area: bpy.types.Area, main: bpy.types.Region) -> Scenario:
     """Copy the echo as Shift-D does, see that list and buttons mean the copy, and remove it."""
     from bl_ext.user_default.forest_sensing.forest_addon.ui.shell.chosen import chosen_sensor
 
-    window, echo = view()[0], bpy.data.objects["echo"]
+    window, echo = view()[0], bpy.data.objects["bat"]
     things = echo.users_collection[0].objects
     props().active_sensor = list(things).index(echo)
     with bpy.context.temp_override(window=window, area=area, region=main):
         bpy.ops.object.duplicate()
     yield 0.5
-    assert things[props().active_sensor].name == "echo.001"
-    assert chosen_sensor(bpy.context).name == "echo.001"
+    assert things[props().active_sensor].name == "bat.001"
+    assert chosen_sensor(bpy.context).name == "bat.001"
     press("forest.remove_sensor", invoke=False)
     yield 0.5
-    assert "echo" in bpy.data.objects
-    assert "echo.001" not in bpy.data.objects
+    assert "bat" in bpy.data.objects
+    assert "bat.001" not in bpy.data.objects
 
 
 def one_tree() -> Scenario:
@@ -171,10 +171,10 @@ def demo_with_results() -> Scenario:
     """A new file with the demo forest, its species taken in for editing, and what each sensor finds."""
     press("forest.new", invoke=False, preset="demo")
     yield from wait_for(lambda: len(trees()) > 10 and idle(), 120, "the demo")
-    bpy.data.objects["cloud"].forest_sensor.terrestrial.angle_step_deg = 1.0
+    bpy.data.objects["tripod"].forest_sensor.terrestrial.angle_step_deg = 1.0
     yield 1
     press("forest.run", frames="THIS", sure=True)
-    wanted = ("cloud", "echo", "reverb", "scan")
+    wanted = ("tripod", "bat", "clap", "tractor")
     yield from wait_for(lambda: all(map(done, wanted)) and idle(), 240, "results")
     press("forest.edit_species", invoke=False)
     props().advanced = True
@@ -197,16 +197,16 @@ def newcomer(steps: Steps) -> Scenario:
     yield 1
 
     steps.step("a scan is under way, the view can be turned")
-    scanner = bpy.data.objects["cloud"].forest_sensor.terrestrial
+    scanner = bpy.data.objects["tripod"].forest_sensor.terrestrial
     scanner.angle_step_deg = 0.05  # long enough to be stopped on any machine
     yield 1
     still = yield from orbit(1)
-    press("forest.run", sensor="cloud")
+    press("forest.run", sensor="tripod")
     yield 0.5
     assert idle()  # it is large, and asks first
     key("Escape", at=(main.x + main.width // 3, main.y + main.height // 2))
     yield 1
-    press("forest.run", sensor="cloud", sure=True)
+    press("forest.run", sensor="tripod", sure=True)
     yield 0.5
     assert not idle()
     before = area.spaces[0].region_3d.view_matrix.copy()
@@ -216,11 +216,11 @@ def newcomer(steps: Steps) -> Scenario:
 
     steps.step("Escape stops it")
     yield from stop("a scan")
-    assert not done("cloud")
+    assert not done("tripod")
     scanner.angle_step_deg = 0.25
 
     steps.step("Escape stops an echo and a reverb that are exact")
-    for name, kind in (("echo", "sonar"), ("reverb", "reverb")):
+    for name, kind in (("bat", "sonar"), ("clap", "reverb")):
         settings = getattr(bpy.data.objects[name].forest_sensor, kind)
         usual, settings.tolerance = settings.tolerance, 0
         press("forest.run", sensor=name)
@@ -231,12 +231,12 @@ def newcomer(steps: Steps) -> Scenario:
     yield 1
 
     steps.step("scan all round")
-    yield from run("cloud")
+    yield from run("tripod")
     steps.step("ping")
-    yield from run("echo")
-    assert props().results["echo"].picture is not None
+    yield from run("bat")
+    assert props().results["bat"].picture is not None
     steps.step("clap")
-    yield from run("reverb")
+    yield from run("clap")
 
     steps.step("a scanner that follows a curve, beside what else is drawn")
     yield from a_broken_overlay_stays_alone()
@@ -245,11 +245,11 @@ def newcomer(steps: Steps) -> Scenario:
     yield from a_copy_is_chosen(area, main)
 
     steps.step("a frame range asks first")
-    props().active_sensor = list(bpy.data.objects["cloud"].users_collection[0].objects).index(
-        bpy.data.objects["cloud"]
+    props().active_sensor = list(bpy.data.objects["tripod"].users_collection[0].objects).index(
+        bpy.data.objects["tripod"]
     )
     before = set(props().results.keys())
-    press("forest.run_frames", sensor="cloud")
+    press("forest.run_frames", sensor="tripod")
     yield 1.5
     assert idle()
     key("Escape", at=(main.x + main.width // 3, main.y + main.height // 2))
@@ -262,10 +262,10 @@ def newcomer(steps: Steps) -> Scenario:
     assert not {"FOREST_OT_run", "FOREST_OT_build"} & again  # neither redone nor repeated
 
     steps.step("the echo in the Image Editor")
-    press("forest.show_picture", result="echo")
+    press("forest.show_picture", result="bat")
     yield 2
     shown = next(a for a in bpy.context.screen.areas if a.type == "IMAGE_EDITOR")
-    assert shown.spaces.active.image == props().results["echo"].picture
+    assert shown.spaces.active.image == props().results["bat"].picture
 
     steps.step("back to the view")
     with bpy.context.temp_override(window=window, area=shown):
@@ -277,7 +277,7 @@ def newcomer(steps: Steps) -> Scenario:
     places = sorted(tuple(tree.location) for tree in trees())
     props().seed += 1
     press("forest.build")
-    yield from wait_for(lambda: idle() and props().results["reverb"].stale, 60, "the new forest")
+    yield from wait_for(lambda: idle() and props().results["clap"].stale, 60, "the new forest")
     yield 1
     assert sorted(tuple(tree.location) for tree in trees()) != places
 

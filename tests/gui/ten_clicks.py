@@ -95,7 +95,7 @@ def newcomer(steps: Steps) -> Scenario:
 
     steps.step("Run All")
     place = yield from find_button("forest.run(frames=", 0.65)
-    wanted = {"forest", "scan", "cloud", "echo", "reverb"}
+    wanted = {"forest", "tractor", "tripod", "bat", "clap"}
     yield from press(place, lambda: results() == wanted and idle(), 400, "what the sensors find")
 
     steps.step("down to the results")
@@ -105,11 +105,11 @@ def newcomer(steps: Steps) -> Scenario:
     count.end()
 
     steps.step("the echo as a picture")
-    place = yield from find_button('forest.show_picture(result="echo")', *ICONS)
-    yield from press(place, lambda: "echo" in shown_picture(), 20, "the picture of the echo")
+    place = yield from find_button('forest.show_picture(result="bat")', *ICONS)
+    yield from press(place, lambda: "bat" in shown_picture(), 20, "the picture of the echo")
 
     steps.step("the reverb as a picture")
-    wanted = 'forest.show_picture(result="reverb")'
+    wanted = 'forest.show_picture(result="clap")'
     place = yield from seek(wanted, *ICONS)
     if place is None:  # the view has become lower
         count.begin()
@@ -117,7 +117,7 @@ def newcomer(steps: Steps) -> Scenario:
         yield from settle()
         count.end()
         place = yield from find_button(wanted, *ICONS)
-    yield from press(place, lambda: "reverb" in shown_picture(), 20, "the picture of the reverb")
+    yield from press(place, lambda: "clap" in shown_picture(), 20, "the picture of the reverb")
 
     told = f"{count.clicks} clicks, {count.seconds:.0f} s"
     print(f"FIGURE from enable to cloud, echo and reverb: {told}", flush=True)

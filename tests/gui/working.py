@@ -55,7 +55,7 @@ def grow() -> Scenario:
 
 def begin() -> Scenario:
     """Have a fine scan run."""
-    press("forest.run", sensor="cloud", sure=True)
+    press("forest.run", sensor="tripod", sure=True)
     yield from wait_for(lambda: running() is not None and running().left is not None, 60, "a time")
     yield 0.5
 
@@ -63,7 +63,7 @@ def begin() -> Scenario:
 def stopped(what: str, ending: Ending) -> Scenario:
     yield from wait_for(lambda: ending.known and running() is None, 60, "the end")
     print(f"FIGURE {what}: {ending.over:.2f} s, its thread {ending.ended:.2f} s", flush=True)
-    assert "cloud" not in props().results
+    assert "tripod" not in props().results
     yield 0.3
 
 
@@ -93,7 +93,7 @@ def scenario(steps: Steps) -> Scenario:
     bpy.context.preferences.system.viewport_aa = "FXAA"
 
     steps.step("bars in the sidebar, in Properties and in the status bar")
-    scanner = bpy.data.objects["cloud"]
+    scanner = bpy.data.objects["tripod"]
     scanner.forest_sensor.terrestrial.angle_step_deg = FINE
     with bpy.context.temp_override(window=window, area=area, region=main):
         bpy.ops.object.select_all(action="DESELECT")
@@ -139,7 +139,7 @@ def scenario(steps: Steps) -> Scenario:
     scanner.forest_sensor.terrestrial.angle_step_deg = 1.0
     place = yield from find_button("forest.run(frames=", 0.65)
     click(*place)
-    names = {"scan", "cloud", "echo", "reverb"}
+    names = {"tractor", "tripod", "bat", "clap"}
     yield from wait_for(
         lambda: names <= set(props().results.keys()) and running() is None, 240, "all results"
     )

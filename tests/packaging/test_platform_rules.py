@@ -152,6 +152,8 @@ def test_what_is_imported_is_ours_or_in_the_zip_or_in_blender(code, wheels):
     known |= {
         "bpy",
         "bmesh",
+        "bl_operators",
+        "bl_ui",
         "bpy_extras",
         "mathutils",
         "gpu",

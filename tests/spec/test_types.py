@@ -30,6 +30,8 @@ NEEDED = {
     "Planting": {"species": "maple", "expected": 3},
     "Law": {"intercept": 1, "slope": 1, "low": -1, "high": 1, "dbh": (0.1, 0.5), "trees": 9},
     "Gaussian": {"centre": (0, 0), "width": (1, 1)},
+    "HandTree": {"position": (0, 0)},
+    "Clearing": {"position": (0, 0)},
     "Raster": {"file": "a.png"},
     "Distance": {"species": "a", "other": "b", "distance": 2},
     "Stems": {"count": 3},

@@ -85,6 +85,10 @@ class Layout:
     def template_icon_view(self, group, name, show_labels, scale, scale_popup):
         assert group.bl_rna.properties[name].type == "ENUM"
 
+    def popover(self, panel, text="", icon="NONE"):
+        assert hasattr(bpy.types, panel)
+        self._known_icon(icon)
+
     def separator(self):
         pass
 
@@ -98,6 +102,8 @@ def drawn(context=None):
     context = context or bpy.context
     seen = []
     for panel in (cls for cls in ui._classes() if issubclass(cls, bpy.types.Panel)):
+        if panel.bl_region_type == "HEADER":  # Blender draws the files of presets
+            continue
         if not hasattr(panel, "poll") or panel.poll(context):
             canvas = SimpleNamespace(layout=Layout(seen), which=getattr(panel, "which", ""))
             for part in ("draw_header_preset", "draw"):

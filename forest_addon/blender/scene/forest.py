@@ -44,6 +44,7 @@ from .placing import WantedObject, put
 from .ready import ReadyForest
 from .standing import SHAPE_KEY, Coat, KeptStanding, fingerprint, has_own_mesh
 from .standings import SPECIES_KEY, TREE_KEY
+from .stood import STOOD_KEY, note_stood, told_of_tree
 
 MANY = 1000  # trees; where there are more, they are points unless the settings say otherwise
 SHOWN_IN_FULL = (
@@ -78,7 +79,7 @@ def build(
     standing = KeptStanding.of(scene)
     edited = next((thing.name for thing in standing.things.values() if thing.mode == "EDIT"), "")
     if edited:
-        raise ValueError(f'"{edited}" is being edited; leave Edit Mode, then build again')
+        raise ValueError(f'"{edited}" is being edited; leave Edit Mode, then grow the forest again')
     with all_or_nothing():
         plan = _Plan(as_assets=as_assets, ready=ready or ReadyForest())
         _fill(plan, scene, standing, settings.forest, forest, terrain)
@@ -94,6 +95,8 @@ def build(
     if POINTS_ROLE in things:
         libraries = part(scene, VARIANTS), part(scene, OUTLINES)
         give_instancer(things[POINTS_ROLE], *libraries, light=plan.light)
+    if plan.labels:
+        note_stood(scene, forest)
     if GROUND_ROLE in things:
         show_near(things[GROUND_ROLE], settings.forest, terrain)
     _stands[scene.session_uid] = weakref.ref(forest)
@@ -247,7 +250,8 @@ def _trees(
     for tree, place in enumerate(forest.transforms()):
         planting, number = int(stand.species[tree]), int(stand.id[tree])
         label = forest.labels[planting]
-        name, says = f"{label} {number:04d}", {TREE_KEY: number, SPECIES_KEY: planting}
+        name, stood = f"{label} {number:04d}", told_of_tree(forest, tree)
+        says = {TREE_KEY: number, SPECIES_KEY: planting, STOOD_KEY: stood}
         mesh = meshes[variant[tree]]
         yield WantedObject(TREES, f"{TREES}/{name}", name, mesh, label, place, says)
 

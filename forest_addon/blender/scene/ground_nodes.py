@@ -6,12 +6,17 @@ to a little outside of it; renders show all of it, and whoever measures reads wi
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import bpy
 
 from ... import spec
-from ...stand.intensity.terrain import GroundSurface
-from .nodes import VIEW_KEY, set_input
+from .layout import GROUND_NAME, find_part
+from .nodes import VIEW_KEY, input_of, set_input
 from .ours import is_local
+
+if TYPE_CHECKING:
+    from ...stand.intensity.terrain import GroundSurface
 
 GROUP = "Forest Sensing Ground"
 LOW, HIGH = "Shown From", "Shown To"
@@ -36,10 +41,25 @@ def show_near(thing: bpy.types.Object, field: spec.Forest, terrain: GroundSurfac
         modifier = thing.modifiers.new(GROUP, "NODES")
         modifier.node_group = _group()
         thing[VIEW_KEY] = True
-    around = min(field.margin, AROUND * max(field.size))
     for name, way, extent in ((LOW, -1.0, (0.0, 0.0)), (HIGH, 1.0, field.size)):
-        corner = [o + e + way * around for o, e in zip(field.origin, extent, strict=True)]
+        corner = [o + e + way * around(field) for o, e in zip(field.origin, extent, strict=True)]
         set_input(modifier, name, (*corner, 0.0))
+
+
+def around(field: spec.Forest) -> float:
+    """Metres of flat ground that views show around a field."""
+    return min(field.margin, AROUND * max(field.size)) if field.margin > FAR else field.margin
+
+
+def shown_corners(scene: bpy.types.Scene) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    """The lower and upper corner, x and y, of the ground that views show; None where they show all."""
+    home = find_part(scene, GROUND_NAME)
+    for thing in home.objects if home is not None else ():
+        modifier = next((m for m in thing.modifiers if m.type == "NODES" and _is_ours(m)), None)
+        if modifier is not None and modifier.show_viewport:
+            low, high = (tuple(input_of(modifier, name)[:2]) for name in (LOW, HIGH))
+            return low, high
+    return None
 
 
 def _is_ours(modifier: bpy.types.Modifier) -> bool:

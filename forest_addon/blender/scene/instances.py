@@ -75,11 +75,11 @@ def points_mesh(
 def ranks(names: Sequence[str], others: Sequence[str]) -> np.ndarray:
     """Return which place each of ours has in a library where ``others`` are too, as geometry nodes count
     them."""
-    order = sorted([*names, *others], key=_natural)
+    order = sorted([*names, *others], key=natural)
     return np.array([order.index(name) for name in names], dtype=np.int64)
 
 
-def _natural(name: str) -> list[str | int]:
+def natural(name: str) -> list[str | int]:
     """A key to sort by as Blender does: numbers by their size, letters whatever their case."""
     pieces: list[str | int] = list(re.split(r"([0-9]+)", name.lower()))
     pieces[1::2] = [int(number) for number in pieces[1::2]]

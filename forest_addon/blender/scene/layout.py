@@ -20,6 +20,7 @@ PART_KEY = "forest_part"
 CLOUD_KEY = "forest_cloud"  # on points that were found: which sensor found them
 FRAME_KEY = "forest_frame"  # on a mesh of points that is kept: the frame that it was found in
 COLOUR_BY, COLOUR_MAP, RADIUS = "Colour By", "Colour Map", "Radius"  # their menus, their size
+FAR_POINTS = "Far Points"  # beyond the ground that views show
 SHARE = "Show Share"  # of points, of trees: how many a view shows
 ROOT, TREES, VARIANTS, OUTLINES = "Forest", "Trees", "Variants", "Outlines"
 GROUND_NAME, SENSORS, RESULTS, INTENSITY = "Ground", "Sensors", "Results", "Intensity"

@@ -159,6 +159,11 @@ def drawn_input(modifier: bpy.types.Modifier, socket: str) -> tuple[Any, str]:
     return (holder, f'["{key}"]') if holder is modifier else (holder, "value")
 
 
+def input_of(modifier: bpy.types.Modifier, socket: str) -> Any:
+    """The value of an input of a geometry-nodes modifier, by the name of its socket."""
+    return _input(modifier, socket)[0]
+
+
 def set_input(modifier: bpy.types.Modifier, socket: str, value: Any) -> None:
     """Set an input of a geometry-nodes modifier by the name of its socket."""
     _, holder, key = _input(modifier, socket)

@@ -16,10 +16,11 @@ import numpy as np
 from ...base.trimesh import DEAD, GROUND, LEAF, WOOD
 from ...sensing.lidar.cloud import Cloud
 from ...sensing.sonar.ping import Contributions
-from ..scene.layout import CLOUD_KEY, COLOUR_BY, FRAME_KEY
-from ..scene.nodes import choose_input
+from ..scene.ground_nodes import HIGH, LOW, shown_corners
+from ..scene.layout import CLOUD_KEY, COLOUR_BY, FAR_POINTS, FRAME_KEY
+from ..scene.nodes import choose_input, has_input, set_input
 from ..scene.ours import is_ours, make_object, own, settle
-from .cloud_nodes import SCALE, heard_group, points_material, scan_group
+from .cloud_nodes import FARTHEST, SCALE, heard_group, points_material, scan_group
 
 COLOUR_OF_ORGAN = {
     WOOD: (0.30, 0.17, 0.08, 1.0),
@@ -109,6 +110,20 @@ def _show(
         choose_input(modifier, COLOUR_BY, colour_by)
     thing.hide_render = True
     return thing
+
+
+def end_with_ground(thing: bpy.types.Object, scene: bpy.types.Scene) -> int:
+    """Have views show the points over the ground that they show; returns how many lie beyond that."""
+    modifier = next((m for m in thing.modifiers if has_input(m, FAR_POINTS)), None)
+    if modifier is None:  # of an older file, or taken away
+        return 0
+    corners = shown_corners(scene) or ((-FARTHEST, -FARTHEST), (FARTHEST, FARTHEST))
+    for name, corner, height in zip((LOW, HIGH), corners, (-FARTHEST, FARTHEST), strict=True):
+        set_input(modifier, name, (*corner, height))
+    place = np.empty(3 * len(thing.data.vertices), np.float32)
+    thing.data.attributes["position"].data.foreach_get("vector", place)
+    flat, (low, high) = place.reshape(-1, 3)[:, :2], np.array(corners, np.float32)
+    return int(np.count_nonzero(((flat < low) | (flat > high)).any(axis=1)))
 
 
 def rename_cloud(thing: bpy.types.Object, name: str) -> None:

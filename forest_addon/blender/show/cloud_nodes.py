@@ -2,7 +2,8 @@
 
 Mesh vertices go in, points of a point cloud come out, with what colours them stored as the attribute
 ``colour``. A menu chooses a value; numbers (trees, species, objects) get hues of their own, measures a place
-on a scale from the smallest to the largest of *all* points, so that colours stay when some are hidden. A
+on a scale from the smallest to the largest of *all* points, so that colours stay when some are hidden. Of
+what a sonar heard, loud points are large. Views leave out what lies beyond the ground that they show. A
 group is made once a file and then left alone, so whatever is changed in it by hand stays.
 """
 
@@ -14,12 +15,14 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..scene.layout import COLOUR_BY, COLOUR_MAP, RADIUS, SHARE
+from ..scene.ground_nodes import HIGH, LOW
+from ..scene.layout import COLOUR_BY, COLOUR_MAP, FAR_POINTS, RADIUS, SHARE
 from ..scene.materials import coloured_points
 from ..scene.ours import is_local
 
 GROUP, HEARD_GROUP = "Forest Sensing Points", "Forest Sensing Echo Points"
-GROUP_KEY, VERSION = "forest_points", 2  # a group with other sockets than these gets another number
+# A group with other sockets than these gets another number. Of version 2 no points were left out in views.
+GROUP_KEY, VERSION = "forest_points", 3
 MATERIAL = "Forest points"
 LOWEST, HIGHEST, COAT = "Lowest", "Highest", "Material"
 FARTHEST = 10_000.0  # m above and below: all there is
@@ -47,6 +50,7 @@ MAPS: dict[str, tuple[tuple[float, float, float], ...]] = {
     ),
 }
 USUAL_MAP = next(iter(MAPS))
+QUIET, SIZES = -60.0, (0.6, 2.0)  # dB below the loudest; a point's size there and of the loudest
 GOLDEN = 0.6180339887498949  # numbers one after the other get hues far apart
 VIVID, VALUE = 0.75, 0.6  # saturation and value of those hues
 
@@ -113,7 +117,8 @@ def _make(
     group.links.new(colour, paint.inputs["Value"])
     group.links.new(paint.outputs["Geometry"], points.inputs["Mesh"])
     group.links.new(shown, points.inputs["Selection"])
-    group.links.new(draw.start.outputs[RADIUS], points.inputs["Radius"])
+    radius = draw.start.outputs[RADIUS]
+    group.links.new(draw.by_level(radius) if kind == "heard" else radius, points.inputs["Radius"])
     group.links.new(points.outputs["Points"], coat.inputs["Geometry"])
     group.links.new(draw.start.outputs[COAT], coat.inputs["Material"])
     group.links.new(coat.outputs["Geometry"], end.inputs["Geometry"])
@@ -140,6 +145,12 @@ def _sockets(group: bpy.types.NodeTree) -> tuple[Any, Any]:
         limit = new(name, description=f"Points {side} this height are not shown", in_out="INPUT",
                     socket_type="NodeSocketFloat")  # fmt: skip
         limit.subtype, limit.default_value = "DISTANCE", default
+    for name, way in ((LOW, -1.0), (HIGH, 1.0)):
+        corner = new(name, description="Corner of the ground that views show", in_out="INPUT",
+                     socket_type="NodeSocketVector")  # fmt: skip
+        corner.subtype, corner.default_value = "TRANSLATION", (way * FARTHEST,) * 3
+    new(FAR_POINTS, description="Show points beyond that ground in views, too", in_out="INPUT",
+        socket_type="NodeSocketBool")  # fmt: skip
     coat = new(COAT, description="It shows the attribute 'colour'", in_out="INPUT",
                socket_type="NodeSocketMaterial")  # fmt: skip
     coat.default_value = points_material()
@@ -179,7 +190,7 @@ class _Drawing:
         return chosen.outputs[0]
 
     def shown(self) -> bpy.types.NodeSocket:
-        """Return which points are shown: a share of them, within a range of heights."""
+        """Return which points are shown: a share of them, within a range of heights, over the ground."""
         chance = self.node("FunctionNodeRandomValue", "A share of all", 960, 700)
         chance.data_type = "BOOLEAN"
         self._link(self.start.outputs[SHARE], chance.inputs["Probability"])
@@ -189,7 +200,41 @@ class _Drawing:
         below = self._compare("Not above", height, "LESS_EQUAL", high, 960, 900)
         within = self._both("In the range", above, below, 1180, 900)
         sampled = next(s for s in chance.outputs if s.type == "BOOLEAN")
-        return self._both("Is shown", within, sampled, 1400, 700)
+        shown = self._both("Of the share", within, sampled, 1400, 700)
+        return self._both("Is shown", shown, self._near(), 1600, 900)
+
+    def by_level(self, radius: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+        """The size of points by how loud they were."""
+        size = self.node("ShaderNodeMapRange", "Loud is large", 1180, -60)
+        self._link(self._attribute("level", "FLOAT", 960, -60), size.inputs["Value"])
+        for name, value in zip(("From Min", "From Max"), (QUIET, 0.0), strict=True):
+            size.inputs[name].default_value = value
+        for name, value in zip(("To Min", "To Max"), SIZES, strict=True):
+            size.inputs[name].default_value = value
+        scaled = self._maths("Size", "MULTIPLY", radius, 1.0, 1400, -60)
+        self._link(size.outputs["Result"], scaled.node.inputs[1])
+        return scaled
+
+    def _near(self) -> bpy.types.NodeSocket:
+        """Return which points views show: those over the ground that they show, or all."""
+        place = self.node("GeometryNodeInputPosition", "Place", 520, 1280)
+        low = self._corner("After the corner", place.outputs[0], "GREATER_EQUAL", LOW, 740, 1280)
+        high = self._corner("Before the other", place.outputs[0], "LESS_EQUAL", HIGH, 740, 1100)
+        near = self._both("Over the ground", low, high, 960, 1200)
+        viewed = self.node("GeometryNodeIsViewport", "In a view", 960, 1380)
+        all_round = self._both("Elsewhere all", viewed.outputs[0], near, 1180, 1280, "IMPLY")
+        far = self.start.outputs[FAR_POINTS]
+        return self._both("Or wherever", all_round, far, 1400, 1200, "OR")
+
+    def _corner(
+        self, label: str, place: bpy.types.NodeSocket, how: str, corner: str, x: float, y: float
+    ) -> bpy.types.NodeSocket:
+        made = self.node("FunctionNodeCompare", label, x, y)
+        made.data_type, made.mode, made.operation = "VECTOR", "ELEMENT", how
+        one, other = [s for s in made.inputs if s.type == "VECTOR"][:2]
+        self._link(place, one)
+        self._link(self.start.outputs[corner], other)
+        return made.outputs[0]
 
     def _choice(self, words: Sequence[str]) -> tuple[bpy.types.NodeSocket, bpy.types.Node]:
         """The number of the menu's entry, and the value that it names, of which 0 is none."""
@@ -281,8 +326,10 @@ class _Drawing:
         other: bpy.types.NodeSocket,
         x: float,
         y: float,
+        how: str = "AND",
     ) -> bpy.types.NodeSocket:
         made = self.node("FunctionNodeBooleanMath", label, x, y)
+        made.operation = how
         self._link(one, made.inputs[0])
         self._link(other, made.inputs[1])
         return made.outputs[0]

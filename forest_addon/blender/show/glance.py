@@ -17,11 +17,36 @@ GAMMA = 1 / 2.2  # colours are linear, the screen's are not
 Entry = tuple[str, tuple[float, float, float]]
 
 
+def ear_colours(found: Any) -> tuple[np.ndarray, list[Entry]]:
+    """Return colours for the screen (H, W, 3), 0 to 1, of a ``Cochleagram``, one ear above the other, and a
+    legend: texts with colours."""
+    ears, channels, columns = found.level.shape
+    level = np.full((ears * (channels + 1) - 1, columns), np.nan)  # a dark row between ears
+    for ear in range(ears):
+        level[ear * (channels + 1) :][:channels] = found.level[ear]
+    there = np.isfinite(level)
+    if not there.any():
+        return np.tile(np.array(NOTHING) ** GAMMA, (*level.shape, 1)), []
+    low, high = float(level[there].min()), float(level[there].max())
+    colours = _mapped((np.where(there, level, low) - low) / ((high - low) or 1.0))
+    colours = np.where(there[..., None], colours, NOTHING)
+    ends = _mapped(np.array([0.0, 1.0]))
+    legend = [
+        (f"{value:.0f} dB", _screen(end)) for value, end in zip((low, high), ends, strict=True)
+    ]
+    first, last = found.frequency[0] / 1e3, found.frequency[-1] / 1e3
+    axes = f"0–{found.reach:g} m, {first:.0f}–{last:.0f} kHz"
+    return np.clip(colours, 0.0, 1.0) ** GAMMA, [*legend, (axes, (0.7, 0.7, 0.7))]
+
+
 def glance_colours(found: Any, shown: str) -> tuple[np.ndarray, list[Entry]]:
     """Return colours for the screen (H, W, 3), 0 to 1, of a ``Glance``, and a legend: texts with colours.
 
-    Distances are coloured by their logarithm, near ones bright; ``shown``: DISTANCE, BRIGHTNESS or ORGAN.
+    Of a ``Cochleagram`` see ``ear_colours``. Distances are coloured by their logarithm, near ones bright;
+    ``shown``: DISTANCE, BRIGHTNESS or ORGAN.
     """
+    if hasattr(found, "level"):
+        return ear_colours(found)
     there = np.isfinite(found.distance)
     if shown == ORGAN:
         of_part = np.tile(OTHER[:3], (128, 1))

@@ -61,7 +61,7 @@ def legend_of_heard(heard: Contributions) -> list[Entry]:
         return []
     quiet = 20.0 * np.log10(QUIETEST)
     found = [
-        Entry("Loudness", f"{quiet * (1.0 - share):.0f} dB", on_map(USUAL_MAP, share))
+        Entry("Loudness", f"{quiet * (1.0 - share) + 0.0:.0f} dB", on_map(USUAL_MAP, share))
         for share in (1.0, 0.5, 0.0)
     ]
     found += _scaled("Delay", 1e3 * heard.delay, "ms")
@@ -71,11 +71,15 @@ def legend_of_heard(heard: Contributions) -> list[Entry]:
 def _named(
     choice: str, numbers: np.ndarray, names: Sequence[str], colour_of: Callable[[int], Colour]
 ) -> list[Entry]:
-    """The most frequent of these numbers that have a name."""
+    """The most frequent of these numbers that have a name; of several that are called alike, as instances of
+    one object are, the first."""
     there, count = np.unique(numbers, return_counts=True)
     order = there[np.argsort(-count, kind="stable")]
-    known = [int(n) for n in order if 0 <= n < len(names) and names[n]]
-    return [Entry(choice, names[number], colour_of(number)) for number in known[:MOST]]
+    known: dict[str, int] = {}
+    for number in (int(n) for n in order if 0 <= n < len(names) and names[n]):
+        known.setdefault(names[number], number)
+    found = list(known.items())[:MOST]
+    return [Entry(choice, name, colour_of(number)) for name, number in found]
 
 
 def _scaled(choice: str, values: np.ndarray, unit: str) -> list[Entry]:
@@ -85,9 +89,17 @@ def _scaled(choice: str, values: np.ndarray, unit: str) -> list[Entry]:
     ends = np.linspace(float(values.min()), float(values.max()), len(SCALE))
     space = "" if unit == "°" else " "
     return [
-        Entry(choice, f"{value:.3g}{space}{unit}", colour)
-        for value, colour in zip(ends, SCALE, strict=True)
+        Entry(choice, f"{number}{space}{unit}", colour)
+        for number, colour in zip(_in_words(ends), SCALE, strict=True)
     ]
+
+
+def _in_words(values: np.ndarray) -> list[str]:
+    """Numbers as one writes those of a scale: all to the digit that tells neighbours apart, none as -0."""
+    step = float(np.ptp(values)) / (len(values) - 1)
+    digits = int(np.clip(1 - np.floor(np.log10(step)), 0, 12))
+    rounded = np.round(values, digits) + 0.0
+    return [f"{value:,.{digits}f}" for value in rounded]
 
 
 def _of_organ(organ: int) -> Colour:

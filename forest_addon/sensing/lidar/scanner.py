@@ -141,16 +141,28 @@ class Sweep:
         turns = number * scanner.line_rate / scanner.pulse_rate  # whole ones stay whole
         if scanner.pattern == "spinning":
             return self._spinning(number)
+        if scanner.pattern == "rosette":
+            return self._rosette(turns)
         return self._circles(turns) if scanner.pattern == "circles" else self._lines(turns)
 
     def _lines(self, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A fan across the way, swept from left to right, or to and fro."""
+        """A fan across the way, swept from left to right, or to and fro; or three that lean by turns.
+
+        Of three fans, as of a mirror whose facets lean differently, the first line looks down, the second
+        ahead, the third back.
+        """
         line, place = np.divmod(turns, 1.0)
         if self._scanner.pattern == "zigzag":
             place = np.where(line % 2 == 1, 1.0 - place, place)
         angle = self._field[0] + place * (self._field[1] - self._field[0])
-        cos, sin, none = np.cos(angle), np.sin(angle), np.zeros(len(turns))
-        return np.stack([none, -sin, -cos], 1), np.stack([none, -cos, sin], 1), angle
+        cos, sin, lean = np.cos(angle), np.sin(angle), np.zeros(len(turns))
+        if self._scanner.pattern == "fans":
+            lean = (
+                np.deg2rad(self._scanner.fan_deg) * np.array([0.0, 1.0, -1.0])[line.astype(int) % 3]
+            )
+        ahead, down = np.sin(lean), np.cos(lean)
+        way = np.stack([cos * ahead, -sin, -cos * down], 1)
+        return way, np.stack([-sin * ahead, -cos, sin * down], 1), angle
 
     def _circles(self, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A cone about nadir (Palmer scan), clockwise seen from above, from straight ahead on."""
@@ -174,3 +186,13 @@ class Sweep:
         cos, sin = np.cos(turn), np.sin(turn)
         way = np.stack([np.cos(el) * cos, np.cos(el) * sin, np.sin(el)], 1)
         return way, np.stack([sin, -cos, np.zeros(len(number))], 1), el
+
+    def _rosette(self, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A beam that turns clockwise about the vertical and swings, as a sine, over its elevations."""
+        low, high = self._field
+        swing = np.sin(2 * np.pi * self._scanner.petals * turns)
+        el = (low + high) / 2 + (high - low) / 2 * swing
+        turn = -2 * np.pi * turns
+        cos, sin = np.cos(turn), np.sin(turn)
+        way = np.stack([np.cos(el) * cos, np.cos(el) * sin, np.sin(el)], 1)
+        return way, np.stack([sin, -cos, np.zeros(len(turns))], 1), el

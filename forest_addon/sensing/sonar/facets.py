@@ -209,7 +209,7 @@ def share_of_turn(corners: np.ndarray, foot: np.ndarray, normal: np.ndarray) -> 
     ends = corners - foot[:, None]
     following = np.roll(ends, -1, axis=1).reshape(-1, 3)
     turns = _swing(ends.reshape(-1, 3), following, np.repeat(normal, corners.shape[1], axis=0))
-    share = turns.reshape(len(corners), -1).sum(axis=1) / (2.0 * math.pi)
+    share = turns.reshape(corners.shape[:2]).sum(axis=1) / (2.0 * math.pi)
     return np.where(share > 1e-6, share, 0.0)
 
 

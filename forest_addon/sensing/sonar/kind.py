@@ -79,6 +79,12 @@ def _audit(job: Observation, found: Any, seconds: float) -> Audit:
     )
 
 
+def _glance(job: Observation) -> Any:
+    from .glance import listen
+
+    return listen(job, job.seen.once(targets_of))
+
+
 def _trajectory(sonar: Sonar, folder: Path, follower: Follower) -> Trajectory | None:
     """The poses of a route's file, or along what it follows."""
     from ..trajectory import followed
@@ -189,4 +195,6 @@ SONAR = SensorKind(
     icon="OUTLINER_OB_SPEAKER",
     colour=ECHO,
     fixed=_fixed,
+    glance=_glance,
+    listens=True,
 )

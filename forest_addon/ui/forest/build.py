@@ -25,6 +25,8 @@ from ..shell.views import look_at, views
 from ..shell.words import say
 from ..species.edit import edited_species, load
 from . import live
+from .beside import beside_cube
+from .hand_edits import take_up_changes
 from .scene_file import take_scene
 
 DEMO = ASSETS / "scenes" / "demo.toml"
@@ -59,7 +61,9 @@ class FOREST_OT_build(Working, bpy.types.Operator):
         from ..results.finding import keep_forest
 
         demo = forestless(scene.forest_sensing)
-        settings = read_settings(DEMO, Scene) if demo else to_spec(scene)
+        changed = 0 if demo else take_up_changes(scene)
+        given = read_settings(DEMO, Scene) if demo else to_spec(scene)
+        settings = beside_cube(scene, given) if demo else given
         if demo and sensors_of(scene):
             settings = replace(settings, sensors=())  # those that are there are the user's own
         edited = edited_species(scene)
@@ -90,7 +94,8 @@ class FOREST_OT_build(Working, bpy.types.Operator):
                 look_at(area, settings.forest)
         elif first and context.area is not None and context.area.type == "VIEW_3D":
             look_at(context.area, settings.forest)
-        return keep_forest(context, settings, forest, time.perf_counter() - started)
+        said = keep_forest(context, settings, forest, time.perf_counter() - started)
+        return f"{said}; {say('{count} changed by hand', count=changed)}" if changed else said
 
 
 class FOREST_OT_new_seed(InOwnScene, bpy.types.Operator):

@@ -6,11 +6,12 @@ from typing import Any, ClassVar
 
 import bpy
 
-from ..settings.drawing import Tab, draw_settings, split
+from ..settings.drawing import BIG, Tab, draw_settings, split
 from ..settings.lists import Listed, Row, buttons, draw_list, rows
 from ..shell.chosen import chosen, chosen_planting
 from ..shell.words import label
 from .lists import NO_PLANTING
+from .planting import is_planting
 
 
 def _planting(context: bpy.types.Context) -> Any:
@@ -55,7 +56,19 @@ class FOREST_PT_by_hand(Tab, bpy.types.Panel):
         return bool(context.scene.forest_sensing.plantings)
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, planting = self.layout, _planting(context)
+        layout, planting = self.layout, chosen(context.scene.forest_sensing, "plantings")
+        props = context.scene.forest_sensing
+        text = label("Done Planting") if is_planting() else label("Plant by Hand")
+        row = layout.row()
+        row.scale_y = BIG
+        row.operator("forest.plant", text=text, icon="CHECKMARK" if is_planting() else "BRUSH_DATA")
+        column = split(layout)
+        for name in ("plant_radius", "plant_density", "plant_grows"):
+            column.prop(props, name)
+        layout.label(text="Selected Trees")
+        row = layout.row(align=True)
+        for name, icon in (("lock", "LOCKED"), ("swap", "FILE_REFRESH"), ("remove", "X")):
+            row.operator(f"forest.{name}_trees", icon=icon)
         layout.label(text="Trees Set by Hand")
         draw_list(layout, "FOREST_UL_by_hand", planting, "by_hand", "hand_tree")
         if planting.by_hand:

@@ -19,6 +19,7 @@ from ..settings.drawing import (
 from ..settings.exchange import forestless
 from ..settings.lists import draw_list
 from ..settings.migration import draw_notice
+from ..settings.presets import draw_presets
 from ..shell import requirements
 from ..shell.chosen import chosen
 from ..shell.progress import draw_job
@@ -70,6 +71,9 @@ class FOREST_PT_plantings(WithForest, bpy.types.Panel):
     bl_parent_id = "FOREST_PT_forest"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
+    def draw_header_preset(self, _context: bpy.types.Context) -> None:
+        draw_presets(self.layout, "planting")
+
     def draw(self, context: bpy.types.Context) -> None:
         layout, props = self.layout, context.scene.forest_sensing
         if not props.plantings:
@@ -80,7 +84,7 @@ class FOREST_PT_plantings(WithForest, bpy.types.Panel):
             draw_field(column, planting, "species")
         for name in ("variants", "layout", "expected", "density", "exact"):
             draw_field(column, planting, name)
-        for name in ("scale", "crown"):
+        for name in ("scale", "crown", "age", "season"):
             draw_field(column, planting, name)
 
 

@@ -14,12 +14,16 @@ from ..settings.exchange import from_spec
 from ..shell.chosen import choose_sensor
 from ..shell.running import PROBLEMS, InOwnScene, in_words
 from ..shell.words import say
+from .beside import beside_cube
 
 
-def open_scene(scene: bpy.types.Scene, path: Path, keep_sensors: bool = False) -> str:
+def open_scene(
+    scene: bpy.types.Scene, path: Path, keep_sensors: bool = False, beside: bool = False
+) -> str:
     """Put a scene file into a Blender scene; returns its name.
 
-    keep_sensors : those of the scene stay, else those of the file take their place.
+    keep_sensors : those of the scene stay, else those of the file take their place. beside : it is moved
+    beside Blender's start cube, where that is.
 
     Raises
     ------
@@ -28,6 +32,8 @@ def open_scene(scene: bpy.types.Scene, path: Path, keep_sensors: bool = False) -
     from ...formats.toml_file import read_settings
 
     settings = read_settings(path, spec.Scene)
+    if beside:
+        settings = beside_cube(scene, settings)
     take_scene(scene, settings, path.resolve().parent, keep_sensors)
     return settings.name
 
@@ -68,7 +74,7 @@ class FOREST_OT_load_scene(InOwnScene, bpy.types.Operator, ImportHelper):
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}
-        done = say("{name} is loaded. Build the forest to see it", name=name)
+        done = say("{name} is loaded. Press Grow Forest to see it", name=name)
         if before and not self.keep_sensors:
             gone = say(
                 "Its sensors took the place of {count}; undo brings those back", count=before

@@ -133,7 +133,7 @@ def take(scene: bpy.types.Scene, preset: str, keep_sensors: bool = False) -> str
     from .scene_file import open_scene
 
     if preset:
-        return open_scene(scene, SCENES / f"{preset}.toml", keep_sensors)
+        return open_scene(scene, SCENES / f"{preset}.toml", keep_sensors, beside=True)
     from_spec(scene, spec.Scene(name="My forest", seed=1), keep_sensors)
     return say("An empty forest")
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...base.labels import Labels
 from ...blender.scene.layout import RESULTS, part
-from ...blender.show.cloud import show_cloud, show_heard
+from ...blender.show.cloud import end_with_ground, show_cloud, show_heard
 from ...blender.show.kept_cloud import note_scan
 from ...blender.show.legend import Entry, legend_of, legend_of_heard
 from ...blender.show.sound import give_sound
@@ -29,9 +29,8 @@ from ...sensing.rays.geometry import SceneGeometry
 from ...spec import Scene, Sensor
 from ...stand.forest import GrownForest
 from ..settings.exchange import forestless
-from ..shell.selection import show
 from ..shell.words import Kept, keep, label_kept, say, say_kept
-from . import frames, images
+from . import frames, images, shown
 from .held import hold
 
 # What says nothing where no forest was asked for and none of it was met.
@@ -109,13 +108,15 @@ def keep_finding(
     if cloud is not None:
         points = show_cloud(part(context.scene, RESULTS), sensor.name, cloud)
         note_scan(points.data, cloud, offset, offset.crs, labels)
-        show(context, points)  # selected, all points would be orange
         result.shown = points.name
         _explain(result, legend_of(cloud, *names))
     elif marks is not None:
-        home = part(context.scene, RESULTS)
-        result.shown = show_heard(home, sensor.name, marks).name
+        points = show_heard(part(context.scene, RESULTS), sensor.name, marks)
+        result.shown = points.name
         _explain(result, legend_of_heard(marks))
+    if result.shown:
+        shown.show_result(context, result)
+        _note_beyond(result, end_with_ground(points, context.scene))
     if frame is not None:
         frames.hold(result, kept, frame)
     frames.let_go(left)
@@ -157,14 +158,24 @@ def _is_some(figure: Figure) -> bool:
 
 def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:
     """Add to a result how far off it is, and of how many values that was checked."""
-    off = f"{audit.error:.0e} {audit.unit}".strip()
+    off, allowed = (plain(value, audit.unit) for value in (audit.error, audit.allowed))
     words = keep("{count} checked, off by {off}", off=off, count=f"{audit.checked:,}")
     if not audit.kept:
-        words = keep("{off} off: MORE than {allowed}", off=off, allowed=f"{audit.allowed:.0e}")
+        words = keep("{off} off: MORE than {allowed}", off=off, allowed=allowed)
     result = context.scene.forest_sensing.results[name]
     figure = result.figures.add()
     figure.name, figure.value, figure.made_of = keep("Audit"), words, words.made_of
     frames.tell_again(result, context.scene.frame_current)
+
+
+def plain(value: float, unit: str) -> str:
+    """An error as one says it: metres in parts of a millimetre, a share in percent."""
+    if not np.isfinite(value):
+        return f"{value} {unit}".strip()
+    if unit == "m":
+        return "< 0.001 mm" if value < 1e-6 else keep("{size:,.3f} mm", size=1e3 * value)
+    percent = "< 0.0001 %" if value < 1e-6 else f"{100.0 * value:,.4f} %"
+    return f"{percent} {unit}".strip()
 
 
 def note_estimate(context: bpy.types.Context, name: str, took: float, estimated: float) -> None:
@@ -184,6 +195,14 @@ def _labels(cloud: Cloud, geometry: SceneGeometry, species: Sequence[str]) -> di
         "SPECIES": labels_by_species(cloud.returns, species),
         "MATERIAL": labels_by_material(cloud.returns, geometry),
     }
+
+
+def _note_beyond(result: Any, count: int) -> None:
+    """Say of points that views leave out how many they are."""
+    if not count:
+        return
+    figure, words = result.figures.add(), keep("{count:,} beyond the ground shown", count=count)
+    figure.name, figure.value, figure.made_of = keep("Far Points"), words, words.made_of
 
 
 def _explain(result: Any, legend: Iterable[Entry]) -> None:

@@ -6,11 +6,12 @@ from typing import Any
 
 import bpy
 
-from ...blender.scene.layout import COLOUR_BY, COLOUR_MAP, RADIUS, SHARE
+from ...blender.scene.layout import COLOUR_BY, COLOUR_MAP, FAR_POINTS, RADIUS, SHARE
 from ...blender.scene.nodes import chosen_input, drawn_input, has_input
 from ...blender.show.cloud_nodes import is_measure
 from ..settings.drawing import OnceStarted, icon_of, split
 from ..shell.words import label, label_of_kept
+from .shown import is_seen, points_of
 from .swatches import draw_legend
 
 
@@ -36,7 +37,10 @@ def _draw_result(layout: bpy.types.UILayout, result: Any) -> None:
     header, body = layout.panel_prop(result, "opened")
     title = label("{name} (before)", name=result.title) if result.stale else result.title
     header.label(text=title, icon=icon_of(result.kind))
-    if result.shown:
+    points = points_of(result)
+    if points is not None:
+        eye = "HIDE_OFF" if is_seen(points) else "HIDE_ON"
+        header.operator("forest.show_result", text="", icon=eye).result = result.name
         chosen = header.operator("forest.select_result", text="", icon="RESTRICT_SELECT_OFF")
         chosen.shown = result.shown
     record = RESULTS.get(result.kind)
@@ -107,6 +111,8 @@ def _draw_points(layout: bpy.types.UILayout, result: Any) -> None:
             row.prop(cloud, "hide_render", text="")
         if has_input(modifier, SHARE):
             column.prop(*drawn_input(modifier, SHARE), text=SHARE)
+        if has_input(modifier, FAR_POINTS) and "Far Points" in result.figures:
+            column.prop(*drawn_input(modifier, FAR_POINTS), text=FAR_POINTS)
         choice, colour_map = chosen_input(modifier, COLOUR_BY), ""
         if has_input(modifier, COLOUR_MAP) and is_measure(choice):
             column.prop(*drawn_input(modifier, COLOUR_MAP), text=COLOUR_MAP)

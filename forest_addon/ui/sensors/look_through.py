@@ -25,11 +25,14 @@ from ..settings.preferences import rays_of
 from ..shell.chosen import chosen_sensor
 from ..shell.running import PROBLEMS, current, in_words, obstacle
 from ..shell.views import views
-from ..shell.words import label, say
+from ..shell.words import keep, label, say
 
 TICK, QUIET = 0.05, 0.5  # s between two looks; s without a change before the scene is read again
 SHARE, EDGE = 0.45, 24  # of the view's width that the image takes; pixels from its corner
 FONT, SIZE, LINE = 0, 12, 18  # the size in points, the height of a line in pixels
+
+
+NO_EYES = keep("Choose a scanner or a sonar: this sensor has no eyes")
 
 
 @dataclass
@@ -56,9 +59,9 @@ class Eye:
         thing = chosen_sensor(context)
         try:
             if thing is None or KINDS[sensors.kind_of(thing)].glance is None:
-                wanted: Any = say("Choose a scanner: this sensor has no eyes")
+                wanted: Any = say(NO_EYES)
             else:
-                wanted = sensor_of(thing)
+                wanted = _placed(context, sensor_of(thing))
         except PROBLEMS as problem:
             wanted = in_words(problem)
         quiet = self.changed_at is not None and time.monotonic() - self.changed_at > QUIET
@@ -102,7 +105,7 @@ _reading = False
 
 
 class FOREST_OT_look_through(bpy.types.Operator):
-    """Show live what the chosen scanner sees, coarsely and without noise; press again to end"""
+    """Show live what the chosen scanner sees, or a sonar at the 3D cursor hears; press again to end"""
 
     bl_idname = "forest.look_through"
     bl_label = "Look Through"
@@ -114,7 +117,7 @@ class FOREST_OT_look_through(bpy.types.Operator):
             return True
         thing = chosen_sensor(context)
         if thing is None or KINDS[sensors.kind_of(thing)].glance is None:
-            cls.poll_message_set(say("Choose a scanner: this sensor has no eyes"))
+            cls.poll_message_set(say(NO_EYES))
             return False
         reason = obstacle(context)
         if reason:
@@ -137,9 +140,12 @@ def draw_switch(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     thing = chosen_sensor(context)
     if _eye is None and (thing is None or KINDS[sensors.kind_of(thing)].glance is None):
         return
-    text = label("Look Through") if _eye is None else label("End Looking Through")
-    layout.operator("forest.look_through", text=text, icon="HIDE_OFF")
+    hears = thing is not None and KINDS[sensors.kind_of(thing)].listens
+    text = label("Listen Here") if hears else label("Look Through")
     if _eye is not None:
+        text = label("End Listening") if hears else label("End Looking Through")
+    layout.operator("forest.look_through", text=text, icon="HIDE_OFF")
+    if _eye is not None and not hears:
         layout.row(align=True).prop(context.scene.forest_sensing, "look_shows", expand=True)
 
 
@@ -272,9 +278,19 @@ def _draw() -> None:
     title = label(
         "{sensor}, {milliseconds:.0f} ms", sensor=_eye.name, milliseconds=1e3 * _eye.seconds
     )
+    if hasattr(_eye.found, "level"):
+        title = label("{image}, at the 3D cursor", image=title)
     if _eye.changed_at is not None:
         title = label("{image}, before the last change", image=title)
     _write(title, edge, edge + line + high + 6 * scale, (0.9, 0.9, 0.9))
+
+
+def _placed(context: bpy.types.Context, sensor: Any) -> Any:
+    """A sensor where it is, one that listens at the 3D cursor: one clicks about, and hears."""
+    if not KINDS[sensor.kind].listens:
+        return sensor
+    place = tuple(round(float(x), 4) for x in context.scene.cursor.location)
+    return sensor.changed(position=place, route="", follow="")
 
 
 def _texture(colours: Any) -> gpu.types.GPUTexture:

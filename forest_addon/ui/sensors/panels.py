@@ -10,16 +10,18 @@ import bpy
 from ... import spec
 from ...blender.sensors import objects as sensors
 from ...sensing.kinds import KINDS
+from ..forest.wind_view import draw_wind
 from ..settings import references
 from ..settings.drawing import BIG, OnceStarted, draw_settings, folded, split
 from ..settings.lists import draw_list
+from ..settings.presets import draw_presets
 from ..shell.chosen import chosen, chosen_sensor
 from ..shell.progress import draw_job
 from ..shell.running import current
 from ..shell.words import keep, label, label_kept
 from .instruments import draw_instrument
 from .look_through import draw_switch
-from .things import seen_thing
+from .things import is_unrendered, seen_thing
 
 AXES = (keep("Rotation X"), keep("Rotation Y"), keep("Rotation Z"))
 
@@ -58,6 +60,9 @@ class FOREST_PT_sensor(OnceStarted, bpy.types.Panel):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return super().poll(context) and chosen_sensor(context) is not None
+
+    def draw_header_preset(self, context: bpy.types.Context) -> None:
+        draw_presets(self.layout, sensors.kind_of(chosen_sensor(context)))
 
     def draw(self, context: bpy.types.Context) -> None:
         thing = chosen_sensor(context)
@@ -212,6 +217,8 @@ class FOREST_PT_thing(OnceStarted, bpy.types.Panel):
         column = split(self.layout)
         column.prop(thing, "name")
         column.prop(thing, "forest_seen")
+        if is_unrendered(thing):
+            column.label(text="Not in renders; sensed all the same", icon="INFO")
         column.prop(thing, "forest_reflects")
         if thing.forest_reflects:
             column.prop(thing, "forest_reflected")
@@ -231,8 +238,12 @@ class FOREST_PT_wind(OnceStarted, bpy.types.Panel):
     bl_parent_id = "FOREST_PT_sensors"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
+    def draw_header_preset(self, _context: bpy.types.Context) -> None:
+        draw_presets(self.layout, "wind")
+
     def draw(self, context: bpy.types.Context) -> None:
         draw_settings(split(self.layout), context.scene.forest_sensing.wind)
+        draw_wind(self.layout, context.scene)
 
 
 class FOREST_PT_rays(OnceStarted, bpy.types.Panel):

@@ -23,6 +23,9 @@ from ..shell.words import label, say
 from .ahead import Ahead
 from .cost import chosen_things, costs, is_large
 from .cost import in_words as in_short
+from .things import is_unrendered
+
+FEW = 3  # names of objects in a sentence
 
 
 def _import_rooms(_tell: Any) -> None:
@@ -100,7 +103,7 @@ class FOREST_OT_run(Working, bpy.types.Operator):
             cls.poll_message_set(say("There is no sensor yet. Add one to the list"))
             return False
         if not any(may_be_met(thing) for thing in context.view_layer.objects):
-            reason = say("There is nothing to sense in this scene. Build a forest first")
+            reason = say("There is nothing to sense in this scene. Grow a forest first")
             cls.poll_message_set(reason)
             return False
         return True
@@ -162,8 +165,9 @@ class FOREST_OT_run(Working, bpy.types.Operator):
         observer.blow(sway, seconds_of(context.scene))
         for sentence in missing:
             self.report({"WARNING"}, sentence)
-        if observer.warning:
-            self.report({"WARNING"}, observer.warning)
+        unrendered = names_unrendered(context.view_layer)
+        for sentence in filter(None, (observer.warning, unrendered)):
+            self.report({"WARNING"}, sentence)
         home = Path(bpy.path.abspath(context.scene.forest_sensing.folder))
         sentence, number = "", "" if frame is None else f"-{frame:04d}"
         for thing in things:
@@ -326,6 +330,19 @@ class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
 def frames_of(scene: bpy.types.Scene) -> range:
     """The frames of a scene's range."""
     return range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+
+
+def names_unrendered(layer: bpy.types.ViewLayer) -> str:
+    """Say which objects sensors meet although renders do not show them; empty where there are none."""
+    names = sorted(thing.name for thing in layer.objects if is_unrendered(thing))
+    if not names:
+        return ""
+    more = say(" and {count:,} more", count=len(names) - FEW) if len(names) > FEW else ""
+    return say(
+        "Hidden in renders, and sensed all the same: {names}{more}",
+        names=", ".join(names[:FEW]),
+        more=more,
+    )
 
 
 def _folder(output: str) -> Path | None:

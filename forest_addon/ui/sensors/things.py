@@ -11,6 +11,7 @@ from typing import Any
 import bpy
 
 from ... import spec
+from ...blender.scene.layout import CLOUD_KEY
 from ...blender.scene.standings import IGNORED_KEY, REFLECTANCE_KEY, SOLID_TYPES
 from ...blender.sensors import objects as sensors
 
@@ -22,6 +23,12 @@ def seen_thing(context: bpy.types.Context) -> bpy.types.Object | None:
     thing = context.object
     solid = thing is not None and thing.type in SOLID_TYPES
     return thing if solid and not sensors.kind_of(thing) else None
+
+
+def is_unrendered(thing: bpy.types.Object) -> bool:
+    """Return whether sensors meet an object that renders do not show: they see what views show."""
+    hidden = thing.hide_render and thing.visible_get() and CLOUD_KEY not in thing
+    return hidden and _is_seen(thing) and thing.type in SOLID_TYPES
 
 
 def _is_seen(thing: Any) -> bool:

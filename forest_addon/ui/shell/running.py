@@ -183,7 +183,7 @@ def obstacle(context: bpy.types.Context) -> str:
             return say("{job} is stopping; only one job runs at a time", job=job.title)
         return say("{job} is running; only one job runs at a time", job=job.title)
     if context.mode != "OBJECT":
-        return say("Leave this mode first: the forest is built and sensed in Object Mode")
+        return say("Leave this mode first: forests are grown and sensed in Object Mode")
     if not context.scene.is_editable:
         return say(LINKED)
     return ""

@@ -9,7 +9,7 @@ from forest_addon.spec import SpecError
 
 from ...command import LOCK, Command, refuse_negative
 
-EXPERIMENTS = ("speed", "hedge", "senses", "learn")
+EXPERIMENTS = ("speed", "hedge", "plants", "senses", "learn")
 
 
 class FlightCommand(Command):
@@ -17,7 +17,8 @@ class FlightCommand(Command):
     help = "experiments: critical speed, gaps in hedges, bat against LiDAR; train a policy"
     description = (
         "speed: flights of 500 m through Poisson forests beside the critical speed of Karaman & Frazzoli. "
-        "hedge: gap or no gap from one echo, beside Wang & Müller. senses: two ears against LiDAR. "
+        "hedge: gap or no gap from one echo, beside Wang & Müller. plants: which of two plants, beside Kuc. "
+        "senses: two ears against LiDAR. "
         "learn: train a small policy by the cross-entropy method."
     )
 

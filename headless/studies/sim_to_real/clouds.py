@@ -9,19 +9,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.spatial import cKDTree
 
+from forest_addon.base.rng import stream
 from forest_addon.formats.las import read_las
 from forest_addon.spec import SpecError
 
 from .circles import follow_stem
-from .features import VoxelCells, cells_of, features_of, ground_below
+from .features import VoxelCells, cells_of, features_of, ground_below, means_of
 
 STEM, CLASSES = 4, 7
 LOWEST = 0.3  # metres above the ground: below is ground and litter, which no score counts
 NEAR, LUMP = 0.02, 0.25  # metres, and share of its radius, from a cylinder within which is wood
+VOTERS = 0.1  # metres around a cell, whose cells vote on its class
+FAR = 0.10  # metres from every cylinder, beyond which is surely no wood
 ENDINGS = ("*.las", "*.laz")
 TREES = {"pine": "treels_pine.laz", "spruce": "treels_spruce.laz"}
 BROADLEAF = ("aRchi_1.las", "aRchi_1_qsm.txt")
@@ -32,7 +38,8 @@ class Labelled:
     """Cells of a cloud with what is known of them.
 
     features : (C, F). stem, wood : (C,) bool, or None where nobody knows. top : metres above the ground up
-    to which labels hold. base : of ours, the kind of stand.
+    to which labels hold. base : of ours, the kind of stand. sure : (C,) bool, where labels of wood are beyond
+    doubt; None: everywhere.
     """
 
     name: str
@@ -42,11 +49,22 @@ class Labelled:
     wood: np.ndarray | None
     top: float = np.inf
     base: str = ""
+    sure: np.ndarray | None = None
 
     def counted(self, low: float = LOWEST, high: float = np.inf) -> np.ndarray:
         """Numbers of the cells between two heights that scores count."""
         height = self.cells.height
         return np.flatnonzero((height > low) & (height < min(high, self.top)))
+
+    @cached_property
+    def near(self) -> csr_matrix:
+        """(C, C) weights of the cells within ``VOTERS`` of each, itself among them; each row's sum is 1."""
+        pairs = cKDTree(self.cells.centre).query_pairs(VOTERS, output_type="ndarray")
+        count = len(self.cells.centre)
+        rows = np.concatenate([pairs[:, 0], pairs[:, 1], np.arange(count)])
+        columns = np.concatenate([pairs[:, 1], pairs[:, 0], np.arange(count)])
+        weight = 1.0 / np.bincount(rows, minlength=count)[rows]
+        return csr_matrix((weight, (rows, columns)), (count, count))
 
     def block(self) -> np.ndarray:
         """(C,) blocks for cross-validation: 2 m squares of a plot, layers of 1 m of a lone tree."""
@@ -75,11 +93,13 @@ def measured_trees(folder: Path) -> Iterator[Labelled]:
         # Cut out of its plot, it has no ground.
         above = cells.centre[:, 2] - cells.centre[:, 2].min()
         cells = VoxelCells(cells.centre, above, cells.of_point)
-        wood = cells.majority(near_cylinders(points, np.loadtxt(cylinders))) > 0.5
-        yield Labelled("broadleaf", cells, features_of(cells), None, wood)
+        table = np.loadtxt(cylinders)
+        wood = cells.majority(near_cylinders(points, table)) > 0.5
+        sure = wood | ~near_cylinders(cells.centre, table, FAR)
+        yield Labelled("broadleaf", cells, features_of(cells), None, wood, sure=sure)
 
 
-def near_cylinders(points: np.ndarray, table: np.ndarray) -> np.ndarray:
+def near_cylinders(points: np.ndarray, table: np.ndarray, near: float = NEAR) -> np.ndarray:
     """(P,) whether points are on a cylinder of TreeQSM (K, 8+): radius, length, start, axis; metres."""
     found = np.zeros(len(points), dtype=bool)
     for radius, length, *place in table[:, :8].tolist():
@@ -87,8 +107,25 @@ def near_cylinders(points: np.ndarray, table: np.ndarray) -> np.ndarray:
         step = points - start
         along = np.clip(step @ axis, 0.0, length)
         away = np.linalg.norm(step - along[:, None] * axis, axis=1) - radius
-        found |= np.abs(away) < NEAR + LUMP * radius
+        found |= np.abs(away) < near + LUMP * radius
     return found
+
+
+def blurred(cloud: Labelled, spread: float, seed: int) -> Labelled:
+    """A cloud whose cells are moved by chance, as scans that do not quite fit and wind move real points.
+
+    spread : metres, standard deviation along each axis. A cell is what most of the cells in it were.
+    """
+    old = cloud.cells
+    moved = stream(seed, "blurred", cloud.name).normal(0.0, spread, old.centre.shape)
+    centre, of_old = means_of(old.centre + moved)
+    height = np.bincount(of_old, old.height) / np.bincount(of_old)
+    cells = VoxelCells(centre, height, of_old)
+    labels = (
+        flags if flags is None else cells.majority(flags) > 0.5
+        for flags in (cloud.stem, cloud.wood)
+    )
+    return Labelled(cloud.name, cells, features_of(cells), *labels, cloud.top, cloud.base)
 
 
 def read_folder(folder: Path) -> list[Labelled]:

@@ -50,11 +50,11 @@ class VoxelCells:
 
 def cells_of(points: np.ndarray, edge: float = EDGE) -> VoxelCells:
     """Reduce points (P, 3), metres, to the means of cells."""
-    centre, of_point = _means(points, edge)
+    centre, of_point = means_of(points, edge)
     return VoxelCells(centre, centre[:, 2] - ground_below(centre), of_point)
 
 
-def _means(points: np.ndarray, edge: float) -> tuple[np.ndarray, np.ndarray]:
+def means_of(points: np.ndarray, edge: float = EDGE) -> tuple[np.ndarray, np.ndarray]:
     """(C, 3) means of the points of each cell of a grid, and (P,) the cell of each point."""
     index = np.floor((points - points.min(axis=0)) / edge).astype(np.int64)
     wide = index.max(axis=0) + 1
@@ -99,7 +99,7 @@ def _shapes(centre: np.ndarray, edge: float, radius: float) -> np.ndarray:
     import pgeof  # an extra: see [project.optional-dependencies] study
 
     wanted = [getattr(pgeof.EFeatureID, kind) for kind in KINDS]
-    coarse, of_fine = _means(centre, edge) if edge > EDGE else (centre, slice(None))
+    coarse, of_fine = means_of(centre, edge) if edge > EDGE else (centre, slice(None))
     near = np.ascontiguousarray(coarse, dtype=np.float32)
     return np.asarray(pgeof.compute_features_selected(near, radius, MOST, wanted))[of_fine]
 

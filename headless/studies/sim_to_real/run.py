@@ -24,7 +24,7 @@ from ...dataset import disk
 from ...dataset.engine import Cluster
 from ...dataset.factory import Asked, make_dataset
 from ...dataset.plan import find_plan, read_plan
-from .clouds import Labelled, measured_trees, read_folder, read_scene
+from .clouds import Labelled, blurred, measured_trees, read_folder, read_scene
 from .features import NAMES
 from .learn import Score, Taught, cross_validated, lent, scored, taught, train
 from .rules import can_separate, wood_by_rules
@@ -32,6 +32,10 @@ from .rules import can_separate, wood_by_rules
 PLAN = "measured-stands"
 EDGE = 1.0  # metres at a plot's edge that do not count
 SHARE = 2 / 3  # of the plots that a seed learns from
+BLUR = (
+    0.0,
+    0.03,
+)  # metres, least and most that points of a plot are blurred by before they are learned from
 LOW = 4.0  # metres: the heights that matter for diameters
 WAYS = ("ours", "network", "real", "ours + 10 % real", "rules")
 
@@ -56,14 +60,22 @@ class StudyRow:
     high: float
     cells: int
     share: float
+    sure: bool = False
     scores: dict[str, list[Score]] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
         """Return what is told of which cloud, in words."""
-        return f"{self.what} of {self.cloud}" + (
-            f" below {self.high:g} m" if self.high < 1e3 else ""
+        return (
+            f"{self.what} of {self.cloud}"
+            + (f" below {self.high:g} m" if self.high < 1e3 else "")
+            + (", sure labels" if self.sure else "")
         )
+
+    def left_out(self, cloud: Labelled) -> np.ndarray:
+        """(C,) bool: cells of its cloud that do not count because their label is in doubt."""
+        known = cloud.sure if self.sure and cloud.sure is not None else None
+        return np.zeros(len(cloud.features), dtype=bool) if known is None else ~known
 
     def add(self, way: str, score: Score) -> None:
         """Note a score."""
@@ -87,13 +99,13 @@ def run_study(asked: Request, out: Path, say: Say = print) -> StudyFindings:
     ------
     SpecError : an extra or the measurements are missing.
     """
-    _needs_extras()
+    needs_extras()
     began = time.process_time()
     plan = read_plan(find_plan(PLAN), [f"count={asked.plots}", f"seed={asked.seed}"])
     make_dataset(plan, out / "plots", Asked(Cluster(workers=1), quiet=False))
     made = _seconds_of(out / "plots")
     say(f"{asked.plots} plots: {made:.0f} CPU s when they were made")
-    ours = read_plots(out / "plots")
+    ours = blurred_plots(read_plots(out / "plots"), asked.seed)
     real = list(measured_trees(asked.data / "wood")) if asked.data else []
     real += read_folder(asked.real) if asked.real else []
     if not real:
@@ -110,7 +122,7 @@ def run_study(asked: Request, out: Path, say: Say = print) -> StudyFindings:
             if clouds:
                 sums = importance.setdefault(what, {})
                 _one_seed(
-                    _some(ours, seed), clouds, what, [r for r in rows if r.what == what], sums
+                    some_of(ours, seed), clouds, what, [r for r in rows if r.what == what], sums
                 )
         say(f"seed {number + 1} of {asked.seeds}: {time.process_time() - began:.0f} CPU s")
     _by_rules(real, rows, say)
@@ -132,6 +144,12 @@ def read_plots(folder: Path) -> list[Labelled]:
     return found
 
 
+def blurred_plots(ours: Sequence[Labelled], seed: int) -> list[Labelled]:
+    """Our plots, each blurred by a spread of its own, drawn within ``BLUR``."""
+    spreads = stream(seed, "blur").uniform(*BLUR, len(ours)).tolist()
+    return [blurred(cloud, spread, seed) for cloud, spread in zip(ours, spreads, strict=True)]
+
+
 def read_scene_table(folder: Path) -> dict:
     """Return the table ``forest`` of the scene of a folder."""
     import tomllib
@@ -140,7 +158,13 @@ def read_scene_table(folder: Path) -> dict:
         return tomllib.load(file)["forest"]
 
 
-def _needs_extras() -> None:
+def needs_extras() -> None:
+    """Refuse to go on without the extra ``study``.
+
+    Raises
+    ------
+    SpecError : what is missing.
+    """
     from importlib.util import find_spec
 
     missing = [name for name in ("pgeof", "sklearn") if find_spec(name) is None]
@@ -164,10 +188,16 @@ def _rows(cloud: Labelled) -> list[StudyRow]:
         for high in highs:
             cells = cloud.counted(high=high)
             found.append(StudyRow(cloud.name, what, high, len(cells), float(truth[cells].mean())))
+        if what == "wood" and cloud.sure is not None:
+            cells = cloud.counted()
+            cells = cells[cloud.sure[cells]]
+            share = float(truth[cells].mean())
+            found.append(StudyRow(cloud.name, what, np.inf, len(cells), share, True))
     return found
 
 
-def _some(ours: Sequence[Labelled], seed: int) -> list[Labelled]:
+def some_of(ours: Sequence[Labelled], seed: int) -> list[Labelled]:
+    """Two thirds of our plots, drawn by a seed."""
     chosen = stream(seed, "plots").permutation(len(ours))[: max(1, round(SHARE * len(ours)))]
     return [ours[number] for number in sorted(chosen.tolist())]
 
@@ -194,10 +224,12 @@ def _one_seed(
         counted, told = cross_validated(cloud, what, seed)
         truth, height = getattr(cloud, what), cloud.cells.height
         for row in mine:
+            out = row.left_out(cloud)
             for way, learner in learners.items():
-                row.add(way, scored(learner, cloud, what, row.high))
-            row.add("ours + 10 % real", scored(mixed, cloud, what, row.high, lends[cloud.name][1]))
-            below = height[counted] < row.high
+                row.add(way, scored(learner, cloud, what, row.high, out))
+            but = out | lends[cloud.name][1]
+            row.add("ours + 10 % real", scored(mixed, cloud, what, row.high, but))
+            below = (height[counted] < row.high) & ~out[counted]
             row.add("real", Score.of(truth[counted][below], told[below]))
         known = Taught(cloud.features[counted], truth[counted], np.ones(len(counted)))
         _add(importance, cloud.name, train(known, seed).feature_importances_)
@@ -216,18 +248,20 @@ def _by_rules(real: Sequence[Labelled], rows: Sequence[StudyRow], say: Say) -> N
         for row in rows:
             if row.cloud == cloud.name and row.what == "wood" and cloud.wood is not None:
                 cells = cloud.counted()
+                cells = cells[~row.left_out(cloud)[cells]]
                 told = wood_by_rules(cloud.cells.centre)
                 row.add("rules", Score.of(cloud.wood[cells], told[cells]))
 
 
 def _write(found: StudyFindings, out: Path) -> None:
     table: dict[str, list] = {
-        key: [] for key in ("cloud", "label", "below_m", "cells", "way", "seed", "miou", "f1")
+        key: []
+        for key in ("cloud", "label", "below_m", "sure", "cells", "way", "seed", "miou", "f1")
     }
     for row in found.rows:
         for way, scores in row.scores.items():
             for number, score in enumerate(scores):
-                values = (row.cloud, row.what, row.high, row.cells, way, number)
+                values = (row.cloud, row.what, row.high, int(row.sure), row.cells, way, number)
                 for key, value in zip(table, (*values, score.iou, score.f1), strict=True):
                     table[key].append(value)
     write_csv(out / "scores.csv", table)

@@ -20,7 +20,7 @@ from .comparison import Comparison, as_record, from_record
 from .page import Subject, copy_pictures, page_text, part_text
 
 SECTIONS = ("reverb", "lidar", "stand", "leaves", "trees", "wind")  # in the order of the page
-PARTS = (*SECTIONS, "training")  # the last is made by ``study sim-to-real``
+PARTS = (*SECTIONS, "training", "ablations", "tasks")  # the last three are made by ``study``
 KEPT = "validation.json"
 VARIABLE = "FOREST_MEASURED"  # the environment's name for the folder of measurements
 

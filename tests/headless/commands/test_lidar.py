@@ -142,7 +142,7 @@ def test_the_list_of_scanners(lidar):
     ended = lidar("--list")
     assert ended.returncode == 0
     assert "riegl-vz-400i" in ended.stdout
-    assert len(ended.stdout.splitlines()) == 11
+    assert len(ended.stdout.splitlines()) == 14
 
 
 @pytest.mark.parametrize(

@@ -147,3 +147,43 @@ def test_a_folder_of_clouds_is_read_by_the_names_of_for_instance(tmp_path):
     las.write(str(tmp_path / "plot_1.laz"))
     with pytest.raises(SpecError, match="4 for stem"):
         read_folder(tmp_path)
+
+
+def test_ways_of_ablation_change_what_they_name_and_nothing_else(tmp_path):
+    import tomllib
+
+    from headless.dataset.plan import read_plan
+    from headless.studies.sim_to_real.ablations import WAYS_MADE, write_plan_of
+
+    def plan_of(way):
+        path = write_plan_of(way, tmp_path / str(WAYS_MADE.index(way)), 2, 3)
+        tables = tomllib.loads(path.read_text())
+        for scene in tables["scenes"]:  # species files are told apart below
+            for planting in scene["scene"]["plantings"]:
+                planting["species"] = planting["species"].removesuffix("-changed.toml")
+        del tables["name"]
+        return path, tables
+
+    first = plan_of(WAYS_MADE[0])[1]
+    for way in WAYS_MADE[1:]:
+        path, tables = plan_of(way)
+        assert (tables != first) is (way.plan is not None), way.name
+        assert bool(list(path.parent.glob("*-changed.toml"))) is (way.species is not None), way.name
+        if way.name != "wind":
+            assert read_plan(path).count == 2
+
+
+def test_differences_are_of_pairs_of_seeds(tmp_path):
+    from headless.studies.sim_to_real.ablation_page import ablation_subject
+    from headless.studies.sim_to_real.ablations import AblationScore, differences
+
+    found = [
+        AblationScore(way, plots, "pine", "stem", seed, iou + 0.1 * seed, 0.5)
+        for way, plots, iou in (("all", 4, 0.5), ("no noise", 4, 0.45), ("plots", 1, 0.2))
+        for seed in range(3)
+    ]
+    assert np.allclose(differences(found)["no noise", "stem", "pine"], -0.05)
+    part = ablation_subject(found, tmp_path)
+    assert "| no noise | -50 (-50 to -50) |" in part.terms
+    assert "6 plots each way" in part.summary
+    assert (tmp_path / "ablations" / "ablations.png").stat().st_size > 1000

@@ -18,7 +18,7 @@ SCANNERS = [
     Terrestrial(angle_step_deg=5.0),
     *(
         Airborne(pattern=p, pulse_rate=1000.0, line_rate=20.0, track=30.0, heading_deg=30.0)
-        for p in ("lines", "zigzag", "circles", "spinning")
+        for p in ("lines", "fans", "zigzag", "circles", "spinning", "rosette")
     ),
 ]
 
@@ -164,3 +164,38 @@ def test_a_path_of_one_pose_stands_still():
     assert (where == [1, 2, 3]).all()
     assert len(attitude) == 5
     assert isinstance(attitude, Rotation)
+
+
+def test_three_fans_look_down_ahead_and_back_by_turns():
+    flight = Airborne(
+        pattern="fans", fan_deg=10.0, position=(0.0, 0.0, 100.0), heading_deg=0.0, track=6.0, speed=10.0,
+        pulse_rate=1000.0, line_rate=50.0, field_deg=(-50.0, 50.0),
+    )  # fmt: skip
+    pulses = all_pulses(flight)
+    onto = pulses.origin + pulses.direction * (-100 / pulses.direction[:, 2])[:, None]
+    ahead = (onto[:, 0] - pulses.origin[:, 0]).reshape(30, 20)
+    lean = 100 * np.tan(
+        np.deg2rad([0.0, 10.0, -10.0])
+    )  # a plane that leans meets level ground in a line
+    assert ahead == pytest.approx(np.tile(lean, 10)[:, None] * np.ones(20), abs=1e-9)
+    off = np.linalg.norm(np.cross(pulses.direction, np.roll(pulses.direction, -1, axis=0)), axis=1)
+    within = off.reshape(30, 20)[:, :-1]  # great circles: even steps of 5 degrees
+    assert np.rad2deg(np.arcsin(within)) == pytest.approx(5.0)
+
+
+def test_a_rosette_fills_its_field_and_repeats_only_with_whole_petals():
+    def turned(petals):
+        scanner = Mobile(
+            pattern="rosette", petals=petals, field_deg=(-7.0, 52.0), line_rate=10.0, pulse_rate=2e4,
+            poses=(Pose(), Pose(time=0.4)),
+        )  # fmt: skip
+        return all_pulses(scanner).direction.reshape(4, 2000, 3)
+
+    whole, odd = turned(12.0), turned(12.7)
+    assert whole == pytest.approx(np.broadcast_to(whole[0], whole.shape), abs=1e-9)
+    assert np.linalg.norm(odd[1] - odd[0], axis=1).max() > 0.5
+    elevation = np.rad2deg(np.arcsin(odd[..., 2])).ravel()
+    assert [elevation.min(), elevation.max()] == pytest.approx([-7.0, 52.0], abs=0.01)
+    # Time spent at each height is that of a sine: the arcsine law.
+    share = np.mean(elevation < 22.5 - 29.5 / 2)
+    assert share == pytest.approx(1 / 3, abs=0.01)

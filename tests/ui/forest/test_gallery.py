@@ -35,10 +35,12 @@ def test_an_entry_says_what_it_is_for(props):
     assert FOREST_OT_start.description(bpy.context, given) == words_of("hedge-bat")
 
 
-@pytest.mark.parametrize("preset", ["maple-walk", "conifer-drone", "hedge-bat"])
-def test_a_scene_of_the_gallery_is_taken(props, preset):
+@pytest.mark.parametrize(
+    ("preset", "plantings"), [("maple-walk", 1), ("conifer-drone", 1), ("hedge-bat", 2)]
+)
+def test_a_scene_of_the_gallery_is_taken(props, preset, plantings):
     assert bpy.ops.forest.start(preset=preset) == {"FINISHED"}
-    assert len(props.plantings) == 1
+    assert len(props.plantings) == plantings
 
 
 @pytest.mark.parametrize("operator", ["forest.start", "forest.new"])

@@ -72,8 +72,9 @@ def test_a_measure_has_its_smallest_and_largest_value(built):
     found = [e.name for e in built.results["cloud"].legend if e.choice == "Distance"]
     distance = np.empty(len(points_of(built, "cloud").data.vertices), np.float32)
     points_of(built, "cloud").data.attributes["distance"].data.foreach_get("value", distance)
-    assert found[0] == f"{distance.min():.3g} m"
-    assert found[-1] == f"{distance.max():.3g} m"
+    said = [float(words.removesuffix(" m").replace(",", "")) for words in (found[0], found[-1])]
+    step = float(np.ptp(distance)) / (len(found) - 1)
+    np.testing.assert_allclose(said, [distance.min(), distance.max()], atol=step / 10)
 
 
 def test_a_foreign_scene_starts_with_objects(props, sensor):
@@ -164,3 +165,49 @@ def test_the_legend_follows_the_scale_of_colours(built):
     assert [c for c in shown if c == on_map("Heat", 1.0)]
     choose_input(modifier, COLOUR_BY, "Organ")
     assert COLOUR_MAP not in drawn()
+
+
+def test_a_scale_says_numbers_as_one_writes_them():
+    from forest_addon.blender.show import legend
+
+    def said(low, high):
+        return [entry.name for entry in legend._scaled("Height", np.array([low, high]), "m")]
+
+    assert said(-4.44e-16, 11.7) == ["0.0 m", "3.9 m", "7.8 m", "11.7 m"]
+    assert said(0.0, 90_000.0) == ["0 m", "30,000 m", "60,000 m", "90,000 m"]
+    assert said(1.0, 1.006) == ["1.0000 m", "1.0020 m", "1.0040 m", "1.0060 m"]
+
+
+def test_things_that_are_called_alike_stand_once_in_a_legend():
+    from forest_addon.blender.show import legend
+
+    numbers = np.repeat([0, 1, 2, 3], [5, 9, 7, 1])
+    entries = legend._named(
+        "Object", numbers, ("Ground", "rock", "rock", "rock"), legend._of_number
+    )
+    assert [entry.name for entry in entries] == ["rock", "Ground"]
+    assert entries[0].colour == legend._of_number(1)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "words"),
+    [(2e-14, "m", "< 0.001 mm"), (0.0123, "m", "12.300 mm"), (3e-9, "of all", "< 0.0001 % of all"),
+     (6.7e-05, "", "0.0067 %"), (float("inf"), "m", "inf m")],
+)  # fmt: skip
+def test_an_audit_says_errors_as_one_does(value, unit, words):
+    from forest_addon.ui.results.finding import plain
+
+    assert plain(value, unit) == words
+
+
+def test_what_renders_do_not_show_and_sensors_meet_is_said(built):
+    from forest_addon.ui.sensors.run import names_unrendered
+
+    layer = bpy.context.view_layer
+    assert names_unrendered(layer) == ""
+    cube = add_cube()
+    cube.hide_render = True
+    run("cloud")
+    assert names_unrendered(layer) == "Hidden in renders, and sensed all the same: cube"
+    cube.forest_seen = False
+    assert names_unrendered(layer) == ""

@@ -6,10 +6,11 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon.base.trimesh import LEAF, WOOD
-from forest_addon.blender.scene.layout import CLOUD_KEY, COLOUR_BY
+from forest_addon.blender.scene.layout import CLOUD_KEY, COLOUR_BY, FAR_POINTS, RADIUS
 from forest_addon.blender.scene.nodes import drawn_input, has_input, set_input
 from forest_addon.blender.show.cloud import COLOUR_OF_ORGAN
-from forest_addon.ui.results.points import GAMMA, positions_and_colours
+from forest_addon.blender.show.cloud_nodes import QUIET, SIZES
+from forest_addon.ui.results.points import GAMMA, positions_and_colours, sizes
 
 
 @pytest.fixture
@@ -55,3 +56,54 @@ def test_points_without_their_modifier_are_not_drawn(cloud):
     cloud.modifiers.clear()
     position, colour = drawn(cloud)
     assert (len(position), len(colour)) == (0, 0)
+
+
+def test_loud_points_are_larger_and_those_of_a_scan_alike(cloud):
+    bpy.ops.forest.run(sensor="echo")
+    echo = next(t for t in bpy.data.objects if t.get(CLOUD_KEY) == "echo")
+    set_input(echo.modifiers[0], RADIUS, 0.04)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    depsgraph.update()
+    level = np.empty(len(echo.data.vertices), np.float32)
+    echo.data.attributes["level"].data.foreach_get("value", level)
+    expected = np.interp(level, (QUIET, 0.0), SIZES)
+    np.testing.assert_allclose(sizes(echo.evaluated_get(depsgraph)), expected, rtol=1e-4)
+    assert np.ptp(expected) > 0.5
+    bpy.ops.forest.run(sensor="cloud")
+    depsgraph.update()
+    np.testing.assert_allclose(sizes(cloud.evaluated_get(depsgraph)), 1.0)
+
+
+def test_points_beyond_the_ground_that_views_show_are_counted_and_left_out(small):
+    small.forest.margin = 400.0  # a horizon, of which views show 1.5 m around the field
+    bpy.ops.forest.build()
+    bpy.ops.forest.run(sensor="cloud")
+    cloud = next(thing for thing in bpy.data.objects if CLOUD_KEY in thing)
+    every = np.empty(3 * len(cloud.data.vertices), np.float32)
+    cloud.data.attributes["position"].data.foreach_get("vector", every)
+    flat = every.reshape(-1, 3)[:, :2]
+    near = ((flat >= -1.5) & (flat <= 7.5)).all(axis=1)
+    assert 0 < np.count_nonzero(near) < len(near)
+    assert len(drawn(cloud)[0]) == np.count_nonzero(near)
+    told = small.results["cloud"].figures["Far Points"].value
+    assert told == f"{np.count_nonzero(~near):,} beyond the ground shown"
+    set_input(cloud.modifiers[0], FAR_POINTS, True)
+    bpy.context.view_layer.update()
+    assert len(drawn(cloud)[0]) == len(near)
+
+
+def test_one_result_is_shown_at_a_time_unless_more_are_asked_for(cloud):
+    def seen():
+        return {t[CLOUD_KEY] for t in bpy.data.objects if CLOUD_KEY in t and t.visible_get()}
+
+    assert seen() == {"cloud"}
+    bpy.ops.forest.run(sensor="echo")
+    assert seen() == {"echo"}
+    bpy.ops.forest.show_result(result="cloud", more=True)
+    assert seen() == {"cloud", "echo"}
+    bpy.ops.forest.show_result(result="echo")  # it is shown: hidden
+    assert seen() == {"cloud"}
+    bpy.ops.forest.show_result(result="echo")
+    assert seen() == {"echo"}
+    with pytest.raises(RuntimeError, match="no points"):
+        bpy.ops.forest.show_result(result="forest")

@@ -132,14 +132,44 @@ def test_a_drone_and_an_aircraft_look_down(built, sensor):
         press("look_through")
 
 
-def test_ears_do_not_look_and_the_end_leaves_nothing(built):
+def test_a_sonar_listens_at_the_cursor(built):
     choose("echo")
+    sonar = bpy.data.objects["echo"].forest_sensor.sonar
+    sonar.ears = 2
+    cursor = bpy.context.scene.cursor
+    cursor.location = (-1.0, 3.0, 1.0)
+    press("look_through")
+    eye = look_through.eye()
+    assert not eye.problem
+    first = eye.found.level
+    assert first.shape[0] == 2
+    assert first.max() > first.min()
+    assert not eye.look(bpy.context)  # nothing has changed
+    cursor.location.x -= 1.0  # away from all that sounds
+    assert eye.look(bpy.context)
+    channel = first.shape[1] // 2
+    moved = int(eye.found.level[0, channel].argmax()) - int(first[0, channel].argmax())
+    assert moved > 256 / sonar.max_range / 4
+    colours, legend = glance_colours(eye.found, "DISTANCE")
+    assert colours.shape == (2 * 41 - 1, 256, 3)
+    assert [text[-2:] for text, _ in legend] == ["dB", "dB", "Hz"]
+    cursor.location = (0.0, 0.0, 0.0)  # on the ground itself
+    assert eye.look(bpy.context)
+    assert not eye.problem
+    cursor.location = (500.0, 0.0, 1.0)
+    assert eye.look(bpy.context)
+    assert not eye.problem
+    press("look_through")
+
+
+def test_ears_do_not_look_and_the_end_leaves_nothing(built):
+    choose("reverb")
     with pytest.raises(RuntimeError, match="no eyes"):
         press("look_through")
     choose("cloud")
     before, handlers = counts(), [len(h) for h, _ in look_through._handlers()]
     press("look_through")
-    choose("echo")
+    choose("reverb")
     eye = look_through.eye()
     assert eye.look(bpy.context)
     assert "no eyes" in eye.problem

@@ -59,7 +59,7 @@ def test_twice_in_a_row_nothing_piles_up(built, name):
 
 def test_a_scene_with_nothing_in_it_says_build_first(props, sensor):
     sensor("sonar")
-    with pytest.raises(RuntimeError, match="Build a forest first"):
+    with pytest.raises(RuntimeError, match="Grow a forest first"):
         press("run")
 
 
@@ -297,7 +297,7 @@ def test_an_instance_of_nothing_is_nothing_to_sense(props, sensor):
     empty.instance_collection = bpy.data.collections.new("library")
     bpy.context.scene.collection.objects.link(empty)
     sensor("terrestrial")
-    with pytest.raises(RuntimeError, match="Build a forest first"):
+    with pytest.raises(RuntimeError, match="Grow a forest first"):
         press("run")
 
 

@@ -25,8 +25,6 @@ def folder(tmp_path, monkeypatch):
 def test_trees_of_the_scene_become_a_library_that_blender_is_told_of(props, folder):
     known = bpy.context.preferences.filepaths.asset_libraries
     before = [one.path for one in known]
-    with pytest.raises(RuntimeError, match="no trees yet"):
-        bpy.ops.forest.add_library()
     props.plantings.add().species = "grass"
     props.plantings.add().species = "bilberry"
     blocks = len(bpy.data.meshes), len(bpy.data.materials), len(bpy.data.collections)
@@ -40,3 +38,11 @@ def test_trees_of_the_scene_become_a_library_that_blender_is_told_of(props, fold
         bpy.ops.forest.add_library()
     with bpy.data.libraries.load(str(folder / "grass.blend"), assets_only=True) as (there, _):
         assert list(there.collections) == ["Grass 1"]
+
+
+def test_one_press_from_a_clean_start_makes_trees_and_adds_them(props, folder, monkeypatch):
+    monkeypatch.setattr(library, "FIRST", ("grass",))
+    known = bpy.context.preferences.filepaths.asset_libraries
+    assert bpy.ops.forest.add_library() == {"FINISHED"}
+    assert sorted(file.name for file in folder.iterdir()) == [FILE, "grass.blend"]
+    assert [one.path for one in known if one.name == "Forest Sensing"] == [str(folder)]

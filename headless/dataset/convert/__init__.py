@@ -1,0 +1,1 @@
+"""A made dataset in the formats that people train with; ``FORMATS`` names them."""

@@ -1,0 +1,127 @@
+"""Trees that are moved, locked, swapped or removed by hand stay so when the forest is grown again."""
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy")
+
+from ui.pressing import press, trees
+
+from forest_addon.site import ForestSite
+from forest_addon.ui.settings import exchange
+
+
+def places():
+    return sorted((t.location.x, t.location.y) for t in trees())
+
+
+def standing_by_script():
+    """Where a scene file with the panel's settings has its trees."""
+    settings = exchange.to_spec(bpy.context.scene)
+    return sorted(map(tuple, ForestSite.read(settings).plan().position[:, :2].tolist()))
+
+
+def select(*things):
+    bpy.ops.object.select_all(action="DESELECT")
+    for thing in things:
+        thing.select_set(True)
+    bpy.context.view_layer.objects.active = things[0]
+
+
+@pytest.fixture
+def grove(small):
+    small.plantings[0].expected, small.plantings[0].exact = 5, True
+    small.plantings[0].variants = 2
+    assert press("build") == {"FINISHED"}
+    return small
+
+
+def test_a_tree_that_was_moved_and_turned_stays_there(grove):
+    others = places()
+    tree = trees()[2]
+    others.remove((tree.location.x, tree.location.y))
+    mesh = tree.data
+    tree.location.x, tree.location.y = 1.25, 9.5
+    tree.rotation_euler.z, tree.scale = 0.5, (1.5, 1.5, 1.5)
+    press("build")
+    assert places() == sorted([*others, (1.25, 9.5)])
+    moved = next(t for t in trees() if tuple(t.location[:2]) == (1.25, 9.5))
+    assert moved.rotation_euler.z == pytest.approx(0.5, abs=1e-4)
+    assert moved.scale.x == pytest.approx(1.5, abs=1e-4)
+    assert moved.data == mesh
+    press("build")  # nothing is noted twice
+    planting = grove.plantings[0]
+    assert (len(planting.by_hand), len(planting.clearings)) == (1, 1)
+    moved = next(t for t in trees() if tuple(t.location[:2]) == (1.25, 9.5))
+    moved.location.x = 2.5
+    press("build")
+    assert (len(planting.by_hand), len(planting.clearings)) == (1, 1)
+    assert (2.5, 9.5) in places()
+    assert np.allclose(standing_by_script(), places(), atol=1e-5)
+
+
+def test_a_tree_that_was_deleted_stays_away_and_all_of_them_come_back(grove):
+    tree = trees()[0]
+    gone = tuple(tree.location[:2])
+    bpy.data.objects.remove(tree)
+    press("build")
+    assert len(trees()) == 4
+    assert gone not in places()
+    assert np.allclose(standing_by_script(), places(), atol=1e-5)
+    bpy.data.batch_remove(trees())
+    press("build")
+    assert len(trees()) == 4
+
+
+def test_locked_trees_outlive_another_seed(grove):
+    tree = trees()[1]
+    tree.location.x += 0.75
+    stands, mesh = tuple(tree.location), tree.data.name
+    select(tree)
+    assert press("lock_trees") == {"FINISHED"}
+    press("build")
+    assert len(grove.plantings[0].by_hand) == 1
+    grove.seed += 1
+    grove.plantings[0].expected = 2
+    press("build")
+    assert len(trees()) == 3
+    kept = next(t for t in trees() if np.allclose(t.location, stands, atol=1e-5))
+    assert kept.data.name == mesh
+
+
+def test_a_swapped_tree_is_the_next_variant_at_once_and_after_growing(grove):
+    tree = trees()[0]
+    stands, before = tuple(tree.location[:2]), tree.data.name
+    select(tree)
+    assert press("swap_trees") == {"FINISHED"}
+    now = tree.data.name
+    assert now != before
+    press("build")
+    kept = next(t for t in trees() if np.allclose(t.location[:2], stands, atol=1e-5))
+    assert kept.data.name == now
+
+
+def test_removed_trees_go_at_once_and_stay_away(grove):
+    gone = trees()[:2]
+    lost = [tuple(t.location[:2]) for t in gone]
+    select(*gone)
+    assert press("remove_trees") == {"FINISHED"}
+    assert len(trees()) == 3
+    press("build")
+    assert len(trees()) == 3
+    assert not set(lost) & set(places())
+    assert len(grove.plantings[0].clearings) == 2
+
+
+def test_without_a_tree_that_is_selected_the_buttons_say_so(grove):
+    bpy.ops.object.select_all(action="DESELECT")
+    with pytest.raises(RuntimeError, match="Select trees of the forest"):
+        press("lock_trees")
+
+
+def test_trees_that_follow_something_else_are_not_taken_for_moved(grove):
+    tree = trees()[0]
+    tree.parent = trees()[1]
+    tree.location.x += 3
+    press("build")
+    assert not grove.plantings[0].by_hand
