@@ -1,10 +1,13 @@
 """The Doppler effect of a moving sonar: every path plays the call faster or slower.
 
 A sonar that flies at v towards a scatterer hears its call sped up by
-α = (c + v_e)(c − u_t)/((c − v_t)(c + u_e)), v_t and v_e the sonar's velocity towards the scatterer, seen from the mouth and from the ear, u_t and u_e the
-scatterer's own along the same ways, away from them. A path of
-the amplitude A and the delay τ then adds A(f)·X(f/α)/α·e^{-i2πfτ}, X the call's spectrum. The scatterer's
-own response is taken at the frequency heard, which is off by at most v/c of itself.
+
+    α = (c + v_e)(c − u_t)/((c − v_t)(c + u_e)),
+
+v_t and v_e its velocity towards the scatterer as the call leaves and as the echo comes back to the ear, u_t
+and u_e that of the scatterer away from mouth and ear. A path of the amplitude A and the delay τ then adds
+A(f)·X(f/α)/α·e^{-i2πfτ}, X the call's spectrum. The scatterer's own response is taken at the frequency heard,
+which is off by at most v/c of itself.
 
 What arrives within a short time is, but for its common delay, smooth in f: the call lasts so long, the
 arrivals lie so far apart, and A is interpolated between a few nodes anyway. So the echoes of a block of time

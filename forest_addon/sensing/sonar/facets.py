@@ -23,7 +23,6 @@ from ...acoustics.smoothness import SmoothnessProfile
 from ...base.rows import RowTable
 from ...base.trimesh import TriMesh, is_wood
 from ...growth.recognise.pieces import part
-from .clusters import cluster
 from .scatterers import (
     CLEAR,
     FACET,
@@ -31,6 +30,7 @@ from .scatterers import (
     Sight,
     Views,
     Whole,
+    cluster,
     sinc_argument,
     sinc_place,
 )

@@ -12,11 +12,10 @@ from typing import ClassVar
 import numpy as np
 
 from ...acoustics.disc import amplitude_bound
-from .clusters import cluster
 from .discs import SIMILAR, FoliageDiscs
 from .leaves import LeafEchoes
 from .near import EDGE, NearEdges, near_faces, near_field, needs_face, subdued
-from .scatterers import LEAF, Scatterers, Sight, Views
+from .scatterers import LEAF, Scatterers, Sight, Views, cluster
 
 
 def spiral(count: int) -> np.ndarray:

@@ -27,8 +27,7 @@ from ...base.rows import RowTable
 from ...base.trimesh import TriMesh, is_wood
 from ...growth.recognise.centreline import find_centrelines
 from ...growth.recognise.pieces import part
-from .clusters import cluster
-from .scatterers import WOOD, Scatterers, Sight, Views, Whole, sinc_argument, sinc_place
+from .scatterers import WOOD, Scatterers, Sight, Views, Whole, cluster, sinc_argument, sinc_place
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
