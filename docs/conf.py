@@ -13,11 +13,17 @@ sys.path.insert(0, str(HERE))
 
 from scene_reference import write_reference  # noqa: E402
 
+from forest_addon.base.places import version as version_of  # noqa: E402
+
 project = "Forest Sensing"
 author = "The Forest Sensing developers"
-extensions = ["myst_nb", "sphinx.ext.autodoc"]
+release = version = version_of()
+# viewcode: a page for each file of the code, which "[source]" beside a name leads to.
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
 html_theme = "furo"
-html_title = "Forest Sensing"
+html_title = f"Forest Sensing {release}"
+html_copy_source = True
+html_last_updated_fmt = "%Y-%m-%d"
 exclude_patterns = ["_build"]
 myst_heading_anchors = 3
 # Notebooks are run when the site is built, so that what they show is what the code does.

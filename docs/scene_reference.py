@@ -85,14 +85,19 @@ def reference() -> str:
         "[Python API](api.md) and in Blender's panel. A key that is not known, or a value out of range, is "
         "answered by one sentence.\n",
     ]
-    parts += [_table(title, group) for title, group in TABLES]
+    named: set[type[spec.Settings]] = set()  # some groups have two tables
+    parts += [_table(title, group, named) for title, group in TABLES]
     parts.append("# The species file\n")
-    parts += [_table(title, group) for title, group in SPECIES]
+    parts += [_table(title, group, named) for title, group in SPECIES]
     return "\n".join(parts)
 
 
-def _table(title: str, group: type[spec.Settings]) -> str:
+def _table(title: str, group: type[spec.Settings], named: set[type[spec.Settings]]) -> str:
     lines = [f"## `{title}`" if title[0] == "[" else f"## {title}", ""]
+    if group not in named:  # signatures of the API link here
+        lines += [f"```{{py:class}} forest_addon.api.{group.__name__}"]
+        lines += [f":canonical: {group.__module__}.{group.__name__}", "```", ""]
+        named.add(group)
     lines += [" ".join((group.__doc__ or "").split()), ""]
     lines += ["| key | type | unit | allowed | default | what it is |", "|---|---|---|---|---|---|"]
     hints = typing.get_type_hints(group)

@@ -11,8 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
-from forest_addon.spec import Scene, SpecError
+from forest_addon.spec import Scene, SpecError, unknown
 
+SCENE_HELP = "a scene file (TOML), or the name of one of assets/scenes"
 LOCK = ".lock"  # in a folder that one command at a time writes to
 
 
@@ -78,6 +79,17 @@ class Command:
         raise NotImplementedError
 
 
+def scene_file(words: str) -> Path:
+    """Return the scene file that a word of the command line means: a file, or one of ``assets/scenes``
+    by its name alone, such as hedge-bat."""
+    from forest_addon.base.places import ASSETS
+
+    given = Path(words)
+    shipped = ASSETS / "scenes" / f"{words}.toml"
+    is_name = given.name == words and not given.suffix and not given.exists()
+    return shipped if is_name and shipped.is_file() else given
+
+
 def name_of(scene: Path) -> str:
     """Return what results of a scene file are called: its own name; of one that many have, with its
     folder's."""
@@ -96,6 +108,11 @@ def read_scene(path: Path, seed: int | None) -> Scene:
     from forest_addon.formats.toml_file import read_settings
     from forest_addon.sensing import kinds  # noqa: F401  whose words a scene file may name
 
+    if not path.suffix and not path.exists():
+        from forest_addon.base.places import ASSETS
+
+        known = sorted(scene.stem for scene in (ASSETS / "scenes").glob("*.toml"))
+        raise unknown("scene", str(path), known, ", or a .toml file")
     settings = read_settings(path, Scene)
     if seed is None:
         return settings

@@ -13,6 +13,7 @@ from ..stand.forest import GrownForest
 from .read.inputs import inputs_from_scene
 from .scene.forest import build
 from .scene.ready import ReadyForest
+from .show.wind import hide_wind
 
 S = TypeVar("S", bound=ForestSite)
 
@@ -48,3 +49,4 @@ def build_site(
         build(place, site.scene, forest, site.inputs.terrain, as_assets=as_assets, ready=ready)
     except ValueError as problem:
         raise SpecError("build", str(problem)) from None
+    hide_wind(place)  # which moved the trees of before

@@ -77,6 +77,7 @@ def _rooms() -> tuple[ModuleType, ...]:
         scene_file,
         start,
         tree,
+        wind_view,
     )
     from .forest import lists as forest_lists
     from .forest import panels as forest_panels
@@ -111,6 +112,6 @@ def _rooms() -> tuple[ModuleType, ...]:
         preferences,
         presets,
         *(forest_panels, by_hand, sensors_panels, flight, results_panel),
-        *(overlay, edit, import_stl, library, species_panel),
+        *(overlay, edit, import_stl, library, species_panel, wind_view),
         *(chosen, hills, painting, hand_edits, planting, live, command, manual, migration),
     )

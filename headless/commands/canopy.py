@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import LOCK, Command, name_of
+from ..command import LOCK, SCENE_HELP, Command, name_of, scene_file
 
 
 class CanopyCommand(Command):
@@ -18,7 +18,7 @@ class CanopyCommand(Command):
     )
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="the scene file")
+        parser.add_argument("scene", type=scene_file, metavar="SCENE", help=SCENE_HELP)
         parser.add_argument(
             "--out", type=Path, metavar="FOLDER", help="for the files (default out/SCENE/canopy)"
         )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from forest_addon.spec import SpecError
 
-from ..command import LOCK, Command, name_of, refuse_negative
+from ..command import LOCK, SCENE_HELP, Command, name_of, refuse_negative, scene_file
 
 POLICIES = ("straight", "gap", "echo", "trained")
 
@@ -26,7 +26,7 @@ examples:
   python -m headless fly assets/scenes/flight-hedge.toml --policy echo --episodes 20"""
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="the scene file")
+        parser.add_argument("scene", type=scene_file, metavar="SCENE", help=SCENE_HELP)
         parser.add_argument("--policy", choices=POLICIES, default="gap", help="default gap")
         parser.add_argument(
             "--episodes", type=int, default=100, help="flights at each speed and density (100)"

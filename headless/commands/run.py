@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import LOCK, Command, name_of, read_scene
+from ..command import LOCK, SCENE_HELP, Command, name_of, read_scene, scene_file
 
 
 class RunCommand(Command):
@@ -14,7 +14,7 @@ class RunCommand(Command):
     description = "Run a scene file."
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="the scene file")
+        parser.add_argument("scene", type=scene_file, metavar="SCENE", help=SCENE_HELP)
         add_run_options(parser, "out/SCENE")
 
     def output(self, chosen: argparse.Namespace) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..command import Command, name_of
+from ..command import SCENE_HELP, Command, name_of, scene_file
 
 
 class StandCommand(Command):
@@ -17,7 +17,7 @@ class StandCommand(Command):
     )
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("scene", type=Path, metavar="SCENE.toml", help="the scene file")
+        parser.add_argument("scene", type=scene_file, metavar="SCENE", help=SCENE_HELP)
         parser.add_argument(
             "--out",
             type=Path,

@@ -24,7 +24,7 @@ def forest_finding(settings: Scene, forest: GrownForest, picture: Path | None) -
     wide, deep = settings.forest.size
     return Finding(
         "Forest",
-        f"{_stand_in_words(settings)} on {wide:g} by {deep:g} m.",
+        f"{_stand_in_words(settings, forest.stand.removed)} on {wide:g} by {deep:g} m.",
         facts(of_forest(forest)),
         tuple(_stand_notes(settings, forest)),
         picture,
@@ -39,8 +39,8 @@ LAYOUTS = {
 }
 
 
-def _stand_in_words(settings: Scene) -> str:
-    """Return how the trees of a scene are placed, as its settings say."""
+def _stand_in_words(settings: Scene, removed: int) -> str:
+    """Return how the trees of a scene are placed, as its settings say; ``removed``: to keep distances."""
     layouts = {planting.layout for planting in settings.plantings}
     if not layouts:
         return "A field without trees"
@@ -53,7 +53,8 @@ def _stand_in_words(settings: Scene) -> str:
         planting.gaussians or planting.rasters or planting.painted
         for planting in settings.plantings
     )
-    return "An inhomogeneous Poisson forest" if uneven else "A Poisson forest"
+    poisson = "An inhomogeneous Poisson forest" if uneven else "A Poisson forest"
+    return f"{poisson}, thinned to keep distances," if removed else poisson
 
 
 def _stand_notes(settings: Scene, forest: GrownForest) -> Iterator[str]:

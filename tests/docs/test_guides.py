@@ -18,7 +18,19 @@ from forest_addon import spec
 from forest_addon.formats.toml_file import write_settings
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-PAGES = [*sorted(DOCS.glob("guide/*.md")), DOCS / "stand.md"]
+GUIDES = sorted(DOCS.glob("guide/*.md"))
+
+
+def script(path):
+    """A file of Python beside the code, as a module."""
+    where = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(where)
+    where.loader.exec_module(module)
+    return module
+
+
+guides = script(DOCS.parent / "packaging" / "time_guides.py")
+NEEDS = {"fly": ["gymnasium"]}  # what a page asks to be installed besides
 
 
 def blocks(page):
@@ -26,12 +38,27 @@ def blocks(page):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p)], ids=lambda p: p.stem)
-def test_its_code_runs(page, tmp_path, monkeypatch, empty_blender):
+@pytest.mark.parametrize(
+    "page", [p for p in [*GUIDES, DOCS / "stand.md"] if guides.steps(p)], ids=lambda p: p.stem
+)
+def test_its_code_and_commands_run(page, tmp_path, monkeypatch, empty_blender):
+    for extra in NEEDS.get(page.stem, ()):
+        pytest.importorskip(extra)
+    guides.lay_out(tmp_path)
     monkeypatch.chdir(tmp_path)
-    names = {}
-    for number, block in enumerate(blocks(page), 1):
-        exec(compile(block, f"{page.name}, block {number}", "exec"), names)
+    guides.play(page)
+
+
+def test_every_tutorial_says_what_it_takes():
+    tasks = guides.TASKS.read_text(encoding="utf-8")
+    played = [page for page in GUIDES if guides.steps(page)]
+    assert len(played) >= 9
+    for page in played:
+        said = guides.COST.search(page.read_text(encoding="utf-8"))[0]
+        time, memory, files = re.search(
+            r"Takes (.*?) of one core, (.*?) of memory, (.*?) of", said
+        ).groups()
+        assert f"]({page.name}) | {time} | {memory} | {files} |" in tasks, page.name
 
 
 def test_the_landing_pages_code_runs(tmp_path, monkeypatch, empty_blender):
@@ -41,9 +68,7 @@ def test_the_landing_pages_code_runs(tmp_path, monkeypatch, empty_blender):
 
 
 def test_the_scene_file_page_has_every_key():
-    where = importlib.util.spec_from_file_location("scene_reference", DOCS / "scene_reference.py")
-    module = importlib.util.module_from_spec(where)
-    where.loader.exec_module(module)
+    module = script(DOCS / "scene_reference.py")
     text = module.reference()
     groups = {group for _, group in [*module.TABLES, *module.SPECIES]}
     abstract = {

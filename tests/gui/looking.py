@@ -33,6 +33,7 @@ def image():
 def scenario(steps: Steps) -> Scenario:
     steps.step("a forest")
     yield from open_tab("Forest")
+    bpy.data.objects.remove(bpy.data.objects["Cube"])  # the forest would stand beside it
     press("forest.start", preset="demo", grow=True)
     yield 0.3
     props = bpy.context.scene.forest_sensing
@@ -82,7 +83,7 @@ def scenario(steps: Steps) -> Scenario:
 
     steps.step("a sonar's ears at the 3D cursor")
     bpy.ops.object.select_all(action="DESELECT")
-    echo = bpy.data.objects["echo"]
+    echo = bpy.data.objects["bat"]
     echo.select_set(True)
     bpy.context.view_layer.objects.active = echo
     bpy.context.scene.cursor.location = (8.0, 14.0, 1.5)

@@ -221,6 +221,11 @@ def placed(places: np.ndarray, piece: np.ndarray, knot: np.ndarray) -> np.ndarra
     return np.asarray(low + (knot - step)[:, None, None] * (high - low))
 
 
+def parted(mesh: TriMesh, piece: np.ndarray) -> list[tuple[int, TriMesh]]:
+    """Cut a tree into its pieces, with the triangles at their seams; piece : (T,) of each triangle."""
+    return [(which, _taken(mesh, rows)) for which, rows in _pieces(mesh, piece)]
+
+
 def _pieces(mesh: TriMesh, piece: np.ndarray) -> list[tuple[int, np.ndarray]]:
     """Each piece with its triangles, and with those of others that share a vertex with them."""
     corner = mesh.triangles.astype(np.int64)

@@ -99,15 +99,28 @@ class ForestSway:
         return piece_of_triangles(shape, rig, mesh)
 
     def places(self, tree: int, knot: np.ndarray) -> np.ndarray:
-        """(K, G, 3, 4) where the pieces of a tree are at knots (K,), whole numbers of 1/64 s.
+        """(K, G, 3, 4) where the pieces of a tree are at knots (K,), whole numbers of 1/32 s.
 
         They are maps from rest in the variant's own frame and size. Between knots pieces go straight.
         """
-        rig, response = self.rig(tree), self.response(tree)
+        rig = self.rig(tree)
         assert rig is not None
+        return rig.places(self.amplitudes(tree, knot))
+
+    def amplitudes(self, tree: int, knot: np.ndarray) -> np.ndarray:
+        """(K, M) amplitudes of a tree's modes at knots (K,), over the tree's size."""
+        response = self.response(tree)
         assert response is not None
         amplitude = response.exact(np.asarray(knot) / KNOTS)[0]
-        return rig.places(amplitude / float(self._forest.stand.scale[tree]))
+        return np.asarray(amplitude / float(self._forest.stand.scale[tree]))
+
+    def rest(self, tree: int) -> TriMesh:
+        """The mesh of a tree's variant at rest, in its own frame."""
+        return self._forest.variant_of(tree).mesh
+
+    def variant(self, tree: int) -> tuple[int, int]:
+        """The planting and the variant that a tree is of."""
+        return self._key(tree)
 
     def most(self, tree: int, low: np.ndarray, high: np.ndarray) -> float:
         """Metres in the variant's size that no point of a tree's pieces, in boxes from (G, 3) to (G, 3), is

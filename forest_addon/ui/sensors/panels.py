@@ -10,6 +10,7 @@ import bpy
 from ... import spec
 from ...blender.sensors import objects as sensors
 from ...sensing.kinds import KINDS
+from ..forest.wind_view import draw_wind
 from ..settings import references
 from ..settings.drawing import BIG, OnceStarted, draw_settings, folded, split
 from ..settings.lists import draw_list
@@ -242,6 +243,7 @@ class FOREST_PT_wind(OnceStarted, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         draw_settings(split(self.layout), context.scene.forest_sensing.wind)
+        draw_wind(self.layout, context.scene)
 
 
 class FOREST_PT_rays(OnceStarted, bpy.types.Panel):

@@ -77,7 +77,11 @@ class FOREST_OT_add_library(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         if not any(library_folder().glob("*.blend")):
             how = "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT"
-            return set(bpy.ops.forest.make_library(how, add=True))
+            try:
+                return set(bpy.ops.forest.make_library(how, add=True))
+            except RuntimeError as refusal:
+                self.report({"ERROR"}, str(refusal).removeprefix("Error: ").strip())
+                return {"CANCELLED"}
         _add(context)
         self.report({"INFO"}, say("The Asset Browser has it as {name}", name=NAME))
         return {"FINISHED"}

@@ -21,7 +21,8 @@ Plots made again without one thing at a time, and what a classifier of real clou
 the same stands (`assets/plans/measured-stands.toml`), three tripods each with 0.3 to 0.4° between pulses;
 *all* has beams of 0.68 mrad in 7 sub-rays, noise, a threshold (reflectance 0.4 at 40 m), dead branches,
 undergrowth and relief of the bark. {seeds} seeds, each with two thirds of the plots, the same of every way.
-Scores are mIoU on the clouds of the part before; the learning is the same, too.
+Scores are mIoU on the clouds of the part before; plots
+are not blurred here, so that what is away can show.
 """
 TERMS = """\
 Differences are in thousandths of mIoU, of pairs with the same stands and the same plots learned from:
@@ -29,7 +30,7 @@ median (least to most of the seeds). One real tree a label is little: what is be
 another tree's opposite. *little occlusion*: the same pulses from twelve tripods. *leaves at any angle*:
 inclinations of a sphere in place of those that the species grow. *nothing varies*: noise, step and relief
 of the ground are fixed. *randomise*: the plan's word, with instruments of that platform in place of the one
-above.
+above: plots differ more then, and are less like these clouds.
 """
 
 

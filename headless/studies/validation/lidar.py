@@ -1,7 +1,8 @@
 """LiDAR against measured clouds: returns of a pulse, stems found from a tripod, and thin branches.
 
-Three parts: a plot of conifers by drone and aircraft (``plots``), stems of measured plots from one tripod
-scan (``stems``), and diameters of thin branches in a scan with and without errors (``twigs``).
+Parts: a plot of conifers by drone and aircraft (``plots``), the same line by line (``clouds.flights``), gaps
+between returns (``clouds.gaps``), stems of measured plots from one tripod scan (``stems``), and diameters of
+thin branches in a scan with and without errors (``twigs``).
 """
 
 from __future__ import annotations
@@ -9,6 +10,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from .clouds.flights import compare_flights
+from .clouds.gaps import compare_gaps
 from .comparison import Comparison
 from .own_cloud import compare_own
 from .plots import compare_plots
@@ -32,6 +35,18 @@ instruments are assumed, too. Diameters of our stems come out right where the me
 bark, lean, wind and the other program's own fit are not in ours, and which of them it is was not found out.
 A twig is thickened as measured in sign and place, but a tree by a tenth of what was measured: our tree has
 less of its volume in twigs, and nothing of ours moves between scans.
+
+The first rows mix angles: the drone's cloud has lines at 25 to 68 degrees off nadir, ours looked within 30.
+Line by line, over pines with the foliage of the southwestern ponderosa pine (preset ponderosa-pine) in the
+places of the plot's summits, a threshold read from the cloud makes the share of single returns rise with
+the angle as measured only at 68 degrees; elsewhere ours have 11 to 27 points too few of them, for the drone
+and the aircraft alike: light goes too deep into our crowns. By ablation, two of the drone's lines (26 and
+56 degrees; measured 45 and 60 %): 34 and 35 % as they stand; 31 and 28 % with the threshold of the faintest
+return of all in place of the faintest twentieth's, and from there 18 and 12 % with the shoots of Scots
+pine, 32 and 32 % with leaves of 20 % reflectance in place of 35, 29 and 22 % with half the leaf area, 34
+and 31 % with a pulse of 6 ns. So shoots and threshold matter most, the pulse and reflectances little, and
+none is enough. Gaps between returns of a VZ-400i agree without a dead zone: the length of the pulse alone
+makes that edge.
 
 `python -m headless validate lidar CLOUD.laz --scene MY.toml` holds the clouds of a scene to one of your
 own.
@@ -62,9 +77,11 @@ than that.
 
 
 def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Comparison]:
-    """All three parts; or a cloud of the user's own against a scene."""
+    """All parts; or a cloud of the user's own against a scene."""
     if arguments.file:
         return compare_own(arguments.file, arguments.scene, out)
     found = compare_plots(data / "clouds", out, arguments.seed)
+    found += compare_flights(data / "clouds", arguments.seed)
+    found += compare_gaps(arguments.seed)
     found += compare_stems(data / "rioja", out, arguments.seed)
     return [*found, *compare_twigs(out, arguments.seed)]
