@@ -199,7 +199,7 @@ class Losses:
 
         detours_lose : False where what is lost per metre is taken off by the time of arrival.
         """
-        return self.of_ground(frequency, length, detours_lose) * self._of_trunks(frequency, length)
+        return self.of_ground(frequency, length, detours_lose) * self.of_trunks(frequency, length)
 
     def of_ground(
         self, frequency: np.ndarray, length: np.ndarray, detours_lose: bool = True
@@ -256,9 +256,9 @@ class Losses:
 
     def near_share(self, frequency: np.ndarray, length: np.ndarray, rise: float) -> np.ndarray:
         """The same with the trunks' ends, and e^{-κx}."""
-        return self.share(frequency, length, rise) * self._of_trunks(frequency, length)
+        return self.share(frequency, length, rise) * self.of_trunks(frequency, length)
 
-    def _of_trunks(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
+    def of_trunks(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
         """Return what other trunks take, and what trunks' ends leave."""
         found = np.exp(-0.5 * self.removed(frequency) * length)
         if self.stand.trunk_height > 0:

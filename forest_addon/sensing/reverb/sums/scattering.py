@@ -10,13 +10,13 @@ trunks of one octave of radii share the panels.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ....acoustics.cylinder import transfer
-from ....acoustics.spectrum import delay_factors, frequency_panels
+from ....acoustics.spectrum import Panel, delay_factors, frequency_panels
 from ....base.progress import Progress
 from ....base.rows import RowTable
 from ....spec import Air
@@ -28,6 +28,7 @@ Gain = Callable[[np.ndarray, np.ndarray], np.ndarray]  # of frequency and path l
 PANEL_KA = 3.0  # width of a panel in ka of the octave's thickest trunk
 TRUNKS_AT_ONCE = 512
 BINS_AT_ONCE = 512
+BY_NODES = 1e-6  # tolerance from above which losses are interpolated between nodes
 
 
 @dataclass(frozen=True)
@@ -108,34 +109,87 @@ def scattered_spectrum(
     gain : of each path, by frequency and length; None: 1. bark : share that it absorbs head on.
     """
     spectrum = np.zeros(len(loss), dtype=np.complex128)
-    wide = paths.radius > 0  # a trunk of no width scatters nothing
+    done = 0
+    for some, panels in _together(paths, spacing, sound_speed, lowest, len(loss) - 1):
+        delay = some.length / sound_speed
+        for panel in panels:
+            scattered = some.weight * transfer(
+                panel.nodes[:, None], some.angle, some.radius, sound_speed, bark
+            )  # (Q, M)
+            for first in range(0, panel.count, BINS_AT_ONCE):
+                count = min(BINS_AT_ONCE, panel.count - first)
+                bins = slice(panel.first + first, panel.first + first + count)
+                carried = delay_factors(bins.start * spacing, spacing, count, delay)  # (B, M)
+                carried *= np.exp(np.outer(-loss[bins], some.length))
+                if gain is not None:
+                    frequency = np.arange(bins.start, bins.stop) * spacing
+                    carried *= gain(frequency[:, None], some.length)
+                nodes = carried @ scattered.T  # (B, Q)
+                spectrum[bins] += (panel.weights[first : first + count] * nodes).sum(axis=1)
+        done += len(some.length)
+        if progress:
+            progress(done, len(paths.length))
+    return spectrum
+
+
+def spectrum_by_nodes(
+    paths: TrunkPaths,
+    spacing: float,
+    lowest: int,
+    highest: int,
+    losses: Losses,
+    progress: Progress | None = None,
+) -> np.ndarray:
+    """(highest + 1,) the same with losses at the panels' nodes alone: only delays are computed at every bin.
+
+    Each way over the ground with its own delay taken off, losses are as smooth in frequency as H is: their
+    singularities lie at 0 Hz and at the air's relaxations, beside panels of two octaves.
+    """
+    spectrum = np.zeros(highest + 1, np.complex128)
+    done = 0
+    for some, panels in _together(paths, spacing, losses.air.speed(), lowest, highest):
+        for panel in panels:
+            spectrum[panel.first : panel.first + panel.count] += _of_panel(
+                some, panel, spacing, losses
+            )
+        done += len(some.length)
+        if progress:
+            progress(done, len(paths.length))
+    return spectrum
+
+
+def _of_panel(some: TrunkPaths, panel: Panel, spacing: float, losses: Losses) -> np.ndarray:
+    """(B,) spectrum at a panel's bins."""
+    speed, nodes = losses.air.speed(), panel.nodes[:, None]
+    loss = losses.along(panel.nodes)
+    answer = some.weight * transfer(nodes, some.angle, some.radius, speed, losses.bark)
+    answer = answer * losses.of_trunks(nodes, some.length)  # (Q, M)
+    found = np.zeros(panel.count, np.complex128)
+    for rise in losses.rises:
+        path = some.length + losses.detour(some.length, rise)
+        share = losses.share(nodes, some.length, rise)
+        scattered = answer * share * np.exp(-np.outer(loss, path))
+        for first in range(0, panel.count, BINS_AT_ONCE):
+            count = min(BINS_AT_ONCE, panel.count - first)
+            start = (panel.first + first) * spacing
+            carried = delay_factors(start, spacing, count, path / speed)  # (B, M)
+            weights = panel.weights[first : first + count]
+            found[first : first + count] += (weights * (carried @ scattered.T)).sum(axis=1)
+    return found
+
+
+def _together(
+    paths: TrunkPaths, spacing: float, speed: float, lowest: int, highest: int
+) -> Iterator[tuple[TrunkPaths, list[Panel]]]:
+    """Paths of one octave of radii, a few at a time, with their panels; none of trunks without a width."""
+    wide = paths.radius > 0
     octave = np.floor(np.log2(np.where(wide, paths.radius, 1.0)))
-    done = int((~wide).sum())
     for number in np.unique(octave[wide]):
         rows = np.flatnonzero((octave == number) & wide)
-        width = PANEL_KA * sound_speed / (2.0 * math.pi * paths.radius[rows].max())
-        panels = frequency_panels(len(loss) - 1, spacing, width, lowest)
+        width = PANEL_KA * speed / (2.0 * math.pi * paths.radius[rows].max())
+        panels = frequency_panels(highest, spacing, width, lowest)
         for start in range(0, len(rows), TRUNKS_AT_ONCE):
-            some = paths.select(rows[start : start + TRUNKS_AT_ONCE])
-            delay = some.length / sound_speed
-            for panel in panels:
-                scattered = some.weight * transfer(
-                    panel.nodes[:, None], some.angle, some.radius, sound_speed, bark
-                )  # (Q, M)
-                for first in range(0, panel.count, BINS_AT_ONCE):
-                    count = min(BINS_AT_ONCE, panel.count - first)
-                    bins = slice(panel.first + first, panel.first + first + count)
-                    carried = delay_factors(bins.start * spacing, spacing, count, delay)  # (B, M)
-                    carried *= np.exp(np.outer(-loss[bins], some.length))
-                    if gain is not None:
-                        frequency = np.arange(bins.start, bins.stop) * spacing
-                        carried *= gain(frequency[:, None], some.length)
-                    nodes = carried @ scattered.T  # (B, Q)
-                    spectrum[bins] += (panel.weights[first : first + count] * nodes).sum(axis=1)
-            done += len(some.length)
-            if progress:
-                progress(done, len(paths.length))
-    return spectrum
+            yield paths.select(rows[start : start + TRUNKS_AT_ONCE]), panels
 
 
 def direct_sum(
@@ -165,6 +219,8 @@ def direct_sum(
         nonlocal left
         left -= 1
         told = None if left else progress  # the last band is nearly all of the work
+        if losses is not None and gain is not None and tolerance > BY_NODES:
+            return spectrum_by_nodes(paths, spacing, lowest, highest, losses, told)
         loss = loss_per_metre(np.arange(highest + 1) * spacing, air, losses)
         return scattered_spectrum(paths, spacing, loss, speed, told, gain, bark, lowest)
 

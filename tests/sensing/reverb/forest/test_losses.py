@@ -11,7 +11,12 @@ from forest_addon.acoustics.ground import spherical_reflection, surface_impedanc
 from forest_addon.sensing.reverb.audit import octave_errors
 from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
-from forest_addon.sensing.reverb.sums.scattering import direct_sum, trunk_paths
+from forest_addon.sensing.reverb.sums.scattering import (
+    direct_sum,
+    scattered_spectrum,
+    spectrum_by_nodes,
+    trunk_paths,
+)
 from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air, Reverb
 
@@ -101,6 +106,30 @@ def test_the_fast_sum_keeps_its_tolerance_with_every_loss(radii, rate):
     exact = direct_sum(paths, rate, samples, AIR, None, losses)
     found = Expansions().sum(paths, rate, samples, AIR, 1e-3, losses).samples
     assert octave_errors(found, exact, rate).max() < 1e-3
+
+
+@pytest.mark.parametrize(("extinction", "bound"), [("none", 1e-11), ("energy", 1e-7)])
+@pytest.mark.parametrize("surface", ["snow", "asphalt"])
+@pytest.mark.parametrize(("spacing", "top"), [(0.05, 320.0), (5.0, 10_240.0)])
+def test_losses_between_nodes_are_those_of_every_frequency(
+    extinction, bound, surface, spacing, top
+):
+    """In every octave; extinction comes from a cubic spline, whose knots leave a tenth of what is allowed."""
+    rng = np.random.default_rng(5)
+    radius = np.array([0.03, 0.05, 0.2, 0.45, 0.0])
+    trunks = Trunks(rng.uniform(-40, 40, (5, 2)), radius, np.arange(5))
+    paths = trunk_paths(trunks, SOURCE[:2], RECEIVER[:2], 2.0, 0.7, None, True)
+    losses = losses_of(surface=surface, turbulence=10.0, bark=0.05, extinction=extinction)
+    lowest, highest = round(10 / spacing), round(top / spacing)
+    loss = losses.along(np.arange(highest + 1) * spacing)
+    exact = scattered_spectrum(
+        paths, spacing, loss, AIR.speed(), None, losses.gain, losses.bark, lowest
+    )
+    found = spectrum_by_nodes(paths, spacing, lowest, highest, losses)
+    for first in lowest * 2 ** np.arange(round(np.log2(highest / lowest))):
+        octave = slice(first, 2 * first)
+        error = np.linalg.norm(found[octave] - exact[octave]) / np.linalg.norm(exact[octave])
+        assert error < bound
 
 
 def test_nothing_changes_where_all_is_off():
