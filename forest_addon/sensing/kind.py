@@ -57,6 +57,22 @@ class Seen(Protocol):
         """Rays that pass leaves: lines of sight of sound."""
         ...
 
+    @property
+    def sway(self) -> Any:
+        """The sway of trees in the wind (``stand.wind.sway``) and the time at which it begins, s; None: they
+        stand still."""
+        ...
+
+    @property
+    def swaying(self) -> Any:
+        """Rays that meet everything, trees where the wind has them at a time; the still ones without wind."""
+        ...
+
+    @property
+    def swaying_wood(self) -> Any:
+        """The same without leaves."""
+        ...
+
     def once(self, make: Callable[..., T], *of: Any) -> T:
         """``make(self, *of)``, made the first time that it is asked for."""
         ...
@@ -166,6 +182,11 @@ class SensorKind:
     posed: tuple[str, ...] = ("position", "azimuth_deg", "elevation_deg")
     turns: tuple[int, ...] = (1, 2)
     fixed: Callable[[Any], str] = _nothing_fixed
+
+    @property
+    def timed(self) -> bool:
+        """Return whether each of its rays has a time of its own."""
+        return self.lasts is not _a_moment
 
     @property
     def moves(self) -> bool:

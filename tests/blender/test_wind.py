@@ -109,3 +109,21 @@ def test_a_later_frame_is_a_later_moment():
     assert not np.array_equal(first.points, later.points)
     bpy.context.scene.frame_set(bpy.context.scene.frame_start)
     assert np.array_equal(world.scan(SCAN).points, first.points)
+
+
+def test_a_ping_hears_trees_where_the_wind_has_them():
+    bat = forest.Sonar(position=(0, 0, 2), max_range=8.0, wood=True, shading="trunks", cull=0.02)
+    world = built(WINDY)
+    found = world.ping(bat)
+    assert found.audit.kept
+    assert not found.warnings
+    speed = np.concatenate([np.linalg.norm(g.velocity, axis=1) for g in found.found.groups])
+    assert 0.01 < speed.max() < 10
+    start = bpy.context.scene.frame_start
+    bpy.context.scene.frame_set(start + 12)
+    later = world.ping(bat)
+    bpy.context.scene.frame_set(start)
+    assert len(later.found.heard) > 0
+    assert not np.array_equal(later.found.responses[:, :500], found.found.responses[:, :500])
+    still = built(STAND).ping(bat)
+    assert still.found.groups[0].velocity.shape[1] == 0

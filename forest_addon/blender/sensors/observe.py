@@ -35,7 +35,6 @@ from .following import SceneFollower
 from .moving import WITHIN, moving_caster
 
 T = TypeVar("T")
-SWAYING = "swaying"  # key of the scene in pieces, among what was made
 ENDS = {"SPEAKER", "EMPTY", "CAMERA"}  # what can be a source or a receiver
 
 
@@ -56,7 +55,7 @@ class Observer:
             for thing in depsgraph.objects
             if thing.type in ENDS
         }
-        self._rays = rays or Rays()
+        self.rays = rays or Rays()
         self.expansions = Expansions() if expansions is None else expansions
         self._made: dict[Any, Any] = {}
         self._moving: dict[Sensor, TimedCaster] = {}
@@ -79,12 +78,12 @@ class Observer:
     @cached_property
     def caster(self) -> RayCaster:
         """Rays that meet everything."""
-        return make_caster(self.geometry, self._rays)
+        return make_caster(self.geometry, self.rays)
 
     @cached_property
     def wood(self) -> RayCaster:
         """Rays that pass leaves: lines of sight of sound."""
-        return make_caster(self.geometry.solid(), self._rays)
+        return make_caster(self.geometry.solid(), self.rays)
 
     @cached_property
     def placed_trees(self) -> PlacedTrees:
@@ -99,19 +98,30 @@ class Observer:
 
     def blow(self, sway: Swaying | None, start: float = 0.0) -> None:
         """Let trees sway, or stand still. start : s, the wind's time when a sensor begins."""
-        if sway is not self._sway or start != self._start:
-            self._moving.clear()
-        if sway is not self._sway:
-            self._made.pop((SWAYING,), None)
+        if (sway, start) == (self._sway, self._start):
+            return
+        self._moving.clear()
+        self._made.clear()
         self._sway, self._start = sway, start
 
     @property
-    def _in_pieces(self) -> SwayingScene:
-        """The scene with the trees that sway in pieces; made once."""
-        if (SWAYING,) not in self._made:
-            assert self._sway is not None
-            self._made[SWAYING,] = cut(self.geometry, self._sway)
-        return self._made[SWAYING,]  # type: ignore[no-any-return]
+    def sway(self) -> tuple[Swaying, float] | None:
+        """The sway of trees and the time at which it begins, s; None: they stand still."""
+        return None if self._sway is None else (self._sway, self._start)
+
+    @property
+    def swaying(self) -> Any:
+        """Rays that meet everything, trees where the wind has them at a time; the still ones without wind."""
+        return self.caster if self._sway is None else self.once(_in_the_wind, False)
+
+    @property
+    def swaying_wood(self) -> Any:
+        """The same without leaves."""
+        return self.wood if self._sway is None else self.once(_in_the_wind, True)
+
+    def in_pieces(self, solid: bool = False) -> SwayingScene:
+        """The scene with the trees that sway in pieces, without leaves where it is ``solid``; made once."""
+        return self.once(_cut, solid)
 
     def prepare(self, sensor: Sensor, way: Trajectory | None = None) -> None:
         """Read how the scene moves while a sensor looks, if it heeds that; on the main thread, before
@@ -122,20 +132,18 @@ class Observer:
         ValueError : a motion that cannot be followed; says what to change.
         """
         seconds = kind_of(sensor).lasts(sensor, way)
-        sways = self._sway is not None and kind_of(sensor).sways
+        sways = self._sway is not None and kind_of(sensor).sways and kind_of(sensor).timed
         self._moving.pop(sensor, None)
-        make = partial(make_caster, rays=self._rays)
-        scene = self._in_pieces.still if sways else self.geometry
-        moving: TimedCaster | None = None
         if seconds > 0:
-            moving = moving_caster(scene, seconds, make)
-        if sways:
-            assert self._sway is not None
-            still = MovingCaster(scene, {}, make) if moving is None else moving
-            given = self._in_pieces, self._sway, still, make, piece_engine(self._rays)
-            moving = SwayingCaster(*given, 0.0 if seconds > 0 else self._start)
-        if moving is not None:
+            make = partial(make_caster, rays=self.rays)
+            scene = self.in_pieces().still if sways else self.geometry
+            moving: TimedCaster = moving_caster(scene, seconds, make)
+            if sways:
+                given = self.in_pieces(), self._sway, moving, make, piece_engine(self.rays)
+                moving = SwayingCaster(*given)
             self._moving[sensor] = moving
+        elif sways:
+            self._moving[sensor] = self.swaying
 
     def eyes(self, sensor: Sensor) -> Any:
         """Rays of a sensor: of the scene as it stands, or as it moves, where that was prepared."""
@@ -242,3 +250,19 @@ class Observer:
         ValueError : what it should follow, or the file of its route, is not there or cannot be used.
         """
         return kind_of(sensor).trajectory(sensor, folder, SceneFollower(bpy.context.scene))
+
+
+def _cut(observer: Observer, solid: bool) -> SwayingScene:
+    """The scene of an observer with its trees in pieces."""
+    assert observer.sway is not None
+    scene = observer.geometry.solid() if solid else observer.geometry
+    return cut(scene, observer.sway[0])
+
+
+def _in_the_wind(observer: Observer, solid: bool) -> SwayingCaster:
+    """Rays at trees that sway, among what stands still."""
+    assert observer.sway is not None
+    pieces, make = observer.in_pieces(solid), partial(make_caster, rays=observer.rays)
+    still = MovingCaster(pieces.still, {}, make)
+    sway, start = observer.sway
+    return SwayingCaster(pieces, sway, still, make, piece_engine(observer.rays), start)

@@ -21,12 +21,13 @@ from ..audit import LEAST, Audit, Check, joined, sample
 from ..rays.caster import RayCaster
 from .bands import Band, BandGrid
 from .calls import Call
-from .doppler import factors
+from .doppler import factors, fastest
 from .ping import Echo, heard_from
 from .search import SearchGroup
 from .station import Equipment, Station
 from .summation import sum_echoes
 from .targets import EchoTargets
+from .windy import at_moment
 
 MOST = 300_000  # scatterers in range that are all summed
 BINS = (4, 32)  # of a ping at a time; of one whose scatterers have to be looked for
@@ -51,7 +52,7 @@ class _Pings:
 
     def moving(self, echo: Echo) -> bool:
         call = self.equipment.call
-        return bool(call and self.sonar.doppler and np.linalg.norm(echo.pose.velocity) > 0)
+        return bool(call and self.sonar.doppler and fastest(echo.groups, echo.pose) > 0)
 
     @property
     def bins(self) -> int:
@@ -83,7 +84,8 @@ def audit_echoes(
             echo = echoes[int(rng.integers(len(echoes)))]
             station, groups = pings.station(echo), echo.groups
             if culled:
-                groups = heard_from(station, targets, band, wood, everything).groups
+                casters = (at_moment(rays, echo.pose.time) for rays in (wood, everything))
+                groups = heard_from(station, targets.at(echo.pose.time), band, *casters).groups
             count = min(BINS[culled], len(echo.frequency))
             stride = int(rng.integers(1, max(len(echo.frequency) // count, 1) + 1))
             first = int(rng.integers(0, len(echo.frequency) - (count - 1) * stride))

@@ -1,9 +1,13 @@
 """The Doppler effect of a moving sonar: every path plays the call faster or slower.
 
-A sonar that flies at v towards a scatterer hears its call sped up by α = (c + v_t)/(c − v_e), v_t and v_e
-the velocity towards the scatterer as the call leaves and as the echo comes back to the ear. A path of
-the amplitude A and the delay τ then adds A(f)·X(f/α)/α·e^{-i2πfτ}, X the call's spectrum. The scatterer's
-own response is taken at the frequency heard, which is off by at most v/c of itself.
+A sonar that flies at v towards a scatterer hears its call sped up by
+
+    α = (c + v_e)(c − u_t)/((c − v_t)(c + u_e)),
+
+v_t and v_e its velocity towards the scatterer as the call leaves and as the echo comes back to the ear, u_t
+and u_e that of the scatterer away from mouth and ear. A path of the amplitude A and the delay τ then adds
+A(f)·X(f/α)/α·e^{-i2πfτ}, X the call's spectrum. The scatterer's own response is taken at the frequency heard,
+which is off by at most v/c of itself.
 
 What arrives within a short time is, but for its common delay, smooth in f: the call lasts so long, the
 arrivals lie so far apart, and A is interpolated between a few nodes anyway. So the echoes of a block of time
@@ -22,6 +26,7 @@ from ...acoustics import chebyshev
 from ...acoustics.nonuniform import nodes_needed
 from .bands import Band, BandGrid
 from .calls import Call
+from .poses import SonarPose
 from .search import SearchGroup
 from .station import Station
 from .summation import Heard, panels, smooth_of, sum_echoes
@@ -42,9 +47,20 @@ def widened(band: Band, speed: float, sound_speed: float) -> Band:
 def factors(group: SearchGroup, station: Station, ear: int) -> np.ndarray:
     """(M,) α of every path to an ear."""
     velocity, speed = station.pose.velocity, station.sound_speed
-    away = group.scatterers.centre - station.ear[ear]
-    back = (away / group.paths.leg[ear][:, None]) @ velocity
-    return (speed + group.paths.direction @ velocity) / (speed - back)
+    way = group.paths.direction
+    back = (group.scatterers.centre - station.ear[ear]) / group.paths.leg[ear][:, None]
+    alpha = (speed + back @ velocity) / (speed - way @ velocity)
+    if group.velocity.shape[1]:
+        off, return_off = (np.einsum("mi,mi->m", w, group.velocity) for w in (way, back))
+        alpha *= (speed - off) / (speed + return_off)
+    return np.asarray(alpha)
+
+
+def fastest(groups: list[SearchGroup], pose: SonarPose) -> float:
+    """Return the speed of the sonar and of the fastest scatterer together, m/s."""
+    own = float(np.linalg.norm(pose.velocity))
+    speeds = [np.linalg.norm(group.velocity, axis=1).max(initial=0.0) for group in groups]
+    return own + float(max(speeds, default=0.0))
 
 
 def shifted_sum(

@@ -23,7 +23,6 @@ from ...acoustics.smoothness import SmoothnessProfile
 from ...base.rows import RowTable
 from ...base.trimesh import TriMesh, is_wood
 from ...growth.recognise.pieces import part
-from .clusters import cluster
 from .scatterers import (
     CLEAR,
     FACET,
@@ -31,6 +30,7 @@ from .scatterers import (
     Sight,
     Views,
     Whole,
+    cluster,
     sinc_argument,
     sinc_place,
 )
@@ -116,6 +116,10 @@ class FacetPopulation:
 
     def __len__(self) -> int:
         return len(self.blocks.order)
+
+    @property
+    def held(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._corners.mean(axis=1), np.full(len(self._corners), -1)
 
     def ceiling(self, views: Views, lowest: float, highest: float) -> np.ndarray:
         # |p|·r² of a facet: its glint h/2, and its rims (h/4π)·∫|dφ|, at most two turns.

@@ -12,11 +12,10 @@ from typing import ClassVar
 import numpy as np
 
 from ...acoustics.disc import amplitude_bound
-from .clusters import cluster
 from .discs import SIMILAR, FoliageDiscs
 from .leaves import LeafEchoes
 from .near import EDGE, NearEdges, near_faces, near_field, needs_face, subdued
-from .scatterers import LEAF, Scatterers, Sight, Views
+from .scatterers import LEAF, Scatterers, Sight, Views, cluster
 
 
 def spiral(count: int) -> np.ndarray:
@@ -47,6 +46,11 @@ class LeafPopulation:
 
     def __len__(self) -> int:
         return len(self.blocks.order)
+
+    @property
+    def held(self) -> tuple[np.ndarray, np.ndarray]:
+        order = self.blocks.order
+        return self._foliage.local[0][order], self._foliage.leaf[order].astype(np.int64)
 
     def ceiling(self, views: Views, lowest: float, highest: float) -> np.ndarray:
         widened = np.sqrt(views.stretch[:, 0] * views.stretch[:, 1]) * self._largest[views.block]
@@ -100,6 +104,8 @@ class LeafPopulation:
         leaf = self.blocks.order[rows]
         centre, normal, radius = self._foliage.moved(transform, leaf)
         number = self._foliage.leaf[leaf].astype(np.int64)
+        if sight.turns is not None:
+            centre, normal = sight.turns(number, centre, normal)
         far = LeafEchoes(centre, normal, radius, number, np.ones(len(leaf)), self._model)
         if self._model == "paper":
             distance = np.linalg.norm(centre - sight.point, axis=1)

@@ -33,7 +33,11 @@ def targets_of(seen: Seen) -> Any:
     """``EchoTargets``, everything in a scene that sounds back; ask for it by ``seen.once``."""
     from .targets import EchoTargets
 
-    return EchoTargets(seen.geometry)
+    if seen.sway is None:
+        return EchoTargets(seen.geometry)
+    from .windy import EchoWind
+
+    return EchoTargets(seen.geometry, wind=EchoWind(seen.geometry, *seen.sway))
 
 
 def _listen(job: Observation, progress: Progress | None) -> Any:
@@ -47,9 +51,9 @@ def _listen(job: Observation, progress: Progress | None) -> Any:
     targets = seen.once(targets_of)
     given: dict[str, Any] = {
         "equipment": equip(sonar, job.folder),
-        "everything": seen.caster if "extinction" in sonar.shading else None,
+        "everything": seen.swaying if "extinction" in sonar.shading else None,
     }
-    wood = seen.wood if "trunks" in sonar.shading else None
+    wood = seen.swaying_wood if "trunks" in sonar.shading else None
     if job.trajectory is None:
         return ping(targets, sonar, air, wood, progress, **given)
     return fly(targets, sonar, air, poses_of(job.trajectory), wood, progress, **given)
@@ -61,7 +65,7 @@ def _audit(job: Observation, found: Any, seconds: float) -> Audit:
 
     sonar, seen, settings = job.sensor, job.seen, job.settings
     echoes = (found,) if job.trajectory is None else found.echoes
-    casters = seen.wood, seen.caster if "extinction" in sonar.shading else None
+    casters = seen.swaying_wood, seen.swaying if "extinction" in sonar.shading else None
     return audit_echoes(
         echoes,
         seen.once(targets_of),
@@ -179,6 +183,7 @@ SONAR = SensorKind(
     run=_listen,
     audit=_audit,
     empty=_silence,
+    sways=True,
     trajectory=_trajectory,
     positions=_where_it_pings,
     cost=_cost,

@@ -30,7 +30,7 @@ from ...spec import Air, Sonar
 from ..rays.caster import RayCaster
 from .bands import Band, BandGrid, grid_of
 from .discs import LeafDiscs, leaf_discs
-from .doppler import shifted_sum, widened
+from .doppler import fastest, shifted_sum, widened
 from .leaves import LeafEchoes, count_doubtful
 from .near import count_close
 from .poses import SonarPose, posed
@@ -39,6 +39,7 @@ from .shading import shade_of
 from .station import Equipment, Station
 from .summation import sum_echoes
 from .targets import EchoTargets
+from .windy import at_moment
 
 __all__ = ["Contributions", "Echo", "EchoTargets", "LeafDiscs", "leaf_discs", "ping"]
 
@@ -174,10 +175,12 @@ def ping(
     station = Station(sonar, air, pose or posed(sonar), equipment or Equipment.of(sonar))
     call = station.equipment.call
     band, rate = Band(*sonar.band), sonar.sample_rate
+    time = station.pose.time
+    targets, wood, everything = targets.at(time), at_moment(wood, time), at_moment(everything, time)
     found = heard_from(station, targets, band, wood, everything)
     latest = max((float(g.paths.length.max()) for g in found.groups), default=0.0)
     lasts = call.duration if call else 0.0
-    moving = float(np.linalg.norm(station.pose.velocity)) if call and sonar.doppler else 0.0
+    moving = fastest(found.groups, station.pose) if call and sonar.doppler else 0.0
     wide = widened(band, moving, station.sound_speed) if moving else band
     grid = grid_of(wide, rate, latest / station.sound_speed, sonar.record, lasts)
     summed = sum_echoes(found.groups, station, grid, sonar.tolerance, progress)

@@ -21,12 +21,14 @@ class SonarPose:
 
     position : (3,) metres. frame : (3, 3) rows: the axis of the beam, to its left, up.
     velocity : (3,) m/s. width : full -3 dB width in radians instead of the sonar's own, or None.
+    time : s, when it pings.
     """
 
     position: np.ndarray
     frame: np.ndarray
     velocity: np.ndarray
     width: float | None = None
+    time: float = 0.0
 
 
 def posed(sonar: Sonar) -> SonarPose:
@@ -40,7 +42,8 @@ def poses_of(trajectory: Trajectory) -> list[SonarPose]:
     count = len(trajectory)
     velocity = np.zeros((count, 3)) if trajectory.velocity is None else trajectory.velocity
     width = [None] * count if trajectory.width is None else trajectory.width.tolist()
-    each = zip(trajectory.position, trajectory.frames, velocity, width, strict=True)
+    time = trajectory.time.tolist()
+    each = zip(trajectory.position, trajectory.frames, velocity, width, time, strict=True)
     return [SonarPose(*one) for one in each]
 
 

@@ -5,20 +5,22 @@ amplitude f(k) in metres, of one of the classes of its ``profile``, and never la
 kinds are in ``leaves``, ``wood`` and ``facets``.
 
 A ``Population`` is what one mesh has of one kind, in local space and in blocks; instances make scatterers
-of its rows when a sonar comes near.
+of its rows when a sonar comes near. Its points are cut in halves along the widest axis until a block holds
+few; a block knows its bounding sphere. Instances share the blocks of their mesh, so a forest of millions of
+leaves is searched by a few thousand spheres.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Protocol, Self
 
 import numpy as np
 
 from ...acoustics.smoothness import SmoothnessProfile
-from .clusters import Blocks
 
+SIZE = 96  # points of a block, at most
 LEAF, WOOD, FACET = "leaf", "wood", "facet"
 CLEAR = 1e-3  # m; what is so close before a scatterer is what it sits on
 
@@ -116,17 +118,23 @@ class Scatterers(Protocol):
     def joined(cls, parts: Sequence[Self]) -> Self: ...
 
 
+# Leaves (M,) with centres and normals (M, 3) in the world, to the centres and normals that they turn to.
+LeafTurns = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
 @dataclass(frozen=True)
 class Sight:
     """Sight of a sonar, which a population must know before it makes scatterers.
 
     point : (3,) where it is. wavenumber : the largest, 1/m. nearest, reach : metres, its range.
+    turns : how leaves flutter; None: they are still.
     """
 
     point: np.ndarray
     wavenumber: float
     reach: float
     nearest: float = 0.0
+    turns: LeafTurns | None = None
 
 
 @dataclass(frozen=True)
@@ -153,6 +161,11 @@ class Population(Protocol):
 
     def __len__(self) -> int: ...
 
+    @property
+    def held(self) -> tuple[np.ndarray, np.ndarray]:
+        """Middles (R, 3) of the rows and the leaf that each is of (R,), -1 where of none."""
+        ...
+
     def ceiling(self, views: Views, lowest: float, highest: float) -> np.ndarray:
         """(P,) no Σ|f| of a block, as it is viewed, between two wavenumbers is larger."""
         ...
@@ -162,3 +175,72 @@ class Population(Protocol):
     ) -> Sequence[Scatterers]:
         """Some rows through one (3, 4) transform, in one or more sets."""
         ...
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """B blocks of N points, block by block.
+
+    order : (N,) the points' numbers before, in the order of the blocks. first : (B + 1,).
+    centre : (B, 3). radius : (B,) metres; every point, with its own extent, lies within.
+    """
+
+    order: np.ndarray
+    first: np.ndarray
+    centre: np.ndarray
+    radius: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.radius)
+
+    @property
+    def count(self) -> np.ndarray:
+        """(B,) points of each block."""
+        return np.diff(self.first)
+
+    def largest(self, values: np.ndarray) -> np.ndarray:
+        """(B,) the largest of values (N,), which are in the order of the blocks."""
+        if not len(self):
+            return np.empty(0)
+        return np.maximum.reduceat(values, self.first[:-1])
+
+    def sums(self, values: np.ndarray) -> np.ndarray:
+        """(B,) the sum of values (N,), which are in the order of the blocks."""
+        if not len(self):
+            return np.empty(0)
+        return np.add.reduceat(values, self.first[:-1])
+
+
+def cluster(points: np.ndarray, extent: np.ndarray) -> Blocks:
+    """Blocks of points (N, 3) that reach ``extent`` (N,) metres around themselves.
+
+    Points that are not finite come last, in a block that is infinitely large and so always looked at.
+    """
+    finite = np.isfinite(points).all(axis=1) & np.isfinite(extent)
+    runs: list[np.ndarray] = []
+    pending = [np.flatnonzero(finite)]
+    while pending:
+        rows = pending.pop()
+        if len(rows) <= SIZE:
+            if len(rows):
+                runs.append(rows)
+            continue
+        widest = int(np.argmax(np.ptp(points[rows], axis=0)))
+        middle = len(rows) // 2
+        rows = rows[np.argpartition(points[rows, widest], middle)]
+        pending += [rows[middle:], rows[:middle]]
+    spheres = [_sphere(points[rows], extent[rows]) for rows in runs]
+    if not finite.all():
+        runs.append(np.flatnonzero(~finite))
+        spheres.append((np.zeros(3), np.inf))
+    return Blocks(
+        order=np.concatenate(runs) if runs else np.empty(0, np.int64),
+        first=np.concatenate([[0], np.cumsum([len(rows) for rows in runs])]).astype(np.int64),
+        centre=np.array([centre for centre, _ in spheres]).reshape(-1, 3),
+        radius=np.array([radius for _, radius in spheres], dtype=np.float64),
+    )
+
+
+def _sphere(points: np.ndarray, extent: np.ndarray) -> tuple[np.ndarray, float]:
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2
+    return centre, float((np.linalg.norm(points - centre, axis=1) + extent).max())

@@ -8,7 +8,9 @@ that are opened are moved into the world.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from copy import copy
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,7 +23,8 @@ from ..rays.geometry import SceneGeometry
 from .discs import FoliageDiscs, LeafDiscs
 from .facets import FacetPopulation
 from .foliage import LeafPopulation
-from .scatterers import Population, Scatterers, Sight, Views
+from .scatterers import LEAF, Population, Scatterers, Sight, Views
+from .windy import EchoWind, TreeMoment
 from .wood import WoodPopulation
 
 KINDS = ("leaves", "wood", "facets")
@@ -63,15 +66,28 @@ class Candidates(RowTable):
 class EchoTargets:
     """Targets of a sonar in a scene.
 
-    like : targets of a scene with the same meshes, whose measures are shared.
+    like : targets of a scene with the same meshes, whose measures are shared. wind : how they move; None:
+    they stand still.
     """
 
-    def __init__(self, scene: SceneGeometry, like: EchoTargets | None = None) -> None:
+    def __init__(
+        self, scene: SceneGeometry, like: EchoTargets | None = None, wind: EchoWind | None = None
+    ) -> None:
         self.scene = scene
+        self._wind, self._time = wind, 0.0
+        self._moments: dict[int, TreeMoment] = {}
         self._made: dict[tuple[str, str, int], Population] = {} if like is None else like._made
         self._foliage: dict[int, FoliageDiscs] = {} if like is None else like._foliage
         self._stands: dict[tuple[bool, bool, bool, str], list[_Stand]] = {}
         self._stretch: np.ndarray | None = None
+
+    def at(self, time: float) -> EchoTargets:
+        """The targets as they are at a time, s; these where nothing moves."""
+        if self._wind is None:
+            return self
+        other = copy(self)
+        other._time, other._moments = time, {}
+        return other
 
     @classmethod
     def of_discs(cls, discs: LeafDiscs) -> EchoTargets:
@@ -116,13 +132,14 @@ class EchoTargets:
         found, far = [], 0
         for number, stand in enumerate(self.stands(sonar)):
             blocks = stand.population.blocks
-            away = np.linalg.norm(stand.centre - point, axis=1) - stand.radius
+            drift, turn = self._astray(stand)
+            away = np.linalg.norm(stand.centre - point, axis=1) - stand.radius - drift
             near = np.flatnonzero(~(away > sonar.max_range))
             far += (len(stand.instance) - len(near)) * len(stand.population)
             linear = stand.transform[near, :, :3]
             towards = blocks.centre @ linear.transpose(0, 2, 1)  # (I, B, 3)
             towards += (stand.transform[near, :, 3] - point)[:, None]
-            radius = stand.stretch[near, :1] * blocks.radius
+            radius = stand.stretch[near, :1] * blocks.radius + drift[near, None]
             distance = np.sqrt(np.einsum("ibk,ibk->ib", towards, towards))
             inside = ~(distance - radius > sonar.max_range)
             far += int((~inside @ blocks.count).sum())
@@ -135,6 +152,7 @@ class EchoTargets:
                 )
                 local = np.einsum("pk,pka->pa", towards, linear[member])
                 local /= np.linalg.norm(local, axis=1, keepdims=True)
+            spread += turn[near][member]
             views = Views(block, stand.stretch[near][member], nearest, local, spread)
             strength = stand.population.ceiling(views, lowest, highest)
             strength[~np.isfinite(distance - radius)] = np.inf
@@ -154,9 +172,10 @@ class EchoTargets:
 
     def scatterers(
         self, sonar: Sonar, some: Candidates, sight: Sight
-    ) -> list[tuple[Scatterers, np.ndarray]]:
-        """The scatterers of opened candidates, one set a class, each with its instance (M,)."""
-        opened: dict[type, tuple[list[Scatterers], list[np.ndarray]]] = {}
+    ) -> list[tuple[Scatterers, np.ndarray, np.ndarray]]:
+        """The scatterers of opened candidates, one set a class, each with its instance (M,) and velocity
+        (M, 3) m/s, (M, 0) where nothing moves."""
+        opened: dict[type, tuple[list[Scatterers], list[np.ndarray], list[np.ndarray]]] = {}
         order = np.lexsort((some.block, some.member, some.stand))
         stand, member, block = some.stand[order], some.member[order], some.block[order]
         starts = np.flatnonzero(
@@ -167,14 +186,60 @@ class EchoTargets:
             bounds = chosen.population.blocks.first
             rows = np.concatenate([np.arange(bounds[b], bounds[b + 1]) for b in block[first:last]])
             which = member[first]
-            for made in chosen.population.scatterers(chosen.transform[which], rows, sight):
-                sets, instances = opened.setdefault(type(made), ([], []))
+            for made, velocity in self._placed(chosen, which, rows, sight):
+                sets, instances, velocities = opened.setdefault(type(made), ([], [], []))
                 sets.append(made)
                 instances.append(np.full(len(made), chosen.instance[which]))
+                velocities.append(velocity)
         return [
-            (type(sets[0]).joined(sets), np.concatenate(instances))
-            for sets, instances in opened.values()
+            (type(sets[0]).joined(sets), np.concatenate(instances), np.concatenate(velocities))
+            for sets, instances, velocities in opened.values()
         ]
+
+    def _placed(
+        self, stand: _Stand, which: int, rows: np.ndarray, sight: Sight
+    ) -> Iterator[tuple[Scatterers, np.ndarray]]:
+        """Some rows of a population as an instance has them in the world, with their velocities."""
+        instance, transform = int(stand.instance[which]), stand.transform[which]
+        wind, population = self._wind, stand.population
+        if wind is None:
+            for made in population.scatterers(transform, rows, sight):
+                yield made, np.empty((len(made), 0))
+            return
+        if wind.tree[instance] < 0:
+            for made in population.scatterers(transform, rows, sight):
+                yield made, np.zeros((len(made), 3))
+            return
+        moment, piece = self._moment(instance), wind.pieces(population, instance)[rows]
+        for number in np.unique(piece).tolist():
+            place = moment.place[number]
+            stands = np.empty((3, 4))
+            stands[:, :3] = transform[:, :3] @ place[:, :3]
+            stands[:, 3] = transform[:, :3] @ place[:, 3] + transform[:, 3]
+            turned = replace(sight, turns=wind.turns(instance, stands, self._time))
+            for made in population.scatterers(stands, rows[piece == number], turned):
+                rate = moment.rate[number]
+                own = (made.centre - stands[:, 3]) @ np.linalg.inv(stands[:, :3]).T
+                velocity = (own @ rate[:, :3].T + rate[:, 3]) @ transform[:, :3].T
+                if made.kind == LEAF:
+                    velocity += wind.leaf_velocity(instance, stands, made.number, self._time)
+                yield made, velocity
+
+    def _moment(self, instance: int) -> TreeMoment:
+        """A tree that sways, at the time of these targets; kept."""
+        assert self._wind is not None
+        if instance not in self._moments:
+            self._moments[instance] = self._wind.moment(instance, self._time)
+        return self._moments[instance]
+
+    def _astray(self, stand: _Stand) -> tuple[np.ndarray, np.ndarray]:
+        """(I,) metres and radians that nothing of instances is farther from, or more turned than, at rest."""
+        drift, turn = np.zeros(len(stand.instance)), np.zeros(len(stand.instance))
+        if self._wind is not None:
+            for row in np.flatnonzero(self._wind.tree[stand.instance] >= 0).tolist():
+                moment = self._moment(int(stand.instance[row]))
+                drift[row], turn[row] = stand.stretch[row, 0] * moment.drift, moment.turn
+        return drift, turn
 
     def _stand(self, kind: str, index: int, model: str) -> _Stand | None:
         population = self._population(kind, index, model)

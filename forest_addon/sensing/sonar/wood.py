@@ -27,8 +27,7 @@ from ...base.rows import RowTable
 from ...base.trimesh import TriMesh, is_wood
 from ...growth.recognise.centreline import find_centrelines
 from ...growth.recognise.pieces import part
-from .clusters import cluster
-from .scatterers import WOOD, Scatterers, Sight, Views, Whole, sinc_argument, sinc_place
+from .scatterers import WOOD, Scatterers, Sight, Views, Whole, cluster, sinc_argument, sinc_place
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -145,6 +144,10 @@ class WoodPopulation:
 
     def __len__(self) -> int:
         return len(self.blocks.order)
+
+    @property
+    def held(self) -> tuple[np.ndarray, np.ndarray]:
+        return (self._start + self._end) / 2, np.full(len(self._start), -1)
 
     def ceiling(self, views: Views, lowest: float, highest: float) -> np.ndarray:
         widest = views.stretch[:, 0]

@@ -49,7 +49,7 @@ class SwayResponse:
         return self.mean + (turn @ self.waves.T).real, (turn @ (1j * self.rate * self.waves).T).real
 
     def amplitudes(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Amplitudes (N, M) at times (N,), and their rates, cubic between knots 1/64 s apart.
+        """Amplitudes (N, M) at times (N,), and their rates, cubic between knots 1/32 s apart.
 
         Knots lie at whole multiples, so that a moment is the same in whatever company it is asked for.
         """

@@ -122,6 +122,38 @@ class ForestSway:
         """The planting and the variant that a tree is of."""
         return self._key(tree)
 
+    def moment(self, tree: int, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """(G, 3, 4) where the pieces of a tree are at a time, s, and (G, 3, 4) how fast that changes, 1/s;
+        as ``places``, without knots."""
+        rig, response = self.rig(tree), self.response(tree)
+        assert rig is not None
+        assert response is not None
+        scale = float(self._forest.stand.scale[tree])
+        amplitude, rate = response.exact(np.array([time]))
+        return rig.places(amplitude / scale)[0], rig.shifts(rate / scale)[0]
+
+    def pieces_at(self, tree: int, points: np.ndarray, leaf: np.ndarray) -> np.ndarray:
+        """(N,) the piece that points (N, 3) of a tree's variant are on; leaf : (N,) its leaf, -1 wood."""
+        rig = self.rig(tree)
+        assert rig is not None
+        return np.asarray(rig.of_member[self.anchors_of(tree, points, leaf).bone])
+
+    def flutter(
+        self, tree: int, leaf: np.ndarray, time: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Foot (N, 3) of leaves of a tree, and by how much they turn about it at a time: vectors (N, 3) in
+        radians and their rates, in the variant's frame. Needles do not flutter.
+        """
+        shape = self.shape(tree)
+        assert shape is not None
+        species = self._forest.species[self._key(tree)[0]]
+        if species.needles is not None or not len(shape.seats.segment):
+            none = np.zeros((len(leaf), 3))
+            return none, none, none
+        seats = np.minimum(leaf, len(shape.seats.segment) - 1)
+        value, rate = self._turns(tree, seats, np.full(len(leaf), time))
+        return shape.seats.foot[seats], value, rate
+
     def most(self, tree: int, low: np.ndarray, high: np.ndarray) -> float:
         """Metres in the variant's size that no point of a tree's pieces, in boxes from (G, 3) to (G, 3), is
         ever off its rest: all waves in phase."""
@@ -218,17 +250,28 @@ class ForestSway:
 
     def _fluttered(self, tree: int, at: Anchors, time: np.ndarray, order: int) -> np.ndarray:
         """(N, 3) displacement or velocity of points of leaves about their feet, in the variant's axes."""
+        if self._forest.species[self._key(tree)[0]].needles is not None:
+            return np.zeros((len(at), 3))
+        scale = float(self._forest.stand.scale[tree])
+        return scale * np.cross(self._turns(tree, at.leaf, time)[order], at.reach)
+
+    def _turns(
+        self, tree: int, leaf: np.ndarray, time: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(N, 3) vectors that leaves turn by about their feet at times (N,), radians, and their rates."""
         shape, stand = self.shape(tree), self._forest.stand
         assert shape is not None
         seats = shape.seats
-        scale = float(stand.scale[tree])
         tree_key = daughter_keys(self._first, np.array([tree]))
-        key = daughter_keys(np.broadcast_to(tree_key, at.leaf.shape), at.leaf)
-        wind = self.field.mean(scale * seats.foot[at.leaf, 2])
-        angle = Flutter.of(key, wind).angles(time)[order]
-        along, normal = seats.axis[at.leaf], seats.normal[at.leaf]
-        axis = angle[:, :1] * along + angle[:, 1:] * np.cross(along, normal)
-        return scale * np.cross(axis, at.reach)
+        key = daughter_keys(np.broadcast_to(tree_key, leaf.shape), leaf)
+        wind = self.field.mean(float(stand.scale[tree]) * seats.foot[leaf, 2])
+        along, normal = seats.axis[leaf], seats.normal[leaf]
+        across = np.cross(along, normal)
+        value, rate = (
+            angle[:, :1] * along + angle[:, 1:] * across
+            for angle in Flutter.of(key, wind).angles(time)
+        )
+        return value, rate
 
     @cached_property
     def _first(self) -> np.ndarray:

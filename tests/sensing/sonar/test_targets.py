@@ -9,11 +9,10 @@ import pytest
 from references.echo_scenes import scene_of, square_leaves
 
 from forest_addon.acoustics.disc import MODELS
-from forest_addon.sensing.sonar.clusters import cluster
 from forest_addon.sensing.sonar.foliage import BETWEEN, VIEWS
 from forest_addon.sensing.sonar.ping import leaf_discs, ping
 from forest_addon.sensing.sonar.poses import SonarPose, posed
-from forest_addon.sensing.sonar.scatterers import Sight
+from forest_addon.sensing.sonar.scatterers import Sight, cluster
 from forest_addon.sensing.sonar.station import Equipment, Station
 from forest_addon.sensing.sonar.targets import EchoTargets
 from forest_addon.spec import Air, Sonar
@@ -100,7 +99,7 @@ def test_no_block_is_louder_than_its_ceiling(model: str) -> None:
         for row in range(len(blocks)):
             one = blocks.select(np.array([row]))
             total = 0.0
-            for made, _ in targets.scatterers(sonar, one, sight):
+            for made, _, _ in targets.scatterers(sonar, one, sight):
                 distance = np.linalg.norm(made.centre - point, axis=1)
                 made = made.select((distance > sonar.near_limit) & (distance < sonar.max_range))
                 size = made.seen(point).bound(lowest, highest)

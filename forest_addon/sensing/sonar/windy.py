@@ -1,0 +1,206 @@
+"""Scatterers in the wind: where those of each tree are at the moment of a ping, and how fast they go.
+
+Trees move in the pieces of their rig (``rays/pieces``), each turned and shifted as a rigid body; broad leaves
+turn about their feet besides. Within a call a scatterer keeps its velocity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ...base.trimesh import TriMesh
+from ..rays.caster import Hits, RayCaster
+from ..rays.geometry import SceneGeometry
+from ..rays.swaying import SwayingCaster
+from .scatterers import LeafTurns, Population
+
+MOST_FLUTTER = 0.7  # radians, that a leaf turns at most
+
+
+class SwayingLeaves(Protocol):
+    """Trees that sway and whose leaves flutter (``stand.wind.sway``); named by their number in the stand."""
+
+    @property
+    def number(self) -> dict[int, int]: ...
+
+    def moves(self, tree: int) -> bool: ...
+
+    def pieces(self, tree: int, mesh: TriMesh) -> np.ndarray: ...
+
+    def pieces_at(self, tree: int, points: np.ndarray, leaf: np.ndarray) -> np.ndarray: ...
+
+    def moment(self, tree: int, time: float) -> tuple[np.ndarray, np.ndarray]: ...
+
+    def flutter(
+        self, tree: int, leaf: np.ndarray, time: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]: ...
+
+
+@dataclass(frozen=True)
+class TreeMoment:
+    """A tree at a moment, in its variant's frame.
+
+    place : (G, 3, 4) of its pieces, rigid. rate : (G, 3, 4) how fast a point of the rest goes, 1/s.
+    drift : metres that nothing of it is farther off its rest. turn : radians that nothing is turned more.
+    """
+
+    place: np.ndarray
+    rate: np.ndarray
+    drift: float
+    turn: float
+
+
+class EchoWind:
+    """Motion of what sounds in a scene.
+
+    scene : at rest. sway : of its trees. start : s, when the trees' time begins for a ping of time 0.
+    """
+
+    def __init__(self, scene: SceneGeometry, sway: SwayingLeaves, start: float = 0.0) -> None:
+        self.scene, self.sway, self.start = scene, sway, start
+        number = sway.number
+        row = np.array([number.get(int(tree), -1) for tree in scene.tree], np.int64)
+        moves = {tree: sway.moves(tree) for tree in np.unique(row[row >= 0]).tolist()}
+        self.tree = np.array([tree if moves.get(tree) else -1 for tree in row.tolist()], np.int64)
+        self._pieces: dict[tuple[int, int, int], np.ndarray] = {}
+        self._boxes: dict[tuple[int, int], np.ndarray] = {}
+        self._arms: dict[tuple[int, int], float] = {}
+
+    def pieces(self, population: Population, instance: int) -> np.ndarray:
+        """(R,) the piece that each row of a population is on, of the tree of an instance."""
+        key = (
+            id(population),
+            int(self.scene.mesh_index[instance]),
+            int(self.scene.species[instance]),
+        )
+        if key not in self._pieces:
+            points, leaf = population.held
+            self._pieces[key] = self.sway.pieces_at(int(self.tree[instance]), points, leaf)
+        return self._pieces[key]
+
+    def moment(self, instance: int, time: float) -> TreeMoment:
+        """The tree of an instance at a time, s."""
+        place, rate = self.sway.moment(int(self.tree[instance]), time + self.start)
+        low, high = self._box(instance)
+        middle = (low + high) / 2
+        turn = Rotation.from_matrix(_proper(place[:, :, :3]))
+        rigid = np.empty_like(place)
+        rigid[:, :, :3] = turn.as_matrix()
+        moved = np.einsum("gij,gj->gi", place[:, :, :3], middle) + place[:, :, 3]
+        rigid[:, :, 3] = moved - np.einsum("gij,gj->gi", rigid[:, :, :3], middle)
+        half = np.linalg.norm(high - low, axis=1) / 2
+        angle = turn.magnitude()
+        shifted = np.linalg.norm(moved - middle, axis=1)
+        reach = float((shifted + angle * half).max(initial=0.0))
+        arm = self._arm(instance)
+        flutter = MOST_FLUTTER * (arm > 0)
+        most = float(angle.max(initial=0.0)) + flutter
+        return TreeMoment(rigid, rate, reach + MOST_FLUTTER * arm, most)
+
+    def turns(self, instance: int, transform: np.ndarray, time: float) -> LeafTurns:
+        """Return how leaves of an instance flutter at a time; transform : (3, 4) of their piece, to the
+        world."""
+        tree, linear = int(self.tree[instance]), transform[:, :3]
+        size = float(np.cbrt(abs(np.linalg.det(linear)))) or 1.0
+
+        def turned(
+            leaf: np.ndarray, centre: np.ndarray, normal: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray]:
+            foot, vector, _ = self.sway.flutter(tree, leaf, time + self.start)
+            vector = vector @ linear.T / size
+            arm = centre - (foot @ linear.T + transform[:, 3])
+            return centre + np.cross(vector, arm), Rotation.from_rotvec(vector).apply(normal)
+
+        return turned
+
+    def leaf_velocity(
+        self, instance: int, transform: np.ndarray, leaf: np.ndarray, time: float
+    ) -> np.ndarray:
+        """(M, 3) m/s of leaves' centres by their flutter alone, of an instance at a time."""
+        tree, linear = int(self.tree[instance]), transform[:, :3]
+        foot, _, rate = self.sway.flutter(tree, leaf, time + self.start)
+        own = self._leaf_centres(instance)[leaf] - foot
+        return np.asarray(np.cross(rate, own) @ linear.T)
+
+    def _arm(self, instance: int) -> float:
+        """Metres from the foot of a leaf that flutters to its middle, at most; 0 where none does."""
+        key = (int(self.scene.mesh_index[instance]), int(self.scene.species[instance]))
+        if key not in self._arms:
+            tree, centres = int(self.tree[instance]), self._leaf_centres(instance)
+            foot, vector, rate = self.sway.flutter(tree, np.arange(len(centres)), 0.0)
+            moves = (vector != 0).any() or (rate != 0).any()
+            away = np.linalg.norm(centres - foot, axis=1).max(initial=0.0)
+            self._arms[key] = float(away) if moves else 0.0
+        return self._arms[key]
+
+    def _leaf_centres(self, instance: int) -> np.ndarray:
+        """(L, 3) middles of the leaves of an instance's mesh, by their number, in its own frame."""
+        mesh = self.scene.meshes[int(self.scene.mesh_index[instance])]
+        kept: dict[str, np.ndarray] = vars(mesh)
+        if "_leaf_centres" not in kept:
+            rows = np.flatnonzero(mesh.leaf >= 0)
+            count = int(mesh.leaf.max(initial=-1)) + 1
+            middle = mesh.vertices[mesh.triangles[rows]].mean(axis=1)
+            of = mesh.leaf[rows]
+            total = np.stack([np.bincount(of, axis, count) for axis in middle.T], axis=1)
+            kept["_leaf_centres"] = total / np.maximum(np.bincount(of, minlength=count), 1)[:, None]
+        return kept["_leaf_centres"]
+
+    def _box(self, instance: int) -> tuple[np.ndarray, np.ndarray]:
+        """(G, 3), (G, 3) boxes of the pieces of an instance's tree, in the variant's frame."""
+        key = (int(self.scene.mesh_index[instance]), int(self.scene.species[instance]))
+        if key not in self._boxes:
+            tree, mesh = int(self.tree[instance]), self.scene.meshes[key[0]]
+            piece = self.sway.pieces(tree, mesh)
+            count = len(self.sway.moment(tree, 0.0)[0])
+            low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+            corners = mesh.vertices[mesh.triangles]
+            np.minimum.at(low, piece, corners.min(axis=1))
+            np.maximum.at(high, piece, corners.max(axis=1))
+            empty = ~np.isfinite(low).all(axis=1)
+            low[empty] = high[empty] = 0.0
+            self._boxes[key] = np.stack([low, high])
+        low, high = self._boxes[key]
+        return low, high
+
+
+class AtMoment(RayCaster):
+    """A caster of a still scene: trees that sway, as they are at one time, s; hits are numbered as read."""
+
+    def __init__(self, caster: SwayingCaster, time: float) -> None:
+        self._caster, self._time = caster, time
+        self.engine, self.scene = caster.engine, caster.cut.read
+
+    def cast(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_distance: float | np.ndarray = np.inf,
+        *,
+        min_distance: float | np.ndarray = 0.0,
+        leaving: Hits | None = None,
+    ) -> Hits:
+        """The closest hit of each ray, which leaves from nothing that it met before."""
+        if leaving is not None:
+            raise ValueError("rays at one moment begin anew; give no hits that they leave")
+        time = np.full(len(origins), self._time)
+        hits = self._caster.cast(
+            origins, directions, max_distance, time=time, min_distance=min_distance
+        )
+        instance, triangle = self._caster.known(hits.instance, hits.triangle)
+        return Hits(hits.distance, instance, triangle)
+
+
+def at_moment(caster: Any, time: float) -> Any:
+    """A caster as sonars use it: of trees that sway at a time, s; a still one as it is."""
+    return AtMoment(caster, time) if isinstance(caster, SwayingCaster) else caster
+
+
+def _proper(linear: np.ndarray) -> np.ndarray:
+    """(G, 3, 3) the rotations nearest to matrices (G, 3, 3)."""
+    u, _, v = np.linalg.svd(linear)
+    return np.asarray(u @ v)
