@@ -82,7 +82,6 @@ def scenario(steps: Steps) -> Scenario:
     steps.step("a forest, seen from above")
     yield from open_tab("Forest")
     bpy.data.objects.remove(bpy.data.objects["Cube"])  # the forest would stand beside it
-    bpy.data.objects.remove(bpy.data.objects["Cube"])  # or the forest would stand beside it
     press("forest.start", preset="demo", grow=True)
     yield 0.3
     props = bpy.context.scene.forest_sensing
