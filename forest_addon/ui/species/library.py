@@ -66,6 +66,7 @@ class FOREST_OT_add_library(bpy.types.Operator):
 
     bl_idname = "forest.add_library"
     bl_label = "Add to Asset Libraries"
+    bl_options: ClassVar[set[str]] = set()
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
