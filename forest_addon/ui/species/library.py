@@ -6,7 +6,7 @@ Nothing is added to the preferences but by the button that says so.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import bpy
 
