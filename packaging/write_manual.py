@@ -81,7 +81,7 @@ def reference_body() -> str:
         if group is reference.SPECIES[0][1]:
             parts.append("<h1>The species file</h1>")
         name = group.__name__.lower()
-        table = rendered(reference._table(title, group))
+        table = rendered(reference._table(title, group, {group}))  # without links of the API
         seen = any(f'id="{name}"' in part for part in parts)
         if not seen:
             table = re.sub(r'<h2 id="[^"]*">', f'<h2 id="{name}">', table)

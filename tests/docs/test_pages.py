@@ -52,7 +52,9 @@ def test_its_links_lead_somewhere(page):
         if re.match(r"[a-z]+:", target) or target.startswith("#"):
             continue
         path = target.split("#")[0]
-        made = Path(path).name == "scene-file.md"  # by docs/scene_reference.py, when the site is built
+        made = (
+            Path(path).name == "scene-file.md"
+        )  # by docs/scene_reference.py, when the site is built
         assert made or (page.parent / path).exists(), f"{page.name}: {target}"
 
 

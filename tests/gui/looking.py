@@ -86,14 +86,14 @@ def scenario(steps: Steps) -> Scenario:
     echo = bpy.data.objects["bat"]
     echo.select_set(True)
     bpy.context.view_layer.objects.active = echo
-    bpy.context.scene.cursor.location = (8.0, 14.0, 1.5)
+    bpy.context.scene.cursor.location = echo.location
     yield from settle()
     place = yield from find_button("forest.look_through", 0.9, 0.1)
     click(*place)
     yield from wait_for(lambda: eye() is not None and eye().found is not None, 60, "an image")
     first = eye().found.level
     yield from settle()
-    bpy.context.scene.cursor.location.x += 2.0
+    bpy.context.scene.cursor.location.x += 0.5
     yield from wait_for(lambda: eye().found.level is not first, 30, "another image")
     print(f"FIGURE ears at the cursor: {1e3 * eye().seconds:.0f} ms", flush=True)
     yield from settle()

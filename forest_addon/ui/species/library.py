@@ -6,7 +6,7 @@ Nothing is added to the preferences but by the button that says so.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import bpy
 
@@ -66,6 +66,7 @@ class FOREST_OT_add_library(bpy.types.Operator):
 
     bl_idname = "forest.add_library"
     bl_label = "Add to Asset Libraries"
+    bl_options: ClassVar[set[str]] = set()
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -9,7 +9,7 @@ intensities taken for reflectances from -20 to 0 dB; the median of the lines. No
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -151,6 +151,7 @@ def _lines(
         far[rows] = np.linalg.norm(cloud.place[rows] - line.at(cloud.time[rows]), axis=1)
     faint = threshold(returns, cloud.line, far, SCALE)
     caster, found = make_caster(scene, Rays()), []
+    unread: list[str] = []  # lines with too few sweeps to tell how they were flown
     size = np.ptp(cloud.place[:, :2], axis=0)
     halves = halves_apart(cloud, seed)
     for number, line in lines.items():
@@ -158,7 +159,8 @@ def _lines(
         try:
             pattern = pattern_like(line, cloud.place[rows], cloud.time[rows])
         except SpecError:
-            continue  # too few sweeps tell how it was flown
+            unread.append(f"{number} ({100 * shares_of(cloud.count[rows])[0]:.0f} % single)")
+            continue
         farthest = RANGE * float(far[rows].max())
         plain = Mobile(
             min_range=1.0,
@@ -185,6 +187,9 @@ def _lines(
                 f"and {first.sum():,} pulses; threshold {limit:.1f} % at {np.median(far[rows]):,.0f} m.",
             )
         )
+    if unread and found:
+        words = f" Too few sweeps tell how line {', '.join(unread)} was flown: left out."
+        found[0] = replace(found[0], words=found[0].words + words)
     return found
 
 
