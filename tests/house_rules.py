@@ -481,15 +481,21 @@ def public_names_are_used(house: House) -> Iterator[str]:
 def sensors_are_looked_up(house: House) -> Iterator[str]:
     """Sensors and results are told apart by their records: no test of their class or kind elsewhere."""
     at_home = re.compile(r"forest_addon/(sensing/(lidar|sonar|reverb)|results)/")
-    sensors = sensor_classes(house)
+    classes = frozenset(sensor_classes(house) | RESULT_CLASSES)
     for path, text in house.sources.items():
-        if at_home.match(path):
-            continue
-        tree = tree_of(text)
-        known = names_of(tree, sensors | RESULT_CLASSES)
-        for node in ast.walk(tree):
-            if tests_class(node, known) or tests_kind(node):
-                yield f"{path}: {ast.unparse(node).splitlines()[0]}"
+        if not at_home.match(path):
+            yield from questions_of_kind(path, text, classes)
+
+
+@cache
+def questions_of_kind(path: str, text: str, classes: frozenset[str]) -> tuple[str, ...]:
+    """Return where a file asks for the class or the kind of a sensor or a result."""
+    known = names_of(tree_of(text), classes)
+    return tuple(
+        f"{path}: {ast.unparse(node).splitlines()[0]}"
+        for node in nodes_of(text)
+        if tests_class(node, known) or tests_kind(node)
+    )
 
 
 RESULT_CLASSES = {"Cloud", "TractorScan", "Echo", "Flight", "ImpulseResponse"}
@@ -515,7 +521,7 @@ def sensor_classes(house: House) -> set[str]:
     return found
 
 
-def names_of(tree: ast.Module, classes: set[str]) -> set[str]:
+def names_of(tree: ast.Module, classes: frozenset[str]) -> set[str]:
     """Return how a file calls some classes: by their names, other names of imports, tuples and unions."""
     known = set(classes)
     for node in ast.walk(tree):
