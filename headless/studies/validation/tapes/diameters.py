@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from .comparison import Comparison, Interval
+from ..comparison import Comparison, Interval
+from ..stems import BINS, SCANNER, read_plots
 from .girths import measure_boles
 from .stem_lists import match_stems
-from .stems import BINS, SCANNER, read_plots
 
 NEAR = 1.0  # cm of bias that count as the same, stated before the run
 RESIDUALS = (5.0, 12.0)  # mm, of circles on pines of two other clouds
