@@ -37,9 +37,9 @@ apart. The trees around it were not mapped. The simulations are stands drawn fro
 like: 400 to 1,500 stems/ha, radii of 5 to 15 cm, forest floor of 50 to 88 kPa·s/m², up to 0.5 m² of
 leaves a cubic metre at the height of the path, bark that absorbs 2 to 10 %, trees of 10 to 22 m that lean
 by 1 to 3 degrees, 0.3 to 2 m² of herbs' leaves a square metre; none is fitted. Sources are the
-loudspeakers that were used, as far as their directivity is known. Intervals hold 90 % of them; *before* is Kaneko & Gamper's model in the same stands, as the
-tool had it. T20
-agrees where the median stand is within 25 % of the recording, C50 within 3 dB.
+loudspeakers that were used, as far as their directivity is known. Intervals hold 90 % of the stands;
+*before* is Kaneko & Gamper's model in the same stands, as the tool had it. T20 agrees where the median
+stand is within 25 % of the recording, C50 within 3 dB.
 Albert et al. (2015, JASA 138:735): 30 m paths in seven stands; only their reverberation times are
 published.
 Jura: levels of steady noise at 10 to 100 m in an alpine conifer forest, by two recorders (Haupert, Sebe &
@@ -58,20 +58,19 @@ What this says, in plain words:
 - **Trunks that lean part a path from its reflection.** A lean of 2 degrees moves the axis by 3 cm a metre
   of height; straight and reflected sound meet the trunk at different heights, so that from 1 kHz on
   they no longer interfere as over upright trunks. Without that the interference has its maximum within the
-  decay at 2 and 4 kHz and lengthens it. The energy that the lean sends up and down is little: 1 dB over 200 m.
+  decay at 2 and 4 kHz and lengthens it. The energy that the lean sends up and down is little: 1 dB
+  over 200 m.
 - **Herbs and dwarf shrubs take the ground's reflection at 4 and 8 kHz**; below 2 kHz, where a grazing wave
   is turned back at their top, they do nothing.
-- **C50 from 1 to 8 kHz is still low, and 2 and 4 kHz decay too slowly.** From the first milliseconds on what
-  is scattered at 4 and 8 kHz is 3 to 4 dB too strong against the direct sound, without branches and leaves it is
-  right, but then decays too slowly: the stands have too much at ears' height that scatters, and too little
-  that absorbs, than where the recording was made (people put a microphone where nothing hangs beside
+- **C50 is low at 1 and 8 kHz, and 2 and 4 kHz decay too slowly.** From the first milliseconds on what
+  is scattered at 4 and 8 kHz is 3 to 4 dB too strong against the direct sound; without branches and
+  leaves it is right, but then decays too slowly: the stands have more at ears' height that scatters, and less that
+  absorbs, than where the recording was made (people put a microphone where nothing hangs beside
   it). Not tried: rough bark, which sends sound up and down (of a relief of 5 mm a third of it at 4 kHz).
-- **The decay's shape.** The recording falls as a power of time from 500 Hz to 4 kHz, ours to 1 kHz
-  only: at 2 and 4 kHz the interference of path and ground passes through a maximum within the decay and
-  bends it.
+- **The decay's shape.** The recording falls as a power of time from 500 Hz to 4 kHz, ours to 2 kHz.
 - **Bark and trunks' ends hardly matter** for one meeting; bark matters for sound that meets many
   trunks.
-- **Albert's stands.** The median is 1.4 s, at the short end of what was published (1.2 to 3 s); how
+- **Albert's stands.** The median is 2.4 s; published are 1.2 to 3 s; how
   their times were read from the decay is not known to us, and over a power law the range that is read
   decides."""
 KOLI = SoundPath(9.0, 1.5, 32e3, Air(temperature_c=16.0, humidity=75.0), ring())

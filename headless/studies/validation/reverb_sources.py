@@ -37,7 +37,7 @@ SIDES = np.radians([0.0, 90.0, 180.0, 270.0])
 
 @lru_cache(maxsize=1)
 def ring() -> Directivity:
-    """Four monitors that point to four sides, mean over azimuths, re where one points; its axis is upright."""
+    """Four monitors that point to four sides, mean over azimuths, re where one points; the axis is up."""
     azimuth = np.radians(np.arange(0.0, 360.0, 5.0))
     steep = np.radians(np.arange(0.0, 181.0, 10.0))  # from the vertical
 

@@ -96,7 +96,9 @@ def _slopes() -> tuple[np.ndarray, np.ndarray]:
     return slope[:, None], (density / density.sum() / PLACES)[:, None]
 
 
-def _kinked(place: np.ndarray, slope: np.ndarray, wavenumber: float, bend: np.ndarray) -> np.ndarray:
+def _kinked(
+    place: np.ndarray, slope: np.ndarray, wavenumber: float, bend: np.ndarray
+) -> np.ndarray:
     """(LEANS, PLACES) U."""
     found: np.ndarray = np.zeros(1, np.complex128)
     for half in (place, -place):

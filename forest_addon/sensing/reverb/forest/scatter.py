@@ -111,8 +111,10 @@ def level_loss(clutter: Clutter, height: float, speed: float, takes: Takes) -> C
     return CubicSpline(np.log(SPECTRUM), np.log(0.5 * np.maximum(found, 1e-30)))
 
 
-def leaf_loss(area: float, radius: float, frequency: np.ndarray, speed: float, absorption: float) -> np.ndarray:
-    """(F,) nepers of amplitude a metre that so many m²/m³ of leaves take and scatter away. absorption : G."""
+def leaf_loss(
+    area: float, radius: float, frequency: np.ndarray, speed: float, absorption: float
+) -> np.ndarray:
+    """(F,) nepers of amplitude a metre that m²/m³ of leaves take and scatter away. absorption : G."""
     row = np.log(np.clip(frequency, SPECTRUM[0], SPECTRUM[-1]))
     width = np.interp(row, np.log(SPECTRUM), _leaf_widths(radius, speed))
     return np.asarray(0.5 * area * width + foliage_loss(frequency, area, absorption))
