@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from .boxes import BoxTree, clip
-from .caster import Hits, RayCaster, unit_columns
+from .caster import Hits, RayCaster, hit_normals, unit_columns
 from .geometry import SceneGeometry, invert_transforms
 from .moving import TimedCaster
 from .pieces import (
@@ -52,7 +52,7 @@ class SwayingCaster(TimedCaster):
     ) -> None:
         self.cut, self._sway, self._still, self._start = cut, sway, still, start
         self.scene, self.engine = cut.scene, still.engine
-        self.within, self.frozen = still.within, still.frozen
+        self.within, self.bent, self.held = still.within, still.bent, still.held
         self._make = make
         self._first = len(cut.read.meshes) + 1  # mesh of the first piece
         self._window = _engine_of(cut, make, engine)
@@ -158,23 +158,24 @@ class SwayingCaster(TimedCaster):
             trees = np.bincount(box[of_pair == number], minlength=len(self._trees)) > 0
             yield number, rows[block[rows] == number], np.flatnonzero(trees)
 
-    def transforms(self, instance: np.ndarray, time: np.ndarray) -> np.ndarray:
-        found = np.empty((len(instance), 3, 4))
-        whole = instance < self.cut.count
+    def normals(self, hits: Hits, time: np.ndarray) -> np.ndarray:
+        found = np.full((len(time), 3), np.nan)
+        whole = hits.instance < self.cut.count
         rows = np.flatnonzero(whole)
-        found[rows] = self._still.transforms(instance[rows], time[rows])
+        found[rows] = self._still.normals(hits.select(rows), time[rows])
         rows = np.flatnonzero(~whole)
-        found[rows] = self._moved(instance[rows] - self.cut.count, time[rows])[0]
+        places = self._moved(hits.instance[rows] - self.cut.count, time[rows])[0]
+        found[rows] = hit_normals(self.scene, hits.select(rows), places)
         return found
 
     def velocities(
-        self, points: np.ndarray, instance: np.ndarray, time: np.ndarray
+        self, points: np.ndarray, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         velocity, rest = np.zeros_like(points), points.copy()
         whole = instance < self.cut.count
         rows = np.flatnonzero(whole)
         velocity[rows], rest[rows] = self._still.velocities(
-            points[rows], instance[rows], time[rows]
+            points[rows], instance[rows], triangle[rows], time[rows]
         )
         rows = np.flatnonzero(~whole)
         pieces = instance[rows] - self.cut.count

@@ -15,10 +15,12 @@ from forest_addon.base.rng import stream
 from forest_addon.base.trimesh import OTHER, TriMesh
 from forest_addon.blender.rays.bvh import BvhCaster
 from forest_addon.blender.rays.embree import EmbreeCaster
+from forest_addon.blender.rays.embree_parts import embree_parts
 from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.rays.exact import cast_exactly
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.rays.moving import MovingCaster, RigidPath
+from forest_addon.sensing.rays.moving import MovingCaster
+from forest_addon.sensing.rays.paths import Motion, RigidPath
 
 from ..tables import median_seconds, table
 
@@ -47,7 +49,8 @@ def _measure(
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     origins = np.zeros((count, 3))
     paths = {number: _path(scene.transform[number]) for number in range(moving)}
-    still, caster = make(scene), MovingCaster(scene, paths, make)
+    engine = embree_parts if make is EmbreeCaster else None
+    still, caster = make(scene), MovingCaster(scene, Motion(paths), make, engine)
     still.cast(origins, ways)
     caster.cast(origins, ways, time=time)
     before = median_seconds(lambda: still.cast(origins, ways))
