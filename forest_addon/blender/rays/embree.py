@@ -11,6 +11,7 @@ import ctypes
 import threading
 import weakref
 from collections import deque
+from collections.abc import Iterable
 from itertools import repeat
 
 import numpy as np
@@ -194,8 +195,7 @@ class EmbreeBuild:
     def shape(self, vertices: np.ndarray, triangles: np.ndarray) -> int:
         """A scene of triangles (T, 3) in their local space.
 
-        vertices : (S, V, 3) at even steps of a ray's time from 0 to 1, between which they go straight; of one
-        step they stand.
+        vertices : (S, V, 3) at even steps of a ray's time from 0 to 1, between which they go straight.
         """
         steps, count = vertices.shape[:2]
         kept = np.zeros((steps * count + 1, 3), dtype=np.float32)  # read 16 bytes at a time
@@ -219,8 +219,8 @@ class EmbreeBuild:
     def turning(self, numbers: list[int], scenes: list[int], places: list[np.ndarray]) -> int:
         """A scene of instances that turn; a hit names the instance by its number.
 
-        places : of each (S, 16) float32, Embree's ``RTCQuaternionDecomposition``, at even steps of a ray's time
-        from 0 to 1, between which turns go at an even rate and all else linearly.
+        places : of each (S, 16) float32, Embree's ``RTCQuaternionDecomposition``, at even steps of a ray's
+        time from 0 to 1, between which turns go at an even rate and all else linearly.
         """
         top = self._scene()
         for number, scene, place in zip(numbers, scenes, places, strict=True):
@@ -328,10 +328,19 @@ class RayPackets:
         self.packets[:, TFAR] = self._by_packet[:, 6]
         self._found[:] = NONE
 
-    def trace(self, library: ctypes.CDLL, valid: int, scene: int) -> None:
-        """Send them into a scene. valid : address of 16 flags."""
+    def trace(
+        self, library: ctypes.CDLL, valid: int, scene: int, rays: np.ndarray | None = None
+    ) -> None:
+        """Send them into a scene.
+
+        valid : address of 16 flags. rays : some, whose packets go; left out: all.
+        """
         run = library.rtcIntersect16
-        deque(map(run, repeat(valid), repeat(scene), self.addresses, repeat(None)), maxlen=0)
+        going: Iterable[int] = self.addresses
+        if rays is not None:
+            some = np.flatnonzero(np.bincount(rays // PACKET, minlength=1))
+            going = map(going.__getitem__, some.tolist())
+        deque(map(run, repeat(valid), repeat(scene), going, repeat(None)), maxlen=0)
 
     def read(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Instance and triangle (M,) of the rays that met something, and which rays (M,) these are."""

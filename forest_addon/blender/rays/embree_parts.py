@@ -1,9 +1,9 @@
-"""Embree on a scene that moves: instances that turn and meshes that bend, by time steps, and rays with a time each.
+"""Embree on a scene that moves: instances that turn, meshes that bend, and rays with a time each.
 
-Time is cut into windows of up to 128 samples. A window has the parts that are there then, each with as many
-steps as its way needs to be right to ``WITHIN``. Rays go through the tree of what stands still, then through
-that of the window, in the same packets; what they find in float32 is met again in float64, where the part is
-at the ray's time.
+Time is cut into windows of up to 128 samples, and wherever something comes or goes. A window has the parts
+that are there then, each with as many steps as its way needs to be right to ``WITHIN``. Rays go through the
+tree of what stands still, then through that of the window, in the same packets; what they find in float32 is
+met again in float64, where the part is at the ray's time.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ LONGEST = 128  # samples of a window; Embree takes one step more
 ROUND = 16  # a window's samples are a multiple of this, so that wide steps fit
 WITHIN = 1e-5  # m by which wider steps may miss a sample
 KEPT = 4  # windows that are kept
+MANY = 64  # moments at which something comes or goes, from which windows are short
 SLACK = 1e-6  # of the scene's size, by which rays go on
 
 
@@ -63,10 +64,12 @@ class EmbreeParts:
         self._surfaces = RefinedSurfaces(scene, self._still._surfaces)
         self._first, self._count = float(time[0]), len(time)
         self._step = float(time[-1] - time[0]) / max(len(time) - 1, 1) or 1.0
-        windows = max(1, -(-(len(time) - 1) // LONGEST))
+        ends = np.unique([end for span in motion.spans.values() for end in span])
+        self._breaks = ends[np.isfinite(ends)]
+        most = ROUND if len(self._breaks) > MANY else LONGEST
+        windows = max(1, -(-(len(time) - 1) // most))
         self._span = ROUND * max(1, -(-(len(time) - 1) // (ROUND * windows)))
-        self._windows: OrderedDict[int, int] = OrderedDict()
-        self._builds: dict[int, EmbreeBuild] = {}
+        self._windows: OrderedDict[tuple[int, int], tuple[int, EmbreeBuild]] = OrderedDict()
         self._lock = Lock()
         self._valid = all_lanes()
         self._usable = {n: self._whole(n) for n in motion.rows.tolist()}
@@ -92,11 +95,19 @@ class EmbreeParts:
         sample = np.clip((time - self._first) / self._step, 0, self._count - 1)
         last = max(-(-(self._count - 1) // self._span), 1) - 1
         number = np.minimum((sample / self._span).astype(np.int64), last)
-        for window in np.unique(number[sound]).tolist():
-            rows = np.flatnonzero(sound & (number == window))
-            top = self._window(window)
-            when = sample[rows] / self._span - window
-            given = origins[rows], ways[rows], near[rows], far[rows], time[rows], when
+        passed = np.searchsorted(self._breaks, time, "right")
+        window = number * (len(self._breaks) + 1) + passed
+        first = window.min(initial=window.max(initial=0))
+        alone = bool(sound.all() and first == window.max(initial=first))
+        for chosen in [int(first)] if alone else np.unique(window[sound]).tolist():
+            rows = np.flatnonzero(sound & (window == chosen))
+            block, stretch = divmod(chosen, len(self._breaks) + 1)
+            top = self._window(block, stretch)
+            when = sample[rows] / self._span - block
+            given = (origins, ways, near, far, time)
+            if not alone:
+                given = tuple(array[rows] for array in given)
+            given = (*given, when)
             left = Hits.misses(len(rows)) if leaving is None else leaving.select(rows)
             found = Hits.misses(len(rows))
 
@@ -124,10 +135,7 @@ class EmbreeParts:
             rays = origin[:, rows], way[:, rows]
             return self._nearest(top, *rays, start, far[rows], time[rows], when[rows])
 
-        def hidden(rows: np.ndarray, hits: Hits) -> np.ndarray:
-            return ~self._motion.there(hits.instance, time[rows])
-
-        return search_on(nearest, near, far, left, hidden if self._motion.spans else None)
+        return search_on(nearest, near, far, left)
 
     def _nearest(
         self,
@@ -153,7 +161,8 @@ class EmbreeParts:
         packets.fill(moved, way, (limit - begin) * (1 + 1e-6) + self._slack, when)
         library, valid = self._still._library, self._valid.ctypes.data
         packets.trace(library, valid, self._still._top)
-        packets.trace(library, valid, top)
+        near, leave = clip(*self._swept, origin, way, begin, limit)
+        packets.trace(library, valid, top, np.flatnonzero(near <= leave))
         instance, primitive, met = packets.read(len(rays))
         if not len(met):
             return found
@@ -201,13 +210,17 @@ class EmbreeParts:
             used = mesh.vertices[mesh.triangles[self._usable[number]]].reshape(-1, 3)
             box = (used.min(axis=0), used.max(axis=0)) if shape is None else shape.bounds()
             boxes.append(self._motion.paths[number].swept(*box))
-        lows, highs = zip(*boxes, strict=True)
+        lows, highs = (np.array(ends) for ends in zip(*boxes, strict=True))
         self._low, self._high = np.min(lows, axis=0), np.max(highs, axis=0)
         finite = np.isfinite(self._still._low).all()
         middle = (self._low + self._high) / 2
         self._centre = self._still._centre if finite else np.nan_to_num(middle)
         size = float((self._high - self._low).max())
         self._slack = SLACK * (size if np.isfinite(size) else 0.0) + SLACK
+        self._swept = (
+            lows[1:].min(axis=0, initial=np.inf) - self._slack,
+            highs[1:].max(axis=0, initial=-np.inf) + self._slack,
+        )
         self._low, self._high = self._low - self._slack, self._high + self._slack
 
     def _step_of(self, number: int) -> int:
@@ -234,29 +247,29 @@ class EmbreeParts:
     def _mesh(self, number: int) -> TriMesh:
         return self._scene.meshes[self._scene.mesh_index[number]]
 
-    def _window(self, number: int) -> int:
-        """Embree's scene of what moves in a window."""
+    def _window(self, block: int, stretch: int) -> int:
+        """Embree's scene of what moves in a block of samples and is there in a stretch between breaks."""
         with self._lock:
-            if number in self._windows:
-                self._windows.move_to_end(number)
-                return self._windows[number]
-            while len(self._windows) >= KEPT:
-                gone, _ = self._windows.popitem(last=False)
-                self._builds.pop(gone)
-            still = self._still
-            build = EmbreeBuild(still._library, still._device, still._build)
-            self._windows[number], self._builds[number] = self._made(number, build), build
-            return self._windows[number]
+            key = block, stretch
+            if key not in self._windows:
+                while len(self._windows) >= KEPT:
+                    self._windows.popitem(last=False)
+                still = self._still
+                build = EmbreeBuild(still._library, still._device, still._build)
+                self._windows[key] = self._made(block, stretch, build), build
+            self._windows.move_to_end(key)
+            return self._windows[key][0]
 
-    def _made(self, window: int, build: EmbreeBuild) -> int:
-        start = self._first + window * self._span * self._step
-        stop = start + self._span * self._step
+    def _made(self, block: int, stretch: int, build: EmbreeBuild) -> int:
+        start = self._first + block * self._span * self._step
+        breaks = np.concatenate([[-np.inf], self._breaks, [np.inf]])
+        since, until = breaks[stretch], breaks[stretch + 1]
         numbers, scenes, places = [], [], []
         table: PathTable = self._motion.table
         for row in self._rows:
             number = int(self._motion.rows[row])
             first, last = self._motion.span(number)
-            if last <= start or first > stop:
+            if first > since or last < until:
                 continue
             step = self._steps[row]
             time = start + self._step * np.arange(0, self._span + 1, step)
@@ -267,10 +280,10 @@ class EmbreeParts:
             at[:, :, 3] -= self._centre
             numbers.append(number)
             places.append(quaternions(at))
-            scenes.append(self._of_part(number, build, window))
+            scenes.append(self._of_part(number, build, block))
         return build.turning(numbers, scenes, places)
 
-    def _of_part(self, number: int, build: EmbreeBuild, window: int) -> int:
+    def _of_part(self, number: int, build: EmbreeBuild, block: int) -> int:
         """Embree's scene of a part's triangles: kept where it is rigid, of a window where it bends."""
         mesh, shape = self._mesh(number), self._motion.shapes.get(number)
         if shape is None:
@@ -283,7 +296,7 @@ class EmbreeParts:
             first = round((shape.time[0] - self._first) / self._step)
             wide = round((shape.time[1] - shape.time[0]) / self._step)
             step = int(np.gcd.reduce([first, wide, self._span]))
-            sample = window * self._span + np.arange(0, self._span + 1, step)
+            sample = block * self._span + np.arange(0, self._span + 1, step)
             if step == wide:
                 row = np.clip((sample - first) // wide, 0, len(shape.time) - 1)
                 steps = shape.vertices[row]

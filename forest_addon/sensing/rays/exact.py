@@ -103,8 +103,8 @@ class ExactCaster(RayCaster):
         hits = Hits.misses(len(origins))
         if not rays:
             return hits
-        met = map(np.concatenate, (distances, instances, triangles))
-        put_nearest(hits, np.concatenate(rays), Hits(*met))
+        found = (np.concatenate(column) for column in (distances, instances, triangles))
+        put_nearest(hits, np.concatenate(rays), Hits(*found))
         return hits
 
 
@@ -170,8 +170,8 @@ def _levels(mesh: TriMesh) -> tuple[int, list[Level]]:
 
 
 def grouped(low: np.ndarray, high: np.ndarray) -> list[Level]:
-    """Boxes around groups of boxes (T, 3), (T, 3) that follow each other, and around groups of these, up to at
-    most ``GROUP``.
+    """Boxes around groups of boxes (T, 3), (T, 3) that follow each other, and around groups of these, up to
+    at most ``GROUP``.
     """
     levels: list[Level] = []
     low, high = low - 1e-9, high + 1e-9

@@ -1,4 +1,4 @@
-"""Rays in time: parts of a scene move or change their shape, and rays meet them where they are at their own time.
+"""Rays in time: parts of a scene move or bend, and rays meet them where they are at their own time.
 
 A part is met in its own frame: a ray is taken there by the part's inverse transform at the ray's time, in
 float64, and what it meets is exact there as in a still scene. Distances come back by the ray's stretch.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from copy import copy
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -17,7 +16,7 @@ import numpy as np
 from .bent import BentCaster
 from .boxes import BoxTree
 from .caster import Hits, RayCaster, hit_normals, unit_columns
-from .exact import ExactCaster
+from .exact import ExactCaster, meet
 from .geometry import SceneGeometry, invert_transforms
 from .paths import Motion, corners_at_rest
 from .referee import Referee
@@ -51,12 +50,33 @@ class TimedCaster(ABC):
     ) -> Hits:
         """The closest hit of each ray at its time (R,), s; the rest as ``RayCaster.cast``."""
 
-    @abstractmethod
-    def judged(self, true: SceneGeometry | None = None) -> TimedCaster:
+    def judged(self, true: SceneGeometry | None = None) -> JudgedCaster:
         """The same motion by a caster that holds the engine against float64, ray by ray.
 
         true : the scene that is true; left out: its own.
         """
+        return JudgedCaster(self, self.exactly(true))
+
+    @abstractmethod
+    def exactly(self, true: SceneGeometry | None = None) -> TimedCaster:
+        """The same motion with every triangle met in float64."""
+
+    @abstractmethod
+    def corners(self, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """(R, 3, 3) corners in the world of triangles of instances (R,) at times (R,), s."""
+
+    def meets(
+        self, origins: np.ndarray, directions: np.ndarray, hits: Hits, time: np.ndarray
+    ) -> np.ndarray:
+        """(R,) metres along rays to the triangles that hits name; inf where one passes its triangle by."""
+        found = np.full(len(origins), np.inf)
+        rows = np.flatnonzero(hits.found)
+        if len(rows):
+            corners = self.corners(hits.instance[rows], hits.triangle[rows], time[rows])
+            corners -= origins[rows, None]
+            ways = unit_columns(directions[rows].T).T
+            found[rows] = meet(tuple(corners.swapaxes(0, 1)), np.zeros((len(rows), 3)), ways)
+        return found
 
     @abstractmethod
     def normals(self, hits: Hits, time: np.ndarray) -> np.ndarray:
@@ -72,6 +92,52 @@ class TimedCaster(ABC):
     def known(self, instance: np.ndarray, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The numbers that instances and triangles (R,) have in the scene as it was read."""
         return instance, triangle
+
+
+class JudgedCaster(TimedCaster):
+    """An engine in a scene that moves, every hit of which is held against float64 (``Referee``)."""
+
+    engine = Referee.engine
+
+    def __init__(self, caster: TimedCaster, exact: TimedCaster) -> None:
+        self.scene, self._caster = caster.scene, caster
+        self._judge = Referee(caster, exact.scene, exact)
+
+    def exactly(self, true: SceneGeometry | None = None) -> TimedCaster:
+        return self._caster.exactly(true)
+
+    def cast(
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        max_distance: float | np.ndarray = np.inf,
+        *,
+        time: np.ndarray,
+        min_distance: float | np.ndarray = 0.0,
+        leaving: Hits | None = None,
+    ) -> Hits:
+        return self._judge.cast(
+            origins,
+            directions,
+            max_distance,
+            min_distance=min_distance,
+            leaving=leaving,
+            time=time,
+        )
+
+    def corners(self, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray) -> np.ndarray:
+        return self._caster.corners(instance, triangle, time)
+
+    def normals(self, hits: Hits, time: np.ndarray) -> np.ndarray:
+        return self._caster.normals(hits, time)
+
+    def velocities(
+        self, points: np.ndarray, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        return self._caster.velocities(points, instance, triangle, time)
+
+    def known(self, instance: np.ndarray, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return self._caster.known(instance, triangle)
 
 
 class MotionEngine(Protocol):
@@ -92,6 +158,9 @@ class MotionEngine(Protocol):
         ...
 
 
+MakeMotion = Callable[[SceneGeometry, Motion], MotionEngine | None]
+
+
 class MovingCaster(TimedCaster):
     """Closest hits of rays at times of their own, in a scene of which some instances move.
 
@@ -104,21 +173,20 @@ class MovingCaster(TimedCaster):
         scene: SceneGeometry,
         motion: Motion,
         make: Callable[[SceneGeometry], RayCaster],
-        engine: Callable[[SceneGeometry, Motion], MotionEngine | None] | None = None,
+        engine: MakeMotion | None = None,
     ) -> None:
         self.scene, self.motion = scene, motion
         self.within, self.bent, self.held = motion.within, motion.bent, motion.held
-        found = engine(scene, motion) if engine is not None and motion.paths else None
-        self._rays: MotionEngine = PartByPart(scene, motion, make) if found is None else found
-        self.engine = self._rays.engine
-        self._judge: Referee | None = None
+        self._still: RayCaster | None = None if motion.paths else make(scene)
+        self._rays: MotionEngine | None = None
+        if self._still is None:
+            found = None if engine is None else engine(scene, motion)
+            self._rays = PartByPart(scene, motion, make) if found is None else found
+        self.engine = (self._still or self._rays).engine  # type: ignore[union-attr]
 
-    def judged(self, true: SceneGeometry | None = None) -> MovingCaster:
+    def exactly(self, true: SceneGeometry | None = None) -> MovingCaster:
         scene = self.scene if true is None else self._extended(true)
-        other = copy(self)
-        other._judge = Referee(self, scene, PartByPart(scene, self.motion, ExactCaster))
-        other.engine = Referee.engine
-        return other
+        return MovingCaster(scene, self.motion, ExactCaster)
 
     def cast(
         self,
@@ -130,14 +198,25 @@ class MovingCaster(TimedCaster):
         min_distance: float | np.ndarray = 0.0,
         leaving: Hits | None = None,
     ) -> Hits:
+        if self._rays is None:
+            assert self._still is not None
+            return self._still.cast(
+                origins, directions, max_distance, min_distance=min_distance, leaving=leaving
+            )
         origins = np.asarray(origins, dtype=np.float64)
         ways = unit_columns(np.asarray(directions).T).T
         near = np.broadcast_to(np.asarray(min_distance, dtype=np.float64), len(origins))
         far = np.array(np.broadcast_to(max_distance, len(origins)), dtype=np.float64)
         time = np.asarray(time, dtype=np.float64)
-        if self._judge is None:
-            return self._rays.cast(origins, ways, near, far, time, leaving)
-        return self._judge.cast(origins, ways, far, min_distance=near, leaving=leaving, time=time)
+        return self._rays.cast(origins, ways, near, far, time, leaving)
+
+    def corners(self, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray) -> np.ndarray:
+        own = self.motion.corners(self.scene, instance, triangle, time)
+        at = self.scene.transform[instance]
+        mine, row = self.motion.row_of(instance)
+        if len(mine):
+            at[mine] = self.motion.table.at(row, time[mine])
+        return np.asarray(np.einsum("rij,rkj->rki", at[:, :, :3], own) + at[:, None, :, 3])
 
     def normals(self, hits: Hits, time: np.ndarray) -> np.ndarray:
         found = hit_normals(self.scene, hits)
@@ -276,29 +355,6 @@ class PartByPart:
             if len(rows):
                 self._cast_part(place, rays, rows, leaving, best)
         return best
-
-    def meets(
-        self, origins: np.ndarray, directions: np.ndarray, hits: Hits, time: np.ndarray
-    ) -> np.ndarray:
-        """(R,) metres along rays to the triangles that hits name; of casters that tell it."""
-        found = np.full(len(origins), np.inf)
-        of_still = _renumbered(hits, self._still_number)
-        rows = np.flatnonzero(of_still.found)
-        if len(rows):
-            asked = origins[rows], directions[rows], of_still.select(rows)
-            found[rows] = self._still.meets(*asked)  # type: ignore[attr-defined]
-        mine, row = self._motion.row_of(hits.instance)
-        for place in np.unique(row).tolist():
-            rows = mine[row == place]
-            begin, along, size = self._own(place, origins, directions, time, rows)
-            part, triangle = self._parts[place], hits.triangle[rows]
-            if isinstance(part, BentCaster):
-                distance = part.meets(begin, along, triangle, time[rows])
-            else:
-                alone = Hits(hits.distance[rows], np.zeros(len(rows), np.int64), triangle)
-                distance = part.meets(begin, along, alone)
-            found[rows] = distance / size
-        return found
 
     def _own(
         self, place: int, origins: np.ndarray, ways: np.ndarray, time: np.ndarray, rows: np.ndarray

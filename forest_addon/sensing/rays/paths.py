@@ -60,7 +60,8 @@ class PathTable:
         whole = [_at_least_two(path) for path in paths]
         count = [len(time) for time, _ in whole]
         self._first = np.cumsum([0, *count])[:-1]
-        self._times, self._clock = [], np.empty(len(paths), np.int64)
+        self._times: list[np.ndarray] = []
+        self._clock = np.empty(len(paths), np.int64)
         known: dict[bytes, int] = {}
         for row, (time, _) in enumerate(whole):
             self._clock[row] = known.setdefault(time.tobytes(), len(known))
@@ -162,9 +163,9 @@ class ShapePath:
 class Motion:
     """How a scene of I instances moves.
 
-    paths : the whole transforms of instances that move, change their shape or are not always there, by number.
+    paths : by number the whole transforms of instances that move, change their shape or are not always there.
     shapes : the vertices of those that change theirs. spans : seconds [from, until) in which those that are
-    not always there are; as the scene stands, instances from ``count`` on are never met.
+    not always there are.
     stands_for : (I,) the instance of the scene as it was read that each one is.
     within : metres by which places may be off between two samples; bent : points of what changes its shape.
     held : names of objects that stand still between samples, as their parts come and go.
@@ -200,14 +201,6 @@ class Motion:
         mine = np.flatnonzero(self.rows[row] == instance)
         return mine, row[mine]
 
-    def there(self, instance: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """(R,) bool, whether instances are there at times."""
-        found = np.ones(len(instance), dtype=bool)
-        for number, (first, last) in self.spans.items():
-            mine = instance == number
-            found[mine] = (time[mine] >= first) & (time[mine] < last)
-        return found
-
     def corners(
         self, scene: SceneGeometry, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray
     ) -> np.ndarray:
@@ -241,9 +234,7 @@ class Motion:
         return found
 
 
-def corners_at_rest(
-    scene: SceneGeometry, instance: np.ndarray, triangle: np.ndarray
-) -> np.ndarray:
+def corners_at_rest(scene: SceneGeometry, instance: np.ndarray, triangle: np.ndarray) -> np.ndarray:
     """(R, 3, 3) own corners of triangles of instances (R,) as the scene stands, m."""
     found = np.empty((len(instance), 3, 3))
     mesh_of = scene.mesh_index[instance]

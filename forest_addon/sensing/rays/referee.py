@@ -39,7 +39,7 @@ class Referee(RayCaster):
     ) -> None:
         self.scene = caster.scene if scene is None else scene
         self._caster = caster
-        self._exact = ExactCaster(self.scene) if exact is None else exact
+        self._exact: Any = ExactCaster(self.scene) if exact is None else exact
 
     def cast(
         self,

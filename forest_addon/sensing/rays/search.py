@@ -186,32 +186,22 @@ def search_on(
     near: np.ndarray,
     far: np.ndarray,
     left: Hits,
-    hidden: Callable[[np.ndarray, Hits], np.ndarray] | None = None,
 ) -> Hits:
     """The first hits that count, of rays with limits (R,) and what they leave.
 
-    nearest : what some rays (S,), by number, meet from distances (S,) on. hidden : (S,) bool, which of these
-    hits are not to count besides.
+    nearest : what some rays (S,), by number, meet from distances (S,) on.
     """
-
-    def again(rays: np.ndarray, hits: Hits) -> np.ndarray:
-        no = refused(hits, near[rays], left.select(rays))
-        if hidden is not None:
-            no |= hidden(rays, hits)
-        return rays[no]
-
     start = near - MARGIN
     start[left.found] += MARGIN
-    rays = np.arange(len(near))
-    hits = nearest(rays, start)
-    rays = again(rays, hits)
+    hits = nearest(np.arange(len(near)), start)
+    rays = np.flatnonzero(refused(hits, near, left))
     step = STEP
     while len(rays):
         start[rays] = np.maximum(start[rays], hits.distance[rays]) + step
         step *= 2.0
         found = nearest(rays, start[rays])
         hits.put(rays, found)
-        rays = again(rays, found)
+        rays = rays[refused(found, near[rays], left.select(rays))]
     return _within(hits, far)
 
 

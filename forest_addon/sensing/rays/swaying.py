@@ -14,8 +14,10 @@ import numpy as np
 
 from .boxes import BoxTree, clip
 from .caster import Hits, RayCaster, hit_normals, unit_columns
+from .exact import ExactCaster
 from .geometry import SceneGeometry, invert_transforms
 from .moving import TimedCaster
+from .paths import corners_at_rest
 from .pieces import (
     MakeEngine,
     MakeWindow,
@@ -25,7 +27,6 @@ from .pieces import (
     SwayingScene,
     boxes_of,
 )
-from .referee import Referee
 
 KNOTS = 32  # a second
 SPAN = 16  # knots of a window, for which pieces are placed together
@@ -66,14 +67,24 @@ class SwayingCaster(TimedCaster):
         self._hull = low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf)
         self._boxes = BoxTree(low - WIDER, high + WIDER)
 
-    def judged(self, true: SceneGeometry | None = None) -> SwayingCaster:
+    def exactly(self, true: SceneGeometry | None = None) -> SwayingCaster:
+        """The same motion in float64; the true scene is its own, in pieces."""
         other = copy(self)
-        other._still = self._still.judged(None)
-        other._last = None
-        make = self._make
-        other._window = _engine_of(self.cut, lambda scene: Referee(make(scene), scene), None)
-        other.engine = Referee.engine
+        other._still, other._last = self._still.exactly(), None
+        other._make, other.engine = ExactCaster, ExactCaster.engine
+        other._window = _engine_of(self.cut, ExactCaster, None)
         return other
+
+    def corners(self, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray) -> np.ndarray:
+        found = np.empty((len(instance), 3, 3))
+        whole = instance < self.cut.count
+        rows = np.flatnonzero(whole)
+        found[rows] = self._still.corners(instance[rows], triangle[rows], time[rows])
+        rows = np.flatnonzero(~whole)
+        at = self._moved(instance[rows] - self.cut.count, time[rows])[0]
+        own = corners_at_rest(self.scene, instance[rows], triangle[rows])
+        found[rows] = np.einsum("rij,rkj->rki", at[:, :, :3], own) + at[:, None, :, 3]
+        return found
 
     def cast(
         self,
