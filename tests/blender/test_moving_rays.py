@@ -14,7 +14,7 @@ from forest_addon.blender.rays.embree_parts import embree_parts
 from forest_addon.sensing.rays.exact import ExactCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.rays.moving import MovingCaster
-from forest_addon.sensing.rays.paths import Motion, RigidPath
+from forest_addon.sensing.rays.paths import RigidPath, SceneMotion
 from forest_addon.spec import Rays
 
 RATE, SPEED = 1.3, 20.0  # rad/s about Z, m/s along X
@@ -61,7 +61,7 @@ def test_ranges_of_a_turning_plate_are_those_of_the_closed_form(make, engine):
     wall = np.eye(3, 4)
     wall[0, 3] = 50.0
     scene = plates([wall, turning(np.zeros(1))[0]])
-    caster = MovingCaster(scene, Motion({1: path}), make, engine)
+    caster = MovingCaster(scene, SceneMotion({1: path}), make, engine)
     rng = np.random.default_rng(5)
     time = rng.uniform(0, 1, 4000)
     way = np.column_stack([np.ones(4000), rng.uniform(-0.09, 0.09, (4000, 2))])

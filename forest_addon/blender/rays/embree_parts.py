@@ -19,7 +19,7 @@ from ...base.trimesh import OTHER, TriMesh
 from ...sensing.rays.boxes import clip
 from ...sensing.rays.caster import Hits
 from ...sensing.rays.geometry import SceneGeometry
-from ...sensing.rays.paths import Motion, PathTable, RigidPath
+from ...sensing.rays.paths import PathTable, RigidPath, SceneMotion
 from ...sensing.rays.refine import RefinedSurfaces, whole_triangles
 from ...sensing.rays.search import in_tasks, search_on
 from .embree import EmbreeBuild, EmbreeCaster, RayPackets, all_lanes
@@ -32,7 +32,7 @@ MANY = 64  # moments at which something comes or goes, from which windows are sh
 SLACK = 1e-6  # of the scene's size, by which rays go on
 
 
-def embree_parts(scene: SceneGeometry, motion: Motion, threads: int = 1) -> EmbreeParts | None:
+def embree_parts(scene: SceneGeometry, motion: SceneMotion, threads: int = 1) -> EmbreeParts | None:
     """An engine for a scene that moves; None where its samples are not even, or not the same for all parts.
 
     Raises
@@ -57,7 +57,7 @@ class EmbreeParts:
     engine = "embree"
 
     def __init__(
-        self, scene: SceneGeometry, motion: Motion, time: np.ndarray, threads: int = 1
+        self, scene: SceneGeometry, motion: SceneMotion, time: np.ndarray, threads: int = 1
     ) -> None:
         self._scene, self._motion, self._threads = scene, motion, threads
         self._still = EmbreeCaster(_without(scene, motion.rows), threads)
@@ -147,7 +147,10 @@ class EmbreeParts:
         time: np.ndarray,
         when: np.ndarray,
     ) -> Hits:
-        """What rays (3, R) meet first in float32, by its exact distance; when : from 0 to 1 in the window."""
+        """Return what rays (3, R) meet first in float32, by its exact distance.
+
+        when : (R,) from 0 to 1 in the window.
+        """
         found = Hits.misses(len(limit))
         begin, leaves = clip(self._low, self._high, origin, way, start, limit)
         rays = np.flatnonzero(begin <= leaves)

@@ -20,7 +20,7 @@ import numpy as np
 from ...base.trimesh import TriMesh
 from ...growth.mesh.leaves import separate_leaves
 from ...sensing.rays.geometry import SceneGeometry
-from ...sensing.rays.tracks import Sample, Shape
+from ...sensing.rays.runs import SceneSample, Shape
 from ..scene.meshes import from_mesh
 from ..scene.standings import (
     ASSET_KEY,
@@ -45,14 +45,14 @@ def read_scene(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:
 
 def read_sample(
     depsgraph: bpy.types.Depsgraph, changing: Container[str], known: dict[bytes, TriMesh]
-) -> Sample:
+) -> SceneSample:
     """Read where instances stand, in the order of ``read_scene``, and the shapes of objects of these names.
 
     known : meshes by what tells their triangles, filled on.
     """
     found = _Whereabouts(changing, known)
     scene = _read(depsgraph, found)
-    return Sample(
+    return SceneSample(
         scene.transform, scene.object_name, scene.object_index, scene.mesh_index, found.shapes
     )
 

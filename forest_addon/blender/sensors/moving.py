@@ -18,7 +18,8 @@ from ...base.trimesh import TriMesh
 from ...sensing.rays.caster import RayCaster
 from ...sensing.rays.geometry import SceneGeometry
 from ...sensing.rays.moving import MakeMotion, MovingCaster
-from ...sensing.rays.tracks import BENT, Sample, Strangers, Tracks
+from ...sensing.rays.runs import SceneSample
+from ...sensing.rays.tracks import BENT, Strangers, Tracks
 from ...spec import SpecError
 from ..read.depsgraph import read_sample
 from ..scene.nodes import in_full
@@ -79,7 +80,9 @@ def moving_caster(
     return MovingCaster(*tracks.motion(off, bent), make, engine)
 
 
-def _tracks(scene: SceneGeometry, now: Sample, time: np.ndarray, samples: list[Sample]) -> Tracks:
+def _tracks(
+    scene: SceneGeometry, now: SceneSample, time: np.ndarray, samples: list[SceneSample]
+) -> Tracks:
     try:
         return Tracks(scene, now, time, samples)
     except Strangers as found:
@@ -113,9 +116,9 @@ class _SceneInTime:
         bpy.app.handlers.frame_change_post.remove(self._note)
         self._go(self._frame)
 
-    def at(self, frames: np.ndarray) -> list[Sample]:
+    def at(self, frames: np.ndarray) -> list[SceneSample]:
         """Samples at frames (K,)."""
-        found: list[Sample] = []
+        found: list[SceneSample] = []
         full = 0
         for frame in (self._place.frame_start + frames).tolist():
             self._go(frame)
@@ -129,7 +132,7 @@ class _SceneInTime:
                 )
         return found
 
-    def now(self) -> Sample:
+    def now(self) -> SceneSample:
         """A sample of the present frame."""
         self._go(self._frame)
         return self._read()
@@ -137,7 +140,7 @@ class _SceneInTime:
     def _go(self, frame: float) -> None:
         self._place.frame_set(math.floor(frame), subframe=frame - math.floor(frame))
 
-    def _read(self) -> Sample:
+    def _read(self) -> SceneSample:
         depsgraph = bpy.context.evaluated_depsgraph_get()
         with in_full(depsgraph):
             return read_sample(depsgraph, self._changing, self._known)

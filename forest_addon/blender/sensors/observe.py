@@ -19,7 +19,7 @@ from ...sensing.kinds import choose, kind_of
 from ...sensing.rays.caster import RayCaster
 from ...sensing.rays.inside import tree_around
 from ...sensing.rays.moving import MovingCaster, TimedCaster
-from ...sensing.rays.paths import Motion
+from ...sensing.rays.paths import SceneMotion
 from ...sensing.rays.pieces import Swaying, SwayingScene, cut
 from ...sensing.rays.precision import rounding_warning
 from ...sensing.rays.swaying import SwayingCaster
@@ -271,6 +271,6 @@ def _in_the_wind(observer: Observer, solid: bool) -> SwayingCaster:
     """Rays at trees that sway, among what stands still."""
     assert observer.sway is not None
     pieces, make = observer.in_pieces(solid), partial(make_caster, rays=observer.rays)
-    still = MovingCaster(pieces.still, Motion(), make)
+    still = MovingCaster(pieces.still, SceneMotion(), make)
     sway, start = observer.sway
     return SwayingCaster(pieces, sway, still, make, piece_engine(observer.rays), start)

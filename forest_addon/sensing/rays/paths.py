@@ -1,4 +1,4 @@
-"""How parts of a scene move: transforms of instances, and vertices of what changes its shape, over time."""
+"""Paths of parts of a scene: transforms of instances, and vertices of what bends, over time."""
 
 from __future__ import annotations
 
@@ -160,8 +160,8 @@ class ShapePath:
 
 
 @dataclass(frozen=True)
-class Motion:
-    """How a scene of I instances moves.
+class SceneMotion:
+    """Motion of a scene of I instances.
 
     paths : by number the whole transforms of instances that move, change their shape or are not always there.
     shapes : the vertices of those that change theirs. spans : seconds [from, until) in which those that are
@@ -194,7 +194,7 @@ class Motion:
         return PathTable([self.paths[n] for n in self.rows.tolist()])
 
     def row_of(self, instance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which of instances (R,) have a path, (M,) by place, and its rows (M,)."""
+        """Places (M,) of those instances (R,) that have a path, and its rows (M,)."""
         if not len(self.rows):
             return np.empty(0, np.int64), np.empty(0, np.int64)
         row = np.minimum(np.searchsorted(self.rows, instance), len(self.rows) - 1)

@@ -64,10 +64,7 @@ class Referee(RayCaster):
             leaving=leaving,
             **when.of(),
         )
-        nothing = ~np.isfinite(ours.distance)
-        if (nothing & ours.found).any():
-            ours = Hits(ours.distance.copy(), ours.instance.copy(), ours.triangle.copy())
-            ours.put(nothing, Hits.misses(int(nothing.sum())))
+        ours = _without_nothing(ours)
         limit = np.where(ours.found, np.minimum(ours.distance + SAME, far), far)
         exact = self._exact.cast(
             origins, directions, limit, min_distance=near, leaving=leaving, **when.of()
@@ -154,6 +151,15 @@ class Referee(RayCaster):
         ours = Hits(*(np.tile(value, count) for value in vars(ours).values()))
         found: np.ndarray = _alike(moved, ours).reshape(count, -1).any(axis=0)
         return found
+
+
+def _without_nothing(hits: Hits) -> Hits:
+    """Hits, those at no finite distance taken away."""
+    nothing = ~np.isfinite(hits.distance)
+    if (nothing & hits.found).any():
+        hits = Hits(hits.distance.copy(), hits.instance.copy(), hits.triangle.copy())
+        hits.put(nothing, Hits.misses(int(nothing.sum())))
+    return hits
 
 
 class _Times:

@@ -8,45 +8,16 @@ the next sample, and is then gone, or another.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...base.trimesh import TriMesh
 from .geometry import SceneGeometry
-from .paths import Motion, RigidPath, ShapePath
+from .paths import RigidPath, SceneMotion, ShapePath
+from .runs import MovingScene, SceneSample, Shape, same_triangles
 
 STANDS = 1e-7  # metres, and parts of a turn, that single precision may shake
 BENT = 1e-4  # m that points of what changes its shape may be off between two samples
 WIDEST = 16  # samples of a step of a shape
-
-
-@dataclass(frozen=True)
-class Shape:
-    """A mesh that may change: its vertices (V, 3) float32 in its own frame, and which triangles it has."""
-
-    vertices: np.ndarray
-    mesh: TriMesh  # the first that was read with these triangles
-
-
-@dataclass(frozen=True)
-class Sample:
-    """A scene of I instances at one time.
-
-    transform : (I, 3, 4). name : names of objects. object_index, mesh_index : (I,) as in ``SceneGeometry``.
-    shapes : of the meshes that may change, by number.
-    """
-
-    transform: np.ndarray
-    name: tuple[str, ...]
-    object_index: np.ndarray
-    mesh_index: np.ndarray
-    shapes: dict[int, Shape]
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes that it takes."""
-        return self.transform.nbytes + sum(s.vertices.nbytes for s in self.shapes.values())
 
 
 class Strangers(ValueError):
@@ -68,7 +39,11 @@ class Tracks:
     """
 
     def __init__(
-        self, scene: SceneGeometry, now: Sample, time: np.ndarray, samples: Sequence[Sample]
+        self,
+        scene: SceneGeometry,
+        now: SceneSample,
+        time: np.ndarray,
+        samples: Sequence[SceneSample],
     ) -> None:
         self._scene, self._now, self._time, self._samples = scene, now, time, samples
         self._keys = {key: row for row, key in enumerate(_keys(now))}
@@ -86,16 +61,16 @@ class Tracks:
         """Return whether anything does."""
         return bool(self._moving_at_all().any())
 
-    def motion(self, within: float = 0.0, bent: float = 0.0) -> tuple[SceneGeometry, Motion]:
+    def motion(self, within: float = 0.0, bent: float = 0.0) -> tuple[SceneGeometry, SceneMotion]:
         """The scene, with the instances that it has besides at other times, and how it moves."""
         scene, total = self._scene, self._row.shape[1]
         base = self._moving_at_all()
-        made = _Made(scene)
+        made = MovingScene(scene)
         for number in np.flatnonzero(base).tolist() + list(range(len(scene), total)):
             self._add(made, number)
         return made.scene(), made.motion(within, bent, self._held())
 
-    def off(self, middle: np.ndarray, between: Sequence[Sample]) -> tuple[float, float]:
+    def off(self, middle: np.ndarray, between: Sequence[SceneSample]) -> tuple[float, float]:
         """Metres by which samples at times (K - 1,) between these ones are not where they are expected: of
         places, and of points of what changes its shape."""
         other, count = Tracks(self._scene, self._now, middle, between), len(self._scene)
@@ -202,7 +177,7 @@ class Tracks:
         if shape is None:
             return True
         mesh = self._scene.meshes[self._scene.mesh_index[number]]
-        return _same_triangles(shape.mesh, mesh) and bool(
+        return same_triangles(shape.mesh, mesh) and bool(
             np.array_equal(shape.vertices, mesh.vertices.astype(np.float32))
         )
 
@@ -251,7 +226,7 @@ class Tracks:
             worst = max(worst, size * known[key])
         return worst
 
-    def _add(self, made: _Made, number: int) -> None:
+    def _add(self, made: MovingScene, number: int) -> None:
         """Add the runs of an instance in which it goes without a break."""
         there = self._there[:, number]
         if not there.any():
@@ -277,7 +252,7 @@ class Tracks:
         return self._keys[self._named[number], 0]
 
     def _bend(self, rows: slice, shapes: Sequence[Shape | None], whole: bool) -> ShapePath | None:
-        """How an instance changes its shape in a run; None: not at all."""
+        """The change of an instance's shape in a run; None: there is none."""
         known = [shape for shape in shapes if shape is not None]
         if not known or len(known) < len(shapes):
             return None
@@ -288,95 +263,7 @@ class Tracks:
         return ShapePath(time[::step], np.stack([s.vertices for s in known[::step]]))
 
 
-class _Made:
-    """A scene that moves, put together part by part."""
-
-    def __init__(self, scene: SceneGeometry) -> None:
-        self._read = scene
-        self._paths: dict[int, RigidPath] = {}
-        self._shapes: dict[int, ShapePath] = {}
-        self._spans: dict[int, tuple[float, float]] = {}
-        self._more: list[
-            tuple[int, int]
-        ] = []  # what each further instance stands for, and its mesh
-        self._meshes: dict[int, tuple[int, TriMesh]] = {}
-        self._bent: dict[tuple, ShapePath] = {}
-
-    def add(
-        self,
-        of: int,
-        number: int,
-        path: RigidPath,
-        shape: ShapePath | None,
-        span: tuple[float, float],
-        shapes: Sequence[Shape | None],
-    ) -> None:
-        """Add a run: under its own number where it is the first with the triangles of the scene."""
-        mesh = self._read.meshes[self._read.mesh_index[of]]
-        given = next((s.mesh for s in shapes if s is not None), mesh)
-        alike = _same_triangles(given, mesh)
-        if not (alike and number < len(self._read) and number not in self._paths):
-            index = int(self._read.mesh_index[of])
-            if not alike:
-                index, _ = self._meshes.setdefault(
-                    id(given), (len(self._read.meshes) + len(self._meshes), given)
-                )
-            number = len(self._read) + len(self._more)
-            self._more.append((of, index))
-        self._paths[number] = path
-        if span != (-np.inf, np.inf):
-            self._spans[number] = span
-        if shape is not None:
-            key = tuple(id(s.vertices) for s in shapes if s is not None)
-            self._shapes[number] = self._bent.setdefault(key, shape)
-
-    def never(self, number: int) -> None:
-        """Say that an instance is not there at all."""
-        if number < len(self._read):
-            self._paths[number] = RigidPath(np.zeros(1), self._read.transform[number][None])
-            self._spans[number] = (np.inf, np.inf)
-
-    def close(self, number: int) -> None:
-        """Say that an instance is not there as the scene has it, if no run was."""
-        if number not in self._paths:
-            self.never(number)
-
-    def scene(self) -> SceneGeometry:
-        """The scene, with the further instances behind its own."""
-        read = self._read
-        if not self._more:
-            return read
-        of = np.concatenate([np.arange(len(read)), [one for one, _ in self._more]]).astype(int)
-        mesh = [index for _, index in self._more]
-        added = [mesh for _, mesh in self._meshes.values()]
-        first = {index: of_ for of_, index in reversed(self._more)}
-        like = [int(read.mesh_index[first[len(read.meshes) + k]]) for k in range(len(added))]
-        return replace(
-            read,
-            meshes=(*read.meshes, *added),
-            transform=read.transform[of],
-            mesh_index=np.concatenate([read.mesh_index, np.array(mesh, np.int64)]),
-            tree=read.tree[of],
-            species=read.species[of],
-            object_index=read.object_index[of],
-            reflectance=read.reflectance[of],
-            **{
-                name: (*kept, *(kept[m] for m in like))
-                for name in ("slot_reflectance", "asset", "slot_names")
-                if (kept := getattr(read, name))
-            },
-        )
-
-    def motion(self, within: float, bent: float, held: tuple[str, ...]) -> Motion:
-        """How it moves."""
-        of = None
-        if self._more:
-            of = np.concatenate([np.arange(len(self._read)), [one for one, _ in self._more]])
-            of = of.astype(np.int64)
-        return Motion(self._paths, self._shapes, self._spans, of, within, bent, held)
-
-
-def _keys(sample: Sample) -> list[tuple[str, int]]:
+def _keys(sample: SceneSample) -> list[tuple[str, int]]:
     """Each instance by its object's name and its number among those of that object."""
     order = np.argsort(sample.object_index, kind="stable")
     ranked = sample.object_index[order]
@@ -385,12 +272,6 @@ def _keys(sample: Sample) -> list[tuple[str, int]]:
     number[order] = np.arange(len(order)) - start
     names = [sample.name[index] for index in sample.object_index.tolist()]
     return list(zip(names, number.tolist(), strict=True))
-
-
-def _same_triangles(one: TriMesh, other: TriMesh) -> bool:
-    return one is other or (
-        len(one.vertices) == len(other.vertices) and np.array_equal(one.triangles, other.triangles)
-    )
 
 
 def _path(time: np.ndarray, transform: np.ndarray) -> RigidPath:

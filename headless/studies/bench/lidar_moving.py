@@ -22,7 +22,7 @@ from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.rays.exact import cast_exactly
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.rays.moving import MovingCaster
-from forest_addon.sensing.rays.paths import Motion, RigidPath, ShapePath
+from forest_addon.sensing.rays.paths import RigidPath, SceneMotion, ShapePath
 
 from ..tables import median_seconds, table
 
@@ -47,7 +47,10 @@ def run(say: Say) -> None:
 
 
 def _measure(
-    scene: SceneGeometry, motion: Motion, make: Callable[[SceneGeometry], RayCaster], count: int
+    scene: SceneGeometry,
+    motion: SceneMotion,
+    make: Callable[[SceneGeometry], RayCaster],
+    count: int,
 ) -> list[str]:
     rng = stream(1, "bench", len(motion.paths))
     ways, time = rng.normal(size=(count, 3)), rng.uniform(0, 1, count)
@@ -63,7 +66,7 @@ def _measure(
     return [f"{count / before:,.0f}", f"{count / after:,.0f}", f"{after / before:.2f}", off]
 
 
-def _error(caster: MovingCaster, motion: Motion) -> str:
+def _error(caster: MovingCaster, motion: SceneMotion) -> str:
     """Largest error of a distance; infinite where another body is met, or none."""
     paths = motion.paths
     rng = stream(2, "bench", len(paths))
@@ -92,13 +95,13 @@ def _error(caster: MovingCaster, motion: Motion) -> str:
     return f"{worst:.0e}"
 
 
-def _motion(scene: SceneGeometry, moving: int, bending: int) -> Motion:
+def _motion(scene: SceneGeometry, moving: int, bending: int) -> SceneMotion:
     time, body = np.linspace(0, 1, 25), scene.meshes[0].vertices.astype(np.float32)
     drawn = np.repeat(body[None], len(time), axis=0)
     drawn[:, :, 2] *= 1 + time[:, None].astype(np.float32) / 2
     shape = ShapePath(time, drawn)
     paths = {number: _path(scene.transform[number]) for number in range(moving)}
-    return Motion(paths, dict.fromkeys(range(bending), shape))
+    return SceneMotion(paths, dict.fromkeys(range(bending), shape))
 
 
 def _path(transform: np.ndarray) -> RigidPath:

@@ -10,7 +10,7 @@ from forest_addon.growth.mesh.tubes import tube
 from forest_addon.sensing.rays.exact import ExactCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.rays.moving import MovingCaster
-from forest_addon.sensing.rays.paths import Motion
+from forest_addon.sensing.rays.paths import SceneMotion
 from forest_addon.sensing.rays.pieces import cut
 from forest_addon.sensing.rays.swaying import KNOTS, SPAN, SwayingCaster
 
@@ -69,7 +69,7 @@ def scene(mesh, tree=7):
 
 def caster(geometry, sway=None):
     made = cut(geometry, sway or Lean())
-    still = MovingCaster(made.still, Motion(), ExactCaster)
+    still = MovingCaster(made.still, SceneMotion(), ExactCaster)
     return SwayingCaster(made, sway or Lean(), still, ExactCaster)
 
 
