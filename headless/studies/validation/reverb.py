@@ -64,7 +64,8 @@ What this says, in plain words:
   is turned back at their top, they do nothing.
 - **C50 is low at 1 and 8 kHz, and 2 and 4 kHz decay too slowly.** From the first milliseconds on what
   is scattered at 4 and 8 kHz is 3 to 4 dB too strong against the direct sound; without branches and
-  leaves it is right, but then decays too slowly: the stands have more at ears' height that scatters, and less that
+  leaves it is right, but then decays too slowly: the stands have more at ears' height that
+  scatters, and less that
   absorbs, than where the recording was made (people put a microphone where nothing hangs beside
   it). Not tried: rough bark, which sends sound up and down (of a relief of 5 mm a third of it at 4 kHz).
 - **The decay's shape.** The recording falls as a power of time from 500 Hz to 4 kHz, ours to 2 kHz.
