@@ -52,6 +52,12 @@ with the same command and --resume, to the same bytes."""
             help="points and pulses by returns of each leg, to be held beside ours",
         )
         parser.add_argument(
+            "--echoes",
+            choices=("survey", "waveform"),
+            help="with --survey: echoes as HELIOS++ finds them, by the survey's bins and window (default), "
+            "or of the waveform without bins, as in our own scans",
+        )
+        parser.add_argument(
             "--like",
             type=Path,
             metavar="REAL.laz",
@@ -140,7 +146,7 @@ with the same command and --resume, to the same bytes."""
         if chosen.survey:
             self._run_survey(chosen)
             return
-        for option in ("assets", "reference"):
+        for option in ("assets", "reference", "echoes"):
             if getattr(chosen, option):
                 raise SpecError(f"--{option}", "belongs to --survey FILE.xml")
         if chosen.blend is None:
@@ -204,6 +210,7 @@ with the same command and --resume, to the same bytes."""
             offset=_offset(chosen),
             engine=chosen.engine,
             quiet=chosen.quiet,
+            echoes=chosen.echoes or "survey",
         )
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -102,6 +103,16 @@ class RigidPath:
         return row, np.clip(share, 0.0, 1.0)[:, None]
 
 
+class PartPath(Protocol):
+    """Where a part that keeps its shape is at what time; see ``RigidPath``."""
+
+    def at(self, time: np.ndarray) -> np.ndarray: ...
+
+    def velocity(self, points: np.ndarray, time: np.ndarray) -> np.ndarray: ...
+
+    def swept(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
+
+
 class TimedCaster(ABC):
     """Closest hits of rays at times of their own, in a scene that moves.
 
@@ -161,7 +172,7 @@ class MovingCaster(TimedCaster):
     def __init__(
         self,
         scene: SceneGeometry,
-        paths: Mapping[int, RigidPath],
+        paths: Mapping[int, PartPath],
         make: Callable[[SceneGeometry], RayCaster],
         within: float = 0.0,
         frozen: tuple[str, ...] = (),
