@@ -20,6 +20,7 @@ import numpy as np
 from ...base.progress import Progress
 from ...base.rng import daughter_keys, first_key
 from ...base.trimesh import LEAF
+from ...base.vectors import azimuth_of
 from ..rays.bundles import Faces
 from ..rays.caster import RayCaster, hit_normals
 from ..rays.geometry import SceneGeometry
@@ -264,7 +265,7 @@ class Scan:
             time=pulses.time[echoes.pulse],
             number=(rank + 1).astype(np.uint8),
             count=np.bincount(echoes.pulse, minlength=len(pulses))[echoes.pulse].astype(np.uint8),
-            azimuth=np.arctan2(way[:, 1], way[:, 0]),
+            azimuth=azimuth_of(way),
             elevation=np.arcsin(np.clip(way[:, 2], -1, 1)),
             scan_angle=pulses.scan_angle[echoes.pulse],
             intensity=reading(scanner, echoes.energy, measured),
