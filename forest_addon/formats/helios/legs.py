@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -52,10 +52,10 @@ class Leg:
     track: Track | None = None
     seconds: tuple[float, float] = (0.0, 0.0)
 
-    def shifted(self, by: np.ndarray) -> dict[str, object]:
-        """Fields of the leg moved by (3,) metres."""
+    def shifted(self, by: np.ndarray) -> Leg:
+        """The leg moved by (3,) metres."""
         track = None if self.track is None else self.track.shifted(by)
-        return {"start": self.start + by, "stop": self.stop + by, "track": track}
+        return replace(self, start=self.start + by, stop=self.stop + by, track=track)
 
 
 @dataclass(frozen=True)

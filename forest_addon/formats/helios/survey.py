@@ -146,6 +146,6 @@ def _near_origin(survey: Survey) -> Survey:
     return replace(
         survey,
         parts=tuple(part.shifted(-offset) for part in survey.parts),
-        legs=tuple(replace(leg, **leg.shifted(-offset)) for leg in survey.legs),
+        legs=tuple(leg.shifted(-offset) for leg in survey.legs),
         offset=offset,
     )

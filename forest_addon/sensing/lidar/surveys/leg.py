@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ....formats.helios.survey import Leg, Survey
+from ....formats.helios.legs import Leg
+from ....formats.helios.survey import Survey
 from ....spec import SpecError
 from ..scanner import Pulses
 from .mirrors import Ways, cone, fibres, mirror_angles, oscillating, risley, sawtooth, turned
