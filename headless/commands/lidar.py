@@ -192,7 +192,7 @@ with the same command and --resume, to the same bytes."""
         ------
         SpecError : words that do not go with a survey, or a survey that cannot be used.
         """
-        from .work.survey import scan_survey
+        from .work.survey import ScanChoice, scan_survey
 
         words = ("blend", "scanner", "at", "along", "azimuth", "set", "resume", "chunk")
         for word in words:
@@ -206,11 +206,9 @@ with the same command and --resume, to the same bytes."""
             chosen.out,
             assets=chosen.assets,
             reference=chosen.reference,
-            seed=chosen.seed,
             offset=_offset(chosen),
-            engine=chosen.engine,
+            choice=ScanChoice(chosen.seed, chosen.engine, chosen.echoes or "survey"),
             quiet=chosen.quiet,
-            echoes=chosen.echoes or "survey",
         )
 
 

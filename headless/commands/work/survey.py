@@ -54,6 +54,18 @@ class LegCounts:
         return int(self.by_returns.sum())
 
 
+@dataclass(frozen=True)
+class ScanChoice:
+    """Seed of noise and chances, who casts the rays, and how echoes are found.
+
+    echoes : of ``ECHOES``: as HELIOS++ finds them, by the survey's bins and window, or as our scanners do.
+    """
+
+    seed: int = 0
+    engine: str = "auto"
+    echoes: str = ECHOES[0]
+
+
 class _Counting(Scan):
     """A scan that counts its pulses by returns, and sums its points, while it runs."""
 
@@ -82,16 +94,13 @@ def scan_survey(
     *,
     assets: Path | None = None,
     reference: Path | None = None,
-    seed: int = 0,
     offset: Offset = NO_OFFSET,
-    engine: str = "auto",
+    choice: ScanChoice = ScanChoice(),
     quiet: bool = False,
-    echoes: str = ECHOES[0],
 ) -> list[LegCounts]:
     """Run a survey of HELIOS++, each active leg into a file: NAME-leg000.laz and so on.
 
     assets : where paths in the survey start. reference : counts of each leg to be held beside ours.
-    echoes : of ``ECHOES``: as HELIOS++ finds them, by the survey's bins and window, or as our scanners do.
 
     Raises
     ------
@@ -110,7 +119,7 @@ def scan_survey(
         )
     offset = Offset(np.array(offset) + survey.offset, offset.crs)
     with stages.stage("make the scene"), hushed():
-        caster_of = casters_of(survey, engine)
+        caster_of = casters_of(survey, choice.engine)
     target.parent.mkdir(parents=True, exist_ok=True)
     found = []
     for index, leg in enumerate(survey.legs):
@@ -119,12 +128,17 @@ def scan_survey(
             stages.say(f"  {name}: the scanner is off")
             continue
         caster = caster_of(index)
-        scan = _scan_of(survey, leg, name, caster, seed, echoes)
+        scan = _scan_of(survey, leg, name, caster, choice)
         file = target.with_name(f"{target.stem}-{name}{target.suffix}")
         started = time.process_time()
         with stages.stage(f"{name}, {scan.pulses:,} pulses") as progress:
-            done = write_scan(file, scan, seed, offset=offset, progress=progress)
+            done = write_scan(file, scan, choice.seed, offset=offset, progress=progress)
         took = time.process_time() - started
+        if not done.points:
+            near, far = scan.scanner.min_range, scan.scanner.max_range
+            stages.say(
+                f"warning: {name} has no point: nothing stands from {near:g} to {far:g} m away"
+            )
         mean = scan.total / max(done.points, 1)
         found.append(LegCounts(name, scan.by_returns, mean, took))
         stages.say(f"{file}: {done.points:,} points of {done.pulses:,} pulses by {caster.engine}")
@@ -138,16 +152,15 @@ def _scan_of(
     leg: Leg,
     name: str,
     caster: RayCaster | TimedCaster,
-    seed: int,
-    echoes: str,
+    choice: ScanChoice,
 ) -> _Counting:
     """The scan of a leg."""
     sensor, pattern = sensor_of_survey(survey, leg, name), SurveyLeg(survey, leg)
     digitiser = survey.device.digitiser
-    if echoes == "survey" and digitiser.rings > 1:
+    if choice.echoes == "survey" and digitiser.rings > 1:
         across = np.pi / 2 if survey.device.optics == "conic" else 0.0
-        return CountedDigitisedScan(sensor, caster, seed, pattern, digitiser, across)
-    return CountedScan(sensor, caster, seed, pattern=pattern)  # type: ignore[arg-type]
+        return CountedDigitisedScan(sensor, caster, choice.seed, pattern, digitiser, across)
+    return CountedScan(sensor, caster, choice.seed, pattern=pattern)  # type: ignore[arg-type]
 
 
 def casters_of(survey: Survey, engine: str) -> Callable[[int], RayCaster | TimedCaster]:
