@@ -27,8 +27,8 @@ class Prism:
 
 @dataclass(frozen=True)
 class Digitiser:
-    """How HELIOS++ finds echoes: rings of sub-rays; bins of the waveform, and the window in which a maximum
-    must be the largest, ns; how long a waveform may be, ns (0: any)."""
+    """Settings by which HELIOS++ finds echoes: rings of sub-rays; bins of the waveform, and the window
+    in which a maximum must be the largest, ns; how long a waveform may be, ns (0: any)."""
 
     rings: int = 3
     bin_ns: float = 0.25
@@ -132,7 +132,7 @@ def read_device(scanner: Element, path: Path, survey: Element | None = None) -> 
 
 
 def _digitiser(scanner: Element, survey: Element | None, pulse_ns: float, path: Path) -> Digitiser:
-    """What scanner and survey say of the waveform, the survey last."""
+    """Read the settings of the waveform that scanner and survey state, the survey last."""
     found = Digitiser()
     for owner in (scanner, survey):
         said = None if owner is None else owner.find("FWFSettings")

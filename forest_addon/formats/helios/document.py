@@ -79,7 +79,7 @@ def find_files(pattern: str, near: Path, assets: Path | None = None) -> list[Pat
 
 
 def _places(name: str, near: Path, assets: Path | None) -> Iterator[Path]:
-    """Where a path that a document names may be; it may have been written on Windows."""
+    """Places at which a path of a document may be; it may have been written on Windows."""
     name = name.replace("\\", "/")
     for top in [*([assets] if assets else []), *near.resolve().parents]:
         yield top / name

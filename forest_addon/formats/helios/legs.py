@@ -12,7 +12,7 @@ from ...spec import SpecError
 from .device import Device
 from .document import number, place_of, yes
 from .scene import Part, ground_height
-from .track import SETTINGS, Track, read_tracks
+from .track import SETTINGS, SurveyTrack, read_tracks
 
 TURNS = {"stopAndTurn", "smoothTurn", "slowdownEnabled", "yawAtDeparture_deg"}
 LEG_KEYS = {
@@ -49,7 +49,7 @@ class Leg:
     head_speed: float
     most_seconds: float
     divergence: float
-    track: Track | None = None
+    track: SurveyTrack | None = None
     seconds: tuple[float, float] = (0.0, 0.0)
 
     def shifted(self, by: np.ndarray) -> Leg:
@@ -165,7 +165,7 @@ def _leg(
     path: Path,
     way: tuple[np.ndarray, np.ndarray],
     limits: tuple[float, float],
-    track: tuple[Track, float, float] | None = None,
+    track: tuple[SurveyTrack, float, float] | None = None,
 ) -> Leg:
     """A leg of a scanner's settings. limits : speed, m/s, and the longest time, s."""
 

@@ -19,26 +19,26 @@ from .document import number, vector, yes
 
 
 @dataclass(frozen=True)
-class Step:
+class MotionStep:
     """Rigid motion of a step: turns become ``turn`` · R, middles ``carry`` · c + ``move``, metres."""
 
     turn: np.ndarray
     carry: np.ndarray
     move: np.ndarray
 
-    def after(self, first: Step) -> Step:
+    def after(self, first: MotionStep) -> MotionStep:
         """Both, ``first`` before this one."""
-        return Step(
+        return MotionStep(
             self.turn @ first.turn, self.carry @ first.carry, self.carry @ first.move + self.move
         )
 
 
 @dataclass(frozen=True)
-class Sequence:
+class MotionSequence:
     """Step that is taken ``loop`` times (0: for ever), before the sequence ``next`` (empty: it stands)."""
 
     name: str
-    step: Step
+    step: MotionStep
     loop: int
     next: str
 
@@ -47,7 +47,7 @@ class Sequence:
 class PartMotion:
     """Motion of a part: sequences, the first one first; each step lasts ``every`` pulses."""
 
-    sequences: tuple[Sequence, ...]
+    sequences: tuple[MotionSequence, ...]
     every: int
 
 
@@ -82,21 +82,21 @@ def _interval(scene: Element, part: Element, pulse_rate: float, where: Path) -> 
     return int(max(rates[0], 1.0)) * int(max(rates[1], 1.0))
 
 
-def _sequence(element: Element, origin: np.ndarray, where: Path) -> Sequence:
+def _sequence(element: Element, origin: np.ndarray, where: Path) -> MotionSequence:
     name = element.get("id", "")
     if element.get("loop") is None:
         raise SpecError(str(where), f'dmotion "{name}" has no loop')
-    total = Step(np.eye(3), np.eye(3), np.zeros(3))
+    total = MotionStep(np.eye(3), np.eye(3), np.zeros(3))
     motions = element.findall("motion")
     if not motions:
         raise SpecError(str(where), f'dmotion "{name}" holds no motion')
     for motion in motions:
         for step in _steps(motion, origin, where):
             total = step.after(total)
-    return Sequence(name, total, int(number(element, "loop", where)), element.get("next", ""))
+    return MotionSequence(name, total, int(number(element, "loop", where)), element.get("next", ""))
 
 
-def _steps(motion: Element, origin: np.ndarray, where: Path) -> list[Step]:
+def _steps(motion: Element, origin: np.ndarray, where: Path) -> list[MotionStep]:
     """The steps of a motion, in the world."""
     kind = motion.get("type", "")
     itself = yes(motion.get("selfMode"), False)
@@ -112,13 +112,13 @@ def _steps(motion: Element, origin: np.ndarray, where: Path) -> list[Step]:
         turn = np.deg2rad(number(motion, "angle", where)) * _unit(of("axis"))
         return Rotation.from_rotvec(turn).as_matrix()
 
-    def placed(turn: np.ndarray, move: np.ndarray) -> Step:
+    def placed(turn: np.ndarray, move: np.ndarray) -> MotionStep:
         if itself:
-            return Step(turn, unit, move)
-        return Step(turn, turn, move + origin - turn @ origin)
+            return MotionStep(turn, unit, move)
+        return MotionStep(turn, turn, move + origin - turn @ origin)
 
     if kind == "identity":
-        return [Step(unit, unit, none)]
+        return [MotionStep(unit, unit, none)]
     if kind == "translation":
         return [placed(unit, of("vec") + shift)]
     if kind == "rotation" and motion.get("center") is not None:

@@ -14,7 +14,7 @@ from .material import Material, read_materials
 
 
 @dataclass(frozen=True)
-class Surface:
+class PartMesh:
     """Triangles and their materials.
 
     vertices : (V, 3) metres. triangles : (T, 3). slot : (T,) number of the material. materials : (S,).
@@ -31,11 +31,11 @@ class Surface:
         return np.array([material.ground for material in self.materials])[self.slot]
 
 
-def together(surfaces: list[Surface]) -> Surface:
+def together(surfaces: list[PartMesh]) -> PartMesh:
     """One surface of several."""
     vertex = np.cumsum([0, *(len(one.vertices) for one in surfaces)])
     slot = np.cumsum([0, *(len(one.materials) for one in surfaces)])
-    return Surface(
+    return PartMesh(
         np.concatenate([one.vertices for one in surfaces]),
         np.concatenate([one.triangles + v for one, v in zip(surfaces, vertex, strict=False)]),
         np.concatenate([one.slot + s for one, s in zip(surfaces, slot, strict=False)]),
@@ -44,7 +44,7 @@ def together(surfaces: list[Surface]) -> Surface:
 
 
 @guarded("a Wavefront OBJ file")
-def read_obj(path: Path, up: str = "z") -> Surface:
+def read_obj(path: Path, up: str = "z") -> PartMesh:
     """The triangles of a Wavefront file; polygons are cut into fans.
 
     up : the axis that points up in the file, "z" or "y".
@@ -81,7 +81,7 @@ def read_obj(path: Path, up: str = "z") -> Surface:
     vertices = np.array(places)
     if up == "y":
         vertices = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=1)
-    return Surface(
+    return PartMesh(
         vertices,
         np.array(faces, dtype=np.int32),
         np.array(slots, dtype=np.int32),

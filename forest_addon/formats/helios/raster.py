@@ -10,7 +10,7 @@ from ...spec import SpecError
 from ..foreign import guarded
 from ..tiff import read_place, read_tiff
 from .material import Material
-from .obj import Surface
+from .obj import PartMesh
 
 MOST_VOXELS = 20_000_000  # cells of the grid around a cloud
 CORNERS = np.array([(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)])
@@ -20,7 +20,7 @@ SIDES = np.array(
 
 
 @guarded("a GeoTIFF of heights")
-def read_terrain(path: Path, material: Material) -> Surface:
+def read_terrain(path: Path, material: Material) -> PartMesh:
     """Ground between the middles of the pixels of a GeoTIFF, two triangles a square; pixels without a height
     are gaps.
 
@@ -47,7 +47,7 @@ def read_terrain(path: Path, material: Material) -> Surface:
 
 
 @guarded("a text of points x, y, z")
-def read_points(path: Path, separator: str, size: float, material: Material) -> Surface:
+def read_points(path: Path, separator: str, size: float, material: Material) -> PartMesh:
     """Voxels of an edge ``size``, metres, in which points of a text file lie, as boxes.
 
     The grid starts at the smallest coordinates and has as many cells as cover the largest, as in HELIOS++.
@@ -85,7 +85,7 @@ def read_points(path: Path, separator: str, size: float, material: Material) -> 
     return _of_one_material(vertices, faces, material)
 
 
-def _of_one_material(vertices: np.ndarray, faces: np.ndarray, material: Material) -> Surface:
-    return Surface(
+def _of_one_material(vertices: np.ndarray, faces: np.ndarray, material: Material) -> PartMesh:
+    return PartMesh(
         vertices, faces.astype(np.int32), np.zeros(len(faces), dtype=np.int32), (material,)
     )

@@ -17,7 +17,7 @@ from ...spec import SpecError
 from .document import asset_of, find_file, find_files, number, rotation_of, vector
 from .material import Material, read_materials
 from .motion import PartMotion, read_motion
-from .obj import Surface, read_obj, together
+from .obj import PartMesh, read_obj, together
 from .raster import read_points, read_terrain
 
 LOADERS = ("objloader", "geotiffloader", "xyzloader")
@@ -31,7 +31,7 @@ class Part:
     """Part of a scene: a surface, where it is, (3, 4) local to world, and how it moves; None: it stands."""
 
     name: str
-    mesh: Surface
+    mesh: PartMesh
     transform: np.ndarray
     motion: PartMotion | None = None
 
@@ -55,14 +55,14 @@ class Part:
 
 
 @dataclass(frozen=True)
-class _Reader:
-    """Where files that a scene names are, and meshes that were read."""
+class _PartReader:
+    """Folders of the files that a scene names, and meshes that were read."""
 
     path: Path
     assets: Path | None
-    meshes: dict[tuple[Path, str], Surface]
+    meshes: dict[tuple[Path, str], PartMesh]
 
-    def obj(self, path: Path, up: str) -> Surface:
+    def obj(self, path: Path, up: str) -> PartMesh:
         if (path, up) not in self.meshes:
             self.meshes[path, up] = read_obj(path, up)
         return self.meshes[path, up]
@@ -81,7 +81,7 @@ def read_scene(
     """
     scene, path = asset_of(reference, "scene", near, assets)
     parts: list[Part] = []
-    reader = _Reader(path, assets, {})
+    reader = _PartReader(path, assets, {})
     elements = scene.findall("part")
     for index, element in enumerate(elements):
         part, on_ground = _part(element, index, reader)
@@ -99,7 +99,7 @@ def read_scene(
     )
 
 
-def _part(element: Element, index: int, reader: _Reader) -> tuple[Part, bool]:
+def _part(element: Element, index: int, reader: _PartReader) -> tuple[Part, bool]:
     name = element.get("id", f"part{index}")
     where = f"{reader.path}, part {element.get('id', index)}"
     for child in element:
@@ -142,7 +142,7 @@ def _stands(param: Element, path: Path) -> bool:
     return number(param, "value", path) != 0 if said is None else said
 
 
-def _loaded(kind: str, params: dict[str, Element], where: str, reader: _Reader) -> Surface:
+def _loaded(kind: str, params: dict[str, Element], where: str, reader: _PartReader) -> PartMesh:
     """The surface that a loader of a part makes."""
 
     def said(key: str, otherwise: str = "") -> str:
@@ -166,7 +166,7 @@ def _loaded(kind: str, params: dict[str, Element], where: str, reader: _Reader) 
     return together([read_points(file, said("separator", " "), size, material) for file in files])
 
 
-def _material_of(file: str, name: str, where: str, reader: _Reader) -> Material:
+def _material_of(file: str, name: str, where: str, reader: _PartReader) -> Material:
     """The material that a loader names; without one it is ground, as in HELIOS++.
 
     Raises

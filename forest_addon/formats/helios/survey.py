@@ -116,7 +116,7 @@ def _platform(survey: Element, path: Path, assets: Path | None) -> tuple[Element
 
 
 def _notes(survey: Element, platform: Element) -> list[str]:
-    """What is passed over of documents."""
+    """Sentences for all that is passed over of documents."""
     found = []
     noisy = [child.tag for owner in (survey, platform) for child in owner if child.tag in NOISES]
     if noisy:

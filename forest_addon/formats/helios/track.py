@@ -26,7 +26,7 @@ SETTINGS = {
 
 
 @dataclass(frozen=True)
-class Track:
+class SurveyTrack:
     """Way of a platform.
 
     time : (K,) seconds, ascending. place : (K, 3) metres. angles : (K, 3) roll, pitch and yaw in radians,
@@ -37,7 +37,7 @@ class Track:
     place: np.ndarray
     angles: np.ndarray | None = None
 
-    def shifted(self, by: np.ndarray) -> Track:
+    def shifted(self, by: np.ndarray) -> SurveyTrack:
         """The track moved by (3,) metres."""
         return replace(self, place=self.place + by)
 
@@ -55,19 +55,19 @@ class Track:
             return between(self.place), None
         return between(self.place), Rotation.from_euler("XYZ", between(self.angles))
 
-    def part(self, start: float, stop: float) -> Track:
+    def part(self, start: float, stop: float) -> SurveyTrack:
         """The rows from a time to another, seconds; of a jump at an end only its inner side."""
         inner = np.flatnonzero((self.time > start) & (self.time < stop))
         first = np.searchsorted(self.time, start, "right") - 1
         last = np.searchsorted(self.time, stop, "left")
         rows = np.unique(np.clip([first, *inner, last], 0, len(self.time) - 1))
         angles = None if self.angles is None else self.angles[rows]
-        return Track(self.time[rows], self.place[rows], angles)
+        return SurveyTrack(self.time[rows], self.place[rows], angles)
 
 
 def read_tracks(
     legs: list[Element], survey: Element, path: Path, assets: Path | None
-) -> list[tuple[Track, float, float]]:
+) -> list[tuple[SurveyTrack, float, float]]:
     """The track of each leg of platform settings, and from when to when it goes, seconds.
 
     Raises
@@ -91,7 +91,7 @@ def read_tracks(
         rows[:, 1:4] = np.deg2rad(rows[:, 1:4])
     angles = rows[:, 1:4] if spec == "CANONICAL" else -rows[:, 1:4]
     only = {leg.get("interpolationDomain", "") for leg in legs} & {"position"}
-    track = Track(rows[:, 0], rows[:, 4:], None if only else angles)
+    track = SurveyTrack(rows[:, 0], rows[:, 4:], None if only else angles)
     found = []
     for leg in legs:
         start = number(leg, "tStart", path, float(track.time[0]))

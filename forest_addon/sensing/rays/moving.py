@@ -104,7 +104,7 @@ class RigidPath:
 
 
 class PartPath(Protocol):
-    """Where a part that keeps its shape is at what time; see ``RigidPath``."""
+    """Path of a part that keeps its shape; see ``RigidPath``."""
 
     def at(self, time: np.ndarray) -> np.ndarray: ...
 

@@ -164,7 +164,7 @@ def _scan_of(
 
 
 def casters_of(survey: Survey, engine: str) -> Callable[[int], RayCaster | TimedCaster]:
-    """What casts the rays of a leg, by its number: the same for all where nothing moves."""
+    """Casters of the rays of each leg, by its number: the same for all where nothing moves."""
     from forest_addon.blender.rays.casters import make_caster
 
     rays = Rays(engine=engine)

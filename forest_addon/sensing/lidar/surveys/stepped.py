@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ....formats.helios.motion import PartMotion, Sequence, Step
+from ....formats.helios.motion import MotionSequence, MotionStep, PartMotion
 
-STILL = Step(np.eye(3), np.eye(3), np.zeros(3))
+STILL = MotionStep(np.eye(3), np.eye(3), np.zeros(3))
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class States:
     move: np.ndarray
 
     @classmethod
-    def of(cls, step: Step, count: int) -> States:
+    def of(cls, step: MotionStep, count: int) -> States:
         """So many of one step."""
         return cls(
             *(np.broadcast_to(m, (count, *m.shape)) for m in (step.turn, step.carry, step.move))
@@ -40,7 +40,7 @@ class States:
         self.turn[rows], self.carry[rows], self.move[rows] = found.turn, found.carry, found.move
 
 
-def powers(step: Step, exponent: np.ndarray) -> States:
+def powers(step: MotionStep, exponent: np.ndarray) -> States:
     """Powers of a step with exponents (N,) from 0 on."""
     count = len(exponent)
     total = States(*(np.array(m) for m in vars(States.of(STILL, count)).values()))
@@ -57,10 +57,10 @@ def powers(step: Step, exponent: np.ndarray) -> States:
     return total
 
 
-def power(step: Step, exponent: int) -> Step:
+def power(step: MotionStep, exponent: int) -> MotionStep:
     """A step so many times."""
     found = powers(step, np.array([exponent]))
-    return Step(found.turn[0], found.carry[0], found.move[0])
+    return MotionStep(found.turn[0], found.carry[0], found.move[0])
 
 
 class SteppedPath:
@@ -152,9 +152,9 @@ class _Run:
 
     first: int
     length: int | None
-    step: Step
-    within: Step
-    before: Step
+    step: MotionStep
+    within: MotionStep
+    before: MotionStep
     looped: bool
 
 
@@ -164,14 +164,14 @@ class _Loop:
 
     first: int
     length: int
-    step: Step
+    step: MotionStep
 
 
-def _runs(sequences: tuple[Sequence, ...]) -> tuple[list[_Run], _Loop | None]:
+def _runs(sequences: tuple[MotionSequence, ...]) -> tuple[list[_Run], _Loop | None]:
     """The sequences in the order of time, and what repeats of them."""
     named = {one.name: one for one in reversed(sequences)}
-    order: list[Sequence] = []
-    now: Sequence | None = sequences[0]
+    order: list[MotionSequence] = []
+    now: MotionSequence | None = sequences[0]
     while now is not None and now not in order:
         order.append(now)
         now = named[now.next] if now.loop > 0 and now.next else None
