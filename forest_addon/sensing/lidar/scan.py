@@ -197,10 +197,11 @@ class Scan:
         """Return the echoes of the light that comes back to origins and directions of rays, sent at times."""
         scanner, scene = self.scanner, self.caster.scene
         hits, ways = contacts.hits, rays[1][contacts.ray]
-        stood = None
-        if self._moving is not None:
-            stood = self._moving.transforms(hits.instance, time[contacts.ray])
-        normal = hit_normals(scene, hits, stood)
+        normal = (
+            hit_normals(scene, hits)
+            if self._moving is None
+            else self._moving.normals(hits, time[contacts.ray])
+        )
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         energy = intensity(
             reflectance * contacts.light / scanner.beam.subrays,
@@ -256,7 +257,9 @@ class Scan:
         if self._moving is not None:
             met = pulses.origin[echoes.pulse] + labelled.distance[:, None] * found.way
             when = pulses.time[echoes.pulse]
-            velocity, rest = self._moving.velocities(met, labelled.instance, when)
+            velocity, rest = self._moving.velocities(
+                met, labelled.instance, labelled.triangle, when
+            )
             instance, triangle = self._moving.known(labelled.instance, labelled.triangle)
             labelled = replace(labelled, instance=instance, triangle=triangle)
         return Cloud(

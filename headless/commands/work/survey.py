@@ -21,7 +21,7 @@ from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.scan import Scan
 from forest_addon.sensing.lidar.surveys.digitised import DigitisedScan
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg, step_count
-from forest_addon.sensing.lidar.surveys.stepped import SteppedPath
+from forest_addon.sensing.lidar.surveys.stepped import SteppedMotion, SteppedPath
 from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.rays.moving import MovingCaster, TimedCaster
@@ -183,7 +183,7 @@ def casters_of(survey: Survey, engine: str) -> Callable[[int], RayCaster | Timed
             for i, part in moving.items()
             if part.motion
         }
-        return MovingCaster(scene, paths, partial(make_caster, rays=rays))
+        return MovingCaster(scene, SteppedMotion(paths), partial(make_caster, rays=rays))
 
     return caster
 

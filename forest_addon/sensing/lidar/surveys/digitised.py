@@ -73,10 +73,10 @@ class DigitisedScan(Scan):
         at = None if self._moving is None else when
         contacts = meet(self.caster, origin, way, scanner.max_range, scanner.surfaces, chances, at)
         hits, ways = contacts.hits, way[contacts.ray]
-        stood = None
-        if self._moving is not None:
-            stood = self._moving.transforms(hits.instance, when[contacts.ray])
-        normal = hit_normals(scene, hits, stood)
+        if self._moving is None:
+            normal = hit_normals(scene, hits)
+        else:
+            normal = self._moving.normals(hits, when[contacts.ray])
         share = self._rings.share[contacts.ray % count]
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         energy = intensity(

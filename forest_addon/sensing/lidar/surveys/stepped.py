@@ -6,11 +6,14 @@ squaring; what repeats is found first.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ....formats.helios.motion import MotionSequence, MotionStep, PartMotion
+from ...rays.paths import PathTable, RigidPath, SceneMotion
 
 STILL = MotionStep(np.eye(3), np.eye(3), np.zeros(3))
 
@@ -63,8 +66,8 @@ def power(step: MotionStep, exponent: int) -> MotionStep:
     return MotionStep(found.turn[0], found.carry[0], found.move[0])
 
 
-class SteppedPath:
-    """Transforms of a part over time, for ``MovingCaster``; see ``RigidPath``.
+class SteppedPath(RigidPath):
+    """Transforms of a part over time; see ``RigidPath``.
 
     transform : (3, 4) local to world before the first step. before : pulses that were sent before time 0.
     pulses : how many are sent from then on, at ``rate`` Hz; the one at time t is the (t · rate)-th.
@@ -190,3 +193,37 @@ def _runs(sequences: tuple[MotionSequence, ...]) -> tuple[list[_Run], _Loop | No
             total, first = power(one.step, length).after(total), first + length
     loop = None if now is None else _Loop(begin, first - begin, total)
     return runs, loop
+
+
+class SteppedTable(PathTable):
+    """Stepped paths side by side, asked by their rows."""
+
+    def __init__(self, paths: Sequence[SteppedPath]) -> None:
+        self._paths = tuple(paths)
+
+    def at(self, which: np.ndarray, time: np.ndarray, beyond: bool = False) -> np.ndarray:
+        """See ``PathTable.at``; steps have no ends to go on beyond."""
+        found = np.empty((len(time), 3, 4))
+        for row, path in enumerate(self._paths):
+            mine = np.flatnonzero(which == row)
+            if len(mine):
+                found[mine] = path.at(time[mine])
+        return found
+
+    def velocity(self, which: np.ndarray, points: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """See ``PathTable.velocity``."""
+        found = np.zeros_like(points)
+        for row, path in enumerate(self._paths):
+            mine = np.flatnonzero(which == row)
+            if len(mine):
+                found[mine] = path.velocity(points[mine], time[mine])
+        return found
+
+
+class SteppedMotion(SceneMotion):
+    """Motion of a scene whose parts go by steps: ``paths`` are ``SteppedPath``."""
+
+    @cached_property
+    def table(self) -> PathTable:
+        """Paths in the order of ``rows``."""
+        return SteppedTable([self.paths[n] for n in self.rows.tolist()])  # type: ignore[misc]
