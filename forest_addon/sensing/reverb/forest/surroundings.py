@@ -111,12 +111,15 @@ def _density(
     shape = np.maximum(1, np.round(size / cell)).astype(np.int64)
     edges = [c + cell * np.arange(n + 1) for c, n in zip(corner, shape, strict=True)]
     counts = np.histogram2d(place[:, 0], place[:, 1], bins=(edges[0], edges[1]))[0]
-    if beyond > 0 and counts.var() <= UNEVEN * counts.mean():
-        return Density.even(mean)
+    start = float(corner[0]), float(corner[1])
+    if counts.var() <= UNEVEN * counts.mean():
+        if beyond > 0:
+            return Density.even(mean)
+        return Density(np.full((1, 1), mean), start, (float(size[0]), float(size[1])), 0.0)
     share = counts.sum() / max(len(place), 1)  # cells do not cover the field to the last metre
     cells = counts / cell**2 / max(share, 1e-9)
     cells *= mean / max(float(cells.mean()), 1e-30)
-    return Density(cells, (float(corner[0]), float(corner[1])), cell, beyond)
+    return Density(cells, start, (cell, cell), beyond)
 
 
 def _hull(place: np.ndarray) -> float:
