@@ -32,7 +32,7 @@ ALL_WAYS = 0.785  # mean |sin| to branches that look all ways
 @dataclass(frozen=True)
 class FoliageCanopy:
     """Of a scene: leaf_area_density, m²/m³ at the height of the path; top, m, where trees end; clutter;
-    floor_leaf_area, m²/m² of leaves below ``losses.FLOOR``."""
+    floor_leaf_area, m²/m² of leaves of plants on the floor."""
 
     leaf_area_density: float = 0.0
     top: float = 0.0
