@@ -2,13 +2,13 @@
 
 Where trees of a genus were tested as they grow in Europe: modulus in static bending and density as they
 stand (ForestGALES: Locatelli et al. 2022, package fgr, ``species_parameters``; moduli of Lavers 1983, The
-strength properties of timber); of beech and oak that table's density, 1158 kg/m³, is nearly that of wood full
-of water, and the handbook's stands here. Other genera: Forest Products Laboratory 2010, Wood handbook, FPL-GTR-190,
-modulus of green wood by Table 5-3, the mean of the species of a genus, density by the specific gravity on
-green volume there times one plus the mean moisture content of heartwood and sapwood (Table 4-1). Apple:
-Markwardt & Wilson 1935. Moduli are those of the tests, of short beams of clear wood: the shear in them takes a
-tenth, knots and young wood of whole stems take more (2.0 to 6.4 GPa in standing Sitka spruces, whose sawn
-wood has 5.9: Milne & Blackburn 1989, Tree Physiol. 5:195).
+strength properties of timber). Of beech and oak that table's density, 1158 kg/m³, is nearly that of wood
+full of water, and the handbook's stands here. Other genera: Forest Products Laboratory 2010, Wood handbook,
+FPL-GTR-190, modulus of green wood by Table 5-3, the mean of the species of a genus, density by the specific
+gravity on green volume there times one plus the mean moisture content of heartwood and sapwood (Table 4-1).
+Apple: Markwardt & Wilson 1935. Moduli are those of the tests, of short beams of clear wood: the shear in
+them takes a tenth, knots and young wood of whole stems take more (2.0 to 6.4 GPa in standing Sitka spruces,
+whose sawn wood has 5.9: Milne & Blackburn 1989, Tree Physiol. 5:195).
 
 Leaves: dry mass over the leaf area as the studies of a genus counted it (BAAD, Falster et al. 2015: the
 geometric mean over studies of their medians; allometry draws areas from the same trees), of which fresh
