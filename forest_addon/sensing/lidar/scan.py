@@ -20,6 +20,7 @@ import numpy as np
 from ...base.progress import Progress
 from ...base.rng import daughter_keys, first_key
 from ...base.trimesh import LEAF
+from ...base.vectors import azimuth_of
 from ..rays.bundles import Faces
 from ..rays.caster import RayCaster, hit_normals
 from ..rays.geometry import SceneGeometry
@@ -121,7 +122,7 @@ class Scan:
         """Return the echoes of pulses of several sub-rays; no ray is traced of those that surely meet one
         face, or nothing."""
         scanner, scene = self.scanner, self.caster.scene
-        beams = frames(pulses, scanner.beam, keys)
+        beams = self._frames(pulses, keys)
         parts, done = [], np.zeros(len(pulses), dtype=bool)
         if self._faces is not None:
             nothing, known, hits = seen(self._faces, beams, scanner)
@@ -138,6 +139,9 @@ class Scan:
         if len(parts) == 1:
             return found
         return found.select(np.argsort(found.echoes.pulse, kind="stable"))
+
+    def _frames(self, pulses: Pulses, keys: np.ndarray) -> BeamFrames:
+        return frames(pulses, self.scanner.beam, keys)
 
     def _traced(self, beams: BeamFrames, keys: np.ndarray, time: np.ndarray) -> Received:
         scanner, count = self.scanner, self.scanner.beam.subrays
@@ -193,10 +197,11 @@ class Scan:
         """Return the echoes of the light that comes back to origins and directions of rays, sent at times."""
         scanner, scene = self.scanner, self.caster.scene
         hits, ways = contacts.hits, rays[1][contacts.ray]
-        stood = None
-        if self._moving is not None:
-            stood = self._moving.transforms(hits.instance, time[contacts.ray])
-        normal = hit_normals(scene, hits, stood)
+        normal = (
+            hit_normals(scene, hits)
+            if self._moving is None
+            else self._moving.normals(hits, time[contacts.ray])
+        )
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         energy = intensity(
             reflectance * contacts.light / scanner.beam.subrays,
@@ -252,7 +257,9 @@ class Scan:
         if self._moving is not None:
             met = pulses.origin[echoes.pulse] + labelled.distance[:, None] * found.way
             when = pulses.time[echoes.pulse]
-            velocity, rest = self._moving.velocities(met, labelled.instance, when)
+            velocity, rest = self._moving.velocities(
+                met, labelled.instance, labelled.triangle, when
+            )
             instance, triangle = self._moving.known(labelled.instance, labelled.triangle)
             labelled = replace(labelled, instance=instance, triangle=triangle)
         return Cloud(
@@ -261,7 +268,7 @@ class Scan:
             time=pulses.time[echoes.pulse],
             number=(rank + 1).astype(np.uint8),
             count=np.bincount(echoes.pulse, minlength=len(pulses))[echoes.pulse].astype(np.uint8),
-            azimuth=np.arctan2(way[:, 1], way[:, 0]),
+            azimuth=azimuth_of(way),
             elevation=np.arcsin(np.clip(way[:, 2], -1, 1)),
             scan_angle=pulses.scan_angle[echoes.pulse],
             intensity=reading(scanner, echoes.energy, measured),
