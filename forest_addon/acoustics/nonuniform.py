@@ -19,7 +19,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,14 +38,15 @@ ROUNDING = 16.0 * 2.0**-53  # of a sum, and for each period of the carrier
 FEW = 1 << 16  # products of echoes and bins that are summed directly: the fast way costs more
 COLUMNS = 256  # nodes by weights that are deposited at once
 KERNEL = 0.5  # share of the tolerance that the kernel's error may take
-TAIL = 0.4  # of what is left, for an echo: relative to itself, or to the mean of all
+TAIL = 0.5  # of what is left, for an echo of which nothing is known: of itself, or of the mean of all
+SAFE = 0.8  # of the budget that is planned for, since sizes are known by classes only
 FAINTER = 12  # powers of 4 by which an echo is weaker than the mean, and may be so much worse
 ATTEMPTS = 4
 NOISE = 0.12  # of its bound, that what a table is off by comes to; over many it adds up in squares
 IN_PHASE = (
     0.25  # the most of it that was found, twice: over echoes of one shape it adds up as it is
 )
-HANDFUL = 64  # echoes that are better off with those that need more nodes than on their own
+SAMPLED, NODES_SAMPLED = 256, 8  # echoes and nodes of an estimate of all amplitudes
 
 
 @dataclass(frozen=True)
@@ -79,6 +79,7 @@ def sum_delayed(
     spread: ArrayLike = 0.0,
     weights: np.ndarray | None = None,
     smooth: Smoothness | None = None,
+    ends: tuple[float, float] | None = None,
 ) -> DelayedSum:
     """Σ_i A_i(f)·e^{-i2πfτ_i} at f = start + (0 … count - 1)·spacing, K = count values.
 
@@ -91,6 +92,7 @@ def sum_delayed(
         2a·sinβ/c). It saves evaluations where nothing else is known, and does not bear on the error.
     weights : (M, W) real, of the echoes in W sums; left out: one sum, all weights 1.
     smooth : what is known of the echoes in this band.
+    ends : Hz, of a band around the bins, in whose nodes A is asked for; left out: the first and last bin.
 
     The carrier is exact to 2π·2⁻⁵³ times the number of its periods. The time is that of evaluating
     the amplitudes, plus about 0.2 µs an echo at 1e-6.
@@ -99,7 +101,7 @@ def sum_delayed(
     direct = tolerance < 2.0 * ALIASING[-1] or len(delay) * count <= FEW
     given = np.ones((len(delay), 1)) if weights is None else weights
     spread = np.broadcast_to(np.asarray(spread, np.float64), delay.shape)
-    task = _Task(amplitude, delay, given, start, spacing, count)
+    task = _Task(amplitude, delay, given, start, spacing, count, ends)
     if direct:
         task.direct(np.arange(len(delay)))
         found = task.result(0)
@@ -126,7 +128,7 @@ def nodes_needed(
         task = _Task(amplitude, nothing, nothing[:, None], start, spacing, count)
         plan = task.unknown(nothing, TAIL * tolerance)
     else:
-        plan = _planned(smooth, TAIL * tolerance, tolerance)
+        plan = _planned(smooth, SAFE * tolerance, count)
     needed: np.ndarray = np.append(LEVELS, 0)[plan.level]
     return needed
 
@@ -138,11 +140,13 @@ def _fast(
     width = width_for(KERNEL * tolerance)
     kernel = ALIASING[width - NARROWEST]
     budget = max(tolerance - kernel, 0.1 * tolerance)
-    allowed = TAIL * budget
+    share = SAFE
+    loudness = 1.0 if smooth is None else task.loudness(smooth.size)
     for _ in range(ATTEMPTS):
-        plan = (
-            task.unknown(spread, allowed) if smooth is None else _planned(smooth, allowed, budget)
-        )
+        if smooth is None:
+            plan = task.unknown(spread, TAIL * share * budget)
+        else:
+            plan = _planned(smooth, share * loudness * budget, task.count)
         task.clear()
         for index in np.unique(plan.level).tolist():
             rows = np.flatnonzero(plan.level == index)
@@ -155,7 +159,7 @@ def _fast(
         excess = plan.reducible / (found.size or 1.0) / budget
         if task.error <= budget * found.size or excess <= 0.1:
             break
-        allowed *= min(0.7 / excess, 0.5)
+        share *= min(0.7 / excess, 0.5)
     return found
 
 
@@ -171,23 +175,50 @@ class _SumPlan:
     reducible: float
 
 
-def _planned(smooth: Smoothness, allowed: float, budget: float) -> _SumPlan:
-    """By classes: the fewest nodes that are good enough for an echo of its class and level.
+def _planned(smooth: Smoothness, budget: float, count: int) -> _SumPlan:
+    """Nodes by classes and loudness: of all choices whose errors keep to the budget, the one with the fewest.
 
-    Echoes whose table is too rough for what was asked are summed directly, the roughest first.
+    A node more is worth it where it takes most off the error for each echo that is evaluated once more: a
+    price of the error, the same for all, is raised until the budget is kept (Everett 1963). Errors below the
+    floor of a class do not count, since nodes do not change them. Echoes whose table is too rough for what
+    was asked are summed directly, the roughest first.
     """
     mean = float(smooth.size.mean())
     size = np.where(smooth.size > 0, smooth.size, np.inf)
-    fainter = np.clip(np.frexp(mean / size)[1] // 2, 0, FAINTER)  # powers of 4 below the mean
-    pairs, of_echo = numbered(smooth.kind * (FAINTER + 1) + fainter)
-    kind, faint = np.divmod(pairs, FAINTER + 1)
-    wanted = np.maximum(allowed * smooth.typical[kind] * 4.0**faint, smooth.floor[kind])
-    level = np.count_nonzero(smooth.errors[kind] > wanted[:, None], axis=1)  # they fall
+    fainter = np.clip(np.frexp(mean / size)[1] // 2, -FAINTER, FAINTER)  # powers of 4 below the mean
+    pairs, of_echo = numbered(smooth.kind * (2 * FAINTER + 1) + fainter + FAINTER)
+    kind = pairs // (2 * FAINTER + 1)
+    number = np.bincount(of_echo, minlength=len(pairs))
+    scale = np.bincount(of_echo, smooth.scale, minlength=len(pairs))
+    reducible = np.where(smooth.errors > smooth.floor[:, None], smooth.errors, 0.0)[kind]
+    nodes = number[:, None] * np.append(LEVELS, count)
+    errors = np.append(
+        np.where(scale[:, None] > 0, scale[:, None] * reducible, 0.0),
+        np.zeros((len(kind), 1)),
+        axis=1,
+    )
+    level = _cheapest(nodes, errors, budget * float(smooth.size.sum()))
+    left = float(errors[np.arange(len(kind)), level].sum())
     padded = np.append(smooth.errors, np.zeros((len(smooth.errors), 1)), axis=1)
-    own, error = level[of_echo], padded[kind, level][of_echo]
-    reducible = smooth.scale @ np.where(error > smooth.floor[smooth.kind], error, 0.0)
-    own = np.where(_too_rough(smooth, budget), len(LEVELS), _together(own))
-    return _SumPlan(own, smooth.scale * error, float(reducible))
+    own = np.where(_too_rough(smooth, budget), len(LEVELS), level[of_echo])
+    own = _together(own, count)
+    return _SumPlan(own, smooth.scale * padded[smooth.kind, own], left)
+
+
+def _cheapest(nodes: np.ndarray, errors: np.ndarray, budget: float) -> np.ndarray:
+    """(C,) levels of the classes, the fewest Σ nodes (C, L) with Σ errors (C, L) of at most the budget."""
+    low, high = -60.0, 60.0  # of the logarithm of the price
+    unit = float(nodes[:, 0].sum()) / max(budget, 1e-300)
+    rows = np.arange(len(nodes))
+    while high - low > 0.05:
+        price = (low + high) / 2
+        level = (nodes + unit * math.exp(price) * errors).argmin(axis=1)
+        if errors[rows, level].sum() <= budget:
+            high = price
+        else:
+            low = price
+    cheapest: np.ndarray = (nodes + unit * math.exp(high) * errors).argmin(axis=1)
+    return cheapest
 
 
 def _too_rough(smooth: Smoothness, budget: float) -> np.ndarray:
@@ -209,15 +240,27 @@ def _too_rough(smooth: Smoothness, budget: float) -> np.ndarray:
     return found
 
 
-def _together(level: np.ndarray) -> np.ndarray:
-    """Levels that few need are raised to the next that is needed."""
-    count = np.bincount(level, minlength=len(LEVELS) + 1)
+def _together(level: np.ndarray, count: int) -> np.ndarray:
+    """Levels (M,), some raised to the next that is used: each that is used has its grid and its transforms,
+    which take about as long as the values of ``count`` echoes.
+    """
+    echoes = np.bincount(level, minlength=len(LEVELS) + 1)[: len(LEVELS)]
+    before = np.append(0, np.cumsum(echoes))
+    best, last = [0.0], [0]  # of the echoes up to a level, and the level before that is used
+    for here, nodes in enumerate(LEVELS):
+        costs = [
+            best[below] + (nodes * (before[here + 1] - before[below] + count))
+            for below in range(here + 1)
+        ]
+        least = int(np.argmin(costs))
+        some = before[here + 1] > 0
+        best.append(float(costs[least]) if some else 0.0)
+        last.append(least if some else here)
     raised = np.arange(len(LEVELS) + 1)
-    present = np.flatnonzero(count[: len(LEVELS)])
-    for here, above in pairwise(present.tolist()):
-        if count[here] < HANDFUL:
-            raised[raised == here] = above
-            count[above] += count[here]
+    above = int(np.flatnonzero(echoes)[-1]) + 1 if before[-1] else 0
+    while above > 0:
+        raised[last[above] : above] = above - 1
+        above = last[above]
     return raised[level]
 
 
@@ -232,10 +275,13 @@ class _Task:
         start: float,
         spacing: float,
         count: int,
+        ends: tuple[float, float] | None = None,
     ) -> None:
         self._amplitude, self._delay, self._weights = amplitude, delay, weights
         self._start, self._spacing, self.count = start, spacing, count
         self._middle = start + (count // 2) * spacing
+        last = start + (count - 1) * spacing
+        self._ends = (start, last) if ends is None else (min(ends[0], start), max(ends[1], last))
         self.clear()
 
     def clear(self) -> None:
@@ -246,9 +292,19 @@ class _Task:
 
     def _values(self, nodes: int, rows: np.ndarray) -> np.ndarray:
         """(R, m) amplitudes at the nodes."""
-        half = 0.5 * (self.count - 1) * self._spacing
-        frequency = self._start + half + half * chebyshev.points(nodes)
+        low, high = self._ends
+        frequency = (low + high) / 2 + (high - low) / 2 * chebyshev.points(nodes)
         return np.asarray(self._amplitude(frequency, rows))
+
+    def loudness(self, size: np.ndarray) -> float:
+        """Return how large amplitudes are, of what classes say, from a few echoes, the loudest the likeliest."""
+        total = np.cumsum(size)
+        if not total[-1] > 0:
+            return 1.0
+        places = (np.arange(SAMPLED) + 0.5) / SAMPLED * total[-1]
+        rows = np.searchsorted(total, places).clip(0, len(size) - 1)
+        largest = np.abs(self._values(NODES_SAMPLED, rows)).max(axis=0)
+        return float(np.mean(largest / size[rows]))
 
     def unknown(self, spread: np.ndarray, allowed: float) -> _SumPlan:
         """Of echoes that nothing is known of, by looking at each in more nodes than it will need."""
@@ -293,11 +349,11 @@ class _Task:
             some = rows[begin : begin + step]
             values = self._values(nodes, some)
             self._deposit(grid, some, values, first)
-            absolute = np.abs(values)
-            size = float(absolute.max(axis=0).sum())
+            absolute = values.real**2 + values.imag**2
+            size = float(np.sqrt(absolute.max(axis=0)).sum(dtype=np.float64))
             self._size += size
             self._interpolated += size
-            self._least += float(absolute.min(axis=0).sum())
+            self._least += float(np.sqrt(absolute.min(axis=0)).sum(dtype=np.float64))
         self._nodes[nodes] = self._nodes.get(nodes, 0) + len(rows)
         self._collect(grid, nodes, first)
         for block in others:
@@ -318,14 +374,23 @@ class _Task:
     def _deposit(self, grid: DelayGrid, rows: np.ndarray, values: np.ndarray, block: slice) -> None:
         """Lay amplitudes (R, m) times their weights down at their delays."""
         delay = self._delay[rows]
-        turned = (values * _turn(self._middle * delay)).T
-        weighted = turned[:, None, :] * self._weights[rows, block, None]
+        turn = _turn(self._middle * delay)
+        if self._weights.shape[1] == 1:
+            grid.add(delay * self._spacing, (values * (turn * self._weights[rows, 0])).T)
+            return
+        weighted = (values * turn).T[:, None, :] * self._weights[rows, block, None]
         grid.add(delay * self._spacing, weighted.reshape(len(rows), math.prod(weighted.shape[1:])))
 
     def _collect(self, grid: DelayGrid, nodes: int, block: slice) -> None:
         """Add what was laid down to the sums of some weights."""
         parts = grid.spectrum().reshape(-1, nodes, self.count)
-        self._spectrum[block] += np.einsum("wrk,rk->wk", parts, _lagrange(nodes, self.count))
+        low, high = self._ends
+        places = [
+            (2.0 * end - low - high) / ((high - low) or 1.0)
+            for end in (self._start, self._start + (self.count - 1) * self._spacing)
+        ]
+        spread = _lagrange(nodes, self.count, *places)
+        self._spectrum[block] += np.einsum("wrk,rk->wk", parts, spread)
 
     def direct(self, rows: np.ndarray) -> None:
         """Add the echoes ``rows`` bin by bin."""
@@ -362,6 +427,6 @@ def _turn(cycles: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=64)
-def _lagrange(nodes: int, bins: int) -> np.ndarray:
-    """(R, K) Lagrange polynomials of the nodes at K even points from -1 to 1."""
-    return chebyshev.lagrange(nodes, np.linspace(-1.0, 1.0, bins))
+def _lagrange(nodes: int, bins: int, first: float, last: float) -> np.ndarray:
+    """(R, K) Lagrange polynomials of the nodes at K even points from ``first`` to ``last``."""
+    return chebyshev.lagrange(nodes, np.linspace(first, last, bins))
