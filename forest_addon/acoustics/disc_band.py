@@ -24,7 +24,9 @@ SMALLEST = 6.0  # ka from where on radii have rows
 LARGEST = HANDOVER - 6.0  # ka up to which
 BLOCKS = 8  # an octave of radii, made at once
 REACH = 12  # points to which the coefficient of a spline depends on values: 0.27^12 is 1e-7
-TAPS = np.array([1 / 36, -5 / 18, 3 / 2, -5 / 18, 1 / 36])  # values to coefficients, to the 6th order
+TAPS = np.array(
+    [1 / 36, -5 / 18, 3 / 2, -5 / 18, 1 / 36]
+)  # values to coefficients, to the 6th order
 MARGIN = 3  # rows beyond a block, for these and for the spline
 MISSED = 1.0  # of what the envelope says; at most 0.6 of it was found
 MOST_PHASE = 0.8  # radians
@@ -123,16 +125,16 @@ class _BandTable:
     def _block_rows(self, block: int) -> np.ndarray:
         """(rows · columns, R) coefficients of the splines of a block."""
         one = np.array([block])
-        row_step, column_step = (
-            float(step[0]) for step in _steps(one, self._highest, self._phase)
-        )
+        row_step, column_step = (float(step[0]) for step in _steps(one, self._highest, self._phase))
         start, end = _block_radius(one)[0], _block_radius(one + 1)[0]
         count = math.ceil((end - start) / row_step) + 1 + 2 * MARGIN
         radius = start + row_step * (np.arange(count) - MARGIN)
         angle = column_step * np.arange(round(0.5 * math.pi / column_step) + 1)
         size = np.outer(radius, self._wavenumber)
         found = tabulated_on(size.ravel(), angle, _coefficients)
-        found *= (np.exp(1j * LATER * size) / self._wavenumber).astype(np.complex64).ravel()[:, None]
+        found *= (
+            (np.exp(1j * LATER * size) / self._wavenumber).astype(np.complex64).ravel()[:, None]
+        )
         lines = found.view(np.float32).reshape(count, -1)
         outer, inner, middle = TAPS[:3].astype(np.float32).tolist()
         filtered, beside = lines.copy(), np.empty_like(lines[2:-2])

@@ -38,7 +38,9 @@ ROUNDING = 16.0 * 2.0**-53  # of a sum, and for each period of the carrier
 FEW = 1 << 16  # products of echoes and bins that are summed directly: the fast way costs more
 COLUMNS = 256  # nodes by weights that are deposited at once
 KERNEL = 0.5  # share of the tolerance that the kernel's error may take
-TAIL = 0.5  # of what is left, for an echo of which nothing is known: of itself, or of the mean of all
+TAIL = (
+    0.5  # of what is left, for an echo of which nothing is known: of itself, or of the mean of all
+)
 SAFE = 0.8  # of the budget that is planned for, since sizes are known by classes only
 FAINTER = 12  # powers of 4 by which an echo is weaker than the mean, and may be so much worse
 ATTEMPTS = 4
@@ -185,7 +187,9 @@ def _planned(smooth: Smoothness, budget: float, count: int) -> _SumPlan:
     """
     mean = float(smooth.size.mean())
     size = np.where(smooth.size > 0, smooth.size, np.inf)
-    fainter = np.clip(np.frexp(mean / size)[1] // 2, -FAINTER, FAINTER)  # powers of 4 below the mean
+    fainter = np.clip(
+        np.frexp(mean / size)[1] // 2, -FAINTER, FAINTER
+    )  # powers of 4 below the mean
     pairs, of_echo = numbered(smooth.kind * (2 * FAINTER + 1) + fainter + FAINTER)
     kind = pairs // (2 * FAINTER + 1)
     number = np.bincount(of_echo, minlength=len(pairs))

@@ -52,9 +52,7 @@ class DiscStrength(RowTable):
         far = amplitude_bound(lowest, highest, self.radius, self.incidence, self.model)
         return self.nearness * far
 
-    def parts(
-        self, lowest: float, highest: float, tolerance: float = 0.0
-    ) -> list[ScattererPart]:
+    def parts(self, lowest: float, highest: float, tolerance: float = 0.0) -> list[ScattererPart]:
         """Of a piston, far enough off its normal, the two places of its rim that sound; of an exact disc
         itself, some time later, and where the tolerance lets it be, looked up for the whole band."""
         if self.model == "exact":

@@ -44,9 +44,7 @@ class Strength(Protocol):
         """(M,) metres that f may be off by because it is tabulated, up to a wavenumber; None: nothing."""
         ...
 
-    def parts(
-        self, lowest: float, highest: float, tolerance: float = 0.0
-    ) -> list[ScattererPart]:
+    def parts(self, lowest: float, highest: float, tolerance: float = 0.0) -> list[ScattererPart]:
         """Smoother strengths that add up to this one between two wavenumbers, within a share ``tolerance``.
 
         Of a scatterer in several parts, some frequency between finds all of them in phase.
@@ -72,9 +70,7 @@ class ScattererPart:
 class Whole:
     """Base of strengths that come in one part, computed and not looked up."""
 
-    def parts(
-        self, lowest: float, highest: float, tolerance: float = 0.0
-    ) -> list[ScattererPart]:
+    def parts(self, lowest: float, highest: float, tolerance: float = 0.0) -> list[ScattererPart]:
         """Itself."""
         count = len(self.profile().length)  # type: ignore[attr-defined]
         return [ScattererPart(np.arange(count), np.zeros(count), self)]  # type: ignore[arg-type]

@@ -79,9 +79,7 @@ def panels(grid: BandGrid, station: Station) -> list[BandGrid]:
     inside = {cut: kink for cut, kink in cuts.items() if 0 < cut < grid.count}
     edges = [(0, grid.ends[0]), *inside.items(), (grid.count, grid.ends[1])]
     return [
-        replace(
-            grid, start=grid.start + first * grid.spacing, count=last - first, ends=(low, high)
-        )
+        replace(grid, start=grid.start + first * grid.spacing, count=last - first, ends=(low, high))
         for (first, low), (last, high) in pairwise(edges)
     ]
 
