@@ -301,7 +301,7 @@ class _Task:
         return np.asarray(self._amplitude(frequency, rows))
 
     def loudness(self, size: np.ndarray) -> float:
-        """Return how large amplitudes are, of what classes say, from a few echoes, the loudest the likeliest."""
+        """Return how large amplitudes are, of what classes say, from a few echoes, mostly loud ones."""
         total = np.cumsum(size)
         if not total[-1] > 0:
             return 1.0

@@ -73,7 +73,7 @@ def sum_echoes(
 
 def panels(grid: BandGrid, station: Station) -> list[BandGrid]:
     """The grid, cut where a beam's gain has a kink over the frequency."""
-    beams = station.equipment.emit, station.equipment.hear
+    beams = station.equipment.emit, *station.equipment.hears
     kinks = {kink for beam in beams for kink in beam.kinks()}
     cuts = {math.ceil((kink - grid.start) / grid.spacing): kink for kink in sorted(kinks)}
     inside = {cut: kink for cut, kink in cuts.items() if 0 < cut < grid.count}
