@@ -196,3 +196,12 @@ def test_what_waves_and_stands_at_rest_is_a_still_scene(scene):  # noqa: F811
     still, moving = (forest.current().scan(FAN.changed(motion=m)) for m in (False, True))
     assert np.array_equal(still.points, moving.points)
     assert not moving.motion["velocity"].any()
+
+
+def test_the_report_says_how_far_the_tops_of_trees_are_off_their_rest():
+    from forest_addon.results.scanner import _of_tops
+
+    tree, height = np.array([-1, 3, 3, 5, 5]), np.array([9.0, 1, 2, 4, 5])
+    (figure,) = _of_tops(tree, height, np.array([9.0, 1, 0.02, 0.3, 0.04]))
+    assert figure.text == "3 cm (median of 2 trees), at most 4 cm"
+    assert _of_tops(tree[:1], height[:1], np.ones(1)) == []

@@ -122,7 +122,7 @@ class Scan:
         """Return the echoes of pulses of several sub-rays; no ray is traced of those that surely meet one
         face, or nothing."""
         scanner, scene = self.scanner, self.caster.scene
-        beams = frames(pulses, scanner.beam, keys)
+        beams = self._frames(pulses, keys)
         parts, done = [], np.zeros(len(pulses), dtype=bool)
         if self._faces is not None:
             nothing, known, hits = seen(self._faces, beams, scanner)
@@ -139,6 +139,9 @@ class Scan:
         if len(parts) == 1:
             return found
         return found.select(np.argsort(found.echoes.pulse, kind="stable"))
+
+    def _frames(self, pulses: Pulses, keys: np.ndarray) -> BeamFrames:
+        return frames(pulses, self.scanner.beam, keys)
 
     def _traced(self, beams: BeamFrames, keys: np.ndarray, time: np.ndarray) -> Received:
         scanner, count = self.scanner, self.scanner.beam.subrays
