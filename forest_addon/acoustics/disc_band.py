@@ -99,8 +99,8 @@ class _BandTable:
 
         order = np.argsort(corner, kind="stable")  # rows that lie together are read together
         weights = np.einsum("im,jm->mij", spline_weights(across), spline_weights(along))
-        four, width = np.arange(4, dtype=np.int32), width.astype(np.int32)[order]
-        read = corner[order, None, None] + (width[:, None, None] * four[:, None] + four)
+        four, wide = np.arange(4, dtype=np.int32), width.astype(np.int32)[order]
+        read = corner[order, None, None] + (wide[:, None, None] * four[:, None] + four)
         ends = np.arange(0, 16 * len(radius) + 1, 16, dtype=np.int32)
         shape = (len(radius), len(self._rows))
         picked = sparse.csr_matrix((weights[order].ravel(), read.ravel(), ends), shape=shape)

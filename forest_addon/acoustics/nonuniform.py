@@ -25,7 +25,8 @@ from numpy.typing import ArrayLike
 
 from . import chebyshev
 from .gridding import ALIASING, NARROWEST, DelayGrid, width_for
-from .smoothness import LEVELS, Smoothness, numbered
+from .node_plan import NodePlan, planned
+from .smoothness import LEVELS, Smoothness
 from .spectrum import delay_factors
 
 Amplitude = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -42,12 +43,7 @@ TAIL = (
     0.5  # of what is left, for an echo of which nothing is known: of itself, or of the mean of all
 )
 SAFE = 0.8  # of the budget that is planned for, since sizes are known by classes only
-FAINTER = 12  # powers of 4 by which an echo is weaker than the mean, and may be so much worse
 ATTEMPTS = 4
-NOISE = 0.12  # of its bound, that what a table is off by comes to; over many it adds up in squares
-IN_PHASE = (
-    0.25  # the most of it that was found, twice: over echoes of one shape it adds up as it is
-)
 SAMPLED, NODES_SAMPLED = 256, 8  # echoes and nodes of an estimate of all amplitudes
 
 
@@ -130,7 +126,7 @@ def nodes_needed(
         task = _Task(amplitude, nothing, nothing[:, None], start, spacing, count)
         plan = task.unknown(nothing, TAIL * tolerance)
     else:
-        plan = _planned(smooth, SAFE * tolerance, count)
+        plan = planned(smooth, SAFE * tolerance, count)
     needed: np.ndarray = np.append(LEVELS, 0)[plan.level]
     return needed
 
@@ -148,7 +144,7 @@ def _fast(
         if smooth is None:
             plan = task.unknown(spread, TAIL * share * budget)
         else:
-            plan = _planned(smooth, share * loudness * budget, task.count)
+            plan = planned(smooth, share * loudness * budget, task.count)
         task.clear()
         for index in np.unique(plan.level).tolist():
             rows = np.flatnonzero(plan.level == index)
@@ -163,109 +159,6 @@ def _fast(
             break
         share *= min(0.7 / excess, 0.5)
     return found
-
-
-@dataclass(frozen=True)
-class _SumPlan:
-    """level : (M,) index of ``LEVELS``, or their number: directly. error : (M,) of the interpolation.
-
-    reducible : Σ of the errors that more nodes would make smaller.
-    """
-
-    level: np.ndarray
-    error: np.ndarray
-    reducible: float
-
-
-def _planned(smooth: Smoothness, budget: float, count: int) -> _SumPlan:
-    """Nodes by classes and loudness: of all choices whose errors keep to the budget, the one with the fewest.
-
-    A node more is worth it where it takes most off the error for each echo that is evaluated once more: a
-    price of the error, the same for all, is raised until the budget is kept (Everett 1963). Errors below the
-    floor of a class do not count, since nodes do not change them. Echoes whose table is too rough for what
-    was asked are summed directly, the roughest first.
-    """
-    mean = float(smooth.size.mean())
-    size = np.where(smooth.size > 0, smooth.size, np.inf)
-    fainter = np.clip(
-        np.frexp(mean / size)[1] // 2, -FAINTER, FAINTER
-    )  # powers of 4 below the mean
-    pairs, of_echo = numbered(smooth.kind * (2 * FAINTER + 1) + fainter + FAINTER)
-    kind = pairs // (2 * FAINTER + 1)
-    number = np.bincount(of_echo, minlength=len(pairs))
-    scale = np.bincount(of_echo, smooth.scale, minlength=len(pairs))
-    reducible = np.where(smooth.errors > smooth.floor[:, None], smooth.errors, 0.0)[kind]
-    nodes = number[:, None] * np.append(LEVELS, count)
-    errors = np.append(
-        np.where(scale[:, None] > 0, scale[:, None] * reducible, 0.0),
-        np.zeros((len(kind), 1)),
-        axis=1,
-    )
-    level = _cheapest(nodes, errors, budget * float(smooth.size.sum()))
-    left = float(errors[np.arange(len(kind)), level].sum())
-    padded = np.append(smooth.errors, np.zeros((len(smooth.errors), 1)), axis=1)
-    own = np.where(_too_rough(smooth, budget), len(LEVELS), level[of_echo])
-    own = _together(own, count)
-    return _SumPlan(own, smooth.scale * padded[smooth.kind, own], left)
-
-
-def _cheapest(nodes: np.ndarray, errors: np.ndarray, budget: float) -> np.ndarray:
-    """(C,) levels of the classes, the fewest Σ nodes (C, L) with Σ errors (C, L) of at most the budget."""
-    low, high = -60.0, 60.0  # of the logarithm of the price
-    unit = float(nodes[:, 0].sum()) / max(budget, 1e-300)
-    rows = np.arange(len(nodes))
-    while high - low > 0.05:
-        price = (low + high) / 2
-        level = (nodes + unit * math.exp(price) * errors).argmin(axis=1)
-        if errors[rows, level].sum() <= budget:
-            high = price
-        else:
-            low = price
-    cheapest: np.ndarray = (nodes + unit * math.exp(high) * errors).argmin(axis=1)
-    return cheapest
-
-
-def _too_rough(smooth: Smoothness, budget: float) -> np.ndarray:
-    """(M,) whether an echo is one of the roughest, without which the others keep to the budget.
-
-    What tables are off by has no common phase: over many echoes it adds up as squares do. Echoes of one
-    shape, wherever they come from, are off by the same, and may be in phase: theirs is added up.
-    """
-    rough = smooth.scale * smooth.floor[smooth.kind]
-    allowed = budget * float(smooth.size.sum())
-    if IN_PHASE * float(rough.sum()) <= allowed:
-        return np.zeros(len(rough), dtype=bool)
-    _, of_echo, count = np.unique(smooth.shape, return_inverse=True, return_counts=True)
-    of_shape = np.where(count > 1, IN_PHASE, NOISE) * np.bincount(of_echo, rough)
-    order = np.argsort(of_shape)
-    fine = np.zeros(len(order), dtype=bool)
-    fine[order] = np.cumsum(of_shape[order] ** 2) <= allowed**2
-    found: np.ndarray = ~fine[of_echo]
-    return found
-
-
-def _together(level: np.ndarray, count: int) -> np.ndarray:
-    """Levels (M,), some raised to the next that is used: each that is used has its grid and its transforms,
-    which take about as long as the values of ``count`` echoes.
-    """
-    echoes = np.bincount(level, minlength=len(LEVELS) + 1)[: len(LEVELS)]
-    before = np.append(0, np.cumsum(echoes))
-    best, last = [0.0], [0]  # of the echoes up to a level, and the level before that is used
-    for here, nodes in enumerate(LEVELS):
-        costs = [
-            best[below] + (nodes * (before[here + 1] - before[below] + count))
-            for below in range(here + 1)
-        ]
-        least = int(np.argmin(costs))
-        some = before[here + 1] > 0
-        best.append(float(costs[least]) if some else 0.0)
-        last.append(least if some else here)
-    raised = np.arange(len(LEVELS) + 1)
-    above = int(np.flatnonzero(echoes)[-1]) + 1 if before[-1] else 0
-    while above > 0:
-        raised[last[above] : above] = above - 1
-        above = last[above]
-    return raised[level]
 
 
 class _Task:
@@ -310,7 +203,7 @@ class _Task:
         largest = np.abs(self._values(NODES_SAMPLED, rows)).max(axis=0)
         return float(np.mean(largest / size[rows]))
 
-    def unknown(self, spread: np.ndarray, allowed: float) -> _SumPlan:
+    def unknown(self, spread: np.ndarray, allowed: float) -> NodePlan:
         """Of echoes that nothing is known of, by looking at each in more nodes than it will need."""
         level = np.full(len(spread), len(LEVELS))
         error = np.zeros(len(spread))
@@ -328,7 +221,7 @@ class _Task:
                 level[some], error[some] = self._look(some, dense, allowed)
                 rejected.append(some[level[some] == len(LEVELS)])
             pending = np.concatenate(rejected)
-        return _SumPlan(level, error, float(error.sum()))
+        return NodePlan(level, error, float(error.sum()))
 
     def _look(self, rows: np.ndarray, dense: int, allowed: float) -> tuple[np.ndarray, np.ndarray]:
         """Level (m,) and error (m,) of some echoes, from their series of ``dense`` terms."""

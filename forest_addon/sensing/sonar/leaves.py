@@ -15,9 +15,9 @@ from typing import ClassVar
 import numpy as np
 from scipy import special
 
-from ...acoustics.disc import HANDOVER, amplitude_bound, backscatter_amplitude
+from ...acoustics.disc import amplitude_bound, backscatter_amplitude
 from ...acoustics.disc_band import LATER, banded, has_rows, missed, phase_for
-from ...acoustics.disc_table import table_error
+from ...acoustics.disc_table import HANDOVER, table_error
 from ...acoustics.smoothness import LEVELS, SmoothnessProfile
 from ...base.rows import RowTable
 from .scatterers import CLEAR, LEAF, ScattererPart, Strength, Whole
