@@ -21,6 +21,8 @@ def terms_of(reverb: Reverb) -> tuple[tuple[str, ...], tuple[str, ...]]:
         "what trunks scatter out of a path": forest and reverb.extinction != "none",
         "sound scattered more than once, as energy": forest and reverb.tail == "transport",
         "turbulence": forest and reverb.turbulence > 0,
+        "trunks that lean": forest and reverb.path_ground and reverb.lean_deg > 0,
+        "leaves of plants on the floor": forest and reverb.path_ground and reverb.foliage,
         "bark that absorbs": forest and reverb.bark > 0,
         "leaves that absorb": forest and reverb.foliage and reverb.leaf_absorption > 0,
         "branches, twigs and leaves that scatter in space": forest and reverb.branches,

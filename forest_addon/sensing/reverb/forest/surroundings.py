@@ -31,11 +31,13 @@ ALL_WAYS = 0.785  # mean |sin| to branches that look all ways
 
 @dataclass(frozen=True)
 class FoliageCanopy:
-    """Of a scene: leaf_area_density, m²/m³ at the height of the path; top, m, where trees end; clutter."""
+    """Of a scene: leaf_area_density, m²/m³ at the height of the path; top, m, where trees end; clutter;
+    floor_leaf_area, m²/m² of leaves below ``losses.FLOOR``."""
 
     leaf_area_density: float = 0.0
     top: float = 0.0
     clutter: Clutter = NO_CLUTTER
+    floor_leaf_area: float = 0.0
 
 
 BARE = FoliageCanopy()
@@ -70,6 +72,7 @@ def surroundings(
         leaves if reverb.foliage else 0.0,
         reverb.trunk_height or canopy.top,
         clutter_around(reverb, canopy) if reverb.branches else NO_CLUTTER,
+        reverb.floor_leaf_area + canopy.floor_leaf_area if reverb.foliage else 0.0,
     )
     if found.density == 0:
         return Surroundings(found, Density.even(0.0))
@@ -94,6 +97,8 @@ def clutter_around(reverb: Reverb, canopy: FoliageCanopy) -> Clutter:
         return replace(found, leaf_area=(0.0,) * len(found.leaf_area))
     if reverb.leaf_area_density > 0:
         found = found.filled(top).with_leaves(reverb.leaf_area_density)
+    if reverb.floor_leaf_area > 0:
+        found = found.on_floor(reverb.floor_leaf_area)
     if reverb.leaf_radius > 0:
         found = replace(found, leaf_radius=reverb.leaf_radius)
     return found

@@ -18,6 +18,7 @@ that holds so much of the energy is taken off |H|².
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +32,13 @@ MOST_MEETINGS = 400
 STEPS = 24  # of the density along a way
 NEAREST = 0.05  # m; energy that meets a trunk so near the receiver is counted as at this distance
 FAINT = 1e-7  # of the packets' energy, below which they are not followed
+
+Sent = Callable[[np.ndarray], np.ndarray]  # energy that a source sends on ways (N, 3), re its axis
+
+
+def alike(way: np.ndarray) -> np.ndarray:
+    """(N,) ones: a source that sends alike to all sides."""
+    return np.ones(len(way))
 
 
 @dataclass(frozen=True)
@@ -175,17 +183,19 @@ def transported(
     edges: np.ndarray,
     packets: int,
     rng: np.random.Generator,
+    sent: Sent = alike,
 ) -> Energy:
-    """The energy by path length, by packets that start at the source, alike all round.
+    """The energy by path length, by packets that start at the source.
 
-    source, receiver : (2,) metres. edges : (X + 1,) metres of path, rising.
+    source, receiver : (2,) metres. edges : (X + 1,) metres of path, rising. sent : energy by ways (N, 3).
     """
     rate = density.largest * phase.width  # meetings a metre, real and not
     found = np.zeros((2, len(edges) - 1))
     if rate > 0 and packets > 0:
         place = np.tile(np.asarray(source, np.float64), (packets, 1))
         heading = 2.0 * math.pi * (np.arange(packets) + rng.random(packets)) / packets
-        travelled, weight, met = np.zeros(packets), np.ones(packets), np.zeros(packets, np.int64)
+        travelled, met = np.zeros(packets), np.zeros(packets, np.int64)
+        weight = sent(np.column_stack([np.cos(heading), np.sin(heading), np.zeros(packets)]))
         for _ in range(MOST_MEETINGS * 4):
             step = rng.exponential(1.0 / rate, len(place))
             place += step[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])

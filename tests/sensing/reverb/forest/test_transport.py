@@ -86,3 +86,20 @@ def test_an_opaque_stand_and_one_without_trunks():
     assert np.isfinite(opaque.again).all()
     empty = transported(ALIKE, Density.even(0.0), np.zeros(2), RECEIVER, edges, 50, rng)
     assert not empty.again.any()
+
+
+def test_a_source_that_sends_one_way_sends_as_much_late_energy_as_its_mean() -> None:
+    """Cardioid in energy: half of the axis in the mean, wherever it points, once all is mixed."""
+    edges = np.array([60.0, 120.0])
+
+    def sum_of(turn: float) -> float:
+        sent = lambda way: 0.5 + 0.5 * (way[:, 0] * np.cos(turn) + way[:, 1] * np.sin(turn))  # noqa: E731
+        rng = np.random.default_rng(9)
+        given = ALIKE, Density.even(0.5), np.zeros(2), np.array([0.5, 0.0]), edges, 4000, rng
+        return float(transported(*given, sent).again.sum())
+
+    rng = np.random.default_rng(9)
+    given = ALIKE, Density.even(0.5), np.zeros(2), np.array([0.5, 0.0]), edges, 4000, rng
+    alike = float(transported(*given).again.sum())
+    for turn in (0.0, np.pi):
+        assert abs(10 * np.log10(sum_of(turn) / (0.5 * alike))) < 0.7
