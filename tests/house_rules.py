@@ -8,6 +8,7 @@ sources in memory, so that a test can plant a violation in a copy and see that i
 from __future__ import annotations
 
 import ast
+import builtins
 import re
 import sys
 from collections import Counter, defaultdict
@@ -480,15 +481,21 @@ def public_names_are_used(house: House) -> Iterator[str]:
 def sensors_are_looked_up(house: House) -> Iterator[str]:
     """Sensors and results are told apart by their records: no test of their class or kind elsewhere."""
     at_home = re.compile(r"forest_addon/(sensing/(lidar|sonar|reverb)|results)/")
-    sensors = sensor_classes(house)
+    classes = frozenset(sensor_classes(house) | RESULT_CLASSES)
     for path, text in house.sources.items():
-        if at_home.match(path):
-            continue
-        tree = tree_of(text)
-        known = names_of(tree, sensors | RESULT_CLASSES)
-        for node in ast.walk(tree):
-            if tests_class(node, known) or tests_kind(node):
-                yield f"{path}: {ast.unparse(node).splitlines()[0]}"
+        if not at_home.match(path):
+            yield from questions_of_kind(path, text, classes)
+
+
+@cache
+def questions_of_kind(path: str, text: str, classes: frozenset[str]) -> tuple[str, ...]:
+    """Return where a file asks for the class or the kind of a sensor or a result."""
+    known = names_of(tree_of(text), classes)
+    return tuple(
+        f"{path}: {ast.unparse(node).splitlines()[0]}"
+        for node in nodes_of(text)
+        if tests_class(node, known) or tests_kind(node)
+    )
 
 
 RESULT_CLASSES = {"Cloud", "TractorScan", "Echo", "Flight", "ImpulseResponse"}
@@ -514,7 +521,7 @@ def sensor_classes(house: House) -> set[str]:
     return found
 
 
-def names_of(tree: ast.Module, classes: set[str]) -> set[str]:
+def names_of(tree: ast.Module, classes: frozenset[str]) -> set[str]:
     """Return how a file calls some classes: by their names, other names of imports, tuples and unions."""
     known = set(classes)
     for node in ast.walk(tree):
@@ -571,6 +578,36 @@ def no_eval_no_path_tricks_no_global_random(path: str, text: str) -> Iterator[st
                     yield f"{path}:{node.lineno}: numpy.random.{what}"
 
 
+# Functions that numpy 1.26 computes in one of two ways for columns of arrays (``base.vectors.column``).
+TWO_WAYS = frozenset(
+    [
+        *("sin", "cos", "tan", "sinh", "cosh", "tanh", "arcsin", "arccos", "arctan", "arctan2"),
+        *("arcsinh", "arccosh", "arctanh", "cbrt", "power", "exp", "exp2", "expm1"),
+        *("log", "log2", "log10", "log1p"),
+    ]
+)
+
+
+@file_by_file
+def functions_of_columns_take_copies(path: str, text: str) -> Iterator[str]:
+    for node in nodes_of(text):
+        match node:
+            case ast.Call(func=ast.Attribute(ast.Name("np"), name), args=given) if name in TWO_WAYS:
+                if any(is_column(one) for one in given):
+                    yield f"{path}:{node.lineno}: {ast.unparse(node)}"
+
+
+def is_column(node: ast.AST) -> bool:
+    """Tell whether an expression is a column or some columns of an array: ``a[:, 1]``, ``a[..., :2]``."""
+    match node:
+        case ast.Subscript(
+            slice=ast.Tuple([*_, ast.Slice() | ast.Constant(value=builtins.Ellipsis), last])
+        ):
+            whole = isinstance(last, ast.Slice) and not (last.lower or last.upper or last.step)
+            return not whole and not (isinstance(last, ast.Constant) and last.value is None)
+    return False
+
+
 OPENING = re.compile(r"(What|Who|Whose|Where|How|Whether|Which|When|Why)\b")
 
 
@@ -601,5 +638,6 @@ RULES: tuple[Callable[[House], Iterator[str]], ...] = (
     public_names_are_used,
     no_eval_no_path_tricks_no_global_random,
     sensors_are_looked_up,
+    functions_of_columns_take_copies,
     docstrings_open_with_a_verb_or_a_noun,
 )

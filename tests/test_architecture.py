@@ -197,6 +197,11 @@ PLANTED = {
         "forest_addon/stand/plan.py",
         "\n\nx = np.random.uniform()\n",
     ),
+    "an angle of columns": (
+        rules.functions_of_columns_take_copies,
+        "forest_addon/stand/plan.py",
+        "\n\ndef f(way):\n    return np.arctan2(way[:, 1], way[..., 0])\n",
+    ),
 }
 
 

@@ -26,6 +26,7 @@ from scipy.linalg import solve
 from scipy.sparse.linalg import gmres
 from scipy.spatial import KDTree
 
+from ..base.vectors import azimuth_of
 from .cylinder import order_count
 
 LARGEST = 8192  # unknowns; the matrix of so many takes 1 GB
@@ -187,7 +188,7 @@ class _System:
         """(..., 2·last + 1) log of H_l(kr)e^{ilθ} of vectors (..., 2), l from -last to last."""
         order = np.arange(-last, last + 1)
         distance = self.wavenumber * np.hypot(away[..., 0], away[..., 1])
-        turn = np.arctan2(away[..., 1], away[..., 0])
+        turn = azimuth_of(away)
         size = _log_hankel(distance.ravel(), last)[np.abs(order)]
         size = size.T.reshape(*distance.shape, len(order))
         return size + _log_sign(order) + 1j * order * turn[..., None]

@@ -54,6 +54,7 @@ from ..spec import (
     Tractor,
     Wind,
 )
+from .patterns import save_pattern
 from .results import Echoes, PointCloud, Response, Result, RowScan
 from .scanners import instrument, instruments
 from .site import Site, build, current, read
@@ -134,5 +135,6 @@ __all__ = [
     "instrument",
     "instruments",
     "read",
+    "save_pattern",
     "trajectory",
 ]

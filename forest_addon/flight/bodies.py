@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..base.rows import RowTable
+from ..base.vectors import column
 from ..spec import Flight, SpecError
 
 GRAVITY = 9.81
@@ -160,8 +161,9 @@ def _quadrotor(flight: Flight, state: State, action: np.ndarray) -> tuple[State,
     for piece in range(pieces):
         tilt = tilt + (wanted - tilt) * -np.expm1(-dt / flight.response)
         heading = heading + action[:, 2] * (np.deg2rad(flight.turn_rate_deg) * dt)
-        lift = GRAVITY / (np.cos(tilt[:, 0]) * np.cos(tilt[:, 1]))
-        ahead, left = lift * np.sin(tilt[:, 0]), -lift * np.sin(tilt[:, 1]) * np.cos(tilt[:, 0])
+        nose, side = column(tilt, 0), column(tilt, 1)
+        lift = GRAVITY / (np.cos(nose) * np.cos(side))
+        ahead, left = lift * np.sin(nose), -lift * np.sin(side) * np.cos(nose)
         cos, sin = np.cos(heading), np.sin(heading)
         # Thrust holds the height; what is asked beyond it goes to a rise of at most ``climb``.
         rise = np.clip(

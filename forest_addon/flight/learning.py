@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..base.vectors import column
 from ..formats.npz import write_npz
 from ..spec import Flight, SpecError
 from .bodies import wrapped
@@ -62,7 +63,7 @@ class Trained:
         last = weights[:, split:].reshape(-1, 2, HIDDEN + 1)
         inner = np.tanh(np.einsum("nhi,ni->nh", first[..., :-1], felt) + first[..., -1])
         out = np.einsum("noh,nh->no", last[..., :-1], inner) + last[..., -1]
-        way = wrapped(0.5 * aim + 1.5 * np.tanh(out[:, 0]))
+        way = wrapped(0.5 * aim + 1.5 * np.tanh(column(out, 0)))
         pace = 0.2 + 0.8 / (1.0 + np.exp(-np.clip(out[:, 1], -30, 30)))
         return steer(self.flight, told, way, pace)
 

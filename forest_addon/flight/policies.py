@@ -19,6 +19,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..base.vectors import azimuth_of
 from ..spec import Flight, SpecError, unknown
 from .bodies import ACTIONS, wrapped
 from .senses import FLOOR_DB, TOP_DB, EarSense, LidarSense
@@ -160,7 +161,7 @@ class EchoPolicy:
 def bearing(told: dict[str, np.ndarray]) -> np.ndarray:
     """(N,) direction of the aim from the nose, radians to the left."""
     aim = told["odometry"]
-    return np.asarray(np.arctan2(aim[:, 1], aim[:, 0]))
+    return azimuth_of(aim)
 
 
 def steer(

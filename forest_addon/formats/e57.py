@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..base.vectors import azimuth_of, elevation_of
 from ..spec import SpecError
 from .atomic import replacing
 from .png import write_png
@@ -74,8 +75,8 @@ def panorama(points: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
     """(``HIGH``, ``WIDE``) grey of 0 to 1 of points (P, 3) about the scanner; 0 where there is none."""
     level = 10 * np.log10(np.maximum(amplitude, 1e-30))
     grey = np.clip(1 + (level - level.max()) / SHOWN_DB, 0.01, 1.0)
-    azimuth = np.arctan2(points[:, 1], points[:, 0])
-    elevation = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
+    azimuth = azimuth_of(points)
+    elevation = elevation_of(points)
     column = np.floor(WIDE / 2 - azimuth * WIDE / (2 * np.pi)).astype(int) % WIDE
     row = np.clip(np.floor(HIGH / 2 - elevation * HIGH / np.pi).astype(int), 0, HIGH - 1)
     image = np.zeros((HIGH, WIDE))

@@ -15,7 +15,7 @@ from typing import Any
 
 from ..base.places import ASSETS
 from ..spec import SENSORS, SpecError, unknown
-from .toml_text import read_tables
+from .toml_text import read_tables, without_version
 
 FOLDER = ASSETS / "scanners"
 PLATFORMS = tuple(kind for kind, settings in SENSORS.items() if hasattr(settings, "scanner"))
@@ -47,7 +47,7 @@ def read_scanner(name: str, folder: Path = Path()) -> ScannerFile:
     if not path.is_file() or (not name.endswith(".toml") and name not in scanner_names()):
         raise unknown("scanner", name, scanner_names(), ", or a .toml file")
     try:
-        table = read_tables(path)
+        table, _ = without_version(read_tables(path), str(path))
     except SpecError as problem:
         raise SpecError("scanner", f"{path} cannot be read: it {problem.problem}") from None
     known_keys = {"title", "source", "assumed", "common", *PLATFORMS}

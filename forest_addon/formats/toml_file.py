@@ -13,13 +13,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
+from ..base.places import version
 from ..spec import AUTO, SENSORS, Sensor, Settings, SpecError, param_of
 from ..spec.base import refuse_many, refuse_unknown
 from ..spec.typed import WORDS, shown, typed
 from .atomic import replacing
 from .foreign import guarded
 from .scanner_file import PLATFORMS, merged, settings_of
-from .toml_text import read_tables
+from .toml_text import VERSION_KEY, later, read_tables, without_version
 
 T = TypeVar("T", bound=Settings)
 
@@ -30,19 +31,21 @@ def read_settings(path: Path, cls: type[T]) -> T:
 
     Raises
     ------
-    SpecError : the file is missing or not TOML; an unknown key, a wrong type, a value out of range.
+    SpecError : the file is missing or not TOML; an unknown key, a wrong type, a value out of range; it is
+        of a later major version.
     """
-    table = read_tables(path)
+    table, written = without_version(read_tables(path), str(path))
     try:
         return structure(table, cls, path.parent)
     except SpecError as problem:
-        raise SpecError(str(path), f"{problem.key}: {problem.problem}") from None
+        told = f"{problem.key}: {problem.problem}{later(written)}"
+        raise SpecError(str(path), told) from None
 
 
 def write_settings(path: Path, settings: Settings) -> None:
     """Write settings as a TOML file that ``read_settings`` makes equal settings of.
 
-    Values that are the default are left out.
+    Values that are the default are left out; the version of Forest Sensing stands first.
 
     Raises
     ------
@@ -51,9 +54,8 @@ def write_settings(path: Path, settings: Settings) -> None:
     import tomli_w
 
     with replacing(path) as partial:
-        text = (
-            f"# {type(settings).__name__} of Forest Sensing\n\n{tomli_w.dumps(table_of(settings))}"
-        )
+        tables = {VERSION_KEY: version()} | table_of(settings)
+        text = f"# {type(settings).__name__} of Forest Sensing\n\n{tomli_w.dumps(tables)}"
         partial.write_text(text, encoding="utf-8")
 
 

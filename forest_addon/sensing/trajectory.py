@@ -18,6 +18,7 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from ..base.vectors import azimuth_of, elevation_of
 from ..spec import Airborne, Pose, SpecError
 
 SMALL = 1e-3  # of a curve's length, over which its direction is taken
@@ -100,8 +101,8 @@ class Trajectory:
         small = SMALL * self.duration
         ahead, behind = np.minimum(time + small, last), np.maximum(time - small, self.time[0])
         step = self._between(ahead) - self._between(behind)
-        turn = np.arctan2(step[:, 1], step[:, 0]) + azimuth
-        rise = np.arctan2(step[:, 2], np.hypot(step[:, 0], step[:, 1])) + elevation
+        turn = azimuth_of(step) + azimuth
+        rise = elevation_of(step) + elevation
         rise = np.clip(rise, -math.pi / 2, math.pi / 2)
         velocity = speed * (step / np.linalg.norm(step, axis=1, keepdims=True))
         return _framed(time, self._between(time), frames_of(turn, rise), velocity)
@@ -185,8 +186,8 @@ def along(points: np.ndarray, speed: float) -> Trajectory:
     length = np.linalg.norm(step, axis=1)
     tangent = step / length[:, None]
     tangent = np.concatenate([tangent[:1], tangent[:-1] + tangent[1:], tangent[-1:]])
-    heading = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
-    pitch = np.arctan2(tangent[:, 2], np.hypot(tangent[:, 0], tangent[:, 1]))
+    heading = np.unwrap(azimuth_of(tangent))
+    pitch = elevation_of(tangent)
     attitude = Rotation.from_euler("ZY", np.column_stack([heading, -pitch]))
     return Trajectory(np.concatenate([[0.0], np.cumsum(length)]) / speed, points, attitude)
 

@@ -50,7 +50,8 @@ class Sonar(Sensor):
     beam_width_deg: tuple[float, float] = beam_width(30.0, "a Gaussian beam")
     beam_file: str = param(
         "",
-        help="CSV file of a measured pattern: angle_deg, then dB in a column a frequency in Hz",
+        help="CSV file of a measured pattern: angle_deg, or azimuth_deg and elevation_deg, then dB in a "
+        "column a frequency in Hz",
         file=True,
     )
     hearing: str = param(
@@ -59,7 +60,9 @@ class Sonar(Sensor):
         choices=("same", *PATTERNS),
     )
     hearing_width_deg: tuple[float, float] = beam_width(60.0, "Gaussian ears")
-    hearing_file: str = param("", help="CSV file of the ears' measured pattern", file=True)
+    hearing_file: str = param(
+        "", help="CSV file of the ears' measured pattern, or SOFA file of a head", file=True
+    )
     ears: int = param(1, help="receivers, on a level line across the beam", ge=1, le=64)
     ear_spacing: float = param(
         0.02, unit="m", help="between the outermost of several ears", ge=0, le=100

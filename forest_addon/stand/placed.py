@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..base.vectors import azimuth_of
 from ..growth.cylinders import cylinders_of
 from ..growth.measured.measure import BREAST, stem_profile
 from ..growth.mesh.leaves import Leaves
@@ -97,7 +98,7 @@ def placed_table(trees: PlacedTrees) -> dict[str, list[object]]:
         "planting": list(trees.object_name),
         "variant": trees.index.tolist(),
         **{f"{axis}_m": trees.transform[:, k, 3].tolist() for k, axis in enumerate("xyz")},
-        "rotation_rad": np.arctan2(linear[:, 1, 0], linear[:, 0, 0]).tolist(),
+        "rotation_rad": azimuth_of(linear[:, :, 0]).tolist(),
         "scale": np.cbrt(volume).tolist(),
         "height_m": told("height_m", along),
         "dbh_m": dbh,

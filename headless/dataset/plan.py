@@ -22,7 +22,7 @@ import numpy as np
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.formats.toml_file import read_settings, structure, table_of
-from forest_addon.formats.toml_text import parse_tables, read_tables
+from forest_addon.formats.toml_text import later, parse_tables, read_tables, without_version
 from forest_addon.sensing import kinds as _kinds  # noqa: F401  whose words a plan may name
 from forest_addon.spec import Scene, SpecError, Species, refuse_unknown, unknown
 from forest_addon.spec.base import Settings, with_files
@@ -124,13 +124,13 @@ def read_plan(path: Path, overrides: Sequence[str] = ()) -> Plan:
     ------
     SpecError : the file, the key, and what is allowed.
     """
-    tables = read_tables(path)
+    tables, written = without_version(read_tables(path), str(path))
     try:
         for said in overrides:
             _override(tables, said)
         return _plan(path, tables)
     except SpecError as problem:
-        raise SpecError(str(path), f"{problem.key}: {problem.problem}") from None
+        raise SpecError(str(path), f"{problem.key}: {problem.problem}{later(written)}") from None
 
 
 def _override(tables: dict[str, Any], said: str) -> None:
@@ -207,7 +207,7 @@ def _bases(tables: dict[str, Any], folder: Path) -> tuple[Base, ...]:
         table, root = one.get("scene"), folder
         if "file" in one:
             file = folder / str(one["file"])
-            table, root = read_tables(file), file.parent
+            table, root = without_version(read_tables(file), str(file))[0], file.parent
         name = str(one.get("name", Path(str(one.get("file", f"scene-{number}"))).stem))
         found.append(Base(name, table, root.resolve(), float(weight)))
     return tuple(found)

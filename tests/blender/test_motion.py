@@ -36,6 +36,22 @@ def keyed(thing, path, rows, frames):
         curve.extrapolation = "LINEAR"
 
 
+def hide(thing, frames):
+    """Key whether an object is hidden, from frames on."""
+    for frame, hidden in frames.items():
+        thing.hide_viewport = thing.hide_render = hidden
+        thing.keyframe_insert("hide_viewport", frame=frame)
+        thing.keyframe_insert("hide_render", frame=frame)
+
+
+def ways(cloud):
+    """(N, 3) unit directions of the pulses of points."""
+    level = np.cos(cloud.elevation)
+    return np.column_stack(
+        [level * np.cos(cloud.azimuth), level * np.sin(cloud.azimuth), np.sin(cloud.elevation)]
+    )
+
+
 @pytest.fixture
 def scene(empty_blender):
     scene = bpy.context.scene
@@ -138,28 +154,11 @@ def test_nothing_but_what_moves(scene, engine):
     assert cloud.audit.kept
 
 
-def test_what_changes_its_shape_is_named(scene):
-    plate = bpy.data.objects["plate"]
-    plate.shape_key_add(name="Basis")
-    key = plate.shape_key_add(name="wide")
-    for point in key.data:
-        point.co *= 2.0
-    for frame, value in ((1, 0.0), (30, 1.0)):
-        key.value = value
-        key.keyframe_insert("value", frame=frame)
-    scene.frame_set(1)
-    warnings = forest.current().scan(FAN).warnings
-    assert any('"plate" changes its shape' in words for words in warnings)
-
-
 def test_what_appears_meanwhile_is_refused_in_words(scene):
     plate = bpy.data.objects["plate"]
-    for frame, hidden in ((1, False), (10, True)):
-        plate.hide_viewport = plate.hide_render = hidden
-        plate.keyframe_insert("hide_viewport", frame=frame)
-        plate.keyframe_insert("hide_render", frame=frame)
+    hide(plate, {1: True, 10: False})
     scene.frame_set(1)
-    with pytest.raises(forest.SpecError, match="appear or vanish"):
+    with pytest.raises(forest.SpecError, match='"plate" appear'):
         forest.current().scan(FAN)
     long = FAN.changed(pulse_rate=1.0)
     with pytest.raises(forest.SpecError, match="frames of the scene"):

@@ -25,7 +25,7 @@ from forest_addon.formats.wav import read_wav, write_wav
 from forest_addon.growth.library.species_file import load_species
 from forest_addon.sensing.reverb.directivity_file import read_directivity
 from forest_addon.sensing.reverb.place_file import read_microphones, read_path
-from forest_addon.sensing.sonar.equipment_files import read_call, read_pattern, read_route
+from forest_addon.sensing.sonar.equipment_files import read_call, read_patterns, read_route
 from forest_addon.spec import Scene, Sonar, SpecError, Species
 from forest_addon.stand.tree_list import read_tree_list
 
@@ -84,7 +84,7 @@ READERS = {
         lambda path: read_path(path, "k"),
     ),
     "directivity": ("a.csv", text("angle_deg,250,1000", "0,0,0", "180,-3,-20"), read_directivity),
-    "pattern": ("a.csv", text("angle_deg,60000,70000", "0,0,0", "90,-9,-20"), read_pattern),
+    "pattern": ("a.csv", text("angle_deg,60000,70000", "0,0,0", "90,-9,-20"), read_patterns),
     "route": (
         "a.csv",
         text("x_m,y_m,z_m,azimuth_deg,elevation_deg", "0,0,1,90,0", "1,0,1,80,5"),

@@ -12,7 +12,7 @@ from scipy.io import wavfile
 from forest_addon.base.places import ASSETS
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.results.echo_files import write_echo
-from forest_addon.sensing.sonar.equipment_files import equip, find, read_pattern, read_route
+from forest_addon.sensing.sonar.equipment_files import equip, find, read_patterns, read_route
 from forest_addon.sensing.sonar.flight import fly
 from forest_addon.sensing.sonar.ping import EchoTargets, ping
 from forest_addon.sensing.sonar.poses import posed, poses_of
@@ -24,7 +24,7 @@ LEAVES = discs_of([[2, 0, 2], [3, 0.2, 2]], [1.0, 0, 0], 0.02)
 def test_a_pattern_is_read_in_degrees_hertz_and_decibels(tmp_path: Path) -> None:
     path = tmp_path / "beam.csv"
     path.write_text("# a sonarhead\nangle_deg,60000,80000\n0,0,0\n30,-3,-6\n180,-40,-50\n")
-    pattern = read_pattern(path)
+    (pattern,) = read_patterns(path)
     np.testing.assert_allclose(pattern.angle, np.deg2rad([0, 30, 180]))
     assert pattern.frequency.tolist() == [60000, 80000]
     assert pattern.level.tolist() == [[0, 0], [-3, -6], [-40, -50]]
@@ -49,7 +49,7 @@ def test_bad_patterns_are_refused(tmp_path: Path, text: str, words: str) -> None
     path = tmp_path / "beam.csv"
     path.write_text(text)
     with pytest.raises(SpecError, match=words):
-        read_pattern(path)
+        read_patterns(path)
 
 
 def test_routes(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from forest_addon.base.places import version
 from forest_addon.formats.toml_file import read_settings, write_settings
 from forest_addon.spec import Forest, Scene, Sonar, SpecError
 
@@ -110,9 +111,10 @@ def test_a_scene_that_is_written_is_read_as_it_was(scene, tmp_path):
 
 def test_what_is_the_default_is_not_written(tmp_path):
     write_settings(tmp_path / "plain.toml", Scene())
-    assert tomllib.loads((tmp_path / "plain.toml").read_text()) == {}
+    assert tomllib.loads((tmp_path / "plain.toml").read_text()) == {"version": version()}
     write_settings(tmp_path / "sonar.toml", Scene(sensors=(Sonar(),)))
-    assert tomllib.loads((tmp_path / "sonar.toml").read_text()) == {"sensors": [{"kind": "sonar"}]}
+    said = tomllib.loads((tmp_path / "sonar.toml").read_text())
+    assert said == {"version": version(), "sensors": [{"kind": "sonar"}]}
 
 
 @pytest.mark.slow
@@ -129,3 +131,37 @@ def test_a_byte_order_mark_is_no_text(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text('name = "Tharandter Wälder"\nseed = 3\n', encoding="utf-8-sig")
     assert read_settings(path, Scene).name == "Tharandter Wälder"
+
+
+def test_a_file_may_say_its_version(tmp_path):
+    for said in ("0.1", "1.0", version()):
+        assert read(tmp_path, f'version = "{said}"\nseed = 5').seed == 5
+    write_settings(tmp_path / "mine.toml", Scene(seed=9))
+    assert tomllib.loads((tmp_path / "mine.toml").read_text())["version"] == version()
+    assert read_settings(tmp_path / "mine.toml", Scene) == Scene(seed=9)
+
+
+def test_a_file_of_a_later_minor_version_is_read_and_named_where_a_key_is_not_known(tmp_path):
+    major, minor = map(int, version().split(".")[:2])
+    said = f'version = "{major}.{minor + 1}"\n'
+    assert read(tmp_path, said + "seed = 5").seed == 5
+    with pytest.raises(SpecError, match=rf"fog: is not known.*written for.*{major}\.{minor + 1}"):
+        read(tmp_path, said + "fog = 0.3")
+    with pytest.raises(SpecError, match=r"fog: is not known") as now:
+        read(tmp_path, f'version = "{major}.{minor}"\nfog = 0.3')
+    assert "written for" not in str(now.value)
+
+
+@pytest.mark.parametrize("said", ['"{next}.0"', '"{next}.2.1"', '"soon"', "1.0", '"1"', '"-1.0"'])
+def test_a_file_of_a_later_major_version_or_none_is_refused(tmp_path, said):
+    major = int(version().split(".")[0])
+    with pytest.raises(SpecError, match=r"install|is no version") as refused:
+        read(tmp_path, f"version = {said.format(next=major + 1)}")
+    assert "scene.toml" in str(refused.value)
+
+
+def test_the_first_scene_file_of_all_is_read_as_it_was(tmp_path):
+    """The demo of version 0.1.0, as it was committed."""
+    scene = read_settings(Path(__file__).with_name("demo-0.1.0.toml"), Scene)
+    assert [sensor.kind for sensor in scene.sensors]
+    assert scene.plantings

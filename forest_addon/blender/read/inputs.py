@@ -13,6 +13,7 @@ import bpy
 import numpy as np
 
 from ... import spec
+from ...base.vectors import azimuth_of
 from ...sensing.rays.geometry import apply_transform
 from ...spec import SpecError
 from ...stand.inputs import Inputs, Painted, TreeList
@@ -114,7 +115,7 @@ def read_places(
     return TreeList(
         position=matrix[:, :3, 3],
         scale=np.cbrt(volume),
-        rotation=np.arctan2(matrix[:, 1, 0], matrix[:, 0, 0]),
+        rotation=azimuth_of(matrix[:, :, 0]),
     )
 
 

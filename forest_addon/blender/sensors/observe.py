@@ -19,14 +19,16 @@ from ...sensing.kinds import choose, kind_of
 from ...sensing.rays.caster import RayCaster
 from ...sensing.rays.inside import tree_around
 from ...sensing.rays.moving import MovingCaster, TimedCaster
+from ...sensing.rays.paths import SceneMotion
 from ...sensing.rays.pieces import Swaying, SwayingScene, cut
 from ...sensing.rays.precision import rounding_warning
 from ...sensing.rays.swaying import SwayingCaster
+from ...sensing.rays.tracks import BENT
 from ...sensing.reverb.sums.fast_scattering import Expansions
 from ...sensing.trajectory import Trajectory
 from ...spec import Rays, Scene, Sensor
 from ...stand.placed import PlacedTrees
-from ..rays.casters import make_caster, piece_engine
+from ..rays.casters import make_caster, motion_engine, piece_engine
 from ..read.depsgraph import read_scene
 from ..read.kept import kept
 from ..scene.asset_truth import placed_trees
@@ -137,7 +139,7 @@ class Observer:
         if seconds > 0:
             make = partial(make_caster, rays=self.rays)
             scene = self.in_pieces().still if sways else self.geometry
-            moving: TimedCaster = moving_caster(scene, seconds, make)
+            moving: TimedCaster = moving_caster(scene, seconds, make, motion_engine(self.rays))
             if sways:
                 given = self.in_pieces(), self._sway, moving, make, piece_engine(self.rays)
                 moving = SwayingCaster(*given)
@@ -176,13 +178,19 @@ class Observer:
         moving = self._moving.get(choose(sensor)[0])
         said = self._in_the_wind(sensor)
         said += [
-            f'{sensor.name}: "{name}" changes its shape; motion takes it as it stands at the present frame'
-            for name in (moving.frozen if moving is not None else ())
+            f'{sensor.name}: "{name}" has more or fewer parts from time to time; around these moments it '
+            "stands still between samples"
+            for name in (moving.held if moving is not None else ())
         ]
         if moving is not None and moving.within > WITHIN:
             said.append(
                 f"{sensor.name}: what moves may be {moving.within:.1g} m off between frames; raise the frame "
                 "rate for less"
+            )
+        if moving is not None and moving.bent > BENT:
+            said.append(
+                f"{sensor.name}: what changes its shape may be {moving.bent:.1g} m off between frames; raise "
+                "the frame rate for less"
             )
         return *said, *(
             f"{sensor.name} stands inside tree {tree}, at "
@@ -263,6 +271,6 @@ def _in_the_wind(observer: Observer, solid: bool) -> SwayingCaster:
     """Rays at trees that sway, among what stands still."""
     assert observer.sway is not None
     pieces, make = observer.in_pieces(solid), partial(make_caster, rays=observer.rays)
-    still = MovingCaster(pieces.still, {}, make)
+    still = MovingCaster(pieces.still, SceneMotion(), make)
     sway, start = observer.sway
     return SwayingCaster(pieces, sway, still, make, piece_engine(observer.rays), start)

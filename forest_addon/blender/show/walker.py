@@ -18,6 +18,7 @@ from mathutils import Vector
 
 from ...base.rng import stream
 from ...base.trimesh import TriMesh, join
+from ...base.vectors import azimuth_of
 from ...growth.library.species_file import find_species, load_species
 from ...growth.tree import grow
 from ..scene import materials
@@ -83,7 +84,7 @@ def walkers_view(
         far = np.hypot(offset[:, 0], offset[:, 1])
         if far.min() < CLEAR:
             continue
-        azimuth = np.arctan2(offset[:, 1], offset[:, 0])
+        azimuth = azimuth_of(offset)
         aside = np.abs((azimuth[None] - turn[:, None] + np.pi) % (2 * np.pi) - np.pi)
         seen = (aside < HALF_VIEW) & (far < AHEAD)
         weight = tree / (1 + (far / 14.0) ** 2)
@@ -140,7 +141,7 @@ def grow_around(
     spots = np.stack(np.meshgrid(cells, cells), axis=-1).reshape(-1, 2)
     spots = spots + rng.uniform(-0.5, 0.5, spots.shape) * CELL
     far = np.hypot(spots[:, 0], spots[:, 1])
-    aside = np.abs((np.arctan2(spots[:, 1], spots[:, 0]) - turn + np.pi) % (2 * np.pi) - np.pi)
+    aside = np.abs((azimuth_of(spots) - turn + np.pi) % (2 * np.pi) - np.pi)
     spots, far = (spots + place)[keep := (far > NEAR) & (far < reach) & (aside < 0.75)], far[keep]
     thinned = np.clip((reach - far) / (reach - FULL), THINNEST, 1.0)
     ground = height(spots)

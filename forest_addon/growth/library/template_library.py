@@ -13,10 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ...base.places import version
 from ...base.progress import Progress
 from ...base.trimesh import LEAF, TriMesh
 from ...formats.atomic import replacing
 from ...formats.stl import StlError, read_stl, write_stl
+from ...formats.toml_text import VERSION_KEY
 from ...spec import Grammar, Siblings, SpecError, unknown
 from ..graft.cut import split_tree
 from ..graft.habit import fit_grammar
@@ -243,6 +245,7 @@ def _leaf_length(found: Recognition) -> float | None:
 
 def _species_text(name: str, origin: str, leafy: bool) -> str:
     return f"""\
+{VERSION_KEY} = "{version()}"
 name = "{name}"
 source = "Template from {origin.replace('"', "'").replace(chr(92), "/")}."
 
@@ -279,6 +282,7 @@ radius_ratio = {grammar.radius_ratio}
 def _scene_text(name: str, height: float) -> str:
     side = round(max(4.0, 2.5 * height), 1)
     return f"""\
+{VERSION_KEY} = "{version()}"
 name = "{name} forest"
 seed = 1
 

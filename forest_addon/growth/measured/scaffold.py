@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.vectors import azimuth_of
 from ...spec import Architecture, Crown
 from .colonise import Nodes, outline, stem_line
 
@@ -197,7 +198,7 @@ def _forked(
     leave = np.column_stack([around * np.sin(angle)[:, None], np.cos(angle)])
     tip = plan.tip_deg + steep + 12.0 * rng.standard_normal(count)
     tip = np.deg2rad(np.clip(tip, -30.0, 85.0))
-    azimuth = np.arctan2(end[:, 1], end[:, 0]) + 0.4 * rng.standard_normal(count)
+    azimuth = azimuth_of(end) + 0.4 * rng.standard_normal(count)
     around = np.column_stack([np.cos(azimuth), np.sin(azimuth)])
     arrive = np.column_stack([around * np.cos(tip)[:, None], np.sin(tip)])
     chord = np.linalg.norm(end, axis=1, keepdims=True)
@@ -234,7 +235,7 @@ def _divided(
     along = 0.3 + 0.5 * rng.random(len(of))
     at = (starts[of] + along * (ends[of] - starts[of])).astype(int)
     tip = place[ends[of]]
-    azimuth, wide = np.arctan2(tip[:, 1], tip[:, 0]), np.hypot(tip[:, 0], tip[:, 1]) / (width / 2)
+    azimuth, wide = azimuth_of(tip), np.hypot(tip[:, 0], tip[:, 1]) / (width / 2)
     side = np.where(np.arange(len(of)) % 2 == 0, 1.0, -1.0)
     azimuth = azimuth + side * (0.4 + 0.5 * rng.random(len(of))) * 2.4 / np.sqrt(count)
     wide = np.clip(wide * (0.7 + 0.45 * rng.random(len(of))), 0.05, FULLEST)

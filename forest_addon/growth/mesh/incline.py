@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...base.trimesh import TriMesh
+from ...base.vectors import column
 from ..skeleton import LeafSites
 from .leaves import Leaves
 
@@ -26,7 +27,7 @@ def turns(normal: np.ndarray, axis: np.ndarray, wanted: np.ndarray) -> np.ndarra
     side = np.where((level > FLAT)[:, None], up[:, :2], axis[:, :2])
     size = np.linalg.norm(side, axis=1, keepdims=True)
     side = np.where(size > FLAT, side / np.maximum(size, FLAT), [1.0, 0.0])
-    by = wanted - np.arctan2(level, up[:, 2])
+    by = wanted - np.arctan2(level, column(up, 2))
     cos, sin = np.cos(by), np.sin(by)
     x, y = -side[:, 1], side[:, 0]  # k, which turns +Z towards the side
     turn = np.empty((len(normal), 3, 3))

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...base.vectors import cross_rows
+from ...base.vectors import azimuth_of, column, cross_rows, zenith_of
 
 LEVEL = 1e-6  # length of a unit heading's shadow from which it points some way
 STEEP = 0.97  # |T_z| from which a branch counts as upright, and no side of it is the upper one
@@ -85,7 +85,7 @@ def sloped(frame: np.ndarray, slope: np.ndarray) -> np.ndarray:
 
 def slopes(frame: np.ndarray) -> np.ndarray:
     """(S,) radians from the vertical."""
-    return np.arctan2(np.hypot(frame[:, 0, 2], frame[:, 1, 2]), frame[:, 2, 2])
+    return zenith_of(frame[:, :, 2])
 
 
 def walk(frame: np.ndarray, length: np.ndarray, first: np.ndarray, foot: np.ndarray) -> np.ndarray:
@@ -133,7 +133,7 @@ def angles_in(mother: np.ndarray, heading: np.ndarray) -> tuple[np.ndarray, np.n
     """Azimuth (C,) about a parent's T and angle (C,) from it of headings (C, 3)."""
     own = np.einsum("nij,ni->nj", mother, heading)
     across = np.hypot(own[:, 0], own[:, 1])
-    return np.arctan2(own[:, 1], own[:, 0]), np.arctan2(across, own[:, 2])
+    return azimuth_of(own), np.arctan2(across, column(own, 2))
 
 
 def rolled(frame: np.ndarray, wanted: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.rng import keyed_normal
+from ...base.vectors import zenith_of
 from .courses import lay, lay_sloping, sloped, slopes
 from .fitted import Habit
 
@@ -109,7 +110,7 @@ def _bent_otherwise(
 def _leans(frame: np.ndarray, length: np.ndarray, first: np.ndarray) -> np.ndarray:
     """(C,) radians from the vertical, from foot to tip."""
     way = np.add.reduceat(frame[:, :, 2] * length[:, None], first[:-1], axis=0)
-    return np.arctan2(np.hypot(way[:, 0], way[:, 1]), way[:, 2])
+    return zenith_of(way)
 
 
 def _own_slopes(

@@ -11,6 +11,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ...base.vectors import azimuth_of
+
 
 @dataclass(frozen=True)
 class Lines:
@@ -80,9 +82,7 @@ def seats_on(
     row = lines.first[line] + stretch
     start, end = lines.knot[row + line], lines.knot[row + line + 1]
     own = np.einsum("nij,ni->nj", frame[row], point - start - part[:, None] * (end - start))
-    return Seats(
-        stretch, part, np.hypot(own[:, 0], own[:, 1]), np.arctan2(own[:, 1], own[:, 0]), own[:, 2]
-    )
+    return Seats(stretch, part, np.hypot(own[:, 0], own[:, 1]), azimuth_of(own), own[:, 2])
 
 
 def nearest(lines: Lines, line: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.vectors import zenith_of
 from .anatomy import Anatomy
 from .lines import seats_on, stand_on
 from .relay import mesh_of
@@ -31,7 +32,7 @@ def standing_of(grown: Grown) -> SiblingStanding:
     lines, knots = grown.lines, grown.lines.first + np.arange(len(grown.lines.first))
     feet, tips = lines.knot[knots[:-1]], lines.knot[knots[1:] - 1]
     way = (tips - feet)[grown.order == 0]
-    lean = np.arctan2(np.hypot(way[:, 0], way[:, 1]), way[:, 2]).max()
+    lean = zenith_of(way).max()
     borne = np.flatnonzero(grown.mother >= 0)
     if not len(borne):
         return SiblingStanding(float(lean), 0.0, 0.0)

@@ -20,6 +20,7 @@ import numpy as np
 from ...base.progress import Progress
 from ...base.rng import daughter_keys, first_key
 from ...base.trimesh import LEAF
+from ...base.vectors import azimuth_of
 from ..rays.bundles import Faces
 from ..rays.caster import RayCaster, hit_normals
 from ..rays.geometry import SceneGeometry
@@ -193,10 +194,11 @@ class Scan:
         """Return the echoes of the light that comes back to origins and directions of rays, sent at times."""
         scanner, scene = self.scanner, self.caster.scene
         hits, ways = contacts.hits, rays[1][contacts.ray]
-        stood = None
-        if self._moving is not None:
-            stood = self._moving.transforms(hits.instance, time[contacts.ray])
-        normal = hit_normals(scene, hits, stood)
+        normal = (
+            hit_normals(scene, hits)
+            if self._moving is None
+            else self._moving.normals(hits, time[contacts.ray])
+        )
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         energy = intensity(
             reflectance * contacts.light / scanner.beam.subrays,
@@ -252,7 +254,9 @@ class Scan:
         if self._moving is not None:
             met = pulses.origin[echoes.pulse] + labelled.distance[:, None] * found.way
             when = pulses.time[echoes.pulse]
-            velocity, rest = self._moving.velocities(met, labelled.instance, when)
+            velocity, rest = self._moving.velocities(
+                met, labelled.instance, labelled.triangle, when
+            )
             instance, triangle = self._moving.known(labelled.instance, labelled.triangle)
             labelled = replace(labelled, instance=instance, triangle=triangle)
         return Cloud(
@@ -261,7 +265,7 @@ class Scan:
             time=pulses.time[echoes.pulse],
             number=(rank + 1).astype(np.uint8),
             count=np.bincount(echoes.pulse, minlength=len(pulses))[echoes.pulse].astype(np.uint8),
-            azimuth=np.arctan2(way[:, 1], way[:, 0]),
+            azimuth=azimuth_of(way),
             elevation=np.arcsin(np.clip(way[:, 2], -1, 1)),
             scan_angle=pulses.scan_angle[echoes.pulse],
             intensity=reading(scanner, echoes.energy, measured),

@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 
 from ...base.progress import Progress
+from ...base.vectors import azimuth_of, column
 from ...spec import Tractor
 from ..rays.caster import RayCaster
 from .cloud import Cloud
@@ -72,15 +73,16 @@ def to_cloud(scan: TractorScan, tractor: Tractor) -> Cloud:
     seen = scan.returns.select(pulse)
     row, step = np.divmod(pulse, len(scan.angle))
     origin, way = axes(tractor, row, step)
+    elevation = np.arcsin(column(way, 2))
     return Cloud(
         position=origin + seen.distance[:, None] * way,
         pulse=pulse,
         time=np.zeros(len(pulse)),  # S says nothing of a rate
         number=np.ones(len(pulse), dtype=np.uint8),
         count=np.ones(len(pulse), dtype=np.uint8),
-        azimuth=np.arctan2(way[:, 1], way[:, 0]),
-        elevation=np.arcsin(way[:, 2]),
-        scan_angle=np.arcsin(way[:, 2]),
+        azimuth=azimuth_of(way),
+        elevation=elevation,
+        scan_angle=elevation,
         intensity=seen.cos_incidence / seen.distance**2,
         width=np.zeros(len(pulse)),
         true_range=seen.distance,

@@ -8,6 +8,7 @@ planes of the axis, have neither pole nor wrap, and a beam that looks straight u
 ``GaussianBeam``   exp(-az²/2σ_x² - el²/2σ_y²) with σ from the full -3 dB width (Tanveer et al. 2020a).
 ``Horseshoe``  the same with Tanveer et al.'s width of a horseshoe bat's call, which falls with the frequency.
 ``MeasuredBeam``   a table of dB by angle off the axis and frequency, smoothed over the frequency.
+``MeasuredSphere``  the same by direction all round, as of a head's ear.
 ``Omni``       everywhere alike.
 """
 
@@ -15,16 +16,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Protocol
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from ...acoustics import chebyshev
 from ...acoustics.smoothness import Change, Loss
 
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
 HALF_POWER = -2.0 * math.log(10.0 ** (-3.0 / 20.0))  # Tanveer et al. (2020a) print -2·ln 0.7079
 DEGREES = 4  # of the polynomials in frequency through a measured pattern
+FILL, GAP = 400, 2.0 * math.sin(math.radians(10.0))  # directions that fill, a chord of 20°
 HORSESHOE = (
     0.011333,
     -2.3219,
@@ -105,35 +110,70 @@ class Horseshoe:
         return np.exp(-2.0 * HALF_POWER * np.square(away / self.width(np.array(band[0]))))
 
 
-@dataclass(frozen=True)
-class MeasuredBeam:
-    """A pattern about the axis.
+class Measured:
+    """Pattern of dB (N, F) at N directions and F frequencies, Hz, between which dB are mixed.
 
-    angle : (A,) radians off the axis, ascending from 0. frequency : (F,) Hz. level : (A, F) dB.
-
-    Between angles dB are interpolated; beyond the last they stay. Over the frequency they follow a
-    polynomial of at most the fourth degree, so that echoes stay smooth in frequency; beyond the first
-    and last frequency they stay.
+    Over the frequency they follow a polynomial of at most the fourth degree, so that echoes stay smooth
+    in frequency; beyond the first and last frequency they stay.
     """
 
-    angle: np.ndarray
     frequency: np.ndarray
     level: np.ndarray
 
     @cached_property
     def _fit(self) -> np.ndarray:
-        """(D, A) Chebyshev coefficients over the pattern's frequencies."""
+        """(D, N) Chebyshev coefficients over the pattern's frequencies."""
         low, high = self.frequency[0], self.frequency[-1]
         known = 2.0 * (self.frequency - low) / (high - low) - 1.0
         return np.polynomial.chebyshev.chebfit(known, self.level.T, min(DEGREES, len(known) - 1))
 
     def levels(self, frequency: np.ndarray) -> np.ndarray:
-        """(A, Q) dB at other frequencies."""
+        """(N, Q) dB at other frequencies."""
         if len(self.frequency) == 1:
             return np.repeat(self.level, len(frequency), axis=1)
         low, high = self.frequency[0], self.frequency[-1]
         wanted = 2.0 * (np.clip(frequency, low, high) - low) / (high - low) - 1.0
         return np.polynomial.chebyshev.chebval(wanted, self._fit)
+
+    def kinks(self) -> tuple[float, ...]:
+        """The first and the last frequency, beyond which levels stay."""
+        if len(self.frequency) == 1:
+            return ()
+        return float(self.frequency[0]), float(self.frequency[-1])
+
+    def _bounds(self, corners: np.ndarray, band: tuple[float, float], orders: int) -> np.ndarray:
+        """(C, N) no |c_n| of the gain is larger, re the gain at the lower end.
+
+        corners : (C, K) directions that dB are mixed of.
+        """
+        few = 2 * DEGREES
+        at = band[0] + (band[1] - band[0]) * (1.0 + chebyshev.points(few)) / 2
+        levels = (math.log(10.0) / 20.0) * self.levels(np.append(at, band[0])).T
+        terms = np.abs(chebyshev.series(few) @ levels[:-1])[:, corners].max(axis=2)  # (few, C)
+        lift = (chebyshev.series(few)[0] @ levels[:-1] - levels[-1])[corners].max(axis=1)
+        largest = np.cos(np.arange(1, few) * np.arccos(chebyshev.points(orders))[:, None])
+        values = np.exp(largest @ terms[1:] + lift)  # T_n in all of them, none against another
+        bounds: np.ndarray = np.abs(chebyshev.series(orders) @ values).T
+        return bounds
+
+    def _loudest(self, band: tuple[float, float]) -> np.ndarray:
+        """(N,) the largest dB in the band."""
+        loudest: np.ndarray = self.levels(np.linspace(*band, 65)).max(axis=1)
+        return loudest
+
+
+@dataclass(frozen=True)
+class MeasuredBeam(Measured):
+    """A pattern about the axis.
+
+    angle : (A,) radians off the axis, ascending from 0. frequency : (F,) Hz. level : (A, F) dB.
+
+    Between angles dB are interpolated; beyond the last they stay.
+    """
+
+    angle: np.ndarray
+    frequency: np.ndarray
+    level: np.ndarray
 
     def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
         levels = (math.log(10.0) / 20.0) * self.levels(frequency).T  # (Q, A)
@@ -149,14 +189,10 @@ class MeasuredBeam:
     def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss | Change] | None:
         """Between two angles, levels are as smooth over the frequency as at these."""
         if len(self.angle) == 1:
-            return [Change(self._bounds, np.zeros(len(az), np.int64))]
-        return [Change(self._bounds, self._segment(az, el))]
-
-    def kinks(self) -> tuple[float, ...]:
-        """The first and the last frequency, beyond which levels stay."""
-        if len(self.frequency) == 1:
-            return ()
-        return float(self.frequency[0]), float(self.frequency[-1])
+            return [Change(partial(self._bounds, np.zeros((1, 1), int)), np.zeros(len(az), int))]
+        before = np.arange(len(self.angle) - 1)
+        corners = np.stack([before, before + 1], axis=1)
+        return [Change(partial(self._bounds, corners), self._segment(az, el))]
 
     def _segment(self, az: np.ndarray, el: np.ndarray) -> np.ndarray:
         """(M,) number of the table's angle before each."""
@@ -164,29 +200,102 @@ class MeasuredBeam:
         found: np.ndarray = np.clip(before, 0, max(len(self.angle) - 2, 0))
         return found
 
-    def _bounds(self, band: tuple[float, float], orders: int) -> np.ndarray:
-        """(A - 1, N) no |c_n| of the gain between two angles is larger, re the gain at the lower end."""
-        few = 2 * DEGREES
-        at = band[0] + (band[1] - band[0]) * (1.0 + chebyshev.points(few)) / 2
-        levels = (math.log(10.0) / 20.0) * self.levels(np.append(at, band[0])).T
-        terms = np.abs(chebyshev.series(few) @ levels[:-1])  # (few, A)
-        lift = chebyshev.series(few)[0] @ levels[:-1] - levels[-1]
-        if len(self.angle) > 1:
-            terms = np.maximum(terms[:, 1:], terms[:, :-1])
-            lift = np.maximum(lift[1:], lift[:-1])
-        largest = np.cos(np.arange(1, few) * np.arccos(chebyshev.points(orders))[:, None])
-        values = np.exp(largest @ terms[1:] + lift)  # T_n in all of them, none against another
-        bounds: np.ndarray = np.abs(chebyshev.series(orders) @ values).T
-        return bounds
-
     def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
         return self.ceiling(np.hypot(az, el), band)
 
     def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
-        loudest = self.levels(np.linspace(*band, 65)).max(axis=1)
-        beyond = np.maximum.accumulate(loudest[::-1])[::-1]
+        beyond = np.maximum.accumulate(self._loudest(band)[::-1])[::-1]
         before = np.searchsorted(self.angle, away, side="right") - 1
         return 10.0 ** (beyond[np.clip(before, 0, None)] / 20.0)
+
+
+@dataclass(frozen=True)
+class MeasuredSphere(Measured):
+    """A pattern by directions all round.
+
+    direction : (D, 3) unit vectors, x ahead, y to the left, z up. frequency : (F,) Hz. level : (D, F) dB.
+
+    dB are mixed within the triangles between neighbouring directions (of their convex hull, which is
+    Delaunay's on the sphere). ``all_round`` fills what was not measured.
+    """
+
+    direction: np.ndarray
+    frequency: np.ndarray
+    level: np.ndarray
+
+    @classmethod
+    def all_round(
+        cls, direction: np.ndarray, frequency: np.ndarray, level: np.ndarray
+    ) -> MeasuredSphere:
+        """The pattern of directions (D, 3); where none is within 20°, the nearest one's dB hold."""
+        from scipy.spatial import cKDTree
+
+        index = np.arange(FILL) + 0.5  # a spiral, evenly over the sphere
+        up, turn = 1.0 - 2.0 * index / FILL, math.pi * (1.0 + math.sqrt(5.0)) * index
+        level_part = np.sqrt(1.0 - up**2)
+        spiral = np.stack([level_part * np.cos(turn), level_part * np.sin(turn), up], axis=1)
+        gap, nearest = cKDTree(direction).query(spiral)
+        bare = gap > GAP
+        return cls(
+            np.concatenate([direction, spiral[bare]]),
+            frequency,
+            np.concatenate([level, level[nearest[bare]]]),
+        )
+
+    @cached_property
+    def _faces(self) -> tuple[np.ndarray, np.ndarray, cKDTree]:
+        """Corners (T, 3), the inverses (T, 3, 3) of their vectors, and where rays leave the hull.
+
+        A ray d leaves through the face whose n/h·d is largest, n its normal and h its distance: the nearest
+        of the (n/h, √(R² - |n/h|²)) to (d, 0), R the largest |n/h|.
+        """
+        from scipy.spatial import ConvexHull, cKDTree
+
+        hull = ConvexHull(self.direction)
+        slope = hull.equations[:, :3] / -hull.equations[:, 3:]
+        squared = np.einsum("ti,ti->t", slope, slope)
+        lifted = np.column_stack([slope, np.sqrt(np.maximum(squared.max() - squared, 0.0))])
+        corners = hull.simplices
+        return corners, np.linalg.pinv(self.direction[corners].transpose(0, 2, 1)), cKDTree(lifted)
+
+    def _found(self, az: np.ndarray, el: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(M,) the face of each direction, and (M, 3) what its corners add."""
+        off = np.hypot(az, el)
+        share = np.sinc(off / math.pi)  # sin(off)/off
+        towards = np.stack([np.cos(off), share * az, share * el], axis=1)
+        _, inverse, where = self._faces
+        _, face = where.query(np.column_stack([towards, np.zeros(len(off))]))
+        weight = np.maximum(np.einsum("mij,mj->mi", inverse[face], towards), 0.0)
+        return face, weight / weight.sum(axis=1, keepdims=True)
+
+    def gain(self, az: np.ndarray, el: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+        levels = (math.log(10.0) / 20.0) * self.levels(frequency).T  # (Q, D)
+        face, weight = self._found(az, el)
+        at: np.ndarray = np.zeros((len(levels), len(face)))
+        for corner, part in zip(self._faces[0][face].T, weight.T, strict=True):
+            at += part * levels.take(corner, axis=1)
+        return np.exp(at, out=at)
+
+    def losses(self, az: np.ndarray, el: np.ndarray) -> list[Loss | Change] | None:
+        """Within a triangle, levels are as smooth over the frequency as at its corners."""
+        used, kind = np.unique(self._found(az, el)[0], return_inverse=True)
+        return [Change(partial(self._bounds, self._faces[0][used]), kind)]
+
+    def loudest(self, az: np.ndarray, el: np.ndarray, band: tuple[float, float]) -> np.ndarray:
+        corner = self._faces[0][self._found(az, el)[0]]
+        return 10.0 ** (self._loudest(band)[corner].max(axis=1) / 20.0)
+
+    def ceiling(self, away: np.ndarray, band: tuple[float, float]) -> np.ndarray:
+        corners = self._faces[0]
+        place = self.direction[corners]  # (T, 3, 3)
+        side = np.linalg.norm(place - np.roll(place, 1, axis=1), axis=2).max(axis=1)
+        off = np.arccos(np.clip(place[:, :, 0], -1.0, 1.0)).max(axis=1)
+        reach = off + 2.0 * np.arcsin(np.minimum(side / 2.0, 1.0))  # no face goes farther off
+        order = np.argsort(reach)
+        loudest = self._loudest(band)[corners].max(axis=1)[order]
+        beyond = np.maximum.accumulate(loudest[::-1])[::-1]
+        first = np.searchsorted(reach[order], away, side="left")
+        return 10.0 ** (beyond[np.minimum(first, len(beyond) - 1)] / 20.0)
 
 
 @dataclass(frozen=True)

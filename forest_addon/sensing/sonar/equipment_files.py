@@ -1,8 +1,10 @@
 """Files that a sonar is given: measured beam patterns, routes, calls.
 
-A pattern is a CSV with ``angle_deg`` and one column a frequency in Hz, levels in dB. A route is a CSV with
-``x_m, y_m, z_m, azimuth_deg, elevation_deg`` and perhaps ``beam_width_deg``, one pose a row. A call is a
-WAV file. Names are relative to the folder of the scene file, or else to ``assets/scenes``.
+A pattern is a CSV of levels in dB, a column a frequency in Hz: by ``angle_deg`` off the axis, or by
+``azimuth_deg`` and ``elevation_deg`` all round, with ``ear`` (0 is the left one) where ears differ. Of ears
+it may be a SOFA file of a head, of which levels are used (delays follow from where the ears are). A route
+is a CSV with ``x_m, y_m, z_m, azimuth_deg, elevation_deg`` and perhaps ``beam_width_deg``, one pose a row. A
+call is a WAV file. Names are relative to the folder of the scene file, or else to ``assets/scenes``.
 """
 
 from __future__ import annotations
@@ -14,15 +16,19 @@ import numpy as np
 
 from ...base.places import ASSETS
 from ...formats.foreign import guarded
+from ...formats.sofa import HeadResponses, read_head
 from ...formats.wav import read_wav
 from ...spec import Sonar, SpecError
 from ..trajectory import Trajectory, looking
-from .beam import BeamPattern, MeasuredBeam
+from .beam import BeamPattern, MeasuredBeam, MeasuredSphere
 from .calls import Call, resampled
 from .station import Equipment
 
 PLACES = ("x_m", "y_m", "z_m", "azimuth_deg", "elevation_deg")
 WIDTH = "beam_width_deg"
+SPHERE, EAR = ("azimuth_deg", "elevation_deg"), "ear"  # of patterns all round
+BANDS = 33  # frequencies that a head's responses are read at
+DEAF = 1e-4  # of the loudest: -80 dB, the least that an ear hears
 
 
 def equip(sonar: Sonar, folder: Path) -> Equipment:
@@ -32,14 +38,30 @@ def equip(sonar: Sonar, folder: Path) -> Equipment:
     ------
     SpecError : a file is missing, or is not what it should be; the sentence says where.
     """
-    patterns: dict[str, BeamPattern | None] = {"beam": None, "hearing": None}
-    for key in patterns:
-        if getattr(sonar, key) == "file":
-            patterns[key] = read_pattern(find(getattr(sonar, f"{key}_file"), folder, f"{key}_file"))
+    emit: BeamPattern | None = None
+    hears: tuple[BeamPattern, ...] = ()
+    if sonar.beam == "file":
+        file = find(sonar.beam_file, folder, "beam_file")
+        emit, *others = read_patterns(file)
+        if others:
+            raise SpecError(str(file), "has patterns of several ears; a beam takes one")
+    if sonar.hearing == "file":
+        hears = _ears(sonar, find(sonar.hearing_file, folder, "hearing_file"))
     call = None
     if sonar.call == "file":
         call = read_call(find(sonar.call_file, folder, "call_file"), sonar)
-    return Equipment.of(sonar, patterns["beam"], patterns["hearing"], call)
+    return Equipment.of(sonar, emit, hears, call)
+
+
+def _ears(sonar: Sonar, file: Path) -> tuple[BeamPattern, ...]:
+    """One pattern for all ears, or one for each."""
+    if file.suffix.lower() == ".sofa":
+        hears = ears_of_head(read_head(file), sonar.band, str(file))
+    else:
+        hears = read_patterns(file)
+    if len(hears) not in (1, sonar.ears):
+        raise SpecError(str(file), f"is of {len(hears)} ears; set ears = {len(hears)}")
+    return hears
 
 
 def find(name: str, folder: Path, key: str) -> Path:
@@ -56,31 +78,83 @@ def find(name: str, folder: Path, key: str) -> Path:
 
 
 @guarded("a CSV of levels")
-def read_pattern(path: Path) -> MeasuredBeam:
-    """A measured beam pattern.
+def read_patterns(path: Path) -> tuple[BeamPattern, ...]:
+    """Measured patterns of a CSV: one, or one an ear where it has the column ``ear``.
 
     Raises
     ------
     SpecError : a column that is no frequency, angles that do not rise from 0, a level that is no number.
     """
     head, rows = _numbers(path)
-    if not head or head[0] != "angle_deg" or len(head) < 2:
+    round_about = head[:1] != ["angle_deg"]
+    keys = [name for name in (*SPHERE, EAR) if name in head] if round_about else ["angle_deg"]
+    if len(head) <= len(keys) or (round_about and not {*SPHERE} <= {*head}):
         raise SpecError(
-            str(path), 'needs the columns "angle_deg" and one or more frequencies in Hz'
+            str(path),
+            'needs the column "angle_deg", or "azimuth_deg" and "elevation_deg", and one or more '
+            "frequencies in Hz",
         )
+    columns = [number for number, name in enumerate(head) if name not in keys]
     try:
-        frequency = np.array([float(name) for name in head[1:]])
+        frequency = np.array([float(head[number]) for number in columns])
     except ValueError:
         raise SpecError(
             str(path), "has a column that is no frequency; name them 60000, 70000"
         ) from None
-    angle = np.deg2rad(rows[:, 0])
-    if len(angle) < 2 or angle[0] != 0 or (np.diff(angle) <= 0).any():
-        raise SpecError(str(path), "needs two or more angles that rise from 0")
     rising = np.isfinite(frequency).all() and (np.diff(frequency) > 0).all()
     if not rising or frequency[0] <= 0:
         raise SpecError(str(path), "needs frequencies in Hz that rise from left to right")
-    return MeasuredBeam(angle, frequency, rows[:, 1:])
+    level = rows[:, columns]
+    if round_about:
+        return _spheres(path, {name: rows[:, head.index(name)] for name in keys}, frequency, level)
+    angle = np.deg2rad(rows[:, 0])
+    if len(angle) < 2 or angle[0] != 0 or (np.diff(angle) <= 0).any():
+        raise SpecError(str(path), "needs two or more angles that rise from 0")
+    return (MeasuredBeam(angle, frequency, level),)
+
+
+def _spheres(
+    path: Path, at: dict[str, np.ndarray], frequency: np.ndarray, level: np.ndarray
+) -> tuple[BeamPattern, ...]:
+    """A pattern of each ear from azimuths and elevations, degrees."""
+    azimuth, elevation = (np.deg2rad(at[name]) for name in SPHERE)
+    flat = np.cos(elevation)
+    towards = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=1)
+    ear = at.get(EAR, np.zeros(len(level)))
+    numbers = np.unique(ear)
+    if not len(numbers) or not np.array_equal(numbers, np.arange(len(numbers))):
+        raise SpecError(str(path), "needs a row or more for each ear; number ears from 0, the left")
+    return tuple(
+        MeasuredSphere.all_round(towards[ear == one], frequency, level[ear == one])
+        for one in numbers
+    )
+
+
+def ears_of_head(
+    head: HeadResponses, band: tuple[float, float], place: str
+) -> tuple[BeamPattern, ...]:
+    """The directivity of a head's two ears in a band, dB re the loudest direction of both.
+
+    Raises
+    ------
+    SpecError : the band goes beyond what was measured; names ``place``.
+    """
+    if band[1] > head.sample_rate / 2:
+        raise SpecError(
+            place,
+            f"was measured up to {head.sample_rate / 2:,.0f} Hz and the band goes to {band[1]:,.0f} Hz; "
+            "lower the band, or give a file of a higher sampling rate",
+        )
+    frequency = np.linspace(*band, BANDS) if band[0] < band[1] else np.array(band[:1])
+    time = np.arange(head.responses.shape[2]) / head.sample_rate
+    turning = np.exp(-2j * np.pi * np.outer(time, frequency))
+    size = np.abs(head.responses @ turning)  # (D, 2, F)
+    if not size.max() > 0:
+        raise SpecError(place, "is silent in the band; give another file")
+    level = 20.0 * np.log10(np.maximum(size / size.max(), DEAF))
+    return tuple(
+        MeasuredSphere.all_round(head.directions, frequency, level[:, ear]) for ear in range(2)
+    )
 
 
 @guarded("a CSV of poses")

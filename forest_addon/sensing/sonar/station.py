@@ -28,10 +28,13 @@ from .targets import Candidates
 
 @dataclass(frozen=True)
 class Equipment:
-    """Equipment of a sonar: beams of call and ears, and the call, None for a pulse of the band."""
+    """Equipment of a sonar: beams of call and ears, and the call, None for a pulse of the band.
+
+    hears : a pattern for each ear, or one for all.
+    """
 
     emit: BeamPattern
-    hear: BeamPattern
+    hears: tuple[BeamPattern, ...]
     call: Call | None
 
     @classmethod
@@ -39,7 +42,7 @@ class Equipment:
         cls,
         sonar: Sonar,
         emit: BeamPattern | None = None,
-        hear: BeamPattern | None = None,
+        hears: tuple[BeamPattern, ...] = (),
         call: Call | None = None,
     ) -> Equipment:
         """Return what the settings say; what they have in files is given.
@@ -49,22 +52,26 @@ class Equipment:
         ValueError : a file's content is wanted and not given.
         """
         emit = emit or _beam(sonar.beam, sonar.beam_width_deg, "beam")
-        if hear is None:
-            hear = emit
-            if sonar.hearing != "same":
-                hear = _beam(sonar.hearing, sonar.hearing_width_deg, "hearing")
+        if not hears:
+            same = sonar.hearing == "same"
+            hears = (emit if same else _beam(sonar.hearing, sonar.hearing_width_deg, "hearing"),)
         if call is None and sonar.call in ("fm", "cf-fm"):
             call = synthesise(sonar)
         if call is None and sonar.call == "file":
             raise ValueError("the call's WAV file has not been read; give its samples")
-        return cls(emit, hear, call)
+        return cls(emit, hears, call)
+
+    def hear(self, ear: int) -> BeamPattern:
+        """The pattern of an ear."""
+        return self.hears[ear if len(self.hears) > 1 else 0]
 
     def widened(self, width: float | None) -> Equipment:
         """With Gaussian beams of another width (radians), where a pose has one."""
         if width is None or not isinstance(self.emit, GaussianBeam):
             return self
         emit = GaussianBeam((width, width))
-        return replace(self, emit=emit, hear=emit if self.hear is self.emit else self.hear)
+        hears = tuple(emit if hear is self.emit else hear for hear in self.hears)
+        return replace(self, emit=emit, hears=hears)
 
 
 def _beam(kind: str, width_deg: tuple[float, float], name: str) -> BeamPattern:
@@ -113,7 +120,8 @@ class Station:
         off = np.maximum(off - np.nan_to_num(seen, nan=math.pi)[:, None], 0.0)
         band, equipment = self.sonar.band, self.equipment
         gain = equipment.emit.ceiling(off[:, 0], band)
-        gain = gain * equipment.hear.ceiling(off[:, 1:].min(axis=1), band)
+        off_ears = off[:, 1:].min(axis=1)
+        gain = gain * np.max([hear.ceiling(off_ears, band) for hear in equipment.hears], axis=0)
         back = np.maximum(some.nearest - self.apart, 0.5 * self.sonar.near_limit)
         return (
             some.strength
@@ -172,10 +180,11 @@ class EchoPaths(RowTable):
         """(Q, M), see above."""
         equipment = station.equipment
         sent = equipment.emit.gain(self.emitted[0], self.emitted[1], frequency)
-        if equipment.hear is equipment.emit and station.together:
+        hear = equipment.hear(ear)
+        if hear is equipment.emit and station.together:
             gain = sent * sent
         else:
-            gain = sent * equipment.hear.gain(self.heard[ear, 0], self.heard[ear, 1], frequency)
+            gain = sent * hear.gain(self.heard[ear, 0], self.heard[ear, 1], frequency)
         gain = gain / (self.distance * self.leg[ear])
         if station.sonar.absorption:
             gain = gain * np.exp(np.outer(-station.loss(frequency), self.length[ear]))
@@ -185,7 +194,7 @@ class EchoPaths(RowTable):
         """Return what makes the gain change over the frequency; None: not known."""
         equipment = station.equipment
         sent = equipment.emit.losses(*self.emitted)
-        heard = equipment.hear.losses(*self.heard[ear])
+        heard = equipment.hear(ear).losses(*self.heard[ear])
         if sent is None or heard is None:
             return None
         losses: list[Loss | Change] = [*sent, *heard]
@@ -199,12 +208,9 @@ class EchoPaths(RowTable):
         sent = equipment.emit.loudest(self.emitted[0], self.emitted[1], band)
         most = np.zeros(len(sent))
         for ear in range(len(self.leg)):
-            same = station.together and equipment.hear is equipment.emit
-            heard = (
-                sent
-                if same
-                else equipment.hear.loudest(self.heard[ear, 0], self.heard[ear, 1], band)
-            )
+            hear = equipment.hear(ear)
+            same = station.together and hear is equipment.emit
+            heard = sent if same else hear.loudest(self.heard[ear, 0], self.heard[ear, 1], band)
             weaker = np.exp(-station.least_loss * self.length[ear]) / (
                 self.distance * self.leg[ear]
             )

@@ -72,7 +72,7 @@ def sum_echoes(
 
 def panels(grid: BandGrid, station: Station) -> list[BandGrid]:
     """The grid, cut where a beam's gain has a kink over the frequency."""
-    beams = station.equipment.emit, station.equipment.hear
+    beams = station.equipment.emit, *station.equipment.hears
     kinks = {kink for beam in beams for kink in beam.kinks()}
     cuts = sorted({math.ceil((kink - grid.start) / grid.spacing) for kink in kinks})
     edges = [0, *(cut for cut in cuts if 0 < cut < grid.count), grid.count]

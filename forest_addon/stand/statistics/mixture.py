@@ -19,6 +19,7 @@ from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
 from ...base.rng import stream
+from ...base.vectors import column
 from .window import Window
 
 MAX_HILLS = 12
@@ -115,7 +116,7 @@ class _Fit:
 
     def scaled(self, trees: float) -> _Fit:
         """Put that many trees in the window."""
-        factor = trees / (self.base + np.exp(self.hill[:, 0]).sum())
+        factor = trees / (self.base + np.exp(column(self.hill, 0)).sum())
         shift = np.array([np.log(factor), 0, 0, 0, 0])
         return _Fit(self.base * factor, self.hill + shift, self.score)
 
@@ -169,13 +170,13 @@ class _Data:
 
     def mixture(self, fit: _Fit) -> FittedMixture:
         """A fit in metres. Its likelihood is that of trees per square metre."""
-        deviation = np.exp(fit.hill[:, 3:])
+        deviation = np.exp(fit.hill[:, 3:].copy())
         mass = self.unit.gaussian_moments(fit.hill[:, 1:3], deviation)[0]
         width = deviation * np.sqrt(2) * self.side
         scale = 2 * len(self.points) * np.log(self.side)
         return FittedMixture(
             base=fit.base / self.window.area,
-            peak=np.exp(fit.hill[:, 0]) / (np.pi * width.prod(axis=1) * mass),
+            peak=np.exp(column(fit.hill, 0)) / (np.pi * width.prod(axis=1) * mass),
             centre=fit.hill[:, 1:3] * self.side + self.middle,
             width=width,
             window=self.window,
@@ -218,7 +219,7 @@ class _Data:
     def _loss(self, theta: np.ndarray, based: bool) -> tuple[float, np.ndarray]:
         """Minus the log likelihood a tree, and its gradient."""
         count, hill = len(self.points), theta[based:].reshape(-1, 5)
-        trees, centre, deviation = np.exp(hill[:, 0]), hill[:, 1:3], np.exp(hill[:, 3:])
+        trees, centre, deviation = np.exp(column(hill, 0)), hill[:, 1:3], np.exp(hill[:, 3:].copy())
         mass, mean, square = self.unit.gaussian_moments(centre, deviation)
         mass = np.maximum(mass, 1e-12)
         peak = hill[:, 0] - np.log(2 * np.pi * mass) - hill[:, 3:].sum(axis=1)
@@ -260,7 +261,7 @@ def _ladder(data: _Data, hills: int | None) -> Iterator[_Fit]:
         start = max(tried, key=lambda fit: fit.score).scaled(len(data.points))
         current = data.climb(start)
         bare = data.climb(_Fit(0.0, current.hill, 0.0).scaled(len(data.points)))
-        if np.exp(current.hill[:, 0]).min() < TREES_A_HILL:
+        if np.exp(column(current.hill, 0)).min() < TREES_A_HILL:
             return
         yield current
         yield bare
@@ -300,7 +301,7 @@ def _with_another_hill(data: _Data, fit: _Fit) -> Iterator[_Fit]:
 
 
 def _density(fit: _Fit, unit: Window, points: np.ndarray) -> np.ndarray:
-    deviation = np.exp(fit.hill[:, 3:])
+    deviation = np.exp(fit.hill[:, 3:].copy())
     mass = np.maximum(unit.gaussian_moments(fit.hill[:, 1:3], deviation)[0], 1e-12)
     peak = fit.hill[:, 0] - np.log(2 * np.pi * mass) - fit.hill[:, 3:].sum(axis=1)
     terms = np.exp(_features(points) @ _quadratic(peak, fit.hill[:, 1:3], deviation))

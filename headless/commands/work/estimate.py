@@ -16,10 +16,11 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from forest_addon.base.places import ASSETS
+from forest_addon.base.places import ASSETS, version
 from forest_addon.base.progress import Say
 from forest_addon.base.rng import stream
 from forest_addon.formats.atomic import replacing
+from forest_addon.formats.toml_text import VERSION_KEY
 from forest_addon.formats.tree_map import TreeMap, read_rings, read_tree_map
 from forest_addon.spec import Forest, Gaussian, Planting, Raster, Scene, SpecError
 from forest_addon.stand.compose import process_of
@@ -268,6 +269,7 @@ def _scene_text(scene: Scene, source: str, method: str, positions: np.ndarray) -
     nearest = cKDTree(places).query(places, k=2)[0][:, 1].min() if len(places) > 1 else 0.0
     lines = [
         f"# Estimated from {source}, {method}, by python -m headless estimate.",
+        f'{VERSION_KEY} = "{version()}"',
         f"name = {json.dumps(scene.name)}",
         f"seed = {scene.seed}",
     ]

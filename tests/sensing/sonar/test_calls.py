@@ -154,7 +154,7 @@ def test_doppler_with_measured_ears_keeps_the_tolerance(tolerance, known, model)
     )
     pose = SonarPose(np.zeros(3), np.eye(3), np.array([9.0, 3.0, 0]))
     discs = discs_of(places, rng.normal(size=(300, 3)), rng.uniform(0.003, 0.05, 300))
-    given = {"pose": pose, "equipment": Equipment.of(sonar, hear=ears)}
+    given = {"pose": pose, "equipment": Equipment.of(sonar, hears=(ears,))}
     fast = ping(discs, sonar.changed(tolerance=tolerance), AIR, **given)
     exact = ping(discs, sonar, AIR, **given)
     size = exact.size[:, None]

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 from references.leaf_discs import discs_of
 
-from forest_addon.sensing.sonar.beam import BeamPattern, GaussianBeam, Horseshoe, MeasuredBeam, Omni
+from forest_addon.sensing.sonar.beam import (
+    BeamPattern,
+    GaussianBeam,
+    Horseshoe,
+    MeasuredBeam,
+    MeasuredSphere,
+    Omni,
+)
 from forest_addon.sensing.sonar.ping import Echo, ping
 from forest_addon.sensing.sonar.poses import SonarPose, poses_of
 from forest_addon.sensing.sonar.station import Equipment
@@ -36,6 +43,15 @@ def measured() -> MeasuredBeam:
     return MeasuredBeam(angle, np.array([60e3, 70e3, 80e3]), level.T)
 
 
+def all_round() -> MeasuredSphere:
+    """A pattern without any order, from 60 directions."""
+    rng = np.random.default_rng(5)
+    towards = rng.normal(size=(60, 3))
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    at = np.array([60e3, 70e3, 80e3])
+    return MeasuredSphere.all_round(towards, at, rng.uniform(-40, 0, (60, 3)))
+
+
 def test_horseshoe_widths_are_those_of_the_paper() -> None:
     width = np.rad2deg(Horseshoe().width(np.array([60e3, 70e3, 80e3])))
     cubic = [0.011333 * f**3 - 2.3219 * f**2 + 156.15 * f - 3402.7 for f in (60, 70, 80)]
@@ -54,7 +70,7 @@ def test_measured_patterns_pass_through_what_was_measured() -> None:
 
 
 @pytest.mark.parametrize(
-    "beam", [GaussianBeam((0.5, 0.2)), Horseshoe(), measured(), Omni()], ids=type
+    "beam", [GaussianBeam((0.5, 0.2)), Horseshoe(), measured(), all_round(), Omni()], ids=type
 )
 def test_no_gain_exceeds_its_bounds(beam: BeamPattern) -> None:
     rng = np.random.default_rng(0)
@@ -94,7 +110,7 @@ def test_a_measured_beam_is_heard() -> None:
     discs = discs_of(place, place, 0.01)
     with pytest.raises(ValueError, match="has not been read"):
         ping(discs, sonar, AIR)
-    equipment = Equipment(measured(), measured(), None)
+    equipment = Equipment(measured(), (measured(),), None)
     gain = (
         ping(discs, sonar, AIR, equipment=equipment).spectrum / echo_of(place, beam="omni").spectrum
     )

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ....base.vectors import azimuth_of
 from .clutter import LAYER
 from .scatter import ANGLES, Scatter
 from .transport import PhaseFunction
@@ -276,7 +277,7 @@ def _count(
 
 def _of_trunks(band: np.ndarray, way: np.ndarray, away: np.ndarray, tables: _Tables) -> np.ndarray:
     """(N,) per steradian from one way to another by a trunk, over slopes that are alike."""
-    turned = np.arctan2(away[:, 1], away[:, 0]) - np.arctan2(way[:, 1], way[:, 0])
+    turned = azimuth_of(away) - azimuth_of(way)
     turned = np.abs((turned + math.pi) % (2.0 * math.pi) - math.pi)
     count = tables.towards.shape[1]
     cell = np.minimum((turned * (count / math.pi)).astype(np.int64), count - 1)

@@ -24,6 +24,7 @@ import numpy as np
 
 from ....acoustics.cylinder import transfer
 from ....acoustics.extinction import cross_sections
+from ....base.vectors import azimuth_of
 
 ANGLES = 1440  # of the table of |H|², 0 to π
 MOST_MEETINGS = 400
@@ -202,7 +203,7 @@ def transported(
             rows = np.flatnonzero(real)
             away = receiver - place[rows]
             distance = np.hypot(*away.T)
-            turned = np.arctan2(away[:, 1], away[:, 0]) - heading[rows]
+            turned = azimuth_of(away) - heading[rows]
             turned = np.abs((turned + math.pi) % (2.0 * math.pi) - math.pi)
             through = np.exp(-density.between(place[rows], receiver) * phase.width)
             counted = weight[rows] * phase.towards(turned) * through
