@@ -49,13 +49,15 @@ def compare_diameters(folder: Path, seed: int) -> list[Comparison]:
     smooth = measure_boles(SCANNER, seed, bark=False)
     ours = 100 * (rough["quantiles"] - rough["tape"])
     found = 100 * (smooth["quantiles"] - smooth["tape"])
+    by_range, by_diameter = _by_range(stems[:, 0], less), _by_diameter(stems)
+    quarter, three = _said(rough, "quarter"), _said(rough, "three_quarters")
     words = (
         f"{len(stems)} stems of {16 - len(left)} plots (mirrored lists: {chance}; plots "
-        f"{', '.join(left)} do not match), standard deviation {less.std():.1f} cm; by range {_by_range(stems[:, 0], less)}; by "
-        f"diameter {_by_diameter(stems)} of it. Ours is FORTLS's diameter less the tape's, of boles with "
-        f"bark: by range {_by_range(rough['range'], ours)}; of round, smooth boles {found.mean():.2f}. A "
-        f"circle by least squares is {_said(rough, 'circle')} cm off the tape; FORTLS without the lowest quarter "
-        f"{_said(rough, 'quarter')}, without three quarters {_said(rough, 'three_quarters')}; the tape is "
+        f"{', '.join(left)} do not match), standard deviation {less.std():.1f} cm; by range {by_range}; "
+        f"by diameter {by_diameter} of it. Ours is FORTLS's diameter less the tape's, of boles with "
+        f"bark: by range {_by_range(rough['range'], ours)}; of round, smooth boles {found.mean():.2f}. "
+        f"A circle by least squares is {_said(rough, 'circle')} cm off the tape; FORTLS without the "
+        f"lowest quarter {quarter}, without three quarters {three}; the tape is "
         f"{-_said_of(rough, 'area'):+.2f} off the diameter of the same area. Within 1 cm."
     )
     residual = 1000 * rough["residual"][np.isfinite(rough["residual"])]

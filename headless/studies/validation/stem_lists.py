@@ -32,7 +32,7 @@ class StemMatch:
 
     @property
     def certain(self) -> bool:
-        """Whether far more stems meet than by chance."""
+        """Tell whether far more stems meet than by chance."""
         return len(self.given) > CERTAIN * self.chance
 
 

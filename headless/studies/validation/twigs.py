@@ -65,8 +65,8 @@ def compare_twigs(out: Path, seed: int) -> list[Comparison]:
             *("volume of a tree overestimated", "%", Interval(MEASURED), Interval(over["real"])),
             None,
             words="Not judged: measured are whole models of trees, with wind, joined scans and twigs that "
-            f"are modelled as one; ours is what beam and noise add. Fitted over true diameter: {said}. *Before* "
-            "is without errors.",
+            f"are modelled as one; ours is what beam and noise add. Fitted over true diameter: {said}. "
+            "*Before* is without errors.",
             before=Interval(over["none"]),
         ),
         Comparison(
