@@ -71,7 +71,7 @@ class Reverb(Sensor):
     heard_as: str = param(
         "omni",
         help="each receiver is a microphone; or four channels of first-order ambisonics; or two ears by "
-        "the head of head_file",
+        "the head of a SOFA file",
         choices=("omni", "ambisonics", "binaural"),
     )
     head_file: str = param(

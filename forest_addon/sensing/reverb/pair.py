@@ -215,7 +215,7 @@ class Pair:
         return expansions.tails[same]
 
     def _energy(self, frequency: float) -> Sent:
-        """What the source sends by ways at a frequency, as energy."""
+        """Return the energy that the source sends by ways at a frequency."""
 
         def sent(way: np.ndarray) -> np.ndarray:
             gain = self.directivity.around(self._from_axis(way), frequency)

@@ -20,15 +20,15 @@ from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
 from forest_addon.spec import Air
 
 from .comparison import Comparison, Interval, Picture
-from .reverb_decay import Decay, decay_of, missing_loss, read_recording
-from .reverb_ensemble import Ensemble, judge
-from .reverb_losses import judge_losses
-from .reverb_pictures import draw_ablation, draw_bands, draw_decays, draw_ensembles
-from .reverb_range import BANDS as RANGE_BANDS
-from .reverb_range import NEAREST, Range, range_of, read_range
-from .reverb_sources import ring
-from .reverb_stands import Path as SoundPath
-from .reverb_stands import PlausibleStand, heard, plausible_stands, settings, variants
+from .responses.decay import Decay, decay_of, missing_loss, read_recording
+from .responses.ensemble import Ensemble, judge
+from .responses.levels import BANDS as RANGE_BANDS
+from .responses.levels import NEAREST, Range, range_of, read_range
+from .responses.losses import judge_losses
+from .responses.pictures import draw_ablation, draw_bands, draw_decays, draw_ensembles
+from .responses.sources import ring
+from .responses.stands import Path as SoundPath
+from .responses.stands import PlausibleStand, heard, plausible_stands, settings, variants
 
 TITLE = "Forest reverb"
 SUMMARY = """\
@@ -94,7 +94,7 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
     SpecError : a recording or a stand cannot be read.
     """
     if arguments.file:
-        from .reverb_own import validate_own
+        from .responses.own import validate_own
 
         return validate_own(arguments.file, arguments.stand, out)
     recording = data / RECORDING

@@ -20,9 +20,9 @@ from forest_addon.sensing.reverb.forest.tail import tail_of
 from forest_addon.sensing.reverb.forest.transport import Density, Sent
 from forest_addon.spec import Air
 
-from .reverb_sources import MONITOR
-from .reverb_stands import Path as SoundPath
-from .reverb_stands import PlausibleStand, settings
+from .sources import MONITOR
+from .stands import Path as SoundPath
+from .stands import PlausibleStand, settings
 
 ALPINE = Air(temperature_c=15.0, humidity=60.0, pressure_kpa=88.0)
 NEAREST = 10.0  # m, where levels are 0 dB
@@ -69,7 +69,7 @@ def range_of(stand: PlausibleStand, distance: np.ndarray, seed: int, height: flo
 
 
 def _towards_the_transect(frequency: float) -> Sent:
-    """What the loudspeaker sends by ways, re that along x."""
+    """Return the energy that the loudspeaker sends by ways, re that along x."""
     return lambda way: MONITOR.around(way[:, 0], frequency) ** 2
 
 
