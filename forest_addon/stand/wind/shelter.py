@@ -9,7 +9,8 @@ import numpy as np
 from ...growth.sway.wood import GreenWood
 from ...growth.tree import Tree
 from ..forest import GrownForest
-from .response import DRAG, WOOD_DRAG
+from .field import DRAG
+from .response import WOOD_DRAG
 
 LAYERS = 40  # from the ground to the tops
 SLICES = 100  # of a variant's height
@@ -29,8 +30,8 @@ def drag_area_of(
     for key, tree in forest.variants.items():
         mine = (stand.species == key[0]) & (stand.variant == key[1])
         place, area = drag_slices(tree, wood_of(key).one_sided)
-        layer = np.outer(stand.scale[mine], place) / height * LAYERS
-        layer = np.clip(layer.astype(np.int64), 0, LAYERS - 1)
+        z = np.outer(stand.scale[mine], place)
+        layer = np.clip((z / height * LAYERS).astype(np.int64), 0, LAYERS - 1)
         own = np.outer(stand.scale[mine] ** 2, area)
         found += np.bincount(layer.ravel(), own.ravel(), minlength=LAYERS)
     return found / stand.area
