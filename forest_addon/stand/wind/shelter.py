@@ -30,10 +30,10 @@ def drag_area_of(
     for key, tree in forest.variants.items():
         mine = (stand.species == key[0]) & (stand.variant == key[1])
         place, area = drag_slices(tree, wood_of(key).one_sided)
-        z = np.outer(stand.scale[mine], place)
-        layer = np.clip((z / height * LAYERS).astype(np.int64), 0, LAYERS - 1)
+        layer = np.outer(stand.scale[mine], place) / height * LAYERS
+        rows = np.clip(layer.astype(np.int64), 0, LAYERS - 1)
         own = np.outer(stand.scale[mine] ** 2, area)
-        found += np.bincount(layer.ravel(), own.ravel(), minlength=LAYERS)
+        found += np.bincount(rows.ravel(), own.ravel(), minlength=LAYERS)
     return found / stand.area
 
 
