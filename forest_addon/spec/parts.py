@@ -44,7 +44,7 @@ def beam_width(default: float, what: str) -> Any:
 
 
 def motion() -> Any:
-    """Whether a sensor heeds that a scene moves."""
+    """The switch by which a sensor heeds that a scene moves."""
     words = (
         "animated objects are where they are at the time of each pulse or ping, counted from the scene's "
         "first frame; left out: all stands as at the present frame"

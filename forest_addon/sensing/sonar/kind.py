@@ -43,7 +43,7 @@ def targets_of(seen: Seen) -> Any:
 
 
 def _targets(job: Observation) -> Any:
-    """What sounds back, as it moves where that is asked for."""
+    """Return what sounds back, as it moves where that is asked for."""
     still = job.seen.once(targets_of)
     if not job.sensor.motion or job.moving is None:
         return still
