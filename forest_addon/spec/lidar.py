@@ -84,7 +84,7 @@ class Beam(Settings):
         le=1000,
     )
     max_returns: int = param(
-        1, help="echoes that are kept of a pulse; which of them: receiver.keep", ge=1, le=15
+        1, help="echoes that are kept of a pulse; the receiver chooses which", ge=1, le=15
     )
     extinction: float = param(
         0.0, unit="1/m", help="light that a metre of air takes from a beam", ge=0, le=10
@@ -142,7 +142,7 @@ class Receiver(Settings):
     )
     keep: str = param(
         "first",
-        help="which returns are kept where a pulse has more than max_returns",
+        help="which returns are kept where a pulse has more than are kept of it",
         choices=("first", "last", "strongest", "strongest+last"),
     )
     dynamic_range: float = param(
@@ -184,7 +184,7 @@ class Scanner(Sensor):
     max_range: float = range_limit(120.0)
     faintest: float = param(
         0.0,
-        help="reflectance that a facing surface needs to be seen at max_range; 0: everything is seen",
+        help="reflectance that a facing surface needs to be seen at the largest range; 0: everything is seen",
         ge=0,
         le=1,
     )

@@ -131,13 +131,13 @@ def _strips(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and triangles of needles around x from 0 to 1: narrow kites, each turned about itself.
 
-    Those of a fascicle spring from one place and lean apart.
+    Those of a fascicle spring from one place and lean apart. They stand along all of the shoot, so that the
+    last stand out beyond its end.
     """
     k, angle = np.arange(count), np.deg2rad(needles.angle_deg)
     bundle, of_bundle = np.divmod(k, needles.together)
     bundles = -(-count // needles.together)
-    tip_room = reach * np.cos(angle)
-    along = BARE + (1 - BARE - max(min(tip_room, 0.9), 0)) * (bundle + 0.5) / bundles
+    along = BARE + (1 - BARE) * (bundle + 0.5) / bundles
     azimuth, lean = GOLDEN * bundle, angle * (1 - 0.5 * (bundle / bundles) ** 3)
     radial = np.stack([np.zeros(count), np.cos(azimuth), np.sin(azimuth)], axis=1)
     way = np.cos(lean)[:, None] * [1.0, 0, 0] + np.sin(lean)[:, None] * radial

@@ -18,6 +18,7 @@ from ...acoustics.nonuniform import sum_delayed
 from ...acoustics.smoothness import Smoothness, smoothness
 from ...base.progress import Progress
 from .bands import BandGrid
+from .leaves import LOOKED_UP
 from .scatterers import ScattererPart, Strength
 from .search import SearchGroup
 from .station import Station
@@ -74,11 +75,12 @@ def panels(grid: BandGrid, station: Station) -> list[BandGrid]:
     """The grid, cut where a beam's gain has a kink over the frequency."""
     beams = station.equipment.emit, *station.equipment.hears
     kinks = {kink for beam in beams for kink in beam.kinks()}
-    cuts = sorted({math.ceil((kink - grid.start) / grid.spacing) for kink in kinks})
-    edges = [0, *(cut for cut in cuts if 0 < cut < grid.count), grid.count]
+    cuts = {math.ceil((kink - grid.start) / grid.spacing): kink for kink in sorted(kinks)}
+    inside = {cut: kink for cut, kink in cuts.items() if 0 < cut < grid.count}
+    edges = [(0, grid.ends[0]), *inside.items(), (grid.count, grid.ends[1])]
     return [
-        replace(grid, start=grid.start + first * grid.spacing, count=last - first)
-        for first, last in pairwise(edges)
+        replace(grid, start=grid.start + first * grid.spacing, count=last - first, ends=(low, high))
+        for (first, low), (last, high) in pairwise(edges)
     ]
 
 
@@ -94,13 +96,15 @@ def _over(
     total, done = sum(len(group) for group in groups) * len(station.ear), 0
     sums = () if weights is None else (weights[0].shape[1],)
     spectrum = np.zeros((len(station.ear), *sums, grid.count), dtype=np.complex128)
-    band = (grid.start, grid.start + grid.spacing * (grid.count - 1))
+    band = grid.ends
     lowest, highest = (2.0 * math.pi * end / station.sound_speed for end in band)
     error, table, size = np.zeros((3, len(station.ear)))
     for number, group in enumerate(groups):
         for ear in range(len(station.ear)):
             seen = group.seen(station, ear)
-            parts = seen.parts(lowest, highest) if tolerance else [_whole(seen, len(group))]
+            parts = [_whole(seen, len(group))]
+            if tolerance:
+                parts = seen.parts(lowest, highest, tolerance)
             doubtful = seen.error(highest)
             if doubtful is not None:
                 table[ear] += float((group.gain(station, ear, band[:1])[0] * doubtful).sum())
@@ -108,15 +112,18 @@ def _over(
             for part in parts:
                 some = group if len(part.rows) == len(group) else group.select(part.rows)
                 alone = whole or np.count_nonzero(part.offset) == 0
+                if part.off is not None:
+                    error[ear] += float((some.gain(station, ear, band[:1])[0] * part.off).sum())
                 found = sum_delayed(
                     Heard(some, part.strength, station, ear),
                     (some.paths.length[ear] + part.offset) / station.sound_speed,
                     grid.start,
                     grid.spacing,
                     grid.count,
-                    tolerance=tolerance
+                    tolerance=tolerance * (1.0 if part.off is None else 1.0 - LOOKED_UP)
                     if alone
                     else tolerance * _together(some, station, ear, band),
+                    ends=band,
                     weights=None if weights is None else weights[number][part.rows],
                     smooth=smooth_of(some, part.strength, station, ear, band)
                     if tolerance
@@ -169,5 +176,6 @@ class Heard:
         """(Q, m) complex A of some rows at frequencies (Q,)."""
         wavenumber = 2.0 * math.pi * frequency / self._station.sound_speed
         amplitude = self._strength.select(rows).amplitude(wavenumber)
-        amplitude *= self._group.gain(self._station, self._ear, frequency, rows)
+        single = amplitude.dtype == np.complex64
+        amplitude *= self._group.gain(self._station, self._ear, frequency, rows, single=single)
         return amplitude

@@ -1,8 +1,8 @@
 """LiDAR against measured clouds: returns of a pulse, stems found from a tripod, and thin branches.
 
-Parts: a plot of conifers by drone and aircraft (``plots``), the same line by line (``clouds.flights``), gaps
-between returns (``clouds.gaps``), stems of measured plots from one tripod scan (``stems``), and diameters of
-thin branches in a scan with and without errors (``twigs``).
+Parts: a plot of conifers by drone and aircraft, line by line (``clouds.flights``), gaps between returns
+(``clouds.gaps``), stems of measured plots from one tripod scan (``stems``), their diameters beside those by
+hand (``diameters``), and of thin branches in a scan with and without errors (``twigs``).
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from pathlib import Path
 from .clouds.flights import compare_flights
 from .clouds.gaps import compare_gaps
 from .comparison import Comparison
+from .diameters import compare_diameters
 from .own_cloud import compare_own
-from .plots import compare_plots
 from .stems import compare_stems
 from .twigs import compare_twigs
 
@@ -80,8 +80,8 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
     """All parts; or a cloud of the user's own against a scene."""
     if arguments.file:
         return compare_own(arguments.file, arguments.scene, out)
-    found = compare_plots(data / "clouds", out, arguments.seed)
-    found += compare_flights(data / "clouds", arguments.seed)
+    found = compare_flights(data / "clouds", arguments.seed)
     found += compare_gaps(arguments.seed)
     found += compare_stems(data / "rioja", out, arguments.seed)
+    found += compare_diameters(data / "rioja", arguments.seed)
     return [*found, *compare_twigs(out, arguments.seed)]

@@ -39,6 +39,7 @@ STEMS = 4  # along a side of the plot
 DBH, HEIGHT = (0.128, 0.285), (15.0, 18.0)
 STATIONS = ((1.0, 1.0), (9.0, 1.0), (9.0, 9.0), (1.0, 9.0), (5.0, 5.0))
 STEP = 0.25  # degrees between beams
+COLUMNS = ("x", "y", "dbh", "height", "crown_width", "crown_base", "leaf_area")
 STANDS = 5  # plots of such stems
 BEECH = Wanted(0.517, 22.0, 12.0, 5.5, 330.0)
 WORDS = (
@@ -67,7 +68,10 @@ def pine_stems(seed: int) -> np.ndarray:
 
 
 def site_of(stems: np.ndarray, species: str, seed: int, undergrowth: str = "auto") -> ForestSite:
-    """The site of a list of stems (N, 4) of one species, looked at by a scanner."""
+    """The site of a list of stems (N, 4) of one species, looked at by a scanner.
+
+    Further columns are width and base of the crown, m, and leaf area, m².
+    """
     low = stems[:, :2].min(axis=0) - 1.0
     size = np.ptp(stems[:, :2], axis=0) + 2.0
     field = Field(
@@ -80,7 +84,7 @@ def site_of(stems: np.ndarray, species: str, seed: int, undergrowth: str = "auto
     with TemporaryDirectory() as folder:
         write_csv(
             Path(folder) / "stems.csv",
-            dict(zip(("x", "y", "dbh", "height"), stems.T.tolist(), strict=True)),
+            dict(zip(COLUMNS[: stems.shape[1]], stems.T.tolist(), strict=True)),
         )
         return ForestSite.read(scene, folder)
 

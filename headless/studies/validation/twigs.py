@@ -63,14 +63,15 @@ def compare_twigs(out: Path, seed: int) -> list[Comparison]:
     return [
         Comparison(
             *("volume of a tree overestimated", "%", Interval(MEASURED), Interval(over["real"])),
-            bool(MEASURED / 3 < over["real"] < 3 * MEASURED),
-            words=f"Same sign and order is what is judged. Fitted over true diameter: {said}. *Before* is "
-            "without errors. Wind and joining of scans, which add to it, are left out.",
+            None,
+            words="Not judged: measured are whole models of trees, with wind, joined scans and twigs that "
+            f"are modelled as one; ours is what beam and noise add. Fitted over true diameter: {said}. "
+            "*Before* is without errors.",
             before=Interval(over["none"]),
         ),
         Comparison(
             *("of it in branches thinner than 5 cm", "%", Interval(SHARE_THIN)),
-            *(Interval(thin["real"]), bool(abs(thin["real"] - SHARE_THIN) <= 20)),
+            *(Interval(thin["real"]), None),
             pictures=(picture,),
         ),
     ]

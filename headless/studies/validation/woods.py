@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from forest_addon.base.rng import stream
-from forest_addon.base.trimesh import GROUND, LEAF, WOOD, TriMesh
+from forest_addon.base.trimesh import GROUND, WOOD, TriMesh
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.mesh.tubes import tube
 from forest_addon.growth.tree import Tree, grow
@@ -21,27 +20,6 @@ def grown(name: str, count: int, seed: int) -> list[Tree]:
     """Trees of a preset."""
     species, template = load_species(find_species(name, Path()))
     return [grow(species, template, stream(seed, "validate", name, k)) for k in range(count)]
-
-
-def with_leaves(mesh: TriMesh, share: float, rng: np.random.Generator) -> TriMesh:
-    """A mesh of which this share of the leaves is left."""
-    leaf = mesh.leaf
-    kept = rng.random(int(leaf.max(initial=-1)) + 1) < share
-    return mesh.select((mesh.part != LEAF) | kept[np.maximum(leaf, 0)])
-
-
-def with_smaller_leaves(mesh: TriMesh, size: float) -> TriMesh:
-    """A mesh whose leaves are smaller by this factor, each about its middle."""
-    of_leaf = mesh.leaf >= 0
-    of_vertex = np.full(len(mesh.vertices), -1)
-    of_vertex[mesh.triangles[of_leaf]] = mesh.leaf[of_leaf][:, None]
-    rows = np.flatnonzero(of_vertex >= 0)
-    leaf = of_vertex[rows]
-    many = np.maximum(np.bincount(leaf), 1)
-    middle = np.stack([np.bincount(leaf, mesh.vertices[rows, k]) / many for k in range(3)], axis=1)
-    vertices = mesh.vertices.copy()
-    vertices[rows] = middle[leaf] + size * (vertices[rows] - middle[leaf])
-    return replace(mesh, vertices=vertices)
 
 
 def wood(

@@ -5,7 +5,8 @@ import pytest
 
 from forest_addon.base.rng import stream
 from headless.commands.work.like import FlownCloud
-from headless.studies.validation.clouds.flights import BLOCK, halves_apart, shares_of, threshold
+from headless.studies.validation.clouds.flights import BLOCK, halves_apart, shares_of
+from headless.studies.validation.clouds.light import IntensityScale, threshold
 from headless.studies.validation.own_cloud import CloudReturns
 
 
@@ -25,7 +26,7 @@ def test_a_threshold_of_light_is_read_from_lines_of_any_range():
     far = np.repeat([100.0, 190.0, 290.0], 20000)
     light = 1e-6 * rng.pareto(2.0, 60000) + 1e-6
     count = rng.integers(1, 4, 60000)
-    found = threshold(cloud_of(light, far, count, line), line, far, (-20.0, 0.0))
+    found = threshold(cloud_of(light, far, count, line), line, far, IntensityScale(-20.0, 0.0))
     # P(light < q) = 1 - (1e-6/q)²: a twentieth lies below 1e-6/√0.95.
     assert found == pytest.approx(1e-6 / np.sqrt(0.95), rel=0.01)
 
@@ -35,7 +36,7 @@ def test_a_line_whose_way_is_not_known_says_nothing_of_the_threshold():
     far = np.repeat([100.0, np.inf], 100)
     light, count = np.full(200, 3e-6), np.full(200, 2)
     cloud = cloud_of(light, np.full(200, 100.0), count, line)
-    assert threshold(cloud, line, far, (-20.0, 0.0)) == pytest.approx(3e-6, rel=1e-3)
+    assert threshold(cloud, line, far, IntensityScale(-20.0, 0.0)) == pytest.approx(3e-6, rel=1e-3)
 
 
 def test_shares_are_of_pulses_by_their_returns():

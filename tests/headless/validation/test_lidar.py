@@ -12,7 +12,6 @@ from forest_addon.base.rng import stream
 from forest_addon.spec import SpecError
 from headless.studies.validation import lidar, own_cloud
 from headless.studies.validation.own_cloud import CloudReturns, compare_own, read_cloud
-from headless.studies.validation.plots import counts, read_returns
 from headless.studies.validation.stems import find_stems, ratios, read_plots, taubin
 from headless.studies.validation.twigs import DIAMETERS, NONE, REAL
 from headless.studies.validation.twigs import ratios as thicker
@@ -69,7 +68,7 @@ def test_a_cloud_of_ones_own_needs_a_scene(tmp_path):
 
 @needs_measurements
 def test_measured_clouds_and_plots_are_as_their_readme_says():
-    shares = counts(read_returns(FOUND / "clouds" / "spanner_ALS.laz"))
+    shares, _ = read_cloud(FOUND / "clouds" / "spanner_ALS.laz").shares()
     assert np.allclose(100 * shares, [41.7, 32.5, 18.9, 5.9], atol=0.05)
     plots = [read_plots(FOUND / "rioja" / f"tree_{name}.csv") for name in ("field", "tls")]
     assert len(plots[0]) == 16

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from references.lidar_scenes import scene_with
 from references.rays_brute import BruteCaster
 
@@ -268,3 +270,34 @@ def test_far_echoes_fold_into_the_range_of_the_next_pulse():
     work = Scan(scanner, caster)
     parts = np.concatenate([piece.position for _, piece in work.chunks(at_once=97)])
     assert (parts == cloud.position).all()
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    dead_zone=st.one_of(st.just(0.0), st.floats(0.01, 20.0)),
+    most=st.integers(1, 15),
+    keep=st.sampled_from(KEEP),
+)
+def test_receivers_make_no_light_and_lose_none_without_a_reason(seed, dead_zone, most, keep):
+    """Fifty receivers, each for 200 pulses of its own: ten thousand."""
+    echoes = random_echoes(np.random.default_rng(seed), pulses=200)
+    told = awake(echoes, dead_zone)
+    seen = echoes.select(told)
+    kept = seen.select(chosen_returns(seen, most, keep))
+    light = np.bincount(echoes.pulse, echoes.energy, 200)
+    if not dead_zone:
+        assert np.bincount(seen.pulse, seen.energy, 200) == pytest.approx(light)
+    if not dead_zone and most >= 9:
+        assert np.bincount(kept.pulse, kept.energy, 200) == pytest.approx(light)
+    assert (np.bincount(kept.pulse, kept.energy, 200) <= light + 1e-9).all()
+    count = np.bincount(seen.pulse, minlength=200)
+    assert (np.bincount(kept.pulse, minlength=200) == np.minimum(count, most)).all()
+    same = np.diff(seen.pulse) == 0
+    assert (np.diff(seen.distance)[same] >= dead_zone).all()
+    for row in np.setdiff1d(
+        np.arange(len(echoes.pulse)), told
+    ):  # each lost one is near one that was told
+        mine = seen.distance[seen.pulse == echoes.pulse[row]]
+        away = echoes.distance[row] - mine
+        assert ((away >= 0) & (away < dead_zone)).any()

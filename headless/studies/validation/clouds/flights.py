@@ -1,10 +1,13 @@
-"""FlightOfCloud lines of two real clouds over one plot of conifers, each flown again over a stand of ours.
+"""Flight lines of two real clouds over one plot of conifers, each flown again over a stand of ours.
 
-Trees stand where the drone's cloud has its summits, as high as these, with the diameters that pines of these
-heights have; around the plot the same stand goes on. Way, height and fan of each line are read from the
-cloud's own pulses (``surveys``). The instruments are assumed as typical of their kind. The threshold is read
-from each cloud: the light of the faintest twentieth of what came back in pulses of several returns, its
-intensities taken for reflectances from -20 to 0 dB; the median of the lines. Nothing else follows the clouds.
+Trees stand where the drone's cloud has its summits, with heights, crowns and leaf area as the clouds tell
+them (``crowns``); around the plot the same stand goes on. Way, height and fan of each line are read from the
+cloud's own pulses (``surveys``), reflectances and the threshold of detection from its intensities
+(``light``). Beams are assumed as typical of such instruments. Shares of returns are not looked at for any of
+that.
+
+The drone's slanted lines hold plants alone: whoever made the file took the ground out of them. Of such a
+line pulses are compared whose first return is a plant's, in ours as in the real one.
 """
 
 from __future__ import annotations
@@ -16,40 +19,42 @@ import numpy as np
 
 from forest_addon.base.rng import stream
 from forest_addon.blender.rays.casters import make_caster
-from forest_addon.growth.library.allometry_file import read_allometry
-from forest_addon.growth.measured.allometry import middle
+from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.scan import scan
-from forest_addon.sensing.lidar.surveys.flown import lines_of
+from forest_addon.sensing.lidar.surveys.flown import FlightLine, lines_of
 from forest_addon.sensing.lidar.surveys.like import pattern_like, scanner_like
+from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Beam, Mobile, Rays, SpecError, Surfaces
 
 from ....commands.work.like import FlownCloud, read_flown
 from ..comparison import Comparison, Interval
-from ..living import geometry_of, site_of, tops_of
+from ..living import geometry_of, site_of
 from ..own_cloud import CloudReturns, read_cloud
+from .crowns import BARE, trees_of
+from .light import IntensityScale, reflectances, scale_of, threshold
 from .yardstick import ground_below
 
 SPECIES = "ponderosa-pine"
-SURFACES = Surfaces(wood=0.4, leaf=0.35, ground=0.3)
+WOOD, GROUND = 0.4, 0.3  # reflectances; the ground's where intensities have no scale
 NEAR = 0.05  # of a share, that counts as the same
-FAINTEST = 0.05  # share of the echoes that are taken for the threshold
-AROUND = 1  # copies of the plot to each side
-SCALE = (
-    -20.0,
-    0.0,
-)  # dB of reflectance at the ends of the intensities: the drone's step by 0.01 of 20 dB
+AROUND = 3  # copies of the plot to each side: beams at 68 degrees come from 62 m away
+STEEP = 40.0  # degrees: lines nearer to the nadir tell reflectances
+NO_GROUND = 0.001  # share of first returns on the ground, below which a line has none
 BLOCK, HALVES = 5.0, 40  # metres, and halvings of a line's blocks
+MOST = 8000  # pulses of a line that are flown again; of more, so many of them
 RANGE = 1.3  # times the farthest return
 
 
 @dataclass(frozen=True)
 class FlightOfCloud:
-    """Name and file of a cloud, and the beam that is assumed of its instrument."""
+    """Name and file of a cloud, the beam that is assumed of its instrument, and the scale of its intensities
+    where the file tells it."""
 
     name: str
     file: str
     beam: Beam
+    scale: IntensityScale | None = None
 
 
 FLIGHTS = (
@@ -59,44 +64,76 @@ FLIGHTS = (
         Beam(
             divergence_mrad=(0.5, 0.5),
             exit_diameter=0.0045,
-            subrays=19,
+            subrays=61,
             pulse_ns=3.0,
             max_returns=5,
         ),
+        IntensityScale(-20.0, 0.0),  # steps of 0.01 of 20 dB
     ),
     FlightOfCloud(
         "aircraft",
         "spanner_ALS.laz",
-        Beam(divergence_mrad=(0.25, 0.25), subrays=19, pulse_ns=4.0, max_returns=7),
+        Beam(divergence_mrad=(0.25, 0.25), subrays=61, pulse_ns=4.0, max_returns=7),
     ),
 )
 
 
+@dataclass(frozen=True)
+class ReadFlight:
+    """A cloud as it was read: its returns, lines by number, ranges (N,) m (inf where they are not known),
+    angles off nadir (N,) degrees, heights (N,) m over the ground."""
+
+    flight: FlightOfCloud
+    cloud: FlownCloud
+    returns: CloudReturns
+    lines: dict[int, FlightLine]
+    far: np.ndarray
+    angle: np.ndarray
+    height: np.ndarray
+
+    @property
+    def steep(self) -> np.ndarray:
+        """(N,) returns of lines near the nadir."""
+        return self.angle < STEEP
+
+
+def read_flight(flight: FlightOfCloud, folder: Path) -> ReadFlight:
+    """A cloud of a folder, its lines, ranges and heights."""
+    cloud, returns = read_flown(folder / flight.file), read_cloud(folder / flight.file)
+    lines = lines_of(cloud.place, cloud.time, cloud.number, cloud.count, cloud.line)
+    far, angle = np.full(len(cloud.time), np.inf), np.full(len(cloud.time), np.inf)
+    for number, line in lines.items():
+        rows = cloud.line == number
+        away = line.at(cloud.time[rows]) - cloud.place[rows]
+        far[rows] = np.linalg.norm(away, axis=1)
+        angle[rows] = np.degrees(np.arccos(np.clip(away[:, 2] / far[rows], -1, 1)))
+    return ReadFlight(flight, cloud, returns, lines, far, angle, returns.heights())
+
+
 def compare_flights(clouds: Path, seed: int, species: str = SPECIES) -> list[Comparison]:
     """Share of single returns, line by line, measured and flown again."""
-    scene, low = plot_like(clouds / FLIGHTS[0].file, species, seed)
-    found = []
-    for flight in FLIGHTS:
-        found += _lines(flight, clouds / flight.file, scene, low, seed)
-    return found
+    flights = [read_flight(flight, clouds) for flight in FLIGHTS]
+    scene, low = plot_like(*flights, species, seed)
+    caster = make_caster(scene, Rays())
+    return [row for read in flights for row in _lines(read, caster, low, seed)]
 
 
-def plot_like(file: Path, species: str, seed: int) -> tuple[SceneGeometry, np.ndarray]:
-    """The stand in the places of a cloud's summits, and (3,) where its corner lies in the cloud's numbers."""
-    real = read_cloud(file).place
+def plot_like(
+    dense: ReadFlight, upright: ReadFlight, species: str, seed: int
+) -> tuple[SceneGeometry, np.ndarray]:
+    """The stand of a plot's trees, and (3,) where its corner lies in the clouds' numbers.
+
+    dense, upright : clouds that tell the crowns, and what light passes them.
+    """
+    real = dense.returns.place
     low = real.min(axis=0)
-    place = real - low
-    floor = ground_below(place)
-    tops = tops_of(place, place[:, 2] - floor)
-    law = read_allometry("pinus-sylvestris", Path())
-    dbh = np.linspace(0.05, 1.0, 400)
-    stems = np.column_stack(
-        [tops[:, :2], np.interp(tops[:, 2], np.exp(middle(law.height, dbh)), dbh), tops[:, 2]]
-    )
-    size = np.ptp(place[:, :2], axis=0)
+    floor = ground_below(real - low)
+    zenith = float(np.mean(upright.angle[upright.steep]))
+    trees = trees_of(dense.returns, upright.returns, zenith, species, low, floor + low[2])
+    size = np.ptp(real[:, :2], axis=0)
     near = range(-AROUND, AROUND + 1)
     shifts = [np.array([i, j]) * size for i in near for j in near]
-    site = site_of(stems, species, seed)
+    site = site_of(trees, species, seed)
     whole = geometry_of(site, site.grow())
     return _repeated(whole, shifts), low + np.array([0.0, 0.0, float(np.median(floor))])
 
@@ -120,77 +157,66 @@ def _repeated(scene: SceneGeometry, shifts: list[np.ndarray]) -> SceneGeometry:
     )
 
 
-def threshold(
-    returns: CloudReturns, line: np.ndarray, far: np.ndarray, scale: tuple[float, float]
-) -> float:
-    """Light, 1/m², of the faintest twentieth of the echoes of several of a pulse: the median of the lines.
-
-    line, far : (N,) number of its line and range, m; inf where it is not known. scale : dB of reflectance
-        that an intensity of 0 and one of 65535 stand for; what lies at its lower end is not counted.
-    """
-    span = scale[1] - scale[0]
-    light = 10 ** ((scale[0] + span * returns.intensity / 65535) / 10) / far**2
-    several = (returns.count > 1) & (returns.intensity > 0)
-    seen = [
-        float(np.quantile(light[several & (line == number)], FAINTEST))
-        for number in np.unique(line).tolist()
-        if np.isfinite(far[line == number]).all()
-    ]
-    return float(np.median(seen))
+def scanner_of(read: ReadFlight) -> tuple[Mobile, float]:
+    """A scanner that sees what a flight's own returns say, and the threshold of its light, 1/m²."""
+    some = read.returns.take(read.steep)
+    height = read.height[read.steep]
+    scale = read.flight.scale or scale_of(some, height, GROUND)
+    leaf, ground = reflectances(some, height, scale, float(np.mean(read.angle[read.steep])))
+    faint = threshold(read.returns, read.cloud.line, read.far, scale)
+    surfaces = Surfaces(wood=WOOD, leaf=min(leaf, 1.0), ground=min(ground, 1.0))
+    return Mobile(min_range=1.0, surfaces=surfaces, beam=read.flight.beam), faint
 
 
-def _lines(
-    flight: FlightOfCloud, file: Path, scene: SceneGeometry, low: np.ndarray, seed: int
-) -> list[Comparison]:
+def _lines(read: ReadFlight, caster: RayCaster, low: np.ndarray, seed: int) -> list[Comparison]:
     """Rows of the lines of a cloud that are long enough to tell their pattern."""
-    cloud, returns = read_flown(file), read_cloud(file)
-    lines = lines_of(cloud.place, cloud.time, cloud.number, cloud.count, cloud.line)
-    far = np.full(len(cloud.time), np.inf)
-    for number, line in lines.items():
-        rows = cloud.line == number
-        far[rows] = np.linalg.norm(cloud.place[rows] - line.at(cloud.time[rows]), axis=1)
-    faint = threshold(returns, cloud.line, far, SCALE)
-    caster, found = make_caster(scene, Rays()), []
+    cloud, found = read.cloud, []
     unread: list[str] = []  # lines with too few sweeps to tell how they were flown
-    size = np.ptp(cloud.place[:, :2], axis=0)
+    plain, faint = scanner_of(read)
     halves = halves_apart(cloud, seed)
-    for number, line in lines.items():
+    for number, line in read.lines.items():
         rows = (cloud.line == number) & (cloud.number == 1)
         try:
             pattern = pattern_like(line, cloud.place[rows], cloud.time[rows])
         except SpecError:
             unread.append(f"{number} ({100 * shares_of(cloud.count[rows])[0]:.0f} % single)")
             continue
-        farthest = RANGE * float(far[rows].max())
-        plain = Mobile(
-            min_range=1.0,
-            max_range=farthest,
-            faintest=min(faint * farthest**2, 1.0),
-            surfaces=SURFACES,
-            beam=flight.beam,
-        )
-        ours = scan(scanner_like(plain, line, pattern, low, line.time[0]), caster, seed)
-        place = ours.position[:, :2]
-        first = ((place >= 0) & (place <= size)).all(axis=1) & (ours.number == 1)
-        away = line.at(cloud.time[rows]) - cloud.place[rows]
-        angle = float(np.degrees(np.median(np.arccos(away[:, 2] / far[rows]))))
-        real, mine = (shares_of(count) for count in (cloud.count[rows], ours.count[first]))
-        limit = 100 * faint * float(np.median(far[rows])) ** 2
-        found.append(
-            Comparison(
-                f"{flight.name}, single returns at {angle:.0f}° (line {number})",
-                "%",
-                Interval(100 * real[0], *(100 * (real[0] + np.array([-1, 1]) * halves[number]))),
-                Interval(100 * mine[0]),
-                bool(abs(real[0] - mine[0]) <= NEAR),
-                words=f"2, 3 and 4 returns: measured {_said(real)} %, ours {_said(mine)} %; {rows.sum():,} "
-                f"and {first.sum():,} pulses; threshold {limit:.1f} % at {np.median(far[rows]):,.0f} m.",
-            )
-        )
+        farthest = RANGE * float(read.far[rows].max())
+        limited = plain.changed(max_range=farthest, faintest=min(faint * farthest**2, 1.0))
+        like = scanner_like(limited, line, pattern, low, line.time[0])
+        fewer = like.changed(pulse_rate=like.pulse_rate / max(1.0, rows.sum() / MOST))
+        ours = scan(fewer, caster, seed)
+        found.append(_row(read, number, ours, faint, halves[number]))
     if unread and found:
         words = f" Too few sweeps tell how line {', '.join(unread)} was flown: left out."
+        s = plain.surfaces
+        words += f" Leaves reflect {100 * s.leaf:.0f} %, the ground {100 * s.ground:.0f} %."
         found[0] = replace(found[0], words=found[0].words + words)
     return found
+
+
+def _row(read: ReadFlight, number: int, ours: Cloud, faint: float, half: float) -> Comparison:
+    """Single returns of a line beside those of ours, half: how far apart its halves are, as a share."""
+    cloud = read.cloud
+    rows = (cloud.line == number) & (cloud.number == 1)
+    place = ours.position
+    inside = (place[:, :2] >= 0) & (place[:, :2] <= np.ptp(cloud.place[:, :2], axis=0))
+    first = inside.all(axis=1) & (ours.number == 1)
+    bare = bool((read.height[rows] < BARE).mean() < NO_GROUND)
+    if bare:
+        rows, first = rows & (read.height >= BARE), first & (place[:, 2] >= BARE)
+    real, mine = (shares_of(count) for count in (cloud.count[rows], ours.count[first]))
+    far = float(np.median(read.far[rows]))
+    only = " Pulses that meet a plant first: the file has no ground in this line." if bare else ""
+    return Comparison(
+        f"{read.flight.name}, single returns at {np.median(read.angle[rows]):.0f}° (line {number})",
+        "%",
+        Interval(100 * real[0], *(100 * (real[0] + np.array([-1, 1]) * half))),
+        Interval(100 * mine[0]),
+        bool(abs(real[0] - mine[0]) <= NEAR),
+        words=f"2, 3 and 4 returns: measured {_said(real)} %, ours {_said(mine)} %; {rows.sum():,} and "
+        f"{first.sum():,} pulses; threshold {100 * faint * far**2:.1f} % at {far:,.0f} m.{only}",
+    )
 
 
 def shares_of(count: np.ndarray) -> np.ndarray:
