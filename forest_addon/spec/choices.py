@@ -171,6 +171,10 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
             "Of the white surface that would fill the beam at that range and send as much back",
         ),
     },
+    "beyond": {
+        "resolved": ("Resolved", "They are counted to the pulse that they belong to"),
+        "folded": ("Folded", "They are counted to the pulse sent last, and seem near"),
+    },
     "passing": {
         "probability": ("All or Nothing", "A ray passes a leaf whole, or not at all, by chance"),
         "share": ("A Share", "A share of a ray's light passes each leaf"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from .base import Settings, SpecError, param
-from .parts import azimuth, kind, output_name, place, range_limit
+from .parts import azimuth, kind, motion, output_name, place, range_limit
 from .sensor import Sensor
 
 
@@ -152,6 +152,19 @@ class Receiver(Settings):
         ge=0,
         le=200,
     )
+    threshold_snr: float = param(
+        0.0,
+        help="threshold of detection over the standard deviation of the noise: weak echoes come and go, and "
+        "noise above it is false points; 0: no noise",
+        ge=0,
+        le=100,
+    )
+    beyond: str = param(
+        "resolved",
+        help="echoes from beyond c / (2 · pulse_rate), which arrive after the next pulse was sent: resolved, "
+        "or folded into the range of that pulse",
+        choices=("resolved", "folded"),
+    )
     reading: str = param(
         "received",
         help="what the intensity says: light that came back, or the reflectance that it stands for",
@@ -180,21 +193,18 @@ class Scanner(Sensor):
     surfaces: Surfaces = param(Surfaces(), help="reflectance and transmittance")
     receiver: Receiver = param(Receiver(), help="which echoes become returns")
     noise: Noise = param(Noise(), help="what is measured wrongly")
-    motion: bool = param(
-        False,
-        help="animated objects are where they are at the time of each pulse, counted from the scene's first "
-        "frame; left out: all stands as at the present frame",
-    )
+    motion: bool = motion()
 
     def check(self) -> None:
         if self.min_range >= self.max_range:
             raise SpecError("min_range", "must be smaller than max_range")
-        if self.receiver.dynamic_range and not self.faintest:
-            raise SpecError(
-                "receiver.dynamic_range",
-                "counts from the faintest light that is seen, but faintest = 0 sees all; give faintest, the "
-                "reflectance that is seen at max_range",
-            )
+        for key in ("dynamic_range", "threshold_snr"):
+            if getattr(self.receiver, key) and not self.faintest:
+                raise SpecError(
+                    f"receiver.{key}",
+                    "counts from the faintest light that is seen, but faintest = 0 sees all; give faintest, "
+                    "the reflectance that is seen at max_range",
+                )
 
 
 class Terrestrial(Scanner):

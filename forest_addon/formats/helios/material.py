@@ -52,7 +52,7 @@ def read_materials(path: Path) -> dict[str, Material]:
 
     Raises
     ------
-    SpecError : a reflectance that is no number.
+    SpecError : no material, or a reflectance that is no number.
     """
     found: dict[str, Material] = {}
     said: dict[str, str] = {}
@@ -65,6 +65,8 @@ def read_materials(path: Path) -> dict[str, Material]:
             name, said = " ".join(rest), {}
         elif word.startswith("helios_") and rest:
             said[word] = rest[0]
+    if not found:
+        raise SpecError(str(path), "holds no material (newmtl)")
     return found
 
 
@@ -73,7 +75,7 @@ def _material(said: dict[str, str], path: Path) -> Material:
     try:
         reflectance = float(text)
     except ValueError:
-        raise SpecError(str(path), f'helios_reflectance "{text}" is not a number') from None
+        raise SpecError(str(path), "helios_reflectance is not a number") from None
     return Material(
         ground=yes(said.get("helios_isGround"), False),
         reflectance=reflectance,
@@ -85,6 +87,9 @@ def _material(said: dict[str, str], path: Path) -> Material:
 @guarded("a spectrum of the ASTER library")
 def _spectrum(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths in nm, ascending, and reflectances from 0 to 1."""
-    rows = np.loadtxt(path, skiprows=HEADER, usecols=(0, 1), ndmin=2, encoding="latin-1")
+    try:
+        rows = np.loadtxt(path, skiprows=HEADER, usecols=(0, 1), ndmin=2, encoding="latin-1")
+    except ValueError:
+        raise SpecError(str(path), "has a line that is not wavelength and reflectance") from None
     rows = rows[np.argsort(rows[:, 0], kind="stable")]
     return rows[:, 0] * 1e3, rows[:, 1] / 100.0

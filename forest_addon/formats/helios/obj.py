@@ -79,6 +79,8 @@ def read_obj(path: Path, up: str = "z") -> PartMesh:
     if not faces:
         raise SpecError(str(path), "has no face")
     vertices = np.array(places)
+    if not np.isfinite(vertices).all():
+        raise SpecError(str(path), "has corners that are no numbers")
     if up == "y":
         vertices = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=1)
     return PartMesh(

@@ -43,6 +43,8 @@ def read_terrain(path: Path, material: Material) -> PartMesh:
     if not len(faces):
         raise SpecError(str(path), "has no square of four heights")
     used, faces = np.unique(faces, return_inverse=True)
+    if not np.isfinite(vertices.reshape(-1, 3)[used]).all():
+        raise SpecError(str(path), "does not say where it lies in numbers")
     return _of_one_material(vertices.reshape(-1, 3)[used], faces.reshape(-1, 3), material)
 
 
@@ -60,14 +62,13 @@ def read_points(path: Path, separator: str, size: float, material: Material) -> 
         raise SpecError(str(path), f"voxelSize = {size:g} must be above 0")
     lines = path.read_text("utf-8", errors="replace").splitlines()
     rows = [text.split(separator if separator.strip() else None)[:3] for text in lines]
-    points = np.array(
-        [
-            row
-            for row, text in zip(rows, lines, strict=True)
-            if text.strip() and text[:1] not in "#/"
-        ],
-        dtype=np.float64,
-    ).reshape(-1, 3)
+    told = [
+        row for row, text in zip(rows, lines, strict=True) if text.strip() and text[:1] not in "#/"
+    ]
+    try:
+        points = np.array(told, dtype=np.float64).reshape(-1, 3)
+    except ValueError:
+        raise SpecError(str(path), "has a line that is not x, y, z") from None
     if not len(points) or not np.isfinite(points).all():
         raise SpecError(str(path), "holds no points, or values that are no numbers")
     low, extent = points.min(axis=0), np.ptp(points, axis=0)

@@ -113,7 +113,10 @@ def _read(file: Path, leg: Element, path: Path) -> np.ndarray:
             head = [name.strip().strip('"') for name in text.partition(":")[2].split(",")]
         elif text.strip() and not text.startswith("#"):
             parts = text.split(separator if separator.strip() else None)
-            rows.append([float(part) for part in parts])
+            try:
+                rows.append([float(part) for part in parts])
+            except ValueError:
+                raise SpecError(str(file), "has a line that is not numbers") from None
     if len(rows) < 2:
         raise SpecError(str(file), f"has {len(rows)} rows; a trajectory needs two")
     table = np.array(rows)

@@ -22,7 +22,7 @@ from ...base.rng import daughter_keys, first_key
 from ...base.trimesh import LEAF
 from ...base.vectors import azimuth_of
 from ..rays.bundles import Faces
-from ..rays.caster import RayCaster, hit_normals
+from ..rays.caster import Hits, RayCaster, hit_normals
 from ..rays.geometry import SceneGeometry
 from ..rays.moving import TimedCaster
 from ..rays.referee import Referee
@@ -33,7 +33,15 @@ from .footprint import BeamFrames, frames, sub_rays
 from .one_face import Received, on_one_face, received, seen
 from .passage import Contacts, meet
 from .radiometry import detection_limit, intensity, reflectance_of, refuse_surplus
-from .receiver import awake, chosen_returns, ranks, reading
+from .receiver import (
+    awake,
+    chosen_returns,
+    false_echoes,
+    noisy_light,
+    ranks,
+    reading,
+    unambiguous_range,
+)
 from .returns import cosines, label
 from .scanner import LiDAR, Pattern, Pulses, pattern_of
 from .waveform import LIGHT, find_echoes, pulse_length
@@ -100,23 +108,64 @@ class Scan:
 
     def look_at(self, number: np.ndarray) -> Cloud:
         """The returns of the pulses of these numbers (P,), ascending."""
-        scanner, beam = self.scanner, self.scanner.beam
         pulses = self.pattern.pulses(number)
         keys = daughter_keys(self._key, number)
-        if beam.subrays == 1:
-            contacts = meet(
-                self.caster,
-                pulses.origin,
-                pulses.direction,
-                scanner.max_range,
-                scanner.surfaces,
-                keys,
-                None if self._moving is None else pulses.time,
-            )
-            found = self._received((pulses.origin, pulses.direction), contacts, pulses.time)
-        else:
-            found = self._beams(pulses, keys)
-        return self._measure(pulses, number, keys, found)
+        if self.scanner.receiver.beyond == "folded":
+            return self._measure(pulses, number, keys, self._folded(number))
+        return self._measure(pulses, number, keys, self._found(pulses, keys))
+
+    def _found(self, pulses: Pulses, keys: np.ndarray) -> Received:
+        """Return the echoes of pulses, before the receiver."""
+        scanner = self.scanner
+        if scanner.beam.subrays > 1:
+            return self._beams(pulses, keys)
+        contacts = meet(
+            self.caster,
+            pulses.origin,
+            pulses.direction,
+            scanner.max_range,
+            scanner.surfaces,
+            keys,
+            None if self._moving is None else pulses.time,
+        )
+        return self._received((pulses.origin, pulses.direction), contacts, pulses.time)
+
+    def _folded(self, number: np.ndarray) -> Received:
+        """Return the echoes that arrive after these pulses were sent and before the next, of whichever pulse,
+        at the range that they seem to have."""
+        period = unambiguous_range(self.scanner)
+        late = np.arange(int(self.scanner.max_range // period) + 1)
+        sent = np.unique(number[:, None] - late)
+        sent = sent[sent >= 0]
+        found = self._found(self.pattern.pulses(sent), daughter_keys(self._key, sent))
+        rounds = np.floor(found.echoes.distance / period)
+        arrives = sent[found.echoes.pulse] + rounds.astype(np.int64)
+        place = np.searchsorted(number, arrives)
+        seems = found.echoes.distance - rounds * period
+        here = np.append(number, -1)[place] == arrives
+        rows = np.flatnonzero(here & (seems >= self.scanner.min_range))
+        rows = rows[np.lexsort((seems[rows], place[rows]))]
+        found = found.select(rows)
+        echoes = replace(found.echoes, pulse=place[rows], distance=seems[rows])
+        return replace(found, echoes=echoes)
+
+    def _with_noise(self, pulses: Pulses, keys: np.ndarray, found: Received) -> Received:
+        """Return echoes with the receiver's noise, and those of noise alone, which meet nothing."""
+        light = noisy_light(self.scanner, found.echoes, keys)
+        false = false_echoes(self.scanner, keys)
+        nothing = np.full(len(false.pulse), -1)
+        both = Received.joined(
+            [
+                replace(found, echoes=replace(found.echoes, energy=light)),
+                Received(
+                    false,
+                    Hits(false.distance, nothing, nothing.copy()),
+                    pulses.direction[false.pulse],
+                    np.full((len(false.pulse), 3), np.nan),
+                ),
+            ]
+        )
+        return both.select(np.lexsort((both.echoes.distance, both.echoes.pulse)))
 
     def _beams(self, pulses: Pulses, keys: np.ndarray) -> Received:
         """Return the echoes of pulses of several sub-rays; no ray is traced of those that surely meet one
@@ -237,6 +286,8 @@ class Scan:
     ) -> Cloud:
         """Return what the receiver makes of echoes."""
         scanner = self.scanner
+        if scanner.receiver.threshold_snr:
+            found = self._with_noise(pulses, keys, found)
         found = found.select(np.flatnonzero(found.echoes.energy >= detection_limit(scanner)))
         found = found.select(awake(found.echoes, scanner.receiver.dead_zone))
 
@@ -252,6 +303,10 @@ class Scan:
         measured = echoes.distance + noise.range_error(
             scanner.noise, echoes.distance, labelled.cos_incidence, return_keys
         )
+        travelled = echoes.distance
+        if scanner.receiver.beyond == "folded":
+            period = unambiguous_range(scanner)
+            travelled = travelled + period * np.round((found.hits.distance - travelled) / period)
         way = pulses.direction[echoes.pulse]
         velocity = rest = None
         if self._moving is not None:
@@ -273,7 +328,7 @@ class Scan:
             scan_angle=pulses.scan_angle[echoes.pulse],
             intensity=reading(scanner, echoes.energy, measured),
             width=echoes.width * 2 / LIGHT,
-            true_range=echoes.distance,
+            true_range=travelled,
             returns=replace(labelled, distance=measured),
             pulses=len(pulses),
             engine=self.caster.engine,

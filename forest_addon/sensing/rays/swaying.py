@@ -54,6 +54,7 @@ class SwayingCaster(TimedCaster):
         self.cut, self._sway, self._still, self._start = cut, sway, still, start
         self.scene, self.engine = cut.scene, still.engine
         self.within, self.bent, self.held = still.within, still.bent, still.held
+        self.bends = still.bends
         self._make = make
         self._first = len(cut.read.meshes) + 1  # mesh of the first piece
         self._window = _engine_of(cut, make, engine)
@@ -66,6 +67,11 @@ class SwayingCaster(TimedCaster):
         low, high = np.array(boxes).reshape(-1, 2, 3).transpose(1, 0, 2)
         self._hull = low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf)
         self._boxes = BoxTree(low - WIDER, high + WIDER)
+
+    @property
+    def still(self) -> TimedCaster:
+        """Rays at what does not sway."""
+        return self._still
 
     def exactly(self, true: SceneGeometry | None = None) -> SwayingCaster:
         """The same motion in float64; the true scene is its own, in pieces."""

@@ -110,6 +110,8 @@ LABELS = {
     "turn_rate_deg": "Turn (°/s)",
     "flow_resistivity": "σ (kPa·s/m²)",
     "dynamic_range": "Dynamic (dB)",
+    "threshold_snr": "Threshold (SNR)",
+    "beyond": "Far Echoes",
 }  # others are too long for a sidebar
 ONE_OF = ("template", "rules", "honda", "crown")  # parts of a species of which one may be used
 DIGITS = {"mean": 3, "sd": 3, "low": 3, "high": 3}  # of numbers whose size a default does not tell
