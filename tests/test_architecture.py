@@ -42,6 +42,7 @@ EXCEPTIONS = {
         "forest_addon/sensing/reverb/response.py: pairs_of": "the same, pair by pair",
         "forest_addon/sensing/reverb/sums/panel_sum.py: panel_spectrum": "as the sums beside it",
         "forest_addon/sensing/reverb/sums/tree_response.py: tree_response": "as the sums beside it",
+        "forest_addon/sensing/reverb/forest/tail.py: tail_of": "all that the noise of a pair depends on",
         "forest_addon/sensing/sonar/audit.py: audit_echoes": "all that a ping depended on",
         "forest_addon/ui/results/finding.py: keep_finding": "all that a finding consists of",
         "headless/commands/work/fly.py: fly_scene": "the options of a command",

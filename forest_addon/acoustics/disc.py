@@ -30,11 +30,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from .disc_table import LAST, tabulated, tabulated_bound
+from .disc_table import HANDOVER, LAST, tabulated, tabulated_bound
 
 MODELS = ("paper", "piston", "exact")
 
-HANDOVER = 120.0  # ka from where the table passes over to the formula for large discs
 LOBES = 256  # of J₁ whose heights are known to the bound
 STEEPEST = (-1.5, 6.0)  # of the error function of the paper's phase: below never, beyond it is 1
 PLACES = 1024  # a unit of its argument, of the table

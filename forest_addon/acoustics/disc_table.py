@@ -14,16 +14,19 @@ from __future__ import annotations
 
 import math
 import platform
+from collections.abc import Callable
 from functools import lru_cache
 from hashlib import blake2b
 from pathlib import Path
 
 import numpy as np
+from scipy import sparse
 
 from .kept_tables import kept_table
 
 FILE = Path(__file__).with_name("hard_disc.npz")
 LAST = 128.0  # ka
+HANDOVER = 120.0  # ka from where the table passes over to the formula for large discs
 ERROR = 1e-5
 
 SERIES, ROUNDED = 3e-8, 4e-7  # of ``level``, where the file's series are cut; of k·f
@@ -58,7 +61,7 @@ def tabulated(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
     splines = _splines()
     row, across = _cell_of_ka(ka)
     column, along = _cell_of_angle(angle)
-    weight_across, weight_along = _weights(across), _weights(along)
+    weight_across, weight_along = spline_weights(across), spline_weights(along)
     first = int(row.min(initial=len(splines)))
     rows = int(row.max(initial=0)) + 4 - first
     if _many_sizes(np.shape(ka), np.shape(angle), rows):
@@ -84,6 +87,29 @@ def tabulated(ka: np.ndarray, angle: np.ndarray) -> np.ndarray:
         line *= weight_across[i]
         total += line
     return np.asarray(total * level(ka))
+
+
+def tabulated_on(
+    ka: np.ndarray, angle: np.ndarray, made: Callable[[np.ndarray], np.ndarray]
+) -> np.ndarray:
+    """(S, V) complex64 k·f of S sizes at each of V angles, or of what is made of them: one axis after the
+    other.
+
+    made : linear, called with rows (U, V) of the table at the angles; what it returns goes on.
+    """
+    splines = _splines()
+    row, across = _cell_of_ka(ka)
+    column, along = _cell_of_angle(angle)
+    first, last = int(row.min()), int(row.max()) + 4
+    weight = spline_weights(along)
+    lines = sum(weight[j] * splines[first:last].take(column + j, axis=1) for j in range(4))
+    lines = np.ascontiguousarray(made(lines), dtype=np.complex64)
+    four = (row - first)[:, None] + np.arange(4, dtype=np.int32)
+    factors = np.stack(spline_weights(across), axis=1) * level(ka)[:, None].astype(np.float32)
+    ends = np.arange(0, four.size + 1, 4, dtype=np.int32)
+    picked = sparse.csr_matrix((factors.ravel(), four.ravel(), ends), shape=(len(ka), len(lines)))
+    found: np.ndarray = (picked @ lines.view(np.float32)).view(np.complex64)
+    return found
 
 
 def tabulated_bound(lowest: np.ndarray, highest: np.ndarray, angle: np.ndarray) -> np.ndarray:
@@ -196,7 +222,7 @@ def _split(place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return whole + np.int32(MARGIN - 1), (place - whole).astype(np.float32)
 
 
-def _weights(t: np.ndarray) -> tuple[np.ndarray, ...]:
+def spline_weights(t: np.ndarray) -> tuple[np.ndarray, ...]:
     """The four cardinal cubic splines at the position t, 0 … 1."""
     s = 1.0 - t
     middle = (2.0 / 3.0 - t * t * (1.0 - 0.5 * t), 2.0 / 3.0 - s * s * (1.0 - 0.5 * s))

@@ -49,6 +49,30 @@ def surface_impedance(
     return impedance
 
 
+def under_leaves(
+    frequency: np.ndarray,
+    sine: np.ndarray | float,
+    impedance: np.ndarray | complex,
+    height: float,
+    loss: np.ndarray,
+    sound_speed: float,
+) -> np.ndarray:
+    """Impedance at z = 0 that reflects plane waves as a ground under a layer of leaves does.
+
+    sine : of the waves' slope. height : m of the layer. loss : (F,) nepers of amplitude a metre in it. The
+    layer is air of the wavenumber k - i·loss (an equivalent fluid): a wave that comes level is turned back
+    at its top, whatever is below, as no ray would be. Without loss the ground's own impedance.
+    """
+    wavenumber = 2.0 * math.pi * np.asarray(frequency, np.float64) / sound_speed
+    rises = np.asarray(sine, np.float64)
+    steep = np.sqrt((1.0 - 1j * loss / wavenumber) ** 2 - (1.0 - rises**2))  # k_z within, over k
+    turn = np.exp(-2j * wavenumber * height * steep)
+    below = (steep - 1.0 / impedance) / (steep + 1.0 / impedance) * turn
+    top = steep * (1.0 - below) / (1.0 + below)  # admittance at the layer's top
+    reflected = (rises - top) / (rises + top) * np.exp(2j * wavenumber * height * rises)
+    return np.asarray((1.0 + reflected) / (rises * (1.0 - reflected)))
+
+
 def spherical_reflection(
     frequency: np.ndarray,
     path: float | np.ndarray,

@@ -19,14 +19,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import chebyshev
 from .gridding import ALIASING, NARROWEST, DelayGrid, width_for
-from .smoothness import LEVELS, Smoothness, numbered
+from .node_plan import NodePlan, planned
+from .smoothness import LEVELS, Smoothness
 from .spectrum import delay_factors
 
 Amplitude = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -39,14 +39,12 @@ ROUNDING = 16.0 * 2.0**-53  # of a sum, and for each period of the carrier
 FEW = 1 << 16  # products of echoes and bins that are summed directly: the fast way costs more
 COLUMNS = 256  # nodes by weights that are deposited at once
 KERNEL = 0.5  # share of the tolerance that the kernel's error may take
-TAIL = 0.4  # of what is left, for an echo: relative to itself, or to the mean of all
-FAINTER = 12  # powers of 4 by which an echo is weaker than the mean, and may be so much worse
-ATTEMPTS = 4
-NOISE = 0.12  # of its bound, that what a table is off by comes to; over many it adds up in squares
-IN_PHASE = (
-    0.25  # the most of it that was found, twice: over echoes of one shape it adds up as it is
+TAIL = (
+    0.5  # of what is left, for an echo of which nothing is known: of itself, or of the mean of all
 )
-HANDFUL = 64  # echoes that are better off with those that need more nodes than on their own
+SAFE = 0.8  # of the budget that is planned for, since sizes are known by classes only
+ATTEMPTS = 4
+SAMPLED, NODES_SAMPLED = 256, 8  # echoes and nodes of an estimate of all amplitudes
 
 
 @dataclass(frozen=True)
@@ -79,6 +77,7 @@ def sum_delayed(
     spread: ArrayLike = 0.0,
     weights: np.ndarray | None = None,
     smooth: Smoothness | None = None,
+    ends: tuple[float, float] | None = None,
 ) -> DelayedSum:
     """Σ_i A_i(f)·e^{-i2πfτ_i} at f = start + (0 … count - 1)·spacing, K = count values.
 
@@ -91,21 +90,27 @@ def sum_delayed(
         2a·sinβ/c). It saves evaluations where nothing else is known, and does not bear on the error.
     weights : (M, W) real, of the echoes in W sums; left out: one sum, all weights 1.
     smooth : what is known of the echoes in this band.
+    ends : Hz, of a band around the bins, in whose nodes A is asked for; left out: the first and last bin.
 
     The carrier is exact to 2π·2⁻⁵³ times the number of its periods. The time is that of evaluating
     the amplitudes, plus about 0.2 µs an echo at 1e-6.
     """
     delay = np.asarray(delay, dtype=np.float64)
-    direct = tolerance < 2.0 * ALIASING[-1] or len(delay) * count <= FEW
+    direct = summed_directly(len(delay), count, tolerance)
     given = np.ones((len(delay), 1)) if weights is None else weights
     spread = np.broadcast_to(np.asarray(spread, np.float64), delay.shape)
-    task = _Task(amplitude, delay, given, start, spacing, count)
+    task = _Task(amplitude, delay, given, start, spacing, count, ends)
     if direct:
         task.direct(np.arange(len(delay)))
         found = task.result(0)
     else:
         found = _fast(task, tolerance, spread, smooth)
     return found if weights is not None else replace(found, spectrum=found.spectrum[0])
+
+
+def summed_directly(echoes: int, count: int, tolerance: float) -> bool:
+    """Return whether so many echoes are summed at each of ``count`` frequencies: few, or to all digits."""
+    return tolerance < 2.0 * ALIASING[-1] or echoes * count <= FEW
 
 
 def nodes_needed(
@@ -126,7 +131,7 @@ def nodes_needed(
         task = _Task(amplitude, nothing, nothing[:, None], start, spacing, count)
         plan = task.unknown(nothing, TAIL * tolerance)
     else:
-        plan = _planned(smooth, TAIL * tolerance, tolerance)
+        plan = planned(smooth, SAFE * tolerance, count)
     needed: np.ndarray = np.append(LEVELS, 0)[plan.level]
     return needed
 
@@ -138,11 +143,13 @@ def _fast(
     width = width_for(KERNEL * tolerance)
     kernel = ALIASING[width - NARROWEST]
     budget = max(tolerance - kernel, 0.1 * tolerance)
-    allowed = TAIL * budget
+    share = SAFE
+    loudness = 1.0 if smooth is None else task.loudness(smooth.size)
     for _ in range(ATTEMPTS):
-        plan = (
-            task.unknown(spread, allowed) if smooth is None else _planned(smooth, allowed, budget)
-        )
+        if smooth is None:
+            plan = task.unknown(spread, TAIL * share * budget)
+        else:
+            plan = planned(smooth, share * loudness * budget, task.count)
         task.clear()
         for index in np.unique(plan.level).tolist():
             rows = np.flatnonzero(plan.level == index)
@@ -155,70 +162,8 @@ def _fast(
         excess = plan.reducible / (found.size or 1.0) / budget
         if task.error <= budget * found.size or excess <= 0.1:
             break
-        allowed *= min(0.7 / excess, 0.5)
+        share *= min(0.7 / excess, 0.5)
     return found
-
-
-@dataclass(frozen=True)
-class _SumPlan:
-    """level : (M,) index of ``LEVELS``, or their number: directly. error : (M,) of the interpolation.
-
-    reducible : Σ of the errors that more nodes would make smaller.
-    """
-
-    level: np.ndarray
-    error: np.ndarray
-    reducible: float
-
-
-def _planned(smooth: Smoothness, allowed: float, budget: float) -> _SumPlan:
-    """By classes: the fewest nodes that are good enough for an echo of its class and level.
-
-    Echoes whose table is too rough for what was asked are summed directly, the roughest first.
-    """
-    mean = float(smooth.size.mean())
-    size = np.where(smooth.size > 0, smooth.size, np.inf)
-    fainter = np.clip(np.frexp(mean / size)[1] // 2, 0, FAINTER)  # powers of 4 below the mean
-    pairs, of_echo = numbered(smooth.kind * (FAINTER + 1) + fainter)
-    kind, faint = np.divmod(pairs, FAINTER + 1)
-    wanted = np.maximum(allowed * smooth.typical[kind] * 4.0**faint, smooth.floor[kind])
-    level = np.count_nonzero(smooth.errors[kind] > wanted[:, None], axis=1)  # they fall
-    padded = np.append(smooth.errors, np.zeros((len(smooth.errors), 1)), axis=1)
-    own, error = level[of_echo], padded[kind, level][of_echo]
-    reducible = smooth.scale @ np.where(error > smooth.floor[smooth.kind], error, 0.0)
-    own = np.where(_too_rough(smooth, budget), len(LEVELS), _together(own))
-    return _SumPlan(own, smooth.scale * error, float(reducible))
-
-
-def _too_rough(smooth: Smoothness, budget: float) -> np.ndarray:
-    """(M,) whether an echo is one of the roughest, without which the others keep to the budget.
-
-    What tables are off by has no common phase: over many echoes it adds up as squares do. Echoes of one
-    shape, wherever they come from, are off by the same, and may be in phase: theirs is added up.
-    """
-    rough = smooth.scale * smooth.floor[smooth.kind]
-    allowed = budget * float(smooth.size.sum())
-    if IN_PHASE * float(rough.sum()) <= allowed:
-        return np.zeros(len(rough), dtype=bool)
-    _, of_echo, count = np.unique(smooth.shape, return_inverse=True, return_counts=True)
-    of_shape = np.where(count > 1, IN_PHASE, NOISE) * np.bincount(of_echo, rough)
-    order = np.argsort(of_shape)
-    fine = np.zeros(len(order), dtype=bool)
-    fine[order] = np.cumsum(of_shape[order] ** 2) <= allowed**2
-    found: np.ndarray = ~fine[of_echo]
-    return found
-
-
-def _together(level: np.ndarray) -> np.ndarray:
-    """Levels that few need are raised to the next that is needed."""
-    count = np.bincount(level, minlength=len(LEVELS) + 1)
-    raised = np.arange(len(LEVELS) + 1)
-    present = np.flatnonzero(count[: len(LEVELS)])
-    for here, above in pairwise(present.tolist()):
-        if count[here] < HANDFUL:
-            raised[raised == here] = above
-            count[above] += count[here]
-    return raised[level]
 
 
 class _Task:
@@ -232,10 +177,13 @@ class _Task:
         start: float,
         spacing: float,
         count: int,
+        ends: tuple[float, float] | None = None,
     ) -> None:
         self._amplitude, self._delay, self._weights = amplitude, delay, weights
         self._start, self._spacing, self.count = start, spacing, count
         self._middle = start + (count // 2) * spacing
+        last = start + (count - 1) * spacing
+        self._ends = (start, last) if ends is None else (min(ends[0], start), max(ends[1], last))
         self.clear()
 
     def clear(self) -> None:
@@ -246,11 +194,21 @@ class _Task:
 
     def _values(self, nodes: int, rows: np.ndarray) -> np.ndarray:
         """(R, m) amplitudes at the nodes."""
-        half = 0.5 * (self.count - 1) * self._spacing
-        frequency = self._start + half + half * chebyshev.points(nodes)
+        low, high = self._ends
+        frequency = (low + high) / 2 + (high - low) / 2 * chebyshev.points(nodes)
         return np.asarray(self._amplitude(frequency, rows))
 
-    def unknown(self, spread: np.ndarray, allowed: float) -> _SumPlan:
+    def loudness(self, size: np.ndarray) -> float:
+        """Return how large amplitudes are, of what classes say, from a few echoes, mostly loud ones."""
+        total = np.cumsum(size)
+        if not total[-1] > 0:
+            return 1.0
+        places = (np.arange(SAMPLED) + 0.5) / SAMPLED * total[-1]
+        rows = np.searchsorted(total, places).clip(0, len(size) - 1)
+        largest = np.abs(self._values(NODES_SAMPLED, rows)).max(axis=0)
+        return float(np.mean(largest / size[rows]))
+
+    def unknown(self, spread: np.ndarray, allowed: float) -> NodePlan:
         """Of echoes that nothing is known of, by looking at each in more nodes than it will need."""
         level = np.full(len(spread), len(LEVELS))
         error = np.zeros(len(spread))
@@ -268,7 +226,7 @@ class _Task:
                 level[some], error[some] = self._look(some, dense, allowed)
                 rejected.append(some[level[some] == len(LEVELS)])
             pending = np.concatenate(rejected)
-        return _SumPlan(level, error, float(error.sum()))
+        return NodePlan(level, error, float(error.sum()))
 
     def _look(self, rows: np.ndarray, dense: int, allowed: float) -> tuple[np.ndarray, np.ndarray]:
         """Level (m,) and error (m,) of some echoes, from their series of ``dense`` terms."""
@@ -293,11 +251,11 @@ class _Task:
             some = rows[begin : begin + step]
             values = self._values(nodes, some)
             self._deposit(grid, some, values, first)
-            absolute = np.abs(values)
-            size = float(absolute.max(axis=0).sum())
+            absolute = values.real**2 + values.imag**2
+            size = float(np.sqrt(absolute.max(axis=0)).sum(dtype=np.float64))
             self._size += size
             self._interpolated += size
-            self._least += float(absolute.min(axis=0).sum())
+            self._least += float(np.sqrt(absolute.min(axis=0)).sum(dtype=np.float64))
         self._nodes[nodes] = self._nodes.get(nodes, 0) + len(rows)
         self._collect(grid, nodes, first)
         for block in others:
@@ -318,14 +276,23 @@ class _Task:
     def _deposit(self, grid: DelayGrid, rows: np.ndarray, values: np.ndarray, block: slice) -> None:
         """Lay amplitudes (R, m) times their weights down at their delays."""
         delay = self._delay[rows]
-        turned = (values * _turn(self._middle * delay)).T
-        weighted = turned[:, None, :] * self._weights[rows, block, None]
+        turn = _turn(self._middle * delay)
+        if self._weights.shape[1] == 1:
+            grid.add(delay * self._spacing, (values * (turn * self._weights[rows, 0])).T)
+            return
+        weighted = (values * turn).T[:, None, :] * self._weights[rows, block, None]
         grid.add(delay * self._spacing, weighted.reshape(len(rows), math.prod(weighted.shape[1:])))
 
     def _collect(self, grid: DelayGrid, nodes: int, block: slice) -> None:
         """Add what was laid down to the sums of some weights."""
         parts = grid.spectrum().reshape(-1, nodes, self.count)
-        self._spectrum[block] += np.einsum("wrk,rk->wk", parts, _lagrange(nodes, self.count))
+        low, high = self._ends
+        places = [
+            (2.0 * end - low - high) / ((high - low) or 1.0)
+            for end in (self._start, self._start + (self.count - 1) * self._spacing)
+        ]
+        spread = _lagrange(nodes, self.count, *places)
+        self._spectrum[block] += np.einsum("wrk,rk->wk", parts, spread)
 
     def direct(self, rows: np.ndarray) -> None:
         """Add the echoes ``rows`` bin by bin."""
@@ -362,6 +329,6 @@ def _turn(cycles: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=64)
-def _lagrange(nodes: int, bins: int) -> np.ndarray:
-    """(R, K) Lagrange polynomials of the nodes at K even points from -1 to 1."""
-    return chebyshev.lagrange(nodes, np.linspace(-1.0, 1.0, bins))
+def _lagrange(nodes: int, bins: int, first: float, last: float) -> np.ndarray:
+    """(R, K) Lagrange polynomials of the nodes at K even points from ``first`` to ``last``."""
+    return chebyshev.lagrange(nodes, np.linspace(first, last, bins))

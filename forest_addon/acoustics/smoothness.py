@@ -21,7 +21,7 @@ import numpy as np
 
 from . import chebyshev
 
-LEVELS = (3, 4, 5, 6, 7, 8, 10, 12, 15, 18, 22, 27, 33, 40, 48, 58, 70, 85, 100, 120, 150, 200)
+LEVELS = (3, 4, 5, 6, 7, 8, 10, 12, 15, 18, 24, 32, 42, 56, 75, 100, 150, 200)
 STEP = 0.1  # width of a class in log(kℓ)
 SMALLEST = 1e-3  # kℓ of the first class and all below
 ACROSS = 1 << 8  # most classes of the second variable
@@ -229,11 +229,13 @@ class _Classes:
         values = self._family.evaluate(scale, first.ravel(), second.ravel())
         series = np.abs(chebyshev.series(order) @ values).reshape(order, *first.shape)
         sizes = np.abs(values).max(axis=0).reshape(first.shape).mean(axis=1)
-        bounds = CAUTION * series.max(axis=2).T
-        beyond = UNSEEN * bounds[:, 3 * order // 4 :].sum(axis=1)
-        known = zip(classes.tolist(), bounds, beyond.tolist(), sizes.tolist(), strict=True)
-        for one, row, rest, size in known:
-            self._found[one] = (row, rest, size)
+        # What lies beyond an order, of the sample that has most of it there, as a series.
+        beyond = np.cumsum(series[::-1], axis=0)[::-1].max(axis=2)
+        bounds = CAUTION * (beyond - np.append(beyond[1:], 0.0 * beyond[:1], axis=0)).T
+        rest = UNSEEN * bounds[:, 3 * order // 4 :].sum(axis=1)
+        known = zip(classes.tolist(), bounds, rest.tolist(), sizes.tolist(), strict=True)
+        for one, row, left, size in known:
+            self._found[one] = (row, left, size)
 
 
 def _decays(

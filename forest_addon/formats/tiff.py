@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +21,11 @@ STRIPS, SAMPLES, ROWS, STRIP_SIZES, PLANAR, PREDICTOR, PALETTE = 273, 277, 278, 
 TILE_WIDTH, TILE_HEIGHT, TILES, TILE_SIZES, FORMAT = 322, 323, 324, 325, 339
 WHITE_IS_ZERO, COLOURS_OF_A_PALETTE = 0, 3
 CODES = {1: "B", 3: "H", 4: "I", 13: "I", 16: "Q", 18: "Q"}  # of the types that are whole numbers
+GEO_CODES = {2: "B", 12: "d"}  # texts and doubles, which say where an image lies
+PIXEL_SCALE, TIE_POINT, NO_DATA = 33550, 33922, 42113
 DEEP = 65535.0  # white of all that is deeper than a byte
 
-Tags = dict[int, tuple[int, ...]]
+Tags = dict[int, tuple[Any, ...]]
 
 
 def read_tiff(data: bytes) -> tuple[np.ndarray, float]:
@@ -51,8 +54,26 @@ def read_tiff(data: bytes) -> tuple[np.ndarray, float]:
     return pixels, white
 
 
-def _tags(data: bytes, order: str) -> Tags:
-    """The whole numbers of the first directory."""
+def read_place(data: bytes) -> tuple[np.ndarray, np.ndarray, float]:
+    """Place of the upper left corner (2,), size of a pixel (2,), and the value that stands for nothing (NaN:
+    none does), of a GeoTIFF whose rows run from west to east (OGC 19-008r4).
+
+    Raises
+    ------
+    ValueError : it does not say where it lies.
+    """
+    tags = _tags(data, {b"II": "<", b"MM": ">"}.get(data[:2], "<"), GEO_CODES)
+    if PIXEL_SCALE not in tags or len(tags.get(TIE_POINT, ())) < 6:
+        raise ValueError("it does not say where it lies; save a GeoTIFF with a north-up grid")
+    scale = np.array(tags[PIXEL_SCALE][:2], dtype=np.float64)
+    column, row, _, x, y, _ = tags[TIE_POINT][:6]
+    corner = np.array([x - column * scale[0], y + row * scale[1]])
+    words = bytes(int(code) for code in tags.get(NO_DATA, ())).rstrip(b"\0 ").decode("latin-1")
+    return corner, scale, float(words) if words else float("nan")
+
+
+def _tags(data: bytes, order: str, codes: dict[int, str] = CODES) -> Tags:
+    """The numbers of the first directory that are of some types."""
     (version,) = struct.unpack_from(f"{order}H", data, 2)
     if version not in (42, 43):
         raise ValueError("it is no TIFF")
@@ -64,9 +85,9 @@ def _tags(data: bytes, order: str) -> Tags:
     tags: Tags = {}
     for at in range(place, place + min(entries, 4096) * entry, entry):
         tag, kind, number = struct.unpack_from(f"{order}HH{word}", data, at)
-        if kind not in CODES or number > len(data):
+        if kind not in codes or number > len(data):
             continue
-        form = f"{order}{number}{CODES[kind]}"
+        form = f"{order}{number}{codes[kind]}"
         held = at + 4 + struct.calcsize(order + word)
         if struct.calcsize(form) > struct.calcsize(order + word):
             (held,) = struct.unpack_from(order + word, data, held)

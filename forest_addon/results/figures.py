@@ -71,11 +71,8 @@ def of_forest(forest: GrownForest) -> list[Figure]:
     ]
     found += [
         numbers("leaves", "Leaves", f"{leaves:,}"),
-        words(
-            *("triangles", "Triangles", "{shown:,} ({unique:,} of them unique)"),
-            shown=triangles,
-            unique=unique,
-        ),
+        numbers("triangles", "Triangles", f"{triangles:,}"),
+        numbers("triangles of the variants", "Of Variants", f"{unique:,}"),
         words("density", "Density", "{density:,.0f} trees/ha", density=density),
     ]
     if stand.removed:

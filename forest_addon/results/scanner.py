@@ -52,6 +52,9 @@ def _of_motion(cloud: Cloud) -> list[Figure]:
     if not moving.any():
         return found
     speed = float(np.linalg.norm(cloud.velocity[moving], axis=1).max())
+    moving &= np.isfinite(away)  # NaN: it is not there as the scene stands still
+    if not moving.any():
+        return [*found, numbers("fastest of it", "Fastest", f"{speed:.3g} m/s")]
     height = cloud.rest[moving, 2]
     edges = np.linspace(height.min(), height.max(), THIRDS + 1)
     third = np.clip(np.searchsorted(edges, height, side="right") - 1, 0, THIRDS - 1)
@@ -64,7 +67,19 @@ def _of_motion(cloud: Cloud) -> list[Figure]:
         *found,
         numbers("fastest of it", "Fastest", f"{speed:.3g} m/s"),
         numbers("blur, rms, by height", "Blur", blur),
+        *_of_tops(cloud.returns.tree[moving], height, away[moving]),
     ]
+
+
+def _of_tops(tree: np.ndarray, height: np.ndarray, away: np.ndarray) -> list[Figure]:
+    """Figure of how far trees' highest points (P,) that moved are from their rest; none without trees."""
+    order = np.lexsort((height, tree))
+    last = order[np.diff(tree[order], append=-2) != 0]
+    tops = 100 * away[last[tree[last] >= 0]]
+    if not len(tops):
+        return []
+    said = f"{np.median(tops):.2g} cm (median of {len(tops)} trees), at most {tops.max():.2g} cm"
+    return [numbers("trees' highest points off their rest", "Tops Off Rest", said)]
 
 
 def _sentence(cloud: Cloud) -> str:

@@ -76,11 +76,10 @@ def _of_echo(echo: Echo, echoes: Sequence[Echo] = ()) -> list[Figure]:
     )
     found += [numbers(name, short, f"{count:,}") for name, short, count in some if count]
     most = max(each.error_bound + each.table_error for each in (echo, *echoes))
-    found.append(
-        words(
-            "error of the sum at most", "Error At Most", "{share:.1e} of all amplitudes", share=most
-        )
-    )
+    found += [
+        words("error of the sum at most", "", "{share:.1e} of all amplitudes", share=most),
+        numbers("", "Error at Most", f"{100 * most:.2g} %"),
+    ]
     return found
 
 

@@ -24,10 +24,30 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
     },
     "layout": {
         "poisson": ("By Chance", "Trees stand at random, denser where the intensity is higher"),
-        "clusters": ("In Groups", "Mothers by chance, daughters around each: Thomas or Matérn"),
+        "clusters": ("In Groups", "Centres by chance, trees around each: Thomas or Matérn"),
         "strauss": ("Apart", "Trees keep apart, the more the stronger they repel (Strauss)"),
         "rows": ("Orchard Rows", "Trees stand in rows, with what spread is set"),
         "list": ("List", "Trees stand where a table or the points of a collection say"),
+    },
+    "kind": {
+        "thomas": ("Thomas", "Trees of a group are dense at its centre: a normal distribution"),
+        "matern": ("Matérn", "Trees of a group stand evenly within a disc"),
+    },
+    "allometry": {
+        "any": ("Any", "Proportions of all measured trees"),
+        "broadleaf": ("Broadleaves", "Proportions of all measured broadleaves"),
+        "conifer": ("Conifers", "Proportions of all measured conifers"),
+        "abies": ("Firs", "Proportions of measured firs (Abies)"),
+        "acer": ("Maples", "Proportions of measured maples (Acer)"),
+        "betula": ("Birches", "Proportions of measured birches (Betula)"),
+        "eucalyptus": ("Eucalypts", "Proportions of measured eucalypts (Eucalyptus)"),
+        "fagus": ("Beeches", "Proportions of measured beeches (Fagus)"),
+        "larix": ("Larches", "Proportions of measured larches (Larix)"),
+        "picea": ("Spruces", "Proportions of measured spruces (Picea)"),
+        "pinus": ("Pines", "Proportions of measured pines (Pinus)"),
+        "populus": ("Poplars", "Proportions of measured poplars and aspens (Populus)"),
+        "pseudotsuga": ("Douglas Firs", "Proportions of measured Douglas firs (Pseudotsuga)"),
+        "quercus": ("Oaks", "Proportions of measured oaks (Quercus)"),
     },
     "spacing_rule": {
         "matern": (
@@ -42,8 +62,8 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "points": ("Points", "One object with a point a tree: a hundred thousand stay light"),
     },
     "sprouting": {
-        "apex": ("At the Tip", "Daughters fork where their parent ends"),
-        "along": ("Along", "Daughters leave their parent at random places along it"),
+        "apex": ("At the Tip", "Children fork where their parent ends"),
+        "along": ("Along", "Children leave their parent at random places along it"),
     },
     "shape": {
         "ellipse": ("Ellipse", "An oval blade"),
@@ -150,6 +170,10 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
             "Reflectance",
             "Of the white surface that would fill the beam at that range and send as much back",
         ),
+    },
+    "beyond": {
+        "resolved": ("Resolved", "They are counted to the pulse that they belong to"),
+        "folded": ("Folded", "They are counted to the pulse sent last, and seem near"),
     },
     "passing": {
         "probability": ("All or Nothing", "A ray passes a leaf whole, or not at all, by chance"),

@@ -88,7 +88,7 @@ class Clusters(Settings):
     spread: float = param(
         3.0,
         unit="m",
-        help="standard deviation along x and y (thomas), radius (matern)",
+        help="spread of a group: standard deviation along x and y (Thomas), or radius (Matérn)",
         gt=0,
         le=1e4,
     )
@@ -148,7 +148,7 @@ class Planting(Settings):
     variants: int = param(3, help="how many different trees are grown and instanced", ge=1, le=1000)
     layout: str = param(
         "poisson",
-        help="a Poisson process, clusters, trees that keep apart (strauss), an orchard's rows, a list",
+        help="how places are drawn: at random, in groups, keeping apart, in rows, or from a list",
         choices=("poisson", "clusters", "strauss", "rows", "list"),
     )
     expected: float | None = param(
@@ -219,17 +219,17 @@ class Planting(Settings):
     altitude: tuple[float, float] = param(
         (-1e5, 1e5), unit="m", help="heights of the terrain that it grows at", ge=-1e5, le=1e5
     )
-    clusters: Clusters = param(Clusters(), help="the groups, where the layout is clusters")
-    strauss: Strauss = param(Strauss(), help="the interaction, where the layout is strauss")
-    rows: Rows = param(Rows(), help="the orchard, where the layout is rows")
+    clusters: Clusters = param(Clusters(), help="groups of trees that stand near each other")
+    strauss: Strauss = param(Strauss(), help="how trees keep apart")
+    rows: Rows = param(Rows(), help="rows of an orchard")
     trees: str = param(
         "",
-        help="CSV of trees (list): x,y on the map, offset included, and any of species, scale, rotation, "
+        help="CSV of trees: x,y on the map, offset included, and any of species, scale, rotation, "
         "dbh, height, crown_width, crown_base (metres), leaf_area",
         file=True,
     )
     collection: str = param(
-        "", help="collection of the Blender scene whose objects say where trees stand (list)"
+        "", help="collection of the Blender scene whose objects say where trees stand"
     )
     by_hand: tuple[HandTree, ...] = param(
         (), help="trees set by hand, besides those that are drawn; spacing takes none of them away"
@@ -347,7 +347,7 @@ class Forest(Settings):
     instancing: str = param(
         "auto",
         help="trees in Blender: objects that can be moved one by one, points of one object that geometry "
-        "nodes put trees on (a hundred thousand stay light), or points from 1001 trees on",
+        "nodes put trees on (a hundred thousand stay light), or points above 1,000 trees",
         choices=("auto", "objects", "points"),
     )
 

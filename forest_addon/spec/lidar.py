@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from .base import Settings, SpecError, param
-from .parts import azimuth, kind, output_name, place, range_limit
+from .parts import azimuth, kind, motion, output_name, place, range_limit
 from .sensor import Sensor
 
 
@@ -84,7 +84,7 @@ class Beam(Settings):
         le=1000,
     )
     max_returns: int = param(
-        1, help="echoes that are kept of a pulse; which of them: receiver.keep", ge=1, le=15
+        1, help="echoes that are kept of a pulse; the receiver chooses which", ge=1, le=15
     )
     extinction: float = param(
         0.0, unit="1/m", help="light that a metre of air takes from a beam", ge=0, le=10
@@ -142,7 +142,7 @@ class Receiver(Settings):
     )
     keep: str = param(
         "first",
-        help="which returns are kept where a pulse has more than max_returns",
+        help="which returns are kept where a pulse has more than are kept of it",
         choices=("first", "last", "strongest", "strongest+last"),
     )
     dynamic_range: float = param(
@@ -151,6 +151,19 @@ class Receiver(Settings):
         help="light this much above the faintest that is seen saturates: more of it reads the same; 0: never",
         ge=0,
         le=200,
+    )
+    threshold_snr: float = param(
+        0.0,
+        help="threshold of detection over the standard deviation of the noise: weak echoes come and go, and "
+        "noise above it is false points; 0: no noise",
+        ge=0,
+        le=100,
+    )
+    beyond: str = param(
+        "resolved",
+        help="echoes from beyond c / (2 · pulse_rate), which arrive after the next pulse was sent: resolved, "
+        "or folded into the range of that pulse",
+        choices=("resolved", "folded"),
     )
     reading: str = param(
         "received",
@@ -171,7 +184,7 @@ class Scanner(Sensor):
     max_range: float = range_limit(120.0)
     faintest: float = param(
         0.0,
-        help="reflectance that a facing surface needs to be seen at max_range; 0: everything is seen",
+        help="reflectance that a facing surface needs to be seen at the largest range; 0: everything is seen",
         ge=0,
         le=1,
     )
@@ -180,21 +193,18 @@ class Scanner(Sensor):
     surfaces: Surfaces = param(Surfaces(), help="reflectance and transmittance")
     receiver: Receiver = param(Receiver(), help="which echoes become returns")
     noise: Noise = param(Noise(), help="what is measured wrongly")
-    motion: bool = param(
-        False,
-        help="animated objects are where they are at the time of each pulse, counted from the scene's first "
-        "frame; left out: all stands as at the present frame",
-    )
+    motion: bool = motion()
 
     def check(self) -> None:
         if self.min_range >= self.max_range:
             raise SpecError("min_range", "must be smaller than max_range")
-        if self.receiver.dynamic_range and not self.faintest:
-            raise SpecError(
-                "receiver.dynamic_range",
-                "counts from the faintest light that is seen, but faintest = 0 sees all; give faintest, the "
-                "reflectance that is seen at max_range",
-            )
+        for key in ("dynamic_range", "threshold_snr"):
+            if getattr(self.receiver, key) and not self.faintest:
+                raise SpecError(
+                    f"receiver.{key}",
+                    "counts from the faintest light that is seen, but faintest = 0 sees all; give faintest, "
+                    "the reflectance that is seen at max_range",
+                )
 
 
 class Terrestrial(Scanner):

@@ -71,7 +71,7 @@ class Reverb(Sensor):
     heard_as: str = param(
         "omni",
         help="each receiver is a microphone; or four channels of first-order ambisonics; or two ears by "
-        "the head of head_file",
+        "the head of a SOFA file",
         choices=("omni", "ambisonics", "binaural"),
     )
     head_file: str = param(
@@ -167,6 +167,14 @@ class Reverb(Sensor):
         ge=0,
         le=100,
     )
+    lean_deg: float = param(
+        2.0,
+        unit="deg",
+        help="forest: how far trunks lean, standard deviation in each of two directions, which parts sound "
+        "by way of them from its reflection at the ground; 0: upright",
+        ge=0,
+        le=20,
+    )
     bark: float = param(
         0.05,
         help="forest: share of the energy that bark of trunks and branches absorbs of a wave head on (Li et "
@@ -202,6 +210,14 @@ class Reverb(Sensor):
         help="forest: bark of branches in the air below the canopy; 0: as the scene's trees, by height",
         ge=0,
         le=5,
+    )
+    floor_leaf_area: float = param(
+        0.0,
+        unit="m²/m²",
+        help="forest: leaves of herbs and dwarf shrubs on the floor, which take from sound that goes by the "
+        "ground, besides those that stand in the scene",
+        ge=0,
+        le=10,
     )
     branch_radius: float = param(0.006, unit="m", help="forest: of these branches", gt=0, le=0.1)
     leaf_radius: float = param(

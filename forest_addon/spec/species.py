@@ -59,7 +59,7 @@ class Jitter(Settings):
     twist_deg: float = param(8.0, unit="deg", help="spread of twists", ge=0, le=90)
     raise_ratio: float = param(
         0.6,
-        help="a symmetric branch starts up to this share of an internode above its sister",
+        help="a symmetric branch starts up to this share of an internode above the one that it mirrors",
         ge=0,
         le=0.95,
     )
@@ -75,7 +75,7 @@ class Template(Settings):
     )
     leaves: str = param("", help="STL file of the leaves; empty: the tree is leafless", file=True)
     grow_leaves: bool = param(
-        False, help="where there is no STL of leaves, set those of [leaf] on the outermost branches"
+        False, help="where there is no STL of leaves, grow leaves on the outermost branches"
     )
     height: float = param(
         0.0, unit="m", help="height of the tree in the files; 0: they are in metres", ge=0, le=200
@@ -162,29 +162,37 @@ class Honda(Settings):
     """Wahed et al.'s trees after Honda (1971): parents bear children, smaller by a ratio, recursively."""
 
     levels: Discrete = param(
-        Discrete(values=(5,)), help="per tree: how often branches bear daughters"
+        Discrete(values=(5,)), help="per tree: how often branches bear children"
     )
     length: Normal = param(Normal(mean=2.0, sd=0.2), unit="m", help="per tree: length of the trunk")
     radius: Normal = param(
         Normal(mean=0.1, sd=0.01), unit="m", help="per tree: radius at the trunk's foot"
     )
     length_ratio: Normal = param(
-        Normal(mean=0.75, sd=0.03), help="per tree: length of a daughter over its parent's"
+        Normal(mean=0.75, sd=0.03), help="per tree: length of a child over its parent's"
     )
     radius_ratio: Normal = param(
-        Normal(mean=0.6, sd=0.03), help="per tree: radius of a daughter over its parent's"
+        Normal(mean=0.6, sd=0.03), help="per tree: radius of a child over its parent's"
     )
     sprouting: str = param(
         "apex",
-        help="where daughters leave their parent: at its tip, or at random places along it",
+        help="where children leave their parent: at its tip, or at random places along it",
         choices=("apex", "along"),
     )
-    bare: float = param(0.15, help="share of a parent without daughters (along)", ge=0, le=0.99)
+    bare: float = param(
+        0.15,
+        help="share of a parent's length, from its foot, without children along it",
+        ge=0,
+        le=0.99,
+    )
     cone: float = param(
-        0.0, help="how much shorter the last daughter is than the first (along)", ge=0, le=0.99
+        0.0,
+        help="how much shorter the last child is than the first, of children along it",
+        ge=0,
+        le=0.99,
     )
     daughters: Discrete = param(
-        Discrete(values=(2, 3)), help="per branch: how many daughters it bears"
+        Discrete(values=(2, 3)), help="per branch: how many children it bears"
     )
     trunk_daughters: Discrete | None = param(
         None, help="how many the trunk bears; left out: as any branch"
@@ -195,8 +203,8 @@ class Honda(Settings):
     twist_deg: Normal = param(
         Normal(mean=137.5, sd=8.0),
         unit="deg",
-        help="per branch: turn about the parent, from one daughter to the next (along), or of all "
-        "daughters, which stand evenly around the tip, against their parent's plane (apex)",
+        help="per branch: turn about the parent: along it from one child to the next; at its tip of all "
+        "children, which stand evenly around it, against their parent's plane",
     )
     leader_ratio: float = param(
         0.0, help="length of a straight leader at the apex over its parent's; 0: none", ge=0, le=2
@@ -314,7 +322,7 @@ class Detail(Settings):
     )
     relief: bool = param(
         False,
-        help="mesh the relief of the bark and the oval shape of the stem (bark.relief, bark.ovality)",
+        help="mesh the relief of the bark and the oval shape of the stem",
     )
     leaves: float = param(
         1.0,

@@ -144,9 +144,11 @@ class FOREST_PG_result(bpy.types.PropertyGroup):
 
     name: StringProperty()
     kind: StringProperty()
-    title: StringProperty()
+    title: StringProperty(name="Title", description="What this result is called here")
     stale: BoolProperty(description="Found before the forest was grown anew")
-    opened: BoolProperty(description="Show figures and picture; the newest result is", default=True)
+    opened: BoolProperty(
+        name="Open", description="Show figures and picture; the newest result is", default=True
+    )
     figures: CollectionProperty(type=FOREST_PG_figure)
     shown: StringProperty(description="Object with what was found")
     file: StringProperty(subtype="FILE_PATH", description="File with what was found")
@@ -173,9 +175,17 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
             **{name: property_of(name, *plain[name]) for name in ("name", "seed", "offset", "crs")},
             "forest": PointerProperty(type=GROUPS[spec.Forest]),
             "plantings": CollectionProperty(type=GROUPS[spec.Planting]),
-            "active_plantings": IntProperty(options={"HIDDEN"}),
+            "active_plantings": IntProperty(
+                name="Planting",
+                description="The planting that the panels below are about",
+                options={"HIDDEN"},
+            ),
             "stems": CollectionProperty(type=GROUPS[spec.Stems]),
-            "active_stems": IntProperty(options={"HIDDEN"}),
+            "active_stems": IntProperty(
+                name="Stems",
+                description="The stems that the settings below are about",
+                options={"HIDDEN"},
+            ),
             "air": PointerProperty(type=GROUPS[spec.Air]),
             "wind": PointerProperty(type=GROUPS[spec.Wind]),
             "rays": PointerProperty(type=GROUPS[spec.Rays]),

@@ -52,6 +52,12 @@ with the same command and --resume, to the same bytes."""
             help="points and pulses by returns of each leg, to be held beside ours",
         )
         parser.add_argument(
+            "--echoes",
+            choices=("survey", "waveform"),
+            help="with --survey: echoes as HELIOS++ finds them, by the survey's bins and window (default), "
+            "or of the waveform without bins, as in our own scans",
+        )
+        parser.add_argument(
             "--like",
             type=Path,
             metavar="REAL.laz",
@@ -140,7 +146,7 @@ with the same command and --resume, to the same bytes."""
         if chosen.survey:
             self._run_survey(chosen)
             return
-        for option in ("assets", "reference"):
+        for option in ("assets", "reference", "echoes"):
             if getattr(chosen, option):
                 raise SpecError(f"--{option}", "belongs to --survey FILE.xml")
         if chosen.blend is None:
@@ -186,7 +192,7 @@ with the same command and --resume, to the same bytes."""
         ------
         SpecError : words that do not go with a survey, or a survey that cannot be used.
         """
-        from .work.survey import scan_survey
+        from .work.survey import ScanChoice, scan_survey
 
         words = ("blend", "scanner", "at", "along", "azimuth", "set", "resume", "chunk")
         for word in words:
@@ -200,9 +206,8 @@ with the same command and --resume, to the same bytes."""
             chosen.out,
             assets=chosen.assets,
             reference=chosen.reference,
-            seed=chosen.seed,
             offset=_offset(chosen),
-            engine=chosen.engine,
+            choice=ScanChoice(chosen.seed, chosen.engine, chosen.echoes or "survey"),
             quiet=chosen.quiet,
         )
 

@@ -77,7 +77,7 @@ def viewer() -> str:
 
 def _met(names: Sequence[str], number: np.ndarray) -> list[str]:
     """Return the names for the legend, empty where no point is of that number."""
-    there = np.bincount(number, minlength=len(names))
+    there = np.bincount(number[number >= 0], minlength=len(names))
     return [name if there[k] else "" for k, name in enumerate(names)]
 
 

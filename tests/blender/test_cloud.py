@@ -9,7 +9,7 @@ from references.lidar_scenes import ground, scene_with, wall
 from references.rays_brute import BruteCaster
 
 from forest_addon.blender.scene.layout import COLOUR_BY, COLOUR_MAP, SHARE
-from forest_addon.blender.scene.nodes import choose_input, drawn_input, set_input
+from forest_addon.blender.scene.nodes import choose_input, drawn_inputs, set_input
 from forest_addon.blender.show.cloud import show_cloud
 from forest_addon.blender.show.cloud_nodes import (
     HIGHEST,
@@ -164,7 +164,7 @@ def test_new_points_come_into_the_object_that_is_there(empty_blender, cloud):
     home = bpy.context.scene.collection
     thing = show_cloud(home, "a", cloud)
     modifier, plain = thing.modifiers["Points"], shown(thing)
-    holder, key = drawn_input(modifier, COLOUR_BY)
+    holder, key = drawn_inputs(modifier)[COLOUR_BY]
     by_tree = modifier[key[2:-2]] + 1 if holder is modifier else "Tree"
     set_input(modifier, COLOUR_BY, by_tree)
     set_input(modifier, "Radius", 0.07)

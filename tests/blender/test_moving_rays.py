@@ -9,13 +9,22 @@ pytest.importorskip("bpy")
 from forest_addon.base.trimesh import OTHER, TriMesh
 from forest_addon.blender.rays.bvh import BvhCaster
 from forest_addon.blender.rays.casters import make_caster
+from forest_addon.blender.rays.embree import EmbreeCaster
+from forest_addon.blender.rays.embree_parts import embree_parts
+from forest_addon.sensing.rays.exact import ExactCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.sensing.rays.moving import MovingCaster, RigidPath
+from forest_addon.sensing.rays.moving import MovingCaster
+from forest_addon.sensing.rays.paths import RigidPath, SceneMotion
 from forest_addon.spec import Rays
 
 RATE, SPEED = 1.3, 20.0  # rad/s about Z, m/s along X
 SIZE = np.array([2.0, 3.0, 0.5])
-ENGINES = [lambda scene: make_caster(scene, Rays()), BvhCaster]
+ENGINES = [
+    (lambda scene: make_caster(scene, Rays()), None),
+    (BvhCaster, None),
+    (ExactCaster, None),
+    (EmbreeCaster, embree_parts),
+]
 
 
 def plates(transforms):
@@ -45,13 +54,14 @@ def turning(time):
     return found
 
 
-@pytest.mark.parametrize("make", ENGINES)
-def test_ranges_of_a_turning_plate_are_those_of_the_closed_form(make):
+@pytest.mark.parametrize(("make", "engine"), ENGINES)
+def test_ranges_of_a_turning_plate_are_those_of_the_closed_form(make, engine):
     samples = np.linspace(0, 1, 25)
     path = RigidPath(samples, turning(samples))
     wall = np.eye(3, 4)
     wall[0, 3] = 50.0
-    caster = MovingCaster(plates([wall, turning(np.zeros(1))[0]]), {1: path}, make)
+    scene = plates([wall, turning(np.zeros(1))[0]])
+    caster = MovingCaster(scene, SceneMotion({1: path}), make, engine)
     rng = np.random.default_rng(5)
     time = rng.uniform(0, 1, 4000)
     way = np.column_stack([np.ones(4000), rng.uniform(-0.09, 0.09, (4000, 2))])

@@ -16,6 +16,9 @@ import pytest
 from forest_addon.base.places import ASSETS
 from forest_addon.base.rng import stream
 from forest_addon.formats.glb import read_glb
+from forest_addon.formats.helios.material import Material, read_materials
+from forest_addon.formats.helios.obj import read_obj
+from forest_addon.formats.helios.raster import read_points, read_terrain
 from forest_addon.formats.raster_file import read_raster
 from forest_addon.formats.scanner_file import read_scanner
 from forest_addon.formats.stl import StlError, read_stl, write_stl
@@ -70,7 +73,32 @@ def glb(path):
     path.write_bytes(head + chunk)
 
 
+def geotiff(path):
+    from PIL import Image, TiffImagePlugin
+
+    tags = TiffImagePlugin.ImageFileDirectory_v2()
+    for key, value in ((33550, (2.0, 2.0, 0.0)), (33922, (0.0, 0.0, 0.0, 4e5, 5e6, 0.0))):
+        tags[key], tags.tagtype[key] = value, 12
+    Image.fromarray(np.arange(12, dtype=np.float32).reshape(3, 4)).save(path, tiffinfo=tags)
+
+
 READERS = {
+    "obj": (
+        "a.obj",
+        text("v 0 0 0", "v 1 0 0", "v 0 1 0.5", "usemtl a", "f 1//1 2/1 -1"),
+        lambda path: read_obj(path).vertices,
+    ),
+    "materials": (
+        "a.mtl",
+        text("newmtl a", "helios_reflectance 0.2", "helios_isGround true"),
+        read_materials,
+    ),
+    "points": (
+        "a.xyz",
+        text("0 0 0", "1 2 3", "2 2 2.5"),
+        lambda path: read_points(path, " ", 1.0, Material()).vertices,
+    ),
+    "terrain": ("a.tif", geotiff, lambda path: read_terrain(path, Material()).vertices),
     "npy": ("a.npy", npy, read_raster),
     "png": ("a.png", image("PNG"), read_raster),
     "tiff": ("a.tif", image("TIFF"), read_raster),

@@ -109,7 +109,16 @@ def _install(root: Path) -> None:
     """Debian unstable with Blender, in a folder; what fails is removed."""
     print(f"installing a Blender with a window in {root}, once", flush=True)
     if not shutil.which("debootstrap"):
-        _must("apt-get", "install", "-y", "-qq", "--no-install-recommends", "debootstrap")
+        _must(
+            "apt-get",
+            "-o",
+            "DPkg::Lock::Timeout=300",
+            "install",
+            "-y",
+            "-qq",
+            "--no-install-recommends",
+            "debootstrap",
+        )
     root.parent.mkdir(parents=True, exist_ok=True)
     try:
         _must("debootstrap", "--variant=minbase", "unstable", str(root))

@@ -50,6 +50,7 @@ LIBRARY = """<document>
 <beamOrigin x="0" y="0" z="0.2"/></scanner>
 <scanner id="cone" optics="conic" scanAngleMax_deg="20" scanFreqMax_Hz="10" pulseFreqs_Hz="1000"/>
 <scanner id="swing" optics="oscillating" scanAngleMax_deg="20"/>
+<scanner id="prism" optics="spiral"/>
 </document>"""
 TRIPOD = """<document><scannerSettings id="t" pulseFreq_hz="1000" scanFreq_hz="10"/>
 <survey name="n" scene="scene.xml#s" platform="library.xml#PLATFORM"
@@ -80,7 +81,7 @@ def written(
 def test_part_is_scaled_turned_moved_and_set_on_the_ground(tmp_path: Path) -> None:
     survey = written(tmp_path)
     ground, block = read_scene("scene.xml#s", survey)
-    assert ground.mesh.ground[ground.mesh.material].all()
+    assert ground.mesh.ground.all()
     corners = block.corners.reshape(-1, 3)
     # 3 m along x and y, turned by 90 degrees to -3..0 by 0..3, moved by 10; its face on the ground at 2 m
     np.testing.assert_allclose(corners.min(axis=0), [7, 0, 2], atol=1e-12)
@@ -140,10 +141,10 @@ def test_counts_stand_beside_those_of_a_reference(
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"extra": '<dmotion id="m"/>'}, "move"),
-        ({"extra": '<filter type="geotiffloader"/>'}, "geotiffloader"),
+        ({"extra": "<swap/>"}, "swap"),
+        ({"extra": '<filter type="detailedvoxels"/>'}, "detailedvoxels"),
         ({"platform": "copter"}, "multicopter"),
-        ({"scanner": "swing"}, "oscillating"),
+        ({"scanner": "prism"}, "spiral"),
         ({"legs": LEG.replace('z="9"', 'z="9" yaw_deg="3"')}, "yaw_deg"),
         ({"legs": LEG.replace('template="t"', 'template="u"')}, '"u"'),
         ({"legs": "<detectorOverrides/>" + LEG}, "detectorOverrides"),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from references.rods import rod
 from scipy.integrate import solve_ivp, trapezoid
+from scipy.signal import welch
 
 from forest_addon.growth.mesh.leaves import Leaves
 from forest_addon.growth.sway.shape import shape_of, shape_with
@@ -16,6 +17,7 @@ from forest_addon.stand.wind.response import INTERNAL, drag, response_of
 
 WOOD = GreenWood(800.0, 9e9)
 BREEZE = Wind(speed=6.0, direction_deg=30.0)
+LEAVES = np.full(40, 0.6 / 40)  # drag area of a leaf area index of 3
 
 
 def tree(modes: int = 12):
@@ -36,7 +38,7 @@ def test_wind_has_its_mean_and_its_variance_at_the_tops():
     """300 seeds of one place: the deviation of the mean is σ/√300, of a standard deviation σ/√600."""
     found = np.stack(
         [
-            WindField.drawn(BREEZE, 15.0, 3.0, seed).at(
+            WindField.drawn(BREEZE, 15.0, LEAVES, seed).at(
                 np.array([[3.0, 4.0, 15.0]]), np.array([7.0])
             )[0]
             for seed in range(300)
@@ -49,19 +51,50 @@ def test_wind_has_its_mean_and_its_variance_at_the_tops():
     assert found[:, 2].std() < along.std()
 
 
+def test_trees_take_the_momentum_that_the_wind_loses():
+    """Sum of ζ' U² over layers against β² (1 - exp(-ζ/β²)), for leaves spread evenly and all at the top."""
+    layers = 4000
+    top = np.where(np.arange(layers) > 0.7 * layers, 1.0, 0.01)
+    for area in (np.ones(layers), top):
+        area = 0.8 * area / area.sum()
+        field = WindField.drawn(BREEZE, 15.0, area, 1)
+        middle = (np.arange(layers) + 0.5) / layers * 15.0
+        taken = float((area * field.mean(middle) ** 2).sum()) / 6.0**2
+        beta = field.friction
+        assert taken == pytest.approx(beta**2 * (1 - np.exp(-0.8 / beta**2)), rel=1e-3)
+
+
+def test_the_spectrum_of_an_hour_has_no_gaps():
+    """Slope by the least squares of Welch's lines, 0.2 to 2 Hz, of wind at a point: Kaimal's own there."""
+    frequency, steep = np.geomspace(0.2, 2.0, 200), []
+    field = WindField.drawn(BREEZE, 15.0, LEAVES, 3)
+    place, time = np.array([[0.0, 0.0, 15.0]]), np.arange(0, 3600, 0.25)
+    turn = np.exp(2j * np.pi * time[:, None] * field.frequency[field.frequency < 2])
+    gust = (turn @ field.waves(place)[0, field.frequency < 2, 0]).real
+    found, power = welch(gust, 4.0, "hamming", 3200)
+    steep = [
+        np.polyfit(np.log(x), np.log(y), 1)[0]
+        for x, y in (
+            (found[(found > 0.2) & (found < 1.9)], power[(found > 0.2) & (found < 1.9)]),
+            (frequency, kaimal(frequency, np.array([0.15 * 6 / 15]))[:, 0]),
+        )
+    ]
+    assert steep[0] == pytest.approx(steep[1], abs=0.4)
+
+
 def test_wind_fades_among_the_trees_and_grows_above():
-    field = WindField.drawn(BREEZE, 15.0, 3.0, 1)
+    field = WindField.drawn(BREEZE, 15.0, LEAVES, 1)
     profile = field.mean(np.array([0.0, 5.0, 10.0, 15.0, 30.0]))
     assert (np.diff(profile) > 0).all()
     assert profile[3] == pytest.approx(6.0)
-    assert profile[0] == pytest.approx(6.0 * np.exp(-field.fade))
+    assert profile[0] == pytest.approx(6.0 * np.exp(-0.6 / (2 * field.friction**2)))
 
 
 def test_coherence_is_davenports():
     """The expected phase factor of waves across a distance, of 400 drawn fields."""
     apart, rows = 2.0, []
     for seed in range(400):
-        field = WindField.drawn(BREEZE, 15.0, 3.0, seed)
+        field = WindField.drawn(BREEZE, 15.0, LEAVES, seed)
         rows.append(np.exp(1j * field.across[:, 0] * apart))
         frequency = field.frequency
     found = np.mean(rows, axis=0)
@@ -72,7 +105,7 @@ def test_coherence_is_davenports():
 
 def test_gusts_travel():
     """A wave of the field is the same a time later, so much further along the wind."""
-    field = WindField.drawn(BREEZE, 15.0, 3.0, 1)
+    field = WindField.drawn(BREEZE, 15.0, LEAVES, 1)
     way = np.append(field.along, 0.0)
     here = np.array([[1.0, 2.0, 15.0]])
     assert field.at(here + 1.8 * 6.0 * 3.0 * way, np.array([5.0])) == pytest.approx(
@@ -101,7 +134,7 @@ def test_drag_goes_from_quadratic_to_linear():
 def test_modes_have_the_energy_of_a_fine_integration_in_time():
     """Each mode as an oscillator, stepped from rest under the force of the wind itself."""
     shape = tree(modes=4)
-    field = WindField.drawn(BREEZE, 15.0, 3.0, 2)
+    field = WindField.drawn(BREEZE, 15.0, LEAVES, 2)
     place, turn = np.array([4.0, 5.0, 0.0]), 0.7
     answer = response_of(shape, field, place, turn)
     points, modes = shape.at_members()
@@ -145,7 +178,7 @@ def test_modes_have_the_energy_of_a_fine_integration_in_time():
 
 
 def test_velocity_is_the_derivative_and_knots_change_nothing():
-    answer = response_of(tree(), WindField.drawn(BREEZE, 15.0, 3.0, 2), np.zeros(3), 0.0)
+    answer = response_of(tree(), WindField.drawn(BREEZE, 15.0, LEAVES, 2), np.zeros(3), 0.0)
     time = np.sort(np.random.default_rng(1).uniform(0, 50, 200))
     value, speed = answer.amplitudes(time)
     low, high = (answer.amplitudes(time + d)[0] for d in (-1e-5, 1e-5))
@@ -159,14 +192,14 @@ def test_velocity_is_the_derivative_and_knots_change_nothing():
 def test_damping_grows_with_the_wind():
     shape, found = tree(), []
     for speed in (1.0, 5.0, 15.0):
-        field = WindField.drawn(Wind(speed=speed), 15.0, 3.0, 2)
+        field = WindField.drawn(Wind(speed=speed), 15.0, LEAVES, 2)
         found.append(response_of(shape, field, np.zeros(3), 0.0).damping[0])
     assert INTERNAL < found[0] < found[1] < found[2]
 
 
 def test_a_larger_tree_sways_slower_and_a_turned_one_the_same():
     shape = tree()
-    field = WindField.drawn(BREEZE, 15.0, 3.0, 2)
+    field = WindField.drawn(BREEZE, 15.0, LEAVES, 2)
     one, half = (response_of(shape, field, np.zeros(3), 0.0, s) for s in (1.0, 0.5))
     assert half.frequency == pytest.approx(2 * one.frequency)
     turned = response_of(shape, field, np.zeros(3), 1.0)

@@ -597,7 +597,7 @@ def test_a_unit_counts_as_a_metre_and_the_panel_says_so(again, system, scale):
     assert ("A unit counts as 1 m here:" in drawn()) == (scale != 1)
 
 
-CLOCKED = ("Time", "Audit")  # an audit checks as many as its share of the time allows
+CLOCKED = ("Time", "Checked", "Audit")  # an audit checks as many as its share of the time allows
 
 
 def figures(name):

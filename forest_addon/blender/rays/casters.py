@@ -15,6 +15,7 @@ from ...base.rng import stream
 from ...base.trimesh import OTHER, TriMesh
 from ...growth.mesh.tubes import tube
 from ...sensing.rays.geometry import SceneGeometry
+from ...sensing.rays.moving import MakeMotion
 from ...sensing.rays.pieces import MakeEngine
 from ...sensing.rays.search import Search
 from ...spec import Rays
@@ -22,6 +23,7 @@ from .bvh import BvhCaster
 from .embree import EmbreeCaster
 from .embree_library import EmbreeError
 from .embree_motion import EmbreePieces
+from .embree_parts import embree_parts
 
 
 def make_caster(scene: SceneGeometry, rays: Rays) -> Search:
@@ -49,6 +51,13 @@ def piece_engine(rays: Rays) -> MakeEngine | None:
     if rays.engine == "bvhtree" or embree_problem():
         return None
     return partial(EmbreePieces, threads=rays.threads or os.cpu_count() or 1)
+
+
+def motion_engine(rays: Rays) -> MakeMotion | None:
+    """Return what finds hits in a scene that moves, by the settings; None: a caster for each part."""
+    if rays.engine == "bvhtree" or embree_problem():
+        return None
+    return partial(embree_parts, threads=rays.threads or os.cpu_count() or 1)
 
 
 def moved_caster(like: Search, scene: SceneGeometry) -> Search:

@@ -11,6 +11,7 @@ import ctypes
 import threading
 import weakref
 from collections import deque
+from collections.abc import Iterable
 from itertools import repeat
 
 import numpy as np
@@ -189,23 +190,49 @@ class EmbreeBuild:
 
     def mesh(self, mesh: TriMesh, rows: np.ndarray) -> int:
         """A scene of these triangles of a mesh, in its local space."""
-        vertices = np.zeros(
-            (len(mesh.vertices) + 1, 3), dtype=np.float32
-        )  # read 16 bytes at a time
-        vertices[:-1] = np.nan_to_num(mesh.vertices, nan=0.0, posinf=0.0, neginf=0.0)
-        triangles = np.ascontiguousarray(mesh.triangles[rows], dtype=np.uint32)
-        self._arrays += [vertices, triangles]
+        return self.shape(mesh.vertices[None], mesh.triangles[rows])
+
+    def shape(self, vertices: np.ndarray, triangles: np.ndarray) -> int:
+        """A scene of triangles (T, 3) in their local space.
+
+        vertices : (S, V, 3) at even steps of a ray's time from 0 to 1, between which they go straight.
+        """
+        steps, count = vertices.shape[:2]
+        kept = np.zeros((steps * count + 1, 3), dtype=np.float32)  # read 16 bytes at a time
+        kept[:-1] = np.nan_to_num(vertices.reshape(-1, 3), nan=0.0, posinf=0.0, neginf=0.0)
+        triangles = np.ascontiguousarray(triangles, dtype=np.uint32)
+        self._arrays += [kept, triangles]
         geometry = self._library.rtcNewGeometry(self._device, embree.TRIANGLE)
-        for kind, form, array, count in (
-            (embree.VERTEX_BUFFER, embree.FLOAT3, vertices, len(vertices) - 1),
-            (embree.INDEX_BUFFER, embree.UINT3, triangles, len(triangles)),
-        ):
-            self._library.rtcSetSharedGeometryBuffer(
-                geometry, kind, 0, form, array.ctypes.data, 0, 12, count
-            )
+        if steps > 1:
+            self._library.rtcSetGeometryTimeStepCount(geometry, steps)
+        given = self._library.rtcSetSharedGeometryBuffer
+        first, size = kept.ctypes.data, kept.strides[0] * count
+        for step in range(steps):
+            place = first + step * size
+            given(geometry, embree.VERTEX_BUFFER, step, embree.FLOAT3, place, 0, 12, count)
+        place = triangles.ctypes.data
+        given(geometry, embree.INDEX_BUFFER, 0, embree.UINT3, place, 0, 12, len(triangles))
         scene = self._scene()
         self._attach(scene, geometry, 0)
         return self._commit(scene)
+
+    def turning(self, numbers: list[int], scenes: list[int], places: list[np.ndarray]) -> int:
+        """A scene of instances that turn; a hit names the instance by its number.
+
+        places : of each (S, 16) float32, Embree's ``RTCQuaternionDecomposition``, at even steps of a ray's
+        time from 0 to 1, between which turns go at an even rate and all else linearly.
+        """
+        top = self._scene()
+        for number, scene, place in zip(numbers, scenes, places, strict=True):
+            geometry = self._library.rtcNewGeometry(self._device, embree.INSTANCE)
+            self._library.rtcSetGeometryInstancedScene(geometry, scene)
+            if len(place) > 1:
+                self._library.rtcSetGeometryTimeStepCount(geometry, len(place))
+            rows = range(place.ctypes.data, place.ctypes.data + place.nbytes, place.strides[0])
+            turn = self._library.rtcSetGeometryTransformQuaternion
+            deque(map(turn, repeat(geometry), range(len(place)), rows), maxlen=0)
+            self._attach(top, geometry, number)
+        return self._commit(top)
 
     def instances(self, numbers: list[int], scenes: list[int], place: np.ndarray) -> int:
         """A scene of instances; a hit names the instance by its number.
@@ -301,10 +328,19 @@ class RayPackets:
         self.packets[:, TFAR] = self._by_packet[:, 6]
         self._found[:] = NONE
 
-    def trace(self, library: ctypes.CDLL, valid: int, scene: int) -> None:
-        """Send them into a scene. valid : address of 16 flags."""
+    def trace(
+        self, library: ctypes.CDLL, valid: int, scene: int, rays: np.ndarray | None = None
+    ) -> None:
+        """Send them into a scene.
+
+        valid : address of 16 flags. rays : some, whose packets go; left out: all.
+        """
         run = library.rtcIntersect16
-        deque(map(run, repeat(valid), repeat(scene), self.addresses, repeat(None)), maxlen=0)
+        going: Iterable[int] = self.addresses
+        if rays is not None:
+            some = np.flatnonzero(np.bincount(rays // PACKET, minlength=1))
+            going = map(going.__getitem__, some.tolist())
+        deque(map(run, repeat(valid), repeat(scene), going, repeat(None)), maxlen=0)
 
     def read(self, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Instance and triangle (M,) of the rays that met something, and which rays (M,) these are."""

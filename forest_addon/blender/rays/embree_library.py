@@ -42,6 +42,7 @@ SIGNATURES = {
     "rtcSetSharedGeometryBuffer": (None, [_P, _I, _U, _I, _P, _Z, _Z, _Z]),
     "rtcSetGeometryInstancedScene": (None, [_P, _P]),
     "rtcSetGeometryTransform": (None, [_P, _U, _I, _P]),
+    "rtcSetGeometryTransformQuaternion": (None, [_P, _U, _P]),
     "rtcSetGeometryTimeStepCount": (None, [_P, _U]),
     "rtcIntersect16": (None, [_P, _P, _P, _P]),
 }

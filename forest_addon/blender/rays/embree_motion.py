@@ -6,8 +6,6 @@ finds in float32 is met again in float64, where the piece is at the ray's time.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 
 from ...base.trimesh import TriMesh
@@ -16,7 +14,7 @@ from ...sensing.rays.caster import Hits
 from ...sensing.rays.geometry import SceneGeometry
 from ...sensing.rays.pieces import boxes_of, placed, swept
 from ...sensing.rays.refine import RefinedSurfaces, whole_triangles
-from ...sensing.rays.search import MARGIN, STEP, TASK, refused
+from ...sensing.rays.search import in_tasks, search_on
 from . import embree_library as embree
 from .embree import EmbreeBuild, RayPackets, all_lanes
 
@@ -92,46 +90,20 @@ class _EmbreeWindow:
         leaving: Hits | None,
     ) -> Hits:
         """The closest hits; see ``PieceWindow``."""
-        count = len(origins)
-        hits = Hits.misses(count)
-        parts = [slice(first, first + TASK) for first in range(0, count, TASK)]
+        hits = Hits.misses(len(origins))
 
         def task(part: slice) -> None:
-            left = None if leaving is None else leaving.select(part)
-            given = origins[part], ways[part], near[part], far[part], knot[part]
-            hits.put(part, self._cast(*given, left))
+            rays = origins[part], ways[part]
+            some_near, some_far, some_knot = near[part], far[part], knot[part]
+            left = Hits.misses(len(some_near)) if leaving is None else leaving.select(part)
 
-        if len(parts) == 1 or self._pieces.threads == 1:
-            for part in parts:
-                task(part)
-        else:
-            with ThreadPoolExecutor(self._pieces.threads) as pool:
-                list(pool.map(task, parts))
-        return hits
+            def nearest(rows: np.ndarray, start: np.ndarray) -> Hits:
+                some = (array[rows] for array in rays)
+                return self._nearest(*some, start, some_far[rows], some_knot[rows])
 
-    def _cast(
-        self,
-        origins: np.ndarray,
-        ways: np.ndarray,
-        near: np.ndarray,
-        far: np.ndarray,
-        knot: np.ndarray,
-        leaving: Hits | None,
-    ) -> Hits:
-        start = near - MARGIN
-        left = Hits.misses(len(origins)) if leaving is None else leaving
-        start[left.found] += MARGIN
-        hits = self._nearest(origins, ways, start, far, knot)
-        rays = np.flatnonzero(refused(hits, near, left))
-        step = STEP
-        while len(rays):
-            start[rays] = np.maximum(start[rays], hits.distance[rays]) + step
-            step *= 2.0
-            again = self._nearest(origins[rays], ways[rays], start[rays], far[rays], knot[rays])
-            hits.put(rays, again)
-            rays = rays[refused(again, near[rays], left.select(rays))]
-        beyond = hits.found & (hits.distance > far)
-        hits.put(beyond, Hits.misses(int(beyond.sum())))
+            hits.put(part, search_on(nearest, some_near, some_far, left))
+
+        in_tasks(task, len(origins), self._pieces.threads)
         return hits
 
     def _nearest(

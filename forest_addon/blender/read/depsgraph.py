@@ -10,6 +10,8 @@ is kept until Blender reports any change.
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Container
 from typing import Any
 
 import bpy
@@ -18,6 +20,7 @@ import numpy as np
 from ...base.trimesh import TriMesh
 from ...growth.mesh.leaves import separate_leaves
 from ...sensing.rays.geometry import SceneGeometry
+from ...sensing.rays.runs import SceneSample, Shape
 from ..scene.meshes import from_mesh
 from ..scene.standings import (
     ASSET_KEY,
@@ -40,10 +43,18 @@ def read_scene(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:
     return kept(depsgraph, _read)
 
 
-def read_places(depsgraph: bpy.types.Depsgraph) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Read where instances stand, (I, 3, 4), and names of their objects, in the order of ``read_scene``."""
-    scene = _read(depsgraph, _Whereabouts())
-    return scene.transform, scene.object_name
+def read_sample(
+    depsgraph: bpy.types.Depsgraph, changing: Container[str], known: dict[bytes, TriMesh]
+) -> SceneSample:
+    """Read where instances stand, in the order of ``read_scene``, and the shapes of objects of these names.
+
+    known : meshes by what tells their triangles, filled on.
+    """
+    found = _Whereabouts(changing, known)
+    scene = _read(depsgraph, found)
+    return SceneSample(
+        scene.transform, scene.object_name, scene.object_index, scene.mesh_index, found.shapes
+    )
 
 
 def _read(depsgraph: bpy.types.Depsgraph, found: _Found | None = None) -> SceneGeometry:
@@ -214,10 +225,44 @@ class _Found:
 
 
 class _Whereabouts(_Found):
-    """Instances alone: meshes are not read."""
+    """Instances, and the shapes of some objects; all other meshes are not read."""
+
+    def __init__(self, changing: Container[str], known: dict[bytes, TriMesh]) -> None:
+        super().__init__()
+        self._changing, self._known = changing, known
+        self._owner, self._seen = "", 0
+        self.shapes: dict[int, Shape] = {}
+
+    def add_many(self, standing: Standing, owner: bpy.types.Object) -> None:
+        self._owner = owner.name_full
+        super().add_many(standing, owner)
 
     def _number(self, mesh: bpy.types.Mesh, thing: bpy.types.Object | None) -> int:
-        return 0 if len(mesh.polygons) else -1
+        key = mesh.as_pointer()
+        if key in self._number_of:
+            return self._number_of[key]
+        number = -1
+        if len(mesh.polygons):
+            number, self._seen = self._seen, self._seen + 1
+            name = self._owner if thing is None else thing.name_full
+            if name in self._changing or self._owner in self._changing:
+                self.shapes[number] = self._shape(mesh)
+        self._number_of[key] = number
+        return number
+
+    def _shape(self, mesh: bpy.types.Mesh) -> Shape:
+        corners = np.empty(len(mesh.loops), dtype=np.int32)
+        starts = np.empty(len(mesh.polygons), dtype=np.int32)
+        mesh.attributes[".corner_vert"].data.foreach_get("value", corners)
+        mesh.polygons.foreach_get("loop_start", starts)
+        told = hashlib.sha256(corners.tobytes())
+        told.update(starts.tobytes())
+        told.update(str(len(mesh.vertices)).encode())
+        if told.digest() not in self._known:
+            self._known[told.digest()] = separate_leaves(from_mesh(mesh))
+        position = np.empty(3 * len(mesh.vertices), dtype=np.float32)
+        mesh.attributes["position"].data.foreach_get("vector", position)
+        return Shape(position.reshape(-1, 3), self._known[told.digest()])
 
 
 def _says(owner: bpy.types.Object, thing: bpy.types.Object, key: str, otherwise: Any) -> Any:

@@ -12,12 +12,13 @@ import numpy as np
 
 from ... import spec
 from ...base.rng import stream
-from ...base.trimesh import DEAD, LEAF, WOOD, TriMesh
+from ...base.trimesh import DEAD, LEAF, WOOD, TriMesh, join
 
 PIXELS = 128
 DOTS = 60_000
 LIGHT = np.array([-0.45, -0.70, 0.55])  # towards the sun; the eye looks along +Y
 AMBIENT = 0.45
+PAPER = 0.94  # grey of the paper, as in the pictures of presets
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,20 @@ def mark(thing: bpy.types.Object, portrait: AssetPortrait) -> None:
     preview = thing.preview_ensure()
     preview.image_size = (PIXELS, PIXELS)
     preview.image_pixels_float = portrait.picture.ravel()
+
+
+def on_paper(wood: np.ndarray, leaves: np.ndarray | None, look: spec.Look) -> np.ndarray:
+    """(PIXELS, PIXELS, 3) sRGB, from the upper left: facets (T, 3, 3) of a tree before white paper."""
+    parts = [(wood, WOOD)] + ([(leaves, LEAF)] if leaves is not None else [])
+    mesh = join(
+        [
+            TriMesh.of_part(f.reshape(-1, 3), np.arange(3 * len(f)).reshape(-1, 3), part)
+            for f, part in parts
+        ]
+    )
+    drawn = draw(mesh, {WOOD: look.bark, LEAF: look.foliage()})
+    ink = drawn[::-1, :, 3:]
+    return np.asarray(ink * drawn[::-1, :, :3] + PAPER * (1 - ink))
 
 
 def draw(mesh: TriMesh, colours: dict[int, tuple[float, float, float]]) -> np.ndarray:

@@ -153,10 +153,17 @@ def has_input(modifier: bpy.types.Modifier, socket: str) -> bool:
     return modifier.type == "NODES" and socket in _sockets(modifier)
 
 
-def drawn_input(modifier: bpy.types.Modifier, socket: str) -> tuple[Any, str]:
-    """Return what a layout draws of an input: whose property, and its name."""
-    _, holder, key = _input(modifier, socket)
-    return (holder, f'["{key}"]') if holder is modifier else (holder, "value")
+def drawn_inputs(modifier: bpy.types.Modifier) -> dict[str, tuple[Any, str]]:
+    """Return what a layout draws of each input, by its name: whose property, and its name; none of other
+    modifiers than geometry nodes."""
+    if modifier.type != "NODES":
+        return {}
+    known = _sockets(modifier)
+    if not hasattr(modifier, "properties"):
+        return {name: (modifier, f'["{key}"]') for name, key in known.items()}
+    inputs = modifier.properties.inputs
+    holders = {name: getattr(inputs, key, None) for name, key in known.items()}
+    return {name: (holder, "value") for name, holder in holders.items() if holder is not None}
 
 
 def input_of(modifier: bpy.types.Modifier, socket: str) -> Any:

@@ -11,7 +11,7 @@ pose is made of is not shown in the panel again (``posed`` of its kind).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 import bpy
@@ -137,12 +137,17 @@ def sensors_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     return sorted(found, key=lambda thing: thing.name)
 
 
-def home_of(scene: bpy.types.Scene) -> bpy.types.Collection | bpy.types.Scene | None:
+def home_of(
+    scene: bpy.types.Scene, known: Collection[bpy.types.Object] | None = None
+) -> bpy.types.Collection | bpy.types.Scene | None:
     """A block whose ``objects`` are all sensors and perhaps others: the collection of the scene's sensors, or
-    the scene where some are elsewhere; None where it has no sensor."""
+    the scene where some are elsewhere; None where it has no sensor.
+
+    known : ``sensors_of`` the scene, where the caller has them.
+    """
     home = find_part(scene, SENSORS)
     there = set() if home is None else set(home.objects)
-    return home if there.issuperset(sensors_of(scene)) else scene
+    return home if there.issuperset(sensors_of(scene) if known is None else known) else scene
 
 
 def is_stranger(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:
@@ -208,7 +213,10 @@ def _sensors_in(home: bpy.types.Collection) -> list[bpy.types.Object]:
 
 
 def _is_sensor(thing: bpy.types.Object) -> bool:
-    return thing.type in BODIES and kind_of(thing) in KINDS and is_local(thing)
+    # Most objects are none: what is cheapest to ask comes first, as each redraw of the panel asks.
+    return (
+        KIND_KEY in thing and kind_of(thing) in KINDS and thing.type in BODIES and is_local(thing)
+    )
 
 
 def place(thing: bpy.types.Object, settings: Sensor) -> None:

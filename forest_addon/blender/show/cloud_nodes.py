@@ -9,6 +9,7 @@ group is made once a file and then left alone, so whatever is changed in it by h
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -72,6 +73,7 @@ def title_of(name: str) -> str:
     return name.replace("_", " ").title()
 
 
+@functools.cache
 def is_measure(choice: str) -> bool:
     """Return whether a choice of the menu *Colour By* goes through a scale of colours."""
     return any(choice == title_of(name) for name in (*MEASURES, *HEARD_MEASURES))

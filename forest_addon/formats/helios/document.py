@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
 from pathlib import Path
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
@@ -48,14 +50,40 @@ def find_file(name: str, near: Path, assets: Path | None = None) -> Path:
     ------
     SpecError : there is none.
     """
-    tops = [*([assets] if assets else []), *near.resolve().parents]
-    for top in tops:
-        for place in (top / name, top / LIBRARY / name):
-            if place.is_file():
-                return place
+    for place in _places(name, near, assets):
+        if place.is_file():
+            return place
     raise SpecError(
         str(near), f'names "{name}", which is in no folder above it; say where with --assets FOLDER'
     )
+
+
+def find_files(pattern: str, near: Path, assets: Path | None = None) -> list[Path]:
+    """The files whose names match an extended path: a folder, and a regular expression of a file's name.
+
+    Raises
+    ------
+    SpecError : there is none, or the expression is broken.
+    """
+    folder, _, name = pattern.replace("\\", "/").rpartition("/")
+    try:
+        matches = re.compile(name).fullmatch
+    except re.error as problem:
+        raise SpecError(str(near), f'efilepath = "{pattern}" is broken: {problem}') from None
+    for place in _places(folder, near, assets):
+        if place.is_dir():
+            found = [file for file in sorted(place.iterdir()) if matches(file.name)]
+            if found:
+                return found
+    raise SpecError(str(near), f'efilepath = "{pattern}" matches no file in a folder above it')
+
+
+def _places(name: str, near: Path, assets: Path | None) -> Iterator[Path]:
+    """Places at which a path of a document may be; it may have been written on Windows."""
+    name = name.replace("\\", "/")
+    for top in [*([assets] if assets else []), *near.resolve().parents]:
+        yield top / name
+        yield top / LIBRARY / name
 
 
 def asset_of(reference: str, tag: str, near: Path, assets: Path | None) -> tuple[Element, Path]:

@@ -1,14 +1,12 @@
-"""Scenes of HELIOS++: Wavefront OBJ parts with scale, rotation and translation, on the ground if they ask.
+"""Scenes of HELIOS++: parts with scale, rotation and translation, on the ground if they ask, which may move.
 
-A part is scaled, then turned, then moved, in whichever order its filters stand. Of materials only
-``helios_isGround`` is read, no spectra and no reflectance. Parts that move, and loaders of anything but OBJ,
-are refused.
+A part is scaled, then turned, then moved, in whichever order its filters stand. It is loaded from OBJ files,
+from a GeoTIFF of heights, or from a text of points as voxels. What is not supported is refused by name.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -16,30 +14,26 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...spec import SpecError
-from ..foreign import guarded
-from .document import asset_of, find_file, number, rotation_of, vector, yes
+from .document import asset_of, find_file, find_files, number, rotation_of, vector
+from .material import Material, read_materials
+from .motion import PartMotion, read_motion
+from .obj import PartMesh, read_obj, together
+from .raster import read_points, read_terrain
 
-
-@dataclass(frozen=True)
-class Wavefront:
-    """Triangles of an OBJ file.
-
-    vertices : (V, 3) metres. triangles : (T, 3). material : (T,) slot. ground : (S,) bool of the slots.
-    """
-
-    vertices: np.ndarray
-    triangles: np.ndarray
-    material: np.ndarray
-    ground: np.ndarray
+LOADERS = ("objloader", "geotiffloader", "xyzloader")
+UNREAD = {
+    "swap": "is swapped for other shapes while it is scanned (swap), which is not supported",
+}
 
 
 @dataclass(frozen=True)
 class Part:
-    """Part of a scene: a mesh, and where it stands: (3, 4) local to world."""
+    """Part of a scene: a surface, where it is, (3, 4) local to world, and how it moves; None: it stands."""
 
     name: str
-    mesh: Wavefront
+    mesh: PartMesh
     transform: np.ndarray
+    motion: PartMotion | None = None
 
     @property
     def corners(self) -> np.ndarray:
@@ -47,75 +41,39 @@ class Part:
         turned = self.mesh.vertices @ self.transform[:, :3].T + self.transform[:, 3]
         return np.asarray(turned[self.mesh.triangles])
 
+    @property
+    def middle(self) -> np.ndarray:
+        """(3,) metres, middle of the box around it in the world."""
+        corners = self.corners
+        return np.asarray((corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))) / 2)
 
-@guarded("a Wavefront OBJ file")
-def read_obj(path: Path, up: str = "z") -> Wavefront:
-    """The triangles of a Wavefront file; polygons are cut into fans.
-
-    up : the axis that points up in the file, "z" or "y".
-
-    Raises
-    ------
-    SpecError : a corner that is not there, or no face at all.
-    """
-    places: list[list[float]] = []
-    faces: list[tuple[int, int, int]] = []
-    slots: list[int] = []
-    names = [""]
-    grounds: set[str] = set()
-    slot = 0
-    for line, text in enumerate(path.read_text("utf-8", errors="replace").splitlines(), 1):
-        word, *rest = text.split("#")[0].split() or [""]
-        if word == "v":
-            places.append([float(x) for x in rest[:3]])
-        elif word == "f":
-            corner = [_corner(one, len(places)) for one in rest]
-            if len(corner) < 3 or min(corner) < 0 or max(corner) >= len(places):
-                raise SpecError(str(path), f"line {line}: a face has a corner that is not there")
-            faces += [(corner[0], b, c) for b, c in pairwise(corner[1:])]
-            slots += [slot] * (len(corner) - 2)
-        elif word == "usemtl":
-            name = " ".join(rest)
-            if name not in names:
-                names.append(name)
-            slot = names.index(name)
-        elif word == "mtllib":
-            grounds |= _grounds(path.parent / " ".join(rest))
-    if not faces:
-        raise SpecError(str(path), "has no face")
-    vertices = np.array(places)
-    if up == "y":
-        vertices = np.stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]], axis=1)
-    return Wavefront(
-        vertices,
-        np.array(faces, dtype=np.int32),
-        np.array(slots, dtype=np.int32),
-        np.array([name in grounds for name in names]),
-    )
+    def shifted(self, by: np.ndarray) -> Part:
+        """The part moved by (3,) metres; one that moves is not to be moved so."""
+        transform = self.transform.copy()
+        transform[:, 3] += by
+        return replace(self, transform=transform)
 
 
-def _corner(text: str, count: int) -> int:
-    index = int(text.split("/")[0])
-    return index - 1 if index > 0 else count + index if index else -1
+@dataclass(frozen=True)
+class _PartReader:
+    """Folders of the files that a scene names, and meshes that were read."""
+
+    path: Path
+    assets: Path | None
+    meshes: dict[tuple[Path, str], PartMesh]
+
+    def obj(self, path: Path, up: str) -> PartMesh:
+        if (path, up) not in self.meshes:
+            self.meshes[path, up] = read_obj(path, up)
+        return self.meshes[path, up]
 
 
-def _grounds(path: Path) -> set[str]:
-    """Names of the materials that are ground; none where there is no such file."""
-    found: set[str] = set()
-    name = ""
-    if not path.is_file():
-        return found
-    for text in path.read_text("utf-8", errors="replace").splitlines():
-        word, *rest = text.split() or [""]
-        if word == "newmtl":
-            name = " ".join(rest)
-        elif word == "helios_isGround" and rest and yes(rest[0], False):
-            found.add(name)
-    return found
-
-
-def read_scene(reference: str, near: Path, assets: Path | None = None) -> tuple[Part, ...]:
+def read_scene(
+    reference: str, near: Path, assets: Path | None = None, pulse_rate: float = 1.0
+) -> tuple[Part, ...]:
     """The parts of the scene "FILE.xml#ID".
+
+    pulse_rate : Hz, of the first leg, by which parts move that state a step in seconds.
 
     Raises
     ------
@@ -123,63 +81,104 @@ def read_scene(reference: str, near: Path, assets: Path | None = None) -> tuple[
     """
     scene, path = asset_of(reference, "scene", near, assets)
     parts: list[Part] = []
-    meshes: dict[tuple[Path, str], Wavefront] = {}
-    for index, element in enumerate(scene.findall("part")):
-        part, on_ground = _part(element, index, path, assets, meshes)
+    reader = _PartReader(path, assets, {})
+    elements = scene.findall("part")
+    for index, element in enumerate(elements):
+        part, on_ground = _part(element, index, reader)
         if on_ground:
             part = _lowered(part, parts, path)
         parts.append(part)
     if not parts:
         raise SpecError(str(path), "the scene has no part")
-    return tuple(parts)
+    if scene.find(".//dmotion") is None:
+        return tuple(parts)
+    origin = np.min([part.corners.reshape(-1, 3).min(axis=0) for part in parts], axis=0)
+    return tuple(
+        replace(part, motion=read_motion(scene, element, origin, pulse_rate, path))
+        for part, element in zip(parts, elements, strict=True)
+    )
 
 
-def _part(
-    element: Element,
-    index: int,
-    path: Path,
-    assets: Path | None,
-    meshes: dict[tuple[Path, str], Wavefront],
-) -> tuple[Part, bool]:
-    where = f"{path}, part {element.get('id', index)}"
+def _part(element: Element, index: int, reader: _PartReader) -> tuple[Part, bool]:
+    name = element.get("id", f"part{index}")
+    where = f"{reader.path}, part {element.get('id', index)}"
     for child in element:
-        if child.tag == "dmotion":
-            raise SpecError(where, "moves (dmotion); parts that move are not supported")
-        if child.tag != "filter":
-            raise SpecError(where, f'holds "{child.tag}", which is not supported')
+        if child.tag not in ("filter", "dmotion"):
+            why = UNREAD.get(child.tag, f'holds "{child.tag}", which is not supported')
+            raise SpecError(where, why)
     mesh, scale, turn, shift, on_ground = None, 1.0, Rotation.identity(), np.zeros(3), False
     seen: set[str] = set()
     for step in element.findall("filter"):
-        kind = step.get("type", "")
+        kind = step.get("type", "").lower()
         if kind in seen:
             raise SpecError(where, f'has two filters "{kind}"; only one of a kind is supported')
         seen.add(kind)
         params = {p.get("key", ""): p for p in step.findall("param")}
-        if kind == "objloader" and "filepath" in params:
-            name = params["filepath"].get("value", "")
-            up = params["up"].get("value", "z") if "up" in params else "z"
-            if up not in ("y", "z"):
-                raise SpecError(where, f'up = "{up}" is not y or z')
-            file = find_file(name, path, assets)
-            if (file, up) not in meshes:
-                meshes[file, up] = read_obj(file, up)
-            mesh = meshes[file, up]
-        elif kind == "scale":
-            scale = number(params["scale"], "value", path)
-        elif kind == "rotate":
-            turn = rotation_of(params["rotation"], path)
+        if kind in LOADERS:
+            mesh = _loaded(kind, params, where, reader)
+        elif kind == "scale" and "scale" in params:
+            scale = number(params["scale"], "value", reader.path)
+        elif kind == "rotate" and "rotation" in params:
+            turn = rotation_of(params["rotation"], reader.path)
         elif kind == "translate":
-            shift = vector(params["offset"].get("value", ""), path)
-            on_ground = "onGround" in params and number(params["onGround"], "value", path) != 0
+            if "offset" in params:
+                shift = vector(params["offset"].get("value", ""), reader.path)
+            on_ground = "onGround" in params and _stands(params["onGround"], reader.path)
         else:
             raise SpecError(
                 where,
-                f'filter "{kind}" is not supported; objloader, scale, rotate and translate are',
+                f'filter "{kind}" is not supported; {", ".join(LOADERS)}, scale, rotate and translate are',
             )
     if mesh is None:
-        raise SpecError(where, "has no objloader with a filepath; other loaders are not supported")
+        raise SpecError(where, f"has no loader; give one of {', '.join(LOADERS)}")
     transform = np.column_stack([turn.as_matrix() * scale, shift])
-    return Part(element.get("id", f"part{index}"), mesh, transform), on_ground
+    return Part(name, mesh, transform), on_ground
+
+
+def _stands(param: Element, path: Path) -> bool:
+    """Return whether a part is to stand on the ground: a word, or any number but 0."""
+    words = {"true": True, "false": False}
+    said = words.get(param.get("value", "").lower())
+    return number(param, "value", path) != 0 if said is None else said
+
+
+def _loaded(kind: str, params: dict[str, Element], where: str, reader: _PartReader) -> PartMesh:
+    """The surface that a loader of a part makes."""
+
+    def said(key: str, otherwise: str = "") -> str:
+        return params[key].get("value", otherwise) if key in params else otherwise
+
+    up = said("up", "z")
+    if up not in ("y", "z"):
+        raise SpecError(where, f'up = "{up}" is not y or z')
+    if said("efilepath"):
+        files = find_files(said("efilepath"), reader.path, reader.assets)
+    elif said("filepath"):
+        files = [find_file(said("filepath"), reader.path, reader.assets)]
+    else:
+        raise SpecError(where, f"its {kind} names no file (filepath)")
+    if kind == "objloader":
+        return together([reader.obj(file, up) for file in files])
+    material = _material_of(said("matfile"), said("matname"), where, reader)
+    if kind == "geotiffloader":
+        return together([read_terrain(file, material) for file in files])
+    size = number(params["voxelSize"], "value", reader.path) if "voxelSize" in params else 1.0
+    return together([read_points(file, said("separator", " "), size, material) for file in files])
+
+
+def _material_of(file: str, name: str, where: str, reader: _PartReader) -> Material:
+    """The material that a loader names; without one it is ground, as in HELIOS++.
+
+    Raises
+    ------
+    SpecError : there is no such material.
+    """
+    if not file:
+        return Material(ground=True)
+    known = read_materials(find_file(file, reader.path, reader.assets))
+    if name and name not in known:
+        raise SpecError(where, f'matname = "{name}" is not in {file}')
+    return known[name] if name else next(iter(known.values()), Material())
 
 
 def _lowered(part: Part, before: list[Part], path: Path) -> Part:
@@ -189,17 +188,14 @@ def _lowered(part: Part, before: list[Part], path: Path) -> Part:
     height = ground_height(before, lowest[0], lowest[1])
     if height is None:
         raise SpecError(str(path), f"{part.name} is to stand on the ground, but none is below it")
-    transform = part.transform.copy()
-    transform[2, 3] += height - lowest[2]
-    return Part(part.name, part.mesh, transform)
+    return part.shifted(np.array([0.0, 0.0, height - lowest[2]]))
 
 
 def ground_height(parts: tuple[Part, ...] | list[Part], x: float, y: float) -> float | None:
     """Height of the highest ground (``helios_isGround``) at a place, metres; None where there is none."""
     best: float | None = None
     for part in parts:
-        ground = part.mesh.ground[part.mesh.material]
-        a, b, c = np.moveaxis(part.corners[ground], 1, 0)
+        a, b, c = np.moveaxis(part.corners[part.mesh.ground], 1, 0)
         u, v, away = b - a, c - a, np.array([x, y]) - a[:, :2]
         area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,11 +1,12 @@
 """Surveys of HELIOS++: a scanner on a platform, and its legs, as settings in SI units and degrees.
 
-What a document asks for beyond what is read here is refused with a sentence that names it, not passed over.
+What a document asks for beyond what is read here is refused with a sentence that names it, or told among the
+survey's notes, not passed over.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -13,82 +14,24 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...spec import SpecError
-from .document import asset_of, number, place_of, read_document, rotation_of, yes
-from .scene import Part, ground_height, read_scene
+from .device import Device, read_device
+from .document import asset_of, place_of, read_document, rotation_of, yes
+from .legs import Leg, Source, first_pulse_rate, read_legs
+from .scene import Part, read_scene
 
-OPTICS = ("rotating", "conic", "risley")
 PLATFORMS = ("static", "linearpath")
-LEG_KEYS = {
-    "platformSettings": {"id", "template", "x", "y", "z", "onGround", "movePerSec_m", "stripId"},
-    "scannerSettings": {
-        *("id", "template", "active", "pulseFreq_hz", "scanAngle_deg", "scanFreq_hz"),
-        *("verticalAngleMin_deg", "verticalAngleMax_deg", "trajectoryTimeInterval_s"),
-        *("headRotatePerSec_deg", "headRotateStart_deg", "headRotateStop_deg"),
-        *("verticalResolution_deg", "horizontalResolution_deg"),
-    },
-}
-SURVEY_TAGS = {"leg", "FWFSettings"}
-
-
-@dataclass(frozen=True)
-class Prism:
-    """A turning wedge: degrees, negative if its second face is tilted; turns a second; refractive index."""
-
-    angle_deg: float
-    turns_hz: float
-    index: float
-
-
-@dataclass(frozen=True)
-class Device:
-    """A scanner as HELIOS++ describes it.
-
-    origin : (C, 3) metres of each channel's beam from the mount. turn : C rotations of it. incident : (C, 3)
-    direction of the beam before the prisms. ranges : smallest and largest, m.
-    """
-
-    name: str
-    optics: str
-    origin: np.ndarray
-    turn: tuple[Rotation, ...]
-    incident: np.ndarray
-    head_axis: np.ndarray
-    scan_angle_deg: float
-    effective_deg: float
-    scan_hz: float
-    prisms: tuple[Prism, ...]
-    ranges: tuple[float, float]
-    accuracy: float
-    divergence: float
-    pulse_ns: float
-    wavelength_nm: float
-    max_returns: int
-    pulse_rate: float
-
-
-@dataclass(frozen=True)
-class Leg:
-    """A leg from ``start`` to ``stop``, metres, at a speed in m/s (0: it stands), with a scanner's settings.
-
-    field_deg : angles of the mirror that leave the device, above the first and up to the second.
-    """
-
-    start: np.ndarray
-    stop: np.ndarray
-    speed: float
-    active: bool
-    pulse_rate: float
-    scan_hz: float
-    scan_angle_deg: float
-    field_deg: tuple[float, float]
-    head_deg: tuple[float, float]
-    head_speed: float
-    most_seconds: float
+NOISES = {f"{what}{axis}Noise" for what in ("position", "attitude") for axis in "XYZ"}
+SURVEY_TAGS = {"leg", "FWFSettings", "detectorSettings", "scannerMount", *NOISES}
+FAR = 5000.0  # metres from the origin beyond which a scene is moved there
 
 
 @dataclass(frozen=True)
 class Survey:
-    """A survey: scene, scanner, mount on its platform (metres, rotation), rings of sub-rays, legs."""
+    """A survey: scene, scanner, mount on its platform (metres, rotation), legs.
+
+    offset : (3,) metres that the scene was moved by, to be added to what is written. notes : what was passed
+    over. reflectance : for each part (S,) of its materials, at the scanner's wavelength.
+    """
 
     name: str
     scene: str
@@ -97,8 +40,10 @@ class Survey:
     moves: bool
     mount: np.ndarray
     mount_turn: Rotation
-    rings: int
     legs: tuple[Leg, ...]
+    offset: np.ndarray
+    notes: tuple[str, ...]
+    reflectance: tuple[np.ndarray, ...]
 
 
 def read_survey(path: Path, assets: Path | None = None) -> Survey:
@@ -117,185 +62,90 @@ def read_survey(path: Path, assets: Path | None = None) -> Survey:
     for child in survey:
         if child.tag not in SURVEY_TAGS:
             raise SpecError(str(path), f'the survey holds "{child.tag}", which is not supported')
-    named = {key: survey.get(key, "") for key in ("scene", "platform", "scanner")}
-    if named["platform"] == "interpolated":
-        raise SpecError(
-            str(path), "follows a trajectory file (interpolated), which is not supported"
-        )
-    scanner, scanner_file = asset_of(named["scanner"], "scanner", path, assets)
-    platform, platform_file = asset_of(named["platform"], "platform", path, assets)
-    if platform.get("type") not in PLATFORMS:
-        raise SpecError(
-            str(platform_file),
-            f'platform type "{platform.get("type")}" is not supported; {" and ".join(PLATFORMS)} are',
-        )
-    mount = platform.find("scannerMount")
-    parts = read_scene(named["scene"], path, assets)
-    device = read_device(scanner, scanner_file)
-    rings = survey.find("FWFSettings")
-    rings = scanner.find("FWFSettings") if rings is None else rings
-    quality = 3.0 if rings is None else number(rings, "beamSampleQuality", path, 3.0)
-    moves = platform.get("type") == "linearpath"
-    return Survey(
+    scanner, scanner_file = asset_of(survey.get("scanner", ""), "scanner", path, assets)
+    platform, platform_file = _platform(survey, path, assets)
+    device = read_device(scanner, scanner_file, survey)
+    source = Source(path, root, survey, platform.get("type", "static"), assets)
+    rate = first_pulse_rate(source, device.pulse_rate)
+    parts = read_scene(survey.get("scene", ""), path, assets, rate)
+    mount = survey.find("scannerMount")
+    mount = platform.find("scannerMount") if mount is None else mount
+    found = Survey(
         name=survey.get("name", path.stem),
-        scene=named["scene"],
+        scene=survey.get("scene", ""),
         parts=parts,
         device=device,
-        moves=moves,
+        moves=source.platform == "linearpath",
         mount=place_of(mount, platform_file),
         mount_turn=rotation_of(mount, platform_file),
-        rings=int(quality),
-        legs=_legs(root, survey, path, device, parts, moves),
+        legs=read_legs(source, device, parts),
+        offset=np.zeros(3),
+        notes=tuple(_notes(survey, platform)),
+        reflectance=tuple(
+            np.array([m.reflects(device.wavelength_nm, path, assets) for m in part.mesh.materials])
+            for part in parts
+        ),
     )
+    return _near_origin(found)
 
 
-def read_device(scanner: Element, path: Path) -> Device:
-    """A scanner of a library.
+def _platform(survey: Element, path: Path, assets: Path | None) -> tuple[Element, Path]:
+    """The platform, and its file; of an interpolated one what its base platform carries.
 
     Raises
     ------
-    SpecError : optics that are not supported, or a broken number.
+    SpecError : a platform of a type that is not supported.
     """
-    name, optics = scanner.get("name", "scanner"), scanner.get("optics", "")
-    if optics not in OPTICS:
-        raise SpecError(str(path), f'optics "{optics}" is not supported; {", ".join(OPTICS)} are')
-
-    def value(key: str, otherwise: float | None = None) -> float:
-        return number(scanner, key, path, otherwise)
-
-    def one_of(channel: Element | None, tag: str) -> Element | None:
-        own = None if channel is None else channel.find(tag)
-        return scanner.find(tag) if own is None else own
-
-    channels: list[Element | None] = [*scanner.findall("channels/channel")] or [None]
-    origins = [one_of(c, "beamOrigin") for c in channels]
-    incident = [one_of(c, "incidentBeam") for c in channels]
-    prisms = tuple(
-        Prism(value(f"angle{i}_deg"), value(f"rotorFreq{i}_Hz"), value(f"refrIndex{i}"))
-        for i in (1, 2, 3)
-        if scanner.get(f"angle{i}_deg")
-    )
-    axis = scanner.find("headRotateAxis")
-    widest = value("scanAngleMax_deg", 0.0)
-    return Device(
-        name=name,
-        optics=optics,
-        origin=np.array([place_of(o, path) for o in origins]),
-        turn=tuple(rotation_of(o, path) for o in origins),
-        incident=np.array([(0.0, 1.0, 0.0) if i is None else place_of(i, path) for i in incident]),
-        head_axis=np.array([0.0, 0.0, 1.0]) if axis is None else place_of(axis, path),
-        scan_angle_deg=widest,
-        effective_deg=value("scanAngleEffectiveMax_deg", widest),
-        scan_hz=value("scanFreqMax_Hz", 0.0),
-        prisms=prisms,
-        ranges=(value("rangeMin_m", 0.0), value("rangeMax_m", 1e4)),
-        accuracy=value("accuracy_m", 0.0),
-        divergence=value("beamDivergence_rad", 0.0003),
-        pulse_ns=value("pulseLength_ns", 4.0),
-        wavelength_nm=value("wavelength_nm", 1064.0),
-        max_returns=int(value("maxNOR", 0.0)),
-        pulse_rate=float(scanner.get("pulseFreqs_Hz", "100000").split(",")[0]),
-    )
-
-
-def _legs(
-    root: Element,
-    survey: Element,
-    path: Path,
-    device: Device,
-    parts: tuple[Part, ...],
-    moves: bool,
-) -> tuple[Leg, ...]:
-    """The legs in order; a platform that moves has none from its last waypoint on."""
-    templates = {(child.tag, child.get("id", "")): child for child in root if child.tag in LEG_KEYS}
-    given = [
-        {tag: _merged(leg, tag, templates, path) for tag in LEG_KEYS}
-        for leg in survey.findall("leg")
-    ]
-    if len(given) < 1 + moves:
-        raise SpecError(
-            str(path), "has no leg" if not given else "moves, but has only one waypoint"
-        )
-    places = [_waypoint(leg["platformSettings"], parts, path) for leg in given]
-    legs = []
-    for index, leg in enumerate(given[: len(given) - moves]):
-        element = survey.findall("leg")[index]
-        speed = number(leg["platformSettings"], "movePerSec_m", path, 70.0) if moves else 0.0
-        stop = places[index + 1] if moves else places[index]
-        longest = number(element, "maxDuration_s", path, np.inf) if element.attrib else np.inf
-        legs.append(
-            _leg(leg["scannerSettings"], device, path, (places[index], stop), (speed, longest))
-        )
-    return tuple(legs)
-
-
-def _merged(
-    leg: Element, tag: str, templates: dict[tuple[str, str], Element], path: Path
-) -> Element:
-    """Settings of a leg over those of the template that they name.
-
-    Raises
-    ------
-    SpecError : a template that is not there, or a setting that is not supported.
-    """
-    own = leg.find(tag)
-    total = Element(tag)
-    if own is None:
-        return total
-    if "template" in own.attrib:
-        base = templates.get((tag, own.attrib["template"]))
-        if base is None:
+    name = survey.get("platform", "")
+    if name != "interpolated":
+        platform, file = asset_of(name, "platform", path, assets)
+        kind = platform.get("type", "static").lower()
+        if kind not in PLATFORMS:
             raise SpecError(
-                str(path), f'template "{own.attrib["template"]}" is not in the document'
+                str(file),
+                f'platform type "{kind}" is not supported; {", ".join(PLATFORMS)} and interpolated are',
             )
-        total.attrib.update(base.attrib)
-    total.attrib.update(own.attrib)
-    for key in sorted(total.attrib.keys() - LEG_KEYS[tag]):
-        raise SpecError(str(path), f'{tag} has "{key}", which is not supported')
-    return total
+        platform.set("type", kind)
+        return platform, file
+    base = survey.get("basePlatform", "")
+    if not base:
+        return Element("platform", type="interpolated"), path
+    platform, file = asset_of(base, "platform", path, assets)
+    platform.set("type", "interpolated")
+    return platform, file
 
 
-def _waypoint(settings: Element, parts: tuple[Part, ...], path: Path) -> np.ndarray:
-    where = place_of(settings, path)
-    if yes(settings.get("onGround"), False):
-        height = ground_height(parts, where[0], where[1])
-        if height is None:
-            raise SpecError(str(path), f"no ground at x = {where[0]:g}, y = {where[1]:g}")
-        where[2] = height
-    return where
+def _notes(survey: Element, platform: Element) -> list[str]:
+    """Sentences for all that is passed over of documents."""
+    found = []
+    noisy = [child.tag for owner in (survey, platform) for child in owner if child.tag in NOISES]
+    if noisy:
+        found.append(f"the platform is as steady as its way: {', '.join(noisy)} is passed over")
+    if yes(survey.get("legRandomOffset"), False):
+        found.append("legs start where they say: legRandomOffset is passed over")
+    if survey.get("numRuns", "1").strip() != "1":
+        found.append("the survey is run once: numRuns is passed over")
+    if any(leg.get("stripId") for leg in survey.findall("leg")):
+        found.append("legs of a strip (stripId) go into files of their own")
+    return found
 
 
-def _leg(
-    settings: Element,
-    device: Device,
-    path: Path,
-    way: tuple[np.ndarray, np.ndarray],
-    limits: tuple[float, float],
-) -> Leg:
-    def value(key: str, otherwise: float) -> float:
-        return number(settings, key, path, otherwise)
+def _near_origin(survey: Survey) -> Survey:
+    """The survey moved by whole kilometres to the origin, where coordinates in single precision are fine.
 
-    rate = value("pulseFreq_hz", device.pulse_rate)
-    scan_hz = value("scanFreq_hz", 0.0)
-    head_speed = value("headRotatePerSec_deg", 0.0)
-    if settings.get("verticalResolution_deg") and device.scan_angle_deg:
-        scan_hz = rate * value("verticalResolution_deg", 0.0) / (2 * device.scan_angle_deg)
-    if settings.get("horizontalResolution_deg"):
-        head_speed = value("horizontalResolution_deg", 0.0) * scan_hz
-    angle = value("scanAngle_deg", device.scan_angle_deg)
-    widest = min(device.effective_deg, angle)
-    if rate <= 0:
-        raise SpecError(str(path), f"pulseFreq_hz = {rate:g} must be above 0")
-    return Leg(
-        start=way[0],
-        stop=way[1],
-        speed=limits[0],
-        active=yes(settings.get("active"), True),
-        pulse_rate=rate,
-        scan_hz=scan_hz,
-        scan_angle_deg=angle,
-        field_deg=(value("verticalAngleMin_deg", -widest), value("verticalAngleMax_deg", widest)),
-        head_deg=(value("headRotateStart_deg", 0.0), value("headRotateStop_deg", 0.0)),
-        head_speed=head_speed,
-        most_seconds=limits[1],
+    A scene with parts that move stays where it is.
+    """
+    if any(part.motion for part in survey.parts):
+        return survey
+    low = np.min([part.corners.min(axis=(0, 1)) for part in survey.parts], axis=0)
+    high = np.max([part.corners.max(axis=(0, 1)) for part in survey.parts], axis=0)
+    middle = (low + high) / 2
+    if np.abs(middle).max() < FAR:
+        return survey
+    offset = np.round(middle / 1000) * 1000
+    return replace(
+        survey,
+        parts=tuple(part.shifted(-offset) for part in survey.parts),
+        legs=tuple(leg.shifted(-offset) for leg in survey.legs),
+        offset=offset,
     )

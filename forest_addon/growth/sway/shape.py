@@ -139,7 +139,7 @@ def shape_with(
         members=members,
         modes=modes_of(members, wood, load, modes),
         seats=seats or LeafSeats.none(),
-        leafy=np.bincount(own, SHARE_OF_CIRCLE * leaf_area, minlength=count),
+        leafy=np.bincount(own, SHARE_OF_CIRCLE * wood.one_sided * leaf_area, minlength=count),
         woody=np.bincount(own, length * skeleton.radius.sum(axis=1), minlength=count),
         mass=float(kept + carried.sum()),
         leaf_mass=float(wood.leaf_mass * leaf_area.sum()),

@@ -1,12 +1,21 @@
 """Table of green wood: density and modulus of elasticity by genus, and what leaves weigh.
 
-Modulus: static bending of green wood (Forest Products Laboratory 2010, Wood handbook, FPL-GTR-190, Tables
-5-3 and 5-5), the mean of the species of a genus, with the ten per cent that the handbook adds for the shear
-in such tests. Density: specific gravity on green volume (the same tables) times one plus the mean moisture
-content of heartwood and sapwood (Table 4-1). Apple: Markwardt & Wilson 1935. Leaves: dry mass by area of
-deciduous broadleaves and of conifers (Poorter et al. 2009, New Phytol. 182), of which fresh leaves are 0.4.
-Bark weighs as wood and stiffens nothing: diameters inside of it are 0.87 to 0.93 of those over it (Husch,
-Beers & Kershaw 2003, Forest Mensuration, ch. 6), of thin-barked genera more.
+Where trees of a genus were tested as they grow in Europe: modulus in static bending and density as they
+stand (ForestGALES: Locatelli et al. 2022, package fgr, ``species_parameters``; moduli of Lavers 1983, The
+strength properties of timber). Of beech and oak that table's density, 1158 kg/m³, is nearly that of wood
+full of water, and the handbook's stands here. Other genera: Forest Products Laboratory 2010, Wood handbook,
+FPL-GTR-190, modulus of green wood by Table 5-3, the mean of the species of a genus, density by the specific
+gravity on green volume there times one plus the mean moisture content of heartwood and sapwood (Table 4-1).
+Apple: Markwardt & Wilson 1935. Moduli are those of the tests, of short beams of clear wood: the shear in
+them takes a tenth, knots and young wood of whole stems take more (2.0 to 6.4 GPa in standing Sitka spruces,
+whose sawn wood has 5.9: Milne & Blackburn 1989, Tree Physiol. 5:195).
+
+Leaves: dry mass over the leaf area as the studies of a genus counted it (BAAD, Falster et al. 2015: the
+geometric mean over studies of their medians; allometry draws areas from the same trees), of which fresh
+leaves have 0.4. Needles weigh 0.22 kg/m² dry by their one-sided area (Poorter et al. 2009, New Phytol. 182):
+a lower figure says that a genus's studies counted all sides. Bark weighs as wood and stiffens nothing:
+diameters inside of it are 0.87 to 0.93 of those over it (Husch, Beers & Kershaw 2003, Forest Mensuration,
+ch. 6), of thin-barked genera more.
 """
 
 from __future__ import annotations
@@ -15,43 +24,46 @@ from dataclasses import dataclass
 
 from ...spec import Species
 
-SHEAR = 1.1  # by which the handbook corrects moduli of short beams
-BROAD_LEAF, NEEDLE = 0.19, 0.55  # kg/m²
+DRY = 0.4  # dry mass of leaves over the fresh one
+BROAD_LEAF, NEEDLE = 0.053, 0.22  # kg/m² dry, by one-sided area
 INSIDE = 0.92  # diameter without bark over that with it
 THIN_BARK = {"fagus": 0.97, "picea": 0.95, "abies": 0.95}
 TORSION = 0.065  # shear modulus over modulus of elasticity (Wood handbook, Table 5-1)
+EVERGREEN = ("picea", "pinus", "pseudotsuga", "abies")
 
 
 @dataclass(frozen=True)
 class GreenWood:
-    """Wood as it stands: density kg/m³, modulus of elasticity Pa, leaf mass by one-sided area kg/m².
+    """Wood as it stands: density kg/m³, modulus of elasticity Pa, fresh leaf mass kg by m² of leaf area.
 
-    inside : diameter inside of the bark over that outside.
+    inside : diameter inside of the bark over that outside. one_sided : m² of one side of leaves in a m² of
+    leaf area.
     """
 
     density: float
     modulus: float
-    leaf_mass: float = BROAD_LEAF
+    leaf_mass: float = BROAD_LEAF / DRY
     inside: float = 1.0
+    one_sided: float = 1.0
 
 
-# genus: handbook modulus GPa, specific gravity, mean moisture content
+# genus: modulus GPa, density kg/m³, dry leaf mass kg/m²
 CONIFERS = {
-    "picea": (8.4, 0.365, 0.95),
-    "pinus": (8.2, 0.41, 0.82),
-    "pseudotsuga": (10.8, 0.45, 0.76),
-    "abies": (8.7, 0.355, 1.12),
-    "larix": (10.1, 0.48, 0.865),
+    "picea": (6.3, 850.0, 0.086),
+    "pinus": (7.3, 850.0, 0.214),
+    "pseudotsuga": (8.3, 850.0, 0.101),
+    "abies": (5.7, 850.0, 0.135),
+    "larix": (7.9, 850.0, BROAD_LEAF),
 }
 BROADLEAVES = {
-    "fagus": (9.5, 0.56, 0.635),
-    "acer": (8.7, 0.49, 0.73),
-    "betula": (9.9, 0.543, 0.753),
-    "fraxinus": (9.8, 0.54, 0.50),
-    "quercus": (9.0, 0.58, 0.73),
-    "populus": (6.8, 0.343, 1.29),
-    "tilia": (7.2, 0.32, 1.07),
-    "malus": (7.2, 0.61, 0.775),
+    "fagus": (9.8, 916.0, 0.052),
+    "acer": (8.7, 848.0, 0.056),
+    "betula": (9.9, 900.0, 0.050),
+    "fraxinus": (9.8, 810.0, BROAD_LEAF),
+    "quercus": (8.3, 1003.0, 0.082),
+    "populus": (6.8, 785.0, BROAD_LEAF),
+    "tilia": (7.2, 662.0, BROAD_LEAF),
+    "malus": (7.2, 1083.0, BROAD_LEAF),
 }
 ENGLISH = {
     "spruce": "picea",
@@ -83,9 +95,7 @@ def wood_of_species(species: Species) -> GreenWood:
         }.items():
             if word == start or (len(start) > 3 and word.startswith(start)):
                 return wood_of_genus(genus)
-    return (
-        _mean(CONIFERS, NEEDLE) if species.needles is not None else _mean(BROADLEAVES, BROAD_LEAF)
-    )
+    return _mean(CONIFERS if species.needles is not None else BROADLEAVES)
 
 
 def wood_of_genus(genus: str) -> GreenWood:
@@ -95,14 +105,16 @@ def wood_of_genus(genus: str) -> GreenWood:
     ------
     KeyError : it is not in the table.
     """
-    modulus, gravity, water = {**CONIFERS, **BROADLEAVES}[genus]
-    leaf = NEEDLE if genus in CONIFERS and genus != "larix" else BROAD_LEAF
+    modulus, density, leaf = {**CONIFERS, **BROADLEAVES}[genus]
     inside = THIN_BARK.get(genus, INSIDE)
-    return GreenWood(1000 * gravity * (1 + water), SHEAR * 1e9 * modulus, leaf, inside)
+    one_sided = min(1.0, leaf / NEEDLE) if genus in EVERGREEN else 1.0
+    return GreenWood(density, 1e9 * modulus, leaf / DRY, inside, one_sided)
 
 
-def _mean(table: dict[str, tuple[float, float, float]], leaf: float) -> GreenWood:
+def _mean(table: dict[str, tuple[float, float, float]]) -> GreenWood:
     woods = [wood_of_genus(genus) for genus in table]
-    count = len(woods)
-    density = sum(wood.density for wood in woods) / count
-    return GreenWood(density, sum(wood.modulus for wood in woods) / count, leaf, INSIDE)
+    means = [
+        sum(getattr(wood, name) for wood in woods) / len(woods)
+        for name in ("density", "modulus", "leaf_mass", "inside", "one_sided")
+    ]
+    return GreenWood(*means)

@@ -19,6 +19,7 @@ def range_error(
     """(E,) metres to add to ranges: normal, of variance a² + (b·R)² + (c·tan θ)²."""
     if not (noise.range_sd or noise.range_ppm or noise.incidence_sd):
         return np.zeros(len(distance))
+    cos_incidence = np.nan_to_num(cos_incidence, nan=1.0)  # of what met nothing
     tangent = np.sqrt(np.maximum(1 - cos_incidence**2, 0)) / np.maximum(cos_incidence, 1 / STEEPEST)
     variance = (
         noise.range_sd**2

@@ -4,15 +4,27 @@ A discrete-return receiver starts a return where the light rises over its thresh
 after it: its dead zone, in metres of range. What comes meanwhile is lost and does not make the blindness
 longer. A receiver that decomposes the waveform has no dead zone; the length of the pulse alone decides there
 (``waveform``).
+
+Noise is Gaussian, through a filter as long as the pulse. It is added to the light of each echo, and where it
+crosses the threshold itself there is a false point: as often as a Gaussian process of that spectrum crosses
+a level upwards (Rice 1945, Bell Syst. Tech. J. 24, 46, eq. 3.3-14), evenly over the gate of range, with the
+heights of crests above a high level (Rayleigh).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from ...base.rng import daughter_keys, keyed_normal, keyed_uniform
 from ...spec import Scanner
 from .radiometry import detection_limit, intensity
-from .waveform import WaveformEchoes
+from .waveform import FWHM, LIGHT, WaveformEchoes, pulse_length
+
+AMPLITUDE, PLACE = (
+    1 << 20,
+    1 << 21,
+)  # what draws of a pulse are numbered from, beside those of its returns
+RAREST = 1e-12  # chance of more false points of a pulse than are drawn
 
 
 def ranks(pulse: np.ndarray) -> np.ndarray:
@@ -77,3 +89,48 @@ def reading(scanner: Scanner, light: np.ndarray, distance: np.ndarray) -> np.nda
         white = intensity(np.array(1.0), np.array(1.0), distance, scanner.beam.extinction)
         light = light / white
     return light
+
+
+def false_alarm_rate(threshold_snr: float, pulse_ns: float) -> float:
+    """False points a second, where the threshold is so many standard deviations of the noise."""
+    sigma = pulse_ns * 1e-9 / FWHM  # of the filter's response; its correlation is exp(-t²/4σ²)
+    return float(np.exp(-0.5 * threshold_snr**2) / (2 * np.pi * np.sqrt(2) * sigma))
+
+
+def noisy_light(scanner: Scanner, echoes: WaveformEchoes, keys: np.ndarray) -> np.ndarray:
+    """(E,) light of echoes with the receiver's noise, 1/m². keys : (P,) uint64 keys of the pulses."""
+    drawn = daughter_keys(keys[echoes.pulse], AMPLITUDE + ranks(echoes.pulse))
+    spread = detection_limit(scanner) / scanner.receiver.threshold_snr
+    light: np.ndarray = echoes.energy + spread * keyed_normal(drawn, "amplitude")
+    return light
+
+
+def false_echoes(scanner: Scanner, keys: np.ndarray) -> WaveformEchoes:
+    """Echoes of noise alone, of pulses with these keys (P,); their contact is -1."""
+    snr, beam = scanner.receiver.threshold_snr, scanner.beam
+    gate = 2 * (scanner.max_range - scanner.min_range) / LIGHT
+    count = _poisson(keyed_uniform(keys, "false"), false_alarm_rate(snr, beam.pulse_ns) * gate)
+    pulse = np.repeat(np.arange(len(keys)), count)
+    drawn = daughter_keys(keys[pulse], PLACE + ranks(pulse))
+    place, height = keyed_uniform(drawn, "where"), keyed_uniform(drawn, "height")
+    distance = scanner.min_range + (scanner.max_range - scanner.min_range) * place
+    crest = np.sqrt(1 - 2 * np.log(np.maximum(height, RAREST)) / snr**2)
+    return WaveformEchoes(
+        pulse=pulse,
+        distance=distance,
+        energy=detection_limit(scanner) * crest,
+        width=np.full(len(pulse), pulse_length(beam.pulse_ns)),
+        contact=np.full(len(pulse), -1),
+    )
+
+
+def _poisson(chance: np.ndarray, mean: float) -> np.ndarray:
+    """(P,) counts of a Poisson law from even chances (P,) in [0, 1)."""
+    most = int(mean + 10 * np.sqrt(mean) + 20)
+    terms = np.exp(-mean + np.cumsum([0.0, *(np.log(mean / k) for k in range(1, most))]))
+    return np.asarray(np.searchsorted(np.cumsum(terms), chance, "right"))
+
+
+def unambiguous_range(scanner: Scanner) -> float:
+    """Metres from beyond which light arrives after the next pulse was sent."""
+    return float(LIGHT / (2 * scanner.pulse_rate))

@@ -22,7 +22,7 @@ from ...base.rng import daughter_keys, first_key
 from ...base.trimesh import LEAF
 from ...base.vectors import azimuth_of
 from ..rays.bundles import Faces
-from ..rays.caster import RayCaster, hit_normals
+from ..rays.caster import Hits, RayCaster, hit_normals
 from ..rays.geometry import SceneGeometry
 from ..rays.moving import TimedCaster
 from ..rays.referee import Referee
@@ -33,7 +33,15 @@ from .footprint import BeamFrames, frames, sub_rays
 from .one_face import Received, on_one_face, received, seen
 from .passage import Contacts, meet
 from .radiometry import detection_limit, intensity, reflectance_of, refuse_surplus
-from .receiver import awake, chosen_returns, ranks, reading
+from .receiver import (
+    awake,
+    chosen_returns,
+    false_echoes,
+    noisy_light,
+    ranks,
+    reading,
+    unambiguous_range,
+)
 from .returns import cosines, label
 from .scanner import LiDAR, Pattern, Pulses, pattern_of
 from .waveform import LIGHT, find_echoes, pulse_length
@@ -100,29 +108,70 @@ class Scan:
 
     def look_at(self, number: np.ndarray) -> Cloud:
         """The returns of the pulses of these numbers (P,), ascending."""
-        scanner, beam = self.scanner, self.scanner.beam
         pulses = self.pattern.pulses(number)
         keys = daughter_keys(self._key, number)
-        if beam.subrays == 1:
-            contacts = meet(
-                self.caster,
-                pulses.origin,
-                pulses.direction,
-                scanner.max_range,
-                scanner.surfaces,
-                keys,
-                None if self._moving is None else pulses.time,
-            )
-            found = self._received((pulses.origin, pulses.direction), contacts, pulses.time)
-        else:
-            found = self._beams(pulses, keys)
-        return self._measure(pulses, number, keys, found)
+        if self.scanner.receiver.beyond == "folded":
+            return self._measure(pulses, number, keys, self._folded(number))
+        return self._measure(pulses, number, keys, self._found(pulses, keys))
+
+    def _found(self, pulses: Pulses, keys: np.ndarray) -> Received:
+        """Return the echoes of pulses, before the receiver."""
+        scanner = self.scanner
+        if scanner.beam.subrays > 1:
+            return self._beams(pulses, keys)
+        contacts = meet(
+            self.caster,
+            pulses.origin,
+            pulses.direction,
+            scanner.max_range,
+            scanner.surfaces,
+            keys,
+            None if self._moving is None else pulses.time,
+        )
+        return self._received((pulses.origin, pulses.direction), contacts, pulses.time)
+
+    def _folded(self, number: np.ndarray) -> Received:
+        """Return the echoes that arrive after these pulses were sent and before the next, of whichever pulse,
+        at the range that they seem to have."""
+        period = unambiguous_range(self.scanner)
+        late = np.arange(int(self.scanner.max_range // period) + 1)
+        sent = np.unique(number[:, None] - late)
+        sent = sent[sent >= 0]
+        found = self._found(self.pattern.pulses(sent), daughter_keys(self._key, sent))
+        rounds = np.floor(found.echoes.distance / period)
+        arrives = sent[found.echoes.pulse] + rounds.astype(np.int64)
+        place = np.searchsorted(number, arrives)
+        seems = found.echoes.distance - rounds * period
+        here = np.append(number, -1)[place] == arrives
+        rows = np.flatnonzero(here & (seems >= self.scanner.min_range))
+        rows = rows[np.lexsort((seems[rows], place[rows]))]
+        found = found.select(rows)
+        echoes = replace(found.echoes, pulse=place[rows], distance=seems[rows])
+        return replace(found, echoes=echoes)
+
+    def _with_noise(self, pulses: Pulses, keys: np.ndarray, found: Received) -> Received:
+        """Return echoes with the receiver's noise, and those of noise alone, which meet nothing."""
+        light = noisy_light(self.scanner, found.echoes, keys)
+        false = false_echoes(self.scanner, keys)
+        nothing = np.full(len(false.pulse), -1)
+        both = Received.joined(
+            [
+                replace(found, echoes=replace(found.echoes, energy=light)),
+                Received(
+                    false,
+                    Hits(false.distance, nothing, nothing.copy()),
+                    pulses.direction[false.pulse],
+                    np.full((len(false.pulse), 3), np.nan),
+                ),
+            ]
+        )
+        return both.select(np.lexsort((both.echoes.distance, both.echoes.pulse)))
 
     def _beams(self, pulses: Pulses, keys: np.ndarray) -> Received:
         """Return the echoes of pulses of several sub-rays; no ray is traced of those that surely meet one
         face, or nothing."""
         scanner, scene = self.scanner, self.caster.scene
-        beams = frames(pulses, scanner.beam, keys)
+        beams = self._frames(pulses, keys)
         parts, done = [], np.zeros(len(pulses), dtype=bool)
         if self._faces is not None:
             nothing, known, hits = seen(self._faces, beams, scanner)
@@ -139,6 +188,9 @@ class Scan:
         if len(parts) == 1:
             return found
         return found.select(np.argsort(found.echoes.pulse, kind="stable"))
+
+    def _frames(self, pulses: Pulses, keys: np.ndarray) -> BeamFrames:
+        return frames(pulses, self.scanner.beam, keys)
 
     def _traced(self, beams: BeamFrames, keys: np.ndarray, time: np.ndarray) -> Received:
         scanner, count = self.scanner, self.scanner.beam.subrays
@@ -194,10 +246,11 @@ class Scan:
         """Return the echoes of the light that comes back to origins and directions of rays, sent at times."""
         scanner, scene = self.scanner, self.caster.scene
         hits, ways = contacts.hits, rays[1][contacts.ray]
-        stood = None
-        if self._moving is not None:
-            stood = self._moving.transforms(hits.instance, time[contacts.ray])
-        normal = hit_normals(scene, hits, stood)
+        normal = (
+            hit_normals(scene, hits)
+            if self._moving is None
+            else self._moving.normals(hits, time[contacts.ray])
+        )
         reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
         energy = intensity(
             reflectance * contacts.light / scanner.beam.subrays,
@@ -233,6 +286,8 @@ class Scan:
     ) -> Cloud:
         """Return what the receiver makes of echoes."""
         scanner = self.scanner
+        if scanner.receiver.threshold_snr:
+            found = self._with_noise(pulses, keys, found)
         found = found.select(np.flatnonzero(found.echoes.energy >= detection_limit(scanner)))
         found = found.select(awake(found.echoes, scanner.receiver.dead_zone))
 
@@ -248,12 +303,18 @@ class Scan:
         measured = echoes.distance + noise.range_error(
             scanner.noise, echoes.distance, labelled.cos_incidence, return_keys
         )
+        travelled = echoes.distance
+        if scanner.receiver.beyond == "folded":
+            period = unambiguous_range(scanner)
+            travelled = travelled + period * np.round((found.hits.distance - travelled) / period)
         way = pulses.direction[echoes.pulse]
         velocity = rest = None
         if self._moving is not None:
             met = pulses.origin[echoes.pulse] + labelled.distance[:, None] * found.way
             when = pulses.time[echoes.pulse]
-            velocity, rest = self._moving.velocities(met, labelled.instance, when)
+            velocity, rest = self._moving.velocities(
+                met, labelled.instance, labelled.triangle, when
+            )
             instance, triangle = self._moving.known(labelled.instance, labelled.triangle)
             labelled = replace(labelled, instance=instance, triangle=triangle)
         return Cloud(
@@ -267,7 +328,7 @@ class Scan:
             scan_angle=pulses.scan_angle[echoes.pulse],
             intensity=reading(scanner, echoes.energy, measured),
             width=echoes.width * 2 / LIGHT,
-            true_range=echoes.distance,
+            true_range=travelled,
             returns=replace(labelled, distance=measured),
             pulses=len(pulses),
             engine=self.caster.engine,

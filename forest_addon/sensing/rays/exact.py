@@ -62,7 +62,8 @@ class ExactCaster(RayCaster):
         for index in np.unique(mesh_of).tolist():
             rows = named[mesh_of == index]
             start, way = self._local(origins[rows], ways[rows], hits.instance[rows])
-            found[rows] = _meet(self.scene.meshes[index], hits.triangle[rows], start, way)
+            corners = _corners(self.scene.meshes[index], hits.triangle[rows])
+            found[rows] = meet(corners, start, way)
         return found
 
     def _local(
@@ -90,16 +91,11 @@ class ExactCaster(RayCaster):
             mine, here = ray[rows], instance[rows]
             start, way = self._local(origins[mine], ways[mine], here)
             mesh = self.scene.meshes[index]
-            pair, triangle = _candidates(mesh, start, way, far[mine])
-            distance = _meet(mesh, triangle, start[pair], way[pair])
+            pair, triangle = candidates(_levels(mesh), start, way, far[mine])
+            distance = meet(_corners(mesh, triangle), start[pair], way[pair])
             mine, here = mine[pair], here[pair]
-            counts = (distance >= near[mine]) & (distance <= far[mine])
-            if leaving is not None:
-                left = leaving.found[mine]
-                counts &= ~(left & (distance <= near[mine]))
-                own = (leaving.instance[mine] == here) & (leaving.triangle[mine] == triangle)
-                counts &= ~own
-            some = np.flatnonzero(counts & np.isfinite(distance))
+            left = None if leaving is None else leaving.select(mine)
+            some = counting(Hits(distance, here, triangle), near[mine], far[mine], left)
             rays.append(mine[some])
             distances.append(distance[some])
             instances.append(here[some])
@@ -107,11 +103,8 @@ class ExactCaster(RayCaster):
         hits = Hits.misses(len(origins))
         if not rays:
             return hits
-        of_ray, distance = np.concatenate(rays), np.concatenate(distances)
-        order = np.lexsort((distance, of_ray))
-        order = order[np.diff(of_ray[order], prepend=-1) != 0]
-        found = Hits(distance, np.concatenate(instances), np.concatenate(triangles)).select(order)
-        hits.put(of_ray[order], found)
+        found = (np.concatenate(column) for column in (distances, instances, triangles))
+        put_nearest(hits, np.concatenate(rays), Hits(*found))
         return hits
 
 
@@ -120,11 +113,30 @@ def cast_exactly(scene: SceneGeometry, origins: np.ndarray, directions: np.ndarr
     return ExactCaster(scene).cast(origins, directions)
 
 
-def _candidates(
-    mesh: TriMesh, start: np.ndarray, way: np.ndarray, far: np.ndarray
+def counting(hits: Hits, near: np.ndarray, far: np.ndarray, left: Hits | None) -> np.ndarray:
+    """Rows of hits that count, of rays with these limits and what they leave."""
+    counts = (hits.distance >= near) & (hits.distance <= far) & np.isfinite(hits.distance)
+    if left is not None:
+        counts &= ~(left.found & (hits.distance <= near))
+        counts &= ~((left.instance == hits.instance) & (left.triangle == hits.triangle))
+    return np.flatnonzero(counts)
+
+
+def put_nearest(hits: Hits, ray: np.ndarray, met: Hits) -> None:
+    """Write the nearest of what rays (M,) met."""
+    order = np.lexsort((met.distance, ray))
+    order = order[np.diff(ray[order], prepend=-1) != 0]
+    hits.put(ray[order], met.select(order))
+
+
+def candidates(
+    groups: tuple[int, list[Level]], start: np.ndarray, way: np.ndarray, far: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rays (K,) by number and triangles (K,) whose boxes they meet before ``far``."""
-    levels = _levels(mesh)
+    """Rays (K,) by number and triangles (K,) whose boxes they meet before ``far``.
+
+    groups : number of the triangles, and the boxes around them.
+    """
+    triangles, levels = groups
     if not levels:
         none = np.empty(0, np.int64)
         return none, none
@@ -137,7 +149,7 @@ def _candidates(
             r, b = ray[part], box[part]
             kept.append(first + np.flatnonzero(_slabs(start[r], way[r], low[b], high[b], far[r])))
         some = np.concatenate(kept) if kept else np.empty(0, np.int64)
-        below = len(mesh.triangles) if number == len(levels) - 1 else len(levels[-2 - number][0])
+        below = triangles if number == len(levels) - 1 else len(levels[-2 - number][0])
         box = (box[some, None] * GROUP + np.arange(GROUP)).ravel()
         ray = np.repeat(ray[some], GROUP)
         inside = box < below
@@ -145,30 +157,40 @@ def _candidates(
     return ray, box
 
 
-def _levels(mesh: TriMesh) -> list[Level]:
-    """Boxes around groups of triangles, and around groups of these, up to at most ``GROUP``; kept with the
-    mesh, which many scenes may share.
-    """
+def _levels(mesh: TriMesh) -> tuple[int, list[Level]]:
+    """Boxes around groups of a mesh's triangles; kept with the mesh, which many scenes may share."""
     kept: list[Level] | None = vars(mesh).get("_groups")
     if kept is None:
         kept = []
         if len(mesh.triangles):
-            corners = [mesh.vertices[mesh.triangles[:, k]] for k in range(3)]
-            low = np.minimum(np.minimum(corners[0], corners[1]), corners[2])
-            high = np.maximum(np.maximum(corners[0], corners[1]), corners[2])
-            low, high = low - 1e-9, high + 1e-9
-            while not kept or len(low) > GROUP:
-                first = np.arange(0, len(low), GROUP)
-                low = np.fmin.reduceat(low, first)
-                high = np.fmax.reduceat(high, first)
-                kept.append((low, high))
+            corners = np.stack(_corners(mesh, slice(None)))
+            kept = grouped(corners.min(axis=0), corners.max(axis=0))
         vars(mesh)["_groups"] = kept
-    return kept
+    return len(mesh.triangles), kept
 
 
-def _meet(mesh: TriMesh, triangle: np.ndarray, origin: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """(K,) metres along rays (K, 3), (K, 3) to triangles (K,); inf for a miss."""
-    a, b, c = (mesh.vertices[mesh.triangles[triangle, k]] for k in range(3))
+def grouped(low: np.ndarray, high: np.ndarray) -> list[Level]:
+    """Boxes around groups of boxes (T, 3), (T, 3) that follow each other, and around groups of these, up to
+    at most ``GROUP``.
+    """
+    levels: list[Level] = []
+    low, high = low - 1e-9, high + 1e-9
+    while not levels or len(low) > GROUP:
+        first = np.arange(0, len(low), GROUP)
+        low = np.fmin.reduceat(low, first)
+        high = np.fmax.reduceat(high, first)
+        levels.append((low, high))
+    return levels
+
+
+def _corners(mesh: TriMesh, triangle: np.ndarray | slice) -> tuple[np.ndarray, ...]:
+    """Corners (K, 3), three of them, of triangles (K,)."""
+    return tuple(mesh.vertices[mesh.triangles[triangle, k]] for k in range(3))
+
+
+def meet(corners: tuple[np.ndarray, ...], origin: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """(K,) metres along rays (K, 3), (K, 3) to triangles of three corners (K, 3); inf for a miss."""
+    a, b, c = corners
     u, v, s = b - a, c - a, origin - a
     with np.errstate(all="ignore"):
         p = np.cross(way, v)

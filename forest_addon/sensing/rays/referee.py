@@ -9,6 +9,8 @@ And a chained ray may pass over what lies closely behind the surface that it lea
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from .caster import Hits, RayCaster
@@ -26,15 +28,18 @@ class Referee(RayCaster):
     """A ``RayCaster`` that asks an engine and float64: what the engine found where that is right, else what
     is there.
 
-    scene : that is true; left out: the engine's own.
+    scene : that is true; left out: the engine's own. exact : what asks float64; left out: rays at the scene
+    as it stands. Both are told the rays' times, where these have any.
     """
 
     engine = "float64"
 
-    def __init__(self, caster: RayCaster, scene: SceneGeometry | None = None) -> None:
+    def __init__(
+        self, caster: Any, scene: SceneGeometry | None = None, exact: Any | None = None
+    ) -> None:
         self.scene = caster.scene if scene is None else scene
         self._caster = caster
-        self._exact = ExactCaster(self.scene)
+        self._exact: Any = ExactCaster(self.scene) if exact is None else exact
 
     def cast(
         self,
@@ -44,36 +49,52 @@ class Referee(RayCaster):
         *,
         min_distance: float | np.ndarray = 0.0,
         leaving: Hits | None = None,
+        time: np.ndarray | None = None,
     ) -> Hits:
         """The closest hit of each ray."""
         origins, directions = np.asarray(origins), np.asarray(directions)
+        when = _Times(time)
         far = np.broadcast_to(np.asarray(max_distance, np.float64), len(origins))
         near = np.broadcast_to(np.asarray(min_distance, np.float64), len(origins))
         ours = self._caster.cast(
-            origins, directions, max_distance, min_distance=min_distance, leaving=leaving
+            origins,
+            directions,
+            max_distance,
+            min_distance=min_distance,
+            leaving=leaving,
+            **when.of(),
         )
-        nothing = ~np.isfinite(ours.distance)
-        if (nothing & ours.found).any():
-            ours = Hits(ours.distance.copy(), ours.instance.copy(), ours.triangle.copy())
-            ours.put(nothing, Hits.misses(int(nothing.sum())))
+        ours = _without_nothing(ours)
         limit = np.where(ours.found, np.minimum(ours.distance + SAME, far), far)
-        exact = self._exact.cast(origins, directions, limit, min_distance=near, leaving=leaving)
+        exact = self._exact.cast(
+            origins, directions, limit, min_distance=near, leaving=leaving, **when.of()
+        )
         gone = np.flatnonzero(ours.found & ~exact.found)
         if len(gone):
             left = None if leaving is None else leaving.select(gone)
             again = self._exact.cast(
-                origins[gone], directions[gone], far[gone], min_distance=near[gone], leaving=left
+                origins[gone],
+                directions[gone],
+                far[gone],
+                min_distance=near[gone],
+                leaving=left,
+                **when.of(gone),
             )
             exact.put(gone, again)
-        differ, distance = self._compare(origins, directions, ours, exact)
+        differ, distance = self._compare(origins, directions, ours, exact, when)
         wrong = np.flatnonzero(differ)
         other = np.flatnonzero(~_alike(ours.select(wrong), exact.select(wrong)))
         ask = wrong[other]
-        excused = self._at_an_edge(origins[ask], directions[ask], ours.select(ask), far[ask])
+        rays = origins[ask], directions[ask], ours.select(ask), far[ask]
+        excused = self._at_an_edge(*rays, when.of(ask))
         wrong = np.delete(wrong, other[excused])
         if leaving is not None and len(wrong):
             blind = self._exact.cast(
-                origins[wrong], directions[wrong], far[wrong], min_distance=near[wrong] + BEHIND
+                origins[wrong],
+                directions[wrong],
+                far[wrong],
+                min_distance=near[wrong] + BEHIND,
+                **when.of(wrong),
             )
             wrong = wrong[~_alike(blind, ours.select(wrong))]
         right = Hits(distance, ours.instance.copy(), ours.triangle.copy())
@@ -81,7 +102,7 @@ class Referee(RayCaster):
         return right
 
     def _compare(
-        self, origins: np.ndarray, directions: np.ndarray, ours: Hits, exact: Hits
+        self, origins: np.ndarray, directions: np.ndarray, ours: Hits, exact: Hits, when: _Times
     ) -> tuple[np.ndarray, np.ndarray]:
         """(R,) bool: rays for which what the engine named is not there, or not the first; (R,) metres to
         what it named.
@@ -97,13 +118,20 @@ class Referee(RayCaster):
         distance[same] = exact.distance[same]
         ask = both[~named & (apart <= EDGE)]
         if len(ask):
-            there = self._exact.meets(origins[ask], directions[ask], ours.select(ask))
+            there = self._exact.meets(
+                origins[ask], directions[ask], ours.select(ask), **when.of(ask)
+            )
             right = np.abs(there - ours.distance[ask]) <= SURE
             differ[ask], distance[ask[right]] = ~right, there[right]
         return differ, distance
 
     def _at_an_edge(
-        self, origins: np.ndarray, directions: np.ndarray, ours: Hits, far: np.ndarray
+        self,
+        origins: np.ndarray,
+        directions: np.ndarray,
+        ours: Hits,
+        far: np.ndarray,
+        when: dict[str, np.ndarray],
     ) -> np.ndarray:
         """(R,) bool: whether a ray that is moved aside a little finds, in float64, what the engine found."""
         if not len(origins):
@@ -115,11 +143,34 @@ class Referee(RayCaster):
         aside = np.cos(TURNS)[:, None, None] * across + np.sin(TURNS)[:, None, None] * beside
         count = len(TURNS)
         moved = self._exact.cast(
-            (origins + EDGE * aside).reshape(-1, 3), np.tile(ways, (count, 1)), np.tile(far, count)
+            (origins + EDGE * aside).reshape(-1, 3),
+            np.tile(ways, (count, 1)),
+            np.tile(far, count),
+            **{name: np.tile(every, count) for name, every in when.items()},
         )
         ours = Hits(*(np.tile(value, count) for value in vars(ours).values()))
         found: np.ndarray = _alike(moved, ours).reshape(count, -1).any(axis=0)
         return found
+
+
+def _without_nothing(hits: Hits) -> Hits:
+    """Hits, those at no finite distance taken away."""
+    nothing = ~np.isfinite(hits.distance)
+    if (nothing & hits.found).any():
+        hits = Hits(hits.distance.copy(), hits.instance.copy(), hits.triangle.copy())
+        hits.put(nothing, Hits.misses(int(nothing.sum())))
+    return hits
+
+
+class _Times:
+    """Times of rays, where they have any, as what casters are given."""
+
+    def __init__(self, time: np.ndarray | None) -> None:
+        self._time = time
+
+    def of(self, rows: np.ndarray | slice = slice(None)) -> dict[str, np.ndarray]:
+        """Those of some rays."""
+        return {} if self._time is None else {"time": self._time[rows]}
 
 
 def _alike(one: Hits, other: Hits) -> np.ndarray:

@@ -54,16 +54,18 @@ class RefinedSurfaces:
         instance: np.ndarray,
         triangle: np.ndarray,
         transform: np.ndarray | None = None,
+        corners: np.ndarray | None = None,
     ) -> np.ndarray:
         """(R,) metres along rays (3, R) with unit directions to the planes of their triangles (R,).
 
         transform : (R, 3, 4) of the instances, where they are then; left out: where the scene says.
+        corners : (R, 3, 3) of the triangles in their own frames; left out: of their meshes.
 
         A ray that float32 found to hit and that passes just beside the triangle may meet its plane
         far away, or never: the distance is kept within that of the triangle's corners.
         """
         if len(instance) <= ROWS:
-            return self._distance(origins, directions, instance, triangle, transform)
+            return self._distance(origins, directions, instance, triangle, transform, corners)
         found = np.empty(len(instance))
         for first in range(0, len(instance), ROWS):
             part = slice(first, first + ROWS)
@@ -73,6 +75,7 @@ class RefinedSurfaces:
                 instance[part],
                 triangle[part],
                 None if transform is None else transform[part],
+                None if corners is None else corners[part],
             )
         return found
 
@@ -83,6 +86,7 @@ class RefinedSurfaces:
         instance: np.ndarray,
         triangle: np.ndarray,
         transform: np.ndarray | None,
+        corners: np.ndarray | None,
     ) -> np.ndarray:
         """Few calls on whole arrays: of few rays each costs more than what it computes."""
         if transform is None:
@@ -90,10 +94,10 @@ class RefinedSurfaces:
         else:
             place = np.ascontiguousarray(transform.reshape(-1, 12).T)
         m = place.reshape(3, 4, 1, -1)  # to, from, 1, R
-        number = self._triangles.take(self._first.take(instance) + triangle, 0)
-        corner = (
-            self._vertices.take(number, 0).transpose(2, 1, 0).copy()
-        )  # (of space, of triangle, R)
+        if corners is None:
+            number = self._triangles.take(self._first.take(instance) + triangle, 0)
+            corners = self._vertices.take(number, 0)
+        corner = corners.transpose(2, 1, 0).copy()  # (of space, of triangle, R)
         space = m[:, 0] * corner[0]
         part = m[:, 1] * corner[1]
         space += part

@@ -79,16 +79,8 @@ class Search(RayCaster, ABC):
             left = None if leaving is None else leaving.select(part)
             hits.put(part, self._cast(origins[part], directions[part], near[part], far[part], left))
 
-        self._run(task, [slice(first, first + TASK) for first in range(0, count, TASK)])
+        in_tasks(task, count, self.threads)
         return hits
-
-    def _run(self, task: Callable[[slice], None], parts: list[slice]) -> None:
-        if self.threads == 1 or len(parts) < 2:
-            for part in parts:
-                task(part)
-            return
-        with ThreadPoolExecutor(self.threads) as pool:
-            list(pool.map(task, parts))
 
     def _plainly(
         self,
@@ -187,3 +179,38 @@ def refused(hits: Hits, near: np.ndarray, left: Hits) -> np.ndarray:
         same = (hits.instance == left.instance) & (hits.triangle == left.triangle)
         nearer |= left.found & hits.found & (same | (hits.distance <= near))
     return nearer
+
+
+def search_on(
+    nearest: Callable[[np.ndarray, np.ndarray], Hits],
+    near: np.ndarray,
+    far: np.ndarray,
+    left: Hits,
+) -> Hits:
+    """The first hits that count, of rays with limits (R,) and what they leave.
+
+    nearest : what some rays (S,), by number, meet from distances (S,) on.
+    """
+    start = near - MARGIN
+    start[left.found] += MARGIN
+    hits = nearest(np.arange(len(near)), start)
+    rays = np.flatnonzero(refused(hits, near, left))
+    step = STEP
+    while len(rays):
+        start[rays] = np.maximum(start[rays], hits.distance[rays]) + step
+        step *= 2.0
+        found = nearest(rays, start[rays])
+        hits.put(rays, found)
+        rays = rays[refused(found, near[rays], left.select(rays))]
+    return _within(hits, far)
+
+
+def in_tasks(task: Callable[[slice], None], count: int, threads: int) -> None:
+    """Do a task for every ``TASK`` rays of so many, on threads."""
+    parts = [slice(first, first + TASK) for first in range(0, count, TASK)]
+    if threads == 1 or len(parts) < 2:
+        for part in parts:
+            task(part)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(task, parts))

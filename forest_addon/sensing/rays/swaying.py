@@ -13,9 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from .boxes import BoxTree, clip
-from .caster import Hits, RayCaster, unit_columns
+from .caster import Hits, RayCaster, hit_normals, unit_columns
+from .exact import ExactCaster
 from .geometry import SceneGeometry, invert_transforms
 from .moving import TimedCaster
+from .paths import corners_at_rest
 from .pieces import (
     MakeEngine,
     MakeWindow,
@@ -25,7 +27,6 @@ from .pieces import (
     SwayingScene,
     boxes_of,
 )
-from .referee import Referee
 
 KNOTS = 32  # a second
 SPAN = 16  # knots of a window, for which pieces are placed together
@@ -52,7 +53,8 @@ class SwayingCaster(TimedCaster):
     ) -> None:
         self.cut, self._sway, self._still, self._start = cut, sway, still, start
         self.scene, self.engine = cut.scene, still.engine
-        self.within, self.frozen = still.within, still.frozen
+        self.within, self.bent, self.held = still.within, still.bent, still.held
+        self.bends = still.bends
         self._make = make
         self._first = len(cut.read.meshes) + 1  # mesh of the first piece
         self._window = _engine_of(cut, make, engine)
@@ -66,14 +68,29 @@ class SwayingCaster(TimedCaster):
         self._hull = low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf)
         self._boxes = BoxTree(low - WIDER, high + WIDER)
 
-    def judged(self, true: SceneGeometry | None = None) -> SwayingCaster:
+    @property
+    def still(self) -> TimedCaster:
+        """Rays at what does not sway."""
+        return self._still
+
+    def exactly(self, true: SceneGeometry | None = None) -> SwayingCaster:
+        """The same motion in float64; the true scene is its own, in pieces."""
         other = copy(self)
-        other._still = self._still.judged(None)
-        other._last = None
-        make = self._make
-        other._window = _engine_of(self.cut, lambda scene: Referee(make(scene), scene), None)
-        other.engine = Referee.engine
+        other._still, other._last = self._still.exactly(), None
+        other._make, other.engine = ExactCaster, ExactCaster.engine
+        other._window = _engine_of(self.cut, ExactCaster, None)
         return other
+
+    def corners(self, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray) -> np.ndarray:
+        found = np.empty((len(instance), 3, 3))
+        whole = instance < self.cut.count
+        rows = np.flatnonzero(whole)
+        found[rows] = self._still.corners(instance[rows], triangle[rows], time[rows])
+        rows = np.flatnonzero(~whole)
+        at = self._moved(instance[rows] - self.cut.count, time[rows])[0]
+        own = corners_at_rest(self.scene, instance[rows], triangle[rows])
+        found[rows] = np.einsum("rij,rkj->rki", at[:, :, :3], own) + at[:, None, :, 3]
+        return found
 
     def cast(
         self,
@@ -158,23 +175,24 @@ class SwayingCaster(TimedCaster):
             trees = np.bincount(box[of_pair == number], minlength=len(self._trees)) > 0
             yield number, rows[block[rows] == number], np.flatnonzero(trees)
 
-    def transforms(self, instance: np.ndarray, time: np.ndarray) -> np.ndarray:
-        found = np.empty((len(instance), 3, 4))
-        whole = instance < self.cut.count
+    def normals(self, hits: Hits, time: np.ndarray) -> np.ndarray:
+        found = np.full((len(time), 3), np.nan)
+        whole = hits.instance < self.cut.count
         rows = np.flatnonzero(whole)
-        found[rows] = self._still.transforms(instance[rows], time[rows])
+        found[rows] = self._still.normals(hits.select(rows), time[rows])
         rows = np.flatnonzero(~whole)
-        found[rows] = self._moved(instance[rows] - self.cut.count, time[rows])[0]
+        places = self._moved(hits.instance[rows] - self.cut.count, time[rows])[0]
+        found[rows] = hit_normals(self.scene, hits.select(rows), places)
         return found
 
     def velocities(
-        self, points: np.ndarray, instance: np.ndarray, time: np.ndarray
+        self, points: np.ndarray, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         velocity, rest = np.zeros_like(points), points.copy()
         whole = instance < self.cut.count
         rows = np.flatnonzero(whole)
         velocity[rows], rest[rows] = self._still.velocities(
-            points[rows], instance[rows], time[rows]
+            points[rows], instance[rows], triangle[rows], time[rows]
         )
         rows = np.flatnonzero(~whole)
         pieces = instance[rows] - self.cut.count

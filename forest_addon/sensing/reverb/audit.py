@@ -143,7 +143,8 @@ def _arrivals(channel: _Channel, rng: np.random.Generator) -> Iterator[Check]:
         apart = np.abs(samples[near] - exact)
         elsewhere = rng.integers(0, max(count, 1), NEAR if count else 0)
         elsewhere = elsewhere[np.abs(elsewhere - middle) > 2 * SPREAD]
-        if pair.reverb.ground_kind == "constant" or name == "direct":
+        rings = pair.losses is not None and pair.losses.among_leaves  # whose loss has no dispersion
+        if not rings and (pair.reverb.ground_kind == "constant" or name == "direct"):
             apart = np.append(apart, np.abs(samples[elsewhere]))
         errors = apart / size if size > 0 else apart
         errors = np.append(errors, 0.0 if passes == clear else np.inf)

@@ -30,6 +30,11 @@ class Directivity:
         row = np.array([self._by_angle(np.array([cosine]), column)[0] for column in self.gain.T])
         return self._by_frequency(frequency, row)
 
+    def around(self, cosine: np.ndarray, frequency: float) -> np.ndarray:
+        """Gains at one frequency towards directions, by the cosines (N,) of their angles from the axis."""
+        row = np.array([self._by_frequency(np.array([frequency]), one)[0] for one in self.gain])
+        return self._by_angle(cosine, row)
+
     def terms(self, tolerance: float) -> list[Term]:
         """The products that make up the table, to an error relative to its norm."""
         left, size, right = linalg.svd(self.gain, full_matrices=False)

@@ -18,10 +18,11 @@ from ...base.progress import Progress
 from ...base.rng import stream
 from ...spec import Air, Reverb
 from .arrivals import Gain, arrival
-from .directivity import Directivity, Term
+from .directivity import OMNI, Directivity, Term
 from .forest.losses import Losses
 from .forest.surroundings import Surroundings
 from .forest.tail import FADE, Tail, tail_of
+from .forest.transport import Sent
 from .model_error import ModelError, model_error
 from .sums.fast_scattering import Expansions
 from .sums.tree_response import NEAREST, TreeResponse, tree_response
@@ -204,17 +205,28 @@ class Pair:
         ends, length = (self.source, self.receiver), self.reverb.duration
         density = self.around.density
         stand = (density.cells.tobytes(), density.corner, density.cell, density.around)
-        same = (self.reverb, self.losses, str(ends), length, self.key, stand)
+        sent = None if self.directivity is OMNI else self._energy
+        sends = self.directivity.gain.tobytes() if sent else b""
+        same = (self.reverb, self.losses, str(ends), length, self.key, stand, sends)
         if same not in expansions.tails:
             expansions.tails[same] = tail_of(
-                self.reverb, self.losses, density, *ends, length, self.key
+                self.reverb, self.losses, density, *ends, length, self.key, sent=sent
             )
         return expansions.tails[same]
+
+    def _energy(self, frequency: float) -> Sent:
+        """Return the energy that the source sends by ways at a frequency."""
+
+        def sent(way: np.ndarray) -> np.ndarray:
+            gain = self.directivity.around(self._from_axis(way), frequency)
+            return np.asarray(np.abs(gain) ** 2)
+
+        return sent
 
     def noise(self, tail: Tail, count: int) -> np.ndarray:
         """(count,) samples of a tail."""
         rng = stream(int(self.key[0]), *self.key[1:], "tail")
-        return tail.samples(self.reverb.sample_rate, count, self.air, rng) * self.all_round()
+        return tail.samples(self.reverb.sample_rate, count, self.air, rng)
 
     def terms(self, trunks: Trunks) -> list[tuple[Term, np.ndarray]]:
         """The products that the directivity is made of, with their gains (M,) towards trunks."""
@@ -223,13 +235,6 @@ class Pair:
         cosine = self._from_axis(away)
         allowed = max(0.1 * self.reverb.tolerance, 1e-9)
         return [(term, term.gains(cosine)) for term in self.directivity.terms(allowed)]
-
-    def all_round(self) -> float:
-        """Root mean square of what a directed source sends level, at 1 kHz."""
-        turn = np.linspace(0.0, math.pi, 37)
-        level = math.cos(math.radians(self.reverb.facing_elevation_deg))
-        gains = [self.directivity.at(level * math.cos(a), np.array([1000.0])) for a in turn]
-        return float(np.sqrt(np.mean(np.square(np.abs(gains)))))
 
     def trees(
         self,

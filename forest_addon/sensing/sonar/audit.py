@@ -217,7 +217,8 @@ def _bins(echo: Echo, rows: np.ndarray) -> BandGrid:
     spacing = echo.sample_rate
     if len(rows) > 1:
         spacing = float(frequency[-1] - frequency[0]) / (len(rows) - 1)
-    return BandGrid(float(frequency[0]), spacing, len(rows), 1, 1)
+    ends = float(frequency[0]), float(frequency[-1])
+    return BandGrid(ends[0], spacing, len(rows), 1, 1, ends)
 
 
 def _shares(apart: np.ndarray, echo: Echo) -> np.ndarray:

@@ -47,6 +47,7 @@ class BandGrid:
     """``count`` frequencies from ``start`` Hz, ``spacing`` apart, of a record that holds ``samples``.
 
     length : samples of the transform; what is beyond ``samples`` is time before the call.
+    ends : Hz, of the band that they lie in.
     """
 
     start: float
@@ -54,6 +55,7 @@ class BandGrid:
     count: int
     samples: int
     length: int
+    ends: tuple[float, float]
 
     @property
     def frequency(self) -> np.ndarray:
@@ -82,8 +84,9 @@ def grid_of(band: Band, rate: float, latest: float, record: float, after: float 
         )
     samples = max(1, math.ceil(wanted))
     if not width:
-        return BandGrid(band.low, rate, 1, samples, samples)
+        return BandGrid(band.low, rate, 1, samples, samples, (band.low, band.high))
     length = fft.next_fast_len(max(math.ceil(needed), math.ceil(wanted + tail * rate)))
     spacing = rate / length
     first, last = math.ceil(band.low / spacing), math.floor(band.high / spacing)
-    return BandGrid(first * spacing, spacing, last - first + 1, samples, length)
+    count = last - first + 1
+    return BandGrid(first * spacing, spacing, count, samples, length, (band.low, band.high))

@@ -8,22 +8,26 @@ disc's far field is in ``near``; the leaves of a mesh are in ``foliage``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
 from scipy import special
 
-from ...acoustics.disc import HANDOVER, amplitude_bound, backscatter_amplitude
-from ...acoustics.disc_table import table_error
-from ...acoustics.smoothness import SmoothnessProfile
+from ...acoustics.disc import amplitude_bound, backscatter_amplitude
+from ...acoustics.disc_band import LATER, banded, has_rows, missed, phase_for
+from ...acoustics.disc_table import HANDOVER, table_error
+from ...acoustics.smoothness import LEVELS, SmoothnessProfile
 from ...base.rows import RowTable
 from .scatterers import CLEAR, LEAF, ScattererPart, Strength, Whole
 
 RIM = 6.0  # 2ka·sinβ above which a piston's echo is that of two places of its rim
 HANKEL_TERMS = 11
 INCIDENCES = 16  # classes of them
+COARSEST = 3e-5  # tolerance from which on the table of a band is used
+LOOKED_UP = 0.3  # of the tolerance, for its error
+FEWEST = 12  # wavenumbers of such a table
 GRAZING = (
     np.pi / 3
 )  # beyond it, the formula for large discs is up to 79 % off, where they are faint
@@ -48,8 +52,11 @@ class DiscStrength(RowTable):
         far = amplitude_bound(lowest, highest, self.radius, self.incidence, self.model)
         return self.nearness * far
 
-    def parts(self, lowest: float, highest: float) -> list[ScattererPart]:
-        """Of a piston, far enough off its normal, the two places of its rim that sound."""
+    def parts(self, lowest: float, highest: float, tolerance: float = 0.0) -> list[ScattererPart]:
+        """Of a piston, far enough off its normal, the two places of its rim that sound; of an exact disc
+        itself, some time later, and where the tolerance lets it be, looked up for the whole band."""
+        if self.model == "exact":
+            return self._shifted(highest, tolerance)
         across = self.radius * np.sin(self.incidence)
         rims = (2.0 * lowest * across > RIM) & (2.0 * (highest - lowest) * across > np.pi)
         rims &= self.model == "piston"
@@ -59,6 +66,23 @@ class DiscStrength(RowTable):
             for side in (-1, 1):
                 strength = DiscRim(across[far], self.radius[far], self.incidence[far], side)
                 parts.append(ScattererPart(far, side * 2.0 * across[far], strength))
+        return parts
+
+    def _shifted(self, highest: float, tolerance: float) -> list[ScattererPart]:
+        known = has_rows(self.radius, highest) & (tolerance >= COARSEST)
+        parts = []
+        for rows, phase in (
+            (np.flatnonzero(~known), 0.0),
+            (np.flatnonzero(known), phase_for(LOOKED_UP * tolerance)),
+        ):
+            if len(rows):
+                some = self.select(rows)
+                off = None
+                if phase:
+                    off = some.nearness * missed(some.radius, some.incidence, highest, phase)
+                later = ShiftedDisc(some.radius, some.incidence, some.nearness, phase)
+                without = replace(later, phase=0.0)
+                parts.append(ScattererPart(rows, LATER * some.radius, later, off, without))
         return parts
 
     def profile(self) -> SmoothnessProfile:
@@ -104,8 +128,52 @@ class DiscFamily:
                 first > 2e-3, 3.0 + 0.5 * second * np.maximum(first, 1e-3) ** -0.9, np.inf
             )
         if self.model == "exact":  # an edge's sound goes to and fro across the face
-            return 5.0 * first
+            return 8.0 * first
         return 2.0 * first * np.sin(second)
+
+
+@dataclass(frozen=True)
+class ShiftedDisc(RowTable, Whole):
+    """Exact discs without a delay of ``LATER`` radii, about which their responses are shortest.
+
+    radius, incidence, nearness : as of ``DiscStrength``. phase : radians between points of the table of a
+    band (``disc_band``); 0: none is used.
+    """
+
+    radius: np.ndarray
+    incidence: np.ndarray
+    nearness: np.ndarray
+    phase: float
+
+    def amplitude(self, wavenumber: np.ndarray) -> np.ndarray:
+        if self.phase and FEWEST <= len(wavenumber) <= LEVELS[-1]:
+            wave = banded(wavenumber, self.radius, self.incidence, self.phase)
+            wave *= self.nearness.astype(np.float32)
+            return wave
+        k = np.asarray(wavenumber)[:, None]
+        size = k * self.radius
+        amplitude = backscatter_amplitude(size, self.incidence, "exact")
+        amplitude *= np.exp(1j * LATER * size) * (self.nearness / k)
+        return amplitude
+
+    def bound(self, lowest: float, highest: float) -> np.ndarray:
+        far = amplitude_bound(lowest, highest, self.radius, self.incidence, "exact")
+        return self.nearness * far
+
+    def profile(self) -> SmoothnessProfile:
+        scale = self.nearness * self.radius
+        return SmoothnessProfile(ShiftedFamily(), scale, self.radius, self.incidence)
+
+
+@dataclass(frozen=True)
+class ShiftedFamily(DiscFamily):
+    """The same as a function of ka and the incidence."""
+
+    model: str = "exact"
+
+    def evaluate(self, scale: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        size = np.maximum(scale * first, 1e-9)
+        return super().evaluate(scale, first, second) * np.exp(1j * LATER * size)
 
 
 @dataclass(frozen=True)

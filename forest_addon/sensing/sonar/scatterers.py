@@ -44,8 +44,8 @@ class Strength(Protocol):
         """(M,) metres that f may be off by because it is tabulated, up to a wavenumber; None: nothing."""
         ...
 
-    def parts(self, lowest: float, highest: float) -> list[ScattererPart]:
-        """Smoother strengths that add up to this one between two wavenumbers.
+    def parts(self, lowest: float, highest: float, tolerance: float = 0.0) -> list[ScattererPart]:
+        """Smoother strengths that add up to this one between two wavenumbers, within a share ``tolerance``.
 
         Of a scatterer in several parts, some frequency between finds all of them in phase.
         """
@@ -56,17 +56,23 @@ class Strength(Protocol):
 
 @dataclass(frozen=True)
 class ScattererPart:
-    """A strength that belongs to rows (m,) of another, ``offset`` (m,) metres later on the path."""
+    """A strength that belongs to rows (m,) of another, ``offset`` (m,) metres later on the path.
+
+    off : (m,) metres that it may be off by from what it is a part of; None: nothing. without : the
+    strength that is not.
+    """
 
     rows: np.ndarray
     offset: np.ndarray
     strength: Strength
+    off: np.ndarray | None = None
+    without: Strength | None = None
 
 
 class Whole:
     """Base of strengths that come in one part, computed and not looked up."""
 
-    def parts(self, lowest: float, highest: float) -> list[ScattererPart]:
+    def parts(self, lowest: float, highest: float, tolerance: float = 0.0) -> list[ScattererPart]:
         """Itself."""
         count = len(self.profile().length)  # type: ignore[attr-defined]
         return [ScattererPart(np.arange(count), np.zeros(count), self)]  # type: ignore[arg-type]

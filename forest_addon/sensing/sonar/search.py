@@ -53,11 +53,12 @@ class SearchGroup(RowTable):
         ear: int,
         frequency: Sequence[float] | np.ndarray,
         rows: np.ndarray | slice = slice(None),
+        *,
+        single: bool = False,
     ) -> np.ndarray:
         """(Q, m) of some of them, at an ear: what beams, distance, air and shade leave."""
         paths = self.paths if isinstance(rows, slice) else self.paths.select(rows)
-        gain = paths.gain(station, ear, np.asarray(frequency))
-        gain *= self.shade[rows]
+        gain = paths.gain(station, ear, np.asarray(frequency), self.shade[rows], single=single)
         return gain
 
     def seen(self, station: Station, ear: int) -> Strength:

@@ -176,8 +176,16 @@ class EchoPaths(RowTable):
         """(E, M) metres from mouth to ear."""
         return self.distance + self.leg
 
-    def gain(self, station: Station, ear: int, frequency: np.ndarray) -> np.ndarray:
-        """(Q, M), see above."""
+    def gain(
+        self,
+        station: Station,
+        ear: int,
+        frequency: np.ndarray,
+        shade: np.ndarray | None = None,
+        *,
+        single: bool = False,
+    ) -> np.ndarray:
+        """(Q, M), see above, times what shade leaves; in single precision scatterer by scatterer."""
         equipment = station.equipment
         sent = equipment.emit.gain(self.emitted[0], self.emitted[1], frequency)
         hear = equipment.hear(ear)
@@ -185,9 +193,16 @@ class EchoPaths(RowTable):
             gain = sent * sent
         else:
             gain = sent * hear.gain(self.heard[ear, 0], self.heard[ear, 1], frequency)
-        gain = gain / (self.distance * self.leg[ear])
+        gain = gain * ((1.0 if shade is None else shade) / (self.distance * self.leg[ear]))
+        if single:
+            gain = np.ascontiguousarray(gain.T, dtype=np.float32).T
         if station.sonar.absorption:
-            gain = gain * np.exp(np.outer(-station.loss(frequency), self.length[ear]))
+            loss, length = station.loss(frequency), self.length[ear]
+            if single:
+                loss, length = loss.astype(np.float32), length.astype(np.float32)
+            weaker = np.outer(length, -loss).T if single else np.outer(-loss, length)
+            np.exp(weaker, out=weaker)
+            gain = np.multiply(weaker, gain, out=weaker)
         return gain
 
     def losses(self, station: Station, ear: int) -> list[Loss | Change] | None:

@@ -14,10 +14,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...acoustics.nonuniform import sum_delayed
+from ...acoustics.nonuniform import DelayedSum, sum_delayed, summed_directly
 from ...acoustics.smoothness import Smoothness, smoothness
 from ...base.progress import Progress
 from .bands import BandGrid
+from .leaves import LOOKED_UP
 from .scatterers import ScattererPart, Strength
 from .search import SearchGroup
 from .station import Station
@@ -74,11 +75,12 @@ def panels(grid: BandGrid, station: Station) -> list[BandGrid]:
     """The grid, cut where a beam's gain has a kink over the frequency."""
     beams = station.equipment.emit, *station.equipment.hears
     kinks = {kink for beam in beams for kink in beam.kinks()}
-    cuts = sorted({math.ceil((kink - grid.start) / grid.spacing) for kink in kinks})
-    edges = [0, *(cut for cut in cuts if 0 < cut < grid.count), grid.count]
+    cuts = {math.ceil((kink - grid.start) / grid.spacing): kink for kink in sorted(kinks)}
+    inside = {cut: kink for cut, kink in cuts.items() if 0 < cut < grid.count}
+    edges = [(0, grid.ends[0]), *inside.items(), (grid.count, grid.ends[1])]
     return [
-        replace(grid, start=grid.start + first * grid.spacing, count=last - first)
-        for first, last in pairwise(edges)
+        replace(grid, start=grid.start + first * grid.spacing, count=last - first, ends=(low, high))
+        for (first, low), (last, high) in pairwise(edges)
     ]
 
 
@@ -94,13 +96,15 @@ def _over(
     total, done = sum(len(group) for group in groups) * len(station.ear), 0
     sums = () if weights is None else (weights[0].shape[1],)
     spectrum = np.zeros((len(station.ear), *sums, grid.count), dtype=np.complex128)
-    band = (grid.start, grid.start + grid.spacing * (grid.count - 1))
+    band = grid.ends
     lowest, highest = (2.0 * math.pi * end / station.sound_speed for end in band)
     error, table, size = np.zeros((3, len(station.ear)))
     for number, group in enumerate(groups):
         for ear in range(len(station.ear)):
             seen = group.seen(station, ear)
-            parts = seen.parts(lowest, highest) if tolerance else [_whole(seen, len(group))]
+            parts = [_whole(seen, len(group))]
+            if not summed_directly(len(group), grid.count, tolerance):
+                parts = seen.parts(lowest, highest, tolerance)
             doubtful = seen.error(highest)
             if doubtful is not None:
                 table[ear] += float((group.gain(station, ear, band[:1])[0] * doubtful).sum())
@@ -108,22 +112,11 @@ def _over(
             for part in parts:
                 some = group if len(part.rows) == len(group) else group.select(part.rows)
                 alone = whole or np.count_nonzero(part.offset) == 0
-                found = sum_delayed(
-                    Heard(some, part.strength, station, ear),
-                    (some.paths.length[ear] + part.offset) / station.sound_speed,
-                    grid.start,
-                    grid.spacing,
-                    grid.count,
-                    tolerance=tolerance
-                    if alone
-                    else tolerance * _together(some, station, ear, band),
-                    weights=None if weights is None else weights[number][part.rows],
-                    smooth=smooth_of(some, part.strength, station, ear, band)
-                    if tolerance
-                    else None,
-                )
+                share = 1.0 if alone else _together(some, station, ear, band)
+                each = None if weights is None else weights[number][part.rows]
+                found, off = _of_part(some, part, station, ear, grid, tolerance * share, each)
                 spectrum[ear] += found.spectrum
-                error[ear] += (found.error_bound + (0.0 if alone else SPLIT)) * found.size
+                error[ear] += off + (found.error_bound + (0.0 if alone else SPLIT)) * found.size
                 size[ear] += found.size if alone else PARTIAL * found.least
             done += len(group)
             if progress:
@@ -134,6 +127,37 @@ def _over(
         for part in (error, table)
     )
     return EchoSum(spectrum, bound, looked_up, size)
+
+
+def _of_part(
+    group: SearchGroup,
+    part: ScattererPart,
+    station: Station,
+    ear: int,
+    grid: BandGrid,
+    tolerance: float,
+    weights: np.ndarray | None,
+) -> tuple[DelayedSum, float]:
+    """The sum over a part of a group's echoes, and what it is off by because the part is; where that would
+    take more of the tolerance than is its share, the part is summed as it would be without."""
+    off = 0.0
+    if part.off is not None:
+        off = float((group.gain(station, ear, grid.ends[:1])[0] * part.off).sum())
+    found = sum_delayed(
+        Heard(group, part.strength, station, ear),
+        (group.paths.length[ear] + part.offset) / station.sound_speed,
+        grid.start,
+        grid.spacing,
+        grid.count,
+        tolerance=tolerance * (1.0 - LOOKED_UP if off else 1.0),
+        ends=grid.ends,
+        weights=weights,
+        smooth=smooth_of(group, part.strength, station, ear, grid.ends) if tolerance else None,
+    )
+    if off > LOOKED_UP * tolerance * found.size and part.without is not None:
+        plain = replace(part, strength=part.without, off=None)
+        return _of_part(group, plain, station, ear, grid, tolerance, weights)
+    return found, off
 
 
 def _together(group: SearchGroup, station: Station, ear: int, band: tuple[float, float]) -> float:
@@ -169,5 +193,6 @@ class Heard:
         """(Q, m) complex A of some rows at frequencies (Q,)."""
         wavenumber = 2.0 * math.pi * frequency / self._station.sound_speed
         amplitude = self._strength.select(rows).amplitude(wavenumber)
-        amplitude *= self._group.gain(self._station, self._ear, frequency, rows)
+        single = amplitude.dtype == np.complex64
+        amplitude *= self._group.gain(self._station, self._ear, frequency, rows, single=single)
         return amplitude

@@ -1,11 +1,13 @@
 """Wind over a stand as a closed function of place and time: a sum of plane waves that travel with the gusts.
 
-Mean: logarithmic above the trees, U_h exp(-a (1 - z/h)) among them, a = c_d LAI / (2 β²) (Inoue 1963;
-Harman & Finnigan 2007) with β = u*/U_h = 0.3 (Raupach, Finnigan & Brunet 1996), at most 4. Spectrum of each
-component: Kaimal's (IEC 61400-1 form), with its peak where it is found at the tops of trees: 0.15 U_h/h
-along the wind, 0.45 U_h/h upright (Raupach et al. 1996). Waves travel at 1.8 U_h. Their wave numbers across
-are drawn from Cauchy laws, whose characteristic function is Davenport's coherence exp(-c f Δ/U): the
-expected coherence is exact.
+Mean: logarithmic above the trees, U_h exp(-(ζ_h - ζ(z))/(2 β²)) among them, ζ(z) the drag area below z over
+the ground's (Massman 1997, Boundary-Layer Meteorol. 83:407), β = u*/U_h = 0.320 - 0.264 exp(-15.1 ζ_h)
+(same source): the trees of a stand then take the momentum ρ u*² (1 - exp(-ζ_h/β²)) that the wind loses,
+however their leaves are spread. Spectrum of each component: Kaimal's (IEC 61400-1 form), with its peak
+where it is found at the tops of trees: 0.15 U_h/h along the wind, 0.45 U_h/h upright (Raupach, Finnigan &
+Brunet 1996). Waves travel at 1.8 U_h. Their wave numbers across are drawn from Cauchy laws, whose
+characteristic function is Davenport's coherence exp(-c f Δ/U): the expected coherence is exact. Lines lie
+close enough that the spectrum of an hour has no gaps where trees answer.
 """
 
 from __future__ import annotations
@@ -17,13 +19,12 @@ import numpy as np
 from ...base.rng import stream
 from ...spec import Wind
 
-LINES = 256
 LOWEST, HIGHEST = 0.005, 8.0  # Hz
+EVEN = (0.1, 2.0)  # Hz, between which lines lie at equal steps
+STEPS = (100, 633, 47)  # lines below, within and above: 3 % apart, 0.003 Hz, 3 %
 DECAY = 10.0  # c of Davenport's coherence, across and upright
 TRAVEL = 1.8  # speed of gusts over that of the wind at the tops
-SHEAR = 0.3  # friction velocity over the speed at the tops
 DRAG = 0.2  # of leaves in canopies, by one-sided area (Katul et al. 2004)
-STEEPEST = 4.0  # exponent within canopies
 SIDE, UP = 0.8, 0.55  # standard deviations across and upright over that along the wind
 PEAKS = (0.15, 0.25, 0.45)  # f h / U_h where f S(f) peaks: along, across, upright
 DISPLACED, ROUGH = 0.7, 0.1  # zero plane and roughness length over the height of trees
@@ -33,15 +34,15 @@ DISPLACED, ROUGH = 0.7, 0.1  # zero plane and roughness length over the height o
 class WindField:
     """Wind over trees of a height, its waves drawn.
 
-    speed : mean at the tops, m/s. height : of the tops, m. fade : the exponent a among the trees.
-    along : (2,) unit, where it blows to. frequency : (K,) Hz.
-    amplitude : (K, 3) m/s of the waves along, across and upright, at the tops.
+    speed : mean at the tops, m/s. height : of the tops, m. shelter : (Q + 1,) drag area above the edges of Q
+    equal layers from the ground to the tops, over the ground's. along : (2,) unit, where it blows to.
+    frequency : (K,) Hz. amplitude : (K, 3) m/s of the waves along, across and upright, at the tops.
     phase : (K, 3) radians. across, upright : (K, 3) wave numbers, rad/m.
     """
 
     speed: float
     height: float
-    fade: float
+    shelter: np.ndarray
     along: np.ndarray
     frequency: np.ndarray
     amplitude: np.ndarray
@@ -50,23 +51,24 @@ class WindField:
     upright: np.ndarray
 
     @classmethod
-    def drawn(cls, wind: Wind, height: float, leaf_area_index: float, seed: int) -> WindField:
+    def drawn(cls, wind: Wind, height: float, drag_area: np.ndarray, seed: int) -> WindField:
         """Draw the waves of a scene's wind.
 
-        height : of the trees' tops, m. leaf_area_index : one-sided m² of leaves on a m² of ground.
+        height : of the trees' tops, m. drag_area : (Q,) drag coefficient times area of what stands in each of
+        Q equal layers from the ground to the tops, over the ground's area (a drag of ρ times that times U²).
         """
         rng = stream(seed, "wind")
-        edge = np.geomspace(LOWEST, HIGHEST, LINES + 1)
-        frequency = edge[:-1] * (edge[1:] / edge[:-1]) ** rng.random(LINES)
+        edge = _edges()
+        frequency = edge[:-1] + np.diff(edge) * rng.random(len(edge) - 1)
         sigma = wind.turbulence * wind.speed * np.array([1.0, SIDE, UP])
         spread = DECAY * frequency[:, None] / wind.speed
-        waves = rng.random((4, LINES, 3))
+        waves = rng.random((4, len(frequency), 3))
         turn = np.radians(wind.direction_deg)
         power = kaimal(frequency, np.array(PEAKS) * wind.speed / height) * np.diff(edge)[:, None]
         return cls(
             speed=wind.speed,
             height=height,
-            fade=min(STEEPEST, DRAG * leaf_area_index / (2 * SHEAR**2)),
+            shelter=np.append(np.cumsum(drag_area[::-1])[::-1], 0.0),
             along=np.array([np.cos(turn), np.sin(turn)]),
             frequency=frequency,
             amplitude=sigma * np.sqrt(2 * power),
@@ -75,18 +77,26 @@ class WindField:
             upright=spread * np.tan(np.pi * (waves[2] - 0.5)),
         )
 
+    @property
+    def friction(self) -> float:
+        """Friction velocity over the speed at the tops, β."""
+        return 0.320 - 0.264 * float(np.exp(-15.1 * self.shelter[0]))
+
     def mean(self, z: np.ndarray) -> np.ndarray:
         """(N,) mean speed at heights (N,) above the ground, m/s."""
         share = np.maximum(z, 0.0) / self.height
-        inside = np.exp(-self.fade * (1 - np.minimum(share, 1.0)))
         over = np.log(np.maximum((share - DISPLACED) / ROUGH, np.e)) / np.log(
             (1 - DISPLACED) / ROUGH
         )
-        return self.speed * np.where(share > 1, np.maximum(over, 1.0), inside)
+        return self.speed * np.where(share > 1, np.maximum(over, 1.0), np.exp(-self._faded(z)))
 
     def strength(self, z: np.ndarray) -> np.ndarray:
         """(N,) turbulence at heights over that at the tops; it fades half as fast as the mean."""
-        return np.exp(-0.5 * self.fade * (1 - np.clip(z / self.height, 0.0, 1.0)))
+        return np.exp(-0.5 * self._faded(z))
+
+    def _faded(self, z: np.ndarray) -> np.ndarray:
+        edges = np.linspace(0.0, self.height, len(self.shelter))
+        return np.asarray(np.interp(z, edges, self.shelter) / (2 * self.friction**2))
 
     def waves(self, points: np.ndarray) -> np.ndarray:
         """(N, K, 3) complex amplitudes at points (N, 3) in the world: components along, across and upright.
@@ -113,6 +123,17 @@ class WindField:
         return np.stack(
             [own[:, 0] * x - own[:, 1] * y, own[:, 0] * y + own[:, 1] * x, own[:, 2]], axis=1
         )
+
+
+def _edges() -> np.ndarray:
+    below, within, above = STEPS
+    return np.concatenate(
+        [
+            np.geomspace(LOWEST, EVEN[0], below + 1),
+            np.linspace(*EVEN, within + 1)[1:],
+            np.geomspace(EVEN[1], HIGHEST, above + 1)[1:],
+        ]
+    )
 
 
 def kaimal(frequency: np.ndarray, peak: np.ndarray) -> np.ndarray:

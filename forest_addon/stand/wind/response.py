@@ -91,7 +91,8 @@ def response_of(
     aside = force / np.maximum(wind, 1e-9)
     lever = np.stack([slope, aside, aside], axis=1)
     omega = 2 * np.pi * shape.modes.frequency / scale
-    drive = np.einsum("bmc,bkc->mk", push * lever[:, None], field.waves(world))
+    waves, pushed = field.waves(world), push * lever[:, None]
+    drive = sum(pushed[:, :, c].T @ waves[:, :, c] for c in range(3))
     aerodynamic = np.einsum("bmc,bnc,bc->mn", push, push, lever)
     diagonal = np.diagonal(aerodynamic)
     # Beyond the critical damping a mode creeps; the share that the others take from it stays.

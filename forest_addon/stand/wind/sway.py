@@ -13,7 +13,6 @@ import numpy as np
 
 from ...base.rng import daughter_keys, first_key
 from ...base.trimesh import TriMesh
-from ...growth.mesh.leaves import Leaves
 from ...growth.sway.motion import Anchors
 from ...growth.sway.rig import SwayRig, piece_of_triangles, rig_of
 from ...growth.sway.shape import SwayShape, corner_leaves, shape_of
@@ -24,6 +23,7 @@ from ..forest import GrownForest
 from .field import WindField
 from .flutter import NOD, TWIST, Flutter
 from .response import KNOTS, SwayResponse, response_of
+from .shelter import drag_area_of
 
 FEW = 65_536  # points at a time
 SIGMAS = (
@@ -41,12 +41,11 @@ class ForestSway:
     def __init__(self, forest: GrownForest, wind: Wind, seed: int) -> None:
         self._forest = forest
         self._seed = seed
-        stand = forest.stand
         heights = forest.heights()
         top = float(np.quantile(heights, 0.9)) if len(heights) else LOWEST
-        leaf = [_leaf_area(forest.variant_of(t)) * stand.scale[t] ** 2 for t in range(len(stand))]
-        index = float(sum(leaf)) / stand.area if stand.area > 0 else 0.0
-        self.field = WindField.drawn(wind, max(top, LOWEST), index, seed)
+        top = max(top, LOWEST)
+        shelter = drag_area_of(forest, top, lambda key: wood_of_species(forest.species[key[0]]))
+        self.field = WindField.drawn(wind, top, shelter, seed)
         self._shapes: dict[tuple[int, int], SwayShape | None] = {}
         self._anchors: dict[tuple[int, int], Anchors] = {}
         self._responses: dict[int, SwayResponse | None] = {}
@@ -289,11 +288,6 @@ def _shape(tree: Tree, species: Species) -> SwayShape | None:
     if len(tree.skeleton) < 2:
         return None
     return shape_of(tree.skeleton, tree.leaves, wood_of_species(species))
-
-
-def _leaf_area(tree: Tree) -> float:
-    leaves: Leaves = tree.leaves
-    return float(np.pi * (leaves.radius**2).sum())
 
 
 def _still(count: int) -> Anchors:

@@ -9,6 +9,7 @@ import bpy
 from ...blender.scene.layout import POINTS_ROLE, TREES, find_part
 from ...blender.scene.nodes import instancer_of, show_as, shown_of
 from ...blender.scene.ours import ROLE_KEY
+from ..shell.views import views
 from ..shell.words import keep, label_kept
 
 SHOWN = ("FULL", "LIGHT", "DOTS")
@@ -42,6 +43,8 @@ def set_display(props: Any, number: int) -> None:
     modifier = forest_of_points(props.id_data)
     if modifier is not None:
         show_as(modifier, SHOWN[number])
+        for _, area in views():  # a script that sets it has nothing else drawn
+            area.tag_redraw()
 
 
 def draw_display(layout: bpy.types.UILayout, props: Any) -> None:

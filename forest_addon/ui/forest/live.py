@@ -38,7 +38,7 @@ _building: tuple[Job, int, str] | None = None  # the job that Live began, its sc
 
 
 class FOREST_OT_live(bpy.types.Operator):
-    """Grow the forest, unless a mouse button is down: then a slider is being dragged.
+    """Grow the forest, unless a mouse button is down: then a slider is being dragged
 
     Only an operator is told of that, by the event that it is invoked with, the last one of the window.
     """

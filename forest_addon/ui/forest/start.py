@@ -41,6 +41,7 @@ class FOREST_OT_start(WhenReady, bpy.types.Operator):
     )
     sensors: bpy.props.EnumProperty(
         name="Sensors",
+        description="What becomes of sensors that are in the scene",
         items=[
             ("KEEP", "Keep", "Sensors of this scene stay, those of the set-up are added"),
             ("REPLACE", "Replace", "Those of the set-up take their place"),

@@ -103,6 +103,7 @@ class FOREST_OT_export_result(bpy.types.Operator, ExportHelper):
     )
     ending: bpy.props.EnumProperty(
         name="Format",
+        description="Which kind of file",
         items=[(ending[1:].upper(), name, words) for ending, (name, words) in WORDS.items()],
         options={"SKIP_SAVE"},
     )

@@ -157,14 +157,16 @@ def _is_some(figure: Figure) -> bool:
 
 
 def note_audit(context: bpy.types.Context, name: str, audit: Audit) -> None:
-    """Add to a result how far off it is, and of how many values that was checked."""
+    """Add to a result how many of its values were checked, and how far off they are."""
     off, allowed = (plain(value, audit.unit) for value in (audit.error, audit.allowed))
-    words = keep("{count} checked, off by {off}", off=off, count=f"{audit.checked:,}")
+    words = keep("off by {off}", off=off)
     if not audit.kept:
         words = keep("{off} off: MORE than {allowed}", off=off, allowed=allowed)
     result = context.scene.forest_sensing.results[name]
-    figure = result.figures.add()
-    figure.name, figure.value, figure.made_of = keep("Audit"), words, words.made_of
+    for title, value in ((keep("Checked"), f"{audit.checked:,}"), (keep("Audit"), words)):
+        figure = result.figures.add()
+        figure.name, figure.value = title, value
+        figure.made_of = value.made_of if isinstance(value, Kept) else ""
     frames.tell_again(result, context.scene.frame_current)
 
 
@@ -174,8 +176,7 @@ def plain(value: float, unit: str) -> str:
         return f"{value} {unit}".strip()
     if unit == "m":
         return "< 0.001 mm" if value < 1e-6 else keep("{size:,.3f} mm", size=1e3 * value)
-    percent = "< 0.0001 %" if value < 1e-6 else f"{100.0 * value:,.4f} %"
-    return f"{percent} {unit}".strip()
+    return "< 0.0001 %" if value < 1e-6 else f"{100.0 * value:,.4f} %"
 
 
 def note_estimate(context: bpy.types.Context, name: str, took: float, estimated: float) -> None:
@@ -201,7 +202,7 @@ def _note_beyond(result: Any, count: int) -> None:
     """Say of points that views leave out how many they are."""
     if not count:
         return
-    figure, words = result.figures.add(), keep("{count:,} beyond the ground shown", count=count)
+    figure, words = result.figures.add(), keep("{count:,} not shown", count=count)
     figure.name, figure.value, figure.made_of = keep("Far Points"), words, words.made_of
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ...blender.scene.layout import COLOUR_BY, COLOUR_MAP, FAR_POINTS, RADIUS, SHARE
-from ...blender.scene.nodes import chosen_input, drawn_input, has_input
+from ...blender.scene.nodes import chosen_input, drawn_inputs
 from ...blender.show.cloud_nodes import is_measure
 from ..settings.drawing import OnceStarted, icon_of, split
 from ..shell.words import label, label_of_kept
@@ -101,21 +101,22 @@ def _draw_points(layout: bpy.types.UILayout, result: Any) -> None:
     """Draw how the points of a cloud look: its modifier's menu and radius, and whether renders show them."""
     cloud = bpy.data.objects.get(result.shown)
     for modifier in cloud.modifiers if cloud is not None else ():
-        if not has_input(modifier, COLOUR_BY):
+        inputs = drawn_inputs(modifier)
+        if COLOUR_BY not in inputs:
             continue
         column = split(layout)
-        column.prop(*drawn_input(modifier, COLOUR_BY), text=COLOUR_BY)
-        if has_input(modifier, RADIUS):
+        column.prop(*inputs[COLOUR_BY], text=COLOUR_BY)
+        if RADIUS in inputs:
             row = column.row(align=True)
-            row.prop(*drawn_input(modifier, RADIUS), text="Radius")
+            row.prop(*inputs[RADIUS], text="Radius")
             row.prop(cloud, "hide_render", text="")
-        if has_input(modifier, SHARE):
-            column.prop(*drawn_input(modifier, SHARE), text=SHARE)
-        if has_input(modifier, FAR_POINTS) and "Far Points" in result.figures:
-            column.prop(*drawn_input(modifier, FAR_POINTS), text=FAR_POINTS)
+        if SHARE in inputs:
+            column.prop(*inputs[SHARE], text=SHARE)
+        if FAR_POINTS in inputs and "Far Points" in result.figures:
+            column.prop(*inputs[FAR_POINTS], text=FAR_POINTS)
         choice, colour_map = chosen_input(modifier, COLOUR_BY), ""
-        if has_input(modifier, COLOUR_MAP) and is_measure(choice):
-            column.prop(*drawn_input(modifier, COLOUR_MAP), text=COLOUR_MAP)
+        if COLOUR_MAP in inputs and is_measure(choice):
+            column.prop(*inputs[COLOUR_MAP], text=COLOUR_MAP)
             colour_map = chosen_input(modifier, COLOUR_MAP)
         draw_legend(layout, result, choice, colour_map)
 

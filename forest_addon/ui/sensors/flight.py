@@ -78,7 +78,9 @@ class FOREST_OT_fly(Working, bpy.types.Operator):
     bl_idname = "forest.fly"
     bl_label = "Fly"
 
-    policy: bpy.props.EnumProperty(name="Policy", items=POLICIES)
+    policy: bpy.props.EnumProperty(
+        name="Policy", description="How it finds its way", items=POLICIES
+    )
     seed: bpy.props.IntProperty(name="Seed", min=0, description="Of what is left to chance")
 
     def work(self, context: bpy.types.Context) -> Work:

@@ -135,9 +135,10 @@ class FOREST_OT_look_through(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def draw_switch(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the button, and what the image shows while it is on."""
-    thing = chosen_sensor(context)
+def draw_switch(
+    layout: bpy.types.UILayout, context: bpy.types.Context, thing: bpy.types.Object | None
+) -> None:
+    """Draw the button for the chosen sensor, and what the image shows while it is on."""
     if _eye is None and (thing is None or KINDS[sensors.kind_of(thing)].glance is None):
         return
     hears = thing is not None and KINDS[sensors.kind_of(thing)].listens

@@ -32,7 +32,8 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, props = self.layout, context.scene.forest_sensing
-        home = sensors.home_of(context.scene)
+        known = sensors.sensors_of(context.scene)
+        home = sensors.home_of(context.scene, known)
         row = layout.row()
         if home is not None:
             row.template_list(
@@ -44,9 +45,9 @@ class FOREST_PT_sensors(OnceStarted, bpy.types.Panel):
         buttons.menu("FOREST_MT_sensors", text="", icon="ADD")
         buttons.operator("forest.remove_sensor", text="", icon="REMOVE")
         draw_adopt(layout, context, context.view_layer.objects.active)
-        thing = chosen_sensor(context)
+        thing = chosen_sensor(context, known)
         _draw_run(layout, thing)
-        draw_switch(layout, context)
+        draw_switch(layout, context, thing)
         split(layout).prop(props, "output", placeholder="In this file alone")
 
 

@@ -263,6 +263,7 @@ class FOREST_OT_run_frames(WhenReady, bpy.types.Operator):
 
     which: bpy.props.EnumProperty(
         name="Run",
+        description="Which sensors run on every frame",
         items=[
             ("ONE", "This Sensor", "The one that is chosen in the list"),
             ("ALL", "All Sensors", "One after the other, frame by frame"),

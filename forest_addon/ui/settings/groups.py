@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
@@ -76,7 +77,11 @@ LABELS = {
     "temperature_c": "Temp. (°C)",
     "dbh": "DBH",
     "sample_rate": "Sampling",
+    "density (1/m)": "Branches (1/m)",  # dead ones on a stem
     "density": "Trees/m²",
+    "crs": "CRS",
+    "subrays": "Sub-rays",
+    "pulse_rate": "Pulses",
     "painted_value": "Painted (/m²)",
     "divergence_mrad": "Spread (mrad)",
     "extinction (1/m)": "Air Loss (1/m)",  # of a scanner; a reverb has one in words
@@ -105,6 +110,8 @@ LABELS = {
     "turn_rate_deg": "Turn (°/s)",
     "flow_resistivity": "σ (kPa·s/m²)",
     "dynamic_range": "Dynamic (dB)",
+    "threshold_snr": "Threshold (SNR)",
+    "beyond": "Far Echoes",
 }  # others are too long for a sidebar
 ONE_OF = ("template", "rules", "honda", "crown")  # parts of a species of which one may be used
 DIGITS = {"mean": 3, "sd": 3, "low": 3, "high": 3}  # of numbers whose size a default does not tell
@@ -140,7 +147,10 @@ def make_group(
         if many:
             lists[name] = CollectionProperty(type=groups[many])
             lists[f"active_{name}"] = IntProperty(
-                options={"HIDDEN"}, update=when_set.get(f"active_{name}")
+                name="Chosen",
+                description="The one that settings and buttons below are about",
+                options={"HIDDEN"},
+                update=when_set.get(f"active_{name}"),
             )
         elif is_group(part):
             words = {"name": label_of(name, known), "description": help_of(known)}
@@ -158,13 +168,13 @@ def make_group(
 
 def label_of(name: str, known: Param) -> str:
     """Return what a field is called in the panel: ``angle_step_deg`` is Angle Step (°)."""
-    for key in (name, f"{name} ({known.unit})"):
+    for key in (f"{name} ({known.unit})", name):
         if key in LABELS:
             return LABELS[key]
     stem = name
     for suffix in SUFFIXES:
         stem = stem.removesuffix(suffix)
-    words = stem.replace("_", " ").title()
+    words = re.sub(r"\bSd\b", "SD", stem.replace("_", " ").title())
     unit = {"deg": "°"}.get(known.unit, known.unit)
     shown_by_blender = known.unit in UNITS or known.unit in ("", "%", "trees")
     return words if shown_by_blender else f"{words} ({unit})"
@@ -284,7 +294,7 @@ def _how_shown(known: Param, values: Iterable[float]) -> dict[str, int]:
 
 def help_of(known: Param) -> str:
     """Return what a field is for, as a panel says it."""
-    text = known.help
+    text = known.help.replace("left out:", "off:").replace("Left out:", "Off:")  # its switch
     return text if "α" <= text[:1] <= "ω" else text[:1].upper() + text[1:]  # a symbol is no word
 
 

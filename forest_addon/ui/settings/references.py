@@ -80,7 +80,9 @@ def pointers(name: str, title: str, meaning: str) -> dict[str, Any]:
     if known.many:
         return {
             f"{name}_pointers": CollectionProperty(type=FOREST_PG_heard),
-            f"active_{name}_pointers": IntProperty(options={"HIDDEN"}),
+            f"active_{name}_pointers": IntProperty(
+                name="Chosen", description="The one that is picked below", options={"HIDDEN"}
+            ),
         }
     made = {
         f"{name}_pointer": PointerProperty(

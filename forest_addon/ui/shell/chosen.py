@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
@@ -22,12 +23,14 @@ def chosen_planting(props: Any) -> Any:
     return props.plantings[active] if 0 <= active < len(props.plantings) else None
 
 
-def chosen_sensor(context: bpy.types.Context) -> bpy.types.Object | None:
+def chosen_sensor(
+    context: bpy.types.Context, known: Sequence[bpy.types.Object] | None = None
+) -> bpy.types.Object | None:
     """The sensor that list and buttons are about: the active object if it is one, else the one of before.
 
-    None where the scene has no sensor.
+    None where the scene has no sensor. known : the sensors of the scene, where the caller has them.
     """
-    listed = sensors.sensors_of(context.scene)
+    listed = sensors.sensors_of(context.scene) if known is None else known
     for thing in (context.view_layer.objects.active, context.scene.forest_sensing.last_sensor):
         if thing in listed:
             return thing
@@ -44,8 +47,9 @@ def choose_sensor(context: bpy.types.Context, thing: bpy.types.Object) -> None:
 
 def number_of_sensor(props: Any) -> int:
     """Return where the chosen sensor is in the list, -1 where there is none."""
-    home = sensors.home_of(props.id_data)
-    thing = chosen_sensor(bpy.context) if bpy.context.scene == props.id_data else None
+    known = sensors.sensors_of(props.id_data)
+    home = sensors.home_of(props.id_data, known)
+    thing = chosen_sensor(bpy.context, known) if bpy.context.scene == props.id_data else None
     return -1 if home is None or thing is None else list(home.objects).index(thing)
 
 

@@ -16,7 +16,7 @@ from ...spec import SpecError
 from ..settings.preferences import species_folder
 from ..shell.running import PROBLEMS, WhenReady, Working, in_words
 from ..shell.words import say
-from .pictures import refresh
+from .pictures import picture_of, refresh
 
 JUDGED = 24  # siblings that are grown to be held to the tree
 OF_LEAVES = ("leaf", "leaves", "foliage")  # within the name of the file that holds them
@@ -96,8 +96,13 @@ class FOREST_OT_make_species(Working, bpy.types.Operator):
     accept: bpy.props.BoolProperty(name="Accept", options={"SKIP_SAVE"})
 
     def work(self, context: bpy.types.Context) -> Work:
+        from ...base.progress import Progress
         from ...blender.files.tree_files import read_parts
-        from ...growth.library.template_library import Brought, check_name, make_library
+        from ...blender.scene.assets import on_paper
+        from ...formats.atomic import replacing
+        from ...formats.png import write_png
+        from ...growth.library.template_library import Brought, Library, check_name, make_library
+        from ...spec import Look
 
         props = context.scene.forest_sensing
         wood, leaves = Path(self.wood), Path(self.leaves) if self.leaves else None
@@ -108,12 +113,15 @@ class FOREST_OT_make_species(Working, bpy.types.Operator):
         groups = [] if plain else read_parts(wood, leaves)
         folder = free_folder(species_folder(), name)
         brought = Brought(wood, leaves, height, groups=groups)
-        made = yield Task(
-            say("recognising the tree"),
-            lambda tell: make_library(
-                brought, folder.name, folder, tell, siblings=JUDGED, accept=accept
-            ),
-        )
+
+        def recognise(tell: Progress) -> Library:
+            made = make_library(brought, folder.name, folder, tell, siblings=JUDGED, accept=accept)
+            picture = on_paper(made.wood, made.leaves, Look())
+            with replacing(picture_of(made.species)) as file:
+                file.write_bytes(write_png(picture))
+            return made
+
+        made = yield Task(say("recognising the tree"), recognise)
         if made.verdict is not None and not made.verdict.stands and not accept:
             shutil.rmtree(folder)
             problem = say("tick Accept to plant them all the same")

@@ -110,8 +110,17 @@ def _files() -> dict[str, Path | None]:
     presets = sorted(file.stem for file in (ASSETS / "species").glob("*.toml"))
     pictures = {file.stem: file for file in (ASSETS / "species" / "pictures").glob("*.jpg")}
     own = sorted([*species_folder().glob("*.toml"), *species_folder().glob("*/*.toml")])
-    mine = (file.as_posix() for file in own if file.name != "scene.toml")
-    return {name: pictures.get(name) for name in presets} | dict.fromkeys(mine)
+    mine = {
+        file.as_posix(): picture_of(file) if picture_of(file).exists() else None
+        for file in own
+        if file.name != "scene.toml"
+    }
+    return {name: pictures.get(name) for name in presets} | mine
+
+
+def picture_of(species: Path) -> Path:
+    """The picture of one's own species, beside its file."""
+    return species.with_suffix(".png")
 
 
 def _icon(species: str) -> int:

@@ -4,26 +4,33 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from forest_addon.base.trimesh import GROUND, OTHER, TriMesh
-from forest_addon.formats.helios.scene import Part
+from forest_addon.formats.helios.legs import Leg
 from forest_addon.formats.helios.survey import Survey, read_survey
 from forest_addon.results.coordinates import NO_OFFSET, Offset
 from forest_addon.results.scan_file import write_scan
 from forest_addon.sensing.lidar.cloud import Cloud
 from forest_addon.sensing.lidar.scan import Scan
-from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
+from forest_addon.sensing.lidar.surveys.digitised import DigitisedScan
+from forest_addon.sensing.lidar.surveys.leg import SurveyLeg, step_count
+from forest_addon.sensing.lidar.surveys.stepped import SteppedMotion, SteppedPath
+from forest_addon.sensing.rays.caster import RayCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.sensing.rays.moving import MovingCaster, TimedCaster
 from forest_addon.spec import Beam, Noise, Rays, SpecError, Terrestrial
 
 from ...progress import Stages, hushed
 
+ECHOES = ("survey", "waveform")
+FARTHEST = 1e5  # metres that a scanner may see
 MOST_RETURNS = 15  # that a point file numbers
 
 
@@ -47,7 +54,19 @@ class LegCounts:
         return int(self.by_returns.sum())
 
 
-class CountedScan(Scan):
+@dataclass(frozen=True)
+class ScanChoice:
+    """Seed of noise and chances, who casts the rays, and how echoes are found.
+
+    echoes : of ``ECHOES``: as HELIOS++ finds them, by the survey's bins and window, or as our scanners do.
+    """
+
+    seed: int = 0
+    engine: str = "auto"
+    echoes: str = ECHOES[0]
+
+
+class _Counting(Scan):
     """A scan that counts its pulses by returns, and sums its points, while it runs."""
 
     def chunks(self, first: int = 0, at_once: int | None = None) -> Iterator[tuple[int, Cloud]]:
@@ -61,15 +80,22 @@ class CountedScan(Scan):
             yield stop, cloud
 
 
+class CountedScan(_Counting):
+    """A scan by our own echoes that counts."""
+
+
+class CountedDigitisedScan(_Counting, DigitisedScan):
+    """A scan by echoes as HELIOS++ finds them that counts."""
+
+
 def scan_survey(
     path: Path,
     target: Path,
     *,
     assets: Path | None = None,
     reference: Path | None = None,
-    seed: int = 0,
     offset: Offset = NO_OFFSET,
-    engine: str = "auto",
+    choice: ScanChoice = ScanChoice(),
     quiet: bool = False,
 ) -> list[LegCounts]:
     """Run a survey of HELIOS++, each active leg into a file: NAME-leg000.laz and so on.
@@ -85,10 +111,15 @@ def scan_survey(
     with stages.stage(f"read {path.name}"):
         survey = read_survey(path, assets)
         beside = _reference(reference) if reference else {}
+    for note in survey.notes:
+        stages.say(f"warning: {note}")
+    if survey.offset.any():
+        stages.say(
+            f"  computed {survey.offset} m nearer to the origin; files hold the map's coordinates"
+        )
+    offset = Offset(np.array(offset) + survey.offset, offset.crs)
     with stages.stage("make the scene"), hushed():
-        from forest_addon.blender.rays.casters import make_caster
-
-        caster = make_caster(geometry_of(survey.parts), Rays(engine=engine))
+        caster_of = casters_of(survey, choice.engine)
     target.parent.mkdir(parents=True, exist_ok=True)
     found = []
     for index, leg in enumerate(survey.legs):
@@ -96,13 +127,18 @@ def scan_survey(
         if not leg.active:
             stages.say(f"  {name}: the scanner is off")
             continue
-        pattern = SurveyLeg(survey, leg)
-        scan = CountedScan(sensor_of_survey(survey, name), caster, seed, pattern=pattern)
+        caster = caster_of(index)
+        scan = _scan_of(survey, leg, name, caster, choice)
         file = target.with_name(f"{target.stem}-{name}{target.suffix}")
         started = time.process_time()
         with stages.stage(f"{name}, {scan.pulses:,} pulses") as progress:
-            done = write_scan(file, scan, seed, offset=offset, progress=progress)
+            done = write_scan(file, scan, choice.seed, offset=offset, progress=progress)
         took = time.process_time() - started
+        if not done.points:
+            near, far = scan.scanner.min_range, scan.scanner.max_range
+            stages.say(
+                f"warning: {name} has no point: nothing stands from {near:g} to {far:g} m away"
+            )
         mean = scan.total / max(done.points, 1)
         found.append(LegCounts(name, scan.by_returns, mean, took))
         stages.say(f"{file}: {done.points:,} points of {done.pulses:,} pulses by {caster.engine}")
@@ -111,13 +147,54 @@ def scan_survey(
     return found
 
 
-def geometry_of(parts: tuple[Part, ...]) -> SceneGeometry:
+def _scan_of(
+    survey: Survey,
+    leg: Leg,
+    name: str,
+    caster: RayCaster | TimedCaster,
+    choice: ScanChoice,
+) -> _Counting:
+    """The scan of a leg."""
+    sensor, pattern = sensor_of_survey(survey, leg, name), SurveyLeg(survey, leg)
+    digitiser = survey.device.digitiser
+    if choice.echoes == "survey" and digitiser.rings > 1:
+        across = np.pi / 2 if survey.device.optics == "conic" else 0.0
+        return CountedDigitisedScan(sensor, caster, choice.seed, pattern, digitiser, across)
+    return CountedScan(sensor, caster, choice.seed, pattern=pattern)  # type: ignore[arg-type]
+
+
+def casters_of(survey: Survey, engine: str) -> Callable[[int], RayCaster | TimedCaster]:
+    """Casters of the rays of each leg, by its number: the same for all where nothing moves."""
+    from forest_addon.blender.rays.casters import make_caster
+
+    rays = Rays(engine=engine)
+    scene = geometry_of(survey)
+    moving = {i: part for i, part in enumerate(survey.parts) if part.motion}
+    if not moving:
+        still = make_caster(scene, rays)
+        return lambda _leg: still
+    sent = np.cumsum([0, *(step_count(survey, leg) for leg in survey.legs)]).tolist()
+
+    def caster(index: int) -> TimedCaster:
+        leg = survey.legs[index]
+        pulses = sent[index], sent[index + 1] - sent[index]
+        paths = {
+            i: SteppedPath(part.transform, part.middle, part.motion, leg.pulse_rate, pulses)
+            for i, part in moving.items()
+            if part.motion
+        }
+        return MovingCaster(scene, SteppedMotion(paths), partial(make_caster, rays=rays))
+
+    return caster
+
+
+def geometry_of(survey: Survey) -> SceneGeometry:
     """The parts of a scene as what rays meet; ground is labelled as such."""
-    meshes = []
+    meshes, parts = [], survey.parts
     for part in parts:
         mesh = TriMesh.of_part(part.mesh.vertices, part.mesh.triangles, OTHER)
-        mesh.part[part.mesh.ground[part.mesh.material]] = GROUND
-        meshes.append(mesh)
+        mesh.part[part.mesh.ground] = GROUND
+        meshes.append(replace(mesh, material=part.mesh.slot))
     none = np.full(len(parts), -1, dtype=np.int64)
     return SceneGeometry(
         meshes=tuple(meshes),
@@ -126,25 +203,26 @@ def geometry_of(parts: tuple[Part, ...]) -> SceneGeometry:
         object_name=tuple(part.name for part in parts),
         tree=none,
         species=none.copy(),
+        slot_reflectance=survey.reflectance,
     )
 
 
-def sensor_of_survey(survey: Survey, name: str) -> Terrestrial:
+def sensor_of_survey(survey: Survey, leg: Leg, name: str) -> Terrestrial:
     """Settings of the light and the receiver; directions are the leg's own (``SurveyLeg``).
 
     A pulse is 1 + 3·q·(q - 1) rays for the q rings of HELIOS++'s beam sample quality.
     """
-    device = survey.device
-    spread = device.divergence * 1e3
+    device, rings = survey.device, survey.device.digitiser.rings
+    spread = leg.divergence * 1e3
     return Terrestrial(
         name=name,
         min_range=device.ranges[0],
-        max_range=device.ranges[1],
-        pulse_rate=survey.legs[0].pulse_rate,
+        max_range=min(device.ranges[1], FARTHEST),
+        pulse_rate=leg.pulse_rate,
         beam=Beam(
             wavelength_nm=device.wavelength_nm,
             divergence_mrad=(spread, spread),
-            subrays=1 + 3 * survey.rings * (survey.rings - 1),
+            subrays=1 + 3 * rings * (rings - 1),
             pulse_ns=device.pulse_ns,
             max_returns=min(device.max_returns or MOST_RETURNS, MOST_RETURNS),
         ),

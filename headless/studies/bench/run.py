@@ -2,16 +2,22 @@
 
 Each section is a module with ``TITLE`` and ``run(say)``, which may give back a picture; it measures CPU
 time of one core (the median of several runs) against an exact reference, and says both in one row.
-Nothing is asserted here.
+Beside each stands the machine and what the section took. Nothing is asserted here.
 """
 
 from __future__ import annotations
 
 import importlib
+import os
+import platform
 import re
+import time
 from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as installed
 from pathlib import Path
 
+from forest_addon.base.places import version
 from forest_addon.formats.atomic import replacing
 
 SECTIONS = (
@@ -37,7 +43,9 @@ def run(names: Sequence[str], folder: Path, docs: Path | None = None) -> None:
             said.append(text)
 
         print(f"\n{said[0]}\n", flush=True)
+        started = time.perf_counter()
         figure = section.run(say)
+        say(f"\nMeasured on {machine()}; the section took {time.perf_counter() - started:.0f} s.")
         if figure is not None:
             folder.mkdir(parents=True, exist_ok=True)
             drawn = save_figure(figure, folder / f"{name}.png")
@@ -52,6 +60,23 @@ def run(names: Sequence[str], folder: Path, docs: Path | None = None) -> None:
             text = with_section(page.read_text(encoding="utf-8"), "\n".join(said))
             with replacing(page) as partial:
                 partial.write_text(text, encoding="utf-8")
+
+
+def machine() -> str:
+    """Processor, cores, system and versions, in a line."""
+    model = platform.processor() or platform.machine()
+    told = Path("/proc/cpuinfo")
+    if told.is_file():
+        named = re.search(r"(?m)^model name\s*: (.+)$", told.read_text(errors="replace"))
+        model = named.group(1) if named else model
+    try:
+        blender = f"Blender {installed('bpy')}"
+    except PackageNotFoundError:
+        blender = "no Blender"
+    return (
+        f"{model}, {os.cpu_count()} cores, {platform.system()}, Python {platform.python_version()}, "
+        f"{blender}, Forest Sensing {version()}"
+    )
 
 
 def with_section(page: str, section: str) -> str:

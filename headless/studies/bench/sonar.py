@@ -22,7 +22,7 @@ from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.sonar.equipment_files import equip, find, read_route
 from forest_addon.sensing.sonar.flight import fly
 from forest_addon.sensing.sonar.ping import Echo, EchoTargets, ping
-from forest_addon.sensing.sonar.poses import SonarPose, posed
+from forest_addon.sensing.sonar.poses import SonarPose, posed, poses_of
 from forest_addon.spec import Air, Scene, Sonar
 from forest_addon.stand.forest import GrownForest, grow_forest
 
@@ -173,7 +173,7 @@ def _table_1(say: Say) -> None:
 def _poses(sonar: Sonar) -> list[SonarPose]:
     if not sonar.route:
         return [posed(sonar)]
-    return read_route(find(sonar.route, ASSETS / "scenes", "route"), sonar.speed)
+    return poses_of(read_route(find(sonar.route, ASSETS / "scenes", "route"), sonar.speed))
 
 
 def _scene_of(forest: GrownForest) -> SceneGeometry:

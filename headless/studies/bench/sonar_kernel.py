@@ -76,7 +76,7 @@ class _Leaves:
             np.arange(len(self.distance)), np.zeros(len(self.distance)), self.strength
         )
         spectrum, size, error, nodes = np.zeros(bins, dtype=np.complex128), 0.0, 0.0, Counter()
-        for part in self.strength.parts(low, high) if tolerance else [every]:
+        for part in self.strength.parts(low, high, tolerance) if tolerance else [every]:
             away, strength = self.distance[part.rows], part.strength
 
             def amplitude(frequency: np.ndarray, rows: np.ndarray) -> np.ndarray:

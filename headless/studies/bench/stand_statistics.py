@@ -76,7 +76,7 @@ def _bench_estimates(say: Say) -> None:
     for count in COUNTS:
         process = whole.scaled(count / whole.expected())
         law, errors, hills, widths = process.at(at), [], [], []
-        for seed in range(6 if count <= 10_000 else 2):
+        for seed in range(4 if count < 10_000 else 2):
             points = sample(process, stream(seed, "bench estimate", count))
             smooth, fit = kernel_estimate(points, _field()), fit_mixture(points, _field())
             errors.append([_ise(smooth.at, at, law), _ise(fit.at, at, law)])

@@ -23,8 +23,8 @@ SUMMARY = """\
 Measured: one 27 x 26 m plot of conifers by drone (352 pulses/m²) and by aircraft (22 pulses/m²), from the R
 package spanner (GPL-3); 16 plots of pine in La Rioja, every tree by hand and as one terrestrial scan found
 it, from FORTLS (GPL-3); volumes of two ashes by Demol et al. (2022). Simulated are stands with what is
-known of the plots (trees as the clouds tell them; stems in the places, diameters and heights of four of the 16);
-beams, which are not stated with the data, are assumed as typical.
+known of the plots (trees as the clouds tell them; stems in the places, diameters and heights of four of
+the 16); beams, which are not stated with the data, are assumed as typical.
 """
 TERMS = """\
 Lines. Shares of all pulses of a cloud are not compared any more: the drone's lines look 25 to 68 degrees off
@@ -47,8 +47,8 @@ scale, from the sum of light of two returns, is uncertain: the same gives 23 dB 
 Stems. Bark explains 0.2 cm of the 2.2 that the scan is short of the hand: a tape spans the furrows of a stem
 and reads 0.8 cm more than its area says, FORTLS's mean distance leaves part of them out. It is flat in range;
 the measured one grows from 1.3 to 3.3 cm and with the diameter, 7 % of it, and is larger of stems that are
-partly hidden (2.9 against 1.8 cm). Neither a tape nor that estimator makes 7 %, near by 4 %; growth since, and
-how slices are thinned before the fit, are left and not known. Residuals of circles come from bark: 4.5 mm in
+partly hidden (2.9 against 1.8 cm). Neither a tape nor that estimator makes 7 %, near by 4 %; growth since
+and how slices are thinned before the fit, are left and not known. Residuals of circles come from bark: 4.5 mm in
 place of 1.7; the measured ones are 5 to 12.
 
 Gaps between returns of a VZ-400i agree without a dead zone: the length of the pulse alone makes that edge.

@@ -14,24 +14,24 @@ from forest_addon.base.rng import stream
 from forest_addon.growth.sway.shape import SwayShape
 from forest_addon.site import ForestSite
 from forest_addon.spec import Forest, Planting, Scene, SpecError, Wind
-from forest_addon.stand.wind.field import WindField
-from forest_addon.stand.wind.response import SwayResponse, response_of
+from forest_addon.stand.wind.field import DRAG, WindField
+from forest_addon.stand.wind.response import WOOD_DRAG, SwayResponse, response_of
+from forest_addon.stand.wind.shelter import LAYERS
 from forest_addon.stand.wind.sway import sway_of
 
 from ...report.pictures import BARK, FAINT, INK, LEAF_GREEN, blank_figure, save_figure
 from .comparison import Comparison, Interval, Picture
 from .winds.grown import MeasuredSway, shape_as, strain, trunk_motion
-from .winds.records import measured_trees, record_slopes, slope_of
+from .winds.records import measured_records, measured_trees, slope_of
 
 TITLE = "Wind: how trees sway"
 SUMMARY = """\
 Measured: 501 trees with diameter, height and sway frequency, and twelve hour-long records of trunks (Jackson
 et al. 2021, *The motion of trees in the wind: a data synthesis*, Biogeosciences 18; most conifers from Moore
 & Maguire 2004). Simulated: skeletons grown to the diameter and height of such trees, as beams of green wood
-of the handbook's modulus and density, with bark, leaves and their own weight; nothing is fitted. A genus
+of the tables' modulus and density, with bark, leaves and their own weight; nothing is fitted. A genus
 that we do not grow is a pine or a beech of ours. *Middle* trees have the crown and leaf area that are the
-median of their diameter and height; *drawn* ones have them drawn as widely as the allometry has them, of
-forests and parks alike.
+median of their diameter and height; *drawn* ones have them drawn as trees of one study differ.
 """
 TERMS = """\
 The first run, with wood and leaves but neither bark nor weight, was 1.3 times too high for conifers and
@@ -178,18 +178,33 @@ def _spread(count: int) -> np.ndarray:
 
 
 def respond(shape: SwayShape, speed: float, seed: int) -> SwayResponse:
-    """A tree amid a forest as high as it is, in wind of a speed at its top."""
+    """A tree amid a stand of its like, in wind of a speed at its top."""
     height = float(shape.members.nodes[:, 2].max())
-    field = WindField.drawn(Wind(speed=speed), height, LEAF_AREA_INDEX, seed)
+    field = WindField.drawn(Wind(speed=speed), height, drag_area_of_like(shape, height), seed)
     return response_of(shape, field, np.zeros(3), 0.0)
+
+
+def drag_area_of_like(shape: SwayShape, height: float) -> np.ndarray:
+    """(LAYERS,) drag area over the ground's of a stand of trees like one, of the leaf area index here."""
+    middle = shape.at_members()[0][:, 2]
+    layer = np.clip((middle / height * LAYERS).astype(np.int64), 0, LAYERS - 1)
+    area = 2 * DRAG * shape.leafy + 0.5 * WOOD_DRAG * shape.woody
+    ground = max(2 * float(shape.leafy.sum()) / LEAF_AREA_INDEX, 1e-6)
+    return np.bincount(layer, area, minlength=LAYERS) / ground
 
 
 def _slope(clade: str, swayed: Swayed, folder: Path, seed: int) -> Comparison:
     time = np.arange(0.0, 3600.0, 0.25)
-    found = []
-    for number, shape in enumerate(swayed.shapes[:40]):
-        found.append(slope_of(strain(shape, respond(shape, SPEED, seed + number), time), 4.0))
-    records = record_slopes(folder, clade)
+    found = [
+        slope_of(strain(shape, respond(shape, SPEED, seed + number), time))
+        for number, shape in enumerate(swayed.shapes[:40])
+    ]
+    records = [
+        (record.published, slope_of(record.motion))
+        for record in measured_records(folder)
+        if record.clade == clade and np.isfinite(record.published)
+    ]
+    off = max(abs(published - anew) for published, anew in records)
     target, ours = SLOPES[clade], Interval.of(np.array(found))
     return Comparison(
         f"slope of the trunk's spectrum, {MANY[clade]}",
@@ -197,10 +212,9 @@ def _slope(clade: str, swayed: Swayed, folder: Path, seed: int) -> Comparison:
         Interval(target, target - OFF, target + OFF),
         ours,
         abs(ours.value - target) <= OFF,
-        f"Bending of the stem's foot over an hour at {SPEED:g} m/s, 40 trees; measured: the published mean "
-        f"± {OFF}. The {len(records)} records of strain gauges: "
-        f"{np.median(records):.2f} ({records.min():.2f} to {records.max():.2f}). Ours are too steep. "
-        "Left out: modes beyond the twelfth, the wind that branches shed, the noise of gauges.",
+        f"Bending of the stem's foot over an hour at {SPEED:g} m/s, 40 trees, by the records' authors' own "
+        f"estimator; measured: their mean ± {OFF}. It finds the slopes of their {len(records)} records here "
+        f"within {off:.2f} of what they publish. Ours have no noise of gauges and end at the twelfth mode.",
     )
 
 

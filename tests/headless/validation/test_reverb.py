@@ -7,10 +7,11 @@ import pytest
 from scipy.io import wavfile
 
 from forest_addon.spec import SpecError
-from headless.studies.validation import reverb, reverb_own
-from headless.studies.validation.reverb_decay import decay_of, read_recording
-from headless.studies.validation.reverb_ensemble import Ensemble, judge
-from headless.studies.validation.reverb_stands import (
+from headless.studies.validation import reverb
+from headless.studies.validation.responses import own as reverb_own
+from headless.studies.validation.responses.decay import decay_of, read_recording
+from headless.studies.validation.responses.ensemble import Ensemble, judge
+from headless.studies.validation.responses.stands import (
     RANGES,
     Path,
     plausible_stands,

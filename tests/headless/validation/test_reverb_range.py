@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from forest_addon.acoustics.air import absorption
-from headless.studies.validation.reverb_range import ALPINE, BANDS, range_of, read_range
-from headless.studies.validation.reverb_stands import plausible_stands
+from headless.studies.validation.responses.levels import ALPINE, BANDS, range_of, read_range
+from headless.studies.validation.responses.stands import plausible_stands
 
 
 def test_a_made_up_recording(tmp_path):

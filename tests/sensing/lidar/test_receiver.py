@@ -2,14 +2,16 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from references.lidar_scenes import scene_with
 from references.rays_brute import BruteCaster
 
 from forest_addon.base.trimesh import LEAF, OTHER, TriMesh
 from forest_addon.formats.scanner_file import settings_of
 from forest_addon.formats.toml_file import structure
-from forest_addon.sensing.lidar.receiver import awake, chosen_returns
-from forest_addon.sensing.lidar.scan import scan
+from forest_addon.sensing.lidar.receiver import awake, chosen_returns, false_alarm_rate
+from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.sensing.lidar.waveform import WaveformEchoes
 from forest_addon.spec import Airborne, Beam, Receiver, SpecError, Surfaces, Terrestrial
 
@@ -161,3 +163,141 @@ def test_instruments_resolve_what_their_sheets_say():
 def test_pulses_into_the_sky_have_no_returns(keep):
     receiver = Receiver(keep=keep, dead_zone=2.0, dynamic_range=30.0, reading="reflectance")
     assert not len(looked([plate(-5.0)], Beam(max_returns=2), faintest=0.2, receiver=receiver))
+
+
+def noisy(snr, **settings):
+    """A tripod of 10,000 pulses whose receiver has noise; its threshold is a tenth of white at 200 m."""
+    given = {"max_range": 200.0, "faintest": 0.1, "beam": Beam(pulse_ns=5.0, max_returns=15)}
+    return Terrestrial(
+        position=(0.0, 0.0, 0.0),
+        azimuth_deg=(0.0, 9.9),
+        elevation_deg=(-5.0, 4.9),
+        angle_step_deg=0.1,
+        receiver=Receiver(threshold_snr=snr, **settings),
+        **given,
+    )
+
+
+def test_false_alarm_rate_is_that_of_filtered_noise():
+    rng = np.random.default_rng(1)
+    step, sigma = 0.1e-9, 5e-9 / 2.3548200450309493
+    time = np.arange(-60, 61) * step
+    filtered = np.convolve(
+        rng.standard_normal(4_000_000), np.exp(-0.5 * (time / sigma) ** 2), "valid"
+    )
+    filtered /= filtered.std()
+    for snr in (1.0, 2.0, 3.0):
+        crossings = ((filtered[:-1] < snr) & (filtered[1:] >= snr)).sum()
+        expected = false_alarm_rate(snr, 5.0) * len(filtered) * step
+        assert abs(crossings - expected) < 5 * np.sqrt(expected)  # odds of 1 in a million
+
+
+def test_noise_gives_false_points_everywhere_in_the_gate_and_says_that_nothing_was_met():
+    scanner = noisy(3.0)
+    cloud = scan(
+        scanner, BruteCaster(scene_with(plate(-50.0))), seed=4
+    )  # behind: no pulse meets it
+    gate = 2 * (scanner.max_range - scanner.min_range) / 299_792_458.0
+    mean = 10_000 * false_alarm_rate(3.0, 5.0) * gate
+    assert abs(len(cloud) - mean) < 5 * np.sqrt(mean)
+    place = np.sort(cloud.true_range - scanner.min_range) / (scanner.max_range - scanner.min_range)
+    away = np.abs(place - (np.arange(len(place)) + 0.5) / len(place)).max()
+    assert away < 2.63 / np.sqrt(len(place))  # Kolmogorov's law: 1 in a million
+    limit = 0.1 / 200.0**2
+    excess = (cloud.intensity / limit) ** 2 - 1  # over the threshold: exponential, of mean 2/snr²
+    assert excess.mean() == pytest.approx(2 / 9, abs=5 * 2 / 9 / np.sqrt(len(cloud)))
+    assert (cloud.returns.organ == -1).all()
+    assert (cloud.returns.instance == -1).all()
+    assert np.isfinite(cloud.position).all()
+    work = Scan(scanner, BruteCaster(scene_with(plate(-50.0))), seed=4)
+    parts = np.concatenate([piece.position for _, piece in work.chunks(at_once=777)])
+    assert (parts == cloud.position).all()
+
+
+@pytest.mark.parametrize(("over", "chance"), [(1.0, 0.5), (1.2, 0.8413447), (0.8, 0.1586553)])
+def test_weak_echoes_come_and_go_as_their_share_of_the_noise_says(over, chance):
+    scanner = noisy(5.0)
+    pulses = 10_000
+    dish = TriMesh.of_part(*sphere(150.0), OTHER)
+    white = over * 0.1 / 200.0**2 * 150.0**2
+    scanner = type(scanner)(**{**vars(scanner), "surfaces": Surfaces(other=white)})
+    cloud = scan(scanner, BruteCaster(scene_with(dish)), seed=2)
+    seen = ((np.abs(cloud.true_range - 150.0) < 0.5) & (cloud.returns.organ == OTHER)).sum()
+    assert (
+        abs(seen - pulses * chance) < 5 * np.sqrt(pulses * chance * (1 - chance)) + 0.002 * pulses
+    )
+
+
+def sphere(radius):
+    """A fine cap of a sphere around the origin, in front of the scanner."""
+    az, el = np.meshgrid(
+        np.radians(np.arange(-1, 23, 2)), np.radians(np.arange(-7, 8, 2)), indexing="ij"
+    )
+    place = np.stack([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)], 2) * radius
+    number = np.arange(az.size).reshape(az.shape)
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    faces = [np.stack(f, 2).reshape(-1, 3) for f in ((a, b, c), (a, c, d))]
+    return place.reshape(-1, 3), np.concatenate(faces)
+
+
+def test_far_echoes_fold_into_the_range_of_the_next_pulse():
+    period = 299_792_458.0 / 2 / 1e6  # 149.9 m at 1 MHz
+    plates = plate(20.0, high=-5.0), plate(400.0)
+    settings = {"max_range": 1000.0, "pulse_rate": 1e6, "beam": Beam(max_returns=5)}
+    scanner = Airborne(
+        position=(0.0, 0.0, 0.0),
+        heading_deg=90.0,
+        pattern="lines",
+        field_deg=(60.0, 110.0),
+        line_rate=1e4,
+        track=1.0,
+        speed=1e3,
+        receiver=Receiver(beyond="folded"),
+        **settings,
+    )
+    caster = BruteCaster(scene_with(*plates))
+    cloud = scan(scanner, caster)
+    true = scan(type(scanner)(**{**vars(scanner), "receiver": Receiver()}), caster)
+    rounds = np.floor(true.true_range / period)
+    sent = dict(zip(true.pulse.tolist(), true.true_range.tolist(), strict=True))
+    assert rounds.max() >= 2
+    late = np.round((cloud.true_range - cloud.returns.distance) / period).astype(int)
+    assert late.max() >= 2
+    for pulse, seems, k in zip(cloud.pulse, cloud.returns.distance, late, strict=True):
+        assert seems + k * period == pytest.approx(sent[pulse - k], abs=1e-6)
+    expected = (true.pulse + rounds < true.pulses) & (true.true_range - rounds * period >= 0.1)
+    assert len(cloud) == expected.sum()
+    work = Scan(scanner, caster)
+    parts = np.concatenate([piece.position for _, piece in work.chunks(at_once=97)])
+    assert (parts == cloud.position).all()
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    dead_zone=st.one_of(st.just(0.0), st.floats(0.01, 20.0)),
+    most=st.integers(1, 15),
+    keep=st.sampled_from(KEEP),
+)
+def test_receivers_make_no_light_and_lose_none_without_a_reason(seed, dead_zone, most, keep):
+    """Fifty receivers, each for 200 pulses of its own: ten thousand."""
+    echoes = random_echoes(np.random.default_rng(seed), pulses=200)
+    told = awake(echoes, dead_zone)
+    seen = echoes.select(told)
+    kept = seen.select(chosen_returns(seen, most, keep))
+    light = np.bincount(echoes.pulse, echoes.energy, 200)
+    if not dead_zone:
+        assert np.bincount(seen.pulse, seen.energy, 200) == pytest.approx(light)
+    if not dead_zone and most >= 9:
+        assert np.bincount(kept.pulse, kept.energy, 200) == pytest.approx(light)
+    assert (np.bincount(kept.pulse, kept.energy, 200) <= light + 1e-9).all()
+    count = np.bincount(seen.pulse, minlength=200)
+    assert (np.bincount(kept.pulse, minlength=200) == np.minimum(count, most)).all()
+    same = np.diff(seen.pulse) == 0
+    assert (np.diff(seen.distance)[same] >= dead_zone).all()
+    for row in np.setdiff1d(
+        np.arange(len(echoes.pulse)), told
+    ):  # each lost one is near one that was told
+        mine = seen.distance[seen.pulse == echoes.pulse[row]]
+        away = echoes.distance[row] - mine
+        assert ((away >= 0) & (away < dead_zone)).any()

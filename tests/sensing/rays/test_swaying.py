@@ -10,6 +10,7 @@ from forest_addon.growth.mesh.tubes import tube
 from forest_addon.sensing.rays.exact import ExactCaster
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.sensing.rays.moving import MovingCaster
+from forest_addon.sensing.rays.paths import SceneMotion
 from forest_addon.sensing.rays.pieces import cut
 from forest_addon.sensing.rays.swaying import KNOTS, SPAN, SwayingCaster
 
@@ -68,7 +69,7 @@ def scene(mesh, tree=7):
 
 def caster(geometry, sway=None):
     made = cut(geometry, sway or Lean())
-    still = MovingCaster(made.still, {}, ExactCaster)
+    still = MovingCaster(made.still, SceneMotion(), ExactCaster)
     return SwayingCaster(made, sway or Lean(), still, ExactCaster)
 
 
@@ -105,7 +106,7 @@ def test_a_leaning_plate_is_met_where_it_is():
     assert meets_lower[sure].sum() > 50
     assert np.abs(hits.distance - expected)[sure].max() < 1e-9
     points = hits.distance[:, None] * way
-    velocity, rest = rays.velocities(points, hits.instance, time)
+    velocity, rest = rays.velocities(points, hits.instance, hits.triangle, time)
     ours = sure & meets_upper
     closed = np.zeros((ours.sum(), 3))
     closed[:, 0] = -SPEED + TURN * points[ours, 2]

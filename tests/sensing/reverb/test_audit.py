@@ -111,6 +111,24 @@ def test_what_only_the_direct_sum_keeps_is_kept_and_its_audit_tells_the_truth(
     assert checked.error < 10**power
 
 
+@pytest.mark.slow
+def test_direct_sound_among_dense_leaves_and_twigs_is_kept():
+    """It rings 400 samples away at 1e-5 of itself, as a loss by the root of the frequency does."""
+    dense = CLAP.changed(
+        model="forest",
+        tail="none",
+        sample_rate=48000,
+        leaf_area_density=0.45,
+        branch_area_density=0.5,
+        branch_radius=0.003,
+        leaf_radius=0.023,
+    )
+    found = audit(stand(np.full(20, 0.1)), dense)
+    said = [check for check in found.checks if "direct sound by Fourier" in check.what]
+    assert said
+    assert all(check.kept for check in said), str(found)
+
+
 def test_a_wrong_sum_is_found():
     found = audit(stand(np.full(1500, 0.15)), CLAP, Wrong())
     assert not found.kept

@@ -112,7 +112,9 @@ def test_each_frame_says_its_own_figures_and_legend(moving):
     result = moving.results["cloud"]
 
     def said():
-        figures = {f.name: f.value for f in result.figures if f.name not in ("Time", "Audit")}
+        figures = {
+            f.name: f.value for f in result.figures if f.name not in ("Time", "Checked", "Audit")
+        }
         assert "Audit" in {f.name for f in result.figures}
         return figures, [(e.name, e.choice, tuple(e.colour)) for e in result.legend]
 

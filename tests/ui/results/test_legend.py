@@ -191,7 +191,7 @@ def test_things_that_are_called_alike_stand_once_in_a_legend():
 
 @pytest.mark.parametrize(
     ("value", "unit", "words"),
-    [(2e-14, "m", "< 0.001 mm"), (0.0123, "m", "12.300 mm"), (3e-9, "of all", "< 0.0001 % of all"),
+    [(2e-14, "m", "< 0.001 mm"), (0.0123, "m", "12.300 mm"), (3e-9, "of all", "< 0.0001 %"),
      (6.7e-05, "", "0.0067 %"), (float("inf"), "m", "inf m")],
 )  # fmt: skip
 def test_an_audit_says_errors_as_one_does(value, unit, words):

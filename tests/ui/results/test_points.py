@@ -7,7 +7,7 @@ bpy = pytest.importorskip("bpy")
 
 from forest_addon.base.trimesh import LEAF, WOOD
 from forest_addon.blender.scene.layout import CLOUD_KEY, COLOUR_BY, FAR_POINTS, RADIUS
-from forest_addon.blender.scene.nodes import drawn_input, has_input, set_input
+from forest_addon.blender.scene.nodes import drawn_inputs, has_input, set_input
 from forest_addon.blender.show.cloud import COLOUR_OF_ORGAN
 from forest_addon.blender.show.cloud_nodes import QUIET, SIZES
 from forest_addon.ui.results.points import GAMMA, positions_and_colours, sizes
@@ -42,7 +42,7 @@ def test_the_menu_changes_the_colours(cloud):
     (modifier,) = cloud.modifiers
     assert has_input(modifier, COLOUR_BY)
     by_organ = drawn(cloud)[1]
-    holder, name = drawn_input(modifier, COLOUR_BY)
+    holder, name = drawn_inputs(modifier)[COLOUR_BY]
     if not name.startswith("["):
         choices = [item.identifier for item in holder.bl_rna.properties[name].enum_items]
         assert len(choices) > 5
@@ -86,7 +86,7 @@ def test_points_beyond_the_ground_that_views_show_are_counted_and_left_out(small
     assert 0 < np.count_nonzero(near) < len(near)
     assert len(drawn(cloud)[0]) == np.count_nonzero(near)
     told = small.results["cloud"].figures["Far Points"].value
-    assert told == f"{np.count_nonzero(~near):,} beyond the ground shown"
+    assert told == f"{np.count_nonzero(~near):,} not shown"
     set_input(cloud.modifiers[0], FAR_POINTS, True)
     bpy.context.view_layer.update()
     assert len(drawn(cloud)[0]) == len(near)

@@ -15,6 +15,7 @@ from references.model_tree import tree
 from forest_addon import spec, ui
 from forest_addon.base.places import ASSETS
 from forest_addon.blender.jobs import CancelledError
+from forest_addon.formats.png import read_png
 from forest_addon.formats.stl import write_stl
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.growth.library.species_file import load_species
@@ -257,6 +258,17 @@ def test_a_template_of_ours_is_imported(planting, own):
     bpy.ops.forest.make_species(wood=str(wood), leaves=str(leaves), title="hazel")
     _, ours = load_species(ASSETS / "species" / "hazelnut.toml")
     _, made = load_species(own / "hazel" / "hazel.toml")
+    planted = bpy.context.scene.forest_sensing.plantings[-1].species
+    drawn, _ = read_png(Path(planted).with_suffix(".png").read_bytes())
+    green = (drawn[..., 1] > 1.1 * drawn[..., 2]) & (drawn[..., 1] > 1.1 * drawn[..., 0])
+    assert 0.05 < green.mean() < 0.9  # leaves before paper
+    assert (drawn[0] == drawn[0, 0]).mean() > 0.9  # nothing above the tree
+    plain = int(species_pictures._plain_icons()["OUTLINER_OB_CURVES"].value)
+    icons = {
+        choice[0]: choice[3]
+        for choice in species_pictures.choices(bpy.context.scene.forest_sensing)
+    }
+    assert icons[planted] != plain
     assert (made.anatomy.order == 1).sum() == len(ours.branches)
     assert len(made.anatomy.foliage.bearer) == ours.leaf_count
 

@@ -2,7 +2,7 @@
 
 The frames are those of HELIOS++: platform, mount, head, channel and deflector, each turned on the one before;
 the mount and the beam's origin are shifted, but not turned, with what carries them (Winiwarter et al. 2022).
-A platform that moves looks along its way, level, with +Y forward.
+A platform that moves looks along its way, level, with +Y forward, but for one whose track has attitudes.
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ....formats.helios.survey import Leg, Survey
+from ....formats.helios.legs import Leg
+from ....formats.helios.survey import Survey
 from ....spec import SpecError
 from ..scanner import Pulses
-from .mirrors import Ways, cone, mirror_angles, risley, sawtooth, turned
+from .mirrors import Ways, cone, fibres, mirror_angles, oscillating, risley, sawtooth, turned
 
 MOST_STEPS = 200_000_000
 
@@ -33,7 +34,7 @@ class SurveyLeg:
         self._channels = len(self._device.turn)
         self._sweeps = self._mirror()
         step = np.arange(steps)
-        if self._sweeps:
+        if self._sweeps and self._device.optics == "rotating":
             low, high = np.deg2rad(leg.field_deg)
             angle = mirror_angles(step, *self._sweeps)
             step = step[(angle > low) & (angle <= high)]
@@ -44,8 +45,15 @@ class SurveyLeg:
 
     def _mirror(self) -> tuple[np.ndarray, np.ndarray] | None:
         leg, device = self._leg, self._device
-        if device.optics != "rotating" or not leg.scan_hz:
+        widest = float(np.deg2rad(leg.scan_angle_deg))
+        if device.optics == "line":
+            return np.zeros(0), fibres(device.fibres, widest)
+        if device.optics not in ("rotating", "oscillating") or not leg.scan_hz:
             return None
+        if device.optics == "oscillating":
+            return np.zeros(0), oscillating(
+                leg.pulse_rate, leg.scan_hz, widest, device.scan_product
+            )
         widest = float(np.deg2rad(device.scan_angle_deg))
         return sawtooth(leg.scan_hz * (widest + widest) / leg.pulse_rate, widest)
 
@@ -61,20 +69,30 @@ class SurveyLeg:
             rows = np.flatnonzero(channel == index) if self._channels > 1 else slice(None)
             way[rows], across[rows] = turn.apply(way[rows]), turn.apply(across[rows])
         cos, sin = np.cos(head), np.sin(head)
-        along = leg.stop - leg.start
-        length = float(np.linalg.norm(along))
-        gone = leg.speed * time[:, None] * along / length if length else 0.0
+        place, carried = self._way(time)
         return Pulses(
-            origin=leg.start + gone + survey.mount + device.origin[channel],
-            direction=self._carried.apply(_about(axis, cos, sin, way)),
-            across=self._carried.apply(_about(axis, cos, sin, across)),
+            origin=place + survey.mount + device.origin[channel],
+            direction=carried.apply(_about(axis, cos, sin, way)),
+            across=carried.apply(_about(axis, cos, sin, across)),
             time=time,
             scan_angle=angle,
         )
 
+    def _way(self, time: np.ndarray) -> tuple[np.ndarray, Rotation]:
+        """(P, 3) places of the platform at times (P,) of the leg, and how what it carries is turned."""
+        leg = self._leg
+        if leg.track is not None:
+            place, attitude = leg.track.at(leg.seconds[0] + time)
+            turned = self._carried if attitude is None else attitude * self._survey.mount_turn
+            return place, turned
+        along = leg.stop - leg.start
+        length = float(np.linalg.norm(along))
+        gone = leg.speed * time[:, None] * along / length if length else np.zeros((len(time), 3))
+        return leg.start + gone, self._carried
+
     def _deflected(self, step: np.ndarray, channel: np.ndarray) -> Ways:
         leg, device = self._leg, self._device
-        if device.optics == "rotating":
+        if device.optics in ("rotating", "oscillating", "line"):
             fixed = np.zeros(len(step))
             return turned(mirror_angles(step, *self._sweeps) if self._sweeps else fixed)
         half = float(np.deg2rad(leg.scan_angle_deg))
@@ -94,7 +112,8 @@ class SurveyLeg:
 def step_count(survey: Survey, leg: Leg) -> int:
     """Pulses of one channel from the first to the end of a leg, of which some may stay in the device.
 
-    A leg ends where the platform arrives, else where the head has turned, else after its longest time.
+    A leg ends where the platform arrives, or its track; else where the head has turned, else after its
+    longest time.
 
     Raises
     ------
@@ -103,7 +122,9 @@ def step_count(survey: Survey, leg: Leg) -> int:
     seconds = leg.most_seconds
     length = float(np.linalg.norm(leg.stop - leg.start))
     turn = (leg.head_deg[1] - leg.head_deg[0]) * np.sign(leg.head_speed)
-    if survey.moves:
+    if leg.track is not None:
+        seconds = min(seconds, leg.seconds[1] - leg.seconds[0])
+    elif survey.moves:
         if leg.speed <= 0:
             raise SpecError("leg", "moves with movePerSec_m = 0 and never arrives")
         seconds = min(seconds, length / leg.speed)

@@ -46,6 +46,48 @@ def mirror_angles(number: np.ndarray, first: np.ndarray, sweep: np.ndarray) -> n
     return np.where(number < len(first), early, sweep[late])
 
 
+def oscillating(pulse_rate: float, scan_hz: float, widest: float, product: float) -> np.ndarray:
+    """Angles of a mirror that swings from -``widest`` to ``widest`` and back, radians, for each pulse of
+    a swing.
+
+    product : degrees times hertz that it can do; a faster swing is slowed. It takes 50 pulses from rest to
+    its full speed and as many back, as in HELIOS++.
+
+    Raises
+    ------
+    SpecError : fewer pulses a swing than it takes to turn round.
+    """
+    turning = 50
+    scan_hz = min(scan_hz, product / np.rad2deg(widest)) if widest else scan_hz
+    swing = int(pulse_rate / scan_hz)
+    half = swing // 2
+    if half <= 2 * turning:
+        raise SpecError(
+            "scanFreq_hz",
+            f"{scan_hz:g} leaves {swing} pulses a swing; a mirror that turns needs 202",
+        )
+    fastest = 2 * widest / (half - 2 * turning + (2 * turning - 1) / 2)
+    place = np.arange(swing)
+    up, down = place < half, place > half
+    speed = np.where(up, fastest, -fastest)
+    speed[0] = speed[half] = 0.0
+    first = (place >= 1) & (place < turning)
+    speed[first] *= (place[first] - 1) / (turning - 1)
+    slows = up & (place >= half - turning) & (place > 0)
+    speed[slows] *= (half - place[slows]) / turning
+    starts = down & (place < half + 1 + turning)
+    speed[starts] *= (place[starts] - half - 1) / turning
+    ends = down & (place >= swing - turning + 1)
+    speed[ends] *= (swing - place[ends]) / (turning - 1)
+    rise = -widest + np.cumsum(speed[:half])
+    return np.concatenate([rise, widest + np.cumsum(speed[half:])])
+
+
+def fibres(count: int, widest: float) -> np.ndarray:
+    """Angles of a line of so many fibres from -``widest`` on, radians, one after the other."""
+    return -widest + 2 * widest / count * np.arange(count)
+
+
 def turned(angle: np.ndarray) -> Ways:
     """Ways of a beam that a mirror turns about X by angles (P,), radians."""
     cos, sin, none = np.cos(angle), np.sin(angle), np.zeros(len(angle))

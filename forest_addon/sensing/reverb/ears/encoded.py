@@ -39,7 +39,7 @@ def encoded(
         for number, part in enumerate(hearing.noise()):
             more = (number,) if number else ()  # the first has the noise of ``plain``
             rng = stream(int(pair.key[0]), *pair.key[1:], "tail", *more)
-            drawn = blocks.samples(rng, part.level, part.space) * pair.all_round()
+            drawn = blocks.samples(rng, part.level, part.space)
             noise += _through(drawn, part.taps)
     trees = noise.copy()
     forest = pair.loud[0]

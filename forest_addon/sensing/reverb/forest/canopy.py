@@ -15,6 +15,7 @@ from .clutter import Blades, Clutter, Rods, blades_of_mesh, clutter_of, rods_of_
 from .surroundings import FoliageCanopy
 
 BESIDE = 1.0  # m above and below the ends that count as the height of the path
+FLOOR = 0.5  # m, below which leaves are of plants on the floor
 MOST = 4000  # triangles of a mesh that stand for all of its leaves
 
 
@@ -24,7 +25,7 @@ def canopy_of(scene: SceneGeometry, heights: tuple[float, float], area: float) -
     low = max(low, 0.0)
     leaves = {n: _leaves(scene.meshes[n]) for n in np.unique(scene.mesh_index).tolist()}
     wooden = {n: bool(is_wood(scene.meshes[n].part).any()) for n in leaves}
-    tops, found = [], 0.0
+    tops, found, on_floor = [], 0.0, 0.0
     highest = scene.bounds()[1][:, 2]
     for instance, number in enumerate(scene.mesh_index.tolist()):
         transform = scene.transform[instance]
@@ -35,9 +36,12 @@ def canopy_of(scene: SceneGeometry, heights: tuple[float, float], area: float) -
             level = centre @ transform[2, :3] + transform[2, 3]
             scale = abs(float(np.linalg.det(transform[:, :3]))) ** (2.0 / 3.0)
             found += scale * float(size[(level >= low) & (level <= high)].sum())
+            on_floor += scale * float(size[level <= FLOOR].sum())
     top = float(np.mean(tops)) if tops else 0.0
     clutter = clutter_of(*_pieces(scene), area) if area > 0 else Clutter()
-    return FoliageCanopy(found / (area * (high - low)) if area > 0 else 0.0, top, clutter)
+    if area <= 0:
+        return FoliageCanopy(0.0, top, clutter)
+    return FoliageCanopy(found / (area * (high - low)), top, clutter, on_floor / area)
 
 
 def _pieces(scene: SceneGeometry) -> tuple[list[Rods], list[Blades]]:

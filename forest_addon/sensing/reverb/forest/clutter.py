@@ -115,6 +115,11 @@ class Clutter:
         count = max(len(self.length), len(self.leaf_area), 1)
         return replace(self, leaf_area=(density,) * count)
 
+    def on_floor(self, area: float) -> Clutter:
+        """The same with so many m²/m² of leaves more in the lowest layer."""
+        lowest = (self.leaf_area[0] if self.leaf_area else 0.0) + area / LAYER
+        return replace(self, leaf_area=(lowest, *self.leaf_area[1:]))
+
     def filled(self, top: float) -> Clutter:
         """The same, with layers at least up to ``top`` metres."""
         count = max(int(np.ceil(top / LAYER)), len(self.length), len(self.leaf_area), 1)

@@ -12,6 +12,7 @@ ground is a wave's. A trunk sends along a cone, which never meets a point: its s
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,7 @@ import numpy as np
 from ....base.vectors import azimuth_of
 from .clutter import LAYER
 from .scatter import ANGLES, Scatter
-from .transport import PhaseFunction
+from .transport import PhaseFunction, Sent
 
 SMEAR = 0.12  # radians
 NEAREST = (
@@ -124,6 +125,7 @@ def diffused(
     edges: np.ndarray,
     packets: int,
     rng: np.random.Generator,
+    sent: Sequence[Sent] = (),
 ) -> np.ndarray:
     """(B, X) energy a metre of path between ``edges`` (X + 1,), without the air.
 
@@ -132,6 +134,8 @@ def diffused(
     tables, bands = _Tables(layer), len(layer.scatters)
     found = np.zeros((bands, len(edges) - 1))
     moving = _Packets(np.repeat(np.arange(bands), packets), np.asarray(source, np.float64), rng)
+    for band, energy in enumerate(sent):
+        moving.weight[moving.band == band] = energy(moving.way[moving.band == band])
     moving.keep(tables.most[moving.band] > 0)
     for _ in range(MOST):
         if not len(moving.band):

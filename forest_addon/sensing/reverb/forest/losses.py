@@ -31,12 +31,18 @@ from scipy import special
 from ....acoustics.air import absorption
 from ....acoustics.extinction import cross_sections
 from ....acoustics.foliage import foliage_loss
-from ....acoustics.ground import SURFACES, spherical_reflection, surface_impedance
+from ....acoustics.ground import (
+    SURFACES,
+    spherical_reflection,
+    surface_impedance,
+    under_leaves,
+)
 from ....acoustics.turbulence import coherence
 from ....spec import Air, Reverb
 from ..trunks.slices import Trunks
 from .clutter import BARE, Clutter
-from .scatter import Takes, level_loss
+from .lean import lean_coherence
+from .scatter import Takes, leaf_loss, level_loss
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -45,6 +51,7 @@ LOWEST, HIGHEST = 1.0, 200e3  # Hz; below and above, ground and branches are as 
 NEAR = 256.0  # m of path, up to which both ways to the ground are told apart
 SIZES, SMALLEST = 256, 1e-3  # ka at which the extinction is computed, and the first of them
 MOST_RADII = 24  # radii that stand for all
+FLOOR = 0.3  # m of height of the plants on the floor
 UNEVEN = 0.2  # standard deviation of trunks' heights over their mean
 
 
@@ -53,8 +60,8 @@ class TrunkStand:
     """Stand that paths meet besides single trunks.
 
     density : trunks per m². radii : m, a few that stand for all.
-    leaf_area_density : m²/m³ at the path. trunk_height : m, 0 endless.
-    clutter : branches and leaves that scatter, by height.
+    leaf_area_density : m²/m³ at the path. trunk_height : m, 0 endless. floor_leaf_area : m²/m² of
+    herbs and dwarf shrubs. clutter : branches and leaves that scatter, by height.
     """
 
     density: float = 0.0
@@ -62,6 +69,7 @@ class TrunkStand:
     leaf_area_density: float = 0.0
     trunk_height: float = 0.0
     clutter: Clutter = BARE
+    floor_leaf_area: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -71,7 +79,7 @@ class Losses:
     low, high : the heights of the ends, metres. resistivity : of the ground, kPa·s/m², 0: ``constant``.
     back : turbulence turns phases the other way. scattered : what branches and leaves scatter is lost too.
     extinction : as in the settings. bark, foliage, turbulence, ground : switched off where 0 or False.
-    boundary : air at branches takes sound.
+    boundary : air at branches takes sound. lean : standard deviation of trunks' slopes in each direction.
     """
 
     air: Air
@@ -89,6 +97,7 @@ class Losses:
     back: bool = False
     scattered: bool = True
     boundary: bool = False
+    lean: float = 0.0
 
     @classmethod
     def of(
@@ -111,6 +120,7 @@ class Losses:
             impedance_model=reverb.impedance_model,
             turbulence=1e-6 * reverb.turbulence,
             boundary=reverb.boundary_loss,
+            lean=math.tan(math.radians(reverb.lean_deg)),
         )
 
     def along(self, frequency: np.ndarray) -> np.ndarray:
@@ -178,6 +188,7 @@ class Losses:
             resistivity=0.0,
             impedance_model="",
             turbulence=0.0,
+            lean=0.0,
         )
 
     @property
@@ -217,7 +228,7 @@ class Losses:
 
     def mean_square(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
         """Mean of |g|² over states of the air."""
-        if self.turbulence == 0 or not self.ground:
+        if (self.turbulence == 0 and self.lean == 0) or not self.ground:
             return np.asarray(np.abs(self.gain(frequency, length)) ** 2)
         turned = self.gain(frequency, length), replace(self, back=True).gain(frequency, length)
         return np.asarray(sum(np.abs(one) ** 2 for one in turned) / 2.0)
@@ -226,10 +237,9 @@ class Losses:
         """(F,) what the ground sends back of the direct sound, over so many metres, in this air."""
         rise = self.source_height + self.receiver_height
         path = np.asarray(math.hypot(length, rise))
-        found: np.ndarray = self._reflection(frequency, path, rise) * self._turned(
-            frequency, np.asarray(length)
-        )
-        return found
+        still = replace(self, lean=0.0)  # no trunk is on the way
+        found: np.ndarray = self._reflection(frequency, path, rise)
+        return found * still._turned(frequency, np.asarray(length))
 
     @property
     def rises(self) -> tuple[float, ...]:
@@ -266,13 +276,16 @@ class Losses:
         return np.asarray(found)
 
     def _turned(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
-        """e^{i·acos Γ}: what one state of the air does to the ground's path."""
-        if self.turbulence == 0:
+        """e^{i·acos Γ}: what one state of the air, and of trunks that lean, does to the ground's path."""
+        if self.turbulence == 0 and self.lean == 0:
             return np.ones(())
         wavenumber = 2.0 * math.pi * np.maximum(frequency, LOWEST) / self.air.speed()
         low, high = self.source_height, self.receiver_height
         between = np.asarray(2.0 * low * high / (low + high))  # above the bounce
         left = coherence(wavenumber, length, between, self.turbulence)
+        if self.lean > 0:
+            met = replace(self, extinction="energy").removed(np.asarray(frequency)) * length
+            left = left * lean_coherence(wavenumber, length, (low, high), self.lean, met)
         aside = np.sqrt(np.maximum(1.0 - left**2, 0.0))
         return np.asarray(left + (-1j if self.back else 1j) * aside)
 
@@ -281,6 +294,12 @@ class Losses:
             return np.asarray(self.constant)
         audible = np.maximum(frequency, LOWEST)
         impedance = surface_impedance(audible, self.resistivity, self.impedance_model)
+        area = self.stand.floor_leaf_area
+        if area > 0 and self.leaf_absorption > 0:
+            radius, absorption = self.stand.clutter.leaf_radius, self.leaf_absorption
+            loss = leaf_loss(area / FLOOR, radius, audible, self.air.speed(), absorption)
+            given = rise / path, impedance, FLOOR, loss
+            impedance = under_leaves(audible, *given, self.air.speed())
         return spherical_reflection(audible, path, rise, impedance, self.air.speed())
 
     def of_ends(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
@@ -328,10 +347,12 @@ def stand_of(
     leaf_area_density: float,
     trunk_height: float,
     clutter: Clutter = BARE,
+    floor_leaf_area: float = 0.0,
 ) -> TrunkStand:
     """The stand of trunks on so many m²; not yet any where they are fewer than three."""
+    rest = leaf_area_density, trunk_height, clutter, floor_leaf_area
     if len(trunks) < 3 or area <= 0:
-        return TrunkStand(0.0, (), leaf_area_density, trunk_height, clutter)
+        return TrunkStand(0.0, (), *rest)
     radii = trunks.radius[trunks.radius > 0]
     if len(np.unique(radii)) > MOST_RADII:
         radii = np.quantile(radii, (np.arange(MOST_RADII) + 0.5) / MOST_RADII)
@@ -339,4 +360,4 @@ def stand_of(
         shares = (np.arange(MOST_RADII) + 0.5) / MOST_RADII
         radii = np.quantile(radii, shares, method="nearest")
     density = len(trunks) / area
-    return TrunkStand(density, tuple(radii.tolist()), leaf_area_density, trunk_height, clutter)
+    return TrunkStand(density, tuple(radii.tolist()), *rest)

@@ -111,6 +111,20 @@ def level_loss(clutter: Clutter, height: float, speed: float, takes: Takes) -> C
     return CubicSpline(np.log(SPECTRUM), np.log(0.5 * np.maximum(found, 1e-30)))
 
 
+def leaf_loss(
+    area: float, radius: float, frequency: np.ndarray, speed: float, absorption: float
+) -> np.ndarray:
+    """(F,) nepers of amplitude a metre that m²/m³ of leaves take and scatter away. absorption : G."""
+    row = np.log(np.clip(frequency, SPECTRUM[0], SPECTRUM[-1]))
+    width = np.interp(row, np.log(SPECTRUM), _leaf_widths(radius, speed))
+    return np.asarray(0.5 * area * width + foliage_loss(frequency, area, absorption))
+
+
+@lru_cache(maxsize=16)
+def _leaf_widths(radius: float, speed: float) -> np.ndarray:
+    return np.array([_leaf_width(radius, f, speed) for f in SPECTRUM.tolist()])
+
+
 def _widths(clutter: Clutter, frequency: float, speed: float) -> np.ndarray:
     """(K,) m of width that a metre of branch scatters of level sound."""
     radii, across = np.array(clutter.radii), np.array(clutter.across)

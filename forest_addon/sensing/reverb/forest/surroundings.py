@@ -31,11 +31,13 @@ ALL_WAYS = 0.785  # mean |sin| to branches that look all ways
 
 @dataclass(frozen=True)
 class FoliageCanopy:
-    """Of a scene: leaf_area_density, m²/m³ at the height of the path; top, m, where trees end; clutter."""
+    """Of a scene: leaf_area_density, m²/m³ at the height of the path; top, m, where trees end; clutter;
+    floor_leaf_area, m²/m² of leaves of plants on the floor."""
 
     leaf_area_density: float = 0.0
     top: float = 0.0
     clutter: Clutter = NO_CLUTTER
+    floor_leaf_area: float = 0.0
 
 
 BARE = FoliageCanopy()
@@ -70,6 +72,7 @@ def surroundings(
         leaves if reverb.foliage else 0.0,
         reverb.trunk_height or canopy.top,
         clutter_around(reverb, canopy) if reverb.branches else NO_CLUTTER,
+        reverb.floor_leaf_area + canopy.floor_leaf_area if reverb.foliage else 0.0,
     )
     if found.density == 0:
         return Surroundings(found, Density.even(0.0))
@@ -94,6 +97,8 @@ def clutter_around(reverb: Reverb, canopy: FoliageCanopy) -> Clutter:
         return replace(found, leaf_area=(0.0,) * len(found.leaf_area))
     if reverb.leaf_area_density > 0:
         found = found.filled(top).with_leaves(reverb.leaf_area_density)
+    if reverb.floor_leaf_area > 0:
+        found = found.on_floor(reverb.floor_leaf_area)
     if reverb.leaf_radius > 0:
         found = replace(found, leaf_radius=reverb.leaf_radius)
     return found
@@ -106,12 +111,15 @@ def _density(
     shape = np.maximum(1, np.round(size / cell)).astype(np.int64)
     edges = [c + cell * np.arange(n + 1) for c, n in zip(corner, shape, strict=True)]
     counts = np.histogram2d(place[:, 0], place[:, 1], bins=(edges[0], edges[1]))[0]
-    if beyond > 0 and counts.var() <= UNEVEN * counts.mean():
-        return Density.even(mean)
+    start = float(corner[0]), float(corner[1])
+    if counts.var() <= UNEVEN * counts.mean():
+        if beyond > 0:
+            return Density.even(mean)
+        return Density(np.full((1, 1), mean), start, (float(size[0]), float(size[1])), 0.0)
     share = counts.sum() / max(len(place), 1)  # cells do not cover the field to the last metre
     cells = counts / cell**2 / max(share, 1e-9)
     cells *= mean / max(float(cells.mean()), 1e-30)
-    return Density(cells, (float(corner[0]), float(corner[1])), cell, beyond)
+    return Density(cells, start, (cell, cell), beyond)
 
 
 def _hull(place: np.ndarray) -> float:

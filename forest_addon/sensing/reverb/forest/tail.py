@@ -14,6 +14,7 @@ faint, w falls to 0 and all is noise.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +28,7 @@ from ..metrics import octave_bands
 from .layer import Layer, diffused
 from .losses import Losses
 from .scatter import scatter_of
-from .transport import Density, Energy, PhaseFunction, transported
+from .transport import Density, Energy, PhaseFunction, Sent, alike, transported
 
 BLOCK = 0.0107  # s, of noise with one spectrum
 PACKETS = 2000  # of energy, of each octave
@@ -191,10 +192,11 @@ def tail_of(
     duration: float,
     key: tuple[int | str, ...],
     packets: int = PACKETS,
+    sent: Callable[[float], Sent] | None = None,
 ) -> Tail | None:
     """The noise between a source and a receiver, (3,) metres; None where no trunks are.
 
-    key : of the random stream.
+    key : of the random stream. sent : by frequency, energy that the source sends by ways; None: alike.
     """
     radii = np.array(losses.stand.radii)
     speed = losses.air.speed()
@@ -218,7 +220,14 @@ def tail_of(
         near = _followed(phase, density, edges)
         rng = stream(int(key[0]), *key[1:], "transport", int(band))
         start = transported(
-            phase, density, source[:2], receiver[:2], edges[: near + 1], packets, rng
+            phase,
+            density,
+            source[:2],
+            receiver[:2],
+            edges[: near + 1],
+            packets,
+            rng,
+            sent(float(band)) if sent else alike,
         )
         found.append(_diffused(start, phase, density, edges))
     taken = replace(losses, extinction=way).removed(bands)
@@ -227,7 +236,8 @@ def tail_of(
     if not clutter.empty:
         layer = _layer(reverb, losses, 0.0 if bare else density.mean, tuple(phases), bands)
         rng = stream(int(key[0]), *key[1:], "branches")
-        turned = diffused(layer, source, receiver, edges, packets, rng)
+        ways = [sent(float(band)) for band in bands] if sent else ()
+        turned = diffused(layer, source, receiver, edges, packets, rng, ways)
     tail = Tail(bands, tuple(found), lift, math.inf, losses, turned)
     return replace(tail, joint=_joint(tail, reverb.multiple_share, apart))
 

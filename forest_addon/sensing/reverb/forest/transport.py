@@ -18,6 +18,7 @@ that holds so much of the energy is taken off |H|².
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,20 +33,30 @@ STEPS = 24  # of the density along a way
 NEAREST = 0.05  # m; energy that meets a trunk so near the receiver is counted as at this distance
 FAINT = 1e-7  # of the packets' energy, below which they are not followed
 
+Sent = Callable[[np.ndarray], np.ndarray]  # energy that a source sends on ways (N, 3), re its axis
+
+
+def alike(way: np.ndarray) -> np.ndarray:
+    """(N,) ones: a source that sends alike to all sides."""
+    return np.ones(len(way))
+
 
 @dataclass(frozen=True)
 class Density:
-    """Trunks per m²: of cells (A, B) of ``cell`` metres from a corner, and around them."""
+    """Trunks per m²: of cells (A, B) of ``cell`` metres from a corner, and around them.
+
+    A single cell is a stand that is even inside its edges.
+    """
 
     cells: np.ndarray
     corner: tuple[float, float]
-    cell: float
+    cell: tuple[float, float]
     around: float
 
     @classmethod
     def even(cls, density: float) -> Density:
         """The same everywhere."""
-        return cls(np.zeros((0, 0)), (0.0, 0.0), 1.0, density)
+        return cls(np.zeros((0, 0)), (0.0, 0.0), (1.0, 1.0), density)
 
     @property
     def largest(self) -> float:
@@ -72,10 +83,29 @@ class Density:
         length = np.hypot(*(end - start).T)
         if self.cells.size == 0:
             return self.around * length
+        if self.cells.size == 1:
+            inside = self._within(start, end - start)
+            return length * (self.around + inside * (float(self.cells[0, 0]) - self.around))
         share = (np.arange(STEPS) + 0.5) / STEPS
         places = start[:, None] + share[:, None] * (end - start)[:, None]
         found: np.ndarray = self.at(places).mean(axis=1) * length
         return found
+
+    def left(self, place: np.ndarray, way: np.ndarray) -> np.ndarray:
+        """(N,) bool, whether straight ways (N, 2) from places (N, 2) meet no trunk any more."""
+        if self.cells.size == 0 or self.around > 0:
+            return np.zeros(len(place), bool)
+        return self._within(place, way * 1e9) <= 0
+
+    def _within(self, start: np.ndarray, way: np.ndarray) -> np.ndarray:
+        """(N,) share of straight ways (N, 2) that lies within the outer edges of all cells."""
+        low = np.asarray(self.corner) - start
+        high = low + np.asarray(self.cell) * self.cells.shape
+        safe = np.where(way == 0, 1e-300, way)
+        first, second = low / safe, high / safe
+        enter = np.minimum(first, second).max(axis=1)
+        leave = np.maximum(first, second).min(axis=1)
+        return np.asarray(np.maximum(np.minimum(leave, 1.0) - np.maximum(enter, 0.0), 0.0))
 
 
 @dataclass(frozen=True)
@@ -175,23 +205,28 @@ def transported(
     edges: np.ndarray,
     packets: int,
     rng: np.random.Generator,
+    sent: Sent = alike,
 ) -> Energy:
-    """The energy by path length, by packets that start at the source, alike all round.
+    """The energy by path length, by packets that start at the source.
 
-    source, receiver : (2,) metres. edges : (X + 1,) metres of path, rising.
+    source, receiver : (2,) metres. edges : (X + 1,) metres of path, rising. sent : energy by ways (N, 3).
     """
     rate = density.largest * phase.width  # meetings a metre, real and not
     found = np.zeros((2, len(edges) - 1))
     if rate > 0 and packets > 0:
         place = np.tile(np.asarray(source, np.float64), (packets, 1))
         heading = 2.0 * math.pi * (np.arange(packets) + rng.random(packets)) / packets
-        travelled, weight, met = np.zeros(packets), np.ones(packets), np.zeros(packets, np.int64)
+        travelled, met = np.zeros(packets), np.zeros(packets, np.int64)
+        weight = sent(np.column_stack([np.cos(heading), np.sin(heading), np.zeros(packets)]))
         for _ in range(MOST_MEETINGS * 4):
             step = rng.exponential(1.0 / rate, len(place))
             place += step[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
             travelled += step
             going = travelled < edges[-1]
             going &= (met < MOST_MEETINGS) & (weight > FAINT)
+            if density.cells.size:
+                way = np.column_stack([np.cos(heading), np.sin(heading)])
+                going &= ~density.left(place, way)
             place, heading, travelled = place[going], heading[going], travelled[going]
             weight, met = weight[going], met[going]
             if len(place) == 0:

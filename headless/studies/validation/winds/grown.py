@@ -55,7 +55,7 @@ def shape_as(tree: MeasuredSway, preset: str, rng: np.random.Generator, vary: bo
     assert isinstance(kind, Kind)
     chance = rng.random((1, 4)) if vary else np.full((1, 4), 0.5)
     given = np.array([[tree.height, np.nan, np.nan, np.nan]])
-    row = drawn(kind.allometry, np.array([tree.dbh]), given, chance, preset)[0]
+    row = drawn(kind.allometry, np.array([tree.dbh]), given, chance, preset, np.zeros(4))[0]
     blade, wanted = blade_of(species, kind.blade), Wanted(*row.tolist())
     met = grow_measured(species, wanted, blade, rng)
     skeleton, sites = met.skeleton, met.sites

@@ -39,6 +39,19 @@ def test_only_leaves_beside_the_path_count():
     assert canopy_of(scene(), (5.0, 5.0), 100.0).leaf_area_density == 0
 
 
+def test_leaves_on_the_floor_are_counted_apart():
+    """Herbs: the same plants at a fifth of the size, with leaves of 0.02 m² at 0.3 m and above."""
+    found = canopy_of(scene(0.2), (1.5, 1.5), 100.0)
+    assert found.floor_leaf_area == pytest.approx(2 * 0.5 * 0.04 / 100.0)
+    assert canopy_of(scene(), (1.5, 1.5), 100.0).floor_leaf_area == 0
+
+
+def test_terms_tell_their_values():
+    held = " ".join(terms_of(Reverb(model="forest", lean_deg=1.5, bark=0.07, trunk_height=12.0))[0])
+    for words in ("(1.5 degrees)", "(7 %)", "(12 m)", "forest floor", "as in the scene"):
+        assert words in held
+
+
 def test_a_larger_tree_has_larger_leaves_higher_up():
     found = canopy_of(scene(2.0), (3.0, 3.0), 100.0)
     assert found.leaf_area_density == pytest.approx(2 * 0.5 * 4 / (100.0 * 2.0))

@@ -56,7 +56,7 @@ def test_over_a_hard_ground_each_path_is_heard_twice():
 
 def test_the_ground_of_a_path_is_that_of_the_direct_sound_as_far_away():
     frequency, x = np.array([200.0, 2000.0]), 80.0
-    found = losses_of(TrunkStand(), SOURCE, SOURCE, turbulence=0.0).of_ground(
+    found = losses_of(TrunkStand(), SOURCE, SOURCE, turbulence=0.0, lean_deg=0.0).of_ground(
         frequency, np.array(x)
     )
     path = np.hypot(x, 3.0)
@@ -108,18 +108,23 @@ def test_the_fast_sum_keeps_its_tolerance_with_every_loss(radii, rate):
     assert octave_errors(found, exact, rate).max() < 1e-3
 
 
-@pytest.mark.parametrize(("extinction", "bound"), [("none", 1e-11), ("energy", 1e-7)])
+@pytest.mark.parametrize(
+    ("extinction", "lean", "bound"),
+    [("none", 0.0, 1e-11), ("energy", 0.0, 1e-7), ("none", 2.0, 1e-5)],
+)
 @pytest.mark.parametrize("surface", ["snow", "asphalt"])
 @pytest.mark.parametrize(("spacing", "top"), [(0.05, 320.0), (5.0, 10_240.0)])
 def test_losses_between_nodes_are_those_of_every_frequency(
-    extinction, bound, surface, spacing, top
+    extinction, lean, bound, surface, spacing, top
 ):
     """In every octave; extinction comes from a cubic spline, whose knots leave a tenth of what is allowed."""
     rng = np.random.default_rng(5)
     radius = np.array([0.03, 0.05, 0.2, 0.45, 0.0])
     trunks = Trunks(rng.uniform(-40, 40, (5, 2)), radius, np.arange(5))
     paths = trunk_paths(trunks, SOURCE[:2], RECEIVER[:2], 2.0, 0.7, None, True)
-    losses = losses_of(surface=surface, turbulence=10.0, bark=0.05, extinction=extinction)
+    losses = losses_of(
+        surface=surface, turbulence=10.0, bark=0.05, extinction=extinction, lean_deg=lean
+    )
     lowest, highest = round(10 / spacing), round(top / spacing)
     loss = losses.along(np.arange(highest + 1) * spacing)
     exact = scattered_spectrum(

@@ -57,7 +57,7 @@ def test_what_bark_does_not_keep_is_scattered(way):
 
 def test_cells_of_one_density_are_an_even_stand():
     edges = np.geomspace(12.0, 60.0, 4)
-    cells = Density(np.full((40, 40), 0.07), (-200.0, -200.0), 10.0, 0.07)
+    cells = Density(np.full((40, 40), 0.07), (-200.0, -200.0), (10.0, 10.0), 0.07)
     some = [
         transported(ALIKE, density, np.zeros(2), RECEIVER, edges, 20_000, np.random.default_rng(3))
         for density in (cells, Density.even(0.07))
@@ -69,7 +69,7 @@ def test_a_clearing_is_quiet_until_its_edge_answers():
     """No trunk within 30 m: nothing before the way to the edge and back, and sound after it."""
     place = np.arange(80) * 5.0 - 197.5
     clear = np.hypot(*np.meshgrid(place, place, indexing="ij")) < 34.0
-    density = Density(np.where(clear, 0.0, 0.1), (-200.0, -200.0), 5.0, 0.1)
+    density = Density(np.where(clear, 0.0, 0.1), (-200.0, -200.0), (5.0, 5.0), 0.1)
     edges = np.array([11.0, 40.0, 55.0, 75.0, 120.0])
     found = transported(
         ALIKE, density, np.zeros(2), RECEIVER, edges, 3_000, np.random.default_rng(1)
@@ -79,6 +79,29 @@ def test_a_clearing_is_quiet_until_its_edge_answers():
     assert found.again[0] == 0
 
 
+def test_one_cell_is_as_many_of_its_density() -> None:
+    """A stand with edges and nothing around it; the source outside of it, and within."""
+    edges = np.array([12.0, 25.0, 60.0, 150.0])
+    whole = Density(np.full((1, 1), 0.07), (-30.0, -20.0), (60.0, 40.0), 0.0)
+    cells = Density(np.full((30, 20), 0.07), (-30.0, -20.0), (2.0, 2.0), 0.0)
+    for source in (np.zeros(2), np.array([-34.0, 3.0])):
+        first, second = (
+            transported(ALIKE, d, source, RECEIVER, edges, 12_000, np.random.default_rng(5))
+            for d in (whole, cells)
+        )
+        together = np.array([one.once + one.again for one in (first, second)])
+        heard = (together > 0).all(axis=0)
+        assert heard.sum() >= 2
+        assert np.abs(10 * np.log10(together[0, heard] / together[1, heard])).max() < 0.5
+    way = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0]])
+    place = np.array([[40.0, 0.0], [0.0, 0.0], [40.0, 0.0]])
+    np.testing.assert_array_equal(whole.left(place, way), [True, False, False])
+    ways = np.array([[0.0, 0.0], [-60.0, 0.0]])
+    np.testing.assert_allclose(
+        whole.between(ways, np.array([60.0, 0.0])), [0.07 * 30, 0.07 * 60], rtol=1e-12
+    )
+
+
 def test_an_opaque_stand_and_one_without_trunks():
     edges = np.array([11.0, 20.0, 40.0])
     rng = np.random.default_rng(1)
@@ -86,3 +109,20 @@ def test_an_opaque_stand_and_one_without_trunks():
     assert np.isfinite(opaque.again).all()
     empty = transported(ALIKE, Density.even(0.0), np.zeros(2), RECEIVER, edges, 50, rng)
     assert not empty.again.any()
+
+
+def test_a_source_that_sends_one_way_sends_as_much_late_energy_as_its_mean() -> None:
+    """Cardioid in energy: half of the axis in the mean, wherever it points, once all is mixed."""
+    edges = np.array([60.0, 120.0])
+
+    def sum_of(turn: float) -> float:
+        sent = lambda way: 0.5 + 0.5 * (way[:, 0] * np.cos(turn) + way[:, 1] * np.sin(turn))  # noqa: E731
+        rng = np.random.default_rng(9)
+        given = ALIKE, Density.even(0.5), np.zeros(2), np.array([0.5, 0.0]), edges, 4000, rng
+        return float(transported(*given, sent).again.sum())
+
+    rng = np.random.default_rng(9)
+    given = ALIKE, Density.even(0.5), np.zeros(2), np.array([0.5, 0.0]), edges, 4000, rng
+    alike = float(transported(*given).again.sum())
+    for turn in (0.0, np.pi):
+        assert abs(10 * np.log10(sum_of(turn) / (0.5 * alike))) < 0.7

@@ -19,11 +19,11 @@ from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
 from forest_addon.sensing.reverb.trunks.slices import Trunks
 from forest_addon.spec import Air, Reverb, SpecError
 
-from .comparison import Comparison, Interval, Picture
-from .reverb_decay import Decay, decay_of, read_recording
-from .reverb_pictures import draw_bands
-from .reverb_stands import REACH, plausible_stands, settings
-from .reverb_stands import Path as SoundPath
+from ..comparison import Comparison, Interval, Picture
+from .decay import Decay, decay_of, read_recording
+from .pictures import draw_bands
+from .stands import REACH, plausible_stands, settings
+from .stands import Path as SoundPath
 
 RATE, SEVERAL = 32e3, 6  # Hz; stands of the same trees with losses drawn from their ranges
 T20_SHARE, C50_DB = 0.25, 3.0

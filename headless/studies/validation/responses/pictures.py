@@ -9,9 +9,9 @@ import numpy as np
 
 from forest_addon.sensing.reverb.metrics import octave, onset
 
-from ...report.pictures import FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
-from .reverb_decay import FRAME, Decay
-from .reverb_ensemble import JudgedSum
+from ....report.pictures import FAINT, INK, LEAF_GREEN, RED, blank_figure, save_figure
+from .decay import FRAME, Decay
+from .ensemble import JudgedSum
 
 
 def draw_bands(

@@ -17,11 +17,12 @@ from forest_addon.acoustics.air import absorption
 from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
 from forest_addon.sensing.reverb.forest.surroundings import FoliageCanopy, clutter_around
 from forest_addon.sensing.reverb.forest.tail import tail_of
-from forest_addon.sensing.reverb.forest.transport import Density
+from forest_addon.sensing.reverb.forest.transport import Density, Sent
 from forest_addon.spec import Air
 
-from .reverb_stands import Path as SoundPath
-from .reverb_stands import PlausibleStand, settings
+from .sources import MONITOR
+from .stands import Path as SoundPath
+from .stands import PlausibleStand, settings
 
 ALPINE = Air(temperature_c=15.0, humidity=60.0, pressure_kpa=88.0)
 NEAREST = 10.0  # m, where levels are 0 dB
@@ -67,6 +68,11 @@ def range_of(stand: PlausibleStand, distance: np.ndarray, seed: int, height: flo
     return Range(distance, excess - excess[:, distance == NEAREST])
 
 
+def _towards_the_transect(frequency: float) -> Sent:
+    """Return the energy that the loudspeaker sends by ways, re that along x."""
+    return lambda way: MONITOR.around(way[:, 0], frequency) ** 2
+
+
 def _air(band: np.ndarray | float) -> np.ndarray:
     return absorption(np.asarray(band), ALPINE.temperature_c, ALPINE.humidity, ALPINE.pressure_kpa)
 
@@ -78,12 +84,24 @@ def _levels(stand: PlausibleStand, distance: float, seed: int, height: float) ->
     canopy = replace(FoliageCanopy(), top=stand.trunk_height, clutter=stand.clutter)
     clutter = clutter_around(reverb, canopy)
     around = TrunkStand(
-        stand.density, (stand.radius,), stand.leaf_area_density, stand.trunk_height, clutter
+        stand.density,
+        (stand.radius,),
+        stand.leaf_area_density,
+        stand.trunk_height,
+        clutter,
+        stand.floor_leaf_area,
     )
     ends = np.array(reverb.source), np.array(reverb.receiver)
     losses = Losses.of(reverb, ALPINE, around, *ends)
     tail = tail_of(
-        reverb, losses, Density.even(stand.density), *ends, LAST, (seed, "range"), PACKETS
+        reverb,
+        losses,
+        Density.even(stand.density),
+        *ends,
+        LAST,
+        (seed, "range"),
+        PACKETS,
+        _towards_the_transect,
     )
     assert tail is not None
     length = np.geomspace(distance * 1.001, LAST * ALPINE.speed(), STEPS)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from forest_addon.base.rng import stream
+from forest_addon.sensing.reverb.directivity import OMNI, Directivity
 from forest_addon.sensing.reverb.forest.clutter import BARE, Clutter
 from forest_addon.sensing.reverb.response import ImpulseResponse, impulse_response
 from forest_addon.sensing.reverb.sums.fast_scattering import Expansions
@@ -34,6 +35,8 @@ RANGES = {
     "bark": (0.02, 0.10),  # Li et al. 2020
     "turbulence": (0.0, 3.0),  # 1e-6; Daigle 1979 has 2 to 10 over open ground
     "trunk_height": (10.0, 22.0),  # m
+    "lean_deg": (1.0, 3.0),  # a scanned pine 1.3; of Douglas firs those over 2 count as leaning
+    "floor_leaf_area": (0.3, 2.0),  # m²/m² of herbs and dwarf shrubs, bare to lush
 }
 
 EVEN_BY_LOGARITHM = ("density", "radius", "leaf_radius", "branch_area_density", "branch_radius")
@@ -48,12 +51,16 @@ OFF = {
     "foliage": False,
     "turbulence": 0.0,
     "trunk_height": 0.0,
+    "lean_deg": 0.0,
+    "floor_leaf_area": 0.0,
 }
 TERMS: dict[str, tuple[str, ...]] = {
     "extinction alone": ("extinction",),
     "extinction and transport": ("extinction", "tail"),
     "ground": ("path_ground",),
     "ground in moving air": ("path_ground", "turbulence"),
+    "ground among trunks that lean": ("path_ground", "lean_deg"),
+    "ground under herbs": ("path_ground", "branches", "foliage", "floor_leaf_area"),
     "leaves": ("foliage",),
     "branches and leaves": ("branches", "foliage"),
     "branches and leaves, bark and air at branches": (
@@ -82,18 +89,21 @@ class PlausibleStand:
     bark: float
     turbulence: float
     trunk_height: float
+    lean_deg: float
+    floor_leaf_area: float
     number: int
     clutter: Clutter = BARE
 
 
 @dataclass(frozen=True)
 class Path:
-    """Between source and receiver: metres, heights, sampling rate, air."""
+    """Between source and receiver: metres, heights, sampling rate, air, a source whose axis is upright."""
 
     distance: float
     height: float
     rate: float
     air: Air
+    source: Directivity = OMNI
 
 
 def plausible_stands(count: int, seed: int) -> list[PlausibleStand]:
@@ -120,6 +130,7 @@ def settings(stand: PlausibleStand, path: Path, **changes: object) -> Reverb:
         "model": "forest",
         "surface": "forest floor",
         "continue_to": REACH,
+        "facing_elevation_deg": 90.0,
         **{name: getattr(stand, name) for name in RANGES if name not in ("density", "radius")},
     }
     return Reverb(**(given | changes))
@@ -139,7 +150,7 @@ def variants(stand: PlausibleStand, path: Path) -> dict[str, Reverb]:
 
 
 def heard(
-    stand: PlausibleStand, reverb: Reverb, air: Air, expansions: Expansions | None = None
+    stand: PlausibleStand, reverb: Reverb, path: Path, expansions: Expansions | None = None
 ) -> ImpulseResponse:
     """The response of one stand: trunks evenly at random, all of one radius."""
     rng = stream(stand.number, "validate", "trunks")
@@ -149,7 +160,8 @@ def heard(
     return impulse_response(
         trunks.clear_of(ends),
         replace(reverb, tolerance=1e-3),
-        air,
+        path.air,
+        directivity=path.source,
         rng=stream(stand.number, "validate", "continuation"),
         field=((-FIELD / 2, -FIELD / 2), (FIELD, FIELD)),
         expansions=expansions,

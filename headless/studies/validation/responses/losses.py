@@ -12,8 +12,8 @@ from forest_addon.acoustics.extinction import cross_sections
 from forest_addon.sensing.reverb.forest.losses import Losses, TrunkStand
 from forest_addon.sensing.reverb.forest.surroundings import FoliageCanopy, clutter_around
 
-from .comparison import Comparison, Interval
-from .reverb_stands import Path, PlausibleStand, settings
+from ..comparison import Comparison, Interval
+from .stands import Path, PlausibleStand, settings
 
 
 def losses_of(stand: PlausibleStand, path: Path, bands: np.ndarray) -> dict[str, np.ndarray]:

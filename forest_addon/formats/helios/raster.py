@@ -1,0 +1,92 @@
+"""Ground from a GeoTIFF, and voxels from a cloud of points, as HELIOS++ loads them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ...spec import SpecError
+from ..foreign import guarded
+from ..tiff import read_place, read_tiff
+from .material import Material
+from .obj import PartMesh
+
+MOST_VOXELS = 20_000_000  # cells of the grid around a cloud
+CORNERS = np.array([(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)])
+SIDES = np.array(
+    [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+)
+
+
+@guarded("a GeoTIFF of heights")
+def read_terrain(path: Path, material: Material) -> PartMesh:
+    """Ground between the middles of the pixels of a GeoTIFF, two triangles a square; pixels without a height
+    are gaps.
+
+    Raises
+    ------
+    SpecError : it holds no square of four heights.
+    """
+    data = path.read_bytes()
+    pixels, _ = read_tiff(data)
+    corner, size, nothing = read_place(data)
+    height = np.asarray(pixels[..., 0], dtype=np.float64)
+    there = np.isfinite(height) & (np.abs(height - nothing) > 1e-6 if nothing == nothing else True)
+    rows, columns = height.shape
+    y, x = np.mgrid[:rows, :columns] + 0.5
+    vertices = np.stack([corner[0] + x * size[0], corner[1] - y * size[1], height], axis=2)
+    number = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    faces = np.concatenate([np.stack(f, axis=2).reshape(-1, 3) for f in ((a, b, d), (b, c, d))])
+    faces = faces[there.ravel()[faces].all(axis=1)]
+    if not len(faces):
+        raise SpecError(str(path), "has no square of four heights")
+    used, faces = np.unique(faces, return_inverse=True)
+    if not np.isfinite(vertices.reshape(-1, 3)[used]).all():
+        raise SpecError(str(path), "does not say where it lies in numbers")
+    return _of_one_material(vertices.reshape(-1, 3)[used], faces.reshape(-1, 3), material)
+
+
+@guarded("a text of points x, y, z")
+def read_points(path: Path, separator: str, size: float, material: Material) -> PartMesh:
+    """Voxels of an edge ``size``, metres, in which points of a text file lie, as boxes.
+
+    The grid starts at the smallest coordinates and has as many cells as cover the largest, as in HELIOS++.
+
+    Raises
+    ------
+    SpecError : a size that is no length, no points, or a grid that is too fine.
+    """
+    if not size > 0:
+        raise SpecError(str(path), f"voxelSize = {size:g} must be above 0")
+    lines = path.read_text("utf-8", errors="replace").splitlines()
+    rows = [text.split(separator if separator.strip() else None)[:3] for text in lines]
+    told = [
+        row for row, text in zip(rows, lines, strict=True) if text.strip() and text[:1] not in "#/"
+    ]
+    try:
+        points = np.array(told, dtype=np.float64).reshape(-1, 3)
+    except ValueError:
+        raise SpecError(str(path), "has a line that is not x, y, z") from None
+    if not len(points) or not np.isfinite(points).all():
+        raise SpecError(str(path), "holds no points, or values that are no numbers")
+    low, extent = points.min(axis=0), np.ptp(points, axis=0)
+    cells = np.maximum(np.ceil(extent / size), 1)
+    if cells.prod() > MOST_VOXELS:
+        raise SpecError(
+            str(path), f"voxelSize = {size:g} m makes too fine a grid; take a larger one"
+        )
+    place = (points - low) * cells / np.where(extent > 0, extent, 1.0)
+    place = np.unique(np.clip(place, 0, cells - 1).astype(np.int64), axis=0)
+    low = np.where(extent > 0, low, -size / 2)
+    vertices = low + size * (place[:, None] + CORNERS).reshape(-1, 3)
+    sides = np.concatenate([SIDES[:, [0, 1, 2]], SIDES[:, [0, 2, 3]]])
+    faces = (8 * np.arange(len(place))[:, None, None] + sides).reshape(-1, 3)
+    return _of_one_material(vertices, faces, material)
+
+
+def _of_one_material(vertices: np.ndarray, faces: np.ndarray, material: Material) -> PartMesh:
+    return PartMesh(
+        vertices, faces.astype(np.int32), np.zeros(len(faces), dtype=np.int32), (material,)
+    )

@@ -1,0 +1,275 @@
+"""Echoes as HELIOS++ finds them: rings of rays, a waveform in bins, and its maxima within a window.
+
+The light of each ray is a short pulse (t/τ)²·exp(-t/τ) of a seventh of its length τ (Carlsson et al. 2001),
+which starts in a bin of its own, counted from the nearest ray's. A bin is an echo that is larger than all
+others within the window, none of which is empty. How many echoes a footprint gives that is long in range
+then depends on bins, window and rings; their ranges here are those of the light that belongs to each,
+without bins.
+
+Distances are times in one direction there: light that is 1 m farther is 3.3 ns later, not 6.7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ....formats.helios.device import Digitiser
+from ...rays.caster import RayCaster, hit_normals
+from ...rays.moving import TimedCaster
+from ..footprint import BeamFrames
+from ..one_face import Received
+from ..passage import meet
+from ..radiometry import intensity, reflectance_of
+from ..returns import cosines
+from ..scan import Scan
+from ..scanner import LiDAR, Pattern, Pulses
+from ..waveform import LIGHT, WaveformEchoes
+
+BINS_AT_ONCE = 4_000_000  # of all waveforms in work
+METRES_A_NS = LIGHT * 1e-9
+
+
+class DigitisedScan(Scan):
+    """A scan whose footprints are HELIOS++'s rings of rays, and whose echoes are found in bins.
+
+    Beams of which it is known that they meet one face, and a short way of it, have one echo without that.
+    across : radians by which the first ray of a ring is turned from the direction of the sweep.
+    """
+
+    def __init__(
+        self,
+        scanner: LiDAR,
+        caster: RayCaster | TimedCaster,
+        seed: int,
+        pattern: Pattern,
+        digitiser: Digitiser,
+        across: float = 0.0,
+    ) -> None:
+        super().__init__(scanner, caster, seed, pattern=pattern)  # type: ignore[arg-type]
+        self._digitiser, self._across = digitiser, across
+        self._rings = rings(digitiser.rings)
+
+    def _frames(self, pulses: Pulses, keys: np.ndarray) -> BeamFrames:
+        half = 0.5e-3 * np.array(self.scanner.beam.divergence_mrad)[:, None, None]
+        beside = np.cross(pulses.direction, pulses.across)
+        cos, sin = np.cos(self._across), np.sin(self._across)
+        none = np.zeros_like(beside)
+        return BeamFrames(
+            origin=pulses.origin,
+            axis=pulses.direction,
+            exit_x=none,
+            exit_y=none,
+            turn_x=half[0] * (cos * pulses.across + sin * beside),
+            turn_y=half[1] * (cos * beside - sin * pulses.across),
+        )
+
+    def _traced(self, beams: BeamFrames, keys: np.ndarray, time: np.ndarray) -> Received:
+        scanner, scene, count = self.scanner, self.caster.scene, len(self._rings.away)
+        origin, way = ring_rays(beams, self._rings)
+        when = np.repeat(time, count)
+        chances = np.zeros(len(way), dtype=np.uint64)  # parts have no leaves that pass light
+        at = None if self._moving is None else when
+        contacts = meet(self.caster, origin, way, scanner.max_range, scanner.surfaces, chances, at)
+        hits, ways = contacts.hits, way[contacts.ray]
+        if self._moving is None:
+            normal = hit_normals(scene, hits)
+        else:
+            normal = self._moving.normals(hits, when[contacts.ray])
+        share = self._rings.share[contacts.ray % count]
+        reflectance = reflectance_of(scene, hits, contacts.organ, scanner.surfaces)
+        energy = intensity(
+            reflectance * share, cosines(normal, ways), hits.distance, scanner.beam.extinction
+        )
+        counts = np.flatnonzero((energy > 0) & (hits.distance >= scanner.min_range))
+        pulse, subray = np.divmod(contacts.ray[counts], count)
+        echoes = digitised(
+            pulse,
+            subray,
+            hits.distance[counts],
+            energy[counts],
+            scanner.beam.pulse_ns,
+            self._digitiser,
+        )
+        chosen = counts[echoes.contact]
+        return Received(echoes, hits.select(chosen), ways[chosen], normal[chosen])
+
+
+@dataclass(frozen=True)
+class Rings:
+    """Rays of a beam: (N,) angles from the axis in half divergences, angles around it, shares of light."""
+
+    away: np.ndarray
+    around: np.ndarray
+    share: np.ndarray
+
+
+def rings(quality: int) -> Rings:
+    """One ray, and rings of 6, 12, … at even angles, of which the outermost is just inside the divergence.
+
+    Ring k of n rays is weighed by ((2k + 1)/n)², as HELIOS++'s energy model does far from the scanner: its
+    share of the light and of the footprint.
+    """
+    away, around, share = [0.0], [0.0], [1.0]
+    for ring in range(1, quality):
+        count = int(2 * np.pi * ring)
+        away += [2.0 * ring / quality] * count
+        around += (2 * np.pi / count * np.arange(count)).tolist()
+        share += [((2 * ring + 1) / count) ** 2] * count
+    return Rings(np.array(away), np.array(around), np.array(share) / sum(share))
+
+
+def ring_rays(beams: BeamFrames, rays: Rings) -> tuple[np.ndarray, np.ndarray]:
+    """(P·N, 3) origins and unit directions of the rays of P beams that start in a point, beam by beam."""
+    x, y = rays.away * np.cos(rays.around), rays.away * np.sin(rays.around)
+    way = (
+        beams.axis[:, None]
+        + x[:, None] * beams.turn_x[:, None]
+        + y[:, None] * beams.turn_y[:, None]
+    )
+    way /= np.linalg.norm(way, axis=2, keepdims=True)
+    return np.repeat(beams.origin, len(x), axis=0), way.reshape(-1, 3)
+
+
+def pulse_shape(pulse_ns: float, bin_ns: float) -> np.ndarray:
+    """(B,) light of a pulse in the bins from its start on."""
+    time = bin_ns * np.arange(max(int(pulse_ns / bin_ns), 1)) * 7 / pulse_ns
+    return np.asarray(time**2 * np.exp(-time))
+
+
+def digitised(
+    pulse: np.ndarray,
+    subray: np.ndarray,
+    distance: np.ndarray,
+    energy: np.ndarray,
+    pulse_ns: float,
+    digitiser: Digitiser,
+) -> WaveformEchoes:
+    """The echoes of C contacts; see ``waveform.find_echoes``.
+
+    Light in no echo belongs to the nearest one of its pulse; a pulse without any has none.
+    """
+    order = np.lexsort((distance, pulse))
+    pulse, subray, distance, energy = (v[order] for v in (pulse, subray, distance, energy))
+    new = np.append(True, np.diff(pulse) != 0) if len(pulse) else np.zeros(0, dtype=bool)
+    nearest = distance[np.flatnonzero(new)][np.cumsum(new) - 1] if len(pulse) else distance
+    place = ((distance - nearest) / (METRES_A_NS * digitiser.bin_ns) + 1e-9).astype(np.int64)
+    shape = pulse_shape(pulse_ns, digitiser.bin_ns)
+    window = int(digitiser.window_ns / digitiser.bin_ns)
+    far = len(shape) + window  # bins beyond which lights do not meet
+    apart = new.copy()
+    apart[1:] |= np.diff(place) > far
+    group = np.cumsum(apart) - 1
+    start = np.flatnonzero(apart)
+    bins = place - place[start][group]
+    lone = pulse[start]
+    opens = np.append(True, np.diff(lone) != 0) if len(lone) else new
+    ends = np.stack([opens, np.append(opens[1:], True)]) if len(lone) else np.zeros((2, 0), bool)
+    peak_group, peak_bin = _maxima(group, bins, energy, ends, shape, window)
+    owner = _owners(pulse, place, start, peak_group, peak_bin, int(np.argmax(shape)))
+    return _echoes(owner, (pulse, subray, distance, energy), order, pulse_ns)
+
+
+def _maxima(
+    group: np.ndarray,
+    bins: np.ndarray,
+    energy: np.ndarray,
+    ends: np.ndarray,
+    shape: np.ndarray,
+    window: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Groups of contacts, and bins in them, at which the waveform has an echo; in that order.
+
+    ends : (2, G) bool, groups with which the waveform of a pulse begins, and ends: nothing is beyond.
+    """
+    length = np.zeros(ends.shape[1], dtype=np.int64)
+    np.maximum.at(length, group, bins)
+    length += len(shape)
+    found_group, found_bin = [], []
+    by_length = np.argsort(length, kind="stable")
+    first = 0
+    while first < len(by_length):
+        widest = length[by_length[first : first + 4096]]
+        count = int(np.searchsorted(np.arange(1, len(widest) + 1) * widest, BINS_AT_ONCE)) or 1
+        some = by_length[first : first + count]
+        first += len(some)
+        row = np.full(ends.shape[1], -1)
+        row[some] = np.arange(len(some))
+        rows = np.flatnonzero(row[group] >= 0)
+        wave = np.zeros((len(some), int(length[some].max())))
+        flat = row[group[rows]] * wave.shape[1] + bins[rows]
+        for shift, light in enumerate(shape):
+            wave.ravel()[:] += np.bincount(
+                flat + shift, weights=energy[rows] * light, minlength=wave.size
+            )
+        peak = wave > 0
+        for away in range(1, window):
+            before = np.pad(wave, ((0, 0), (away, 0)), constant_values=-1.0)[:, : wave.shape[1]]
+            after = np.pad(wave, ((0, 0), (0, away)), constant_values=-1.0)[:, away:]
+            bin_ = np.arange(wave.shape[1])
+            before_all = (bin_ - away <= 0) & ends[0, some][:, None]
+            beyond_all = (bin_ + away >= length[some][:, None]) & ends[1, some][:, None]
+            peak &= ((before > 0) & (before < wave)) | before_all
+            peak &= ((after > 0) & (after < wave)) | beyond_all
+        where, at = np.nonzero(peak)
+        found_group.append(some[where])
+        found_bin.append(at)
+    which, at = (
+        np.concatenate([*found_group, np.zeros(0, int)]),
+        np.concatenate([*found_bin, np.zeros(0, int)]),
+    )
+    order = np.lexsort((at, which))
+    return which[order], at[order]
+
+
+def _owners(
+    pulse: np.ndarray,
+    place: np.ndarray,
+    start: np.ndarray,
+    peak_group: np.ndarray,
+    peak_bin: np.ndarray,
+    crest: int,
+) -> np.ndarray:
+    """(C,) number of the echo that a contact belongs to: the nearest of its pulse; -1 where it has none."""
+    reach = int(place.max(initial=0)) + 1_000
+    at = pulse[start][peak_group] * reach + place[start][peak_group] + peak_bin - crest
+    mine = pulse * reach + place
+    after = np.searchsorted(at, mine)
+    best = np.full(len(mine), -1)
+    away = np.full(len(mine), np.inf)
+    for side in (after - 1, after):
+        there = np.flatnonzero((side >= 0) & (side < len(at)))
+        same = there[pulse[start][peak_group[side[there]]] == pulse[there]]
+        gap = np.abs(at[side[same]] - mine[same])
+        better = gap < away[same]
+        best[same[better]], away[same[better]] = side[same[better]], gap[better]
+    return best
+
+
+def _echoes(
+    owner: np.ndarray, contacts: tuple[np.ndarray, ...], order: np.ndarray, pulse_ns: float
+) -> WaveformEchoes:
+    """Echoes of contacts that belong to them."""
+    rows = np.flatnonzero(owner >= 0)
+    rows = rows[np.argsort(owner[rows], kind="stable")]
+    pulse, subray, distance, energy = (values[rows] for values in contacts)
+    starts = np.flatnonzero(np.append(True, np.diff(owner[rows]) != 0)) if len(rows) else rows
+    number = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, len(rows))))
+    if not len(rows):
+        return WaveformEchoes(pulse, distance, energy, distance, rows)
+    total = np.add.reduceat(energy, starts)
+    share = energy / total[number]
+    middle = np.add.reduceat(share * distance, starts)
+    spread = np.add.reduceat(share * (distance - middle[number]) ** 2, starts)
+    strong = energy >= 0.5 * np.maximum.reduceat(energy, starts)[number]
+    place = np.where(strong, subray, np.iinfo(np.int64).max // len(rows) - 1)
+    chosen = np.minimum.reduceat(place * len(rows) + np.arange(len(rows)), starts) % len(rows)
+    own = pulse_ns / 7 * np.sqrt(3.0) * METRES_A_NS / 2  # the spread of the pulse itself
+    return WaveformEchoes(
+        pulse=pulse[starts],
+        distance=middle,
+        energy=total,
+        width=np.sqrt(own**2 + spread),
+        contact=order[rows[chosen]],
+    )

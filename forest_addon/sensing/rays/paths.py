@@ -1,0 +1,268 @@
+"""Paths of parts of a scene: transforms of instances, and vertices of what bends, over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from .geometry import SceneGeometry
+
+ALWAYS = (-np.inf, np.inf)
+
+
+@dataclass(frozen=True)
+class RigidPath:
+    """Transforms (K, 3, 4), local to world, at ascending times (K,), s, of a part that moves.
+
+    Between samples places and shears go linearly and turns by the shortest way at an even rate (Shoemake
+    1985), so samples must be less than half a turn apart. Before the first and after the last it stands.
+    """
+
+    time: np.ndarray
+    transform: np.ndarray
+
+    def at(self, time: np.ndarray) -> np.ndarray:
+        """(R, 3, 4) transforms at times (R,)."""
+        return self._table.at(np.zeros(len(time), np.int64), time)
+
+    def velocity(self, points: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """(R, 3) m/s of the part's own points (R, 3) at times (R,); at a sample, of what follows."""
+        return self._table.velocity(np.zeros(len(time), np.int64), points, time)
+
+    def swept(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Box in the world, corners (3,), that a part within a box of its own, corners (3,), never leaves.
+
+        It holds the boxes at all samples. Between two of them, a turn by an angle apart, a point at an arm m
+        is at most m times half that angle from the straight line between its places there.
+        """
+        middle, half = (low + high) / 2, (high - low) / 2
+        straight = self.transform[:, :, :3]
+        centre = straight @ middle + self.transform[:, :, 3]
+        out = np.abs(straight) @ half
+        arm = float(np.linalg.norm(np.maximum(np.abs(low), np.abs(high))))
+        size = float(np.linalg.norm(straight, ord=2, axis=(1, 2)).max())
+        bow = self._table.widest / 2 * size * arm
+        return (centre - out).min(axis=0) - bow, (centre + out).max(axis=0) + bow
+
+    @cached_property
+    def _table(self) -> PathTable:
+        return PathTable([self])
+
+
+class PathTable:
+    """Many paths side by side, asked by their rows."""
+
+    def __init__(self, paths: Sequence[RigidPath]) -> None:
+        whole = [_at_least_two(path) for path in paths]
+        count = [len(time) for time, _ in whole]
+        self._first = np.cumsum([0, *count])[:-1]
+        self._times: list[np.ndarray] = []
+        self._clock = np.empty(len(paths), np.int64)
+        known: dict[bytes, int] = {}
+        for row, (time, _) in enumerate(whole):
+            self._clock[row] = known.setdefault(time.tobytes(), len(known))
+            if self._clock[row] == len(self._times):
+                self._times.append(time)
+        every = np.concatenate([transform for _, transform in whole])
+        self._place, turn, self._shape = _factors(every)
+        self._turn = turn
+        self._round = (turn[:-1].inv() * turn[1:]).as_rotvec()  # in the part's own frame
+        self._ends = np.array([[path.time[0], path.time[-1]] for path in paths])
+        inner = np.ones(len(every) - 1, dtype=bool)
+        inner[self._first[1:] - 1] = False
+        self.widest = float(np.linalg.norm(self._round[inner], axis=1).max(initial=0.0))
+
+    def at(self, which: np.ndarray, time: np.ndarray, beyond: bool = False) -> np.ndarray:
+        """(R, 3, 4) transforms of paths (R,) at times (R,).
+
+        beyond : go on as at the ends, not stand there.
+        """
+        row, share, _ = self._between(which, time, beyond)
+        found = np.empty((len(time), 3, 4))
+        found[:, :, 3] = self._place[row] + share * (self._place[row + 1] - self._place[row])
+        stretch = self._shape[row] + share[:, None] * (self._shape[row + 1] - self._shape[row])
+        found[:, :, :3] = self._turned(row, share).as_matrix() @ stretch
+        return found
+
+    def velocity(self, which: np.ndarray, points: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """(R, 3) m/s of own points (R, 3) of paths (R,) at times (R,)."""
+        row, share, step = self._between(which, time)
+        turned = self._turned(row, share)
+        bend = self._shape[row + 1] - self._shape[row]
+        stretched = np.einsum("rij,rj->ri", self._shape[row] + share[:, None] * bend, points)
+        found = self._place[row + 1] - self._place[row]
+        found += turned.apply(
+            np.cross(self._round[row], stretched) + np.einsum("rij,rj->ri", bend, points)
+        )
+        found /= step
+        ends = self._ends[which]
+        found[(time < ends[:, 0]) | (time > ends[:, 1])] = 0.0
+        return found
+
+    def _turned(self, row: np.ndarray, share: np.ndarray) -> Rotation:
+        return self._turn[row] * Rotation.from_rotvec(share * self._round[row])
+
+    def _between(
+        self, which: np.ndarray, time: np.ndarray, beyond: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Sample before each time, the share (R, 1) of the way to the next, and seconds (R, 1) between."""
+        row = np.empty(len(time), np.int64)
+        share, step = np.empty(len(time)), np.empty(len(time))
+        clock = self._clock[which]
+        for number, known in enumerate(self._times):
+            mine = slice(None) if len(self._times) == 1 else np.flatnonzero(clock == number)
+            row[mine], share[mine], step[mine] = _between(known, time[mine], beyond)
+        return row + self._first[which], share[:, None], step[:, None]
+
+
+@dataclass(frozen=True)
+class ShapePath:
+    """Vertices (K, V, 3) in their own frame, m, at ascending times (K,), s; they go straight between.
+
+    Before the first and after the last they stand.
+    """
+
+    time: np.ndarray
+    vertices: np.ndarray
+
+    def at(self, vertex: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """(R, C, 3) m of vertices (R, C) at times (R,)."""
+        if len(self.time) == 1:
+            return self.vertices[0, vertex].astype(np.float64)
+        row, share, _ = _between(self.time, time)
+        low, high = self._ends(row, vertex)
+        return np.asarray(low + share[:, None, None] * (high - low))
+
+    def velocity(self, vertex: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """(R, C, 3) m/s of vertices (R, C) at times (R,)."""
+        if len(self.time) == 1:
+            return np.zeros((*vertex.shape, 3))
+        row, _, step = _between(self.time, time)
+        low, high = self._ends(row, vertex)
+        found: np.ndarray = (high - low) / step[:, None, None]
+        found[(time < self.time[0]) | (time > self.time[-1])] = 0.0
+        return found
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (3,) of the box that no finite vertex leaves."""
+        with np.errstate(invalid="ignore"):
+            low = np.fmin.reduce(self.vertices.reshape(-1, 3), axis=0)
+            high = np.fmax.reduce(self.vertices.reshape(-1, 3), axis=0)
+        return low.astype(np.float64), high.astype(np.float64)
+
+    def _ends(self, row: np.ndarray, vertex: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        low = self.vertices[row[:, None], vertex].astype(np.float64)
+        return low, self.vertices[row[:, None] + 1, vertex].astype(np.float64)
+
+
+@dataclass(frozen=True)
+class SceneMotion:
+    """Motion of a scene of I instances.
+
+    paths : by number the whole transforms of instances that move, change their shape or are not always there.
+    shapes : the vertices of those that change theirs. spans : seconds [from, until) in which those that are
+    not always there are.
+    stands_for : (I,) the instance of the scene as it was read that each one is.
+    within : metres by which places may be off between two samples; bent : points of what changes its shape.
+    held : names of objects that stand still between samples, as their parts come and go.
+    """
+
+    paths: Mapping[int, RigidPath] = field(default_factory=dict)
+    shapes: Mapping[int, ShapePath] = field(default_factory=dict)
+    spans: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    stands_for: np.ndarray | None = None
+    within: float = 0.0
+    bent: float = 0.0
+    held: tuple[str, ...] = ()
+
+    def span(self, number: int) -> tuple[float, float]:
+        """Seconds [from, until) in which an instance is there."""
+        return self.spans.get(number, ALWAYS)
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """(N,) numbers of the instances that have a path, ascending."""
+        return np.array(sorted(self.paths), dtype=np.int64)
+
+    @cached_property
+    def table(self) -> PathTable:
+        """Paths in the order of ``rows``; there must be one."""
+        return PathTable([self.paths[n] for n in self.rows.tolist()])
+
+    def row_of(self, instance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places (M,) of those instances (R,) that have a path, and its rows (M,)."""
+        if not len(self.rows):
+            return np.empty(0, np.int64), np.empty(0, np.int64)
+        row = np.minimum(np.searchsorted(self.rows, instance), len(self.rows) - 1)
+        mine = np.flatnonzero(self.rows[row] == instance)
+        return mine, row[mine]
+
+    def corners(
+        self, scene: SceneGeometry, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray
+    ) -> np.ndarray:
+        """(R, 3, 3) own corners of triangles at times, m."""
+        return self._of_corners(scene, instance, triangle, time, "at")
+
+    def corner_rates(
+        self, scene: SceneGeometry, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray
+    ) -> np.ndarray:
+        """(R, 3, 3) m/s of own corners of triangles at times."""
+        return self._of_corners(scene, instance, triangle, time, "velocity")
+
+    def _of_corners(
+        self,
+        scene: SceneGeometry,
+        instance: np.ndarray,
+        triangle: np.ndarray,
+        time: np.ndarray,
+        ask: str,
+    ) -> np.ndarray:
+        found = np.zeros((len(instance), 3, 3))
+        bends = np.zeros(len(instance), dtype=bool)
+        for number, shape in self.shapes.items():
+            mine = np.flatnonzero(instance == number)
+            if len(mine):
+                vertex = scene.meshes[scene.mesh_index[number]].triangles[triangle[mine]]
+                found[mine], bends[mine] = getattr(shape, ask)(vertex, time[mine]), True
+        if ask == "at" and not bends.all():
+            rest = np.flatnonzero(~bends)
+            found[rest] = corners_at_rest(scene, instance[rest], triangle[rest])
+        return found
+
+
+def corners_at_rest(scene: SceneGeometry, instance: np.ndarray, triangle: np.ndarray) -> np.ndarray:
+    """(R, 3, 3) own corners of triangles of instances (R,) as the scene stands, m."""
+    found = np.empty((len(instance), 3, 3))
+    mesh_of = scene.mesh_index[instance]
+    for number in np.unique(mesh_of).tolist():
+        mine, mesh = np.flatnonzero(mesh_of == number), scene.meshes[number]
+        found[mine] = mesh.vertices[mesh.triangles[triangle[mine]]]
+    return found
+
+
+def _at_least_two(path: RigidPath) -> tuple[np.ndarray, np.ndarray]:
+    if len(path.time) > 1:
+        return path.time, path.transform
+    return path.time[0] + np.arange(2.0), np.repeat(path.transform, 2, axis=0)
+
+
+def _factors(transform: np.ndarray) -> tuple[np.ndarray, Rotation, np.ndarray]:
+    """Places (K, 3), turns and shapes (K, 3, 3) of transforms, by polar decomposition."""
+    u, size, v = np.linalg.svd(transform[:, :, :3])
+    sign = np.where(np.linalg.det(u @ v) < 0, -1.0, 1.0)[:, None, None]
+    shape = sign * ((v.transpose(0, 2, 1) * size[:, None, :]) @ v)
+    return transform[:, :, 3], Rotation.from_matrix(sign * (u @ v)), shape
+
+
+def _between(
+    known: np.ndarray, time: np.ndarray, beyond: bool = False
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sample before each time (R,), the share of the way to the next, and seconds between them."""
+    row = np.clip(np.searchsorted(known, time, "right") - 1, 0, len(known) - 2)
+    step = known[row + 1] - known[row]
+    share = (time - known[row]) / step
+    return row, share if beyond else np.clip(share, 0.0, 1.0), step

@@ -1,0 +1,297 @@
+"""From samples of a scene over time to how it moves: which instance is which, where it goes, how it bends.
+
+An instance is known by its object and its number among those of that object. From one sample to the next it
+moves where it is in both, with the same triangles, and its object has as many instances; else it stands until
+the next sample, and is then gone, or another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .geometry import SceneGeometry
+from .paths import RigidPath, SceneMotion, ShapePath
+from .runs import MovingScene, SceneSample, Shape, same_triangles
+
+STANDS = 1e-7  # metres, and parts of a turn, that single precision may shake
+BENT = 1e-4  # m that points of what changes its shape may be off between two samples
+WIDEST = 16  # samples of a step of a shape
+
+
+class Strangers(ValueError):
+    """Objects are there meanwhile that the scene as it was read does not have; ``names`` says which."""
+
+    def __init__(self, names: list[str]) -> None:
+        super().__init__(", ".join(names))
+        self.names = names
+
+
+class Tracks:
+    """Instances of a scene followed through samples at ascending times (K,), s.
+
+    scene : as it was read. now : a sample of that.
+
+    Raises
+    ------
+    Strangers : objects that the scene does not have are there meanwhile.
+    """
+
+    def __init__(
+        self,
+        scene: SceneGeometry,
+        now: SceneSample,
+        time: np.ndarray,
+        samples: Sequence[SceneSample],
+    ) -> None:
+        self._scene, self._now, self._time, self._samples = scene, now, time, samples
+        self._keys = {key: row for row, key in enumerate(_keys(now))}
+        self._row = np.full((len(samples), len(now.transform)), -1, dtype=np.int64)
+        self._count: dict[str, np.ndarray] = {}
+        self._follow()
+        place = np.full((*self._row.shape, 3, 4), np.nan)
+        for k, sample in enumerate(samples):
+            mine = np.flatnonzero(self._row[k] >= 0)
+            place[k, mine] = sample.transform[self._row[k, mine]]
+        self._place, self._there = place, self._row >= 0
+
+    @property
+    def moves(self) -> bool:
+        """Return whether anything does."""
+        return bool(self._moving_at_all().any())
+
+    def motion(self, within: float = 0.0, bent: float = 0.0) -> tuple[SceneGeometry, SceneMotion]:
+        """The scene, with the instances that it has besides at other times, and how it moves."""
+        scene, total = self._scene, self._row.shape[1]
+        base = self._moving_at_all()
+        made = MovingScene(scene)
+        for number in np.flatnonzero(base).tolist() + list(range(len(scene), total)):
+            self._add(made, number)
+        return made.scene(), made.motion(within, bent, self._held())
+
+    def off(self, middle: np.ndarray, between: Sequence[SceneSample]) -> tuple[float, float]:
+        """Metres by which samples at times (K - 1,) between these ones are not where they are expected: of
+        places, and of points of what changes its shape."""
+        other, count = Tracks(self._scene, self._now, middle, between), len(self._scene)
+        moves = self._moving_at_all()[:count] | other._moving_at_all()[:count]
+        worst, bent = 0.0, 0.0
+        known: dict[tuple[int, ...], float] = {}
+        for number in np.flatnonzero(moves).tolist():
+            joined = self._joined(number) & (other._row[:, number] >= 0)
+            if not joined.any():
+                continue
+            bent = max(bent, self._bend_off(number, joined, other, known))
+            whole = self._there[:, number]
+            path = RigidPath(self._time[whole], self._place[whole, number])
+            apart = path.at(middle[joined]) - other._place[joined, number]
+            far = np.linalg.norm(apart[:, :, 3], axis=1)
+            turned = np.linalg.norm(apart[:, :, :3], ord=2, axis=(1, 2)) * self._reach(number)
+            worst = max(worst, float((far + turned).max(initial=0.0)))
+        return worst, bent
+
+    def _follow(self) -> None:
+        names = set(self._scene.object_name)
+        usual = _keys(self._now)
+        strangers: set[str] = set()
+        for k, sample in enumerate(self._samples):
+            same = (
+                len(sample.transform) == len(self._now.transform)
+                and sample.name == self._now.name
+                and np.array_equal(sample.object_index, self._now.object_index)
+            )
+            keys = usual if same else _keys(sample)
+            if not same:
+                strangers |= {name for name, _ in keys} - names
+                new = [key for key in keys if key not in self._keys]
+                self._keys |= {key: len(self._keys) + n for n, key in enumerate(new)}
+                missing = len(self._keys) - self._row.shape[1]
+                self._row = np.pad(self._row, ((0, 0), (0, missing)), constant_values=-1)
+            rows = (
+                np.arange(len(keys)) if same else np.array([self._keys[key] for key in keys], int)
+            )
+            self._row[k, rows] = np.arange(len(rows))
+            if not same:
+                for name, _ in keys:
+                    count = self._count.setdefault(name, np.full(len(self._samples), -1))
+                    count[k] = max(count[k], 0) + 1
+        if strangers:
+            raise Strangers(sorted(strangers))
+        for name, count in self._count.items():
+            usually = sum(1 for known, _ in usual if known == name)
+            count[count < 0] = usually
+            for k, sample in enumerate(self._samples):
+                if name not in sample.name:
+                    count[k] = 0
+        self._named = [name for name, _ in self._keys]
+
+    def _held(self) -> tuple[str, ...]:
+        """Names of objects whose instances are not always as many; those that only come or go as one have
+        nothing that could be taken for another."""
+        return tuple(
+            sorted(
+                name for name, count in self._count.items() if len(np.unique(count[count > 0])) > 1
+            )
+        )
+
+    def _moving_at_all(self) -> np.ndarray:
+        """(N,) bool, instances that are not always where and as the scene says."""
+        scene, count = self._scene, len(self._scene)
+        found = np.ones(self._row.shape[1], dtype=bool)
+        with np.errstate(invalid="ignore"):
+            apart = np.abs(self._place[:, :count] - scene.transform[None]).max(
+                axis=(0, 2, 3), initial=0.0
+            )
+        stands = apart <= STANDS * (1 + np.abs(scene.transform).max(axis=(1, 2), initial=0.0))
+        stands &= self._there[:, :count].all(axis=0)
+        bends = np.zeros(count, dtype=bool)
+        changing: dict[int, bool] = {}
+        for number in np.flatnonzero(stands & self._may_bend()).tolist():
+            mesh = int(scene.mesh_index[number])
+            if mesh not in changing:
+                shapes = [self._shape(k, number) for k in range(len(self._samples))]
+                changing[mesh] = any(not self._at_rest(number, shape) for shape in shapes)
+            bends[number] = changing[mesh]
+        found[:count] = ~stands | bends
+        return found
+
+    def _may_bend(self) -> np.ndarray:
+        """(I,) bool, instances of the scene of which some sample has a shape."""
+        found = np.zeros(len(self._scene), dtype=bool)
+        for k, sample in enumerate(self._samples):
+            if sample.shapes:
+                row = self._row[k, : len(found)]
+                has = np.zeros(len(sample.transform) + 1, dtype=bool)
+                has[:-1] = np.isin(sample.mesh_index, list(sample.shapes))
+                found |= has[row]
+        return found
+
+    def _shape(self, k: int, number: int) -> Shape | None:
+        """The shape of an instance at a sample; None: as the scene has it, or not there."""
+        row = self._row[k, number]
+        sample = self._samples[k]
+        return None if row < 0 else sample.shapes.get(int(sample.mesh_index[row]))
+
+    def _at_rest(self, number: int, shape: Shape | None) -> bool:
+        """Return whether a shape is that of the scene as it was read."""
+        if shape is None:
+            return True
+        mesh = self._scene.meshes[self._scene.mesh_index[number]]
+        return same_triangles(shape.mesh, mesh) and bool(
+            np.array_equal(shape.vertices, mesh.vertices.astype(np.float32))
+        )
+
+    def _joined(self, number: int) -> np.ndarray:
+        """(K - 1,) bool, whether an instance moves from a sample to the next, or stands until then."""
+        there = self._there[:, number]
+        joined: np.ndarray = there[:-1] & there[1:]
+        count = self._count.get(self._named[number])
+        if count is not None:
+            joined &= count[:-1] == count[1:]
+        if any(sample.shapes for sample in self._samples):
+            marks = np.array([self._mark(k, number) for k in range(len(self._samples))])
+            joined &= marks[:-1] == marks[1:]
+        return joined
+
+    def _mark(self, k: int, number: int) -> int:
+        """A number for the triangles of an instance at a sample."""
+        shape = self._shape(k, number)
+        return 0 if shape is None else id(shape.mesh)
+
+    def _reach(self, number: int) -> float:
+        """Metres from an instance's own origin to its farthest corner."""
+        mesh = self._scene.meshes[self._scene.mesh_index[number]]
+        return float(np.linalg.norm(np.abs(mesh.vertices).max(axis=0, initial=0.0)))
+
+    def _bend_off(
+        self,
+        number: int,
+        joined: np.ndarray,
+        other: Tracks,
+        known: dict[tuple[int, ...], float],
+    ) -> float:
+        worst = 0.0
+        size = float(np.linalg.norm(self._place[self._there[:, number], number][0, :, :3], ord=2))
+        for k in np.flatnonzero(joined).tolist():
+            ends = self._shape(k, number), self._shape(k + 1, number), other._shape(k, number)
+            if any(shape is None for shape in ends):
+                continue
+            low, high, middle = (shape.vertices for shape in ends)  # type: ignore[union-attr]
+            key = id(low), id(high), id(middle)
+            if key not in known:
+                known[key] = 0.0
+                if low.shape == middle.shape:
+                    apart = (low.astype(np.float64) + high) / 2 - middle
+                    known[key] = float(np.linalg.norm(apart, axis=1).max(initial=0.0))
+            worst = max(worst, size * known[key])
+        return worst
+
+    def _add(self, made: MovingScene, number: int) -> None:
+        """Add the runs of an instance in which it goes without a break."""
+        there = self._there[:, number]
+        if not there.any():
+            made.never(number)
+            return
+        breaks = ~self._joined(number)
+        first = np.flatnonzero(there & np.concatenate([[True], breaks]))
+        last = np.flatnonzero(there & np.concatenate([breaks, [True]]))
+        for a, b in zip(first.tolist(), last.tolist(), strict=True):
+            rows = slice(a, b + 1)
+            shapes = [self._shape(k, number) for k in range(a, b + 1)]
+            until = float(self._time[b + 1]) if b + 1 < len(self._time) else np.inf
+            span = (float(self._time[a]) if a else -np.inf, until)
+            path = _path(self._time[rows], self._place[rows, number])
+            whole = len(self._time) == b + 1 - a
+            made.add(self._of(number), number, path, self._bend(rows, shapes, whole), span, shapes)
+        made.close(number)
+
+    def _of(self, number: int) -> int:
+        """The instance of the scene that one stands for: itself, or the first of its object."""
+        if number < len(self._scene):
+            return number
+        return self._keys[self._named[number], 0]
+
+    def _bend(self, rows: slice, shapes: Sequence[Shape | None], whole: bool) -> ShapePath | None:
+        """The change of an instance's shape in a run; None: there is none."""
+        known = [shape for shape in shapes if shape is not None]
+        if not known or len(known) < len(shapes):
+            return None
+        time = self._time[rows]
+        if all(np.array_equal(s.vertices, known[0].vertices) for s in known[1:]):
+            return ShapePath(time[:1], known[0].vertices[None])
+        step = _widest(known) if whole else 1
+        return ShapePath(time[::step], np.stack([s.vertices for s in known[::step]]))
+
+
+def _keys(sample: SceneSample) -> list[tuple[str, int]]:
+    """Each instance by its object's name and its number among those of that object."""
+    order = np.argsort(sample.object_index, kind="stable")
+    ranked = sample.object_index[order]
+    start = np.searchsorted(ranked, ranked)
+    number = np.empty(len(order), np.int64)
+    number[order] = np.arange(len(order)) - start
+    names = [sample.name[index] for index in sample.object_index.tolist()]
+    return list(zip(names, number.tolist(), strict=True))
+
+
+def _path(time: np.ndarray, transform: np.ndarray) -> RigidPath:
+    """A path of one sample where nothing moves."""
+    still = np.abs(transform - transform[:1]).max(axis=(0, 1, 2))
+    if still <= STANDS * (1 + np.abs(transform[0]).max()):
+        return RigidPath(time[:1], transform[:1])
+    return RigidPath(time, transform)
+
+
+def _widest(shapes: Sequence[Shape]) -> int:
+    """The widest step of samples that takes no vertex off its samples by more than ``BENT``."""
+    step = 1
+    while step < WIDEST and not (len(shapes) - 1) % (2 * step):
+        wide = 2 * step
+        for first in range(0, len(shapes) - 1, wide):
+            low, high = shapes[first].vertices, shapes[first + wide].vertices
+            for k in range(1, wide):
+                apart = low + np.float32(k / wide) * (high - low) - shapes[first + k].vertices
+                if np.abs(apart).max(initial=0.0) > BENT / 4:
+                    return step
+        step = wide
+    return step

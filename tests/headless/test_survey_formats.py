@@ -1,0 +1,278 @@
+"""Surveys of HELIOS++ beside walls that stand: moving parts, tracks, mirrors, rasters, materials."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from PIL import Image, TiffImagePlugin
+from scipy.spatial.transform import Rotation
+
+from forest_addon.formats.helios.device import Digitiser
+from forest_addon.formats.helios.material import Material, read_materials
+from forest_addon.formats.helios.motion import PartMotion, read_motion
+from forest_addon.formats.helios.raster import read_points, read_terrain
+from forest_addon.formats.helios.survey import read_survey
+from forest_addon.sensing.lidar.surveys.digitised import digitised, pulse_shape
+from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
+from forest_addon.sensing.lidar.surveys.mirrors import oscillating
+from forest_addon.sensing.lidar.surveys.stepped import SteppedPath
+from forest_addon.spec import SpecError
+from tests.headless.test_survey import FLIGHT, LEG, written
+
+MOTION = """<part dynStep="3">
+<dmotion id="a" loop="2" next="b"><motion type="translation" vec="1;0;0.5"/></dmotion>
+<dmotion id="b" loop="3" next="c">
+ <motion type="rotation" axis="0;0;1" angle="30" selfMode="true"/>
+ <motion type="helical" axis="0;1;0" angle="10" glide="0.25"/></dmotion>
+<dmotion id="c" loop="1" next="LAST"><motion type="rotation" axis="1;1;0" angle="20" center="4;5;6"/>
+ <motion type="glideplane" ortho="0;1;1" shift="0.5;0;0" selfMode="true"/></dmotion>
+</part>"""
+ORIGIN = np.array([-7.0, 2.0, 1.0])
+CORNERS = np.array(
+    [[3.0, 4.0, 5.0], [5.0, 4.0, 5.0], [3.0, 8.0, 5.0], [3.0, 4.0, 6.0], [5.0, 8.0, 6.0]]
+)
+
+
+def moved(points: np.ndarray, middle: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Points and middle after one step of a sequence of ``MOTION``, motion by motion, in HELIOS++'s frame."""
+    if name == "a":
+        shift = np.array([1, 0, 0.5])
+        return points + shift, middle + shift
+    if name == "b":
+        turn = Rotation.from_rotvec([0, 0, np.pi / 6])
+        points = turn.apply(points - middle) + middle
+        turn = Rotation.from_rotvec([0, np.deg2rad(10), 0])
+        glide = np.array([0, 0.25, 0])
+        return turn.apply(points) + glide, turn.apply(middle) + glide
+    turn = Rotation.from_rotvec(np.deg2rad(20) * np.array([1, 1, 0]) / np.sqrt(2))
+    centre = np.array([4.0, 5.0, 6.0])
+    points, middle = turn.apply(points - centre) + centre, turn.apply(middle - centre) + centre
+    n = np.array([0, 1, 1]) / np.sqrt(2)
+    away = points - middle
+    points = middle + away - 2 * np.outer(away @ n, n) + [0.5, 0, 0]
+    return points, middle + np.array([0.5, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("last", "order"), [("b", "aabbbc" + "bbbc" * 9), ("a", "aabbbc" * 6), ("", "aabbbc")]
+)
+def test_part_that_moves_is_where_step_by_step_motions_put_it(last: str, order: str) -> None:
+    part = ElementTree.fromstring(MOTION.replace("LAST", last))
+    motion = read_motion(ElementTree.Element("scene", dynStep="2"), part, ORIGIN, 1e3, Path("x"))
+    assert isinstance(motion, PartMotion)
+    assert motion.every == 6
+    place = np.column_stack([Rotation.from_euler("xyz", [0.3, 0.2, 0.1]).as_matrix(), [1, 2, 3.0]])
+    own = np.linalg.solve(place[:, :3], (CORNERS - place[:, 3]).T).T
+    middle = (CORNERS.min(axis=0) + CORNERS.max(axis=0)) / 2
+    path = SteppedPath(place, middle, motion, 1e3, (0, 400))
+    points, centre = CORNERS - ORIGIN, middle - ORIGIN
+    low, high = path.swept(own.min(axis=0), own.max(axis=0))
+    for step in range(36):
+        time = np.array([6 * step + 1, 6 * step + 6]) / 1e3  # the first and the last pulse of it
+        for placed in path.at(time):
+            found = own @ placed[:, :3].T + placed[:, 3]
+            np.testing.assert_allclose(found, points + ORIGIN, atol=1e-9)
+            assert (found >= low - 1e-9).all()
+            assert (found <= high + 1e-9).all()
+        if step < len(order):
+            points, centre = moved(points, centre, order[step])
+
+
+def test_legs_before_count_for_where_a_part_is() -> None:
+    part = ElementTree.fromstring(
+        '<part><dmotion id="a" loop="0"><motion type="translation" vec="1;0;0"/></dmotion></part>'
+    )
+    motion = read_motion(ElementTree.Element("scene"), part, ORIGIN, 1e3, Path("x"))
+    assert motion is not None
+    path = SteppedPath(np.eye(3, 4), np.zeros(3), motion, 1e3, (500, 10))
+    np.testing.assert_allclose(path.at(np.array([0.003]))[0, :, 3], [502, 0, 0])
+    np.testing.assert_allclose(path.velocity(np.zeros((1, 3)), np.array([0.003])), [[1000, 0, 0]])
+
+
+def test_dynamic_time_steps_are_counted_in_pulses_of_the_first_leg() -> None:
+    part = ElementTree.fromstring(
+        '<part dynTimeStep="0.05"><dmotion id="a" loop="1"><motion type="identity"/></dmotion></part>'
+    )
+    scene = ElementTree.Element("scene", dynTimeStep="0.01")
+    motion = read_motion(scene, part, ORIGIN, 2e4, Path("x"))
+    assert motion is not None
+    assert motion.every == 200 * 5
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('<dmotion id="a"><motion type="identity"/></dmotion>', "no loop"),
+        ('<dmotion id="a" loop="1"/>', "no motion"),
+        ('<dmotion id="a" loop="1" next="z"><motion type="identity"/></dmotion>', "z"),
+        ('<dmotion id="a" loop="1"><motion type="jump"/></dmotion>', "jump"),
+        ('<dmotion id="a" loop="1"><motion type="translation"/></dmotion>', "vec"),
+    ],
+)
+def test_broken_motion_is_refused(text: str, words: str) -> None:
+    part = ElementTree.fromstring(f"<part>{text}</part>")
+    with pytest.raises(SpecError, match=words):
+        read_motion(ElementTree.Element("scene"), part, ORIGIN, 1e3, Path("x"))
+
+
+def test_oscillating_mirror_swings_between_its_ends_and_turns_slowly() -> None:
+    widest = np.deg2rad(20)
+    angle = oscillating(70e3, 50, widest, 1e6)
+    assert len(angle) == 1400
+    assert angle[0] == -widest
+    assert angle[700] == pytest.approx(widest)
+    assert abs(np.append(angle, angle[0])).max() == pytest.approx(widest, abs=1e-3 * widest)
+    step = np.diff(angle)
+    assert (step[1:698] > 0).all()
+    assert (step[702:] < 0).all()
+    np.testing.assert_allclose(step[60:640], step[300])  # even in between
+    assert step[5] < 0.2 * step[300]
+    assert len(oscillating(70e3, 50, widest, 20 * 25)) == 2800  # half as fast: its scan product
+
+
+def test_swing_of_few_pulses_is_refused() -> None:
+    with pytest.raises(SpecError, match="202"):
+        oscillating(5e3, 50, 0.3, 1e6)
+
+
+def test_track_gives_place_and_attitude_and_jumps_where_times_are_twice(tmp_path: Path) -> None:
+    file = written(tmp_path)
+    (tmp_path / "way.trj").write_text(
+        '#TIME_COLUMN: 0\n#HEADER: "t", "roll", "pitch", "yaw", "x", "y", "z"\n'
+        "0,0,0,0,0,-40,50\n5,0,0,0,0,40,50\n5,0,0,90,-40,0,60\n10,0,0,90,40,0,60\n"
+    )
+    legs = "".join(
+        f'<leg><platformSettings trajectory="way.trj" tStart="{start}" tEnd="{start + 5}"/>'
+        '<scannerSettings template="t"/></leg>'
+        for start in (0, 5)
+    )
+    text = (tmp_path / "survey.xml").read_text()
+    start = text.index("<leg>")
+    text = text[:start] + legs + text[text.index("</survey>") :]
+    text = text.replace('platform="library.xml#tripod"', 'platform="interpolated"')
+    file.write_text(text.replace('name="n"', 'name="n" basePlatform="library.xml#tripod"'))
+    survey = read_survey(file)
+    north, east = (SurveyLeg(survey, leg) for leg in survey.legs)
+    assert north.count > 1000
+    mount = np.array([0, 0, 1.7])
+    for pattern, ahead, place in (
+        (north, [0, 1, 0], [0, -40, 50]),
+        (east, [1, 0, 0], [-40, 0, 60]),
+    ):
+        pulses = pattern.pulses(np.arange(pattern.count))
+        way = pulses.time[:, None] * 16 * np.array(ahead)
+        np.testing.assert_allclose(pulses.origin, place + way + mount, atol=1e-9)
+        np.testing.assert_allclose(np.cross(ahead, [0, 0, 1]) @ pulses.direction.T, 0, atol=1e-12)
+        assert (pulses.direction @ np.array(ahead) > 0).all()  # this fan looks ahead
+
+
+def test_platform_settings_of_turns_change_nothing_on_a_straight_line(tmp_path: Path) -> None:
+    legs = FLIGHT.replace('movePerSec_m="20"', 'movePerSec_m="20" stopAndTurn="true"')
+    survey = read_survey(written(tmp_path, legs, "plane", "cone"))
+    assert SurveyLeg(survey, survey.legs[0]).count == 1000
+
+
+def test_swinging_scanner_runs_and_windows_paths_are_read(tmp_path: Path) -> None:
+    file = written(tmp_path, LEG, "tripod", "swing")
+    file.write_text(file.read_text().replace("scene.xml#s", ".\\scene.xml#s"))
+    survey = read_survey(file)
+    with pytest.raises(SpecError, match="202"):  # 1 kHz of pulses and 10 swings a second
+        SurveyLeg(survey, survey.legs[0])
+
+
+def test_materials_say_ground_reflectance_and_spectrum(tmp_path: Path) -> None:
+    (tmp_path / "m.mtl").write_text(
+        "newmtl a\nhelios_reflectance 0.2\nhelios_spectra rock\nnewmtl b c\nhelios_spectra rock\n"
+        "helios_isGround True\nnewmtl d\nKd 1 1 1\n"
+    )
+    spectra = tmp_path / "data/spectra"
+    spectra.mkdir(parents=True)
+    (spectra / "rock.txt").write_text("Name: Rock\n" * 26 + "1.0\t10.0\n2.0\t30.0\n")
+    known = read_materials(tmp_path / "m.mtl")
+    assert known["b c"].ground
+    near = tmp_path / "survey.xml"
+    assert known["a"].reflects(1550, near) == 0.2
+    assert known["b c"].reflects(1550, near) == pytest.approx(0.21)
+    assert known["d"].reflects(1550, near) == 0.5
+    assert Material(spectrum="../rock").reflects(1550, near) == 0.5
+
+
+def test_terrain_lies_where_a_geotiff_says(tmp_path: Path) -> None:
+    height = np.array([[1, 2, 3], [4, -9999, 6], [7, 8, 9], [1, 1, 1]], dtype=np.float32)
+    tags = TiffImagePlugin.ImageFileDirectory_v2()
+    tags[33550], tags.tagtype[33550] = (2.0, 2.0, 0.0), 12
+    tags[33922], tags.tagtype[33922] = (0.0, 0.0, 0.0, 474500.0, 5474500.0, 0.0), 12
+    tags[42113] = "-9999"
+    Image.fromarray(height).save(tmp_path / "dem.tif", tiffinfo=tags)
+    ground = read_terrain(tmp_path / "dem.tif", Material(ground=True))
+    assert ground.ground.all()
+    assert (
+        len(ground.triangles) == 6 + 2 - 2
+    )  # of two gaps in each row beside the hole one half is left
+    lowest = ground.vertices[np.argmin(ground.vertices[:, 0] + 1e3 * ground.vertices[:, 1])]
+    np.testing.assert_allclose(lowest, [474501.0, 5474500 - 7, 1])
+    assert not (ground.vertices[:, 2] == -9999).any()
+
+
+def test_points_become_voxels(tmp_path: Path) -> None:
+    (tmp_path / "p.xyz").write_text("# x y z\n0 0 0\n0.2 0.1 0\n2 2 2\n")
+    boxes = read_points(tmp_path / "p.xyz", " ", 1.0, Material())
+    assert len(boxes.triangles) == 2 * 12
+    a, b, c = np.moveaxis(boxes.vertices[boxes.triangles], 1, 0)
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
+    assert volume == pytest.approx(2.0)  # closed, and outwards
+
+
+def test_scene_far_away_is_computed_near_the_origin(tmp_path: Path) -> None:
+    file = written(tmp_path, LEG.replace('x="0" y="0"', 'x="500000" y="0"'))
+    scene = (tmp_path / "scene.xml").read_text()
+    scene = scene.replace('value="0;0;2"', 'value="500000;0;2"')
+    (tmp_path / "scene.xml").write_text(scene.replace('value="10;0;50"', 'value="500010;0;50"'))
+    survey = read_survey(file)
+    np.testing.assert_allclose(survey.offset, [500000, 0, 0])
+    np.testing.assert_allclose(survey.legs[0].start, [0, 0, 2])
+
+
+def peaks(place: np.ndarray, energy: np.ndarray, shape: np.ndarray, window: int) -> list[int]:
+    """Bins of echoes, one bin after the other."""
+    wave = np.zeros(place.max() + len(shape))
+    for at, light in zip(place, energy, strict=True):
+        wave[at : at + len(shape)] += light * shape
+    found = []
+    for i in range(len(wave)):
+        near = [*range(max(0, i - window) + 1, i)]
+        near += [*range(i + 1, min(len(wave), i + window))]
+        if wave[i] > 0 and all(0 < wave[j] < wave[i] for j in near):
+            found.append(i)
+    return found
+
+
+@pytest.mark.parametrize(("pulse_ns", "most"), [(4.0, 4), (2.0, 1)])
+def test_digitised_echoes_are_the_maxima_of_the_binned_waveform(pulse_ns: float, most: int) -> None:
+    rng = np.random.default_rng(3)
+    digitiser = Digitiser(3, 0.25, 1.0)
+    shape = pulse_shape(pulse_ns, 0.25)
+    bin_m = 0.25 * 0.299792458
+    pulse, distance, energy, expected = [], [], [], []
+    for number in range(200):
+        count = int(rng.integers(1, 20))
+        at = 30 + np.sort(rng.choice([0.3, 2.0, 20.0]) * rng.random(count))
+        light = rng.random(count) + 0.05
+        pulse += [number] * count
+        distance += at.tolist()
+        energy += light.tolist()
+        place = ((at - at.min()) / bin_m + 1e-9).astype(int)
+        expected.append(len(peaks(place, light, shape, 4)))
+    shuffled = rng.permutation(len(pulse))
+    given = np.array(pulse)[shuffled], np.arange(len(pulse))[shuffled] % 19
+    echoes = digitised(
+        *given, np.array(distance)[shuffled], np.array(energy)[shuffled], pulse_ns, digitiser
+    )
+    assert np.bincount(echoes.pulse, minlength=200).tolist() == expected
+    assert max(expected) >= most
+    assert echoes.energy.sum() == pytest.approx(sum(energy))
+    assert (np.diff(echoes.pulse) >= 0).all()
+    assert (echoes.pulse == np.array(pulse)[shuffled][echoes.contact]).all()
