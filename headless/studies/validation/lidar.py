@@ -48,7 +48,8 @@ Stems. Bark explains 0.2 cm of the 2.2 that the scan is short of the hand: a tap
 and reads 0.8 cm more than its area says, FORTLS's mean distance leaves part of them out. It is flat in range;
 the measured one grows from 1.3 to 3.3 cm and with the diameter, 7 % of it, and is larger of stems that are
 partly hidden (2.9 against 1.8 cm). Neither a tape nor that estimator makes 7 %, near by 4 %; growth since
-and how slices are thinned before the fit, are left and not known. Residuals of circles come from bark: 4.5 mm in
+and how
+slices are thinned before the fit, are left and not known. Residuals of circles come from bark: 4.5 mm in
 place of 1.7; the measured ones are 5 to 12.
 
 Gaps between returns of a VZ-400i agree without a dead zone: the length of the pulse alone makes that edge.
