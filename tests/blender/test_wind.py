@@ -195,3 +195,24 @@ def test_trees_sway_and_a_plate_nears_for_one_ping():
     trees = np.linalg.norm(speed[False], axis=1)
     assert 0.001 < trees.max() < 10
     assert result.audit.kept
+
+
+@pytest.mark.slow
+def test_what_comes_back_among_swaying_trees_is_met_again():
+    """A shell around the scanner is there for four frames, away for four, and there again for four."""
+    world = built(WINDY)
+    bpy.ops.mesh.primitive_ico_sphere_add(radius=1.0, location=SCAN.position)
+    shell = bpy.context.object
+    for frame, hidden in ((1, False), (5, True), (9, False), (13, True)):
+        shell.hide_viewport = shell.hide_render = hidden
+        shell.keyframe_insert("hide_viewport", frame=frame)
+        shell.keyframe_insert("hide_render", frame=frame)
+    bpy.context.scene.frame_set(1)
+    result = world.scan(SCAN.changed(motion=True))
+    ours = np.array(world.objects)[result.labels["object"]] == shell.name
+    frame = result.found.time * bpy.context.scene.render.fps
+    there = (frame < 4) | ((frame >= 8) & (frame < 12))
+    assert np.array_equal(ours, there)
+    assert (frame[ours] >= 8).sum() > 400
+    assert (result.labels["tree"][ours] == -1).all()
+    assert result.audit.kept
