@@ -96,7 +96,7 @@ def sum_delayed(
     the amplitudes, plus about 0.2 µs an echo at 1e-6.
     """
     delay = np.asarray(delay, dtype=np.float64)
-    direct = tolerance < 2.0 * ALIASING[-1] or len(delay) * count <= FEW
+    direct = summed_directly(len(delay), count, tolerance)
     given = np.ones((len(delay), 1)) if weights is None else weights
     spread = np.broadcast_to(np.asarray(spread, np.float64), delay.shape)
     task = _Task(amplitude, delay, given, start, spacing, count, ends)
@@ -106,6 +106,11 @@ def sum_delayed(
     else:
         found = _fast(task, tolerance, spread, smooth)
     return found if weights is not None else replace(found, spectrum=found.spectrum[0])
+
+
+def summed_directly(echoes: int, count: int, tolerance: float) -> bool:
+    """Return whether so many echoes are summed at each of ``count`` frequencies: few, or to all digits."""
+    return tolerance < 2.0 * ALIASING[-1] or echoes * count <= FEW
 
 
 def nodes_needed(

@@ -59,13 +59,18 @@ class State(RowTable):
         return State(**made)
 
 
-def at_rest(flight: Flight, position: np.ndarray, heading: np.ndarray) -> State:
-    """Flyers (N, 3) that set out along headings (N,), at their slowest or only speed."""
+def at_rest(
+    flight: Flight, position: np.ndarray, heading: np.ndarray, wind: np.ndarray | None = None
+) -> State:
+    """Flyers (N, 3) that set out along headings (N,), at their slowest or only speed through the air.
+
+    wind : (N, 3) m/s where they are; left out: the steady one of the settings.
+    """
     count = len(heading)
     speed = {"bat": flight.slowest, "quadrotor": 0.0}.get(flight.body, flight.speed)
     velocity = np.zeros((count, 3))
     velocity[:, 0], velocity[:, 1] = speed * np.cos(heading), speed * np.sin(heading)
-    velocity += flight.wind
+    velocity += flight.wind if wind is None else wind
     return State(
         np.array(position, dtype=np.float64),
         velocity,
@@ -97,12 +102,24 @@ def checked(flight: Flight, action: np.ndarray, count: int) -> np.ndarray:
     return np.clip(values, -1.0, 1.0)
 
 
-def move(flight: Flight, state: State, action: np.ndarray) -> tuple[State, np.ndarray]:
+def move(
+    flight: Flight, state: State, action: np.ndarray, wind: np.ndarray | None = None
+) -> tuple[State, np.ndarray]:
     """The state after a step, and the ends (N, K, 3) of the straight pieces that lead there.
 
-    action : (N, A), see ``checked``.
+    action : (N, A), see ``checked``. wind : (N, 3) m/s of the air during the step; left out: the steady one
+    of the settings.
     """
-    return MOVES[flight.body](flight, state, action)
+    air = np.array(flight.wind) if wind is None else wind
+    return MOVES[flight.body](flight, state, action, air)
+
+
+def carried(flight: Flight, state: State, change: np.ndarray) -> State:
+    """Flyers (N,) whose wind changes by (N, 3) m/s: a body that flies by its speed through the air keeps
+    that, and a quadrotor is pushed by drag."""
+    if flight.body == "quadrotor":
+        return state
+    return replace(state, velocity=state.velocity + change)
 
 
 def wrapped(angle: np.ndarray) -> np.ndarray:
@@ -111,9 +128,11 @@ def wrapped(angle: np.ndarray) -> np.ndarray:
     return turned
 
 
-def _bat(flight: Flight, state: State, action: np.ndarray) -> tuple[State, np.ndarray]:
+def _bat(
+    flight: Flight, state: State, action: np.ndarray, wind: np.ndarray
+) -> tuple[State, np.ndarray]:
     dt, most = flight.step, flight.acceleration
-    through = state.velocity - flight.wind
+    through = state.velocity - wind
     cos, sin = np.cos(state.heading), np.sin(state.heading)
     speed = through[:, 0] * cos + through[:, 1] * sin
     speed = np.clip(speed + action[:, 2] * (most * dt), flight.slowest, flight.speed)
@@ -122,36 +141,42 @@ def _bat(flight: Flight, state: State, action: np.ndarray) -> tuple[State, np.nd
     wanted = action[:, 1] * flight.climb
     rise = through[:, 2] + np.clip(wanted - through[:, 2], -most * dt, most * dt)
     velocity = np.stack([speed * np.cos(heading), speed * np.sin(heading), rise], axis=1)
-    return _straight(flight, state, velocity, heading)
+    return _straight(flight, state, velocity, heading, wind)
 
 
-def _planar(flight: Flight, state: State, action: np.ndarray) -> tuple[State, np.ndarray]:
+def _planar(
+    flight: Flight, state: State, action: np.ndarray, wind: np.ndarray
+) -> tuple[State, np.ndarray]:
     turn = min(np.deg2rad(flight.turn_rate_deg), flight.acceleration / flight.speed)
     heading = wrapped(state.heading + action[:, 0] * (turn * flight.step))
     level = np.zeros(len(heading))
     velocity = flight.speed * np.stack([np.cos(heading), np.sin(heading), level], axis=1)
-    return _straight(flight, state, velocity, heading)
+    return _straight(flight, state, velocity, heading, wind)
 
 
-def _bird(flight: Flight, state: State, action: np.ndarray) -> tuple[State, np.ndarray]:
+def _bird(
+    flight: Flight, state: State, action: np.ndarray, wind: np.ndarray
+) -> tuple[State, np.ndarray]:
     cos, sin, level = np.cos(state.course), np.sin(state.course), np.zeros(len(state))
     across = action[:, 0] * flight.sideways
     velocity = np.stack(
         [flight.speed * cos - across * sin, flight.speed * sin + across * cos, level], axis=1
     )
-    return _straight(flight, state, velocity, state.course)
+    return _straight(flight, state, velocity, state.course, wind)
 
 
 def _straight(
-    flight: Flight, state: State, through: np.ndarray, heading: np.ndarray
+    flight: Flight, state: State, through: np.ndarray, heading: np.ndarray, wind: np.ndarray
 ) -> tuple[State, np.ndarray]:
     """One straight piece at a velocity through the air, the wind added."""
-    velocity = through + flight.wind
+    velocity = through + wind
     place = state.position + velocity * flight.step
     return replace(state, position=place, velocity=velocity, heading=heading), place[:, None]
 
 
-def _quadrotor(flight: Flight, state: State, action: np.ndarray) -> tuple[State, np.ndarray]:
+def _quadrotor(
+    flight: Flight, state: State, action: np.ndarray, wind: np.ndarray
+) -> tuple[State, np.ndarray]:
     pieces = max(1, int(np.ceil(flight.step / PIECE - 1e-9)))
     dt, most = flight.step / pieces, np.deg2rad(flight.tilt_deg)
     drag = GRAVITY * np.tan(most) / flight.speed
@@ -172,7 +197,7 @@ def _quadrotor(flight: Flight, state: State, action: np.ndarray) -> tuple[State,
             flight.acceleration,
         )
         pull = np.stack([ahead * cos - left * sin, ahead * sin + left * cos, rise], axis=1)
-        through = velocity - flight.wind
+        through = velocity - wind
         pull[:, :2] -= drag * through[:, :2]
         velocity = velocity + pull * dt
         place = place + velocity * dt

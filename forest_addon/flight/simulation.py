@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..spec import Flight, SpecError
-from .bodies import State, at_rest, checked, move
+from .bodies import State, at_rest, carried, checked, move
 from .senses import EarSense, LidarSense, generator, odometry
 
 TRIES = 200  # places that are drawn for a start
@@ -71,6 +71,7 @@ class Flyers:
         self._rngs = [generator(0)] * count
         self._ball, self._room = np.zeros((count, 3)), np.full(count, -1.0)
         self._left = np.zeros(count)
+        self._air = np.tile(np.array(self.flight.wind), (count, 1))
         self._heard = np.zeros((count, *self.ears.shape)) if self.ears else None
 
     def start(
@@ -111,7 +112,8 @@ class Flyers:
             self.goal[row], self.from_[row] = target, place
             self.steps[row], self.flown[row] = 0, 0.0
             self._room[row] = -1.0
-            fresh = at_rest(flight, place[None], np.array([heading]))
+            self._air[row] = self._wind(place[None], np.zeros(1))[0]
+            fresh = at_rest(flight, place[None], np.array([heading]), self._air[[row]])
             self.state = self.state.put(np.array([row]), fresh)
         self._left = self._distance(self.state.position)
 
@@ -147,7 +149,12 @@ class Flyers:
         flight = self.flight
         action = checked(flight, action, self.count)
         before = self.state
-        after, corners = move(flight, before, action)
+        if self.world.gusts is None:
+            after, corners = move(flight, before, action)
+        else:
+            air = self._wind(before.position, self.steps * flight.step)
+            after, corners = move(flight, carried(flight, before, air - self._air), action, air)
+            self._air = air
         crashed, arrived = np.zeros(self.count, bool), np.zeros(self.count, bool)
         here, place, way = before.position, after.position, np.zeros(self.count)
         for piece in range(corners.shape[1]):
@@ -180,6 +187,18 @@ class Flyers:
         self.flown += way
         late = (self.steps >= flight.steps) & ~crashed & ~arrived
         return Outcome(reward, crashed, arrived, late, way)
+
+    def _wind(self, place: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """(N, 3) m/s of the wind at places (N, 3) and times (N,), s: the steady one, and that of the scene
+        with its gusts."""
+        steady = np.tile(np.array(self.flight.wind), (len(place), 1))
+        field = self.world.gusts
+        if field is None:
+            return steady
+        above = place - np.column_stack(
+            [np.zeros((len(place), 2)), self.world.ground(place[:, :2])]
+        )
+        return np.asarray(steady + field.at(above, time))
 
     def _touched(
         self, here: np.ndarray, there: np.ndarray, length: np.ndarray

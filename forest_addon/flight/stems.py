@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from ..sensing.rays.caster import Hits, unit_columns
 from ..sensing.rays.geometry import SceneGeometry
+from ..stand.wind.field import WindField
 from .obstacles import StemObstacles
 
 
@@ -60,13 +61,14 @@ class StemCaster:
 class StemWorld:
     """A forest of trunks that ``simulation.Flyers`` fly in.
 
-    low, high : (2,) of the field, metres.
+    low, high : (2,) of the field, metres. gusts : the wind that carries flyers, None where there is none.
     """
 
     def __init__(
         self, position: np.ndarray, radius: np.ndarray, low: np.ndarray, high: np.ndarray
     ) -> None:
         self.field = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+        self.gusts: WindField | None = None
         self.caster = StemCaster(position, radius)
         self.obstacles = StemObstacles(position, radius)
         none = np.empty(0, dtype=np.int64)

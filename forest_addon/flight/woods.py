@@ -22,6 +22,7 @@ from ..sensing.rays.geometry import SceneGeometry
 from ..sensing.sonar.targets import EchoTargets
 from ..spec import Scene, SpecError
 from ..stand.forest import GrownForest
+from ..stand.wind.field import WindField
 from .obstacles import MeshObstacles, Obstacles
 from .solids import Solid
 
@@ -33,7 +34,7 @@ class FlightSurroundings:
     """A world as a flyer meets it.
 
     settings : of its scene. stock : whose meshes it stands of. forest : its stand and trees, None of a scene
-    that was not grown here. obstacles : what stops.
+    that was not grown here. obstacles : what stops. seed : of its forest and its gusts.
     """
 
     settings: Scene
@@ -41,6 +42,7 @@ class FlightSurroundings:
     geometry: SceneGeometry
     obstacles: Obstacles
     forest: GrownForest | None = None
+    seed: int = 0
 
     @cached_property
     def caster(self) -> RayCaster:
@@ -61,6 +63,14 @@ class FlightSurroundings:
     def targets(self) -> EchoTargets:
         """Return what sounds back."""
         return EchoTargets(self.geometry, self.stock.targets)
+
+    @cached_property
+    def gusts(self) -> WindField | None:
+        """The wind that carries flyers, by heights above the ground; None without wind or trees."""
+        from ..stand.wind.sway import sway_of
+
+        sway = self.forest and sway_of(self.forest, self.settings.wind, self.seed)
+        return sway.field if sway else None
 
     @property
     def field(self) -> tuple[np.ndarray, np.ndarray]:
@@ -121,11 +131,13 @@ class Stock:
         """The forest of a seed; None: of the scene's own, or what stands in Blender."""
         if self._site is None:
             obstacles = MeshObstacles(self._geometry, self.solids)
-            return FlightSurroundings(self.settings, self, self._geometry, obstacles, self._grown)
-        forest = self._forest(self.settings.seed if seed is None else seed)
+            given = self.settings, self, self._geometry, obstacles, self._grown
+            return FlightSurroundings(*given, self.settings.seed)
+        seed = self.settings.seed if seed is None else seed
+        forest = self._forest(seed)
         geometry = self._placed(forest)
         return FlightSurroundings(
-            self.settings, self, geometry, MeshObstacles(geometry, self.solids), forest
+            self.settings, self, geometry, MeshObstacles(geometry, self.solids), forest, seed
         )
 
     def built(self, forest: GrownForest) -> World:

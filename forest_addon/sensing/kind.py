@@ -73,6 +73,10 @@ class Seen(Protocol):
         """The same without leaves."""
         ...
 
+    def moving_wood(self, sensor: Sensor) -> Any:
+        """Rays that pass leaves in the scene as it moves while a sensor looks."""
+        ...
+
     def once(self, make: Callable[..., T], *of: Any) -> T:
         """``make(self, *of)``, made the first time that it is asked for."""
         ...
@@ -84,7 +88,8 @@ class Observation:
 
     sensor : its settings, with nothing left to "auto". seen : the scene. settings : the scene's.
     folder : that files named in the settings are relative to. trajectory : where it goes; None: it stays.
-    moving : a ``MovingCaster`` of a scene that moves meanwhile; None: it stands still.
+    moving : a ``MovingCaster`` of a scene that moves meanwhile; None: it stands still. start : s, when a
+    sensor that stays looks at that.
     """
 
     sensor: Any
@@ -93,6 +98,7 @@ class Observation:
     folder: Path = Path()
     trajectory: Trajectory | None = None
     moving: Any = None
+    start: float = 0.0
 
     @property
     def caster(self) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from .base import Settings, SpecError, param
-from .parts import azimuth, kind, output_name, place, range_limit
+from .parts import azimuth, kind, motion, output_name, place, range_limit
 from .sensor import Sensor
 
 
@@ -193,11 +193,7 @@ class Scanner(Sensor):
     surfaces: Surfaces = param(Surfaces(), help="reflectance and transmittance")
     receiver: Receiver = param(Receiver(), help="which echoes become returns")
     noise: Noise = param(Noise(), help="what is measured wrongly")
-    motion: bool = param(
-        False,
-        help="animated objects are where they are at the time of each pulse, counted from the scene's first "
-        "frame; left out: all stands as at the present frame",
-    )
+    motion: bool = motion()
 
     def check(self) -> None:
         if self.min_range >= self.max_range:

@@ -43,6 +43,15 @@ def beam_width(default: float, what: str) -> Any:
     return param((default, default), unit="deg", help=words, gt=0, le=360)
 
 
+def motion() -> Any:
+    """The switch by which a sensor heeds that a scene moves."""
+    words = (
+        "animated objects are where they are at the time of each pulse or ping, counted from the scene's "
+        "first frame; left out: all stands as at the present frame"
+    )
+    return param(False, help=words)
+
+
 def range_limit(default: float) -> Any:
     """The distance beyond which light is not seen, metres."""
     return param(default, unit="m", help="nothing farther is seen", gt=0, le=1e5)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from .base import SpecError, param
-from .parts import PATTERNS, azimuth, beam_width, elevation, kind, output_name, place
+from .parts import PATTERNS, azimuth, beam_width, elevation, kind, motion, output_name, place
 from .sensor import Sensor
 
 HORSESHOE_BAND = (60e3, 80e3)  # Hz, of the call whose beam width Tanveer et al. (2020a) give
@@ -40,6 +40,7 @@ class Sonar(Sensor):
         le=100,
     )
     doppler: bool = param(False, help="shift the echoes of a call by the speed")
+    motion: bool = motion()
     beam: str = param(
         "gaussian",
         help="how the call spreads: a Gaussian of the width below, the "

@@ -8,6 +8,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from forest_addon import api as forest
+from forest_addon.sensing.sonar.doppler import factors
+from forest_addon.sensing.sonar.station import Equipment, Station
 
 SPEED, RATE = 3.0, 0.8  # m/s, rad/s
 FAR = 12.0
@@ -187,3 +189,75 @@ def test_places_never_fill_the_memory(scene, monkeypatch):
     monkeypatch.setattr(module, frames * bytes_a_frame - 1)
     with pytest.raises(forest.SpecError, match="2 objects, more than are kept"):
         forest.current().scan(FAN)
+
+
+PING = forest.Sonar(
+    position=(0, 0, 0), beam="omni", call="fm", doppler=True, motion=True, tolerance=1e-8
+)
+
+
+def shifts(result, echo):
+    """Doppler factors of an echo's paths, its largest group."""
+    group = max(echo.groups, key=len)
+    station = Station(result.sensor, forest.Air(), echo.pose, Equipment.of(result.sensor))
+    return group, factors(group, station, 0)
+
+
+def test_a_ping_hears_a_plate_where_it_is_at_the_present_frame(scene):
+    """Once it stays, the sonar pings at the present frame; Doppler by the closed form."""
+    bpy.data.objects.remove(bpy.data.objects["wall"])
+    hub = bpy.data.objects.new("hub", None)
+    bpy.context.collection.objects.link(hub)
+    plate = bpy.data.objects["plate"]
+    plate.parent = hub
+    keyed(hub, "location", [(0, 0, 0), (-4 * SPEED, 0, 0)], (1, 97))
+    scene.frame_set(49)
+    result = forest.current().ping(PING)
+    group, alpha = shifts(result, result.found)
+    glint = int(np.argmin(group.paths.distance))
+    place, c = FAR - 2 * SPEED, result.found.sound_speed
+    assert result.found.pose.time == 2.0
+    assert group.paths.distance[glint] == pytest.approx(place, rel=1e-6)
+    assert alpha[glint] == pytest.approx((c + SPEED) / (c - SPEED), rel=1e-6)
+    assert result.audit.kept
+    assert scene.frame_current == 49
+    still = forest.current().ping(PING.changed(motion=False))
+    group, alpha = shifts(still, still.found)
+    assert group.paths.distance.min() == pytest.approx(place, rel=1e-6)
+    assert np.allclose(alpha, 1.0)
+
+
+def test_pings_along_what_is_followed_hear_the_scene_at_their_times(scene):
+    speed = SPEED / 2
+    bpy.data.objects.remove(bpy.data.objects["wall"])
+    keyed(bpy.data.objects["plate"], "location", [(FAR, 0, 0), (FAR - 4 * speed, 0, 0)], (1, 97))
+    bat = bpy.data.objects.new("bat", None)
+    bpy.context.collection.objects.link(bat)
+    keyed(bat, "location", [(0, 0, 0), (4, 0, 0)], (1, 97))  # 1 m/s towards the plate
+    scene.frame_end = 97
+    scene.frame_set(1)
+    result = forest.current().ping(PING.changed(follow="bat", poses=5))
+    for number, echo in enumerate(result.found.echoes):
+        group, alpha = shifts(result, echo)
+        glint, c = int(np.argmin(group.paths.distance)), echo.sound_speed
+        assert echo.pose.time == pytest.approx(number)
+        place = FAR - (speed + 1) * number
+        assert group.paths.distance[glint] == pytest.approx(place, abs=2e-6)
+        both = (c + 1) / (c - 1) * (c + speed) / (c - speed)
+        assert alpha[glint] == pytest.approx(both, rel=1e-5)
+    assert result.audit.kept
+
+
+def test_what_bends_is_said_of_a_ping(scene):
+    plate = bpy.data.objects["plate"]
+    plate.shape_key_add(name="rest")
+    key = plate.shape_key_add(name="out")
+    for point in key.data:
+        point.co.z += 1.0
+    key.value = 0.0
+    key.keyframe_insert("value", frame=1)
+    key.value = 1.0
+    key.keyframe_insert("value", frame=49)
+    scene.frame_set(1)
+    result = forest.current().ping(PING)
+    assert any("not how it bends" in words for words in result.warnings)

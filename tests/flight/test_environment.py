@@ -201,3 +201,24 @@ def test_single_precision_is_the_same_flight_rounded(env):
         seen, rounded = (e.step(np.array([0.25, 0.5, 0.125]))[0] for e in (plain, half))
     with pytest.raises(forest.SpecError, match="dtype"):
         FlightEnv(SCENE, dtype="float16")
+
+
+@pytest.mark.slow
+def test_the_wind_of_a_scene_carries_flyers_and_a_seed_repeats_it():
+    """Another forest has other gusts; a wind of 0 is none, to the byte."""
+    ways = {}
+    for name, speed in (("still", None), ("calm", 0.0), ("windy", 9.0)):
+        scene = SCENE if speed is None else SCENE.changed(wind=forest.Wind(speed=speed))
+        ways[name] = FlightEnv(scene)
+    seen = {name: fly(made, 2) for name, made in ways.items()}
+    assert same(seen["still"], seen["calm"])
+    assert not same(seen["still"], seen["windy"])
+    assert same(fly(ways["windy"], 2), seen["windy"])
+    gusts = ways["windy"].flights.surroundings.gusts
+    made = FlightEnv(SCENE.changed(wind=forest.Wind(speed=9.0)))
+    made.reset(seed=3)
+    assert not np.array_equal(made.flights.surroundings.gusts.phase, gusts.phase)
+    state = ways["windy"].flights.flyers.state
+    ground = made.flights.surroundings.ground(state.position[:, :2])
+    above = state.position - [0.0, 0.0, ground[0]]
+    assert 0 < gusts.mean(above[:, 2])[0] < 9.0 or above[0, 2] > gusts.height

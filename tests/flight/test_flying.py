@@ -13,7 +13,8 @@ from forest_addon.flight.senses import LIDAR, LidarSense
 from forest_addon.flight.simulation import Flyers
 from forest_addon.flight.statistics import area_under_curve, discriminant, interval
 from forest_addon.flight.stems import StemCaster, StemWorld
-from forest_addon.spec import Flight, SpecError
+from forest_addon.spec import Flight, SpecError, Wind
+from forest_addon.stand.wind.field import WindField
 
 ALONG = Flight(aim="heading", distance=30.0, start=(0.0, 0.0, 1.5), steps=400, speed=4.0, step=0.1)
 NONE = np.empty((0, 2))
@@ -206,3 +207,64 @@ def test_flight_needs_neither_blender_nor_gymnasium_for_this():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+GUSTS = WindField.drawn(
+    Wind(speed=4.0, direction_deg=90.0, turbulence=0.3), 12.0, np.full(10, 0.03), 7
+)
+
+
+@pytest.mark.parametrize("body", ["bat", "planar", "bird"])
+def test_gusts_carry_a_flyer_by_the_wind_along_its_way(body):
+    """Straight ahead through the air: over ground it is off by the sum of the wind that it met."""
+    places = {}
+    for gusts in (None, GUSTS):
+        where = world()
+        where.gusts = gusts
+        flight = ALONG.changed(body=body, wind=(0.3, -0.2, 0.0))
+        made = flyers(flight, where, lidar=False)
+        made.start([0], [3])
+        way = [made.state.position[0].copy()]
+        none = np.zeros((1, {"bat": 3}.get(body, 1)))
+        for _ in range(40):
+            made.step(none)
+            way.append(made.state.position[0].copy())
+        places[gusts is None] = np.array(way)
+    still, blown = places[True], places[False]
+    time = 0.1 * np.arange(40)
+    pushed = 0.1 * np.cumsum(GUSTS.at(blown[:-1], time), axis=0)
+    apart = blown[1:] - still[1:]
+    assert np.allclose(apart[:, :2], pushed[:, :2], atol=1e-9)
+    if body != "bat":
+        assert np.allclose(apart[:, 2], pushed[:, 2], atol=1e-9)
+    assert np.linalg.norm(pushed[-1]) > 0.5
+
+
+def test_a_quadrotor_drifts_with_the_wind_by_its_drag():
+    """Hovering, each step's acceleration is drag times the speed of the air past it."""
+    where = world()
+    where.gusts = GUSTS
+    flight = ALONG.changed(body="quadrotor", step=0.02)
+    made = flyers(flight, where, lidar=False)
+    made.start([0], [3])
+    drag = 9.81 * np.tan(np.deg2rad(flight.tilt_deg)) / flight.speed
+    for step in range(50):
+        place, velocity = made.state.position.copy(), made.state.velocity[0].copy()
+        air = GUSTS.at(place, np.array([0.02 * step]))[0]
+        made.step(np.zeros((1, 4)))
+        gained = (made.state.velocity[0] - velocity)[:2] / 0.02
+        assert np.allclose(gained, drag * (air - velocity)[:2], atol=1e-9)
+
+
+def test_the_wind_of_a_flyer_is_the_same_among_others_and_again():
+    where = world()
+    where.gusts = GUSTS
+    ways = []
+    for seeds in ([5], [9, 5], [5]):
+        made = flyers(ALONG.changed(start=None), where, len(seeds), lidar=False)
+        made.start(range(len(seeds)), seeds)
+        for _ in range(20):
+            made.step(np.zeros((len(seeds), 3)))
+        ways.append(made.state.position[-1])
+    assert np.array_equal(ways[0], ways[2])
+    assert np.allclose(ways[0], ways[1], atol=1e-12)

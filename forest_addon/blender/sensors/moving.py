@@ -35,11 +35,12 @@ def moving_caster(
     seconds: float,
     make: Callable[[SceneGeometry], RayCaster],
     engine: MakeMotion | None = None,
+    begin: float = 0.0,
 ) -> MovingCaster:
     """A caster of a scene whose instances are where Blender has them at each ray's time.
 
-    scene : as it is evaluated at the present frame. seconds : that are looked at, from the first frame on.
-    make, engine : see ``MovingCaster``.
+    scene : as it is evaluated at the present frame. seconds : that are looked at, from ``begin`` s after the
+    first frame on. make, engine : see ``MovingCaster``.
 
     Raises
     ------
@@ -47,7 +48,8 @@ def moving_caster(
     """
     place = bpy.context.scene
     rate = place.render.fps / place.render.fps_base
-    count = max(1, math.ceil(seconds * rate - 1e-9))
+    first = math.floor(begin * rate + 1e-9)
+    count = max(1, math.ceil((begin + seconds) * rate - 1e-9) - first)
     if count > MOST_FRAMES:
         raise SpecError(
             "motion",
@@ -61,7 +63,7 @@ def moving_caster(
             f"most {most / rate:.3g} s of it",
         )
     with _SceneInTime(place) as reader:
-        frames = np.arange(count + 1, dtype=float)
+        frames = first + np.arange(count + 1, dtype=float)
         samples = reader.at(frames)
         now = reader.now()
         tracks = _tracks(scene, now, frames / rate, samples)
@@ -70,7 +72,7 @@ def moving_caster(
             middle = (frames[:-1] + frames[1:]) / 2
             between = reader.at(middle)
             off, bent = tracks.off(middle / rate, between)
-            frames = np.linspace(0, count, 2 * len(middle) + 1)
+            frames = np.linspace(first, first + count, 2 * len(middle) + 1)
             pairs = zip(samples[:-1], between, strict=True)
             samples = [*(one for pair in pairs for one in pair), samples[-1]]
             tracks = _tracks(scene, now, frames / rate, samples)

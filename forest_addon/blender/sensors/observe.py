@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import bpy
 import numpy as np
@@ -34,7 +34,7 @@ from ..read.kept import kept
 from ..scene.asset_truth import placed_trees
 from ..scene.nodes import in_full
 from .following import SceneFollower
-from .moving import WITHIN, moving_caster
+from .moving import WITHIN, moving_caster, seconds_of
 
 T = TypeVar("T")
 ENDS = {"SPEAKER", "EMPTY", "CAMERA"}  # what can be a source or a receiver
@@ -61,6 +61,8 @@ class Observer:
         self.expansions = Expansions() if expansions is None else expansions
         self._made: dict[Any, Any] = {}
         self._moving: dict[Sensor, TimedCaster] = {}
+        self._moving_wood: dict[Sensor, TimedCaster] = {}
+        self._begins: dict[Sensor, float] = {}
         self._sway: Swaying | None = None
         self._start = 0.0
 
@@ -136,16 +138,35 @@ class Observer:
         seconds = kind_of(sensor).lasts(sensor, way)
         sways = self._sway is not None and kind_of(sensor).sways and kind_of(sensor).timed
         self._moving.pop(sensor, None)
+        self._moving_wood.pop(sensor, None)
+        self._begins.pop(sensor, None)
         if seconds > 0:
             make = partial(make_caster, rays=self.rays)
             scene = self.in_pieces().still if sways else self.geometry
-            moving: TimedCaster = moving_caster(scene, seconds, make, motion_engine(self.rays))
+            begin = 0.0
+            if kind_of(sensor).moves and way is None:  # it stays, and looks at the present frame
+                begin = self._begins[sensor] = max(seconds_of(bpy.context.scene), 0.0)
+            engine = motion_engine(self.rays)
+            moving: TimedCaster = moving_caster(scene, seconds, make, engine, begin)
             if sways:
                 given = self.in_pieces(), self._sway, moving, make, piece_engine(self.rays)
                 moving = SwayingCaster(*given)
             self._moving[sensor] = moving
-        elif sways:
+        elif sways and not kind_of(sensor).listens:  # a sonar asks for what it needs
             self._moving[sensor] = self.swaying
+
+    def moving_wood(self, sensor: Sensor) -> TimedCaster:
+        """Rays that pass leaves in the scene as it moves while a sensor looks, which was prepared."""
+        if sensor not in self._moving_wood:
+            moving = self._moving[sensor]
+            if isinstance(moving, SwayingCaster):
+                make, engine = partial(make_caster, rays=self.rays), piece_engine(self.rays)
+                still = cast(MovingCaster, moving.still).solid()
+                given = self.in_pieces(True), self._sway, still, make, engine
+                self._moving_wood[sensor] = SwayingCaster(*given)
+            else:
+                self._moving_wood[sensor] = cast(MovingCaster, moving).solid()
+        return self._moving_wood[sensor]
 
     def eyes(self, sensor: Sensor) -> Any:
         """Rays of a sensor: of the scene as it stands, or as it moves, where that was prepared."""
@@ -191,6 +212,11 @@ class Observer:
             said.append(
                 f"{sensor.name}: what changes its shape may be {moving.bent:.1g} m off between frames; raise "
                 "the frame rate for less"
+            )
+        if moving is not None and moving.bends and kind_of(sensor).listens:
+            said.append(
+                f"{sensor.name}: what changes its shape is heard as it is at each ping; Doppler knows how it "
+                "goes and turns, not how it bends"
             )
         return *said, *(
             f"{sensor.name} stands inside tree {tree}, at "
@@ -246,7 +272,8 @@ class Observer:
         if moving is None:
             self.prepare(sensor, way)
             moving = self._moving.get(sensor)
-        return Observation(sensor, self, settings, folder, way, moving)
+        begin = self._begins.get(sensor, 0.0)
+        return Observation(sensor, self, settings, folder, way, moving, begin)
 
     @staticmethod
     def way(sensor: Sensor, folder: Path = Path()) -> Any:

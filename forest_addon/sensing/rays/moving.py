@@ -12,11 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...base.trimesh import LEAF
 from .caster import Hits, RayCaster, hit_normals, unit_columns
 from .exact import ExactCaster, meet
 from .geometry import SceneGeometry, invert_transforms
 from .parts import MotionEngine, PartByPart, chosen
-from .paths import SceneMotion, corners_at_rest
+from .paths import SceneMotion, ShapePath, corners_at_rest
 from .referee import Referee
 
 
@@ -25,6 +26,7 @@ class TimedCaster(ABC):
 
     scene : what hits are numbered by. within : metres by which places may be off between two samples, bent :
     and points of what changes its shape. held : names of objects that stand still between samples.
+    bends : whether anything changes its shape.
     """
 
     engine: str
@@ -32,6 +34,7 @@ class TimedCaster(ABC):
     within: float = 0.0
     bent: float = 0.0
     held: tuple[str, ...] = ()
+    bends: bool = False
 
     @abstractmethod
     def cast(
@@ -155,6 +158,8 @@ class MovingCaster(TimedCaster):
     ) -> None:
         self.scene, self.motion = scene, motion
         self.within, self.bent, self.held = motion.within, motion.bent, motion.held
+        self.bends = any(len(shape.time) > 1 for shape in motion.shapes.values())
+        self._make, self._engine = make, engine
         self._still: RayCaster | None = None if motion.paths else make(scene)
         self._rays: MotionEngine | None = None
         if self._still is None:
@@ -165,6 +170,16 @@ class MovingCaster(TimedCaster):
     def exactly(self, true: SceneGeometry | None = None) -> MovingCaster:
         scene = self.scene if true is None else self._extended(true)
         return MovingCaster(scene, self.motion, ExactCaster)
+
+    def solid(self) -> MovingCaster:
+        """The same motion without leaves."""
+        scene, shapes = self.scene, {}
+        for number, shape in self.motion.shapes.items():
+            mesh = scene.meshes[scene.mesh_index[number]]
+            kept = np.unique(mesh.triangles[mesh.part != LEAF])
+            shapes[number] = ShapePath(shape.time, shape.vertices[:, kept])
+        motion = replace(self.motion, shapes=shapes)
+        return MovingCaster(scene.solid(), motion, self._make, self._engine)
 
     def cast(
         self,

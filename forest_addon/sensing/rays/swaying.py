@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -52,8 +53,9 @@ class SwayingCaster(TimedCaster):
         start: float = 0.0,
     ) -> None:
         self.cut, self._sway, self._still, self._start = cut, sway, still, start
-        self.scene, self.engine = cut.scene, still.engine
+        self.scene, self.engine = _with_runs(cut, still.scene), still.engine
         self.within, self.bent, self.held = still.within, still.bent, still.held
+        self.bends = still.bends
         self._make = make
         self._first = len(cut.read.meshes) + 1  # mesh of the first piece
         self._window = _engine_of(cut, make, engine)
@@ -67,6 +69,11 @@ class SwayingCaster(TimedCaster):
         self._hull = low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf)
         self._boxes = BoxTree(low - WIDER, high + WIDER)
 
+    @property
+    def still(self) -> TimedCaster:
+        """Rays at what does not sway."""
+        return self._still
+
     def exactly(self, true: SceneGeometry | None = None) -> SwayingCaster:
         """The same motion in float64; the true scene is its own, in pieces."""
         other = copy(self)
@@ -77,10 +84,9 @@ class SwayingCaster(TimedCaster):
 
     def corners(self, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray) -> np.ndarray:
         found = np.empty((len(instance), 3, 3))
-        whole = instance < self.cut.count
-        rows = np.flatnonzero(whole)
-        found[rows] = self._still.corners(instance[rows], triangle[rows], time[rows])
-        rows = np.flatnonzero(~whole)
+        rows, number = self._standing(instance)
+        found[rows] = self._still.corners(number, triangle[rows], time[rows])
+        rows = self._swaying(instance)
         at = self._moved(instance[rows] - self.cut.count, time[rows])[0]
         own = corners_at_rest(self.scene, instance[rows], triangle[rows])
         found[rows] = np.einsum("rij,rkj->rki", at[:, :, :3], own) + at[:, None, :, 3]
@@ -101,8 +107,13 @@ class SwayingCaster(TimedCaster):
         near = np.broadcast_to(np.asarray(min_distance, dtype=np.float64), len(origins))
         far = np.array(np.broadcast_to(max_distance, len(origins)), dtype=np.float64)
         count = self.cut.count
-        left = None if leaving is None else _among(leaving, leaving.instance < count, 0)
+        left = None
+        if leaving is not None:
+            stand, own = self._standing(leaving.instance)
+            left = replace(leaving, instance=np.full(len(leaving.instance), -1))
+            left.instance[stand] = own
         best = self._still.cast(origins, ways, far, time=time, min_distance=near, leaving=left)
+        best.instance[best.instance >= count] += len(self.cut.owner)
         limit = np.minimum(far, best.distance)
         begin = np.maximum(near, 0.0)
         sound = np.isfinite(origins.sum(axis=1) + ways.sum(axis=1)) & (begin <= limit)
@@ -171,10 +182,10 @@ class SwayingCaster(TimedCaster):
 
     def normals(self, hits: Hits, time: np.ndarray) -> np.ndarray:
         found = np.full((len(time), 3), np.nan)
-        whole = hits.instance < self.cut.count
-        rows = np.flatnonzero(whole)
-        found[rows] = self._still.normals(hits.select(rows), time[rows])
-        rows = np.flatnonzero(~whole)
+        rows, number = self._standing(hits.instance)
+        mine = replace(hits.select(rows), instance=number)
+        found[rows] = self._still.normals(mine, time[rows])
+        rows = self._swaying(hits.instance)
         places = self._moved(hits.instance[rows] - self.cut.count, time[rows])[0]
         found[rows] = hit_normals(self.scene, hits.select(rows), places)
         return found
@@ -183,12 +194,11 @@ class SwayingCaster(TimedCaster):
         self, points: np.ndarray, instance: np.ndarray, triangle: np.ndarray, time: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         velocity, rest = np.zeros_like(points), points.copy()
-        whole = instance < self.cut.count
-        rows = np.flatnonzero(whole)
+        rows, number = self._standing(instance)
         velocity[rows], rest[rows] = self._still.velocities(
-            points[rows], instance[rows], triangle[rows], time[rows]
+            points[rows], number, triangle[rows], time[rows]
         )
-        rows = np.flatnonzero(~whole)
+        rows = self._swaying(instance)
         pieces = instance[rows] - self.cut.count
         at, rate = self._moved(pieces, time[rows])
         inverse = invert_transforms(at)
@@ -200,13 +210,27 @@ class SwayingCaster(TimedCaster):
 
     def known(self, instance: np.ndarray, triangle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         instance, triangle = np.array(instance), np.array(triangle)
-        rows = np.flatnonzero(instance >= self.cut.count)
+        rows, number = self._standing(instance)
+        instance[rows], triangle[rows] = self._still.known(number, triangle[rows])
+        rows = self._swaying(instance)
         mesh = self.scene.mesh_index[instance[rows]]
         for number in np.unique(mesh).tolist():
             some = rows[mesh == number]
             triangle[some] = self.cut.triangle[number][triangle[some]]
         instance[rows] = self.cut.owner[instance[rows] - self.cut.count]
         return instance, triangle
+
+    def _swaying(self, instance: np.ndarray) -> np.ndarray:
+        """The rows of instances (R,) that are pieces."""
+        last = self.cut.count + len(self.cut.owner)
+        return np.flatnonzero((instance >= self.cut.count) & (instance < last))
+
+    def _standing(self, instance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The rows of instances (R,) that are none, and their numbers among what does not sway."""
+        count, pieces = self.cut.count, len(self.cut.owner)
+        rows = np.flatnonzero((instance < count) | (instance >= count + pieces))
+        number = instance[rows]
+        return rows, np.where(number < count, number, number - pieces)
 
     def _moved(self, piece: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(R, 3, 4) local to world of pieces at times, s, and its rate, 1/s."""
@@ -276,6 +300,26 @@ class SwayingCaster(TimedCaster):
         centre = stands[:, :3] @ middle + stands[:, 3]
         out = np.abs(stands[:, :3]) @ half + size * most
         return centre - out, centre + out
+
+
+def _with_runs(cut: SwayingScene, still: SceneGeometry) -> SceneGeometry:
+    """The scene in pieces, and behind them the instances that a moving scene has at other times."""
+    more = np.arange(cut.count, len(still))
+    if not len(more):
+        return cut.scene
+    scene, first = cut.scene, len(cut.read.meshes) + 1
+    mesh = still.mesh_index[more]
+    mesh = np.where(mesh < first, mesh, mesh - first + len(scene.meshes))
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(scene, name), getattr(still, name)[more]])
+        for name in ("transform", "tree", "species", "object_index", "reflectance")
+    }
+    listed: dict[str, Any] = {
+        name: (*kept, *getattr(still, name)[first:])
+        for name in ("meshes", "slot_reflectance", "asset", "slot_names")
+        if (kept := getattr(scene, name))
+    }
+    return replace(scene, mesh_index=np.concatenate([scene.mesh_index, mesh]), **joined, **listed)
 
 
 def _engine_of(

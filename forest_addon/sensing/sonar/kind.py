@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from ..trajectory import Follower, Trajectory
 
 PING = 0.1  # s, a first guess
+MOMENT = 1e-3  # s, that a scene is looked at for a ping
 RAYS = 8  # lines from a sonar to the contour of its beam
 TABLE = 1e-5  # of its value straight on, that the exact disc is looked up within
 FORMULA = 1e-4  # far below the per cents that physical optics and the paper's fit are off by
@@ -40,22 +42,53 @@ def targets_of(seen: Seen) -> Any:
     return EchoTargets(seen.geometry, wind=EchoWind(seen.geometry, *seen.sway))
 
 
+def _targets(job: Observation) -> Any:
+    """Return what sounds back, as it moves where that is asked for."""
+    still = job.seen.once(targets_of)
+    if not job.sensor.motion or job.moving is None:
+        return still
+    from .targets import EchoTargets
+    from .windy import EchoMotion, EchoWind
+
+    geometry, moving, sway = job.seen.geometry, job.moving, job.seen.sway
+    wind = None if sway is None else EchoWind(geometry, sway[0])
+    if wind is not None:
+        moving = moving.still
+    return EchoTargets(geometry, still, wind, EchoMotion(moving, geometry, wind))
+
+
+def _casters(job: Observation) -> tuple[Any, Any]:
+    """Rays that pass leaves and rays that meet everything, None where ``shading`` has no use for them."""
+    sonar, seen = job.sensor, job.seen
+    moves = sonar.motion and job.moving is not None
+    wood = everything = None
+    if "trunks" in sonar.shading:
+        wood = seen.moving_wood(sonar) if moves else seen.swaying_wood
+    if "extinction" in sonar.shading:
+        everything = job.moving if moves else seen.swaying
+    return wood, everything
+
+
+def _lasts(sonar: Sonar, trajectory: Any) -> float:
+    """Seconds of a scene that moves until the last ping."""
+    if not sonar.motion:
+        return 0.0
+    return MOMENT + (0.0 if trajectory is None else float(np.max(trajectory.time)))
+
+
 def _listen(job: Observation, progress: Progress | None) -> Any:
     """One ping, or one from every pose of a route."""
     from .equipment_files import equip
     from .flight import fly
     from .ping import ping
-    from .poses import poses_of
+    from .poses import posed, poses_of
 
-    sonar, seen, air = job.sensor, job.seen, job.settings.air
-    targets = seen.once(targets_of)
-    given: dict[str, Any] = {
-        "equipment": equip(sonar, job.folder),
-        "everything": seen.swaying if "extinction" in sonar.shading else None,
-    }
-    wood = seen.swaying_wood if "trunks" in sonar.shading else None
+    sonar, air, targets = job.sensor, job.settings.air, _targets(job)
+    wood, everything = _casters(job)
+    given: dict[str, Any] = {"equipment": equip(sonar, job.folder), "everything": everything}
     if job.trajectory is None:
-        return ping(targets, sonar, air, wood, progress, **given)
+        pose = replace(posed(sonar), time=job.start)
+        return ping(targets, sonar, air, wood, progress, pose=pose, **given)
     return fly(targets, sonar, air, poses_of(job.trajectory), wood, progress, **given)
 
 
@@ -63,15 +96,14 @@ def _audit(job: Observation, found: Any, seconds: float) -> Audit:
     from .audit import audit_echoes
     from .equipment_files import equip
 
-    sonar, seen, settings = job.sensor, job.seen, job.settings
+    sonar, settings = job.sensor, job.settings
     echoes = (found,) if job.trajectory is None else found.echoes
-    casters = seen.swaying_wood, seen.swaying if "extinction" in sonar.shading else None
     return audit_echoes(
         echoes,
-        seen.once(targets_of),
+        _targets(job),
         sonar,
         settings.air,
-        *casters,
+        *_casters(job),
         equip(sonar, job.folder),
         stream(settings.seed, "audit", sonar.name),
         seconds,
@@ -183,6 +215,7 @@ SONAR = SensorKind(
     run=_listen,
     audit=_audit,
     empty=_silence,
+    lasts=_lasts,
     sways=True,
     trajectory=_trajectory,
     positions=_where_it_pings,

@@ -8,7 +8,7 @@ disc's far field is in ``near``; the leaves of a mesh are in ``foliage``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import ClassVar
 
@@ -81,7 +81,8 @@ class DiscStrength(RowTable):
                 if phase:
                     off = some.nearness * missed(some.radius, some.incidence, highest, phase)
                 later = ShiftedDisc(some.radius, some.incidence, some.nearness, phase)
-                parts.append(ScattererPart(rows, LATER * some.radius, later, off))
+                without = replace(later, phase=0.0)
+                parts.append(ScattererPart(rows, LATER * some.radius, later, off, without))
         return parts
 
     def profile(self) -> SmoothnessProfile:

@@ -58,13 +58,15 @@ class Strength(Protocol):
 class ScattererPart:
     """A strength that belongs to rows (m,) of another, ``offset`` (m,) metres later on the path.
 
-    off : (m,) metres that it may be off by from what it is a part of; None: nothing.
+    off : (m,) metres that it may be off by from what it is a part of; None: nothing. without : the
+    strength that is not.
     """
 
     rows: np.ndarray
     offset: np.ndarray
     strength: Strength
     off: np.ndarray | None = None
+    without: Strength | None = None
 
 
 class Whole:

@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ...acoustics.nonuniform import sum_delayed
+from ...acoustics.nonuniform import DelayedSum, sum_delayed, summed_directly
 from ...acoustics.smoothness import Smoothness, smoothness
 from ...base.progress import Progress
 from .bands import BandGrid
@@ -103,7 +103,7 @@ def _over(
         for ear in range(len(station.ear)):
             seen = group.seen(station, ear)
             parts = [_whole(seen, len(group))]
-            if tolerance:
+            if not summed_directly(len(group), grid.count, tolerance):
                 parts = seen.parts(lowest, highest, tolerance)
             doubtful = seen.error(highest)
             if doubtful is not None:
@@ -112,25 +112,11 @@ def _over(
             for part in parts:
                 some = group if len(part.rows) == len(group) else group.select(part.rows)
                 alone = whole or np.count_nonzero(part.offset) == 0
-                if part.off is not None:
-                    error[ear] += float((some.gain(station, ear, band[:1])[0] * part.off).sum())
-                found = sum_delayed(
-                    Heard(some, part.strength, station, ear),
-                    (some.paths.length[ear] + part.offset) / station.sound_speed,
-                    grid.start,
-                    grid.spacing,
-                    grid.count,
-                    tolerance=tolerance * (1.0 if part.off is None else 1.0 - LOOKED_UP)
-                    if alone
-                    else tolerance * _together(some, station, ear, band),
-                    ends=band,
-                    weights=None if weights is None else weights[number][part.rows],
-                    smooth=smooth_of(some, part.strength, station, ear, band)
-                    if tolerance
-                    else None,
-                )
+                share = 1.0 if alone else _together(some, station, ear, band)
+                each = None if weights is None else weights[number][part.rows]
+                found, off = _of_part(some, part, station, ear, grid, tolerance * share, each)
                 spectrum[ear] += found.spectrum
-                error[ear] += (found.error_bound + (0.0 if alone else SPLIT)) * found.size
+                error[ear] += off + (found.error_bound + (0.0 if alone else SPLIT)) * found.size
                 size[ear] += found.size if alone else PARTIAL * found.least
             done += len(group)
             if progress:
@@ -141,6 +127,37 @@ def _over(
         for part in (error, table)
     )
     return EchoSum(spectrum, bound, looked_up, size)
+
+
+def _of_part(
+    group: SearchGroup,
+    part: ScattererPart,
+    station: Station,
+    ear: int,
+    grid: BandGrid,
+    tolerance: float,
+    weights: np.ndarray | None,
+) -> tuple[DelayedSum, float]:
+    """The sum over a part of a group's echoes, and what it is off by because the part is; where that would
+    take more of the tolerance than is its share, the part is summed as it would be without."""
+    off = 0.0
+    if part.off is not None:
+        off = float((group.gain(station, ear, grid.ends[:1])[0] * part.off).sum())
+    found = sum_delayed(
+        Heard(group, part.strength, station, ear),
+        (group.paths.length[ear] + part.offset) / station.sound_speed,
+        grid.start,
+        grid.spacing,
+        grid.count,
+        tolerance=tolerance * (1.0 - LOOKED_UP if off else 1.0),
+        ends=grid.ends,
+        weights=weights,
+        smooth=smooth_of(group, part.strength, station, ear, grid.ends) if tolerance else None,
+    )
+    if off > LOOKED_UP * tolerance * found.size and part.without is not None:
+        plain = replace(part, strength=part.without, off=None)
+        return _of_part(group, plain, station, ear, grid, tolerance, weights)
+    return found, off
 
 
 def _together(group: SearchGroup, station: Station, ear: int, band: tuple[float, float]) -> float:

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from .discs import FoliageDiscs, LeafDiscs
 from .facets import FacetPopulation
 from .foliage import LeafPopulation
 from .scatterers import LEAF, Population, Scatterers, Sight, Views
-from .windy import EchoWind, TreeMoment
+from .windy import EchoMotion, EchoWind, TreeMoment
 from .wood import WoodPopulation
 
 KINDS = ("leaves", "wood", "facets")
@@ -66,26 +67,36 @@ class Candidates(RowTable):
 class EchoTargets:
     """Targets of a sonar in a scene.
 
-    like : targets of a scene with the same meshes, whose measures are shared. wind : how they move; None:
-    they stand still.
+    like : targets of a scene with the same meshes, whose measures are shared. wind : how its trees sway,
+    motion : and how all else moves; None: they stand still.
     """
 
     def __init__(
-        self, scene: SceneGeometry, like: EchoTargets | None = None, wind: EchoWind | None = None
+        self,
+        scene: SceneGeometry,
+        like: EchoTargets | None = None,
+        wind: EchoWind | None = None,
+        motion: EchoMotion | None = None,
     ) -> None:
         self.scene = scene
-        self._wind, self._time = wind, 0.0
+        self._wind, self._motion, self._time = wind, motion, 0.0
         self._moments: dict[int, TreeMoment] = {}
         self._made: dict[tuple[str, str, int], Population] = {} if like is None else like._made
         self._foliage: dict[int, FoliageDiscs] = {} if like is None else like._foliage
+        # Shapes of one moment are measured for that alone.
+        self._fleeting: dict[tuple[str, str, int], Population] = {}
         self._stands: dict[tuple[bool, bool, bool, str], list[_Stand]] = {}
         self._stretch: np.ndarray | None = None
 
     def at(self, time: float) -> EchoTargets:
         """The targets as they are at a time, s; these where nothing moves."""
-        if self._wind is None:
+        if self._motion is not None:
+            scene = self._motion.scene_at(time)
+            other = EchoTargets(scene, self, self._wind, self._motion)
+        elif self._wind is None:
             return self
-        other = copy(self)
+        else:
+            other = copy(self)
         other._time, other._moments = time, {}
         return other
 
@@ -189,7 +200,7 @@ class EchoTargets:
             for made, velocity in self._placed(chosen, which, rows, sight):
                 sets, instances, velocities = opened.setdefault(type(made), ([], [], []))
                 sets.append(made)
-                instances.append(np.full(len(made), chosen.instance[which]))
+                instances.append(np.full(len(made), self._known(chosen.instance[which])))
                 velocities.append(velocity)
         return [
             (type(sets[0]).joined(sets), np.concatenate(instances), np.concatenate(velocities))
@@ -201,14 +212,13 @@ class EchoTargets:
     ) -> Iterator[tuple[Scatterers, np.ndarray]]:
         """Some rows of a population as an instance has them in the world, with their velocities."""
         instance, transform = int(stand.instance[which]), stand.transform[which]
-        wind, population = self._wind, stand.population
-        if wind is None:
+        wind, motion, population = self._wind, self._motion, stand.population
+        if wind is None or wind.tree[self._known(instance)] < 0:
             for made in population.scatterers(transform, rows, sight):
-                yield made, np.empty((len(made), 0))
-            return
-        if wind.tree[instance] < 0:
-            for made in population.scatterers(transform, rows, sight):
-                yield made, np.zeros((len(made), 3))
+                speed = np.zeros((len(made), 0 if wind is None else 3))
+                if motion is not None:
+                    speed = motion.velocity(instance, transform, made.centre, self._time)
+                yield made, speed
             return
         moment, piece = self._moment(instance), wind.pieces(population, instance)[rows]
         for number in np.unique(piece).tolist():
@@ -225,6 +235,10 @@ class EchoTargets:
                     velocity += wind.leaf_velocity(instance, stands, made.number, self._time)
                 yield made, velocity
 
+    def _known(self, instance: Any) -> Any:
+        """The numbers that instances have in the scene as it was read."""
+        return instance if self._motion is None else self._motion.known(instance)
+
     def _moment(self, instance: int) -> TreeMoment:
         """A tree that sways, at the time of these targets; kept."""
         assert self._wind is not None
@@ -236,7 +250,8 @@ class EchoTargets:
         """(I,) metres and radians that nothing of instances is farther from, or more turned than, at rest."""
         drift, turn = np.zeros(len(stand.instance)), np.zeros(len(stand.instance))
         if self._wind is not None:
-            for row in np.flatnonzero(self._wind.tree[stand.instance] >= 0).tolist():
+            sways = self._wind.tree[self._known(stand.instance)] >= 0
+            for row in np.flatnonzero(sways).tolist():
                 moment = self._moment(int(stand.instance[row]))
                 drift[row], turn[row] = stand.stretch[row, 0] * moment.drift, moment.turn
         return drift, turn
@@ -259,17 +274,20 @@ class EchoTargets:
 
     def _population(self, kind: str, index: int, model: str) -> Population:
         key = (kind, model if kind == "leaves" else "", index)
-        if key not in self._made:
+        fleeting = self._motion is not None and index >= self._motion.measured
+        kept = self._fleeting if fleeting else self._made
+        if key not in kept:
             mesh = self.scene.meshes[index]
             if kind == "leaves":
-                if index not in self._foliage:
-                    self._foliage[index] = FoliageDiscs(mesh)
-                self._made[key] = LeafPopulation(self._foliage[index], model)
+                foliage = {} if fleeting else self._foliage
+                if index not in foliage:
+                    foliage[index] = FoliageDiscs(mesh)
+                kept[key] = LeafPopulation(foliage[index], model)
             elif kind == "wood":
-                self._made[key] = WoodPopulation(mesh)
+                kept[key] = WoodPopulation(mesh)
             else:
-                self._made[key] = FacetPopulation(mesh)
-        return self._made[key]
+                kept[key] = FacetPopulation(mesh)
+        return kept[key]
 
 
 def _joined(found: list[Candidates]) -> Candidates:

@@ -1,20 +1,22 @@
-"""Scatterers in the wind: where those of each tree are at the moment of a ping, and how fast they go.
+"""Scatterers that move: where they are at the moment of a ping, and how fast they go.
 
-Trees move in the pieces of their rig (``rays/pieces``), each turned and shifted as a rigid body; broad leaves
-turn about their feet besides. Within a call a scatterer keeps its velocity.
+Trees sway in the pieces of their rig (``rays/pieces``), each turned and shifted as a rigid body; broad leaves
+turn about their feet besides. Objects of a scene that moves (``rays/moving``) are where and as they are then.
+Within a call a scatterer keeps its velocity, and delays are those of where it is as the call begins.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...base.trimesh import TriMesh
+from ...base.trimesh import OTHER, TriMesh
 from ..rays.caster import Hits, RayCaster
-from ..rays.geometry import SceneGeometry
+from ..rays.geometry import SceneGeometry, invert_transforms
+from ..rays.moving import MovingCaster, TimedCaster
 from ..rays.swaying import SwayingCaster
 from .scatterers import LeafTurns, Population
 
@@ -168,12 +170,74 @@ class EchoWind:
         return low, high
 
 
-class AtMoment(RayCaster):
-    """A caster of a still scene: trees that sway, as they are at one time, s; hits are numbered as read."""
+class EchoMotion:
+    """Motion of the instances of a scene, as pings meet them.
 
-    def __init__(self, caster: SwayingCaster, time: float) -> None:
+    moving : rays at the scene that moves. read : the scene as it was read. wind : of trees that sway, which
+    do nothing else; None: there are none.
+    """
+
+    def __init__(
+        self, moving: MovingCaster, read: SceneGeometry, wind: EchoWind | None = None
+    ) -> None:
+        self._moving, self._read = moving, read
+        self.measured = len(read.meshes)  # meshes that are the same at all times
+        none = np.zeros(0, np.int64)
+        self._sways = none if wind is None else np.flatnonzero(wind.tree >= 0)
+
+    def scene_at(self, time: float) -> SceneGeometry:
+        """The scene as it is at a time, s; what is not there has no surface."""
+        scene, motion = self._moving.scene, self._moving.motion
+        transform, index = scene.transform.copy(), scene.mesh_index.copy()
+        if len(motion.rows):
+            row = np.arange(len(motion.rows))
+            transform[motion.rows] = motion.table.at(row, np.full(len(row), time))
+        away = [n for n in motion.spans if not motion.span(n)[0] <= time < motion.span(n)[1]]
+        meshes = [*scene.meshes, TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3)), OTHER)]
+        index[away] = len(scene.meshes)
+        made: dict[tuple[int, int], int] = {}
+        for number, shape in motion.shapes.items():
+            mesh = int(index[number])
+            if mesh == len(scene.meshes):
+                continue
+            if (id(shape), mesh) not in made:
+                every = np.arange(len(meshes[mesh].vertices))[None]
+                vertices = shape.at(every, np.array([time]))[0]
+                made[id(shape), mesh] = len(meshes)
+                meshes.append(replace(meshes[mesh], vertices=vertices))
+            index[number] = made[id(shape), mesh]
+        own = self._sways
+        transform[own], index[own] = self._read.transform[own], self._read.mesh_index[own]
+        scene = replace(scene, slot_reflectance=(), asset=(), slot_names=())
+        return replace(scene, meshes=tuple(meshes), transform=transform, mesh_index=index)
+
+    def velocity(
+        self, instance: int, transform: np.ndarray, points: np.ndarray, time: float
+    ) -> np.ndarray:
+        """(M, 3) m/s of points (M, 3) of an instance as it goes and turns; transform : (3, 4), then."""
+        row = np.searchsorted(self._moving.motion.rows, instance)
+        rows = self._moving.motion.rows
+        if row == len(rows) or rows[row] != instance or instance in self._sways:
+            return np.zeros_like(points)
+        inverse = invert_transforms(transform[None])[0]
+        own = points @ inverse[:, :3].T + inverse[:, 3]
+        which, at = np.full(len(points), row), np.full(len(points), time)
+        return self._moving.motion.table.velocity(which, own, at)
+
+    def known(self, instance: np.ndarray) -> np.ndarray:
+        """The numbers that instances have in the scene as it was read."""
+        stands_for = self._moving.motion.stands_for
+        return instance if stands_for is None else stands_for[instance]
+
+
+class AtMoment(RayCaster):
+    """A caster of a still scene: one that moves, as it is at one time, s; hits are numbered as read."""
+
+    def __init__(self, caster: TimedCaster, time: float) -> None:
         self._caster, self._time = caster, time
-        self.engine, self.scene = caster.engine, caster.cut.read
+        self.engine, self.scene = caster.engine, caster.scene
+        if isinstance(caster, SwayingCaster):
+            self.scene = caster.cut.read
 
     def cast(
         self,
@@ -196,8 +260,8 @@ class AtMoment(RayCaster):
 
 
 def at_moment(caster: Any, time: float) -> Any:
-    """A caster as sonars use it: of trees that sway at a time, s; a still one as it is."""
-    return AtMoment(caster, time) if isinstance(caster, SwayingCaster) else caster
+    """A caster as sonars use it: of a scene that moves at a time, s; a still one as it is."""
+    return AtMoment(caster, time) if isinstance(caster, TimedCaster) else caster
 
 
 def _proper(linear: np.ndarray) -> np.ndarray:

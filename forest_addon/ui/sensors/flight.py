@@ -115,6 +115,10 @@ class FOREST_OT_fly(Working, bpy.types.Operator):
             flyers.enter(stock.surroundings())
             return fly(flyers, pilot, [self.seed])[0]
 
+        if settings.wind.speed > 0:
+            self.report(
+                {"WARNING"}, say("Scenes in Blender carry flyers by their steady wind alone")
+            )
         track = yield Task(say("flying"), flown)
         show_flights(part(scene, RESULTS), [track], name=thing.name, flyer=thing)
         ends = {

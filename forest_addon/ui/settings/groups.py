@@ -86,6 +86,7 @@ LABELS = {
     "divergence_mrad": "Spread (mrad)",
     "extinction (1/m)": "Air Loss (1/m)",  # of a scanner; a reverb has one in words
     "leaf_area_density": "Leaves (m²/m³)",
+    "floor_leaf_area": "Herbs (m²/m²)",
     "branch_area_density": "Twigs (m²/m³)",
     "leaf_transmittance": "Leaf Lets Pass",
     "elasticity": "Elasticity",

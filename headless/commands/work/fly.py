@@ -76,6 +76,9 @@ def fly_scene(
     out.mkdir(parents=True, exist_ok=True)
     whole, cells, first = stock.settings, [], None
     say(f"{whole.name}: {policy}, {episodes} flights at each speed and density")
+    if whole.wind.speed > 0:
+        blows = f"a wind of {whole.wind.speed:g} m/s at the tops"
+        say(f"  {blows} carries flyers, with its gusts; trees stand still for them")
     for density in densities:
         stock.settings = thinned(whole, density)
         for speed in speeds or (whole.flight.speed,):

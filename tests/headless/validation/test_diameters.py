@@ -5,9 +5,9 @@ import pytest
 from references.measured import FOUND, needs_measurements
 
 from forest_addon.base.rng import stream
-from headless.studies.validation.diameters import matched_stems
-from headless.studies.validation.girths import bole, by_circle, by_quantiles, by_tape, section
-from headless.studies.validation.stem_lists import match_stems
+from headless.studies.validation.tapes.diameters import matched_stems
+from headless.studies.validation.tapes.girths import bole, by_circle, by_quantiles, by_tape, section
+from headless.studies.validation.tapes.stem_lists import match_stems
 
 
 def two_lists(rng, turn_deg, shift, lost=8, stems=40):

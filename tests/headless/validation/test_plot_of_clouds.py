@@ -59,7 +59,7 @@ def test_the_drones_pulses_keep_their_light_on_the_scale_that_its_steps_have():
     assert crown < ground
 
 
-def drawn_plot(gap=0.3, side=40.0, pulses=60_000):
+def drawn_plot(gap=0.3, side=40.0, pulses=120_000):
     """Beams from above on crowns that are upright cylinders of 3 m radius from 10 to 20 m, which a share of
     ``gap`` passes."""
     rng = stream(4, "drawn plot")
@@ -69,7 +69,7 @@ def drawn_plot(gap=0.3, side=40.0, pulses=60_000):
     apart = np.linalg.norm(xy[:, None] - foot, axis=2)
     over = apart.min(axis=1) < 3.0
     passed = ~over | (rng.random(pulses) < gap)
-    dome = 20.0 - 0.3 * apart.min(axis=1)
+    dome = 20.0 - 0.8 * apart.min(axis=1)
     height = np.where(passed, 0.0, np.where(rng.random(pulses) < 0.5, dome, rng.uniform(10, dome)))
     ones = np.ones(pulses, int)
     place = np.column_stack([xy, height + 500.0])

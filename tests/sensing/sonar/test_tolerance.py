@@ -162,3 +162,15 @@ def test_error_of_the_table_is_bounded() -> None:
         )
         off = np.abs(HardDisc(float(ka)).backscatter(angle) - tabulated(np.full(399, ka), angle))
         assert (off / ka <= table_error(np.full(399, ka), angle)).all()
+
+
+@pytest.mark.parametrize("incidence", [0.05, 0.9, 1.55])
+def test_exact_leaves_looked_up_for_a_band_keep_the_tolerance(incidence: float) -> None:
+    """At grazing the looked up rows are too rough for so faint leaves, and are not used."""
+    sonar = Sonar(band=(40e3, 80e3), leaf_model="exact", tolerance=1e-3, beam="omni", **QUIET)
+    count = 400
+    leaves, one = (equal_leaves(n, 4.0, incidence, 0.02) for n in (count, 1))
+    exact = ping(one, replace(sonar, tolerance=0.0), AIR)
+    fast = ping(leaves, sonar, AIR)
+    error = np.abs(fast.spectra - count * exact.spectra).max()
+    assert 1e-12 < error / (count * np.abs(exact.spectra).max()) <= fast.error_bound <= 1e-3

@@ -114,22 +114,25 @@ def compare_flights(clouds: Path, seed: int, species: str = SPECIES) -> list[Com
     """Share of single returns, line by line, measured and flown again."""
     flights = [read_flight(flight, clouds) for flight in FLIGHTS]
     scene, low = plot_like(*flights, species, seed)
+    more = leaves_missing(flights[1], make_caster(scene, Rays()), low, seed)
+    scene, low = plot_like(*flights, species, seed, more)
     caster = make_caster(scene, Rays())
     return [row for read in flights for row in _lines(read, caster, low, seed)]
 
 
 def plot_like(
-    dense: ReadFlight, upright: ReadFlight, species: str, seed: int
+    dense: ReadFlight, upright: ReadFlight, species: str, seed: int, more: float = 1.0
 ) -> tuple[SceneGeometry, np.ndarray]:
     """The stand of a plot's trees, and (3,) where its corner lies in the clouds' numbers.
 
-    dense, upright : clouds that tell the crowns, and what light passes them.
+    dense, upright : clouds that tell the crowns, and what light passes them. more : leaf area over that.
     """
     real = dense.returns.place
     low = real.min(axis=0)
     floor = ground_below(real - low)
     zenith = float(np.mean(upright.angle[upright.steep]))
     trees = trees_of(dense.returns, upright.returns, zenith, species, low, floor + low[2])
+    trees[:, 6] *= more
     size = np.ptp(real[:, :2], axis=0)
     near = range(-AROUND, AROUND + 1)
     shifts = [np.array([i, j]) * size for i in near for j in near]
@@ -168,24 +171,73 @@ def scanner_of(read: ReadFlight) -> tuple[Mobile, float]:
     return Mobile(min_range=1.0, surfaces=surfaces, beam=read.flight.beam), faint
 
 
+def leaves_missing(read: ReadFlight, caster: RayCaster, low: np.ndarray, seed: int) -> float:
+    """Leaf area that a stand needs over what it has to let as much light to the ground as a cloud shows.
+
+    Beer's law knows shoots that are spread evenly; those of crowns stand together, which lets more pass. The
+    line nearest to the nadir tells.
+    """
+    cloud = read.cloud
+    plain, faint = scanner_of(read)
+    number = min(read.lines, key=lambda k: float(np.median(read.angle[cloud.line == k])))
+    ours = _flown(read, number, plain, faint, caster, low, seed)
+    inside = _inside(ours, read)
+    real = cloud.line == number
+    passed = [
+        float(light[height < BARE].sum() / light.sum())
+        for light, height in (
+            (1 / cloud.count[real], read.height[real]),
+            (1 / ours.count[inside], ours.position[inside, 2]),
+        )
+    ]
+    return float(np.log(passed[0]) / np.log(passed[1]))
+
+
+def _inside(ours: Cloud, read: ReadFlight) -> np.ndarray:
+    """(N,) returns of ours on the plot."""
+    place = ours.position[:, :2]
+    size = np.ptp(read.cloud.place[:, :2], axis=0)
+    return np.asarray(((place >= 0) & (place <= size)).all(axis=1))
+
+
+def _flown(
+    read: ReadFlight,
+    number: int,
+    plain: Mobile,
+    faint: float,
+    caster: RayCaster,
+    low: np.ndarray,
+    seed: int,
+) -> Cloud:
+    """A line flown again.
+
+    Raises
+    ------
+    SpecError : too few sweeps tell how it was flown.
+    """
+    line = read.lines[number]
+    rows = (read.cloud.line == number) & (read.cloud.number == 1)
+    pattern = pattern_like(line, read.cloud.place[rows], read.cloud.time[rows])
+    farthest = RANGE * float(read.far[rows].max())
+    limited = plain.changed(max_range=farthest, faintest=min(faint * farthest**2, 1.0))
+    like = scanner_like(limited, line, pattern, low, line.time[0])
+    fewer = like.changed(pulse_rate=like.pulse_rate / max(1.0, rows.sum() / MOST))
+    return scan(fewer, caster, seed)
+
+
 def _lines(read: ReadFlight, caster: RayCaster, low: np.ndarray, seed: int) -> list[Comparison]:
     """Rows of the lines of a cloud that are long enough to tell their pattern."""
     cloud, found = read.cloud, []
     unread: list[str] = []  # lines with too few sweeps to tell how they were flown
     plain, faint = scanner_of(read)
     halves = halves_apart(cloud, seed)
-    for number, line in read.lines.items():
-        rows = (cloud.line == number) & (cloud.number == 1)
+    for number in read.lines:
         try:
-            pattern = pattern_like(line, cloud.place[rows], cloud.time[rows])
+            ours = _flown(read, number, plain, faint, caster, low, seed)
         except SpecError:
-            unread.append(f"{number} ({100 * shares_of(cloud.count[rows])[0]:.0f} % single)")
+            alone = shares_of(cloud.count[(cloud.line == number) & (cloud.number == 1)])[0]
+            unread.append(f"{number} ({100 * alone:.0f} % single)")
             continue
-        farthest = RANGE * float(read.far[rows].max())
-        limited = plain.changed(max_range=farthest, faintest=min(faint * farthest**2, 1.0))
-        like = scanner_like(limited, line, pattern, low, line.time[0])
-        fewer = like.changed(pulse_rate=like.pulse_rate / max(1.0, rows.sum() / MOST))
-        ours = scan(fewer, caster, seed)
         found.append(_row(read, number, ours, faint, halves[number]))
     if unread and found:
         words = f" Too few sweeps tell how line {', '.join(unread)} was flown: left out."
@@ -200,8 +252,7 @@ def _row(read: ReadFlight, number: int, ours: Cloud, faint: float, half: float) 
     cloud = read.cloud
     rows = (cloud.line == number) & (cloud.number == 1)
     place = ours.position
-    inside = (place[:, :2] >= 0) & (place[:, :2] <= np.ptp(cloud.place[:, :2], axis=0))
-    first = inside.all(axis=1) & (ours.number == 1)
+    first = _inside(ours, read) & (ours.number == 1)
     bare = bool((read.height[rows] < BARE).mean() < NO_GROUND)
     if bare:
         rows, first = rows & (read.height >= BARE), first & (place[:, 2] >= BARE)

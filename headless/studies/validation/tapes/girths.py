@@ -24,7 +24,7 @@ from forest_addon.sensing.lidar.scan import scan
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Rays, Terrestrial
 
-from .clouds.circles import circle, taubin
+from ..clouds.circles import circle, taubin
 
 SPECIES = "scots-pine"
 DIAMETERS, RANGES, EACH = (0.22, 0.28, 0.32, 0.38), (5.0, 10.0, 15.0, 19.0), 3

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from .comparison import Comparison, Interval
+from ..comparison import Comparison, Interval
+from ..stems import BINS, SCANNER, read_plots
 from .girths import measure_boles
 from .stem_lists import match_stems
-from .stems import BINS, SCANNER, read_plots
 
 NEAR = 1.0  # cm of bias that count as the same, stated before the run
 RESIDUALS = (5.0, 12.0)  # mm, of circles on pines of two other clouds
@@ -49,16 +49,17 @@ def compare_diameters(folder: Path, seed: int) -> list[Comparison]:
     smooth = measure_boles(SCANNER, seed, bark=False)
     ours = 100 * (rough["quantiles"] - rough["tape"])
     found = 100 * (smooth["quantiles"] - smooth["tape"])
-    by_range, by_diameter = _by_range(stems[:, 0], less), _by_diameter(stems)
-    quarter, three = _said(rough, "quarter"), _said(rough, "three_quarters")
+    plots = (
+        f"{16 - len(left)} plots (mirrored lists: {chance}; plots {', '.join(left)} do not match)"
+    )
+    off = {name: f"{_off(rough, name):+.2f}" for name in ("circle", "quarter", "three_quarters")}
     words = (
-        f"{len(stems)} stems of {16 - len(left)} plots (mirrored lists: {chance}; plots "
-        f"{', '.join(left)} do not match), standard deviation {less.std():.1f} cm; by range {by_range}; "
-        f"by diameter {by_diameter} of it. Ours is FORTLS's diameter less the tape's, of boles with "
-        f"bark: by range {_by_range(rough['range'], ours)}; of round, smooth boles {found.mean():.2f}. "
-        f"A circle by least squares is {_said(rough, 'circle')} cm off the tape; FORTLS without the "
-        f"lowest quarter {quarter}, without three quarters {three}; the tape is "
-        f"{-_said_of(rough, 'area'):+.2f} off the diameter of the same area. Within 1 cm."
+        f"{len(stems)} stems of {plots}, standard deviation {less.std():.1f} cm; by range "
+        f"{_by_range(stems[:, 0], less)}; by diameter {_by_diameter(stems)} of it. Ours is FORTLS's diameter "
+        f"less the tape's, of boles with bark: by range {_by_range(rough['range'], ours)}; of round, smooth "
+        f"boles {found.mean():.2f}. A circle by least squares is {off['circle']} cm off the tape; FORTLS "
+        f"without the lowest quarter {off['quarter']}, without three quarters {off['three_quarters']}; the "
+        f"tape is {-_off(rough, 'area'):+.2f} off the diameter of the same area. Within 1 cm."
     )
     residual = 1000 * rough["residual"][np.isfinite(rough["residual"])]
     before = 1000 * smooth["residual"][np.isfinite(smooth["residual"])]
@@ -87,12 +88,9 @@ def _mean(values: np.ndarray) -> tuple[float, float, float]:
     return middle, middle - error, middle + error
 
 
-def _said_of(boles: dict[str, np.ndarray], name: str) -> float:
+def _off(boles: dict[str, np.ndarray], name: str) -> float:
+    """Mean of a diameter less the tape's, cm."""
     return 100 * float((boles[name] - boles["tape"]).mean())
-
-
-def _said(boles: dict[str, np.ndarray], name: str) -> str:
-    return f"{_said_of(boles, name):+.2f}"
 
 
 def _by_range(away: np.ndarray, less: np.ndarray) -> str:

@@ -32,7 +32,7 @@ class StemMatch:
 
     @property
     def certain(self) -> bool:
-        """Tell whether far more stems meet than by chance."""
+        """Return whether far more stems meet than by chance."""
         return len(self.given) > CERTAIN * self.chance
 
 
