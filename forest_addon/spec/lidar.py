@@ -161,8 +161,8 @@ class Receiver(Settings):
     )
     beyond: str = param(
         "resolved",
-        help="echoes from beyond c / (2 · pulse_rate), which arrive after the next pulse was sent: resolved, "
-        "or folded into the range of that pulse",
+        help="echoes from beyond the range that light covers there and back between two pulses: resolved, "
+        "or folded into the range of the next pulse",
         choices=("resolved", "folded"),
     )
     reading: str = param(
