@@ -61,7 +61,7 @@ def texts():
 
 
 def problems(place, text):
-    """What is wrong with a text, in words."""
+    """Return the faults of a text, in words."""
     if not text:
         return []
     found = [

@@ -1,4 +1,4 @@
-"""What clouds tell of a plot: scales of intensities, reflectances, crowns, leaf area."""
+"""Plots read from clouds: scales of intensities, reflectances, crowns, leaf area."""
 
 import numpy as np
 import pytest
