@@ -26,10 +26,11 @@ from ..band import SPREAD, roll_off
 from ..forest.losses import Losses, loss_per_metre
 from ..forest.tail import Tail
 from .air_filter import AirFilter
+from .audible import Audibility
 from .bands import bands_of, samples_of
 from .expansion import ExpansionLayer, Sector, expand
 from .loud import loud_trunks
-from .panel_sum import panel_spectrum
+from .panel_sum import USUAL, by_distance, panel_spectrum
 from .path_gain import PathGain, Zone
 from .scattering import TrunkPaths, direct_sum
 
@@ -159,30 +160,35 @@ def _by_panels(
 ) -> FastSum:
     speed, bark = air.speed(), losses.bark if losses else 0.0
     errors: dict[float, float] = {}
+    total = np.zeros(count)
 
-    def spectrum(spacing: float, lowest: int, highest: int) -> np.ndarray:
-        frequency = np.arange(highest + 1) * spacing
+    def loss_at(frequency: np.ndarray) -> np.ndarray:
         loss = loss_per_metre(frequency, air, losses)
-        if losses is not None:
-            loss += 0.5 * losses.removed(frequency)
+        return loss if losses is None else loss + 0.5 * losses.removed(frequency)
 
-        def told(share: float) -> None:
-            if progress:
-                progress(int(share * len(paths.length)), len(paths.length))
+    heard = Audibility(paths, loss_at, speed, tolerance)
+    bands = bands_of(rate, float(paths.radius.max(initial=0.0)), speed, tolerance)
+    lost, done = float(loss_at(np.array([USUAL]))[0]), 0
+    for rows in by_distance(paths.length, gain, lost):
+        some = paths.select(rows)
 
-        found, checks = panel_spectrum(
-            paths, spacing, loss, speed, tolerance, gain, bark, lowest, told
-        )
-        for check in checks:
-            octave = 20.0 * 2.0 ** math.floor(math.log2(check.frequency / 20.0))
-            if octave >= 20.0:
-                errors[octave] = max(check.error, errors.get(octave, 0.0))
-        return found
+        def spectrum(spacing: float, lowest: int, highest: int, some: TrunkPaths = some) -> np.ndarray:
+            loss = loss_at(np.arange(highest + 1) * spacing)
+            found, checks = panel_spectrum(
+                some, spacing, loss, speed, tolerance, gain, bark, lowest, heard
+            )
+            for check in checks:
+                octave = 20.0 * 2.0 ** math.floor(math.log2(check.frequency / 20.0))
+                if octave >= 20.0:
+                    errors[octave] = max(check.error, errors.get(octave, 0.0))
+            return found
 
-    thickest = float(paths.radius.max(initial=0.0))
-    last = float(paths.length.max(initial=0.0)) / speed
-    samples = samples_of(spectrum, bands_of(rate, thickest, speed, tolerance), rate, count, last)
-    return FastSum(samples, errors)
+        first, last = float(some.earliest.min()), float(some.length.max())
+        total += samples_of(spectrum, bands, rate, count, last / speed, max(first / speed, 1e-9))
+        done += len(rows)
+        if progress:
+            progress(done, len(paths.length))
+    return FastSum(total, errors)
 
 
 class _LayerSum:
