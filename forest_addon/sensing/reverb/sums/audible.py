@@ -20,7 +20,10 @@ import numpy as np
 
 from .scattering import TrunkPaths
 
-UNHEARD, MOST_UNHEARD = 1e-2, 1e-6  # of the tolerance, and of the sound: 40 dB are left for the ground
+UNHEARD, MOST_UNHEARD = (
+    1e-2,
+    1e-6,
+)  # of the tolerance, and of the sound: 40 dB are left for the ground
 BINS = 64  # of path length
 USUAL = np.array([125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0])  # Hz at which lengths are loud
 TRIED = 3  # frequencies of a band
