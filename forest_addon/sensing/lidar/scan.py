@@ -28,11 +28,11 @@ from ..rays.moving import TimedCaster
 from ..rays.referee import Referee
 from ..trajectory import Trajectory
 from . import noise, patches
-from .bounces import DIRECT, PolishedScene, alike_bounces, follow
 from .cloud import Cloud, Lost, join
 from .footprint import BeamFrames, frames, sub_rays
 from .one_face import Received, on_one_face, received, seen
 from .passage import Contacts, meet
+from .polish.bounces import DIRECT, PolishedScene, alike_bounces, follow
 from .radiometry import detection_limit, intensity, reflectance_of, refuse_surplus
 from .receiver import (
     awake,

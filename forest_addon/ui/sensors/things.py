@@ -15,7 +15,7 @@ from ... import spec
 from ...blender.scene.layout import CLOUD_KEY
 from ...blender.scene.standings import IGNORED_KEY, REFLECTANCE_KEY, SOLID_TYPES
 from ...blender.sensors import objects as sensors
-from ...sensing.lidar.bounces import INDEX
+from ...sensing.lidar.polish.bounces import INDEX
 
 KIND_KEY, INDEX_KEY, SHARE_KEY = (spec.property_of(name) for name in ("optics", "index", "mirror"))
 KINDS = ("", *spec.POLISHED)

@@ -12,8 +12,8 @@ from references.rays_brute import BruteCaster
 
 from forest_addon.base.trimesh import OTHER, WOOD, TriMesh
 from forest_addon.results.scan_file import write_scan
-from forest_addon.sensing.lidar import fresnel
 from forest_addon.sensing.lidar.audit import audit_scan
+from forest_addon.sensing.lidar.polish import fresnel
 from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.spec import POLISHED, Beam, Noise, Receiver, SpecError, Surfaces, Terrestrial
 

@@ -14,11 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...base.rng import daughter_keys
-from ...base.rows import RowTable
-from ...spec import AUTO, POLISHED, Polished, Scanner, SpecError, Surfaces
-from ..rays.caster import Hits, RayCaster, hit_normals
-from ..rays.geometry import SceneGeometry
+from ....base.rng import daughter_keys
+from ....base.rows import RowTable
+from ....spec import AUTO, POLISHED, Polished, Scanner, SpecError, Surfaces
+from ...rays.caster import Hits, RayCaster, hit_normals
+from ...rays.geometry import SceneGeometry
+from ..passage import FAINT, Contacts, Sight, split
+from ..returns import organs
 from .fresnel import (
     absorption_of_water,
     mirrored,
@@ -27,8 +29,6 @@ from .fresnel import (
     spread,
     surface_reflectance,
 )
-from .passage import FAINT, Contacts, Sight, split
-from .returns import organs
 
 MIRROR, GLASS, WATER = range(len(POLISHED))
 INDEX = {"mirror": 1.0, "glass": 1.5, "water": 1.33}  # where "auto"
