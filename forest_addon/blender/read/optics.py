@@ -15,7 +15,7 @@ Optics = tuple[float, float, float, float]
 
 
 def optics_of(*places: bpy.types.ID) -> Optics:
-    """What makes an object or material a mirror, glass or water, of the first of its places that says so.
+    """Kind and numbers of a mirror, glass or water, of the first of an object's places that says one.
 
     Returns
     -------

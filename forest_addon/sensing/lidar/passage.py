@@ -23,7 +23,7 @@ FAINT = 1e-6  # share of the light below which a ray is not followed further
 
 
 @dataclass(frozen=True)
-class Sight(RowTable):
+class SightLines(RowTable):
     """Lines on which C contacts are seen in a scene with mirrors, glass or water (``bounces``).
 
     origin : (C, 3) where the ray would start if it had not been turned. way : (C, 3) how it arrives.
@@ -48,7 +48,7 @@ class Contacts(RowTable):
     hits: Hits
     organ: np.ndarray
     light: np.ndarray
-    sight: Sight | None = None
+    sight: SightLines | None = None
 
 
 def meet(

@@ -16,6 +16,7 @@ from ...blender.scene.layout import CLOUD_KEY
 from ...blender.scene.standings import IGNORED_KEY, REFLECTANCE_KEY, SOLID_TYPES
 from ...blender.sensors import objects as sensors
 from ...sensing.lidar.polish.bounces import INDEX
+from ...spec.choices import meaning_of, title_of
 
 KIND_KEY, INDEX_KEY, SHARE_KEY = (spec.property_of(name) for name in ("optics", "index", "mirror"))
 KINDS = ("", *spec.POLISHED)
@@ -125,13 +126,10 @@ PROPERTIES = {
         "is as any other surface. A material that has the custom property of the same meaning comes first",
         items=[
             ("NONE", "None", "Light is scattered to all sides"),
-            ("MIRROR", "Mirror", "Both faces send light on"),
-            (
-                "GLASS",
-                "Glass",
-                "Each sheet is a thin pane: light goes straight through, some is reflected",
+            *(
+                (kind.upper(), title_of("optics", kind), meaning_of("optics", kind))
+                for kind in spec.POLISHED
             ),
-            ("WATER", "Water", "Light is refracted; normals point out of the water"),
         ],
         get=_kind,
         set=_set_kind,

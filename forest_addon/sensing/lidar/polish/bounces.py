@@ -19,7 +19,7 @@ from ....base.rows import RowTable
 from ....spec import AUTO, POLISHED, Polished, Scanner, SpecError, Surfaces
 from ...rays.caster import Hits, RayCaster, hit_normals
 from ...rays.geometry import SceneGeometry
-from ..passage import FAINT, Contacts, Sight, split
+from ..passage import FAINT, Contacts, SightLines, split
 from ..returns import organs
 from .fresnel import (
     absorption_of_water,
@@ -48,7 +48,7 @@ class PolishedScene:
 
     @classmethod
     def of(cls, scene: SceneGeometry, scanner: Scanner) -> PolishedScene | None:
-        """What a scanner that follows bounces knows of a scene; None where nothing there is polished.
+        """Find what is polished in a scene, for a scanner that follows bounces; None where nothing is.
 
         Raises
         ------
@@ -98,7 +98,7 @@ class Turned(RowTable):
 
 
 @dataclass(frozen=True)
-class Straight:
+class StraightWays:
     """Straight ways of rays: what sends light back, rays by number that a polished surface ends or turns,
     and where they were turned."""
 
@@ -169,7 +169,7 @@ def _as_seen(found: Contacts, turned: Turned, polished: PolishedScene) -> Contac
         replace(found.hits, distance=seen),
         found.organ,
         light,
-        Sight(met - seen[:, None] * turn.way, turn.way, turn.bounce),
+        SightLines(met - seen[:, None] * turn.way, turn.way, turn.bounce),
     )
 
 
@@ -186,7 +186,7 @@ class _Walk:
         limit: np.ndarray,
         keys: np.ndarray,
         left: Hits | None = None,
-    ) -> Straight:
+    ) -> StraightWays:
         """Follow rays to what ends them. limit : (R,) metres. left : what turned rays leave; they are not
         turned again."""
         scene = self._caster.scene
@@ -208,7 +208,7 @@ class _Walk:
             bare = np.flatnonzero(~np.isnan(optics[0]))
             dust = scene.reflectance_at(hits.instance[bare], hits.triangle[bare], 0.0)
             sends = np.sort(np.append(plain[sends], bare[dust > 0]))
-            sight = Sight(origins[ray[sends]], ways[ray[sends]], bounce[sends])
+            sight = SightLines(origins[ray[sends]], ways[ray[sends]], bounce[sends])
             found.append(
                 Contacts(ray[sends], hits.select(sends), organ[sends], light[sends], sight)
             )
@@ -224,7 +224,7 @@ class _Walk:
                 turned += turns if left is None else []
             on = np.flatnonzero((through > 0) & (light * through > FAINT))
             if not len(on):
-                return Straight(found, turned, int(ended.sum()) if left is not None else 0)
+                return StraightWays(found, turned, int(ended.sum()) if left is not None else 0)
             ray, light, bounce = ray[on], light[on] * through[on], bounce[on]
             behind = hits.select(on)
             hits = self._caster.cast(

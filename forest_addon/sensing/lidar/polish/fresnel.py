@@ -112,7 +112,8 @@ def spread(
 def absorption_of_water(wavelength_nm: float) -> float:
     """1/m, absorption 4π·k/λ of pure water, k between the lines of ``WATER_K`` by its logarithm and beyond
     them as at the nearest."""
-    k = np.exp(np.interp(wavelength_nm, WATER_K[:, 0], np.log(WATER_K[:, 1])))
+    wavelengths, known = WATER_K.T.copy()
+    k = np.exp(np.interp(wavelength_nm, wavelengths, np.log(known)))
     return float(4 * np.pi * k / (wavelength_nm * 1e-9))
 
 
