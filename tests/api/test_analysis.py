@@ -170,7 +170,7 @@ def named_types(thing):
         ]
     for call in filter(inspect.isfunction, calls):
         known = {name: getattr(forest, name) for name in forest.__all__} | call.__globals__
-        known |= {"Corners": spec.Corners, "Iterator": Iterator, "Observer": None}
+        known |= {"Corners": spec.Corners, "Iterator": Iterator, "Observer": object}
         for hint in typing.get_type_hints(call, known).values():  # else a NameError
             for kind in [hint, *typing.get_args(hint)]:
                 if inspect.isclass(kind) and kind.__module__.startswith("forest_addon"):
