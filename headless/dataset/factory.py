@@ -18,10 +18,10 @@ from forest_addon.spec import SpecError
 from ..command import IncompleteError
 from ..lock import only_one
 from . import disk
+from .card import versions
 from .engine import Cluster, make_all
 from .manifest import write_manifest
 from .plan import Plan, Recipe, recipes
-from .versions import versions
 from .worker import job_of
 
 NAMED = 8  # scenes that a message names
