@@ -25,6 +25,7 @@ _POINT = {
     "true_range": "without noise, m",
     **{f"n{axis}": f"{axis} of the surface's unit normal" for axis in "xyz"},
     "incidence": "between beam and normal, degrees",
+    "bounce": "of scanners that follow bounces: 0 direct, 1 ghost, 2 through glass, 3 refracted",
 }
 _GRID = {
     "edge": "of a cell, m",
