@@ -33,6 +33,10 @@ class SceneGeometry:
     slot_reflectance : for each mesh (S,) of its material slots, NaN likewise; left out: nowhere.
     asset : for each mesh which tree of a library it is, empty for others; left out: none is.
     slot_names : for each mesh the names of its materials, empty where a slot is; left out: unknown.
+    optics : (I, 4) of the object what makes it a mirror, glass or water: number of the kind
+        (``spec.POLISHED``, -1 an unknown word), refractive index, share that a mirror sends on, extinction,
+        NaN where it says nothing; left out: nowhere.
+    slot_optics : for each mesh (S, 4) of its material slots, likewise.
     """
 
     meshes: tuple[TriMesh, ...]
@@ -46,6 +50,8 @@ class SceneGeometry:
     slot_reflectance: tuple[np.ndarray, ...] = ()
     asset: tuple[str, ...] = ()
     slot_names: tuple[tuple[str, ...], ...] = ()
+    optics: np.ndarray | None = None
+    slot_optics: tuple[np.ndarray, ...] = ()
 
     def __post_init__(self) -> None:
         if self.object_index is None:
@@ -69,6 +75,22 @@ class SceneGeometry:
                 own = slots[np.clip(slot, 0, len(slots) - 1)]
                 found[rows] = np.where(np.isnan(own), found[rows], own)
         return np.where(np.isnan(found), otherwise, found)
+
+    def optics_at(self, instance: np.ndarray, triangle: np.ndarray) -> np.ndarray:
+        """(R, 4) what makes that which was hit a mirror, glass or water: of its material, else of its
+        object; NaN where neither says so."""
+        found = np.full((len(instance), 4), np.nan)
+        if self.optics is not None:
+            found = self.optics[instance].copy()
+            found[instance < 0] = np.nan
+        mesh_of = np.append(self.mesh_index, -1)[instance]
+        for index, slots in enumerate(self.slot_optics):
+            if np.isfinite(slots).any():
+                rows = np.flatnonzero(mesh_of == index)
+                slot = self.meshes[index].material[triangle[rows]]
+                own = slots[np.clip(slot, 0, len(slots) - 1)]
+                found[rows] = np.where(np.isnan(own[:, :1]), found[rows], own)
+        return found
 
     def solid(self) -> SceneGeometry:
         """The same scene without leaves: what blocks a sound, or a line of sight."""
