@@ -57,7 +57,7 @@ from .lidar import (
 from .looks import Bark, Look
 from .problem import did_you_mean, unknown
 from .reverb import Place, Reverb
-from .scene import SENSORS, Accuracy, Output, Rays, Scene
+from .scene import SENSORS, Accuracy, Output, Rays, Scene, Tiles
 from .sensor import Sensor
 from .sonar import HORSESHOE_BAND, Sonar
 from .species import (
@@ -138,6 +138,7 @@ __all__ = [
     "Template",
     "Terrain",
     "Terrestrial",
+    "Tiles",
     "Tractor",
     "Wind",
     "did_you_mean",
