@@ -28,7 +28,7 @@ from ..sensing.kinds import choose, kind_of
 from ..sensing.lidar.tiled import LEVELS, TiledPulses, buffer_of, tiled_pulses
 from ..sensing.looks import Upright
 from ..sensing.rays.geometry import SceneGeometry
-from ..spec import Scene, Sensor, SpecError
+from ..spec import Output, Rays, Scene, Sensor, SpecError
 from ..stand.forest import ForestPlan, keys_of
 from ..stand.tiles import TiledForest, TileGrid, numbers_in_scene
 from .given import enough_memory, file_to_write, import_blender, progress_of
@@ -167,7 +167,16 @@ class Tiling:
         return self.hearing(sensor, along).look(sensor, progress, along)
 
     def hearing(self, sensor: Sensor, along: Trajectory | None = None) -> World:
-        """The scene of all that a sensor can reach from any place of its way.
+        """Put all trees that a sensor can reach from any place of its way into Blender.
+
+        Raises
+        ------
+        SpecError : a sensor whose reach is not bounded.
+        """
+        return self._world(self.reachable(sensor, along))
+
+    def reachable(self, sensor: Sensor, along: Trajectory | None = None) -> np.ndarray:
+        """Rows of the trees that a sensor can reach from any place of its way.
 
         Raises
         ------
@@ -185,7 +194,7 @@ class Tiling:
         ends = np.full((2, len(stand)), [[forest.low], [forest.high]])
         trees = Upright(stand.position[:, :2], forest.reach, *ends)
         away = np.maximum(trees.distance(np.asarray(places)) - look.slack, 0.0)
-        return self._world(np.flatnonzero(away <= look.range))
+        return np.flatnonzero(away <= look.range)
 
     def way(self, sensor: Sensor, along: Trajectory | None = None) -> Trajectory | None:
         """Return where a moving sensor goes."""
@@ -298,7 +307,10 @@ class Tiling:
     def digest(self) -> str:
         """Return what decides what rays meet in the forest, in one number."""
         total = hashlib.blake2b(digest_size=16)
-        said = [version(), asdict(self.scene.changed(sensors=(), output=type(self.scene.output)()))]
+        rays = Rays(engine=self.scene.rays.engine)  # their number of threads decides nothing
+        tiles = self.scene.tiles.changed(files="merged")
+        scene = self.scene.changed(sensors=(), output=Output(), rays=rays, tiles=tiles)
+        said = [version(), asdict(scene)]
         total.update(json.dumps(said, sort_keys=True, default=str).encode())
         stand = self.forest.stand
         for array in (stand.position, stand.rotation, stand.scale, stand.sink, stand.variant):
@@ -372,7 +384,11 @@ class TiledScan:
             for piece in every:
                 self.path(piece).with_suffix(".json").unlink(missing_ok=True)
             return every
-        return [p for p in every if read_note(self.path(p), self._digest) is None]
+        return [piece for piece in every if not self.is_made(piece)]
+
+    def is_made(self, piece: int) -> bool:
+        """Return whether the part of a piece is finished."""
+        return read_note(self.path(piece), self._digest) is not None
 
     def make(self, piece: int, world: World | None = None) -> None:
         """Trace the pulses of a piece into its part; world : its scene, where that stands already."""

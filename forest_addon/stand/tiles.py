@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -121,14 +121,24 @@ class TiledForest:
 
     def part(self, rows: np.ndarray) -> GrownForest:
         """Some trees as a forest, with the numbers that they have in the whole."""
-        stand = self.stand.select(rows)
+        whole, stand = self.whole, self.stand.select(rows)
+        return replace(
+            whole,
+            stand=stand,
+            variants={key: self.trees[key] for key in keys_of(stand)},
+            wanted=None if whole.wanted is None else whole.wanted[rows],
+        )
+
+    @property
+    def whole(self) -> GrownForest:
+        """Return all trees as a forest, whose variants grow when they are asked for."""
         plan, measured = self._plan, self._plan.measured
         return GrownForest(
-            stand=stand,
+            stand=self.stand,
             labels=self.labels,
             species=tuple(species for species, _ in plan.species),
-            variants={key: self.trees[key] for key in keys_of(stand)},
-            wanted=measured.trees[rows] if measured.variants else None,
+            variants=self.trees,
+            wanted=measured.trees if measured.variants else None,
             laws=measured.laws,
         )
 
