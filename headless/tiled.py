@@ -1,9 +1,9 @@
 """A run in tiles: scans piece by piece in any number of processes, then one file of each scan.
 
-All that is finished stands on the disk. A piece (a tile, with one width of buffer) is a file of its own in
-``tiles/`` until its scan is joined; a sensor that is done has a note there, which says by what settings. So a
-run that is killed loses the pieces that it was at, and ``--resume`` makes what is missing. Processes share the
-work by number alone, ``--share 2/8``, on one machine or on many that see the same folder.
+All that is finished stands on the disk. A piece (a tile, with one width of buffer) is a file of its own
+in ``tiles/`` until its scan is joined; a sensor that is done has a note there, which says by what settings.
+So a run that is killed loses the pieces that it was at, and ``--resume`` makes what is missing. Processes
+share the work by number alone, ``--share 2/8``, on one machine or on many that see the same folder.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class TiledRun:
         return self.out / FOLDER
 
     def note(self, name: str) -> Path:
-        """Where it says that a sensor is done."""
+        """Path of the file which says that a sensor is done."""
         return self.folder / f"{name}.done.json"
 
     def digest(self, sensor: Any) -> str:
@@ -233,7 +233,9 @@ def _join(run: TiledRun, scan: TiledScan) -> None:
     for lost in written.lost:
         run.stages.say(f"  Warning: {sensor.name}: lost {lost}")
     if not written.points:
-        run.stages.say(f"  Warning: {sensor.name}: 0 points; no pulse met anything within its range")
+        run.stages.say(
+            f"  Warning: {sensor.name}: 0 points; no pulse met anything within its range"
+        )
     _finish(run, sensor, files, facts)
 
 

@@ -118,7 +118,7 @@ def format_of(path: Path) -> str:
 
 
 def comments_of(scanner: Scanner, seed: int) -> tuple[str, ...]:
-    """What a file of records says of itself."""
+    """Comments of a file of records, which say of what it is."""
     return (f"Forest Sensing {scanner.kind} scan {scanner.name}, seed {seed}",)
 
 

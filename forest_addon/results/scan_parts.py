@@ -39,7 +39,18 @@ class PartNote:
     lost: tuple[Lost, ...] = ()
 
 
-def write_part(path: Path, scan: str, pieces: Iterable[tuple[int, np.ndarray, Sequence[Lost]]]) -> PartNote:
+@dataclass(frozen=True)
+class TileFiles:
+    """Files of tiles that are wanted: of which tiles, in which folder, and whether they are all."""
+
+    grid: TileGrid
+    folder: Path
+    alone: bool = False
+
+
+def write_part(
+    path: Path, scan: str, pieces: Iterable[tuple[int, np.ndarray, Sequence[Lost]]]
+) -> PartNote:
     """Write a part to ``path`` and its note beside it.
 
     scan : what decides its bytes. pieces : pulses, records (P,) and what was lost, in order.
@@ -80,14 +91,12 @@ def join_parts(
     pulses: int,
     *,
     offset: Offset = NO_OFFSET,
-    tiles: tuple[TileGrid, Path] | None = None,
-    merged: bool = True,
+    tiles: TileFiles | None = None,
     progress: Progress | None = None,
 ) -> Written:
     """Join finished parts into ``path``, in the order of their pulses, in the memory of a window.
 
-    tiles : also a file of each tile, of the points over it, in this folder; not of tiles without a point.
-    merged : whether the file of all is wanted.
+    tiles : also a file of each tile, of the points over it; not of tiles without a point.
 
     Raises
     ------
@@ -97,7 +106,7 @@ def join_parts(
     arrays = [rows_of(part) for part in parts]
     total, lost = sum(map(len, arrays)), _all_lost(parts)
     partial = path.with_name(f"{path.name[: -len(kind) - 1]}.joining.ply")
-    file = PlyFile(partial, POINT, comments) if merged else None
+    file = PlyFile(partial, POINT, comments) if tiles is None or not tiles.alone else None
     made: dict[int, int] = {}
     done = 0
     try:
@@ -116,8 +125,8 @@ def join_parts(
         for tile, count in made.items():
             of_tile = PlyFile(_of_tile(tiles, tile), POINT, comments, keep=count)
             of_tile.close()
-            name = f"{path.name[: -len(kind) - 1]}-{tiles[0].name(tile)}.{kind}"
-            finish(of_tile, tiles[1] / name, kind, offset.crs)
+            name = f"{path.name[: -len(kind) - 1]}-{tiles.grid.name(tile)}.{kind}"
+            finish(of_tile, tiles.folder / name, kind, offset.crs)
     if file is not None:
         finish(file, path, kind, offset.crs)
     return Written(path, pulses, total, 0, lost)
@@ -161,14 +170,14 @@ def _in_order(parts: Sequence[np.ndarray], window: int) -> Iterator[np.ndarray]:
 
 def _deal(
     rows: np.ndarray,
-    tiles: tuple[TileGrid, Path],
+    tiles: TileFiles,
     comments: tuple[str, ...],
     offset: Offset,
     made: dict[int, int],
 ) -> None:
     """Add records to the files of the tiles that they lie over."""
     where = np.column_stack([rows["x"] - offset[0], rows["y"] - offset[1]])
-    tile = tiles[0].tile_of(where)
+    tile = tiles.grid.tile_of(where)
     for number in np.unique(tile).tolist():
         file = PlyFile(_of_tile(tiles, number), POINT, comments, keep=made.get(number, 0))
         file.append(rows[tile == number])
@@ -176,5 +185,5 @@ def _deal(
         made[number] = file.count
 
 
-def _of_tile(tiles: tuple[TileGrid, Path], tile: int) -> Path:
-    return tiles[1] / f"{tiles[0].name(tile)}.joining.ply"
+def _of_tile(tiles: TileFiles, tile: int) -> Path:
+    return tiles.folder / f"{tiles.grid.name(tile)}.joining.ply"

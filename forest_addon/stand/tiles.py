@@ -92,7 +92,8 @@ class TiledForest:
     """A forest that is planned and has not grown but for its variants.
 
     stand : all trees, in their sizes, with their feet in the ground. reach : (N,) metres that a tree reaches
-    to the sides of its foot. low, high : lowest and highest coordinate z of any tree.
+    to the sides of its foot. across : m, the largest distance between two points of one tree. low, high :
+    lowest and highest coordinate z of any tree.
     """
 
     def __init__(self, plan: ForestPlan) -> None:
@@ -101,7 +102,7 @@ class TiledForest:
         self.stand = stand = plan.placed(self.trees)
         self.labels = tuple(labels(plan.scene.plantings))
         self.reach = np.zeros(len(stand))
-        self.low, self.high = np.inf, -np.inf
+        self.low, self.high, self.across = np.inf, -np.inf, 0.0
         for key, tree in self.trees.items():
             rows = np.flatnonzero((stand.species == key[0]) & (stand.variant == key[1]))
             corner = tree.mesh.vertices[np.isfinite(tree.mesh.vertices).all(axis=1)]
@@ -109,6 +110,8 @@ class TiledForest:
                 continue
             size = stand.scale[rows]
             self.reach[rows] = size * float(np.hypot(*corner[:, :2].T).max()) + SLACK
+            ends = np.ptp(corner, axis=0)
+            self.across = max(self.across, float(np.linalg.norm(ends) * size.max()))
             foot = stand.position[rows, 2] - stand.sink[rows]
             self.low = min(self.low, float((foot + size * corner[:, 2].min()).min()) - SLACK)
             self.high = max(self.high, float((foot + size * corner[:, 2].max()).max()) + SLACK)

@@ -94,7 +94,9 @@ def run_file(scene: Path, chosen: argparse.Namespace) -> None:
         return
     if workers > 1 or share is not None:
         key = "--workers" if share is None else "--share"
-        raise SpecError(key, "needs a scene with [tiles]; sensors of others use all cores by themselves")
+        raise SpecError(
+            key, "needs a scene with [tiles]; sensors of others use all cores by themselves"
+        )
     run_scene(
         settings,
         scene.resolve().parent,

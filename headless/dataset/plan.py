@@ -253,6 +253,9 @@ def _recipe(plan: Plan, number: int, base: Base, drawn: dict[str, Any]) -> Recip
     seed = int(stream(plan.head.seed, "scene", number).integers(2**63))
     split = split_of(plan, number)
     settings = scene.changed(seed=seed)
+    if settings.tiles.size:
+        why = "is for one large field (headless run); a plan has many small ones"
+        raise SpecError(f"{base.name}.tiles", f"{why}; take it away")
     library = None
     if plan.head.library:
         shared = ("library",) if plan.splits.share_trees else ("library", split)
