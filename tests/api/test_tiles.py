@@ -166,3 +166,14 @@ def test_sensors_that_hear_all_are_refused(tmp_path):
         tiling.scan_to(tmp_path / "t.laz", moving)
     with pytest.raises(forest.SpecError, match="tile"):
         tiling.build(99)
+
+
+def test_a_plan_of_many_scenes_takes_no_tiles(tmp_path):
+    from headless.dataset.factory import Asked, make_dataset
+    from headless.dataset.plan import read_plan
+
+    file = tmp_path / "p.toml"
+    file.write_text("[scene.tiles]\nsize = 10.0\n[scene.forest]\nsize = [5.0, 5.0]\n")
+    with pytest.raises(forest.SpecError, match="tiles"):
+        make_dataset(read_plan(file, ["count=2"]), tmp_path / "out", Asked(quiet=True))
+    assert not (tmp_path / "out").exists()
