@@ -51,6 +51,9 @@ class TiledScan:
             raise SpecError(
                 f"{name}.motion", "cannot be used with tiles; take motion or tiles away"
             )
+        if self.sensor.bounces:
+            why = "cannot be used with tiles, since light that bounces may go anywhere"
+            raise SpecError(f"{name}.bounces", f"{why}; use 0, or take tiles away")
         if self.sensor.receiver.beyond == "folded":
             why = "cannot be folded with tiles, since an echo may be of a pulse in another one"
             raise SpecError(f"{name}.receiver.beyond", f"{why}; take tiles away")

@@ -28,7 +28,7 @@ from ..sensing.rays.geometry import SceneGeometry
 from ..spec import Scanner, SpecError
 from .coordinates import NO_OFFSET, Offset
 from .point_files import ending_of
-from .points import POINT, UNITS, records
+from .points import BOUNCED, POINT, UNITS, records
 
 FORMATS = ("laz", "las", "copc.laz", "ply", "npz")
 ROWS_AT_ONCE = 1_000_000
@@ -37,19 +37,20 @@ ROWS_AT_ONCE = 1_000_000
 @dataclass(frozen=True)
 class Written:
     """Facts of a written scan: its file, pulses and points; ``resumed_at`` is the pulse that it went on
-    from, ``lost`` what could not be measured."""
+    from, ``lost`` what could not be measured, ``unfollowed`` as of a ``Cloud``."""
 
     path: Path
     pulses: int
     points: int
     resumed_at: int
     lost: tuple[Lost, ...] = ()
+    unfollowed: int = 0
 
 
 @dataclass(frozen=True)
 class ScanState:
     """State of an unfinished scan: which scan, its pulses, those of a chunk, those done, those of them
-    that were lost, its points."""
+    that were lost, its points, turned rays that met a second polished surface."""
 
     scan: str
     pulses: int
@@ -57,6 +58,7 @@ class ScanState:
     done: int = 0
     points: int = 0
     lost: tuple[Lost, ...] = ()
+    unfollowed: int = 0
 
 
 def write_scan(
@@ -87,12 +89,16 @@ def write_scan(
     if resume and noted.is_file():
         state = _resumed(noted, state)
     begin = state.done
-    file = PlyFile(partial, POINT, comments_of(scan.scanner, seed), keep=state.points)
+    point = BOUNCED if scan.scanner.bounces else POINT
+    file = PlyFile(partial, point, comments_of(scan.scanner, seed), keep=state.points)
     try:
         for done, cloud in scan.chunks(begin, state.at_once):
             file.append(records(cloud, offset))
             lost = together([*state.lost, *cloud.lost])
-            state = dataclasses.replace(state, done=done, points=file.count, lost=lost)
+            ended = state.unfollowed + cloud.unfollowed
+            state = dataclasses.replace(
+                state, done=done, points=file.count, lost=lost, unfollowed=ended
+            )
             with replacing(noted) as text:
                 text.write_text(json.dumps(dataclasses.asdict(state)) + "\n", encoding="utf-8")
             if progress:
@@ -101,7 +107,7 @@ def write_scan(
         file.close()
     finish(file, path, kind, offset.crs)
     noted.unlink(missing_ok=True)
-    return Written(path, scan.pulses, file.count, begin, state.lost)
+    return Written(path, scan.pulses, file.count, begin, state.lost, state.unfollowed)
 
 
 def format_of(path: Path) -> str:
@@ -192,6 +198,7 @@ def scene_digest(scene: SceneGeometry) -> bytes:
         for array in (mesh.vertices, mesh.triangles, mesh.part, mesh.leaf):
             total.update(np.ascontiguousarray(array).view(np.uint8).data)
     owned = (scene.transform, scene.mesh_index, scene.tree, scene.species, scene.reflectance)
-    for array in (*owned, *scene.slot_reflectance):
+    optics = () if scene.optics is None else (scene.optics,)
+    for array in (*owned, *scene.slot_reflectance, *optics, *scene.slot_optics):
         total.update(np.ascontiguousarray(array).view(np.uint8).data)
     return total.digest()

@@ -55,6 +55,7 @@ from .lidar import (
     Tractor,
 )
 from .looks import Bark, Look
+from .polished import POLISHED, Polished, property_of
 from .problem import did_you_mean, unknown
 from .reverb import Place, Reverb
 from .scene import SENSORS, Accuracy, Output, Rays, Scene, Tiles
@@ -79,6 +80,7 @@ __all__ = [
     "AUTO",
     "HORSESHOE_BAND",
     "MAX_REACH",
+    "POLISHED",
     "SENSORS",
     "Accuracy",
     "Air",
@@ -116,6 +118,7 @@ __all__ = [
     "Param",
     "Place",
     "Planting",
+    "Polished",
     "Pose",
     "Raster",
     "Rays",
@@ -144,6 +147,7 @@ __all__ = [
     "did_you_mean",
     "param",
     "param_of",
+    "property_of",
     "refuse_unknown",
     "unknown",
     "with_files",

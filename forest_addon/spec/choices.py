@@ -22,6 +22,11 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "multiply": ("Multiply", "Trees become more or fewer by the image's value"),
         "mask": ("Mask", "Trees stand only where the image reaches the threshold"),
     },
+    "optics": {
+        "mirror": ("Mirror", "Both faces send light on"),
+        "glass": ("Glass", "A sheet is a thin pane: light goes straight on, and some is reflected"),
+        "water": ("Water", "Light is refracted and some reflected; normals point out of the water"),
+    },
     "layout": {
         "poisson": ("By Chance", "Trees stand at random, denser where the intensity is higher"),
         "clusters": ("In Groups", "Centres by chance, trees around each: Thomas or Matérn"),

@@ -223,6 +223,11 @@ class FOREST_PT_thing(OnceStarted, bpy.types.Panel):
         column.prop(thing, "forest_reflects")
         if thing.forest_reflects:
             column.prop(thing, "forest_reflected")
+        column.prop(thing, "forest_polish")
+        if thing.forest_polish == "MIRROR":
+            column.prop(thing, "forest_mirrored")
+        elif thing.forest_polish != "NONE":
+            column.prop(thing, "forest_refraction")
 
 
 class FOREST_PT_air(OnceStarted, bpy.types.Panel):
