@@ -53,7 +53,7 @@ class TiledScan:
             )
         if self.sensor.bounces:
             why = "cannot be used with tiles, since light that bounces may go anywhere"
-            raise SpecError(f"{name}.bounces", f"{why}; use 0, or take tiles away")
+            raise SpecError(f"{name}.bounces", f"{why}; leave out bounces, or tiles")
         if self.sensor.receiver.beyond == "folded":
             why = "cannot be folded with tiles, since an echo may be of a pulse in another one"
             raise SpecError(f"{name}.receiver.beyond", f"{why}; take tiles away")
