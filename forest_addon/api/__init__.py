@@ -1,4 +1,4 @@
-"""The Python door: what a script, a notebook or Blender's console calls.
+"""The Python API: what a script, a notebook or Blender's console calls.
 
 ::
 
