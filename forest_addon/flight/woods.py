@@ -276,4 +276,7 @@ class Stock:
             species=np.concatenate([stock.species[rest], stand.species[order]]),
             object_index=np.concatenate([stock.object_index[rest], trees]),
             reflectance=np.concatenate([stock.reflectance[rest], np.full(len(stand), np.nan)]),
+            optics=None
+            if stock.optics is None
+            else np.concatenate([stock.optics[rest], np.full((len(stand), 4), np.nan)]),
         )

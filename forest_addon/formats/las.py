@@ -50,6 +50,7 @@ EXTRA = {
     "nz": "normal of the surface",
     "incidence": "beam to normal, degrees",
 }
+BOUNCE = {"bounce": "0 direct 1 ghost 2 glass 3 water"}  # of rows that have it
 
 
 def write_las(
@@ -146,10 +147,15 @@ def _header(rows: np.ndarray, written: date | None) -> laspy.LasHeader:
     header.add_extra_dims(
         [
             laspy.ExtraBytesParams(name, rows.dtype[name], description)
-            for name, description in EXTRA.items()
+            for name, description in _extra(rows).items()
         ]
     )
     return header
+
+
+def _extra(rows: np.ndarray) -> dict[str, str]:
+    """Extra bytes of rows, with what they say."""
+    return EXTRA | BOUNCE if "bounce" in (rows.dtype.names or ()) else EXTRA
 
 
 def _bounds(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -185,5 +191,5 @@ def _fill(raw: np.ndarray, rows: np.ndarray, classes: np.ndarray, header: laspy.
     raw["classification"] = classes
     raw["scan_angle"] = np.rint(rows["scan_angle"] / 0.006)
     raw["gps_time"] = rows["time"]
-    for name in EXTRA:
+    for name in _extra(rows):
         raw[name] = rows[name]

@@ -1,8 +1,9 @@
 """Coordinates of what is written: one rule for all files of numbers, and a note that says it.
 
 Positions in point clouds, tables and arrays are those of the map: metres of the scene, its ``offset`` added
-in double precision. A .blend and a .glb hold single precision, so they stay in the scene's own coordinates
-and carry the offset as a property. Within a session (``World``, ``Result``) all is in the scene's own.
+in double precision. A .blend, a .glb and a .usdc hold single precision, so they stay in the scene's own
+coordinates; the first two carry the offset as a property. Within a session (``World``, ``Result``) all is in
+the scene's own.
 """
 
 from __future__ import annotations
@@ -75,8 +76,8 @@ def write_note(path: Path, offset: Sequence[float], crs: str) -> bool:
     if note:
         text = (
             f"In point clouds, tables and arrays {note}. Cells of voxels times their edge lack it: add "
-            "`origin`. forest.blend and forest.glb are in the scene's own coordinates; they have the offset "
-            f"as the scene's property `{PROPERTY}`.\n"
+            "`origin`. forest.blend, forest.glb and forest.usdc are in the scene's own coordinates; the "
+            f"first two have the offset as the scene's property `{PROPERTY}`.\n"
         )
         with replacing(path) as partial:
             partial.write_text(text, encoding="utf-8")

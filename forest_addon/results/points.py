@@ -1,4 +1,4 @@
-"""The record of a return: one row of every point file, 97 bytes, whatever the format.
+"""The record of a return: one row of every point file, 97 bytes, whatever the format; 98 with bounces.
 
 Positions are moved by the scene's offset in float64 here, so that a map's coordinates keep their digits.
 Angles of records are degrees, widths nanoseconds, as in LAS files of instruments; lengths metres.
@@ -33,6 +33,7 @@ POINT = np.dtype(
         ("number_of_returns", "u1"),
     ]
 )
+BOUNCED = np.dtype([*POINT.descr, ("bounce", "u1")])  # 0 direct, 1 ghost, 2 glass, 3 refracted
 ROWS_AT_ONCE = 5_000  # what stays in the cache while its fields are copied
 UNITS = {
     **dict.fromkeys(("x", "y", "z", "range", "true_range"), "m"),
@@ -45,8 +46,9 @@ UNITS = {
 
 
 def records(cloud: Cloud, offset: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
-    """(P,) array of ``POINT``; ``offset`` metres are added to positions."""
-    rows = np.empty(len(cloud), dtype=POINT)
+    """(P,) array of ``POINT``, of a scanner that follows bounces of ``BOUNCED``; ``offset`` metres are added
+    to positions."""
+    rows = np.empty(len(cloud), dtype=POINT if cloud.bounce is None else BOUNCED)
     for first in range(0, len(cloud), ROWS_AT_ONCE):
         _fill(rows, cloud, slice(first, first + ROWS_AT_ONCE), offset)
     return rows
@@ -68,3 +70,5 @@ def _fill(rows: np.ndarray, cloud: Cloud, some: slice, offset: tuple[float, floa
     for name in ("tree", "leaf", "species", "organ"):
         part[name] = getattr(returns, name)[some]
     part["object"] = returns.instance[some]
+    if cloud.bounce is not None:
+        part["bounce"] = cloud.bounce[some]

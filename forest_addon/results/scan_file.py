@@ -25,10 +25,10 @@ from ..formats.ply import PlyFile
 from ..sensing.lidar.cloud import Lost, together
 from ..sensing.lidar.scan import Scan
 from ..sensing.rays.geometry import SceneGeometry
-from ..spec import SpecError
+from ..spec import Scanner, SpecError
 from .coordinates import NO_OFFSET, Offset
 from .point_files import ending_of
-from .points import POINT, UNITS, records
+from .points import BOUNCED, POINT, UNITS, records
 
 FORMATS = ("laz", "las", "copc.laz", "ply", "npz")
 ROWS_AT_ONCE = 1_000_000
@@ -37,19 +37,20 @@ ROWS_AT_ONCE = 1_000_000
 @dataclass(frozen=True)
 class Written:
     """Facts of a written scan: its file, pulses and points; ``resumed_at`` is the pulse that it went on
-    from, ``lost`` what could not be measured."""
+    from, ``lost`` what could not be measured, ``unfollowed`` as of a ``Cloud``."""
 
     path: Path
     pulses: int
     points: int
     resumed_at: int
     lost: tuple[Lost, ...] = ()
+    unfollowed: int = 0
 
 
 @dataclass(frozen=True)
 class ScanState:
     """State of an unfinished scan: which scan, its pulses, those of a chunk, those done, those of them
-    that were lost, its points."""
+    that were lost, its points, turned rays that met a second polished surface."""
 
     scan: str
     pulses: int
@@ -57,6 +58,7 @@ class ScanState:
     done: int = 0
     points: int = 0
     lost: tuple[Lost, ...] = ()
+    unfollowed: int = 0
 
 
 def write_scan(
@@ -80,35 +82,54 @@ def write_scan(
     SpecError : an ending that is not known; an unfinished scan with other settings or of another scene.
     OSError : it cannot be written; what is finished is kept.
     """
-    kind = ending_of(path).lstrip(".")
-    if kind not in FORMATS:
-        raise SpecError(str(path), f"cannot be written; end its name in .{', .'.join(FORMATS)}")
+    kind = format_of(path)
     state = ScanState(_digest(scan, seed, offset), scan.pulses, at_once or scan.at_once)
     stem = path.name[: -len(kind) - 1]
     noted, partial = (path.with_name(f"{stem}.partial.{end}") for end in ("json", "ply"))
     if resume and noted.is_file():
         state = _resumed(noted, state)
     begin = state.done
-    comments = (f"Forest Sensing {scan.scanner.kind} scan {scan.scanner.name}, seed {seed}",)
-    file = PlyFile(partial, POINT, comments, keep=state.points)
+    point = BOUNCED if scan.scanner.bounces else POINT
+    file = PlyFile(partial, point, comments_of(scan.scanner, seed), keep=state.points)
     try:
         for done, cloud in scan.chunks(begin, state.at_once):
             file.append(records(cloud, offset))
             lost = together([*state.lost, *cloud.lost])
-            state = dataclasses.replace(state, done=done, points=file.count, lost=lost)
+            ended = state.unfollowed + cloud.unfollowed
+            state = dataclasses.replace(
+                state, done=done, points=file.count, lost=lost, unfollowed=ended
+            )
             with replacing(noted) as text:
                 text.write_text(json.dumps(dataclasses.asdict(state)) + "\n", encoding="utf-8")
             if progress:
                 progress(done, scan.pulses)
     finally:
         file.close()
-    _finish(file, path, kind, offset.crs)
+    finish(file, path, kind, offset.crs)
     noted.unlink(missing_ok=True)
-    return Written(path, scan.pulses, file.count, begin, state.lost)
+    return Written(path, scan.pulses, file.count, begin, state.lost, state.unfollowed)
 
 
-def _finish(file: PlyFile, path: Path, kind: str, crs: str) -> None:
-    """The partial file as the one that was asked for."""
+def format_of(path: Path) -> str:
+    """The format of a file of points, by its name.
+
+    Raises
+    ------
+    SpecError : an ending that is not known.
+    """
+    kind = ending_of(path).lstrip(".")
+    if kind not in FORMATS:
+        raise SpecError(str(path), f"cannot be written; end its name in .{', .'.join(FORMATS)}")
+    return kind
+
+
+def comments_of(scanner: Scanner, seed: int) -> tuple[str, ...]:
+    """Comments of a file of records, which say of what it is."""
+    return (f"Forest Sensing {scanner.kind} scan {scanner.name}, seed {seed}",)
+
+
+def finish(file: PlyFile, path: Path, kind: str, crs: str) -> None:
+    """Turn a partial file of records into the file that was asked for."""
     if kind == "ply":
         file.path.replace(path)
         return
@@ -177,6 +198,7 @@ def scene_digest(scene: SceneGeometry) -> bytes:
         for array in (mesh.vertices, mesh.triangles, mesh.part, mesh.leaf):
             total.update(np.ascontiguousarray(array).view(np.uint8).data)
     owned = (scene.transform, scene.mesh_index, scene.tree, scene.species, scene.reflectance)
-    for array in (*owned, *scene.slot_reflectance):
+    optics = () if scene.optics is None else (scene.optics,)
+    for array in (*owned, *scene.slot_reflectance, *optics, *scene.slot_optics):
         total.update(np.ascontiguousarray(array).view(np.uint8).data)
     return total.digest()

@@ -33,12 +33,28 @@ def _figures(scanner: Scanner, cloud: Cloud, _seen: Seen | None) -> list[Figure]
     ]
     if scanner.beam.max_returns > 1:
         found.append(numbers("of several returns", "Several Returns", share(cloud.count > 1)))
+    if cloud.bounce is not None:
+        found += _of_bounces(cloud)
     if cloud.velocity is not None:
         found += _of_motion(cloud)
     if cloud.lost:
         lost = "; ".join(map(str, cloud.lost))
         found.append(numbers("not measured, by a fault of this program", "Not Measured", lost))
     return [*found, numbers("", "Rays By", cloud.engine)]
+
+
+def _of_bounces(cloud: Cloud) -> list[Figure]:
+    """Figures of a scanner that follows bounces: points by the way of their light, rays not followed."""
+    assert cloud.bounce is not None
+    found = [
+        numbers("ghosts, by reflection", "Ghosts", share(cloud.bounce == 1)),
+        numbers("through glass", "Through Glass", share(cloud.bounce == 2)),
+        numbers("refracted by water", "Refracted", share(cloud.bounce == 3)),
+    ]
+    if cloud.unfollowed:
+        said = f"{cloud.unfollowed:,}"
+        found.append(numbers("rays that met a second mirror or pane", "Not Followed", said))
+    return found
 
 
 def _of_motion(cloud: Cloud) -> list[Figure]:

@@ -120,9 +120,15 @@ def _notes(sonar: Sonar, found: Finding) -> tuple[str, ...]:
 
 
 def _doubts(sonar: Sonar, found: Finding) -> tuple[str, ...]:
-    """Return that a tolerance was not reached, and what to do."""
-    error = max(echo.error_bound for echo in _echoes(found))
-    if not error > sonar.tolerance > 0:
+    """Return that a tolerance was not reached, and what to do.
+
+    Silent where the sum has at most two thirds of all bounds, with what is left out as too weak and the
+    tables: then a finer sum makes the result no surer. The notes give all three.
+    """
+    echoes = _echoes(found)
+    error = max(echo.error_bound for echo in echoes)
+    others = max(echo.cull_bound + echo.table_error for echo in echoes)
+    if not error > max(sonar.tolerance, 2.0 * others) or not sonar.tolerance:
         return ()
     enough = 10.0 ** np.ceil(np.log10(error))
     return (

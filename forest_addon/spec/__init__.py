@@ -55,9 +55,10 @@ from .lidar import (
     Tractor,
 )
 from .looks import Bark, Look
+from .polished import POLISHED, Polished, property_of
 from .problem import did_you_mean, unknown
 from .reverb import Place, Reverb
-from .scene import SENSORS, Accuracy, Output, Rays, Scene
+from .scene import SENSORS, Accuracy, Output, Rays, Scene, Tiles
 from .sensor import Sensor
 from .sonar import HORSESHOE_BAND, Sonar
 from .species import (
@@ -79,6 +80,7 @@ __all__ = [
     "AUTO",
     "HORSESHOE_BAND",
     "MAX_REACH",
+    "POLISHED",
     "SENSORS",
     "Accuracy",
     "Air",
@@ -116,6 +118,7 @@ __all__ = [
     "Param",
     "Place",
     "Planting",
+    "Polished",
     "Pose",
     "Raster",
     "Rays",
@@ -138,11 +141,13 @@ __all__ = [
     "Template",
     "Terrain",
     "Terrestrial",
+    "Tiles",
     "Tractor",
     "Wind",
     "did_you_mean",
     "param",
     "param_of",
+    "property_of",
     "refuse_unknown",
     "unknown",
     "with_files",

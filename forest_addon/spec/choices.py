@@ -22,6 +22,11 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "multiply": ("Multiply", "Trees become more or fewer by the image's value"),
         "mask": ("Mask", "Trees stand only where the image reaches the threshold"),
     },
+    "optics": {
+        "mirror": ("Mirror", "Both faces send light on"),
+        "glass": ("Glass", "A sheet is a thin pane: light goes straight on, and some is reflected"),
+        "water": ("Water", "Light is refracted and some reflected; normals point out of the water"),
+    },
     "layout": {
         "poisson": ("By Chance", "Trees stand at random, denser where the intensity is higher"),
         "clusters": ("In Groups", "Centres by chance, trees around each: Thomas or Matérn"),
@@ -142,6 +147,11 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
     "preview_from": {
         "whole": ("All of It", "From the south-west, so far away that every tree is seen"),
         "walker": ("A Walker", "A walker's eye among the trees, undergrowth added for the picture"),
+    },
+    "files": {
+        "merged": ("One File", "All points of a scan in one file, as without tiles"),
+        "tiles": ("A File a Tile", "The points over each tile in a file of its own"),
+        "both": ("Both", "One file of all points, and one of each tile"),
     },
     "undergrowth": {
         "auto": ("Automatic", "Sparse where a scanner or a sonar looks at measured trees"),

@@ -194,8 +194,17 @@ class Scanner(Sensor):
     receiver: Receiver = param(Receiver(), help="which echoes become returns")
     noise: Noise = param(Noise(), help="what is measured wrongly")
     motion: bool = motion()
+    bounces: bool = param(
+        False,
+        help="light that a mirror, glass or water turns meets one surface more: ghosts, and what is behind "
+        "panes and under water; left out: these send back light as any surface",
+    )
 
     def check(self) -> None:
+        if self.bounces and self.motion:
+            raise SpecError(
+                "bounces", "is for scenes that stand still; leave out bounces, or motion"
+            )
         if self.min_range >= self.max_range:
             raise SpecError("min_range", "must be smaller than max_range")
         for key in ("dynamic_range", "threshold_snr"):

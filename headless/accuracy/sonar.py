@@ -40,19 +40,23 @@ def sweep_sonar(
     # a record without what is culled would be shorter, its bins others; the spectrum knows no Doppler
     fixed: dict[str, object] = {"doppler": False}
 
+    known: dict[Sonar, tuple[list[Echo], float]] = {}
+
     def listen(changes: dict[str, object]) -> tuple[list[Echo], float]:
         one = replace(sensor, **changes, **fixed)
-        found, seconds = timed(lambda: observer.observe(one, settings, None, folder, some))
-        return list(found.echoes), seconds * len(given) / len(some)
+        if one not in known:
+            found, seconds = timed(lambda: observer.observe(one, settings, None, folder, some))
+            known[one] = list(found.echoes), seconds * len(given) / len(some)
+        return known[one]
 
     def once(changes: dict[str, object]) -> list[Echo]:
-        one = replace(sensor, **changes, **fixed)
-        return list(observer.observe(one, settings, None, folder, some).echoes)
+        return listen(changes)[0]
 
     shaded = "extinction" in sensor.shading
     exact: dict[str, object] = {"cull": 0.0, "tolerance": 1e-9}
     exact |= {"shading_rays": MANY_RAYS} if shaded else {}
-    everything = once(exact)  # also makes what is made once
+    # coarse: it counts, finds the record, and makes what is made once
+    everything = once({"cull": 0.0, "tolerance": 1e-2})
     heard = sum(len(echo.heard) for echo in everything) / len(some)
     if not sensor.record:
         longest = max(len(echo.time) for echo in everything)

@@ -6,6 +6,8 @@ meant.
 
 from __future__ import annotations
 
+import importlib.metadata
+import platform
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -16,10 +18,10 @@ from . import disk
 from .convert.legend import write_names
 from .labels import FILES, LIMITS
 from .plan import SPLITS, Plan, Recipe
-from .versions import versions
 
 LOADER = Path(__file__).parent / "convert" / "loader.py"  # read, never imported here
 LEGEND = "legend.csv"
+PACKAGES = ("forest-sensing", "bpy", "numpy", "scipy", "laspy", "lazrs")
 
 
 def write_card(plan: Plan, wanted: Sequence[Recipe], root: Path) -> None:
@@ -135,3 +137,14 @@ def _shared(plan: Plan, records: Sequence[dict[str, Any]]) -> str:
         "as the plan says" if plan.splits.share_trees else "because their species know no chance"
     )
     return f"{count} grown trees stand in scenes of more than one split, {meant}."
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that decide the bytes, by name."""
+    found = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "unknown"
+    return found

@@ -18,10 +18,10 @@ from forest_addon.spec import SpecError
 from ..command import IncompleteError
 from ..lock import only_one
 from . import disk
+from .card import versions, write_card
 from .engine import Cluster, make_all
 from .manifest import write_manifest
 from .plan import Plan, Recipe, recipes
-from .versions import versions
 from .worker import job_of
 
 NAMED = 8  # scenes that a message names
@@ -49,6 +49,8 @@ def make_dataset(plan: Plan, out: Path, asked: Asked) -> None:
     IncompleteError : scenes were set aside; all others are there.
     """
     wanted = recipes(plan)
+    if any(recipe.scene.get("tiles") for recipe in wanted):
+        raise SpecError("scene.tiles", "are for one large field (headless run); take them away")
     try:
         with only_one(out):
             _make(plan, wanted, out.resolve(), asked)
@@ -152,7 +154,6 @@ def _machine_memory() -> float:
 
 def _describe(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked, changed: bool) -> None:
     """The data card with its pictures, which say what is there now."""
-    from .card import write_card
 
     if changed or not (out / "README.md").is_file():
         write_card(plan, wanted, out)

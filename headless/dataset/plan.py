@@ -29,6 +29,7 @@ from forest_addon.spec.base import Settings, with_files
 
 from . import dotted, vary
 from .chance import refuse_without_chance
+from .mixture import in_season, mixed, redealt
 from .place import refuse_out_of_range
 from .randomise import randomised
 from .settings import Ground, Head, Keep, Mix, Placing, Running, Splits
@@ -290,8 +291,9 @@ def _resolved(
         own = path.split(".")[0].split("[")[0] in OWN
         dotted.put(tables, path if own else f"scene.{path}", copy.deepcopy(value))
     mix = _within("mix", tables, Mix)
-    if mix.species:
-        tables["scene"]["plantings"] = _plantings(plan, mix, number)
+    if mix.species or "plantings" in tables["scene"]:
+        own = tables["scene"].get("plantings", [])
+        tables["scene"]["plantings"] = _plantings(plan, mix, base, number, own)
     scene = structure(tables["scene"], Scene, base.folder)
     places = []
     for index, one in enumerate(tables["place"]):
@@ -310,25 +312,19 @@ def _resolved(
     return scene, {"terrain": _within("terrain", tables, Ground), "place": places}
 
 
-def _plantings(plan: Plan, mix: Mix, number: int) -> list[dict[str, Any]]:
-    """The species of one scene, with shares of the density."""
+def _plantings(
+    plan: Plan, mix: Mix, base: Base, number: int, own: list[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """The plantings of one scene: species of the mix, or the base scene's own, in their season."""
     rng = stream(plan.head.seed, "mix", number)
-    species = list(mix.species)
-    if plan.splits.by == "species":
-        species = _dealt(species, plan, "species")[split_of(plan, number)]
-    most = min(mix.kinds[1], len(species))
-    kinds = int(rng.integers(min(mix.kinds[0], most), most + 1))
-    chosen = sorted(rng.permutation(len(species))[:kinds].tolist())
-    shares = rng.dirichlet(np.full(kinds, mix.evenness))
-    return [
-        {
-            "species": species[which],
-            "density": float(mix.density * share),
-            "variants": mix.variants,
-            "scale": list(mix.scale),
-        }
-        for which, share in zip(chosen, shares, strict=True)
-    ]
+    if mix.species:
+        species = list(mix.species)
+        if plan.splits.by == "species":
+            species = _dealt(species, plan, "species")[split_of(plan, number)]
+        own = mixed(mix, species, rng)
+    elif mix.redealt:
+        own = redealt(own, mix.redealt, rng)
+    return in_season(own, mix.season, base.folder) if mix.season else own
 
 
 def split_of(plan: Plan, number: int) -> str:

@@ -28,6 +28,19 @@ class Mix(Settings):
     scale: tuple[float, float] = param(
         (0.8, 1.2), help="smallest and largest size factor of a tree", gt=0, le=100
     )
+    redealt: float = param(
+        0.0,
+        help="without species: the densities of the scene's own plantings are dealt anew about their shares, "
+        "by a Dirichlet distribution of this parameter, large: nearly as written; 0: as written",
+        ge=0,
+        le=1e6,
+    )
+    season: float = param(
+        0.0,
+        help="season of all plantings whose measured kind sheds its leaves; 0: as written, to 1: bare",
+        ge=0,
+        le=1,
+    )
 
 
 class Ground(Settings):
@@ -185,8 +198,9 @@ class Head(Settings):
 
     randomise: str = param(
         "none",
-        help="what varies by itself: nothing, or (measured) instrument, noise, resolution, undergrowth, "
-        "relief and density within the ranges that instruments and stands have; [vary] goes over it",
+        help="what varies by itself: nothing, or (measured) instrument, noise, threshold, resolution, "
+        "undergrowth, relief, density, species, wind and season, within the ranges of docs/dataset.md; "
+        "[vary] goes over it",
         choices=("none", "measured"),
     )
 

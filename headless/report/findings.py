@@ -61,7 +61,9 @@ def _stand_notes(settings: Scene, forest: GrownForest) -> Iterator[str]:
     """Return what was expected, what was taken away and why."""
     stand = forest.stand
     sums = [
-        f"{label} {value:,.1f}" + (f" ± {error:.2g}" if error else "")
+        f"{label} {value:,.1f} ± {error:.2g}"
+        if error
+        else f"{label} {value:,.1f}".removesuffix(".0")
         for label, value, error in zip(forest.labels, stand.expected, stand.error, strict=True)
     ]
     if sums:

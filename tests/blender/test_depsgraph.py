@@ -340,6 +340,26 @@ def test_an_ignored_object_is_not_seen_and_casts_no_instances(empty_blender):
     assert len(read()) == 0
 
 
+def test_optics_of_material_then_object(empty_blender):
+    pane = bpy.data.materials.new("pane")
+    pane["forest_optics"], pane["forest_index"] = "glass", 1.6
+    mesh = to_mesh("m", quad(0, WOOD))
+    for material in (bpy.data.materials.new("frame"), pane):
+        mesh.materials.append(material)
+    mesh.polygons[1].material_index = 1
+    thing = bpy.data.objects.new("m", mesh)
+    thing["forest_optics"] = "mirror"
+    bpy.context.scene.collection.objects.link(thing)
+    with_nodes(add(quad(1, WOOD), "b", forest_optics="water"), row(3, (1, 0, 0)))
+    scene = read()
+    name = np.array(scene.object_name)[scene.object_index]
+    m, b = np.flatnonzero(name == "m")[0], np.flatnonzero(name == "b")[-1]
+    found = scene.optics_at(np.array([m, m, b, -1]), np.array([0, 1, 0, -1]))
+    assert found[:, :2] == pytest.approx(
+        np.array([[0, np.nan], [1, 1.6], [2, np.nan], [np.nan, np.nan]]), nan_ok=True
+    )
+
+
 def test_reflectance_of_material_then_object_then_scanner(empty_blender):
     leaf, plain = bpy.data.materials.new("leaf"), bpy.data.materials.new("plain")
     leaf[REFLECTANCE_KEY] = 0.45

@@ -54,7 +54,7 @@ def test_fly_writes_tables_picture_and_blend(tmp_path):
 
 @pytest.mark.slow
 def test_the_hedge_is_an_experiment(tmp_path, capsys):
-    assert main(["flight", "hedge", "--size", "0.1", "--out", str(tmp_path)]) == 0
+    assert main(["flight", "hedge", "--size", "0.008", "--out", str(tmp_path)]) == 0
     assert (tmp_path / "hedge.png").stat().st_size > 10_000
     assert all(0 <= float(row["auc_energy"]) <= 1 for row in rows(tmp_path / "hedge.csv"))
 

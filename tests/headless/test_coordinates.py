@@ -8,6 +8,7 @@ from pathlib import Path
 import laspy
 import numpy as np
 import pytest
+from scipy.io import loadmat
 
 bpy = pytest.importorskip("bpy")
 
@@ -20,6 +21,7 @@ pictures = false
 goodness = false
 report = false
 preview = false
+qsm = true
 """
 
 
@@ -54,6 +56,16 @@ def test_every_file_has_the_offset(headless, tmp_path):
             assert len(np.atleast_2d(here[key]))
             assert np.allclose(there[key] - here[key], OFFSET, rtol=0, atol=1e-8), file
             assert {k for k in here if k != key and not np.array_equal(here[k], there[k])} == set()
+    tables = [columns(folder / "cylinders.csv") for folder in (near, far)]
+    for ends in ("start", "end"):
+        here, there = (numbers(table, [f"{ends}{axis}" for axis in "XYZ"]) for table in tables)
+        assert len(here)
+        assert np.allclose(there - here, OFFSET, rtol=0, atol=2e-5)  # digits of the table
+    models = [
+        loadmat(next((folder / "qsm").iterdir()), simplify_cells=True) for folder in (near, far)
+    ]
+    here, there = (model["QSM"]["cylinder"]["start"] for model in models)
+    assert np.allclose(there - here, OFFSET, rtol=0, atol=1e-8)
     clouds = [laspy.read(folder / "cloud.laz") for folder in (near, far)]
     assert np.allclose(clouds[1].xyz - clouds[0].xyz, OFFSET, rtol=0, atol=2e-4)
     note = (far / "coordinates.txt").read_text()

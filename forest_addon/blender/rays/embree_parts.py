@@ -339,4 +339,5 @@ def _without(scene: SceneGeometry, rows: np.ndarray) -> SceneGeometry:
         slot_reflectance=(),
         asset=(),
         slot_names=(),
+        slot_optics=(),
     )

@@ -3,9 +3,9 @@
 Modifiers, collection instances, geometry nodes, curves, text and metaballs are all seen as Blender shows
 them; what is hidden is not. Meshes that several instances share are read once. Custom properties of
 objects say more: ``forest_tree`` and ``forest_species`` number trees, ``forest_ignored`` keeps an
-object from all sensors, ``forest_reflectance`` (of a material, too) is for LiDAR. Trees from an asset
-library, whose mesh says so, are numbered after all others, by the names of their objects. What was read
-is kept until Blender reports any change.
+object from all sensors, ``forest_reflectance`` and what makes a mirror, glass or water (``optics``) are
+for LiDAR, of a material, too. Trees from an asset library, whose mesh says so, are numbered after all
+others, by the names of their objects. What was read is kept until Blender reports any change.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from ..scene.standings import (
     standings,
 )
 from .kept import kept
+from .optics import NO_OPTICS, optics_of
 
 
 def read_scene(depsgraph: bpy.types.Depsgraph) -> SceneGeometry:
@@ -116,6 +117,7 @@ class _Found:
         self._slots: list[np.ndarray] = []
         self._assets: list[str] = []
         self._materials: list[tuple[str, ...]] = []
+        self._slot_optics: list[np.ndarray] = []
         self._names: dict[str, int] = {}
         self._single: list[tuple] = []
         self._many: list[tuple] = []
@@ -136,6 +138,7 @@ class _Found:
                 _says(owner, thing, TREE_KEY, -1),
                 _says(owner, thing, SPECIES_KEY, -1),
                 _says(owner, thing, REFLECTANCE_KEY, np.nan),
+                optics_of(owner, thing),
             )
         )
 
@@ -161,15 +164,16 @@ class _Found:
                 tree,
                 species,
                 np.full(count, reflectance),
+                np.tile(optics_of(owner, source), (count, 1)),
             )
         )
 
     def scene(self) -> SceneGeometry:
         """All of it as arrays."""
-        columns = list(zip(*self._single, strict=True)) or [[]] * 6
-        kinds = (np.int64, np.float64, np.int64, np.int64, np.int64, np.float64)
-        shapes = ((-1,), (-1, 3, 4), (-1,), (-1,), (-1,), (-1,))
-        index, transform, name, tree, species, reflectance = (
+        columns: list[Any] = list(zip(*self._single, strict=True)) or [[]] * 7
+        kinds = (np.int64, np.float64, np.int64, np.int64, np.int64, np.float64, np.float64)
+        shapes = ((-1,), (-1, 3, 4), (-1,), (-1,), (-1,), (-1,), (-1, 4))
+        index, transform, name, tree, species, reflectance, optics = (
             np.concatenate(
                 [np.array(column, dtype=kind).reshape(shape), *(many[k] for many in self._many)],
                 dtype=kind,
@@ -190,6 +194,10 @@ class _Found:
             slot_reflectance=tuple(self._slots),
             asset=tuple(self._assets),
             slot_names=tuple(self._materials),
+            optics=None if np.isnan(optics[:, 0]).all() else optics,
+            slot_optics=tuple(self._slot_optics)
+            if any(np.isfinite(slots).any() for slots in self._slot_optics)
+            else (),
         )
 
     def _number_trees(
@@ -216,6 +224,8 @@ class _Found:
             if not empty:
                 self._meshes.append(separate_leaves(from_mesh(mesh)))
                 self._slots.append(_slot_reflectance(mesh))
+                slots = [optics_of(m) if m else NO_OPTICS for m in mesh.materials]
+                self._slot_optics.append(np.array(slots or [NO_OPTICS]))
                 self._assets.append(_asset_of(mesh, thing))
                 self._materials.append(tuple(m.name if m else "" for m in mesh.materials) or ("",))
         return self._number_of[key]

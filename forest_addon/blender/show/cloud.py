@@ -57,6 +57,8 @@ def show_cloud(home: bpy.types.Collection, name: str, cloud: Cloud) -> bpy.types
     fill(data, "pulse", "INT", cloud.pulse)
     fill(data, "return_number", "INT", cloud.number)
     fill(data, "number_of_returns", "INT", cloud.count)
+    if cloud.bounce is not None:
+        fill(data, "bounce", "INT", cloud.bounce)
     colour = np.tile(OTHER, (128, 1))
     for organ, shade in COLOUR_OF_ORGAN.items():
         colour[organ] = shade

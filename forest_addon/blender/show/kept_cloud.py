@@ -92,6 +92,9 @@ def kept_scan(data: bpy.types.Mesh) -> KeptScan | None:
         returns=returns,
         pulses=int(said.get("pulses", pulse.max(initial=-1) + 1)),
         engine=str(said.get("engine", "")),
+        bounce=_read(data, "bounce", "INT").astype(np.int8)
+        if "bounce" in data.attributes
+        else None,
         **{
             name: _read(data, name, "FLOAT")
             for name in (

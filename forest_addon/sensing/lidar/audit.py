@@ -150,8 +150,9 @@ def apart(found: Cloud, again: Cloud, number: np.ndarray) -> tuple[np.ndarray, n
     far, off = _differ(found.returns.select(a), again.returns.select(b))
     far = np.fmax(far, np.linalg.norm(found.position[a] - again.position[b], axis=1))
     far = np.fmax(far, np.abs(found.true_range[a] - again.true_range[b]))
-    for name in ("number", "count"):
-        far[getattr(found, name)[a] != getattr(again, name)[b]] = np.inf
+    for name in ("number", "count", "bounce"):
+        if getattr(found, name) is not None:
+            far[getattr(found, name)[a] != getattr(again, name)[b]] = np.inf
     far[~np.isfinite(found.position[a]).all(axis=1)] = np.inf
     for name in ("intensity", "width"):
         one, other = getattr(found, name)[a], getattr(again, name)[b]

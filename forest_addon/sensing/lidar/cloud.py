@@ -41,6 +41,9 @@ class Cloud(RowTable):
     returns : measured range, surface and labels of the P returns.
     velocity, rest : of a scan in a scene that moves, (P, 3) m/s of what was met, and (P, 3) metres where that
         point is when the scene stands as at the frame of the scan; None of a still scene.
+    bounce : of a scanner that follows bounces, (P,) int8: 0 direct, 1 by reflection: a ghost where nothing
+        stands, 2 straight through glass, 3 refracted; None of others.
+    unfollowed : rays that were turned and met a second mirror, glass or water.
     lost : those of the ``pulses`` on which the program failed; a fault of ours, to be reported.
     """
 
@@ -61,6 +64,8 @@ class Cloud(RowTable):
     lost: tuple[Lost, ...] = ()
     velocity: np.ndarray | None = None
     rest: np.ndarray | None = None
+    bounce: np.ndarray | None = None
+    unfollowed: int = 0
 
     def __len__(self) -> int:
         return len(self.pulse)
@@ -71,6 +76,7 @@ def join(clouds: Sequence[Cloud]) -> Cloud:
     return dataclasses.replace(
         Cloud.joined(clouds),
         pulses=sum(cloud.pulses for cloud in clouds),
+        unfollowed=sum(cloud.unfollowed for cloud in clouds),
         lost=together([lost for cloud in clouds for lost in cloud.lost]),
     )
 

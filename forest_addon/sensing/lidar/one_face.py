@@ -36,12 +36,16 @@ TRIES = 8
 
 @dataclass(frozen=True)
 class Received(RowTable):
-    """E echoes, and of each what stands for it: its hit, the way of that ray and the normal there, (E, 3)."""
+    """E echoes, and of each what stands for it: its hit, the way of that ray and the normal there, (E, 3).
+
+    bounce : (E,) int8 how that ray went (``bounces``); None where all go straight.
+    """
 
     echoes: WaveformEchoes
     hits: Hits
     way: np.ndarray
     normal: np.ndarray
+    bounce: np.ndarray | None = None
 
 
 def seen(faces: Faces, beams: BeamFrames, scanner: Scanner) -> tuple[np.ndarray, np.ndarray, Hits]:

@@ -23,17 +23,32 @@ FAINT = 1e-6  # share of the light below which a ray is not followed further
 
 
 @dataclass(frozen=True)
+class SightLines(RowTable):
+    """Lines on which C contacts are seen in a scene with mirrors, glass or water (``bounces``).
+
+    origin : (C, 3) where the ray would start if it had not been turned. way : (C, 3) how it arrives.
+    bounce : (C,) int8, how it went there.
+    """
+
+    origin: np.ndarray
+    way: np.ndarray
+    bounce: np.ndarray
+
+
+@dataclass(frozen=True)
 class Contacts(RowTable):
     """C surfaces that send light back, those of one ray from the nearest on.
 
     ray : (C,) number of the ray. hits : what it met. organ : (C,) int8 part of the tree.
     light : (C,) share of the ray's light that gets there and back.
+    sight : where rays may be turned, the lines of the C contacts; None where all are the rays' own.
     """
 
     ray: np.ndarray
     hits: Hits
     organ: np.ndarray
     light: np.ndarray
+    sight: SightLines | None = None
 
 
 def meet(
@@ -58,7 +73,7 @@ def meet(
         met = np.flatnonzero(hits.found)
         ray, light, hits = ray[met], light[met], hits.select(met)
         organ = organs(caster.scene, hits)
-        sends, goes_on, kept = _split(organ, light, surfaces, keys[ray], len(found))
+        sends, goes_on, kept = split(organ, light, surfaces, keys[ray], len(found))
         found.append(Contacts(ray[sends], hits.select(sends), organ[sends], light[sends]))
         if not len(goes_on):
             break
@@ -74,10 +89,10 @@ def meet(
     return Contacts.joined(found)
 
 
-def _split(
+def split(
     organ: np.ndarray, light: np.ndarray, surfaces: Surfaces, keys: np.ndarray, before: int
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Rows that send light back, rows of rays that go on, and the share of their light that does.
+    """Return rows that send light back, rows of rays that go on, and the share of their light that does.
 
     before : how many surfaces these rays have met before.
     """

@@ -32,6 +32,7 @@ from .cloud import Cloud, Lost, join
 from .footprint import BeamFrames, frames, sub_rays
 from .one_face import Received, on_one_face, received, seen
 from .passage import Contacts, meet
+from .polish.bounces import DIRECT, PolishedScene, alike_bounces, follow
 from .radiometry import detection_limit, intensity, reflectance_of, refuse_surplus
 from .receiver import (
     awake,
@@ -75,7 +76,9 @@ class Scan:
         self.pulses = self.pattern.count
         self.at_once = max(1, RAYS_AT_ONCE // scanner.beam.subrays)
         self._moving = caster if isinstance(caster, TimedCaster) else None
-        still = self._moving is None and scanner.beam.subrays > 1
+        self._polished = PolishedScene.of(caster.scene, scanner)
+        self._unfollowed = 0
+        still = self._moving is None and self._polished is None and scanner.beam.subrays > 1
         self._faces = Faces.of(caster.scene) if still else None
         if self._faces is not None:
             self.at_once *= 4  # hardly a ray is traced
@@ -110,6 +113,7 @@ class Scan:
         """The returns of the pulses of these numbers (P,), ascending."""
         pulses = self.pattern.pulses(number)
         keys = daughter_keys(self._key, number)
+        self._unfollowed = 0
         if self.scanner.receiver.beyond == "folded":
             return self._measure(pulses, number, keys, self._folded(number))
         return self._measure(pulses, number, keys, self._found(pulses, keys))
@@ -119,16 +123,20 @@ class Scan:
         scanner = self.scanner
         if scanner.beam.subrays > 1:
             return self._beams(pulses, keys)
-        contacts = meet(
-            self.caster,
-            pulses.origin,
-            pulses.direction,
-            scanner.max_range,
-            scanner.surfaces,
-            keys,
-            None if self._moving is None else pulses.time,
-        )
-        return self._received((pulses.origin, pulses.direction), contacts, pulses.time)
+        rays = pulses.origin, pulses.direction
+        contacts = self._met(rays, keys, None if self._moving is None else pulses.time)
+        return self._received(rays, contacts, pulses.time)
+
+    def _met(
+        self, rays: tuple[np.ndarray, np.ndarray], keys: np.ndarray, at: np.ndarray | None
+    ) -> Contacts:
+        """Return what origins and directions of rays meet, at times where the scene moves."""
+        reach, surfaces = self.scanner.max_range, self.scanner.surfaces
+        if self._polished is None:
+            return meet(self.caster, *rays, reach, surfaces, keys, at)
+        found, ended = follow(self.caster, self._polished, rays, reach, surfaces, keys)
+        self._unfollowed += ended
+        return found
 
     def _folded(self, number: np.ndarray) -> Received:
         """Return the echoes that arrive after these pulses were sent and before the next, of whichever pulse,
@@ -162,6 +170,7 @@ class Scan:
                     Hits(false.distance, nothing, nothing.copy()),
                     pulses.direction[false.pulse],
                     np.full((len(false.pulse), 3), np.nan),
+                    None if found.bounce is None else np.zeros(len(false.pulse), dtype=np.int8),
                 ),
             ]
         )
@@ -200,8 +209,8 @@ class Scan:
             ray_keys = daughter_keys(np.repeat(keys, count), np.tile(np.arange(count), len(keys)))
         when = np.repeat(time, count)
         at = None if self._moving is None else when
-        contacts = meet(self.caster, *rays, scanner.max_range, scanner.surfaces, ray_keys, at)
-        if self._moving is not None:
+        contacts = self._met(rays, ray_keys, at)
+        if self._moving is not None or contacts.sight is not None:
             return self._received(rays, contacts, when)
         beam, first = on_one_face(contacts, len(keys), count)
         whole, sure = received(
@@ -224,28 +233,31 @@ class Scan:
         step = at_once or self.at_once
         for begin in range(first, self.pulses, step):
             stop = min(begin + step, self.pulses)
-            yield stop, self._look_around_faults(begin, stop)
+            yield stop, self.look_around_faults(np.arange(begin, stop))
 
-    def _look_around_faults(self, first: int, stop: int) -> Cloud:
+    def look_around_faults(self, number: np.ndarray) -> Cloud:
+        """As ``look_at``; pulses on which the program fails are named in the cloud's ``lost``."""
         try:
-            return self.look(first, stop)
+            return self.look_at(number)
         except Exception as fault:
-            if stop - first > 1:
-                middle = (first + stop) // 2
-                halves = [(first, middle), (middle, stop)]
-                return join([self._look_around_faults(*half) for half in halves])
+            if len(number) > 1:
+                middle = len(number) // 2
+                halves = [number[:middle], number[middle:]]
+                return join([self.look_around_faults(half) for half in halves])
             self._lost += 1
             if self._lost > MOST_LOST:
                 raise
-            why = f"{type(fault).__name__}: {fault}"
-            return replace(self.look(first, first), pulses=1, lost=(Lost(first, stop, why),))
+            first, why = int(number[0]), f"{type(fault).__name__}: {fault}"
+            lost = (Lost(first, first + 1, why),)
+            return replace(self.look_at(number[:0]), pulses=1, lost=lost)
 
     def _received(
         self, rays: tuple[np.ndarray, np.ndarray], contacts: Contacts, time: np.ndarray
     ) -> Received:
         """Return the echoes of the light that comes back to origins and directions of rays, sent at times."""
         scanner, scene = self.scanner, self.caster.scene
-        hits, ways = contacts.hits, rays[1][contacts.ray]
+        hits, sight = contacts.hits, contacts.sight
+        ways = rays[1][contacts.ray] if sight is None else sight.way
         normal = (
             hit_normals(scene, hits)
             if self._moving is None
@@ -263,23 +275,26 @@ class Scan:
         sigma = pulse_length(scanner.beam.pulse_ns)
         distance, blur = hits.distance[counts], None
         if scanner.beam.subrays > 1:
+            blur = np.zeros(len(counts))
             solid = np.flatnonzero(contacts.organ[counts] != LEAF)
             solid = solid[patches.long(pulse[solid], distance[solid], sigma)]
-            rows = counts[solid]
-            met = patches.Contacted(
-                pulse=pulse[solid],
-                subray=subray[solid],
-                distance=distance[solid],
-                energy=energy[rows],
-                origin=rays[0][contacts.ray[rows]],
-                direction=ways[rows],
-                normal=normal[rows],
-            )
-            blur = np.zeros(len(counts))
-            distance[solid], blur[solid] = patches.blurred(met, scanner.beam.subrays, sigma)
+            for alike in [solid] if sight is None else alike_bounces(contacts, counts, solid):
+                rows = counts[alike]
+                starts = rays[0][contacts.ray[rows]] if sight is None else sight.origin[rows]
+                met = patches.Contacted(
+                    pulse=pulse[alike],
+                    subray=subray[alike],
+                    distance=distance[alike],
+                    energy=energy[rows],
+                    origin=starts,
+                    direction=ways[rows],
+                    normal=normal[rows],
+                )
+                distance[alike], blur[alike] = patches.blurred(met, scanner.beam.subrays, sigma)
         echoes = find_echoes(pulse, subray, distance, energy[counts], sigma, blur)
         chosen = counts[echoes.contact]
-        return Received(echoes, hits.select(chosen), ways[chosen], normal[chosen])
+        bounce = None if sight is None else sight.bounce[chosen]
+        return Received(echoes, hits.select(chosen), ways[chosen], normal[chosen], bounce)
 
     def _measure(
         self, pulses: Pulses, number: np.ndarray, keys: np.ndarray, found: Received
@@ -334,7 +349,16 @@ class Scan:
             engine=self.caster.engine,
             velocity=velocity,
             rest=rest,
+            bounce=self._bounce(found),
+            unfollowed=self._unfollowed,
         )
+
+    def _bounce(self, found: Received) -> np.ndarray | None:
+        """(P,) how the light of returns went; None of a scanner that follows no bounces."""
+        if not self.scanner.bounces:
+            return None
+        nowhere = np.full(len(found.echoes.pulse), DIRECT, dtype=np.int8)
+        return nowhere if found.bounce is None else found.bounce
 
 
 def scan(

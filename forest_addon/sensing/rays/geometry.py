@@ -33,6 +33,12 @@ class SceneGeometry:
     slot_reflectance : for each mesh (S,) of its material slots, NaN likewise; left out: nowhere.
     asset : for each mesh which tree of a library it is, empty for others; left out: none is.
     slot_names : for each mesh the names of its materials, empty where a slot is; left out: unknown.
+    crowd : for each mesh how many instances the forest has of which this scene is a part, so that both have
+        the same bounds; left out: those that are here.
+    optics : (I, 4) of the object what makes it a mirror, glass or water: number of the kind
+        (``spec.POLISHED``, -1 an unknown word), refractive index, share that a mirror sends on, extinction,
+        NaN where it says nothing; left out: nowhere.
+    slot_optics : for each mesh (S, 4) of its material slots, likewise.
     """
 
     meshes: tuple[TriMesh, ...]
@@ -46,6 +52,9 @@ class SceneGeometry:
     slot_reflectance: tuple[np.ndarray, ...] = ()
     asset: tuple[str, ...] = ()
     slot_names: tuple[tuple[str, ...], ...] = ()
+    crowd: tuple[int, ...] = ()
+    optics: np.ndarray | None = None
+    slot_optics: tuple[np.ndarray, ...] = ()
 
     def __post_init__(self) -> None:
         if self.object_index is None:
@@ -70,6 +79,22 @@ class SceneGeometry:
                 found[rows] = np.where(np.isnan(own), found[rows], own)
         return np.where(np.isnan(found), otherwise, found)
 
+    def optics_at(self, instance: np.ndarray, triangle: np.ndarray) -> np.ndarray:
+        """(R, 4) what makes that which was hit a mirror, glass or water: of its material, else of its
+        object; NaN where neither says so."""
+        found = np.full((len(instance), 4), np.nan)
+        if self.optics is not None:
+            found = self.optics[instance].copy()
+            found[instance < 0] = np.nan
+        mesh_of = np.append(self.mesh_index, -1)[instance]
+        for index, slots in enumerate(self.slot_optics):
+            if np.isfinite(slots).any():
+                rows = np.flatnonzero(mesh_of == index)
+                slot = self.meshes[index].material[triangle[rows]]
+                own = slots[np.clip(slot, 0, len(slots) - 1)]
+                found[rows] = np.where(np.isnan(own[:, :1]), found[rows], own)
+        return found
+
     def solid(self) -> SceneGeometry:
         """The same scene without leaves: what blocks a sound, or a line of sight."""
         return replace(self, meshes=tuple(m.select(m.part != LEAF) for m in self.meshes))
@@ -84,11 +109,13 @@ class SceneGeometry:
         high = low.copy()
         order = np.argsort(self.mesh_index, kind="stable")
         cuts = np.searchsorted(self.mesh_index[order], np.arange(len(self.meshes) + 1))
-        for mesh, (first, last) in zip(self.meshes, pairwise(cuts.tolist()), strict=True):
+        many = self.crowd or np.diff(cuts).tolist()
+        for number, (first, last) in enumerate(pairwise(cuts.tolist())):
             rows = order[first:last]
             if not len(rows):
                 continue
-            least, most = _pieces(mesh, int(np.clip(BOXES // len(rows), 1, PIECES)))
+            each = int(np.clip(BOXES // many[number], 1, PIECES))
+            least, most = _pieces(self.meshes[number], each)
             if not len(least):
                 continue
             linear, shift = self.transform[rows, :, :3], self.transform[rows, None, :, 3]

@@ -138,6 +138,7 @@ def chosen(
         species=scene.species[rows],
         object_index=scene.object_index[rows],
         reflectance=scene.reflectance[rows],
+        optics=None if scene.optics is None else scene.optics[rows],
     )
 
 

@@ -112,9 +112,10 @@ class MovingScene:
             species=read.species[of],
             object_index=read.object_index[of],
             reflectance=read.reflectance[of],
+            optics=None if read.optics is None else read.optics[of],
             **{
                 name: (*kept, *(kept[m] for m in like))
-                for name in ("slot_reflectance", "asset", "slot_names")
+                for name in ("slot_reflectance", "asset", "slot_names", "slot_optics")
                 if (kept := getattr(read, name))
             },
         )

@@ -217,7 +217,7 @@ class EchoMotion:
             index[number] = made[id(shape), mesh]
         own = self._sways
         transform[own], index[own] = self._read.transform[own], self._read.mesh_index[own]
-        scene = replace(scene, slot_reflectance=(), asset=(), slot_names=())
+        scene = replace(scene, slot_reflectance=(), asset=(), slot_names=(), slot_optics=())
         return replace(scene, meshes=tuple(meshes), transform=transform, mesh_index=index)
 
     def velocity(

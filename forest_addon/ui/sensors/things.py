@@ -1,7 +1,8 @@
-"""Objects of the scene as sensors see them: whether they are seen, and how much light they send back.
+"""Objects of the scene as sensors see them: whether they are seen, how much light they send back, and whether
+they are mirrors, glass or water.
 
-Both stay what they are without the add-on, custom properties of the object (``blender/depsgraph``); here they
-get names, limits and help.
+All of it stays what it is without the add-on, custom properties of the object (``blender/read``); here it
+gets names, limits and help.
 """
 
 from __future__ import annotations
@@ -14,7 +15,11 @@ from ... import spec
 from ...blender.scene.layout import CLOUD_KEY
 from ...blender.scene.standings import IGNORED_KEY, REFLECTANCE_KEY, SOLID_TYPES
 from ...blender.sensors import objects as sensors
+from ...sensing.lidar.polish.bounces import INDEX
+from ...spec.choices import meaning_of, title_of
 
+KIND_KEY, INDEX_KEY, SHARE_KEY = (spec.property_of(name) for name in ("optics", "index", "mirror"))
+KINDS = ("", *spec.POLISHED)
 OTHERWISE = spec.Surfaces().other  # reflectance that an object's own starts with
 
 
@@ -56,6 +61,34 @@ def _set_reflectance(thing: Any, value: float) -> None:
     _say(thing, REFLECTANCE_KEY, min(max(value, 0.0), 1.0))
 
 
+def _kind(thing: Any) -> int:
+    kind = thing.get(KIND_KEY, "")
+    return KINDS.index(kind) if kind in KINDS else 0
+
+
+def _set_kind(thing: Any, number: int) -> None:
+    _say(thing, KIND_KEY, KINDS[number] or None)
+
+
+def _index(thing: Any) -> float:
+    value = thing.get(INDEX_KEY)
+    usual = INDEX.get(KINDS[_kind(thing)], 1.0)
+    return value if isinstance(value, int | float) and value >= 1 else usual
+
+
+def _set_index(thing: Any, value: float) -> None:
+    _say(thing, INDEX_KEY, min(max(value, 1.0), 5.0))
+
+
+def _share(thing: Any) -> float:
+    value = thing.get(SHARE_KEY)
+    return value if isinstance(value, int | float) else spec.Polished().mirror
+
+
+def _set_share(thing: Any, value: float) -> None:
+    _say(thing, SHARE_KEY, min(max(value, 0.0), 1.0))
+
+
 def _say(thing: Any, key: str, value: Any) -> None:
     if value is not None:
         thing[key] = value
@@ -86,6 +119,37 @@ PROPERTIES = {
         subtype="FACTOR",
         get=_reflectance,
         set=_set_reflectance,
+    ),
+    "forest_polish": bpy.props.EnumProperty(
+        name="Polish",
+        description="LiDAR that follows bounces finds this object a mirror, glass or water; without them it "
+        "is as any other surface. A material that has the custom property of the same meaning comes first",
+        items=[
+            ("NONE", "None", "Light is scattered to all sides"),
+            *(
+                (kind.upper(), title_of("optics", kind), meaning_of("optics", kind))
+                for kind in spec.POLISHED
+            ),
+        ],
+        get=_kind,
+        set=_set_kind,
+    ),
+    "forest_refraction": bpy.props.FloatProperty(
+        name="Index",
+        description="Refractive index of the glass or the water",
+        min=1.0,
+        max=5.0,
+        get=_index,
+        set=_set_index,
+    ),
+    "forest_mirrored": bpy.props.FloatProperty(
+        name="Sends On",
+        description="Share of the light that the mirror sends on",
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+        get=_share,
+        set=_set_share,
     ),
 }
 

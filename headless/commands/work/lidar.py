@@ -184,6 +184,10 @@ def scan_blend(
             f"{done.path}: {done.points:,} points of {done.pulses:,} pulses by {caster.engine}, "
             f"{(done.pulses - done.resumed_at) / took:,.0f} pulses/s"
         )
+        if done.unfollowed:
+            stages.say(
+                f"  {done.unfollowed:,} turned rays met a second mirror, glass or water, and end there"
+            )
         for lost in done.lost:
             text = f"Not measured, by a fault of this program that is worth a report: {lost}"
             print(

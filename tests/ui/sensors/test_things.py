@@ -45,6 +45,24 @@ def test_an_object_has_a_reflectance_of_its_own(wall):
     assert np.isnan(found().reflectance).all()
 
 
+def test_an_object_is_a_mirror_glass_or_water(wall):
+    assert wall.forest_polish == "NONE"
+    assert found().optics is None
+    wall.forest_polish = "WATER"
+    assert wall["forest_optics"] == "water"
+    assert wall.forest_refraction == pytest.approx(1.33)
+    wall.forest_refraction = 1.4
+    assert found().optics[0, :2] == pytest.approx([2, 1.4])
+    wall.forest_polish = "MIRROR"
+    wall.forest_mirrored = 0.75
+    assert found().optics[0, [0, 2]].tolist() == [0, 0.75]
+    wall.forest_polish = "NONE"
+    assert found().optics is None
+    wall["forest_optics"] = "mirorr"
+    wall.update_tag()  # a scanner that follows bounces refuses it
+    assert found().optics[0, 0] == -1
+
+
 def test_what_a_script_has_set_is_shown(wall):
     wall["forest_ignored"], wall["forest_reflectance"] = 1, 0.75
     assert not wall.forest_seen

@@ -1,0 +1,1 @@
+"""Mirrors, glass and water: how they turn light, and what it meets then."""

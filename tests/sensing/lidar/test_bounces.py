@@ -1,0 +1,376 @@
+"""Light that mirrors, panes and water turn, against closed forms and against formulas of another shape."""
+
+from dataclasses import replace
+
+import laspy
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from references.lidar_scenes import scene_with
+from references.rays_brute import BruteCaster
+
+from forest_addon.base.trimesh import OTHER, WOOD, TriMesh
+from forest_addon.results.scan_file import write_scan
+from forest_addon.sensing.lidar.audit import audit_scan
+from forest_addon.sensing.lidar.polish import fresnel
+from forest_addon.sensing.lidar.scan import Scan, scan
+from forest_addon.spec import POLISHED, Beam, Noise, Receiver, SpecError, Surfaces, Terrestrial
+
+NOTHING = np.full(4, np.nan)
+RHO = 0.4
+
+
+def plane(centre, normal, part=OTHER, half=200.0):
+    """A square whose triangles' normals are ``normal``."""
+    n = np.array(normal, float) / np.linalg.norm(normal)
+    u = np.cross(n, np.eye(3)[np.abs(n).argmin()])
+    u /= np.linalg.norm(u)
+    v = np.cross(n, u)
+    signs = np.array([[-1.0, -0.7], [1.1, -1.0], [1.0, 1.2], [-0.9, 1.0]]) * half
+    corners = np.array(centre, float) + signs @ np.stack([u, v])
+    return TriMesh.of_part(corners, np.array([[0, 1, 2], [0, 2, 3]]), part)
+
+
+def polished(kind, index=np.nan, share=np.nan, extinction=0.0):
+    return np.array([POLISHED.index(kind), index, share, extinction], float)
+
+
+def scene_of(*things):
+    """A scene of pairs of a mesh and what makes it polished, or nothing."""
+    scene = scene_with(*(mesh for mesh, _ in things))
+    return replace(scene, optics=np.array([NOTHING if o is None else o for _, o in things]))
+
+
+def scanner(elevation=0.0, **settings):
+    """A single pulse from the origin along +X, so many degrees up."""
+    settings = {"min_range": 0.0, "max_range": 1000.0, "bounces": True} | settings
+    settings.setdefault("surfaces", Surfaces(other=RHO, wood=RHO))
+    settings.setdefault("beam", Beam(max_returns=15))
+    return Terrestrial(
+        position=(0.0, 0.0, 0.0),
+        azimuth_deg=(0.0, 1e-7),
+        elevation_deg=(elevation, elevation + 1e-7),
+        angle_step_deg=1.0,
+        line_step_deg=90.0,
+        **settings,
+    )
+
+
+def look(things, elevation=0.0, **settings):
+    return scan(scanner(elevation, **settings), BruteCaster(scene_of(*things)))
+
+
+# ------------------------------------------------------------------------------- Fresnel's equations
+
+
+def by_angles(before, index):
+    """Reflectance by the sines and tangents of Fresnel's own form (Born & Wolf 1999, 1.5.2, eq. 21a)."""
+    behind = np.arcsin(np.sin(before) / index)
+    minus, plus = before - behind, before + behind
+    return np.sin(minus) ** 2 / np.sin(plus) ** 2, np.tan(minus) ** 2 / np.tan(plus) ** 2
+
+
+def cosines_of(angle, ratio):
+    way = np.array([[np.sin(angle), 0.0, -np.cos(angle)]])
+    return fresnel.refracted(way, np.array([[0.0, 0.0, 1.0]]), np.array([ratio]))
+
+
+@given(st.floats(1e-3, 1.56), st.floats(1.001, 3.0))
+def test_fresnel_by_angles_and_energy(angle, index):
+    _, before, behind = cosines_of(angle, index)
+    across, within = fresnel.reflectances(before, behind, np.array([index]))
+    assert (across[0], within[0]) == pytest.approx(by_angles(angle, index), rel=1e-6, abs=1e-12)
+    # The light that passes carries n·cos t/(n·cos i) times the square of its amplitude.
+    passed = 2 * before / (before + index * behind), 2 * before / (index * before + behind)
+    power = [index * behind / before * t**2 for t in passed]
+    assert across + power[0] == pytest.approx(1.0, abs=1e-9)
+    assert within + power[1] == pytest.approx(1.0, abs=1e-9)
+    back = fresnel.surface_reflectance(behind, before, np.array([1 / index]))
+    assert back == pytest.approx(fresnel.surface_reflectance(before, behind, np.array([index])))
+
+
+def test_fresnel_at_normal_brewster_and_grazing():
+    _, before, behind = cosines_of(1e-9, 1.5)
+    assert fresnel.surface_reflectance(before, behind, np.array([1.5]))[0] == pytest.approx(0.04)
+    _, before, behind = cosines_of(np.arctan(1.33), 1.33)
+    assert fresnel.reflectances(before, behind, np.array([1.33]))[1][0] == pytest.approx(
+        0, abs=1e-20
+    )
+    _, before, behind = cosines_of(np.pi / 2 - 1e-9, 1.33)
+    assert fresnel.surface_reflectance(before, behind, np.array([1.33]))[0] == pytest.approx(
+        1, abs=1e-7
+    )
+
+
+@given(st.floats(0.0, 1.57), st.floats(1.0, 3.0))
+def test_a_pane_is_the_sum_of_its_inner_reflections(angle, index):
+    _, before, behind = cosines_of(angle, index)
+    shares = [float(share[0]) for share in fresnel.reflectances(before, behind, np.array([index]))]
+    total = 0.0
+    for share in shares:
+        back, inside = share, (1 - share) * (1 - share)
+        for _ in range(1500):
+            back, inside = back + inside * share, inside * share**2
+        total += back / 2
+    pane = fresnel.pane_reflectance(before, behind, np.array([index]))
+    assert pane[0] == pytest.approx(total, abs=1e-9 if max(shares) < 0.98 else 2e-2)
+
+
+@pytest.mark.parametrize(("inside", "total"), [(48.7, False), (48.8, True), (80.0, True)])
+def test_total_reflection_begins_at_the_critical_angle(inside, total):
+    assert np.rad2deg(np.arcsin(1 / 1.33)) == pytest.approx(48.753, abs=1e-3)
+    _, before, behind = cosines_of(np.deg2rad(inside), 1 / 1.33)
+    share = fresnel.surface_reflectance(before, behind, np.array([1 / 1.33]))[0]
+    assert np.isnan(behind[0]) == total == (share == 1.0)
+
+
+def test_pure_water_takes_light_as_tables_say():
+    assert fresnel.absorption_of_water(532) == pytest.approx(0.0447, rel=0.3)  # Pope & Fry 1997
+    assert fresnel.absorption_of_water(1550) > 500
+
+
+# ----------------------------------------------------------------------------------------- mirrors
+
+
+def mirror_scene(side=1.0, share=0.8):
+    """A mirror 10 m ahead that turns light from +X to +Z, and a plate 7 m above, tilted."""
+    mirror = plane((10, 0, 0), np.array([-1.0, 0.0, 1.0]) * side, half=3.0)
+    return [
+        (mirror, polished("mirror", share=share)),
+        (plane((10, 0, 7), (0.3, 0.2, -1), WOOD, 5), None),
+    ]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])  # both faces of a mirror are polished
+def test_a_ghost_behind_a_mirror(side):
+    cloud = look(mirror_scene(side))
+    assert len(cloud) == 1
+    assert cloud.true_range[0] == pytest.approx(17.0, abs=1e-9)
+    assert cloud.position[0] == pytest.approx([17.0, 0, 0], abs=1e-7)
+    facing = 1 / np.sqrt(0.3**2 + 0.2**2 + 1)
+    assert cloud.intensity[0] == pytest.approx(RHO * facing * 0.8**2 / 17.0**2, rel=1e-9)
+    assert cloud.returns.cos_incidence[0] == pytest.approx(facing, rel=1e-9)
+    assert (cloud.bounce[0], cloud.returns.organ[0], cloud.returns.instance[0]) == (1, WOOD, 1)
+
+
+def test_air_takes_light_on_both_ways():
+    clear, thick = (look(mirror_scene(), beam=Beam(extinction=a)) for a in (0.0, 0.01))
+    assert thick.intensity / clear.intensity == pytest.approx(np.exp(-2 * 0.01 * 17), rel=1e-9)
+
+
+def test_limits_hold_for_the_whole_way():
+    assert len(look(mirror_scene(), max_range=17.0 + 1e-6)) == 1
+    assert len(look(mirror_scene(), max_range=17.0 - 1e-6)) == 0
+    assert len(look(mirror_scene(), min_range=16.9)) == 1
+    assert len(look(mirror_scene(), min_range=17.1)) == 0
+
+
+def test_a_mirror_behind_the_scanner_and_one_that_hides():
+    assert len(look([(plane((-10, 0, 0), (1, 0, 0)), polished("mirror"))])) == 0
+    wall = plane((20, 0, 0), (1, 0, 0))
+    seen = look([(plane((10, 0, 0), (-1, 0, 0.2)), polished("mirror")), (wall, None)])
+    assert len(seen) == 0  # what is behind a mirror is hidden, and it sends light into the sky
+
+
+def test_a_mirror_that_sees_a_mirror_ends_the_ray_and_says_so():
+    first, plate = mirror_scene()
+    second = plane((10, 0, 5), (1, 0, -1), half=2), polished("mirror")
+    beyond = plane((40, 0, 5), (-1, 0, 0)), None
+    cloud = look([first, second, beyond, plate])
+    assert (len(cloud), cloud.unfollowed) == (0, 1)
+    assert look([first, plate]).unfollowed == 0
+
+
+def test_dust_on_a_mirror_sends_light_back_itself():
+    things = mirror_scene()
+    scene = replace(scene_of(*things), reflectance=np.array([0.1, np.nan]))
+    cloud = scan(scanner(beam=Beam(max_returns=5)), BruteCaster(scene))
+    assert cloud.bounce.tolist() == [0, 1]
+    assert cloud.intensity[0] == pytest.approx(0.1 * np.sqrt(0.5) / 100, rel=1e-9)
+    facing = 1 / np.sqrt(0.3**2 + 0.2**2 + 1)
+    assert cloud.intensity[1] == pytest.approx(RHO * facing * (0.9 * 0.8) ** 2 / 17**2, rel=1e-9)
+
+
+def test_a_footprint_in_a_mirror_is_that_of_the_plane_behind_it():
+    """A mirror and a wall give the echoes of the wall's image, also where it is grazed."""
+    beam = Beam(subrays=61, divergence_mrad=(2.0, 2.0), exit_diameter=0.01, max_returns=15)
+    tilted = np.array([0.03, 0.0, -1.0])  # 1.7 degrees off the ghost's own line of sight is grazing
+    grazed = plane((10, 0, 30), np.cross(tilted, (0, 1, 0)), WOOD)
+    mirror = plane((10, 0, 0), (-1, 0, 1), half=5), polished("mirror", share=1.0)
+    ghost = look([mirror, (grazed, None)], beam=beam)
+    image = grazed.vertices.copy()  # mirrored in x - 10 = z
+    image[:, 0], image[:, 2] = grazed.vertices[:, 2] + 10, grazed.vertices[:, 0] - 10
+    plain = look([(replace(grazed, vertices=image), None)], beam=beam, bounces=False)
+    assert len(ghost) == len(plain) == 1
+    assert ghost.true_range == pytest.approx(plain.true_range, abs=1e-8)
+    assert ghost.intensity == pytest.approx(plain.intensity, rel=1e-8)
+    assert ghost.width == pytest.approx(plain.width, rel=1e-6)
+
+
+# ------------------------------------------------------------------------------------------- glass
+
+
+def test_a_pane_lets_light_through_straight_and_mirrors_some():
+    pane = plane((10, 0, 0), (-1, 0, 1), half=3), polished("glass", index=1.5)
+    wall = plane((20, 0, 0), (1, 0, 0), half=5), None
+    above = plane((10, 0, 7), (0, 0, 1), WOOD, half=3), None
+    cloud = look([pane, wall, above])
+    assert cloud.bounce.tolist() == [1, 2]
+    shares = by_angles(np.pi / 4, 1.5)
+    back = np.mean([2 * r / (1 + r) for r in shares])
+    assert cloud.true_range == pytest.approx([17, 20], abs=1e-9)
+    assert cloud.intensity == pytest.approx(
+        [RHO * back**2 / 17**2, RHO * (1 - back) ** 2 / 20**2], rel=1e-9
+    )
+
+
+def test_two_panes_take_light_twice():
+    panes = [(plane((x, 0, 0), (-1, 0, 0.5), half=3), polished("glass")) for x in (10, 12)]
+    wall = plane((20, 0, 0), (1, 0, 0), half=5), None
+    one, two, none = (look([*some, wall]) for some in (panes[:1], panes, []))
+    assert two.intensity[0] * none.intensity[0] == pytest.approx(one.intensity[0] ** 2, rel=1e-9)
+
+
+# ------------------------------------------------------------------------------------------- water
+
+
+def water_table(angle, index, normal_up=True, depth=3.0, height=10.0, extinction=0.0):
+    """A beam at ``angle`` from the vertical onto water ``height`` below, a bed ``depth`` deeper."""
+    up = (0, 0, 1) if normal_up else (0, 0, -1)
+    water = plane((0, 0, -height), up), polished("water", index=index, extinction=extinction)
+    bed = plane((0, 0, -height - depth), (0, 0, 1), WOOD), None
+    return look([water, bed], elevation=np.rad2deg(angle) - 90)
+
+
+@pytest.mark.parametrize("angle", [0.01, 0.4, 1.0, 1.4])
+@pytest.mark.parametrize(("index", "up"), [(1.33, True), (1.5, True), (1.33, False)])
+def test_a_bed_under_water(angle, index, up):
+    """Also from under water up: then the index is 1/n, and beyond the critical angle nothing is seen."""
+    cloud = water_table(angle, index, up)
+    m = index if up else 1 / index
+    sine = np.sin(angle) / m
+    if sine >= 1:
+        assert len(cloud) == 0
+        return
+    behind = np.arcsin(sine)
+    first, second = 10 / np.cos(angle), 3 / np.cos(behind)
+    assert cloud.bounce.tolist() == [3]
+    assert cloud.true_range[0] == pytest.approx(first + m * second, abs=1e-9)
+    # The area of a thin bundle of rays, by differences of where they meet the bed, and n² of reciprocity.
+    step = 1e-5
+
+    def along(a):
+        return 10 * np.tan(a) + 3 * np.tan(np.arcsin(np.sin(a) / m))
+
+    within = (along(angle + step) - along(angle - step)) / (2 * step) * np.cos(behind)
+    across = along(angle) / np.sin(angle)
+    passes = 1 - np.mean(by_angles(angle, m))
+    power = RHO * np.cos(behind) * passes**2 / (m**2 * within * across)
+    assert cloud.intensity[0] == pytest.approx(power, rel=1e-7)
+    # The closed form of that area.
+    i, t = np.cos(angle), np.cos(behind)
+    area = m**2 * (first + second / m) * (t / i) * (first + second * i**2 / (m * t**2))
+    assert cloud.intensity[0] == pytest.approx(RHO * t * passes**2 / area, rel=1e-9)
+
+
+def test_water_takes_its_share_on_its_own_way():
+    clear, turbid = (water_table(0.4, 1.33, extinction=e) for e in (0.0, 0.2))
+    second = 3 / np.cos(np.arcsin(np.sin(0.4) / 1.33))
+    assert turbid.intensity / clear.intensity == pytest.approx(np.exp(-2 * 0.2 * second), rel=1e-9)
+    dark = water_table(0.4, 1.33, extinction=np.nan)  # as pure water at 1550 nm
+    assert len(dark) == 0 or dark.intensity[0] < 1e-300
+
+
+def test_water_mirrors_what_stands_above_it():
+    water = plane((0, 0, -2), (0, 0, 1)), polished("water", index=1.33)
+    wall = plane((30, 0, 0), (-1, 0, 0), WOOD, half=60), None
+    for angle in (0.8, 1.2, 1.5):  # from the vertical; the last grazes
+        short = Beam(max_returns=15, pulse_ns=0.5)  # what is refracted meets the wall 1.4 m farther
+        cloud = look([water, wall], elevation=np.rad2deg(angle) - 90, beam=short)
+        ghost = np.flatnonzero(cloud.bounce == 1)
+        way = 30 / np.sin(angle)
+        share = np.mean(by_angles(angle, 1.33))
+        assert cloud.true_range[ghost] == pytest.approx([way], abs=1e-9)
+        assert cloud.intensity[ghost] == pytest.approx(
+            [RHO * np.sin(angle) * share**2 / way**2], rel=1e-9
+        )
+
+
+# ------------------------------------------------------------------------- what a scan makes of them
+
+
+def test_no_such_surface_no_difference():
+    wall = [(plane((20, 0, 0), (-1, 0, 0.1)), None)]
+    beam = Beam(subrays=19, divergence_mrad=(3.0, 3.0))
+    with_it, without = (look(wall, beam=beam, bounces=b) for b in (True, False))
+    assert without.bounce is None
+    assert with_it.bounce.tolist() == [0]
+    for name in ("position", "intensity", "width", "true_range"):
+        assert np.array_equal(getattr(with_it, name), getattr(without, name))
+
+
+def test_mirrors_are_walls_where_bounces_are_off():
+    cloud = look(mirror_scene(), bounces=False)
+    assert cloud.true_range[0] == pytest.approx(10, abs=1e-9)
+    assert cloud.bounce is None
+
+
+def test_chunks_audits_and_noise_know_bounces():
+    beam = Beam(subrays=7, divergence_mrad=(2.0, 2.0), max_returns=9)
+    sees = replace(
+        scanner(beam=beam, noise=Noise(range_sd=0.01), faintest=0.01, max_range=100.0),
+        azimuth_deg=(-20.0, 20.0),
+        elevation_deg=(-5.0, 5.0),
+        line_step_deg=1.0,
+        receiver=Receiver(threshold_snr=3.0),
+    )
+    wall = plane((25, 0, 0), (-1, 0, 0), half=40), None
+    pane = plane((12, 0, 0), (-1, 0.2, 0.1), half=6), polished("glass")
+    work = Scan(sees, BruteCaster(scene_of(*mirror_scene(), wall, pane)))
+    whole = scan(sees, work.caster)
+    parts = [cloud for _, cloud in work.chunks(at_once=7)]
+    assert set(whole.bounce.tolist()) == {0, 1, 2}
+    assert np.array_equal(np.concatenate([part.bounce for part in parts]), whole.bounce)
+    assert np.array_equal(np.concatenate([part.position for part in parts]), whole.position)
+    audit = audit_scan(work, whole, np.random.default_rng(0), 1.0, 0.05)
+    assert audit.kept, str(audit)
+    wrong = replace(whole, bounce=np.zeros_like(whole.bounce))
+    assert not audit_scan(work, wrong, np.random.default_rng(0), 1.0, 0.05).kept
+
+
+@pytest.mark.parametrize(
+    ("said", "sentence"),
+    [
+        (
+            [-1.0, np.nan, np.nan, np.nan],
+            "forest_optics: of object .x. is none of mirror, glass, water",
+        ),
+        ([1.0, 0.5, np.nan, np.nan], "forest_index: of object .x.: 0.5 "),
+        ([0.0, np.nan, 1.2, np.nan], "forest_mirror: of object .x.: 1.2 "),
+    ],
+)
+def test_what_cannot_be_is_refused(said, sentence):
+    with pytest.raises(SpecError, match=sentence):
+        look([(plane((10, 0, 0), (1, 0, 0)), np.array(said))])
+
+
+def test_motion_and_bounces_exclude_each_other():
+    with pytest.raises(SpecError, match="bounces"):
+        scanner(motion=True)
+
+
+@pytest.mark.parametrize("ending", ["laz", "npz"])
+def test_files_hold_bounces_only_of_scanners_that_follow_them(tmp_path, ending):
+    first, plate = mirror_scene()
+    wall = plane((20, 0, 0), (1, 0, 0)), None
+    scene = scene_of((first[0], polished("glass")), wall, plate)
+    for bounces in (True, False):
+        work = Scan(scanner(bounces=bounces, beam=Beam(max_returns=5)), BruteCaster(scene))
+        path = tmp_path / f"{bounces}.{ending}"
+        write_scan(path, work, 0)
+        rows = np.load(path) if ending == "npz" else laspy.read(path)
+        names = rows.files if ending == "npz" else rows.point_format.dimension_names
+        assert ("bounce" in names) == bounces
+        if bounces:
+            assert np.array(rows["bounce"]).tolist() == [1, 2]
