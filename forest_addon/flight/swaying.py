@@ -160,8 +160,8 @@ class SwayingObstacles(MeshObstacles):
         return corners @ world[:, :, :3].transpose(0, 2, 1) + world[:, None, :, 3]
 
     def _moment(self, which: int) -> tuple[np.ndarray, float]:
-        """Where the pieces of an instance's tree are, and metres that nothing of it that stops is farther off
-        its rest."""
+        """Return places (G, 3, 4) of the pieces of an instance's tree, and metres that nothing of it that
+        stops is farther off its rest."""
         if which not in self._moments:
             place = self._sway.moment(int(self._tree[which]), self._time)[0]
             off, ends = place - np.eye(3, 4), self._ends(which, len(place))
