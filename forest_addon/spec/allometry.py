@@ -42,7 +42,7 @@ class Allometry(Settings):
     height: Law = param(help="height, m")
     crown_width: Law = param(help="width of the crown, m")
     crown_base: Law = param(help="odds of the crown's base, base/(height - base)")
-    leaf_area: Law = param(help="one-sided leaf area, m²")
+    leaf_area: Law = param(help="leaf area, half of the leaves' surface, m²")
     correlation: tuple[float, float, float, float, float, float] = param(
         help="of residuals: height and width, height and base, height and leaves, width and base, "
         "width and leaves, base and leaves",

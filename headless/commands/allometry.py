@@ -18,7 +18,8 @@ class AllometryCommand(Command):
         "where 90 % of the measured ones do."
     )
     epilog = """A table has columns species, pft (EG, DG, EA, DA: evergreen or deciduous, gymnosperm or
-angiosperm), dbh_m, height_m, crown_width_m, crown_base_m, leaf_area_m2."""
+angiosperm), dbh_m, height_m, crown_width_m, crown_base_m, leaf_area_m2, and perhaps study and
+leaf_area_is (half, all or outline: how needles were counted)."""
 
     def arguments(self, parser: argparse.ArgumentParser) -> None:
         parser.add_argument("action", choices=("fit", "check"), help="what to do")

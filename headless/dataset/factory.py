@@ -18,7 +18,7 @@ from forest_addon.spec import SpecError
 from ..command import IncompleteError
 from ..lock import only_one
 from . import disk
-from .card import versions
+from .card import versions, write_card
 from .engine import Cluster, make_all
 from .manifest import write_manifest
 from .plan import Plan, Recipe, recipes
@@ -152,7 +152,6 @@ def _machine_memory() -> float:
 
 def _describe(plan: Plan, wanted: Sequence[Recipe], out: Path, asked: Asked, changed: bool) -> None:
     """The data card with its pictures, which say what is there now."""
-    from .card import write_card
 
     if changed or not (out / "README.md").is_file():
         write_card(plan, wanted, out)

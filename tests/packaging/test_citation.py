@@ -32,3 +32,10 @@ def test_the_citation_says_the_manifests_version():
 
 def test_the_changelog_names_the_version():
     assert f"## {VERSION}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_the_papers_citations_are_in_its_bibliography():
+    paper = (ROOT / "paper.md").read_text(encoding="utf-8")
+    name = re.search(r"^bibliography: (.+)$", paper, re.M).group(1)
+    keys = re.findall(r"^@\w+\{(\w+),", (ROOT / name).read_text(encoding="utf-8"), re.M)
+    assert sorted(keys) == sorted(re.findall(r"\[@(\w+)\]", paper))

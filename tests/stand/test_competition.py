@@ -69,8 +69,9 @@ def test_a_large_stand_covers_what_its_crowns_cover():
     assert index.mean() == pytest.approx(kept * 8.0 + 20 / (2 * np.pi * 9), rel=0.05)
 
 
-def test_crowns_of_a_dense_stand_are_higher_and_narrower():
-    dense, wide = (stand_of(gap)[1] for gap in (2.0, 8.0))
+@pytest.mark.parametrize("seed", [1, 3])
+def test_crowns_of_a_dense_stand_are_higher_and_narrower(seed):
+    dense, wide = (stand_of(gap, seed)[1] for gap in (2.0, 8.0))
     assert np.median(dense[:, 3]) > np.median(wide[:, 3]) + 2.0  # crown bases, m
     assert np.median(dense[:, 2]) < 0.8 * np.median(wide[:, 2])  # widths
 

@@ -2,7 +2,8 @@
 
 Wherever an allometry is named, a name without an ending means a file of ``assets/allometry``. A table is a
 CSV with columns ``species``, ``pft``, ``dbh_m``, ``height_m``, ``crown_width_m``, ``crown_base_m``,
-``leaf_area_m2``, empty where nothing was measured, and perhaps ``study``, who measured.
+``leaf_area_m2``, empty where nothing was measured, and perhaps ``study``, who measured, and ``leaf_area_is``,
+how leaves were counted: "half" of their surface, "all" of it, or the "outline" that a scanner sees.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from ...base.places import ASSETS, file_name
 from ...formats.foreign import guarded
 from ...formats.toml_file import read_settings
 from ...spec import Allometry, SpecError, unknown
+from ..measured.studies import diameters, half_of_surface
 
 FOLDER = ASSETS / "allometry"
 COLUMNS = {
@@ -61,6 +63,8 @@ def _read(path: Path, _changed: int) -> Allometry:
 def read_measured(path: Path) -> dict[str, np.ndarray]:
     """A table of measured trees: texts ``species``, ``pft`` and ``study``, and the numbers of ``COLUMNS``.
 
+    Leaf areas are half of the surface of leaves, and what is known of BAAD's studies is put right.
+
     Raises
     ------
     SpecError : the file is missing, has no such columns, or a cell that is no number.
@@ -77,6 +81,11 @@ def read_measured(path: Path) -> dict[str, np.ndarray]:
         table[key] = np.array(
             [_number(path, line, column, row[column]) for line, row in enumerate(rows, 2)]
         )
+    way = np.array([row.get("leaf_area_is") or "" for row in rows])
+    table["dbh"] = diameters(table["dbh"], table["study"])
+    table["leaf_area"] = half_of_surface(
+        table["leaf_area"], table["species"], table["pft"], table["study"], way
+    )
     return table
 
 

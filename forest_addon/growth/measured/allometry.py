@@ -99,7 +99,9 @@ def draw(
         weight = across @ np.linalg.pinv(inner)
         left = matrix[np.ix_(free, free)] - weight @ across.T
         value, vector = np.linalg.eigh(left)
-        root = vector * np.sqrt(np.maximum(value, 0.0))
+        # The symmetric root: noise of a measure stays that measure's (competition is in it), whatever
+        # signs and order the eigenvectors come in.
+        root = (vector * np.sqrt(np.maximum(value, 0.0))) @ vector.T
         drawn = noise[np.ix_(rows, free)] @ root.T
         if stand is not None:
             drawn = own[free] * drawn + np.sqrt(1 - own[free] ** 2) * (root @ stand[free])

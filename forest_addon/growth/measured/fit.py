@@ -4,7 +4,8 @@ Columns of species, type, DBH, height, crown width, crown base and leaf area go 
 squares on logarithms, the curve only where enough trees tell it, moved to the median of the residuals; their
 5 and 95 % points and their correlations are those of the trees themselves. What too few trees of a species
 tell is taken from its genus, its functional type, or all trees, and the law says so. Leaf areas above
-1 m² a cm² of stem are left out: at 40 m²/ha of stems they would make a leaf area index above 40. How much of
+1 m² a cm² of stem are left out: at 40 m²/ha of stems they would make a leaf area index above 40. Those of
+conifers are half of their needles' surface (``studies``). How much of
 the spread is found within one study, as in a stand, is told where five studies measured eight trees or more.
 """
 

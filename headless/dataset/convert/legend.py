@@ -68,7 +68,62 @@ _CYLINDERS = {
     "length": "m",
     "volume": "m³",
 }
+_ECHOES = {
+    "time": "of the columns of impulse_response and waveform, s",
+    "impulse_response": "by pose, ear and time, re call at 1 m",
+    "waveform": "the echo of the call, likewise, re call at 1 m",
+    "spectrum": "of one ping, by frequency, re call at 1 m",
+    "frequency": "of the spectrum, Hz",
+    "position": "of the sonar at each pose, m",
+    "axis": "unit vector along which it pings",
+    "sound_speed": "m/s",
+    "sample_rate": "Hz",
+    "wav_gain": "factor from the waveform to NAME.wav",
+}
+_HEARD = {
+    "pose": "number of the pose",
+    "kind": "what gave the echo, in words",
+    "instance": "instance in the scene; -1 none",
+    "tree": "tree of trees.csv; -1 none",
+    "number": "of the leaf, or the part, within it",
+    "position": "m",
+    "distance": "from the sonar, m",
+    "delay": "there and back, s",
+    "amplitude": "re call at 1 m",
+}
+_RESPONSE = {
+    "channel": "of the receiver",
+    "time": "of the samples, s",
+    "samples": "impulse response by channel and time, re source's impulse at 1 m",
+    **{part: f"its part by the {part}" for part in ("ground", "trees")},
+    "direct": "its direct sound",
+    "source": "where it is, m",
+    "receiver": "where each channel is, m",
+    "moment": "at which it is, of what moves, s",
+    "direct_delay": "of the direct sound, s",
+    "left_out": "energy after the record's end, dB, by channel and band",
+    "energy_decay": "energy still to come, dB, by channel and time",
+    "band": "middle of the octave; 0 the whole band, Hz",
+    "edt": "time of a fall by 60 dB, from the first 10 dB, s",
+    **{
+        f"t{fall}": f"the same, from -5 to -{5 + fall} dB; nan: not reached, s"
+        for fall in (20, 30, 60)
+    },
+    **{f"c{early}": f"energy before over after {early} ms, dB" for early in (50, 80)},
+    "d50": "share of the energy before 50 ms",
+    "centre_time": "mean time of the energy after the onset, s",
+    "echo_density_time": "of echo_density, s",
+    "echo_density": "by channel; 1: as dense as noise",
+}
 NAMES: dict[str, dict[str, str]] = {
+    "NAME.npz (sonar)": _ECHOES,
+    "NAME-heard.npz": _HEARD,
+    "NAME.npz (reverb)": _RESPONSE,
+    "NAME-route.csv": {
+        **{f"{axis}_m": f"{axis} of the pose, m" for axis in "xyz"},
+        "azimuth_deg": "from +X towards +Y, degrees",
+        "elevation_deg": "from the horizon up, degrees",
+    },
     "trees.csv": _CSV_TREES,
     "cylinders.csv": _CYLINDERS,
     "leaf_angles.csv": {

@@ -8,12 +8,13 @@ and leaf area. A quantity is judged where at least 20 trees were measured.
 from __future__ import annotations
 
 import argparse
-import csv
 from pathlib import Path
 
 import numpy as np
 
 from forest_addon.base.rng import stream
+from forest_addon.growth.library.allometry_file import COLUMNS as MEASURED
+from forest_addon.growth.library.allometry_file import read_measured
 from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.portrait import crown_base, crown_width, trunk_radius
 from forest_addon.growth.tree import Tree, grow
@@ -57,6 +58,7 @@ COLUMNS = {
     "crown base": ("crown_base_m", "m"),
     "leaf area": ("leaf_area_m2", "m²"),
 }
+READ = {column: name for name, column in MEASURED.items()}
 NEAR, FEWEST, TREES = 1.25, 20, 3
 BREAST = 1.3  # m
 
@@ -102,14 +104,10 @@ def validate(data: Path, out: Path, arguments: argparse.Namespace) -> list[Compa
 
 def read_trees(path: Path) -> dict[str, dict[str, np.ndarray]]:
     """Columns (N,) of the measured trees by functional type, NaN where nothing was measured."""
-    names = ["dbh_m", *(column for column, _ in COLUMNS.values())]
-    rows: dict[str, list[list[float]]] = {kind: [] for kind in PRESETS.values()}
-    with open(path, encoding="utf-8", newline="") as lines:
-        for row in csv.DictReader(lines):
-            if row["pft"] in rows:
-                rows[row["pft"]].append([float(row[name] or "nan") for name in names])
+    table = read_measured(path)
     return {
-        kind: dict(zip(names, np.array(values).T, strict=True)) for kind, values in rows.items()
+        kind: {key: table[name][table["pft"] == kind] for key, name in READ.items()}
+        for kind in dict.fromkeys(PRESETS.values())
     }
 
 

@@ -10,11 +10,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from references.leaf_discs import discs_of
 
 from forest_addon.formats.png import write_png
+from forest_addon.results.echo_files import write_echo
+from forest_addon.results.reverb import write_response
+from forest_addon.sensing.reverb.metrics import octave_bands
+from forest_addon.sensing.reverb.response import ImpulseResponse
+from forest_addon.sensing.sonar.ping import ping
+from forest_addon.spec import Air, Sonar
 from headless.cli import main
 from headless.dataset import card, disk
 from headless.dataset.convert import legend
+from headless.dataset.place import ROUTE_HEAD
 from headless.dataset.shards import write_shards
 
 laspy = pytest.importorskip("laspy")
@@ -244,6 +252,44 @@ def test_every_name_in_a_label_file_has_its_legend(undisturbed):
                 seen += 1
                 assert legend.meaning_of(kind, name), (path.name, name)
     assert seen > 100
+
+
+def test_every_name_of_echoes_and_responses_has_its_legend(tmp_path):
+    bat = Sonar(contributions=True)
+    leaves = discs_of([[2, 0, 2], [3, 0.2, 2]], [1.0, 0, 0], 0.02)
+    write_echo(tmp_path, "bat", ping(leaves, bat, Air()), bat)
+    write_response(tmp_path / "ir.npz", _response())
+    (tmp_path / "bat-route.csv").write_text(f"{ROUTE_HEAD}\n0,0,1,0,0\n")
+    kinds = {
+        "bat.npz": "NAME.npz (sonar)",
+        "bat-heard.npz": "NAME-heard.npz",
+        "ir.npz": "NAME.npz (reverb)",
+        "bat-route.csv": "NAME-route.csv",
+    }
+    for file, kind in kinds.items():
+        names = _names_of(tmp_path / file)
+        assert len(names) >= 5
+        assert not [name for name in names if not legend.meaning_of(kind, name)], file
+    assert not legend.meaning_of("NAME-heard.npz", "loudness")
+
+
+def _response():
+    decay = np.exp(-np.arange(4800) / 300)
+    facts = dict.fromkeys(("trunks", "continued", "late", "clamped"), 0)
+    return ImpulseResponse(
+        sample_rate=24_000.0,
+        direct=np.where(np.arange(4800) == 0, 1.0, 0.0),
+        ground=np.zeros(4800),
+        trees=0.1 * decay,
+        direct_delay=0.0,
+        direct_clear=True,
+        ground_clear=True,
+        exact=True,
+        left_db=np.full(1 + len(octave_bands(24_000.0)), -np.inf),
+        errors={},
+        further=(),
+        **facts,
+    )
 
 
 def _names_of(path):
