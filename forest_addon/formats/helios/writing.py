@@ -22,7 +22,7 @@ ROWS_AT_ONCE = 100_000
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedPart:
     """Copy of a part: its OBJ file as documents name it, and where it stands, (3, 4) local to world."""
 
     name: str
@@ -75,7 +75,7 @@ def write_materials(path: Path, reflectance: Mapping[str, float], ground: Iterab
         partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def scene_document(name: str, parts: Iterable[Placed]) -> Element:
+def scene_document(name: str, parts: Iterable[PlacedPart]) -> Element:
     """The document of a scene: each part is loaded, scaled, turned and moved.
 
     Raises

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import cast
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
@@ -14,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from forest_addon.base.trimesh import DEAD, GROUND, LEAF, OTHER, PART_NAMES, WOOD
 from forest_addon.formats.atomic import replacing
 from forest_addon.formats.helios.writing import (
-    Placed,
+    PlacedPart,
     is_similar,
     rotated,
     scene_document,
@@ -67,8 +68,7 @@ def export_scene(path: Path, folder: Path, seed: int | None = None, quiet: bool 
     if not len(geometry):
         raise SpecError(str(path), "has nothing to export: nothing in it has faces")
     with stages.stage("write parts"):
-        lidars = [sensor for sensor in scene.sensors if isinstance(sensor, Scanner)]
-        surfaces = lidars[0].surfaces if lidars else Surfaces()
+        surfaces = next((s.surfaces for s in map(_scanner, scene.sensors) if s), Surfaces())
         placed, unsaid = write_parts(geometry, folder, scene.name, surfaces)
     for sentence in unsaid:
         stages.say(f"  {sentence}")
@@ -80,7 +80,9 @@ def export_scene(path: Path, folder: Path, seed: int | None = None, quiet: bool 
         for sentence in found.unsaid:
             stages.say(f"    {sentence}")
     ways = {
-        sensor.name: strips(sensor) if isinstance(sensor, Airborne) else observer.way(sensor)
+        sensor.name: strips(cast(Airborne, sensor))
+        if sensor.kind == "airborne"
+        else observer.way(sensor)
         for sensor in scene.sensors
     }
     said = {
@@ -104,7 +106,7 @@ def export_scene(path: Path, folder: Path, seed: int | None = None, quiet: bool 
 
 def write_parts(
     geometry: SceneGeometry, folder: Path, name: str, surfaces: Surfaces
-) -> tuple[list[Placed], list[str]]:
+) -> tuple[list[PlacedPart], list[str]]:
     """Write the meshes, materials and scene document of a scene.
 
     surfaces : reflectances by part.
@@ -135,7 +137,7 @@ def write_parts(
             write_obj(home / file, vertices, mesh.triangles, slot, names, "materials.mtl")
             written[key] = f"{PARTS}/{name}/{file}"
         own += alone
-        placed.append(Placed(str(row), written[key], np.eye(3, 4) if alone else transform))
+        placed.append(PlacedPart(str(row), written[key], np.eye(3, 4) if alone else transform))
     write_materials(home / "materials.mtl", materials.reflectance, materials.ground)
     write_document(folder / SCENES / f"{name}.xml", scene_document(name, placed))
     unsaid = []
@@ -181,24 +183,25 @@ def write_survey(sensor: Sensor, folder: Path, scene: str, surfaces: Surfaces) -
 
     surfaces : that the materials were made of.
     """
-    if not isinstance(sensor, Scanner):
+    scanner_of_ours = _scanner(sensor)
+    if scanner_of_ours is None:
         return Exported(sensor.name, None, (f"HELIOS++ has no {sensor.kind}",))
-    if isinstance(sensor, Terrestrial):
-        if len(directions(sensor)[1]) > MOST_ROWS:
-            rows = f"{len(directions(sensor)[1]):,} beams one above the other"
-            return Exported(sensor.name, None, (f"{rows} are more than {MOST_ROWS:,}",))
-        scanner, platform, legs = _tripod(sensor)
+    pattern = getattr(sensor, "pattern", "")
+    if sensor.kind == "terrestrial":
+        rows = len(directions(cast(Terrestrial, sensor))[1])
+        if rows > MOST_ROWS:
+            why = f"{rows:,} beams one above the other are more than {MOST_ROWS:,}"
+            return Exported(sensor.name, None, (why,))
+        scanner, platform, legs = _tripod(cast(Terrestrial, sensor))
         unsaid = ["the beams of a column leave at one time"]
-    elif isinstance(sensor, Airborne) and sensor.pattern == "lines":
-        scanner, platform, legs = _strips(sensor)
+    elif sensor.kind == "airborne" and pattern == "lines":
+        scanner, platform, legs = _strips(cast(Airborne, sensor))
         unsaid = [
             "a strip begins in the middle of a line, and lines may have a pulse more at their end"
         ]
     else:
-        what = f"{sensor.kind} scanner with pattern {getattr(sensor, 'pattern', '')}"
-        return Exported(
-            sensor.name, None, (f"a {what} is not written as a survey; its way is in scene.json",)
-        )
+        what = f"a {sensor.kind} scanner with pattern {pattern} is not written as a survey"
+        return Exported(sensor.name, None, (f"{what}; its way is in scene.json",))
     name = f"{scene}-{sensor.name}"
     files = SCANNERS.format(name=name), PLATFORMS.format(name=name)
     for file, element in zip(files, (scanner, platform), strict=True):
@@ -217,7 +220,14 @@ def write_survey(sensor: Sensor, folder: Path, scene: str, surfaces: Surfaces) -
     survey.extend(legs)
     path = f"{SURVEYS}/{name}.xml"
     write_document(folder / path, root)
-    return Exported(sensor.name, path, (*unsaid, *_unsaid(sensor, surfaces)))
+    return Exported(sensor.name, path, (*unsaid, *_unsaid(scanner_of_ours, surfaces)))
+
+
+def _scanner(sensor: Sensor) -> Scanner | None:
+    """The sensor as a scanner with a beam, None where it is none."""
+    return (
+        cast(Scanner, sensor) if hasattr(sensor, "beam") and hasattr(sensor, "surfaces") else None
+    )
 
 
 def _unsaid(sensor: Scanner, surfaces: Surfaces) -> Iterator[str]:
@@ -346,7 +356,7 @@ def _strips(sensor: Airborne) -> tuple[Element, Element, list[Element]]:
     return scanner, platform, legs
 
 
-def _rows(geometry: SceneGeometry, placed: list[Placed]) -> list[dict[str, object]]:
+def _rows(geometry: SceneGeometry, placed: list[PlacedPart]) -> list[dict[str, object]]:
     """Labels and places of the parts, for JSON."""
     found = []
     for part in placed:
