@@ -44,6 +44,7 @@ TABLES: list[tuple[str, type[spec.Settings]]] = [
     ("[flight]", spec.Flight),
     ("[accuracy]", spec.Accuracy),
     ("[output]", spec.Output),
+    ("[tiles]", spec.Tiles),
 ]
 SPECIES: list[tuple[str, type[spec.Settings]]] = [
     ("A species file", spec.Species),

@@ -26,7 +26,8 @@ PURE = ROOMS[: ROOMS.index("blender")]
 # The same for the parts of ``headless``; what stands in no folder is "" and comes where the commands do.
 HEADLESS = (
     *("command", "lock", "interrupt", "memory", "progress"),
-    *("report", "record", "unfinished_files", "unfinished", "pipeline", "accuracy", "dataset"),
+    *("report", "record", "unfinished_files", "unfinished", "pipeline", "tiled"),
+    *("accuracy", "dataset"),
     *("commands/work", "studies/tables", "studies/papers", "studies/bench"),
     *("studies/validation", "studies/flight"),
     *(

@@ -1,4 +1,4 @@
-"""The Python door: what a script, a notebook or Blender's console calls.
+"""The Python API: what a script, a notebook or Blender's console calls.
 
 ::
 
@@ -13,6 +13,8 @@
     cloud.save("cloud.laz")
     table = cloud.to_pandas()                          # or to_xarray()
     world.scan_to("large.laz", forest.Terrestrial())   # of any size, in constant memory
+    tiling = forest.Tiling.of(scene)                   # with tiles=forest.Tiles(size=100): any field
+    tiling.scan_to("larger.laz", forest.Airborne())
 
 Settings (``Scene``, ``Terrestrial``, ...) are those of a scene file, each checked when it is made. They
 need no Blender; ``build`` and ``current`` do: ``bpy`` from PyPI, or Blender itself. What cannot be used
@@ -82,6 +84,7 @@ from ..spec import (
     Template,
     Terrain,
     Terrestrial,
+    Tiles,
     Tractor,
     Wind,
 )
@@ -89,6 +92,8 @@ from .patterns import save_pattern
 from .results import Echoes, PointCloud, Response, Result, RowScan
 from .scanners import instrument, instruments
 from .site import Site, build, current, read
+from .tiled_scan import TiledScan
+from .tiles import Tile, Tiling
 from .ways import trajectory
 from .world import World
 
@@ -208,6 +213,10 @@ __all__ = [
     "Template",
     "Terrain",
     "Terrestrial",
+    "Tile",
+    "TiledScan",
+    "Tiles",
+    "Tiling",
     "Tractor",
     "TractorScan",
     "Trajectory",

@@ -78,6 +78,13 @@ class Tree:
         """Metres from the ground to the highest point."""
         return float(self.mesh.vertices[:, 2].max(initial=0.0))
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of its arrays."""
+        parts = (self.mesh, self.leaves, self.skeleton)
+        arrays = [value for part in parts for value in vars(part).values()]
+        return sum(value.nbytes for value in arrays if isinstance(value, np.ndarray))
+
 
 def grow(
     species: Species,

@@ -25,7 +25,7 @@ from ..formats.ply import PlyFile
 from ..sensing.lidar.cloud import Lost, together
 from ..sensing.lidar.scan import Scan
 from ..sensing.rays.geometry import SceneGeometry
-from ..spec import SpecError
+from ..spec import Scanner, SpecError
 from .coordinates import NO_OFFSET, Offset
 from .point_files import ending_of
 from .points import BOUNCED, POINT, UNITS, records
@@ -82,18 +82,15 @@ def write_scan(
     SpecError : an ending that is not known; an unfinished scan with other settings or of another scene.
     OSError : it cannot be written; what is finished is kept.
     """
-    kind = ending_of(path).lstrip(".")
-    if kind not in FORMATS:
-        raise SpecError(str(path), f"cannot be written; end its name in .{', .'.join(FORMATS)}")
+    kind = format_of(path)
     state = ScanState(_digest(scan, seed, offset), scan.pulses, at_once or scan.at_once)
     stem = path.name[: -len(kind) - 1]
     noted, partial = (path.with_name(f"{stem}.partial.{end}") for end in ("json", "ply"))
     if resume and noted.is_file():
         state = _resumed(noted, state)
     begin = state.done
-    comments = (f"Forest Sensing {scan.scanner.kind} scan {scan.scanner.name}, seed {seed}",)
     point = BOUNCED if scan.scanner.bounces else POINT
-    file = PlyFile(partial, point, comments, keep=state.points)
+    file = PlyFile(partial, point, comments_of(scan.scanner, seed), keep=state.points)
     try:
         for done, cloud in scan.chunks(begin, state.at_once):
             file.append(records(cloud, offset))
@@ -108,13 +105,31 @@ def write_scan(
                 progress(done, scan.pulses)
     finally:
         file.close()
-    _finish(file, path, kind, offset.crs)
+    finish(file, path, kind, offset.crs)
     noted.unlink(missing_ok=True)
     return Written(path, scan.pulses, file.count, begin, state.lost, state.unfollowed)
 
 
-def _finish(file: PlyFile, path: Path, kind: str, crs: str) -> None:
-    """The partial file as the one that was asked for."""
+def format_of(path: Path) -> str:
+    """The format of a file of points, by its name.
+
+    Raises
+    ------
+    SpecError : an ending that is not known.
+    """
+    kind = ending_of(path).lstrip(".")
+    if kind not in FORMATS:
+        raise SpecError(str(path), f"cannot be written; end its name in .{', .'.join(FORMATS)}")
+    return kind
+
+
+def comments_of(scanner: Scanner, seed: int) -> tuple[str, ...]:
+    """Comments of a file of records, which say of what it is."""
+    return (f"Forest Sensing {scanner.kind} scan {scanner.name}, seed {seed}",)
+
+
+def finish(file: PlyFile, path: Path, kind: str, crs: str) -> None:
+    """Turn a partial file of records into the file that was asked for."""
     if kind == "ply":
         file.path.replace(path)
         return

@@ -1,7 +1,8 @@
 """Cost of a run, before it begins: how much it sends, how long that takes, how much it keeps.
 
-The time is a guess until sensors of a kind have run once in this process; then their own pace counts, which
-is that of this machine and this scene.
+The time is a guess until sensors of a kind have run once in this process: seconds to begin, as tables take,
+and seconds for each unit of work, as measured in the demo forest. Then the guess is multiplied by what the
+last run took over what was guessed, on this machine and in this scene.
 """
 
 from __future__ import annotations
@@ -14,14 +15,14 @@ RAY = 2e-6  # s, a first guess: a ray of Embree
 SLOWER = 15.0  # times that BVHTree takes a ray
 RETURN = 300  # bytes of a point: what is computed of it, and what Blender keeps
 
-_pace: dict[str, float] = {}  # s a unit of work, of sensors of a kind that have run
+_pace: dict[str, float] = {}  # s taken over s guessed, of the last run of sensors of a kind
 
 
 @dataclass(frozen=True)
 class Cost:
     """Of one run: ``count`` of what it sends (pulses, pings, channels), seconds, bytes.
 
-    work : what the time grows with: rays, pings, channels.
+    work : what the time grows with: rays, pings, channels. guess : seconds as guessed before any has run.
     """
 
     what: str
@@ -29,6 +30,7 @@ class Cost:
     work: int
     seconds: float
     memory: int
+    guess: float = 0.0
 
     def __str__(self) -> str:
         rays = f" of {self.work:,} rays" if self.work > self.count else ""
@@ -54,16 +56,26 @@ def cost_of_rays(sensor: Sensor, count: int, subrays: int, returns: float, engin
 
 
 def cost_of_work(
-    sensor: Sensor, what: str, count: int, guess: float, *, work: int = 0, memory: int = 0
+    sensor: Sensor,
+    what: str,
+    count: int,
+    unit: float,
+    *,
+    work: int = 0,
+    memory: int = 0,
+    begin: float = 0.0,
 ) -> Cost:
     """The cost of ``count`` of something.
 
-    guess : seconds of a unit of work, until a sensor of this kind has run. work : units; 0: ``count``.
+    unit : seconds of a unit of work, begin : seconds before the first, until a sensor of this kind has run.
+    work : units; 0: ``count``.
     """
     work = work or count
-    return Cost(what, count, work, work * _pace.get(sensor.kind, guess), memory)
+    guess = begin + work * unit
+    return Cost(what, count, work, guess * _pace.get(sensor.kind, 1.0), memory, guess)
 
 
 def note_pace(sensor: Sensor, cost: Cost, seconds: float) -> None:
     """Remember how long a run took."""
-    _pace[sensor.kind] = seconds / max(cost.work, 1)
+    if cost.guess > 0:
+        _pace[sensor.kind] = seconds / cost.guess

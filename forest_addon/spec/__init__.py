@@ -58,7 +58,7 @@ from .looks import Bark, Look
 from .polished import POLISHED, Polished, property_of
 from .problem import did_you_mean, unknown
 from .reverb import Place, Reverb
-from .scene import SENSORS, Accuracy, Output, Rays, Scene
+from .scene import SENSORS, Accuracy, Output, Rays, Scene, Tiles
 from .sensor import Sensor
 from .sonar import HORSESHOE_BAND, Sonar
 from .species import (
@@ -141,6 +141,7 @@ __all__ = [
     "Template",
     "Terrain",
     "Terrestrial",
+    "Tiles",
     "Tractor",
     "Wind",
     "did_you_mean",

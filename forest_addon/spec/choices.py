@@ -148,6 +148,11 @@ CHOICES: dict[str, dict[str, tuple[str, str]]] = {
         "whole": ("All of It", "From the south-west, so far away that every tree is seen"),
         "walker": ("A Walker", "A walker's eye among the trees, undergrowth added for the picture"),
     },
+    "files": {
+        "merged": ("One File", "All points of a scan in one file, as without tiles"),
+        "tiles": ("A File a Tile", "The points over each tile in a file of its own"),
+        "both": ("Both", "One file of all points, and one of each tile"),
+    },
     "undergrowth": {
         "auto": ("Automatic", "Sparse where a scanner or a sonar looks at measured trees"),
         "none": ("None", "Trees on bare ground"),

@@ -223,10 +223,21 @@ class Reverb(Sensor):
     leaf_radius: float = param(
         0.0,
         unit="m",
-        help="forest: of a disc as large as a leaf, which says what leaves scatter; needles 0.002, birch "
-        "0.02; 0: as the scene's",
+        help="forest: of a disc as large as a leaf, which says what leaves scatter; birch 0.02; 0: as the "
+        "scene's; needles have settings of their own",
         ge=0,
         le=0.5,
+    )
+    needle_area_density: float = param(
+        0.0,
+        unit="m²/m³",
+        help="forest: half the surface of needles in the air below the canopy, which are thin cylinders to "
+        "sound; 0: as the scene's shoots, by height",
+        ge=0,
+        le=20,
+    )
+    needle_radius: float = param(
+        0.0005, unit="m", help="forest: of needles, the scene's too", gt=0, le=0.005
     )
     canopy_return: float = param(
         0.0,

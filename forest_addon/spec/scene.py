@@ -87,6 +87,32 @@ class Output(Settings):
     preview_samples: int = param(20, help="samples a pixel of the preview", ge=1, le=65536)
 
 
+class Tiles(Settings):
+    """Tiles in which a field is grown and looked at that is larger than memory; results do not depend on it.
+
+    Where trees stand is drawn for the whole field at once. What is built and scanned at a time is a tile with
+    a buffer around it.
+    """
+
+    TITLE: ClassVar[str] = "Tiles"
+    size: float = param(
+        0.0, unit="m", help="length of a tile's edges; 0: the field is one scene", ge=0, le=1e5
+    )
+    buffer: float = param(
+        30.0,
+        unit="m",
+        help="how far beyond its edges a tile's scene has trees; pulses that leave it are followed in a "
+        "larger one, and counted",
+        ge=0,
+        le=1e4,
+    )
+    files: str = param(
+        "merged",
+        help="point clouds: one file of each scan, one file of each tile, or both",
+        choices=("merged", "tiles", "both"),
+    )
+
+
 class Scene(Settings):
     """A whole scene: forest, air, sensors, output. One seed decides every draw."""
 
@@ -116,6 +142,7 @@ class Scene(Settings):
     flight: Flight = param(Flight(), help="a flyer that finds its way")
     accuracy: Accuracy = param(Accuracy(), help="how results are checked, and what is modelled")
     output: Output = param(Output(), help="what is written")
+    tiles: Tiles = param(Tiles(), help="tiles of a field that is larger than memory")
 
     def check(self) -> None:
         seen: dict[str, int] = {}

@@ -43,7 +43,7 @@ class GrownForest:
     stand: Stand
     labels: tuple[str, ...]
     species: tuple[Species, ...]
-    variants: dict[tuple[int, int], Tree]
+    variants: Mapping[tuple[int, int], Tree]
     wanted: np.ndarray | None = None
     laws: tuple[Allometry | None, ...] = ()
     notes: tuple[str, ...] = ()

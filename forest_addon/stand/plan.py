@@ -8,7 +8,7 @@ is the same tree whether 10 or 10,000 are planted.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from .layouts import orchard, trees_of
 from .poisson import sample
 from .process import Integral, Process
 from .spacing import Spacing, space
+
+OF_PLANTING = ("too_near", "off_ground", "off_field", "expected", "error")
 
 
 @dataclass(frozen=True)
@@ -70,11 +72,14 @@ class Stand:
 
     def first(self, count: int) -> Stand:
         """The trees of the first so many plantings: a scene's own, without undergrowth."""
-        of_planting = ("too_near", "off_ground", "off_field", "expected", "error")
-        keep = self.species < count
+        kept = self.select(self.species < count)
+        return replace(kept, **{name: getattr(self, name)[:count] for name in OF_PLANTING})
+
+    def select(self, rows: np.ndarray) -> Stand:
+        """Some trees, by row or mask, as they are; figures of plantings stay those of all trees."""
         own = {f.name: getattr(self, f.name) for f in fields(self)}
-        cut = {k: v[:count] if k in of_planting else v[keep] for k, v in own.items() if k != "area"}
-        return Stand(**cut, area=self.area)
+        whole = (*OF_PLANTING, "area")
+        return Stand(**{k: v if k in whole else v[rows] for k, v in own.items()})
 
     def density(self) -> np.ndarray:
         """(P,) trees per square metre of the field."""

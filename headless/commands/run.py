@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from forest_addon.spec import SpecError
+
 from ..command import LOCK, SCENE_HELP, Command, name_of, read_scene, scene_file
 
 
@@ -16,12 +18,26 @@ class RunCommand(Command):
     def arguments(self, parser: argparse.ArgumentParser) -> None:
         parser.add_argument("scene", type=scene_file, metavar="SCENE", help=SCENE_HELP)
         add_run_options(parser, "out/SCENE")
+        parser.add_argument(
+            "--workers",
+            type=int,
+            default=1,
+            metavar="N",
+            help="processes that scan the tiles of a scene with [tiles] (default 1)",
+        )
+        parser.add_argument(
+            "--share",
+            metavar="K/N",
+            help="make every Nth piece from the Kth on, as one of N processes that see the same folder; "
+            "--resume joins them",
+        )
 
     def output(self, chosen: argparse.Namespace) -> Path:
         return chosen.out or Path("out") / name_of(chosen.scene)
 
     def lock(self, chosen: argparse.Namespace) -> Path:
-        return chosen.out / LOCK
+        share = "" if chosen.share is None else f"-{chosen.share.replace('/', '-of-')}"
+        return chosen.out / f"{LOCK}{share}"
 
     def kept(self, chosen: argparse.Namespace) -> str:
         return f"{super().kept(chosen)}; --resume goes on with it"
@@ -57,7 +73,30 @@ def run_file(scene: Path, chosen: argparse.Namespace) -> None:
 
     with hushed():  # Blender says where its colours come from
         from ..pipeline import run_scene
+        from ..tiled import Share, run_by_workers, run_in_tiles
 
+    workers, share = getattr(chosen, "workers", 1), getattr(chosen, "share", None)
+    if settings.tiles.size:
+        if chosen.convolve:
+            raise SpecError("--convolve", "needs a reverb, which cannot be run in tiles")
+        if share is None and workers > 1:
+            seed = [] if chosen.seed is None else ["--seed", str(chosen.seed)]
+            words = ["run", str(scene), "--out", str(chosen.out), "--quiet", *seed]
+            run_by_workers([*words, *(["--resume"] if chosen.resume else [])], workers)
+        run_in_tiles(
+            settings,
+            scene.resolve().parent,
+            chosen.out,
+            quiet=chosen.quiet,
+            resume=chosen.resume or workers > 1,
+            share=None if share is None else Share.of(share),
+        )
+        return
+    if workers > 1 or share is not None:
+        key = "--workers" if share is None else "--share"
+        raise SpecError(
+            key, "needs a scene with [tiles]; sensors of others use all cores by themselves"
+        )
     run_scene(
         settings,
         scene.resolve().parent,

@@ -88,17 +88,10 @@ class Session:
 
     def _keep(self, key: tuple[Any, ...], tree: Tree) -> None:
         self._trees[key] = tree
-        self._bytes += _size(tree)
+        self._bytes += tree.nbytes
         while self._bytes > MOST_KEPT and len(self._trees) > 1:
             _, oldest = self._trees.popitem(last=False)
-            self._bytes -= _size(oldest)
-
-
-def _size(tree: Tree) -> int:
-    arrays = [
-        value for part in (tree.mesh, tree.leaves, tree.skeleton) for value in vars(part).values()
-    ]
-    return sum(value.nbytes for value in arrays if isinstance(value, np.ndarray))
+            self._bytes -= oldest.nbytes
 
 
 class _Making:

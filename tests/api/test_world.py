@@ -1,4 +1,4 @@
-"""The Python door: the README's lines as written, truth by name, and what cannot be done in one sentence."""
+"""The Python API: the README's lines as written, truth by name, and what cannot be done in one sentence."""
 
 import doctest
 import sys

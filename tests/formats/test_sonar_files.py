@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.io import wavfile
 from forest_addon.base.places import ASSETS
 from forest_addon.formats.toml_file import read_settings
 from forest_addon.results.echo_files import write_echo
+from forest_addon.results.kinds import RESULTS
 from forest_addon.sensing.sonar.equipment_files import equip, find, read_patterns, read_route
 from forest_addon.sensing.sonar.flight import fly
 from forest_addon.sensing.sonar.ping import EchoTargets, ping
@@ -123,6 +125,21 @@ def test_a_flight_in_files(tmp_path: Path) -> None:
     assert samples.shape == (3 * len(flight.time), 2)
     with np.load(heard) as data:
         assert np.bincount(data["pose"]).tolist() == [2, 2, 2]
+
+
+def test_a_sum_is_warned_of_where_it_decides_how_sure_the_result_is() -> None:
+    sonar = Sonar(tolerance=1e-6)
+    echo = replace(ping(LEAVES, sonar, Air()), cull_bound=1e-4, table_error=2e-5)
+    assert echo.error_bound <= 1e-6
+    doubts = RESULTS["sonar"].doubts
+    assert doubts(sonar, echo) == ()
+    assert doubts(sonar, replace(echo, error_bound=1.5e-4)) == ()
+    (warning,) = doubts(sonar, replace(echo, error_bound=3e-4))
+    assert "3.0e-04" in warning
+    assert "1e-06 was asked for" in warning
+    (warning,) = doubts(sonar, replace(echo, error_bound=2e-6, cull_bound=0.0, table_error=0.0))
+    assert "Set tolerance to 1e-05" in warning
+    assert doubts(sonar.changed(tolerance=0.0), replace(echo, error_bound=3e-4)) == ()
 
 
 def test_silence_can_be_written(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """A newcomer's road: installed, a first forest, a tree and a sensor of one's own, a cloud, the file reopened.
 
 Runs in Blender's window (see run.py). The pictures of docs/panel.md are this session's photographs, which
-``python tests/gui/run.py road`` takes and ``packaging/road_pictures.py`` puts there.
+``python tests/gui/run.py road`` takes and ``packaging/window_pictures.py`` puts there.
 """
 
 import sys

@@ -22,4 +22,4 @@ def rods_of_skeleton(skeleton: Skeleton) -> Rods:
 
 def blades_of_leaves(leaves: Leaves) -> Blades:
     """Of a tree's truth."""
-    return Blades(np.pi * leaves.radius**2, leaves.radius, leaves.centre[:, 2])
+    return Blades(np.pi * leaves.radius**2, leaves.radius, leaves.centre[:, 2], 0.0 * leaves.radius)

@@ -83,3 +83,45 @@ def in_ball(
         counted = np.exp(-rate * distance) / (4 * math.pi * np.maximum(distance, 0.05) ** 2)
         found += np.histogram(travelled + distance, edges, weights=counted)[0]
     return found * 4 * math.pi / packets / np.diff(edges)
+
+
+def in_ball_turned(
+    rate: float,
+    turned: np.ndarray,
+    radius: float,
+    apart: tuple[float, float],
+    edges: np.ndarray,
+    packets: int,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """(X,) energy a metre of scatterers that turn sound by ``turned`` (C,), over even cells of the cosine.
+
+    apart : m, of sources from the ball's middle, and of receivers within the ball from them, all ways.
+    """
+    density = turned / (turned.mean() * 4 * math.pi)
+    sums = np.concatenate([[0.0], np.cumsum(turned) / turned.sum()])
+    cosines = np.linspace(-1.0, 1.0, len(sums))
+
+    def ways(count: int) -> np.ndarray:
+        way = rng.normal(size=(count, 3))
+        return way / np.linalg.norm(way, axis=1, keepdims=True)
+
+    place, way, travelled = apart[0] * ways(packets), ways(packets), np.zeros(packets)
+    receiver, found = place + apart[1] * ways(packets), np.zeros(len(edges) - 1)
+    while len(place):
+        step = rng.exponential(1 / rate, len(place))
+        place, travelled = place + step[:, None] * way, travelled + step
+        kept = (np.linalg.norm(place, axis=1) < radius) & (travelled < edges[-1])
+        place, way, travelled, receiver = (each[kept] for each in (place, way, travelled, receiver))
+        away = receiver - place
+        distance = np.linalg.norm(away, axis=1)
+        cosine = np.clip((away * way).sum(axis=1) / distance, -1.0, 1.0)
+        cell = np.minimum((0.5 * (cosine + 1.0) * len(density)).astype(int), len(density) - 1)
+        counted = density[cell] * np.exp(-rate * distance)
+        counted *= np.where(distance < 0.3, 3 / 0.3**2, distance**-2.0)
+        found += np.histogram(travelled + distance, edges, weights=counted)[0]
+        cosine = np.interp(rng.random(len(place)), sums, cosines)
+        aside = np.cross(way, ways(len(place)))
+        aside /= np.linalg.norm(aside, axis=1, keepdims=True)
+        way = cosine[:, None] * way + np.sqrt(1 - cosine**2)[:, None] * aside
+    return found * 4 * math.pi / packets / np.diff(edges)

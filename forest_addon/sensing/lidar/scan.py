@@ -233,21 +233,23 @@ class Scan:
         step = at_once or self.at_once
         for begin in range(first, self.pulses, step):
             stop = min(begin + step, self.pulses)
-            yield stop, self._look_around_faults(begin, stop)
+            yield stop, self.look_around_faults(np.arange(begin, stop))
 
-    def _look_around_faults(self, first: int, stop: int) -> Cloud:
+    def look_around_faults(self, number: np.ndarray) -> Cloud:
+        """As ``look_at``; pulses on which the program fails are named in the cloud's ``lost``."""
         try:
-            return self.look(first, stop)
+            return self.look_at(number)
         except Exception as fault:
-            if stop - first > 1:
-                middle = (first + stop) // 2
-                halves = [(first, middle), (middle, stop)]
-                return join([self._look_around_faults(*half) for half in halves])
+            if len(number) > 1:
+                middle = len(number) // 2
+                halves = [number[:middle], number[middle:]]
+                return join([self.look_around_faults(half) for half in halves])
             self._lost += 1
             if self._lost > MOST_LOST:
                 raise
-            why = f"{type(fault).__name__}: {fault}"
-            return replace(self.look(first, first), pulses=1, lost=(Lost(first, stop, why),))
+            first, why = int(number[0]), f"{type(fault).__name__}: {fault}"
+            lost = (Lost(first, first + 1, why),)
+            return replace(self.look_at(number[:0]), pulses=1, lost=lost)
 
     def _received(
         self, rays: tuple[np.ndarray, np.ndarray], contacts: Contacts, time: np.ndarray

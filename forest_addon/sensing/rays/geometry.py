@@ -33,6 +33,8 @@ class SceneGeometry:
     slot_reflectance : for each mesh (S,) of its material slots, NaN likewise; left out: nowhere.
     asset : for each mesh which tree of a library it is, empty for others; left out: none is.
     slot_names : for each mesh the names of its materials, empty where a slot is; left out: unknown.
+    crowd : for each mesh how many instances the forest has of which this scene is a part, so that both have
+        the same bounds; left out: those that are here.
     optics : (I, 4) of the object what makes it a mirror, glass or water: number of the kind
         (``spec.POLISHED``, -1 an unknown word), refractive index, share that a mirror sends on, extinction,
         NaN where it says nothing; left out: nowhere.
@@ -50,6 +52,7 @@ class SceneGeometry:
     slot_reflectance: tuple[np.ndarray, ...] = ()
     asset: tuple[str, ...] = ()
     slot_names: tuple[tuple[str, ...], ...] = ()
+    crowd: tuple[int, ...] = ()
     optics: np.ndarray | None = None
     slot_optics: tuple[np.ndarray, ...] = ()
 
@@ -106,11 +109,13 @@ class SceneGeometry:
         high = low.copy()
         order = np.argsort(self.mesh_index, kind="stable")
         cuts = np.searchsorted(self.mesh_index[order], np.arange(len(self.meshes) + 1))
-        for mesh, (first, last) in zip(self.meshes, pairwise(cuts.tolist()), strict=True):
+        many = self.crowd or np.diff(cuts).tolist()
+        for number, (first, last) in enumerate(pairwise(cuts.tolist())):
             rows = order[first:last]
             if not len(rows):
                 continue
-            least, most = _pieces(mesh, int(np.clip(BOXES // len(rows), 1, PIECES)))
+            each = int(np.clip(BOXES // many[number], 1, PIECES))
+            least, most = _pieces(self.meshes[number], each)
             if not len(least):
                 continue
             linear, shift = self.transform[rows, :, :3], self.transform[rows, None, :, 3]

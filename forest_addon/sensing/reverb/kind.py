@@ -18,7 +18,8 @@ from ..kind import SOUND, Observation, Seen, SensorKind
 from ..lines import chain
 from ..looks import SensorLook
 
-CHANNEL = 0.2  # s, a first guess
+BEGIN = 2.0  # s, a first guess: trunks are cut out of the scene, the response is drawn and written
+CHANNEL = 0.3  # s, a first guess
 FINEST = 1e-6  # tolerance that the fast sum keeps
 END = 10 ** (-75 / 20)  # a record ends where that is left of it
 
@@ -123,7 +124,7 @@ def _where_ends_are(job: Observation) -> np.ndarray:
 def _cost(reverb: Reverb, _trajectory: Any, _engine: str) -> Cost:
     channels = (1 + len(reverb.sources)) * (1 + len(reverb.receivers)) * reverb.array
     channels *= {"omni": 1, "ambisonics": 3, "binaural": 12}[reverb.heard_as]  # sums over trunks
-    return cost_of_work(reverb, "channels", channels, CHANNEL)
+    return cost_of_work(reverb, "channels", channels, CHANNEL, begin=BEGIN)
 
 
 def sound_outline(reverb: Reverb) -> np.ndarray:

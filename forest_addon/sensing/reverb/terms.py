@@ -40,11 +40,15 @@ def terms_of(reverb: Reverb) -> tuple[tuple[str, ...], tuple[str, ...]]:
             forest and reverb.branches,
             _or(reverb.branch_area_density, "m²/m³ of bark"),
         ),
+        "needles as thin cylinders, in phase within a shoot": (
+            forest and reverb.branches and reverb.foliage,
+            _or(reverb.needle_area_density, "m²/m³"),
+        ),
         "bark of branches that absorbs": (
             forest and reverb.branches and reverb.bark > 0,
             f"{100 * reverb.bark:g} %",
         ),
-        "viscous, heat-conducting air at branches": (
+        "viscous, heat-conducting air at branches and needles": (
             forest and reverb.branches and reverb.boundary_loss,
             "",
         ),

@@ -69,6 +69,7 @@ class FOREST_PT_by_hand(Tab, bpy.types.Panel):
         row = layout.row(align=True)
         for name, icon in (("lock", "LOCKED"), ("swap", "FILE_REFRESH"), ("remove", "X")):
             row.operator(f"forest.{name}_trees", icon=icon)
+        layout.operator("forest.adopt_trees", icon="ADD")
         layout.label(text="Trees Set by Hand")
         draw_list(layout, "FOREST_UL_by_hand", planting, "by_hand", "hand_tree")
         if planting.by_hand:

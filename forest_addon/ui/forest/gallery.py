@@ -123,7 +123,7 @@ def icon_of(preset: str) -> int:
         file = PREVIEWS / f"{preset}.jpg"
         if not any(card.preset == preset for card in GALLERY) or not file.is_file():
             return 0
-        _pictures.load(preset, str(file), "IMAGE")
+        tuple(_pictures.load(preset, str(file), "IMAGE").image_size)  # reads it now: no spinner
     return int(_pictures[preset].icon_id)
 
 

@@ -13,8 +13,8 @@ from typing import Any, ClassVar
 import bpy
 import numpy as np
 
-from ...blender.scene.layout import VARIANTS, find_part
-from ...blender.scene.ours import ROLE_KEY
+from ...blender.scene.layout import TREES, VARIANTS, find_part
+from ...blender.scene.ours import ROLE_KEY, is_ours
 from ...blender.scene.stood import (
     STOOD_KEY,
     StoodTree,
@@ -23,12 +23,15 @@ from ...blender.scene.stood import (
     note_change,
     stood_trees,
 )
-from ..shell.running import LINKED
+from ..shell.running import LINKED, obstacle
 from ..shell.words import keep, say
 
 Place = tuple[float, float]
 NEAR = 1e-3  # metres: two places that are one
 SPOT = 0.01  # metres, radius of the clearing where a tree was drawn
+NO_COPIES = keep(
+    "Select copies of the forest's trees, such as those dragged from the Asset Browser"
+)
 NO_TREES = keep("Select trees of the forest that are objects; Plant by Hand changes all others")
 
 
@@ -179,6 +182,60 @@ class FOREST_OT_remove_trees(_OfSelected, bpy.types.Operator):
         return self.each(context, remove)
 
 
+class FOREST_OT_adopt_trees(bpy.types.Operator):
+    """Plant the selected copies of trees where they stand: copied here or dragged from the Asset Browser"""
+
+    bl_idname = "forest.adopt_trees"
+    bl_label = "Plant Copies"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not context.scene.is_editable:
+            cls.poll_message_set(say(LINKED))
+            return False
+        if context.mode != "OBJECT" or not any(map(_copy_of, context.selected_objects)):
+            cls.poll_message_set(say(NO_COPIES))
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        known, planted = plantings_by_label(context.scene), []
+        for thing in context.selected_objects:
+            label, variant = _copy_of(thing) or ("", 0)
+            if label not in known or variant >= known[label].variants:
+                continue
+            place, turn, size = thing.matrix_world.decompose()
+            entry = known[label].by_hand.add()
+            entry.position = place[:2]
+            entry.use_rotation_deg = entry.use_scale = entry.use_variant = True
+            entry.rotation_deg = np.rad2deg(turn.to_euler().z)
+            entry.scale, entry.variant = sum(size) / 3, variant
+            planted.append(thing)
+        if not planted:
+            self.report({"WARNING"}, say("No planting of this forest has these trees"))
+            return {"CANCELLED"}
+        bpy.data.batch_remove(planted)
+        context.scene.update_tag()
+        if context.scene.forest_sensing.plant_grows and not obstacle(context):
+            bpy.ops.forest.build("INVOKE_DEFAULT")
+        self.report({"INFO"}, say("{count} planted; Grow Forest keeps them", count=len(planted)))
+        return {"FINISHED"}
+
+
+def _copy_of(thing: bpy.types.Object) -> tuple[str, int] | None:
+    """Return the planting and variant of which an object is a copy that somebody made; None: of none."""
+    part, _, name = str(thing.get(ROLE_KEY, "")).partition("/")
+    if thing.type != "MESH" or is_ours(thing):
+        return None
+    if part == VARIANTS:
+        label, _, number = name.rpartition(".")
+        return (label, int(number)) if number.isdecimal() else None
+    if part == TREES and STOOD_KEY in thing:
+        return name.rpartition(" ")[0], int(thing[STOOD_KEY][4])
+    return None
+
+
 def _meshes_of_variants(scene: bpy.types.Scene) -> dict[str, bpy.types.Mesh]:
     home = find_part(scene, VARIANTS)
     things = home.objects if home is not None else ()
@@ -187,11 +244,14 @@ def _meshes_of_variants(scene: bpy.types.Scene) -> dict[str, bpy.types.Mesh]:
 
 def draw_menu(menu: Any, context: bpy.types.Context) -> None:
     """Draw what can be done with selected trees, in the context menu of objects."""
-    if not any(STOOD_KEY in thing for thing in context.selected_objects):
-        return
-    menu.layout.separator()
-    for name in ("lock_trees", "swap_trees", "remove_trees"):
+    stand = any(STOOD_KEY in thing for thing in context.selected_objects)
+    copied = any(map(_copy_of, context.selected_objects))
+    if stand or copied:
+        menu.layout.separator()
+    for name in ("lock_trees", "swap_trees", "remove_trees") if stand else ():
         menu.layout.operator(f"forest.{name}")
+    if copied:
+        menu.layout.operator("forest.adopt_trees")
 
 
 def register() -> None:
@@ -204,4 +264,9 @@ def unregister() -> None:
     bpy.types.VIEW3D_MT_object_context_menu.remove(draw_menu)
 
 
-CLASSES = (FOREST_OT_lock_trees, FOREST_OT_swap_trees, FOREST_OT_remove_trees)
+CLASSES = (
+    FOREST_OT_lock_trees,
+    FOREST_OT_swap_trees,
+    FOREST_OT_remove_trees,
+    FOREST_OT_adopt_trees,
+)

@@ -12,7 +12,7 @@ from ...blender.sensors import objects as sensors
 from ...sensing.kinds import KINDS
 from ..forest.wind_view import draw_wind
 from ..settings import references
-from ..settings.drawing import BIG, OnceStarted, draw_settings, folded, split
+from ..settings.drawing import BIG, OnceStarted, draw_settings, folded, name_in, split
 from ..settings.lists import draw_list
 from ..settings.presets import draw_presets
 from ..shell.chosen import chosen, chosen_sensor
@@ -153,7 +153,7 @@ def _draw_sensor(layout: bpy.types.UILayout, thing: bpy.types.Object) -> None:
     draw_settings(split(layout), group, hidden)
     for part in group.nested:
         header, body = folded(layout, f"FOREST_{kind}_{part}")
-        header.label(text=group.bl_rna.properties[part].name)
+        header.label(text=name_in(type(group), part))
         if body is not None:
             draw_settings(split(body), getattr(group, part))
     if kind in LISTS:
@@ -195,7 +195,7 @@ def _draw_ends(layout: bpy.types.UILayout, reverb: Any, name: str, thing: str) -
 
 def _draw_objects(layout: bpy.types.UILayout, reverb: Any, name: str, thing: str) -> None:
     """Objects that are further ends: the list, and the picker of the chosen one."""
-    layout.label(text=reverb.bl_rna.properties[name].name)
+    layout.label(text=name_in(type(reverb), name))
     items = f"{name}_pointers"
     draw_list(layout, "FOREST_UL_objects", reverb, items, thing)
     if getattr(reverb, items):

@@ -72,8 +72,12 @@ def draw_settings(
     layout: bpy.types.UILayout, group: Any, hidden: Collection[str] = frozenset()
 ) -> None:
     """The settings of a group that have an effect now, in the order of ``spec``; the basic ones or all."""
-    for name in group.shown:
-        if name not in hidden and is_shown(group, name):
+    kind = type(group)
+    every, basic = _by_depth(kind)
+    if every is not basic and bpy.context.scene.forest_sensing.advanced:
+        basic = every
+    for name in basic:
+        if name not in hidden and applies(group, name):
             draw_field(layout, group, name)
 
 
@@ -81,8 +85,23 @@ def is_shown(group: Any, name: str) -> bool:
     """Return whether a setting is shown beside what the others are set to, at the depth that is chosen."""
     if not applies(group, name):
         return False
-    settings = type(group).__name__.removeprefix("FOREST_PG_")
-    return not is_advanced(settings, name) or bpy.context.scene.forest_sensing.advanced
+    every, basic = _by_depth(type(group))
+    return every is basic or name in basic or bpy.context.scene.forest_sensing.advanced
+
+
+@functools.cache
+def _by_depth(kind: type) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the settings of a class, all and the basic ones; the same tuple where all are basic."""
+    settings = kind.__name__.removeprefix("FOREST_PG_")
+    every: tuple[str, ...] = kind.shown  # type: ignore[attr-defined]
+    basic = tuple(name for name in every if not is_advanced(settings, name))
+    return every, every if basic == every else basic
+
+
+@functools.cache
+def name_in(kind: type, name: str) -> str:
+    """Return the name of a property of a class, as Blender looks it up in its catalogs; looked up once."""
+    return str(kind.bl_rna.properties[name].name)  # type: ignore[attr-defined]
 
 
 @functools.cache

@@ -87,6 +87,7 @@ LABELS = {
     "extinction (1/m)": "Air Loss (1/m)",  # of a scanner; a reverb has one in words
     "leaf_area_density": "Leaves (m²/m³)",
     "floor_leaf_area": "Herbs (m²/m²)",
+    "needle_area_density": "Needles (m²/m³)",
     "branch_area_density": "Twigs (m²/m³)",
     "leaf_transmittance": "Leaf Lets Pass",
     "elasticity": "Elasticity",

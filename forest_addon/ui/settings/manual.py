@@ -24,7 +24,7 @@ PLACES = {  # where panel.md speaks of operators
     **dict.fromkeys(
         ("build", "live", "paint", "edit_species", "make_species", "save_species"), FOREST
     ),
-    **dict.fromkeys(("plant", "lock_trees", "swap_trees", "remove_trees"), FOREST),
+    **dict.fromkeys(("plant", "lock_trees", "swap_trees", "remove_trees", "adopt_trees"), FOREST),
     **dict.fromkeys(
         (
             "add_sensor",

@@ -9,6 +9,7 @@ what a text is made of, ``label_of_kept`` says it in the language of whoever ope
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Callable
 
@@ -41,8 +42,15 @@ def say_kept(text: str) -> str:
 
 def label_of_kept(made_of: str) -> str:
     """Return what was kept, as it stands in a panel."""
-    pattern, values = json.loads(made_of)
+    pattern, values = _read(made_of)
     return label(pattern, **values)
+
+
+@functools.lru_cache(maxsize=512)
+def _read(made_of: str) -> tuple[str, dict[str, object]]:
+    """Return the pattern and the values of a text that a file keeps; figures are drawn again and again."""
+    pattern, values = json.loads(made_of)
+    return pattern, values
 
 
 def label_kept(text: str) -> str:

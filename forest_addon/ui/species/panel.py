@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import bpy
 
-from ..settings.drawing import WithForest, draw_settings, folded, split
+from ..settings.drawing import WithForest, draw_settings, folded, name_in, split
 from ..settings.lists import draw_list
 from ..shell.chosen import chosen_planting
 from ..shell.words import keep, label, label_kept
@@ -74,11 +75,11 @@ class FOREST_PT_edited(WithForest, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         group = edited_item(context.scene.forest_sensing).settings
         for part in group.nested:
-            optional = f"use_{part}" in group.bl_rna.properties
             header, body = folded(self.layout, f"FOREST_species_{part}")
-            if optional:
+            if _has(type(group), f"use_{part}"):
                 header.prop(group, f"use_{part}", text="")
-            header.label(text=label_kept(SECTIONS.get(part, group.bl_rna.properties[part].name)))
+            title = SECTIONS.get(part) or name_in(type(group), part)
+            header.label(text=label_kept(title))
             if body is not None:
                 body.active = getattr(group, f"use_{part}", True) and not _is_idle(group, part)
                 _draw_part(body, getattr(group, part))
@@ -98,15 +99,22 @@ def _draw_part(layout: bpy.types.UILayout, group: Any) -> None:
     """Numbers and texts first, then what is drawn from a distribution."""
     long = _long_texts(group)
     draw_settings(split(layout), group, long)
+    kind = type(group)
     for name in long:
-        layout.label(text=group.bl_rna.properties[name].name)
+        layout.label(text=name_in(kind, name))
         layout.prop(group, name, text="")
     for name in group.nested:
         if type(getattr(group, name)).__name__ in SPREADS:
             _draw_spread(layout, group, name)
         else:
-            layout.label(text=group.bl_rna.properties[name].name)
+            layout.label(text=name_in(kind, name))
             _draw_part(layout, getattr(group, name))
+
+
+@functools.cache
+def _has(kind: type, name: str) -> bool:
+    """Return whether a class of settings has a property; looked up once."""
+    return name in kind.bl_rna.properties  # type: ignore[attr-defined]
 
 
 def _long_texts(group: Any) -> tuple[str, ...]:
@@ -117,15 +125,15 @@ def _long_texts(group: Any) -> tuple[str, ...]:
 
 def _draw_spread(layout: bpy.types.UILayout, owner: Any, name: str) -> None:
     """A distribution in a line or two: what is drawn, and within which limits."""
-    group = getattr(owner, name)
+    group, kind = getattr(owner, name), type(owner)
     first, second = SPREADS[type(group).__name__]
     column = layout.column(align=True)
-    row = _line(column, owner.bl_rna.properties[name].name)
-    if f"use_{name}" in owner.bl_rna.properties:
+    row = _line(column, name_in(kind, name))
+    if _has(kind, f"use_{name}"):
         row.prop(owner, f"use_{name}", text="")
     row.prop(group, first, text="")
     row.prop(group, second, text="", placeholder="weights")
-    if "use_low" in group.bl_rna.properties:
+    if _has(type(group), "use_low"):
         row = _line(column, label("Within"))
         for limit in ("low", "high"):
             row.prop(group, f"use_{limit}", text="")

@@ -1,7 +1,8 @@
 """Species to choose from, as pictures: the presets, one's own, those that are edited in the file.
 
-Folders are looked into and pictures loaded when they are first drawn, and not again: Blender reads a
-picture's file when it shows it, apart from drawing. ``refresh`` takes note of a new file.
+Folders are looked into when species are first drawn, and not again; ``refresh`` takes note of a new file.
+Pictures of what is planted are read then, the others one by one afterwards, so that the menu has them when it
+is opened: Blender would show a spinner for each that it has not read yet.
 """
 
 from __future__ import annotations
@@ -21,7 +22,10 @@ from ..shell.words import label, language
 
 Choice = tuple[str, str, str, int, int]  # what a planting calls it, name, help, icon, number
 
+BETWEEN = 0.02  # s between two pictures that are read
+
 _pictures: Any = None
+_unread: list[str] = []  # species whose pictures are not read yet
 
 
 def choices(props: Any) -> tuple[Choice, ...]:
@@ -77,6 +81,9 @@ def unregister() -> None:
     """Free the pictures."""
     global _pictures
     refresh()
+    _unread.clear()
+    if bpy.app.timers.is_registered(_read_next):
+        bpy.app.timers.unregister(_read_next)
     if _pictures is not None:
         bpy.utils.previews.remove(_pictures)
         _pictures = None
@@ -97,7 +104,7 @@ def _choices(
             name,
             title,
             label("Plant {species}", species=title),
-            _icon(origins.get(name, name)),
+            _icon(origins.get(name, name), name in planted),
             number,
         )
         for number, (name, title) in enumerate(zip(names, titles, strict=True))
@@ -123,8 +130,8 @@ def picture_of(species: Path) -> Path:
     return species.with_suffix(".png")
 
 
-def _icon(species: str) -> int:
-    """The number of a species' picture; that of a plain icon where it has none."""
+def _icon(species: str, now: bool) -> int:
+    """The number of a species' picture; that of a plain icon where it has none. now : it is read at once."""
     global _pictures
     if _pictures is None:
         _pictures = bpy.utils.previews.new()
@@ -133,7 +140,25 @@ def _icon(species: str) -> int:
         return int(_plain_icons()["OUTLINER_OB_CURVES"].value)
     if species not in _pictures:
         _pictures.load(species, str(picture), "IMAGE")
+        _unread.append(species)
+        if not bpy.app.background and not bpy.app.timers.is_registered(_read_next):
+            bpy.app.timers.register(_read_next, first_interval=BETWEEN)
+    if now and species in _unread:
+        _read(species)
     return int(_pictures[species].icon_id)
+
+
+def _read(species: str) -> None:
+    """Have Blender read a picture's file now, as it does when it is asked for the size."""
+    _unread.remove(species)
+    tuple(_pictures[species].image_size)
+
+
+def _read_next() -> float | None:
+    """Read one more picture; returns the seconds until the next, None after the last."""
+    if _unread and _pictures is not None:
+        _read(_unread[0])
+    return BETWEEN if _unread else None
 
 
 def _plain_icons() -> Any:

@@ -283,27 +283,48 @@ def _radii(say: Say) -> None:
 
 def _all_terms(say: Say) -> None:
     say(
-        "\nModel forest, every term: 100,000 trunks on 1 km², 24 kHz, D = 10 m, tolerance 1e-4; joint: all is"
+        "\nModel forest, every term, 1 km², 24 kHz, D = 10 m, tolerance 1e-4; joint: all is noise from"
     )
-    say("noise from then on; error: the largest of an octave that the sum's checks find\n")
+    say("then on; error: the largest of an octave that the sum's checks find; MB: of the process\n")
+    rows = []
+    for count, radii, leafy in (
+        (100_000, (0.25, 0.25), False),
+        (100_000, (0.25, 0.25), True),
+        (100_000, (0.05, 0.3), True),
+        (1_000_000, (0.05, 0.3), True),
+    ):
+        rows.append(_of_all_terms(count, radii, leafy))
+    head = ["trunks", "radii", "stand", "cold, ms", "warm, ms", "joint", "error", "MB"]
+    table(say, head, rows)
+
+
+def _of_all_terms(count: int, radii: tuple[float, float], leafy: bool) -> list[str]:
     ends = np.array([[-5.0, 0.0], [5.0, 0.0]])
-    place = stream(5, "bench", "terms").uniform(-SIDE / 2, SIDE / 2, (100_000, 2))
-    trunks = Trunks(place, np.full(len(place), 0.25), np.full(len(place), -1)).clear_of(ends)
-    given = Reverb(
+    rng = stream(5, "bench", "terms")
+    place = rng.uniform(-SIDE / 2, SIDE / 2, (count, 2))
+    radius = rng.uniform(*radii, count)
+    trunks = Trunks(place, radius, np.full(count, -1)).clear_of(ends)
+    reverb = Reverb(
         model="forest", source=(-5.0, 0.0, 1.5), receiver=(5.0, 0.0, 1.5), tolerance=1e-4
     )
-    leafy = replace(given, branch_area_density=0.1, leaf_area_density=0.2)
-    field, rows = ((-SIDE / 2, -SIDE / 2), (SIDE, SIDE)), []
-    for name, reverb in (("bare trunks", given), ("branches and leaves", leafy)):
-        prepared, spent = Expansions(), []
-        for _ in range(3):
-            start = time.process_time()
-            found = impulse_response(trunks, reverb, AIR, field=field, expansions=prepared)
-            spent.append(1e3 * (time.process_time() - start))
-        worst = max(found.errors.values(), default=0.0)
-        times = f"{spent[0]:.0f}", f"{min(spent[1:]):.0f}"
-        rows.append([name, *times, f"{found.joint:.2f} s", f"{worst:.1e}"])
-    table(say, ["stand", "cold, ms", "warm, ms", "joint", "error"], rows)
+    if leafy:
+        reverb = replace(reverb, branch_area_density=0.1, leaf_area_density=0.2)
+    field = ((-SIDE / 2, -SIDE / 2), (SIDE, SIDE))
+    prepared, spent = Expansions(), []
+    for _ in range(3 if count < 1_000_000 else 2):
+        start = time.process_time()
+        found = impulse_response(trunks, reverb, AIR, field=field, expansions=prepared)
+        spent.append(1e3 * (time.process_time() - start))
+    return [
+        f"{count:,}",
+        f"{radii[0]:g}" + (f"-{radii[1]:g} m" if radii[1] > radii[0] else " m"),
+        "branches and leaves" if leafy else "bare trunks",
+        f"{spent[0]:.0f}",
+        f"{min(spent[1:]):.0f}",
+        f"{found.joint:.2f} s",
+        f"{max(found.errors.values(), default=0.0):.1e}",
+        f"{peak_memory_mb() or 0.0:.0f}",
+    ]
 
 
 def _single_against_multiple(say: Say) -> None:

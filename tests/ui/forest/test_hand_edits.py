@@ -125,3 +125,30 @@ def test_trees_that_follow_something_else_are_not_taken_for_moved(grove):
     tree.location.x += 3
     press("build")
     assert not grove.plantings[0].by_hand
+
+
+def test_copies_of_trees_are_planted_where_they_stand(grove):
+    others, planting = places(), grove.plantings[0]
+    dropped = bpy.data.objects["001 " + trees()[0].name.rpartition(" ")[0] + ".001"].copy()
+    dropped.data = dropped.data.copy()  # as Blender drops an asset of the same file
+    dropped.location, dropped.rotation_euler.z = (2.5, 7.25, 0.0), 0.75
+    beside = trees()[0].copy()
+    beside.location[:2], beside.scale = (8.5, 1.25), (1.25, 1.25, 1.25)
+    mine = bpy.data.objects.new("mine", bpy.data.meshes.new("mine"))
+    for thing in (dropped, beside, mine):
+        bpy.context.scene.collection.objects.link(thing)
+    bpy.context.view_layer.update()
+    mesh = trees()[0].data
+    select(mine)
+    assert not bpy.ops.forest.adopt_trees.poll()
+    select(dropped, beside, mine)
+    assert press("adopt_trees") == {"FINISHED"}
+    assert [entry.variant for entry in planting.by_hand][:1] == [1]
+    assert "mine" in bpy.data.objects
+    assert len(trees()) == 7  # grown at once
+    assert places() == sorted([*others, (2.5, 7.25), (8.5, 1.25)])
+    new = {tuple(tree.location[:2]): tree for tree in trees()}
+    assert new[2.5, 7.25].rotation_euler.z == pytest.approx(0.75, abs=1e-4)
+    assert new[8.5, 1.25].scale.x == pytest.approx(1.25, abs=1e-4)
+    assert new[8.5, 1.25].data == mesh
+    assert np.allclose(standing_by_script(), places(), atol=1e-5)

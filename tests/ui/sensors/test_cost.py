@@ -9,7 +9,9 @@ bpy = pytest.importorskip("bpy")
 from forest_addon.blender.sensors import objects as sensors
 from forest_addon.blender.sensors.observe import Observer
 from forest_addon.sensing import cost as costs_of
+from forest_addon.sensing.kinds import kind_of
 from forest_addon.sensing.lidar.tractor import TractorScan
+from forest_addon.spec import Sonar
 from forest_addon.ui.sensors import cost
 from forest_addon.ui.sensors.ahead import Ahead
 from forest_addon.ui.settings.exchange import to_spec
@@ -44,6 +46,13 @@ def test_its_own_pace_counts_once_a_sensor_has_run(built, monkeypatch):
     sensor = to_spec(bpy.context.scene, [thing]).sensors[0]
     costs_of.note_pace(sensor, guess, 12.0)
     assert cost.costs(bpy.context, [thing])[0].seconds == pytest.approx(12.0)
+    twice = Sonar(ears=2)  # of which the seconds to begin are no less by half
+    guessed = [kind_of(bat).cost(bat, None, "embree") for bat in (Sonar(ears=1), twice)]
+    assert 0.5 < guessed[0].seconds / guessed[1].seconds < 1.0
+    costs_of.note_pace(twice, guessed[1], 3.0)
+    after = [kind_of(bat).cost(bat, None, "embree").seconds for bat in (Sonar(ears=1), twice)]
+    assert after[1] == pytest.approx(3.0)
+    assert after[0] / after[1] == pytest.approx(guessed[0].seconds / guessed[1].seconds)
 
 
 @pytest.mark.parametrize(

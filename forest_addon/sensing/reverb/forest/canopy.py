@@ -11,7 +11,15 @@ import numpy as np
 
 from ....base.trimesh import LEAF, TriMesh, is_wood
 from ...rays.geometry import SceneGeometry
-from .clutter import Blades, Clutter, Rods, blades_of_mesh, clutter_of, rods_of_mesh
+from .clutter import (
+    Blades,
+    Clutter,
+    Rods,
+    blades_of_mesh,
+    clutter_of,
+    rods_of_mesh,
+    shoot_triangles,
+)
 from .surroundings import FoliageCanopy
 
 BESIDE = 1.0  # m above and below the ends that count as the height of the path
@@ -55,8 +63,8 @@ def _pieces(scene: SceneGeometry) -> tuple[list[Rods], list[Blades]]:
 
 
 def _leaves(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray]:
-    """(L, 3) centres of some triangles, and (L,) m² that each stands for."""
-    rows = np.flatnonzero(mesh.part == LEAF)
+    """(L, 3) centres of some triangles, and (L,) m² that each stands for; not of shoots of needles."""
+    rows = np.flatnonzero((mesh.part == LEAF) & ~shoot_triangles(mesh))
     step = max(1, len(rows) // MOST)
     corners = mesh.vertices[mesh.triangles[rows[::step]]]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -1,13 +1,15 @@
 """Branches, twigs and leaves as sound meets them: how much of what size at which height.
 
-Meshes of a stand's trees go in; a ``Clutter`` goes out: metres of branch a cubic metre by
-radius and height, square metres of leaf a cubic metre by height. A mesh tells its branches by its curvature:
+Meshes of a stand's trees go in; a ``Clutter`` goes out: metres of branch a cubic metre by radius and height,
+square metres of leaf and of needle a cubic metre by height. A mesh tells its branches by its curvature:
 an edge of length ℓ between faces that turn by δ belongs to ℓδ/2π metres of cylinder (Cohen-Steiner & Morvan
-2003), of a radius that is the faces' area over ℓδ, along the edge.
+2003), of a radius that is the faces' area over ℓδ, along the edge. A shoot of needles is drawn as strips that
+face all ways, fewer and wider than its needles, whose shadow is the shoot's.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
@@ -19,6 +21,8 @@ LAYER, FINE = 1.0, 0.25  # m of height; of a single tree
 HIGHEST = 60.0  # m
 CLASSES = 2.0 ** np.arange(-10.5, -3.0)  # m, edges between classes of radius: 0.7 mm to 9 cm
 SHARPEST, FLATTEST = 2.4, 0.06  # radians between faces of a tube
+STRIPS, FACED = 5, 0.5  # strips of a shoot at least; share of its area that may face one way
+DRAWN = 0.86  # area of a shoot's strips over half its needles' surface; 0.73 to 1.02 in the presets
 TURNS = 16  # azimuths over which a branch's slope against level sound is averaged
 
 
@@ -53,26 +57,34 @@ class Rods:
 
 @dataclass(frozen=True)
 class Blades:
-    """L leaves: area (L,) m² of one side, radius (L,) m of the equal disc, height (L,) m."""
+    """L leaves: area (L,) m² of one side, radius (L,) m of the equal disc, height (L,) m.
+
+    shoot : (L,) m, root of the mean square distance of a shoot's needles from its middle; 0: a leaf.
+    """
 
     area: np.ndarray
     radius: np.ndarray
     height: np.ndarray
+    shoot: np.ndarray
 
     def summed(self) -> Blades:
-        """The same in few pieces, of FINE metres of height each."""
-        low, rows = _alike(self.height, np.full(len(self.height), CLASSES[0]))
+        """The same in few pieces, of FINE metres of height each, leaves and shoots apart."""
+        low, rows = _alike(self.height, np.where(self.shoot > 0, 2.0 * CLASSES[0], CLASSES[0]))
         area = np.bincount(rows, self.area)
         kept = area > 0
-        radius = np.bincount(rows, self.area * self.radius)[kept] / area[kept]
-        height = np.bincount(rows, self.area * (self.height - low))[kept] / area[kept] + low
-        return Blades(area[kept], radius, height)
+
+        def mean(values: np.ndarray) -> np.ndarray:
+            total: np.ndarray = np.bincount(rows, self.area * values)[kept] / area[kept]
+            return total
+
+        height = mean(self.height - low) + low
+        return Blades(area[kept], mean(self.radius), height, mean(self.shoot))
 
     def placed(self, transform: np.ndarray) -> Blades:
         """The same of a tree that stands at ``transform`` (3, 4), upright and evenly scaled."""
         scale = _scale(transform)
         height = self.height * scale + float(transform[2, 3])
-        return Blades(self.area * scale**2, self.radius * scale, height)
+        return Blades(self.area * scale**2, self.radius * scale, height, self.shoot * scale)
 
 
 def _alike(height: np.ndarray, radius: np.ndarray) -> tuple[float, np.ndarray]:
@@ -92,6 +104,8 @@ class Clutter:
 
     radii : (K,) m. length : (Z, K) m of branch a m³. across : (K,) mean |sin| between level sound and branch.
     leaf_area : (Z,) m²/m³. leaf_radius : m, of the mean leaf by area.
+    needle_area : (Z,) m²/m³, half the surface of needles. needle_radius : m. shoot_area : m² of it that a
+    shoot has. shoot_spread : m, root of the mean square distance of its needles from its middle.
     """
 
     radii: tuple[float, ...] = ()
@@ -99,21 +113,39 @@ class Clutter:
     across: tuple[float, ...] = ()
     leaf_area: tuple[float, ...] = ()
     leaf_radius: float = 0.03
+    needle_area: tuple[float, ...] = ()
+    needle_radius: float = 0.0005
+    shoot_area: float = 0.01
+    shoot_spread: float = 0.03
 
     @property
     def empty(self) -> bool:
-        """No branch and no leaf."""
-        return not np.any(self.length) and not np.any(self.leaf_area)
+        """No branch, no leaf and no needle."""
+        return not (np.any(self.length) or np.any(self.leaf_area) or np.any(self.needle_area))
 
     @property
     def top(self) -> float:
         """Metres of the highest layer's upper end."""
-        return LAYER * max(len(self.length), len(self.leaf_area))
+        return LAYER * self.layers
+
+    @property
+    def layers(self) -> int:
+        """Return how many."""
+        return max(len(self.length), len(self.leaf_area), len(self.needle_area))
 
     def with_leaves(self, density: float) -> Clutter:
         """The same with so many m²/m³ of leaves in every layer."""
-        count = max(len(self.length), len(self.leaf_area), 1)
-        return replace(self, leaf_area=(density,) * count)
+        return replace(self, leaf_area=(density,) * max(self.layers, 1))
+
+    def with_needles(self, density: float) -> Clutter:
+        """The same with so many m²/m³ of half the surface of needles in every layer."""
+        return replace(self, needle_area=(density,) * max(self.layers, 1))
+
+    def without_leaves(self) -> Clutter:
+        """The same with neither leaves nor needles."""
+        return replace(
+            self, leaf_area=(0.0,) * len(self.leaf_area), needle_area=(0.0,) * len(self.needle_area)
+        )
 
     def on_floor(self, area: float) -> Clutter:
         """The same with so many m²/m² of leaves more in the lowest layer."""
@@ -122,13 +154,17 @@ class Clutter:
 
     def filled(self, top: float) -> Clutter:
         """The same, with layers at least up to ``top`` metres."""
-        count = max(int(np.ceil(top / LAYER)), len(self.length), len(self.leaf_area), 1)
-        empty = (0.0,) * len(self.radii)
+        count = max(int(np.ceil(top / LAYER)), self.layers, 1)
         return replace(
             self,
-            length=self.length + (empty,) * (count - len(self.length)),
-            leaf_area=self.leaf_area + (0.0,) * (count - len(self.leaf_area)),
+            length=_filled(self.length, count, (0.0,) * len(self.radii)),
+            leaf_area=_filled(self.leaf_area, count, 0.0),
+            needle_area=_filled(self.needle_area, count, 0.0),
         )
+
+
+def _filled(layers: tuple, count: int, empty: object) -> tuple:
+    return layers + (empty,) * (count - len(layers))
 
 
 BARE = Clutter()
@@ -149,23 +185,34 @@ def clutter_of(rods: Iterable[Rods], blades: Iterable[Blades], area: float) -> C
         np.add.at(volume, size[kept], (some.length * some.radius)[kept])
         level = np.sqrt(1.0 - np.outer(1.0 - some.rise[kept] ** 2, turn)).mean(axis=1)
         np.add.at(across, size[kept], some.length[kept] * level)
-    leaves, leaf_radius = np.zeros(layers), 0.0
+    leaves, needles = np.zeros(layers), np.zeros(layers)
+    of_leaf, of_shoot = 0.0, np.zeros(2)
     for some_leaves in blades:
         layer = np.floor(some_leaves.height / LAYER).astype(np.int64)
         kept = (layer >= 0) & (layer < layers)
+        in_shoot = kept & (some_leaves.shoot > 0)
+        kept &= ~in_shoot
         np.add.at(leaves, layer[kept], some_leaves.area[kept])
-        leaf_radius += float((some_leaves.area * some_leaves.radius)[kept].sum())
+        of_leaf += float((some_leaves.area * some_leaves.radius)[kept].sum())
+        half = some_leaves.area[in_shoot] / DRAWN
+        np.add.at(needles, layer[in_shoot], half)
+        each = math.pi * some_leaves.radius[in_shoot] ** 2 / DRAWN
+        of_shoot += half @ np.column_stack([each, some_leaves.shoot[in_shoot]])
     whole = length.sum(axis=0)
     used = np.flatnonzero(whole > 0)
-    last = np.flatnonzero(length.sum(axis=1) + leaves)
+    last = np.flatnonzero(length.sum(axis=1) + leaves + needles)
     top = int(last[-1]) + 1 if len(last) else 0
     per_volume = 1.0 / (area * LAYER) if area > 0 else 0.0
+    shoot = of_shoot / needles.sum() if needles.any() else (BARE.shoot_area, BARE.shoot_spread)
     return Clutter(
         tuple((volume[used] / whole[used]).tolist()),
         tuple(tuple(row) for row in (length[:top, used] * per_volume).tolist()),
         tuple((across[used] / whole[used]).tolist()),
         tuple((leaves[:top] * per_volume).tolist()),
-        leaf_radius / float(leaves.sum()) if leaves.any() else Clutter.leaf_radius,
+        of_leaf / float(leaves.sum()) if leaves.any() else Clutter.leaf_radius,
+        tuple((needles[:top] * per_volume).tolist()) if needles.any() else (),
+        shoot_area=float(shoot[0]),
+        shoot_spread=float(shoot[1]),
     )
 
 
@@ -203,14 +250,54 @@ def rods_of_mesh(mesh: TriMesh) -> Rods:
 
 
 def blades_of_mesh(mesh: TriMesh) -> Blades:
-    """All leaves, each by its triangles."""
+    """All leaves, each by its triangles, and shoots of needles."""
     rows = np.flatnonzero((mesh.part == LEAF) & (mesh.leaf >= 0))
-    corners = mesh.vertices[mesh.triangles[rows]]
+    corners = mesh.vertices[mesh.triangles[rows]].astype(np.float64)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = 0.5 * np.linalg.norm(across, axis=1)
-    count = int(mesh.leaf[rows].max(initial=-1)) + 1
-    of_leaf = np.bincount(mesh.leaf[rows], area, count)
-    height = np.bincount(mesh.leaf[rows], area * corners.mean(axis=1)[:, 2], count)
+    number = mesh.leaf[rows]
+    count = int(number.max(initial=-1)) + 1
+
+    def of_each(values: np.ndarray) -> np.ndarray:
+        return np.column_stack([np.bincount(number, column, count) for column in values.T])
+
+    of_leaf = np.bincount(number, area, count)
+    safe = np.maximum(of_leaf, 1e-300)[:, None]
+    centre = corners.mean(axis=1)
+    middle = of_each(area[:, None] * centre) / safe
+    square = of_each((area * np.square(centre - middle[number]).sum(axis=1))[:, None]) / safe
+    square += of_each((area * np.square(corners - centre[:, None]).sum(axis=(1, 2)))[:, None]) / (
+        12.0 * safe
+    )
     kept = of_leaf > 0
-    of_leaf, height = of_leaf[kept], height[kept]
-    return Blades(of_leaf, np.sqrt(of_leaf / np.pi), height / of_leaf)
+    shoot = np.where(_is_shoot(mesh, rows, 0.5 * across, count), np.sqrt(square[:, 0]), 0.0)
+    of_leaf, height = of_leaf[kept], middle[kept, 2]
+    return Blades(of_leaf, np.sqrt(of_leaf / np.pi), height, shoot[kept])
+
+
+def shoot_triangles(mesh: TriMesh) -> np.ndarray:
+    """(T,) bool, which of a mesh's triangles are of shoots of needles."""
+    rows = np.flatnonzero((mesh.part == LEAF) & (mesh.leaf >= 0))
+    corners = mesh.vertices[mesh.triangles[rows]]
+    facing = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    shoot = _is_shoot(mesh, rows, facing, int(mesh.leaf[rows].max(initial=-1)) + 1)
+    found = np.zeros(len(mesh.triangles), bool)
+    found[rows] = shoot[mesh.leaf[rows]]
+    return found
+
+
+def _is_shoot(mesh: TriMesh, rows: np.ndarray, facing: np.ndarray, count: int) -> np.ndarray:
+    """(L,) bool: leaves of STRIPS strips and more, each of two triangles by itself, that face all ways.
+
+    facing : (T, 3) m², of the triangles ``rows``.
+    """
+    number = mesh.leaf[rows]
+    triangles = np.bincount(number, minlength=count)
+    corner = np.unique(
+        np.column_stack([np.repeat(number, 3), mesh.triangles[rows].ravel()]), axis=0
+    )
+    corners = np.bincount(corner[:, 0], minlength=count)
+    area = np.bincount(number, np.linalg.norm(facing, axis=1), count)
+    whole = np.column_stack([np.bincount(number, column, count) for column in facing.T])
+    apart = (triangles >= 2 * STRIPS) & (corners >= 2 * triangles)
+    return np.asarray(apart & (np.linalg.norm(whole, axis=1) < FACED * area))

@@ -208,9 +208,8 @@ class _Packets:
         """About the vertical."""
         share = rng.random(len(rows)) * 1023.999
         cell = share.astype(np.int64)
-        table = tables.around[self.band[rows]]
-        pick = np.arange(len(rows))
-        turn = table[pick, cell] + (share - cell) * (table[pick, cell + 1] - table[pick, cell])
+        low, high = (tables.around[self.band[rows], each] for each in (cell, cell + 1))
+        turn = low + (share - cell) * (high - low)
         turn *= rng.choice((-1.0, 1.0), len(rows))
         x, y = self.way[rows, 0].copy(), self.way[rows, 1].copy()
         self.way[rows, 0] = x * np.cos(turn) - y * np.sin(turn)
@@ -220,9 +219,8 @@ class _Packets:
         """By an angle of the table, any way round."""
         share = rng.random(len(rows)) * 511.999
         cell = share.astype(np.int64)
-        table = tables.turns[self.band[rows]]
-        pick = np.arange(len(rows))
-        angle = table[pick, cell] + (share - cell) * (table[pick, cell + 1] - table[pick, cell])
+        low, high = (tables.turns[self.band[rows], each] for each in (cell, cell + 1))
+        angle = low + (share - cell) * (high - low)
         around = 2.0 * math.pi * rng.random(len(rows))
         way = self.way[rows]
         other = np.where(np.abs(way[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])

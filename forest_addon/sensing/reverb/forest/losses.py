@@ -162,34 +162,11 @@ class Losses:
         """Share of a sound's energy that trunks take out of it per metre, by ``extinction``."""
         if self.extinction == "none" or not self.stand.radii or self.stand.density == 0:
             return np.zeros(np.shape(frequency))
-        radii = np.array(self.stand.radii)
-        wavenumber = 2.0 * math.pi * np.maximum(np.asarray(frequency), 0.0) / self.air.speed()
-        highest = max(float(wavenumber.max(initial=0.0)) * float(radii.max()), 1.0)
-        width = _widths(2.0 ** math.ceil(math.log2(highest)), self.bark, self.extinction)
-        total: np.ndarray = np.zeros(np.shape(frequency))
-        for radius in radii:
-            ka = np.maximum(wavenumber * radius, SMALLEST)
-            total = total + radius * np.exp(width(np.log(ka)))
-        return np.where(wavenumber > 0, total * self.stand.density / len(radii), 0.0)
-
-    @property
-    def everywhere(self) -> Losses:
-        """Return what ``along`` and H depend on: the same for all ends."""
-        return replace(
-            self,
-            stand=TrunkStand(
-                leaf_area_density=self.stand.leaf_area_density, clutter=self.stand.clutter
-            ),
-            extinction="none",
-            source_height=0.5 * (self.source_height + self.receiver_height),
-            receiver_height=0.5 * (self.source_height + self.receiver_height),
-            ground=False,
-            constant=0.0,
-            resistivity=0.0,
-            impedance_model="",
-            turbulence=0.0,
-            lean=0.0,
-        )
+        frequency = np.asarray(frequency)
+        top = 2.0 ** math.ceil(math.log2(max(float(frequency.max(initial=0.0)), 1000.0)))
+        given = self.stand.radii, self.bark, self.extinction, self.air.speed()
+        width = np.exp(_removed(*given, top)(np.log(np.maximum(frequency, LOWEST))))
+        return np.where(frequency > 0, width * self.stand.density, 0.0)
 
     @property
     def unthinned(self) -> Losses:
@@ -203,23 +180,14 @@ class Losses:
         none = self.extinction == "none" or self.stand.density == 0
         return level and none and not self.ground and self.stand.trunk_height == 0
 
-    def gain(
-        self, frequency: np.ndarray, length: np.ndarray, detours_lose: bool = True
-    ) -> np.ndarray:
-        """g·e^{-κx} with the trunks' ends, and what is lost over R - x; the arguments broadcast.
+    def gain(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
+        """g·e^{-κx} with the trunks' ends, and what is lost over R - x; the arguments broadcast."""
+        return self.of_ground(frequency, length) * self.of_trunks(frequency, length)
 
-        detours_lose : False where what is lost per metre is taken off by the time of arrival.
-        """
-        return self.of_ground(frequency, length, detours_lose) * self.of_trunks(frequency, length)
-
-    def of_ground(
-        self, frequency: np.ndarray, length: np.ndarray, detours_lose: bool = True
-    ) -> np.ndarray:
+    def of_ground(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
         """g of the ground alone, which the direct sound has too."""
         wavenumber = 2.0 * math.pi * frequency / self.air.speed()
-        loss: np.ndarray | float = 0.0
-        if detours_lose:
-            loss = self.along(np.asarray(frequency))
+        loss = self.along(np.asarray(frequency))
         found = 0.0
         for rise in self.rises:
             carried = np.exp(-(loss + 1j * wavenumber) * self.detour(length, rise))
@@ -327,6 +295,22 @@ def loss_per_metre(frequency: np.ndarray, air: Air, losses: Losses | None) -> np
 @lru_cache(maxsize=64)
 def _level(clutter: Clutter, height: float, speed: float, takes: Takes) -> CubicSpline | None:
     return level_loss(clutter, height, speed, takes)
+
+
+@lru_cache(maxsize=32)
+def _removed(
+    radii: tuple[float, ...], bark: float, extinction: str, speed: float, highest: float
+) -> CubicSpline:
+    """Return what a trunk takes out on average, metres, over the frequency up to ``highest`` Hz, by logs."""
+    different, times = np.unique(radii, return_counts=True)
+    wavenumber = 2.0 * math.pi / speed * np.geomspace(LOWEST, 1.001 * highest, SIZES)
+    most = max(float(wavenumber[-1] * different[-1]), 1.0)
+    width = _widths(2.0 ** math.ceil(math.log2(most)), bark, extinction)
+    size = np.maximum(np.outer(different, wavenumber), SMALLEST)
+    found = (times * different) @ np.exp(width(np.log(size))) / len(radii)
+    from scipy.interpolate import CubicSpline  # here: other sensors need not wait for its import
+
+    return CubicSpline(np.log(wavenumber * speed / (2.0 * math.pi)), np.log(found))
 
 
 @lru_cache(maxsize=16)

@@ -22,6 +22,7 @@ import numpy as np
 from ....acoustics.boundary_loss import twig_loss
 from ....acoustics.extinction import cross_sections
 from ....acoustics.foliage import foliage_loss
+from ....acoustics.shoot import shoot_width
 from .clutter import Clutter
 from .transport import PhaseFunction
 
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 ANGLES = 90  # of the phase function, 0 to π
 SLOPES, TURNS = 16, 180  # γ and turns about the axis, over which a branch is averaged
+ALL_WAYS = 0.785  # mean |sin| to branches and needles that look all ways
 THIN = 0.05  # ka, below which bark takes the same share of a branch's width
 EDGE = 4.0  # of the smaller of two areas of a leaf
 SPECTRUM = np.geomspace(1.0, 200e3, 140)  # Hz at which a level coefficient is computed
@@ -76,26 +78,59 @@ def scatter_of(clutter: Clutter, frequency: float, speed: float, takes: Takes) -
         for radius, part in zip(radii, share, strict=True):
             if part > 1e-3 * share.sum():
                 density += part * _turned(float(radius), frequency, speed)
-    leaves = np.array(clutter.leaf_area) * _leaf_width(clutter.leaf_radius, frequency, speed)
+    area = _to(np.array(clutter.leaf_area), clutter.layers)
+    leaves = area * _leaf_width(clutter.leaf_radius, frequency, speed)
     density += leaves.sum() / (4.0 * math.pi)
+    absorbed = area * 2.0 * foliage_loss(np.array([frequency]), 1.0, takes.leaf_absorption)[0]
+    wood, lost = _to(wood, clutter.layers), _to(lost, clutter.layers)
+    if np.any(clutter.needle_area):
+        area = _to(np.array(clutter.needle_area), clutter.layers)
+        alone, joint, taken, turned = _needles(clutter, frequency, speed, takes)
+        wood, lost = wood + area * (alone + joint), lost + area * taken
+        density += area.sum() * (alone * _turned(clutter.needle_radius, frequency, speed))
+        density += area.sum() * joint * turned
     whole = wood.sum() + leaves.sum()
-    absorbed = 2.0 * foliage_loss(np.array([frequency]), 1.0, takes.leaf_absorption)[0]
     return Scatter(
         wood + leaves,
-        lost + np.array(clutter.leaf_area) * absorbed,
+        lost + absorbed,
         density / whole if whole > 0 else np.full(ANGLES, 0.25 / math.pi),
     )
 
 
+def _to(layers: np.ndarray, count: int) -> np.ndarray:
+    """(count,) of layers, those above are empty."""
+    return np.pad(layers, (0, count - len(layers)))
+
+
+def _needles(
+    clutter: Clutter, frequency: float, speed: float, takes: Takes
+) -> tuple[float, float, float, np.ndarray]:
+    """Shares of half the needles' surface: each scatters, shoots do in phase, air at them takes.
+
+    And (ANGLES,) per steradian of what is in phase.
+    """
+    radius = clutter.needle_radius
+    metres = 1.0 / (math.pi * radius)  # of needle a m²
+    size = max(2.0 * math.pi * frequency / speed * radius * ALL_WAYS, 1e-4)
+    alone = metres * float(cross_sections(np.array([size])).energy[0]) * radius * ALL_WAYS
+    given = clutter.shoot_area, radius, clutter.shoot_spread, frequency, speed
+    joint, turned = shoot_width(*given, ANGLES)
+    taken = 0.0
+    if takes.boundary:
+        taken = metres * float(twig_loss(np.array([radius]), frequency, speed)[0])
+    return alone, joint, taken, turned
+
+
 def level_loss(clutter: Clutter, height: float, speed: float, takes: Takes) -> CubicSpline | None:
-    """Nepers of amplitude a metre that branches take or scatter away, and leaves scatter, at a height.
+    """Nepers of amplitude a metre at a height: branches and needles take or scatter it, leaves scatter it.
 
     By log frequency; the values are logarithms. None where there is nothing.
     """
     layer = int(height)
     wood = np.array(clutter.length[layer]) if layer < len(clutter.length) else np.zeros(0)
     leaves = clutter.leaf_area[layer] if layer < len(clutter.leaf_area) else 0.0
-    if not wood.any() and leaves <= 0:
+    needles = clutter.needle_area[layer] if layer < len(clutter.needle_area) else 0.0
+    if not wood.any() and leaves <= 0 and needles <= 0:
         return None
     found = [
         (
@@ -104,6 +139,7 @@ def level_loss(clutter: Clutter, height: float, speed: float, takes: Takes) -> C
             else 0.0
         )
         + leaves * _leaf_width(clutter.leaf_radius, f, speed)
+        + (needles * sum(_needles(clutter, f, speed, takes)[:3]) if needles > 0 else 0.0)
         for f in SPECTRUM.tolist()
     ]
     from scipy.interpolate import CubicSpline  # here: other sensors need not wait for its import

@@ -20,13 +20,13 @@ from ..trunks.slices import Trunks
 from .clutter import BARE as NO_CLUTTER
 from .clutter import LAYER, Clutter
 from .losses import TrunkStand, stand_of
+from .scatter import ALL_WAYS
 from .transport import Density
 
 CELL_HOLDS = 12.0  # trunks
 UNEVEN = 1.6  # variance over mean of the counts, above which cells are told apart
 MOST_CELLS = 200  # to a side
 USUAL_TOP = 15.0  # m, of stems without tops
-ALL_WAYS = 0.785  # mean |sin| to branches that look all ways
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,9 @@ def surroundings(
         corner = place.min(axis=0) if len(place) else np.zeros(2)
         size = np.ptp(place, axis=0) if len(place) else np.zeros(2)
         area = _hull(place)
-    leaves = reverb.leaf_area_density or canopy.leaf_area_density
+    leaves = reverb.leaf_area_density
+    if leaves == 0 and reverb.needle_area_density == 0:
+        leaves = canopy.leaf_area_density
     found = stand_of(
         trunks.select(inside),
         area,
@@ -94,9 +96,12 @@ def clutter_around(reverb: Reverb, canopy: FoliageCanopy) -> Clutter:
             leaf_area=found.leaf_area + (0.0,) * (count - len(found.leaf_area)),
         )
     if not reverb.foliage:
-        return replace(found, leaf_area=(0.0,) * len(found.leaf_area))
-    if reverb.leaf_area_density > 0:
-        found = found.filled(top).with_leaves(reverb.leaf_area_density)
+        return found.without_leaves()
+    found = replace(found, needle_radius=reverb.needle_radius)
+    if reverb.leaf_area_density > 0 or reverb.needle_area_density > 0:
+        found = found.filled(top).without_leaves()
+        found = found.with_leaves(reverb.leaf_area_density)
+        found = found.with_needles(reverb.needle_area_density)
     if reverb.floor_leaf_area > 0:
         found = found.on_floor(reverb.floor_leaf_area)
     if reverb.leaf_radius > 0:

@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from ....acoustics.extinction import cross_sections
 from ....base.vectors import azimuth_of
 
 ANGLES = 1440  # of the table of |H|², 0 to π
+EDGES = np.linspace(0.0, math.pi, ANGLES + 1)
 MOST_MEETINGS = 400
 STEPS = 24  # of the density along a way
 NEAREST = 0.05  # m; energy that meets a trunk so near the receiver is counted as at this distance
@@ -72,6 +74,12 @@ class Density:
         """(...,) at places (..., 2)."""
         if self.cells.size == 0:
             return np.full(place.shape[:-1], self.around)
+        if self.cells.size == 1:
+            inside = np.ones(place.shape[:-1], bool)
+            for axis in range(2):
+                along = place[..., axis] - self.corner[axis]
+                inside &= (along >= 0) & (along < self.cell[axis])
+            return np.where(inside, self.cells[0, 0], self.around)
         cell = np.floor((place - self.corner) / self.cell)
         inside = ((cell >= 0) & (cell < self.cells.shape)).all(axis=-1)
         i, j = np.where(inside[..., None], cell, 0).astype(np.int64).reshape(-1, 2).T
@@ -99,13 +107,15 @@ class Density:
 
     def _within(self, start: np.ndarray, way: np.ndarray) -> np.ndarray:
         """(N,) share of straight ways (N, 2) that lies within the outer edges of all cells."""
-        low = np.asarray(self.corner) - start
-        high = low + np.asarray(self.cell) * self.cells.shape
-        safe = np.where(way == 0, 1e-300, way)
-        first, second = low / safe, high / safe
-        enter = np.minimum(first, second).max(axis=1)
-        leave = np.maximum(first, second).min(axis=1)
-        return np.asarray(np.maximum(np.minimum(leave, 1.0) - np.maximum(enter, 0.0), 0.0))
+        enter, leave = np.zeros(len(start)), np.ones(len(start))
+        for axis in range(2):  # column by column: rows of two are slow to reduce
+            low = self.corner[axis] - start[:, axis]
+            high = low + self.cell[axis] * self.cells.shape[axis]
+            safe = np.where(way[:, axis] == 0, 1e-300, way[:, axis])
+            first, second = low / safe, high / safe
+            enter = np.maximum(enter, np.minimum(first, second))
+            leave = np.minimum(leave, np.maximum(first, second))
+        return np.asarray(np.maximum(leave - enter, 0.0))
 
 
 @dataclass(frozen=True)
@@ -139,11 +149,15 @@ class PhaseFunction:
         step = math.pi / ANGLES
         return cls(width, 2.0 * step * float(mean.sum()) / width, angle, mean / width)
 
+    @cached_property
+    def _whole(self) -> np.ndarray:
+        """(A + 1,) the density's sums, from straight on."""
+        return np.concatenate([[0.0], np.cumsum(self.density)])
+
     def draw(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """(N,) angles, to both sides."""
-        whole = np.concatenate([[0.0], np.cumsum(self.density)])
-        edges = np.linspace(0.0, math.pi, ANGLES + 1)
-        turned = np.interp(rng.random(count) * whole[-1], whole, edges)
+        whole = self._whole
+        turned = np.interp(rng.random(count) * whole[-1], whole, EDGES)
         found: np.ndarray = turned * rng.choice((-1.0, 1.0), count)
         return found
 
@@ -218,17 +232,18 @@ def transported(
         heading = 2.0 * math.pi * (np.arange(packets) + rng.random(packets)) / packets
         travelled, met = np.zeros(packets), np.zeros(packets, np.int64)
         weight = sent(np.column_stack([np.cos(heading), np.sin(heading), np.zeros(packets)]))
+        way = np.column_stack([np.cos(heading), np.sin(heading)])
         for _ in range(MOST_MEETINGS * 4):
             step = rng.exponential(1.0 / rate, len(place))
-            place += step[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
+            place += step[:, None] * way
             travelled += step
             going = travelled < edges[-1]
             going &= (met < MOST_MEETINGS) & (weight > FAINT)
             if density.cells.size:
-                way = np.column_stack([np.cos(heading), np.sin(heading)])
                 going &= ~density.left(place, way)
-            place, heading, travelled = place[going], heading[going], travelled[going]
-            weight, met = weight[going], met[going]
+            if not going.all():
+                place, way, heading = place[going], way[going], heading[going]
+                travelled, weight, met = travelled[going], weight[going], met[going]
             if len(place) == 0:
                 break
             if density.cells.size:
@@ -237,7 +252,7 @@ def transported(
                 real = np.ones(len(place), bool)
             rows = np.flatnonzero(real)
             away = receiver - place[rows]
-            distance = np.hypot(*away.T)
+            distance = np.hypot(away[:, 0], away[:, 1])
             turned = azimuth_of(away) - heading[rows]
             turned = np.abs((turned + math.pi) % (2.0 * math.pi) - math.pi)
             through = np.exp(-density.between(place[rows], receiver) * phase.width)
@@ -249,6 +264,7 @@ def transported(
             inside = (column >= 0) & (column < len(edges) - 1)
             np.add.at(found, (again[inside], column[inside]), counted[inside] / length[inside])
             heading[rows] += phase.draw(rng, len(rows))
+            way[rows] = np.column_stack([np.cos(heading[rows]), np.sin(heading[rows])])
             weight[rows] *= phase.kept
             met[rows] += 1
     found /= max(packets, 1) * np.diff(edges)

@@ -18,15 +18,13 @@ import numpy as np
 from scipy import fft, special
 
 from ....acoustics.air import absorption, relaxation
-from ....acoustics.foliage import LOWEST as LEAVES_RELAX
 from ....spec import Air
 from ..band import roll_off
-from ..forest.losses import Losses
 from .field_table import polynomials
 
 SHORTEST = 1536  # samples of a block at least
 LONGEST_TAIL = 0.25  # s for which a filter of the air answers, at most
-DECAYS = 16.0  # of the slowest relaxation, after which it has; leaves answer as if they relaxed too
+DECAYS = 16.0  # of the slowest relaxation, after which it has
 ORDERS = 64  # of the series, at most
 FADE = 256  # samples over which a block gives way to the next: a cut would sound at all frequencies
 BLOCKS_AT_ONCE = 16
@@ -36,15 +34,10 @@ ROUNDS = 1
 class AirFilter:
     """The air at one sampling rate, to a relative tolerance."""
 
-    def __init__(
-        self, rate: float, air: Air, tolerance: float, losses: Losses | None = None
-    ) -> None:
-        """losses : what is lost per metre besides; None: the air takes all."""
-        self.rate, self.air, self.tolerance, self.losses = rate, air, tolerance, losses
+    def __init__(self, rate: float, air: Air, tolerance: float) -> None:
+        self.rate, self.air, self.tolerance = rate, air, tolerance
         self.step = air.speed() / rate  # metres a sample
         slowest = float(np.min(relaxation(air.temperature_c, air.humidity, air.pressure_kpa)))
-        if losses is not None and losses.among_leaves:
-            slowest = min(slowest, LEAVES_RELAX)
         tail = min(LONGEST_TAIL, DECAYS / (2.0 * math.pi * slowest))
         self._tail = 64 + math.ceil(tail * rate)
         self._hop = max(SHORTEST, 3 * self._tail)
@@ -146,7 +139,5 @@ class AirFilter:
 
     def _loss_at(self, frequency: np.ndarray) -> np.ndarray:
         """Nepers per metre."""
-        if self.losses is not None:
-            return self.losses.along(frequency)
         air = self.air
         return absorption(frequency, air.temperature_c, air.humidity, air.pressure_kpa)

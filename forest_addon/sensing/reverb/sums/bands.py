@@ -20,6 +20,7 @@ from ..band import SPREAD, roll_off
 
 SPANS = ((10.0, 40.0), (150.0, 600.0))  # Hz over which a band gives way to the next
 HIGH_RINGING, MIDDLE_RINGING = 0.5, 2.5  # s, besides what thick trunks take
+BEFORE = 0.3  # of it, before the first sound: losses without dispersion sound there
 CREEPING = 40.0  # a/c; sound that creeps around a trunk has left it
 LOW_RINGING = 2.5  # s, after which LEFT of a trunk's sound is still to come, at the least
 LEFT, POWER = (
@@ -72,15 +73,27 @@ def bands_of(
 
 
 def samples_of(
-    spectrum: SpectrumOf, bands: tuple[OctaveBand, ...], rate: float, count: int, last: float
+    spectrum: SpectrumOf,
+    bands: tuple[OctaveBand, ...],
+    rate: float,
+    count: int,
+    last: float,
+    first: float = 0.0,
 ) -> np.ndarray:
-    """(count,) samples at ``rate`` Hz with the band's smooth end. last : s, when the last sound begins."""
+    """(count,) samples at ``rate`` Hz with the band's smooth end.
+
+    first, last : s, when the first and the last sound begin. A band is transformed from a part of its
+    ringing before the first to all of it after the last; elsewhere it is silent.
+    """
     total = np.zeros(count)
-    longest = max(last, count / rate)
     for band in bands:
         step = 1 if band.high is None else max(1, int(rate / (ROOM * band.high[1])))
         slow = rate / step
         beside = 0 if step == 1 else BESIDE
+        start = max(0, math.floor((first - BEFORE * band.ringing) * slow) - SPREAD) * step
+        if start >= count:
+            continue
+        longest = last - start / rate if first > 0 else max(last, count / rate)
         size = math.ceil((longest + band.ringing) * slow) + 2 * max(SPREAD, beside)
         size = int(fft.next_fast_len(size, real=True))
         spacing = slow / size
@@ -91,8 +104,13 @@ def samples_of(
         part = np.zeros(size // 2 + 1, np.complex128)
         gain = band.gain(frequency) * roll_off(frequency / rate)
         part[: highest + 1] = spectrum(spacing, lowest, highest) * gain
+        if start > 0:
+            part *= np.exp(2j * math.pi / size * (np.arange(len(part)) * (start // step) % size))
         samples = fft.irfft(part, size)
-        total += samples[:count] if step == 1 else _upsampled(samples, step, count)
+        needed = min(count - start, (size - SPREAD - beside) * step)
+        total[start : start + needed] += (
+            samples[:needed] if step == 1 else _upsampled(samples, step, needed)
+        )
     return total
 
 

@@ -26,10 +26,11 @@ from ..band import SPREAD, roll_off
 from ..forest.losses import Losses, loss_per_metre
 from ..forest.tail import Tail
 from .air_filter import AirFilter
+from .audible import Audibility
 from .bands import bands_of, samples_of
-from .expansion import ExpansionLayer, Sector, expand
+from .expansion import ExpansionLayer, expand
 from .loud import loud_trunks
-from .panel_sum import panel_spectrum
+from .panel_sum import USUAL, by_distance, panel_spectrum
 from .path_gain import PathGain, Zone
 from .scattering import TrunkPaths, direct_sum
 
@@ -90,9 +91,9 @@ class Expansions:
             found = _by_panels(rest, rate, count, air, tolerance, losses, unthinned, progress)
             exact = direct_sum(paths.select(loud), rate, count, air, None, losses, tolerance)
             return FastSum(found.samples + exact, found.errors)
-        gain = self._gain(losses, rate, tolerance)
-        air_filter = self._air(rate, air, tolerance, losses)
-        size = SPREAD + count + max(SPREAD, air_filter.tail)
+        gain = self._gain(losses, rate, tolerance, whole=True)
+        air_filter = None if gain else self._air(rate, air, tolerance)
+        size = SPREAD + count + (max(SPREAD, air_filter.tail) if air_filter else SPREAD)
         total = np.zeros(size)
         cosine, done = np.cos(paths.angle), 0
         errors: dict[float, float] = {}
@@ -102,49 +103,58 @@ class Expansions:
             if progress:
                 progress(done, len(paths.length))
             done += len(turned)
-            for layer in self._set_up(radius, rate, air, tolerance, losses):
+            for layer in self._set_up(radius, rate, air, tolerance, losses, air_filter is None):
                 total += layer.sum(some, turned, size, gain)
                 for octave, error in layer.errors.items():
                     errors[octave] = max(error, errors.get(octave, 0.0))
-        samples = air_filter.apply(total, -SPREAD)[SPREAD : SPREAD + count]
+        samples = air_filter.apply(total, -SPREAD) if air_filter else total
+        samples = samples[SPREAD : SPREAD + count]
         if progress:
             progress(len(paths.length), len(paths.length))
         return FastSum(samples, errors)
 
-    def _gain(self, losses: Losses | None, rate: float, tolerance: float) -> PathGain | None:
-        if losses is None or losses.passes:
+    def _gain(
+        self, losses: Losses | None, rate: float, tolerance: float, whole: bool = False
+    ) -> PathGain | None:
+        if losses is None or (losses.passes and not (whole and losses.among_leaves)):
             return None
-        key = losses, rate, tolerance
+        key = losses, rate, tolerance, whole
         if key not in self._gains:
-            self._gains[key] = PathGain(losses, 0.5 * rate, tolerance)
+            self._gains[key] = PathGain(losses, 0.5 * rate, tolerance, whole)
         return self._gains[key]
 
-    def _air(self, rate: float, air: Air, tolerance: float, losses: Losses | None) -> AirFilter:
-        key = rate, air, tolerance, losses and losses.everywhere
+    def _air(self, rate: float, air: Air, tolerance: float) -> AirFilter:
+        key = rate, air, tolerance
         if key not in self._airs:
-            self._airs[key] = AirFilter(rate, air, tolerance, losses)
+            self._airs[key] = AirFilter(rate, air, tolerance)
         return self._airs[key]
 
     def _set_up(
-        self, radius: float, rate: float, air: Air, tolerance: float, losses: Losses | None
+        self,
+        radius: float,
+        rate: float,
+        air: Air,
+        tolerance: float,
+        losses: Losses | None,
+        gained: bool,
     ) -> list[_LayerSum]:
-        key = radius, rate, air, tolerance, losses and losses.everywhere
+        """gained : the air is in the gain of paths."""
+        bark = losses.bark if losses else 0.0
+        key = radius, rate, air, tolerance, bark, gained
         if key not in self._layers:
-            bark = losses.bark if losses else 0.0
             self._layers[key] = [
-                _LayerSum(layer, self._air(layer.rate, air, tolerance, losses))
+                _LayerSum(layer, None if gained else self._air(layer.rate, air, tolerance))
                 for layer in expand(radius, rate, air.speed(), tolerance, bark)
             ]
         return self._layers[key]
 
 
 def _filters_serve(tolerance: float, losses: Losses | None, radii: np.ndarray) -> bool:
-    """Not where tolerances are finer, trunks are thick, and leaves take much within seconds of ringing."""
+    """Not where tolerances are finer, and trunks are thick."""
     if radii.max(initial=0.0) > THICKEST:
         return False
-    if losses is None or losses.passes:
-        return tolerance >= FINEST_FILTERS[0] and not (losses and losses.among_leaves)
-    return tolerance >= FINEST_FILTERS[1] and not losses.among_leaves
+    plain = losses is None or (losses.passes and not losses.among_leaves)
+    return tolerance >= FINEST_FILTERS[0 if plain else 1]
 
 
 def _by_panels(
@@ -159,30 +169,37 @@ def _by_panels(
 ) -> FastSum:
     speed, bark = air.speed(), losses.bark if losses else 0.0
     errors: dict[float, float] = {}
+    total = np.zeros(count)
 
-    def spectrum(spacing: float, lowest: int, highest: int) -> np.ndarray:
-        frequency = np.arange(highest + 1) * spacing
+    def loss_at(frequency: np.ndarray) -> np.ndarray:
         loss = loss_per_metre(frequency, air, losses)
-        if losses is not None:
-            loss += 0.5 * losses.removed(frequency)
+        return loss if losses is None else loss + 0.5 * losses.removed(frequency)
 
-        def told(share: float) -> None:
-            if progress:
-                progress(int(share * len(paths.length)), len(paths.length))
+    heard = Audibility(paths, loss_at, speed, tolerance)
+    bands = bands_of(rate, float(paths.radius.max(initial=0.0)), speed, tolerance)
+    lost, done = float(loss_at(np.array([USUAL]))[0]), 0
+    for rows in by_distance(paths.length, gain, lost):
+        some = paths.select(rows)
 
-        found, checks = panel_spectrum(
-            paths, spacing, loss, speed, tolerance, gain, bark, lowest, told
-        )
-        for check in checks:
-            octave = 20.0 * 2.0 ** math.floor(math.log2(check.frequency / 20.0))
-            if octave >= 20.0:
-                errors[octave] = max(check.error, errors.get(octave, 0.0))
-        return found
+        def spectrum(
+            spacing: float, lowest: int, highest: int, some: TrunkPaths = some
+        ) -> np.ndarray:
+            loss = loss_at(np.arange(highest + 1) * spacing)
+            found, checks = panel_spectrum(
+                some, spacing, loss, speed, tolerance, gain, bark, lowest, heard
+            )
+            for check in checks:
+                octave = 20.0 * 2.0 ** math.floor(math.log2(check.frequency / 20.0))
+                if octave >= 20.0:
+                    errors[octave] = max(check.error, errors.get(octave, 0.0))
+            return found
 
-    thickest = float(paths.radius.max(initial=0.0))
-    last = float(paths.length.max(initial=0.0)) / speed
-    samples = samples_of(spectrum, bands_of(rate, thickest, speed, tolerance), rate, count, last)
-    return FastSum(samples, errors)
+        first, last = float(some.earliest.min()), float(some.length.max())
+        total += samples_of(spectrum, bands, rate, count, last / speed, max(first / speed, 1e-9))
+        done += len(rows)
+        if progress:
+            progress(done, len(paths.length))
+    return FastSum(total, errors)
 
 
 class _LayerSum:
@@ -191,7 +208,7 @@ class _LayerSum:
     Filters are kept as spectra for each length of transform that was needed, up to MOST_KEPT.
     """
 
-    def __init__(self, layer: ExpansionLayer, air: AirFilter) -> None:
+    def __init__(self, layer: ExpansionLayer, air: AirFilter | None) -> None:
         self.layer, self.air = layer, air
         self.step, self.rate, self.speed = layer.step, layer.rate, layer.speed
         self.dtype = np.float32 if layer.tolerance >= SINGLE and layer.lowest > 0 else np.float64
@@ -288,15 +305,14 @@ class _LayerSum:
             return self._spectra[key]
         if number not in self._filters:
             sector = self.layer.sector(number)
-            self._filters[number] = self.air.undone(sector.filters, sector.lead)
-        filters = self._filters[number]
-        if gain is not None and zone is not None and self.step > 1:
-            spectra = self._low_spectra(self.layer.sector(number), size, gain, zone)
-        else:
-            spectra = fft.rfft(filters, size, axis=1)
+            found = sector.filters
+            if self.air is not None:
+                found = self.air.undone(found, sector.lead)
+            self._filters[number] = found
+        spectra = fft.rfft(self._filters[number], size, axis=1)
         spectra[:, : math.floor(self.layer.lowest * size / self.rate)] = 0.0
         spectra /= self.kernel.transform(np.arange(size // 2 + 1) / (size * OVERSAMPLING))
-        if gain is not None and zone is not None and self.step == 1:
+        if gain is not None and zone is not None:
             gains = gain.filters(zone, np.arange(size // 2 + 1) * (self.rate / size))
             spectra = (spectra[:, None] * gains).reshape(-1, size // 2 + 1)
         kept = np.arange(len(spectra))
@@ -309,23 +325,6 @@ class _LayerSum:
         if sum(each.nbytes for each, _ in self._spectra.values()) + spectra.nbytes < MOST_KEPT:
             self._spectra[key] = spectra, kept
         return spectra, kept
-
-    def _low_spectra(self, sector: Sector, size: int, gain: PathGain, zone: Zone) -> np.ndarray:
-        """(R·Q, size // 2 + 1) a sector's filters with a zone's; the air leaves both as they are.
-
-        At low frequencies the ground answers for so long that the air, by the time, would take from it.
-        """
-        beside = math.ceil(RINGING * self.rate)
-        count = sector.filters.shape[1] + 2 * beside
-        own = fft.next_fast_len(count + beside, real=True)
-        frequency = np.arange(own // 2 + 1) * (self.rate / own)
-        later = np.exp(-2j * math.pi * beside / self.rate * frequency)
-        joined = fft.rfft(sector.filters, own, axis=1)[:, None] * gain.filters(zone, frequency)
-        filters = fft.irfft((joined * later).reshape(-1, own // 2 + 1), own, axis=1)[:, :count]
-        spectra = fft.rfft(self.air.undone(filters, sector.lead + beside), size, axis=1)
-        bins = np.arange(size // 2 + 1)
-        spectra *= np.exp(2j * math.pi * beside / size * bins)
-        return np.asarray(spectra)
 
 
 def transform_size(least: int) -> int:

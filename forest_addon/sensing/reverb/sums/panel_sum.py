@@ -15,7 +15,7 @@ heights of some trunks are compared with partial wave sums at frequencies betwee
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,7 @@ from ....acoustics.cylinder import scattering_sum
 from ....acoustics.gridding import DelayGrid, width_for
 from ....base.rng import stream
 from ..forest.losses import NEAR
+from .audible import Audibility
 from .boxes import Boxes, Shift
 from .field_table import middle, near_face, series
 from .path_gain import PathGain
@@ -66,24 +67,19 @@ def panel_spectrum(
     gain: PathGain | None = None,
     bark: float = 0.0,
     lowest: int = 1,
-    told: Callable[[float], None] | None = None,
+    heard: Audibility | None = None,
 ) -> tuple[np.ndarray, list[PanelCheck]]:
     """(F,) spectrum at 0, 1, … F - 1 times ``spacing`` Hz, 0 below ``lowest``, and what checks found.
 
     loss : (F,) absorption of the air at these frequencies, nepers per metre.
     gain : of each path, by frequency and length; None: 1. bark : share that it absorbs head on.
-    told : called with the share of trunks that are done.
+    heard : panels in which nothing is heard of these paths are left out; None: all are summed.
     """
     spectrum = np.zeros(len(loss), np.complex128)
-    checks, done = [], 0
+    checks = []
     for rows in _of_like_radius(paths.radius):
-        lost = float(np.interp(USUAL / spacing, np.arange(len(loss)), loss))
-        for near in _by_distance(paths.length[rows], gain, lost):
-            some = paths.select(rows[near])
-            group = _Group(some, spacing, loss, speed, tolerance, gain, bark)
-            before, done = done, done + len(some.length)
-            share = (before / len(paths.length), len(some.length) / len(paths.length))
-            checks += group.add_to(spectrum, lowest, told, share)
+        group = _Group(paths.select(rows), spacing, loss, speed, tolerance, gain, bark)
+        checks += group.add_to(spectrum, lowest, heard)
     return spectrum, checks
 
 
@@ -97,10 +93,13 @@ def _of_like_radius(radius: np.ndarray) -> Iterator[np.ndarray]:
         left = left[:start]
 
 
-def _by_distance(
+def by_distance(
     length: np.ndarray, gain: PathGain | None, loss_per_metre: float
 ) -> Iterator[np.ndarray]:
-    """Rows of trunks whose paths lose alike, and near ones, over which a gain changes fast, apart."""
+    """Rows of trunks whose paths lose alike, and near ones, over which a gain changes fast, apart.
+
+    loss_per_metre : nepers at USUAL.
+    """
     span = float(np.ptp(length))
     count = int(np.clip(math.ceil(span * loss_per_metre / LOST), 1, MOST_GROUPS))
     number = np.minimum((length - length.min()) * (count / max(span, 1e-9)), count - 1).astype(int)
@@ -139,27 +138,23 @@ class _Group:
         self.probes, self.rng = np.unique(drawn), rng
 
     def add_to(
-        self,
-        spectrum: np.ndarray,
-        lowest: int = 1,
-        told: Callable[[float], None] | None = None,
-        share: tuple[float, float] = (0.0, 1.0),
+        self, spectrum: np.ndarray, lowest: int = 1, heard: Audibility | None = None
     ) -> list[PanelCheck]:
-        """Add these trunks' sound. share : of all trunks that came before, and that these are."""
+        """Add these trunks' sound in the panels where it is heard."""
         of_bin = 2.0 * math.pi / self.speed * self.spacing * self.thickest  # ka
         last, first, end, checks = len(spectrum) - 1, lowest, FIRST, []
         while end < of_bin * first:
             end = min(GROWTH * end, end + WIDEST)
         while first <= last:
             stop = min(last, max(first, int(end / of_bin)))
-            panel = _Panel(self, first, stop)
-            while not panel.fits:  # it turns too much for one
-                stop = (first + stop) // 2
+            within = first * self.spacing, stop * self.spacing
+            if heard is None or heard.heard(self.paths, *within):
                 panel = _Panel(self, first, stop)
-            spectrum[first : stop + 1] += panel.spectrum()
-            checks += panel.checks
-            if told:
-                told(share[0] + share[1] * stop / last)
+                while not panel.fits:  # it turns too much for one
+                    stop = (first + stop) // 2
+                    panel = _Panel(self, first, stop)
+                spectrum[first : stop + 1] += panel.spectrum()
+                checks += panel.checks
             first, end = stop + 1, min(GROWTH * end, end + WIDEST)
         return checks
 

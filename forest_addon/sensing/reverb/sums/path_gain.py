@@ -59,11 +59,15 @@ class Zone:
 
 @dataclass
 class PathGain:
-    """g up to the frequency ``highest``, to a relative tolerance."""
+    """g up to the frequency ``highest``, to a relative tolerance.
+
+    whole : with what air, leaves and branches take along the whole path.
+    """
 
     losses: Losses
     highest: float
     tolerance: float
+    whole: bool = False
     _zones: dict[tuple[int, float], Zone] = field(default_factory=dict)
 
     def zones(self, length: np.ndarray) -> Iterator[tuple[Zone, np.ndarray]]:
@@ -75,11 +79,8 @@ class PathGain:
                 yield self._zone(n, rise), rows
 
     def filters(self, zone: Zone, frequency: np.ndarray) -> np.ndarray:
-        """(Q, F) of a zone's polynomials, where what is lost per metre is taken off later, by the time."""
-        if zone.low >= NEAR:
-            values = self.losses.gain(frequency, zone.nodes[:, None], detours_lose=False)
-        else:
-            values = zone.values(frequency, zone.nodes[:, None])
+        """(Q, F) of a zone's polynomials."""
+        values = zone.values(frequency, zone.nodes[:, None])
         return np.asarray(chebyshev.series(len(zone.nodes)) @ values)
 
     def at(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
@@ -99,12 +100,23 @@ class PathGain:
         if (number, rise) not in self._zones:
             near = number < FIRST_FAR
             low, ratio = 2.0**number, 2.0
-            values: Values = self.losses.gain
-            if near:
-                values = partial(self.losses.near_share, rise=rise)
+            values: Values = partial(self._near, rise=rise) if near else self._far
             nodes = self._nodes(low, ratio, values)
             self._zones[number, rise] = Zone(low, low * ratio, nodes, rise, values)
         return self._zones[number, rise]
+
+    def _near(self, frequency: np.ndarray, length: np.ndarray, rise: float) -> np.ndarray:
+        found = self.losses.near_share(frequency, length, rise)
+        if not self.whole:
+            return found
+        path = length + self.losses.detour(length, rise)
+        return np.asarray(found * np.exp(-self.losses.along(frequency) * path))
+
+    def _far(self, frequency: np.ndarray, length: np.ndarray) -> np.ndarray:
+        found = self.losses.gain(frequency, length)
+        if not self.whole:
+            return found
+        return np.asarray(found * np.exp(-self.losses.along(frequency) * length))
 
     def _nodes(self, low: float, ratio: float, of: Values) -> np.ndarray:
         """As few Chebyshev points in log x as serve at all frequencies."""

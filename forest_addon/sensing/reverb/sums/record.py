@@ -26,7 +26,8 @@ from .scattering import TrunkPaths
 RANGE_DB = 75.0  # below the energy of all sound: what T60, read down to -65 dB, does not notice
 LONGEST = 20.0  # s
 AFTER = 0.1  # s for which the last trunk may ring
-LENGTHS = 256  # of paths, at which losses are computed
+LENGTHS = 1024  # of paths, at which losses are computed
+LEAST = 1e-300
 SIZES = 160  # ka at which the scattered energy is computed
 
 
@@ -49,20 +50,21 @@ def arrival_energies(
     size = np.geomspace(1e-4, thickest, SIZES)
     waves = np.square(np.abs(partial_waves(size, order_count(thickest))))
     scattered = np.log(waves[0] + 2.0 * waves[1:].sum(axis=0))
-    energies = np.empty((len(band), len(paths.length)))
-    for row, (k, b) in enumerate(zip(wavenumber, loss, strict=True)):
-        z = np.maximum(k * paths.radius, size[0])
-        answer = np.exp(np.interp(np.log(z), np.log(size), scattered)) * (2.0 / (math.pi * k))
-        energies[row] = (
-            band[row] * np.square(paths.weight) * answer * np.exp(-2.0 * b * paths.length)
-        )
-    energies[:, paths.radius == 0] = 0.0
+    size = np.log(size)
+    different, row_of = np.unique(paths.radius, return_inverse=True)
+    length, place, share = _places(paths.length)
+    lost = np.exp(-2.0 * np.outer(loss, length))
     if losses is not None and len(paths.length):
-        length = np.geomspace(paths.length.min(), paths.length.max() * 1.001, LENGTHS)
-        besides = losses.mean_square(band[:, None], length)
-        besides *= np.exp(-2.0 * np.outer(losses.along(band) - loss, length))
-        for number, gain in enumerate(besides):
-            energies[number] *= np.interp(paths.length, length, gain)
+        lost = losses.mean_square(band[:, None], length)
+        lost = lost * np.exp(-2.0 * np.outer(losses.along(band), length))
+    energies = np.empty((len(band), len(paths.length)))
+    strength = np.where(paths.radius > 0, np.square(paths.weight), 0.0)
+    for row, k in enumerate(wavenumber):
+        z = np.log(np.maximum(k * different, 1e-4))
+        answer = np.exp(np.interp(z, size, scattered)) * (2.0 / (math.pi * k)) * band[row]
+        table = np.log(np.maximum(lost[row], LEAST))
+        gain = table[place] + share * np.diff(table)[place]
+        energies[row] = strength * answer[row_of] * np.exp(gain)
     unscattered = np.array(
         [
             f * sum(math.exp(-2.0 * b * d) / d**2 for d in direct)
@@ -70,6 +72,17 @@ def arrival_energies(
         ]
     )
     return energies, unscattered
+
+
+def _places(length: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A few lengths, and of each path the one below it and how far it is to the next, by logarithms."""
+    if not len(length):
+        return np.ones(2), np.zeros(0, np.int64), np.zeros(0)
+    low, high = float(length.min()), float(length.max()) * 1.001
+    few = np.geomspace(low, high, LENGTHS)
+    place = np.log(length / low) * ((LENGTHS - 1) / math.log(high / low))
+    below = np.clip(place.astype(np.int64), 0, LENGTHS - 2)
+    return few, below, place - below
 
 
 def record_length(
@@ -104,6 +117,8 @@ def left_out_db(
 
     heard : (M,) bool, which trunks are in the record. -inf where nothing is left out.
     """
+    if heard.all():
+        return np.full(1 + len(octave_bands(sample_rate)), -np.inf)
     energies, unscattered = arrival_energies(paths, direct, sample_rate, air, losses)
     whole = energies.sum(axis=1) + unscattered
     late = energies[:, ~heard].sum(axis=1)

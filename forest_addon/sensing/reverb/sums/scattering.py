@@ -224,4 +224,5 @@ def direct_sum(
         loss = loss_per_metre(np.arange(highest + 1) * spacing, air, losses)
         return scattered_spectrum(paths, spacing, loss, speed, told, gain, bark, lowest)
 
-    return samples_of(spectrum, bands, rate, count, last)
+    first = max(float(paths.earliest.min()) / speed, 1e-9) if tolerance > 0 else 0.0
+    return samples_of(spectrum, bands, rate, count, last, first)

@@ -1,5 +1,6 @@
 """Branches by a tree's skeleton and, independently, by the curvature of its mesh."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,12 +8,16 @@ import pytest
 from references.clutter_of_truth import blades_of_leaves, rods_of_skeleton
 
 from forest_addon.base.rng import stream
+from forest_addon.base.trimesh import LEAF, TriMesh
 from forest_addon.growth.library.species_file import find_species, load_species
+from forest_addon.growth.measured.needles import shoot_of
 from forest_addon.growth.tree import grow
 from forest_addon.sensing.reverb.forest.clutter import (
+    DRAWN,
     blades_of_mesh,
     clutter_of,
     rods_of_mesh,
+    shoot_triangles,
 )
 
 
@@ -60,3 +65,32 @@ def test_few_pieces_are_the_same_stand(birch):
     np.testing.assert_allclose(found.radii, whole.radii, rtol=1e-9)
     np.testing.assert_allclose(np.sum(found.leaf_area), np.sum(whole.leaf_area), rtol=1e-9)
     np.testing.assert_allclose(found.leaf_radius, whole.leaf_radius, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["norway-spruce", "scots-pine"])
+def test_shoots_are_needles_and_leaves_are_not(birch, name):
+    """Half the needles' surface within 20 %, and how far they are from the middle within 10 %."""
+    species, _ = load_species(find_species(name, Path()))
+    length = species.leaf.length.mean
+    every = shoot_of(replace(species.needles, blades=0), length)
+    drawn = shoot_of(species.needles, length)
+    meshes = [
+        TriMesh(
+            length * blade.vertices,
+            blade.triangles,
+            material=np.zeros(len(blade.triangles), np.int64),
+            part=np.full(len(blade.triangles), LEAF),
+            leaf=np.zeros(len(blade.triangles), np.int64),
+        )
+        for blade in (every, drawn)
+    ]
+    needles = blades_of_mesh(meshes[0])
+    found = blades_of_mesh(meshes[1])
+    assert shoot_triangles(meshes[1]).all()
+    assert not shoot_triangles(birch.mesh).any()
+    assert found.area[0] / DRAWN == pytest.approx(needles.area[0], rel=0.2)
+    assert found.shoot[0] == pytest.approx(needles.shoot[0], rel=0.1)
+    clutter = clutter_of([], [found], 1.0)
+    assert np.sum(clutter.leaf_area) == 0.0
+    assert np.sum(clutter.needle_area) == pytest.approx(found.area[0] / DRAWN)
+    assert clutter.shoot_area == pytest.approx(found.area[0] / DRAWN)

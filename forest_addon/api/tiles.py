@@ -1,0 +1,334 @@
+"""A forest larger than memory, grown and looked at tile by tile, with the results of the whole.
+
+``Tiling.of`` draws where all trees stand. ``build`` puts a tile with its buffer into Blender as a scene.
+``scan_to`` and ``look`` go from tile to tile by themselves; what they find is what the whole forest gives, to
+the bit: rays enter a scene in float32, counted from its middle, so every tile's scene also holds the few
+trees that the bounds of the whole are told by (``frame``), and the instances of a scan's labels are numbered
+as in the whole.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from ..base.places import version
+from ..base.progress import Progress
+from ..sensing.kinds import choose, kind_of
+from ..sensing.looks import Upright
+from ..sensing.rays.geometry import SceneGeometry
+from ..spec import Output, Rays, Scene, Sensor, SpecError
+from ..stand.forest import ForestPlan, keys_of
+from ..stand.tiles import TiledForest, TileGrid, numbers_in_scene
+from .given import enough_memory, file_to_write, import_blender, progress_of
+from .results import Result, is_scanner
+from .site import Site
+from .tiled_scan import TiledScan
+from .ways import way_of
+from .world import World
+
+if TYPE_CHECKING:
+    from ..results.scan_file import Written
+    from ..sensing.trajectory import Trajectory
+
+BLOCK = 100_000  # trees at a time
+SINGLE = 2.0**-24  # rounding of float32
+PARTS = "parts"
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A tile: its number and name (column-row), corners (2,) m, and how many trees are its own."""
+
+    number: int
+    name: str
+    low: np.ndarray
+    high: np.ndarray
+    trees: int
+
+
+@dataclass(frozen=True, eq=False)
+class Tiling:
+    """A forest that is planned, and built tile by tile.
+
+    site : its settings and inputs. forest : all trees. grid : its tiles.
+
+    >>> from forest_addon import api as forest
+    >>> bush = forest.Planting(species="hazelnut", variants=1, expected=9, exact=True)
+    >>> scene = forest.Scene(seed=1, plantings=(bush,), tiles=forest.Tiles(size=15, buffer=5))
+    >>> tiling = forest.Tiling.of(scene)
+    >>> len(tiling.tiles), sum(tile.trees for tile in tiling.tiles)
+    (4, 9)
+    """
+
+    site: Site
+    forest: TiledForest
+    grid: TileGrid
+
+    @classmethod
+    def of(cls, scene: Scene, folder: str | Path = ".") -> Self:
+        """Plan the forest of a scene with ``[tiles]``, and grow its variants.
+
+        Raises
+        ------
+        SpecError : a scene that cannot be cut into tiles, says why; as ``build``.
+        """
+        import_blender()
+        _refuse(scene)
+        with enough_memory("tiles", "plant fewer trees, or fewer variants"):
+            site = Site.of(scene, folder)
+            plan = ForestPlan.of(site.scene, site.species, site.inputs)
+            grid = TileGrid.of(site.scene.forest, site.scene.tiles.size)
+            return cls(site, TiledForest(plan), grid)
+
+    @property
+    def scene(self) -> Scene:
+        """Return its settings."""
+        return self.site.scene
+
+    @property
+    def tiles(self) -> tuple[Tile, ...]:
+        """Return all tiles, row by row from the field's corner."""
+        own = self.grid.tile_of(self.forest.stand.position[:, :2])
+        trees = np.bincount(own, minlength=len(self.grid)).tolist()
+        low, high = self.grid.corners(np.arange(len(self.grid)))
+        return tuple(
+            Tile(number, self.grid.name(number), low[number], high[number], count)
+            for number, count in enumerate(trees)
+        )
+
+    def build(self, tile: int, buffer: float | None = None) -> World:
+        """Put a tile's trees into Blender with those whose crowns reach within its buffer.
+
+        tile : its number. buffer : m; left out: that of the settings.
+
+        Raises
+        ------
+        SpecError : there is no such tile; something that stands in Blender is in the way.
+        """
+        if not 0 <= tile < len(self.grid):
+            raise SpecError("tile", f"{tile} is not there; use 0 to {len(self.grid) - 1}")
+        wide = self.scene.tiles.buffer if buffer is None else buffer
+        low, high = self.grid.corners(np.array(tile))
+        return self._world(self.forest.near(low - wide, high + wide))
+
+    def scan_to(
+        self,
+        path: str | Path,
+        sensor: Any,
+        *,
+        resume: bool = False,
+        progress: Progress | None = None,
+        along: Trajectory | None = None,
+    ) -> Written:
+        """Run a scan through all tiles into a file, the same bytes as ``World.scan_to`` of the whole forest.
+
+        path : .laz, .las, .copc.laz, .ply or .npz; files of tiles, where the settings want them, go to a
+        folder of the same name. resume : take the parts that a run that was ended had finished.
+
+        Raises
+        ------
+        SpecError : settings that cannot be served in tiles. OSError : it cannot be written; parts stay.
+        """
+        path = file_to_write(path)
+        progress_of(progress)
+        folder = path.with_name(f"{path.name}.{PARTS}")
+        work = TiledScan(self, sensor, folder, self.way(sensor, along))
+        todo = work.todo(resume)
+        for done, piece in enumerate(todo):
+            work.make(piece)
+            if progress:
+                progress(done + 1, len(todo))
+        return work.join(path)
+
+    def look(
+        self, sensor: Sensor, progress: Progress | None = None, along: Trajectory | None = None
+    ) -> Result:
+        """The result of a sonar, or of a tractor's scanner: in one scene of all trees within its range of
+        every place that it looks from, whichever tiles they are in.
+
+        Raises
+        ------
+        SpecError : a sensor whose reach is not bounded, or that goes through tiles with ``scan_to``.
+        """
+        if is_scanner(sensor):
+            raise SpecError(sensor.name, "goes from tile to tile by scan_to, not by look")
+        return self.hearing(sensor, along).look(sensor, progress, along)
+
+    def hearing(self, sensor: Sensor, along: Trajectory | None = None) -> World:
+        """Put all trees that a sensor can reach from any place of its way into Blender.
+
+        Raises
+        ------
+        SpecError : a sensor whose reach is not bounded.
+        """
+        return self._world(self.reachable(sensor, along))
+
+    def reachable(self, sensor: Sensor, along: Trajectory | None = None) -> np.ndarray:
+        """Rows of the trees that a sensor can reach from any place of its way, and some beyond.
+
+        Raises
+        ------
+        SpecError : a sensor whose reach is not bounded.
+        """
+        name = getattr(sensor, "name", "look")
+        sensor, _ = choose(sensor)
+        look = kind_of(sensor).look(sensor)
+        way = self.way(sensor, along)
+        places = look.corners if way is None else way.position
+        if places is None or not np.isfinite(look.range):
+            why = "hears all trees of a forest at once; run it in a scene without tiles"
+            raise SpecError(name, why)
+        stand, forest = self.forest.stand, self.forest
+        ends = np.full((2, len(stand)), [[forest.low], [forest.high]])
+        trees = Upright(stand.position[:, :2], forest.reach, *ends)
+        away = np.maximum(trees.distance(np.asarray(places)) - look.slack, 0.0)
+        # Leaves are searched by spheres around blocks, which may reach beyond as far as a tree is long.
+        return np.flatnonzero(away <= look.range + forest.across)
+
+    def way(self, sensor: Sensor, along: Trajectory | None = None) -> Trajectory | None:
+        """Return where a moving sensor goes."""
+        from ..blender.sensors.observe import Observer
+
+        return way_of(Observer, choose(sensor)[0], along, self.site.folder)
+
+    def _world(self, rows: np.ndarray) -> World:
+        """Rows of trees, and those that tell the bounds of the whole, in Blender."""
+        place = import_blender().context.scene
+        from ..blender.scene.forest import MANY
+        from ..blender.site import build_site
+
+        rows = np.union1d(rows, self.frame)
+        part = self.forest.part(rows)
+        kind = "points" if self._as_points(MANY) else "objects"
+        field = self.scene.forest.changed(instancing=kind)
+        site = replace(self.site, scene=self.scene.changed(forest=field))
+        build_site(place, site, part, as_assets=False)
+        world = World(self.scene, self.site.folder, part, place)
+        observer = world.observer
+        observer.geometry = replace(observer.geometry, crowd=self._crowd(observer.geometry))
+        return world
+
+    def _as_points(self, many: int) -> bool:
+        chosen = self.scene.forest.instancing
+        return len(self.forest.stand) > many if chosen == "auto" else chosen == "points"
+
+    def _crowd(self, geometry: SceneGeometry) -> tuple[int, ...]:
+        """Return how many instances each mesh of a tile's scene has in the whole."""
+        stand = self.forest.stand
+        row = np.searchsorted(stand.id, np.maximum(geometry.tree, 0))
+        row = np.minimum(row, max(len(stand) - 1, 0))
+        many = np.bincount(geometry.mesh_index, minlength=len(geometry.meshes))
+        for mesh in range(len(geometry.meshes)):
+            mine = row[(geometry.mesh_index == mesh) & (geometry.tree >= 0)]
+            if len(mine):
+                key = int(stand.species[mine[0]]), int(stand.variant[mine[0]])
+                many[mesh] = self._count[key]
+        return tuple(many.tolist())
+
+    @cached_property
+    def _count(self) -> dict[tuple[int, int], int]:
+        stand = self.forest.stand
+        pairs, count = np.unique(
+            np.column_stack([stand.species, stand.variant]), axis=0, return_counts=True
+        )
+        return {(int(s), int(v)): int(n) for (s, v), n in zip(pairs, count, strict=True)}
+
+    @cached_property
+    def frame(self) -> np.ndarray:
+        """Rows of the trees that may reach to the bounds of the whole forest, within float32's rounding."""
+        stand = self.forest.stand
+        if not len(stand):
+            return np.empty(0, dtype=np.int64)
+        low, high = np.empty((2, len(stand), 3))
+        for part in self.forest.parts(BLOCK):
+            keys = keys_of(part.stand)
+            number = {key: k for k, key in enumerate(keys)}
+            pairs = zip(part.stand.species.tolist(), part.stand.variant.tolist(), strict=True)
+            geometry = SceneGeometry(
+                meshes=tuple(part.variants[key].mesh for key in keys),
+                transform=part.transforms(),
+                mesh_index=np.array([number[pair] for pair in pairs]),
+                object_name=(),
+                tree=part.stand.id,
+                species=part.stand.species,
+                object_index=part.stand.id,
+                crowd=tuple(self._count[key] for key in keys),
+            )
+            rows = part.stand.id
+            low[rows], high[rows] = geometry.bounds()
+        chosen = []
+        for axis in range(3):
+            near = 16 * SINGLE * (np.nanmax(np.abs([low[:, axis], high[:, axis]]), initial=0) + 100)
+            for values, sign in ((low[:, axis], -1.0), (high[:, axis], 1.0)):
+                best = np.nanmax(sign * values, initial=-np.inf)
+                rows = np.flatnonzero(sign * values >= best - near)
+                chosen.append(rows if axis < 2 else self._unlike(rows))
+        return np.unique(np.concatenate(chosen))
+
+    def _unlike(self, rows: np.ndarray) -> np.ndarray:
+        """Of trees that are equally high by all that decides it, one each."""
+        stand = self.forest.stand
+        of = (stand.species, stand.variant, stand.scale, stand.position[:, 2], stand.sink)
+        _, first = np.unique(np.column_stack([c[rows] for c in of]), axis=0, return_index=True)
+        return rows[first]
+
+    def numbered(self, geometry: SceneGeometry) -> np.ndarray:
+        """(I + 1,) numbers that instances of a tile's scene have in that of the whole; -1 of none, last."""
+        from ..blender.scene.forest import MANY
+
+        points = self._as_points(MANY)
+        if points:
+            return self._numbered(geometry, numbers_in_scene(self.forest.stand, True), False)
+        return self._numbered(geometry, numbers_in_scene(self.forest.stand, False), True)
+
+    def _numbered(
+        self, geometry: SceneGeometry, of_tree: np.ndarray, trees_first: bool
+    ) -> np.ndarray:
+        trees = np.flatnonzero(geometry.tree >= 0)
+        others = np.flatnonzero(geometry.tree < 0)
+        number = np.full(len(geometry) + 1, -1, dtype=np.int64)
+        row = np.searchsorted(self.forest.stand.id, geometry.tree[trees])
+        number[trees] = of_tree[row] + (0 if trees_first else len(others))
+        number[others] = np.arange(len(others)) + (len(of_tree) if trees_first else 0)
+        return number
+
+    @cached_property
+    def digest(self) -> str:
+        """Return what decides what rays meet in the forest, in one number."""
+        total = hashlib.blake2b(digest_size=16)
+        rays = Rays(engine=self.scene.rays.engine)  # their number of threads decides nothing
+        tiles = self.scene.tiles.changed(files="merged")
+        scene = self.scene.changed(sensors=(), output=Output(), rays=rays, tiles=tiles)
+        said = [version(), asdict(scene)]
+        total.update(json.dumps(said, sort_keys=True, default=str).encode())
+        stand = self.forest.stand
+        for array in (stand.position, stand.rotation, stand.scale, stand.sink, stand.variant):
+            total.update(np.ascontiguousarray(array).view(np.uint8).data)
+        for tree in self.forest.trees.values():
+            total.update(np.ascontiguousarray(tree.mesh.vertices).view(np.uint8).data)
+        return total.hexdigest()
+
+
+def _refuse(scene: Scene) -> None:
+    """Say what of a scene cannot be cut into tiles."""
+    if not isinstance(scene, Scene) or scene.tiles.size <= 0:
+        raise SpecError(
+            "tiles.size", "is 0: the field is one scene; give the length of a tile's edges"
+        )
+    if scene.accuracy.detail == "auto":
+        why = "looks at all trees of a variant together, which tiles do not have"
+        raise SpecError("accuracy.detail", f'"auto" {why}; use "full"')
+    if scene.wind.speed > 0:
+        raise SpecError("wind.speed", "cannot be used with tiles; use 0, or take tiles away")
+    if scene.blend:
+        why = "cannot be used with tiles: its objects would stand in the scene of every tile"
+        raise SpecError("blend", f"{why}; take one of them away")
+    if scene.stems:
+        raise SpecError("stems", "are for reverb, which hears all of a forest; take tiles away")
