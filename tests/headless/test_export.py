@@ -12,10 +12,11 @@ from forest_addon.base.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD, TriMesh
 from forest_addon.formats.helios.survey import read_survey
 from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.sensing.lidar.scanner import pattern_of
+from forest_addon.sensing.lidar.surveys.export import write_survey
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Airborne, Beam, Mobile, Noise, Sonar, Surfaces, Terrestrial
-from headless.commands.work.export import write_parts, write_survey
+from headless.commands.work.export import write_parts
 from headless.commands.work.survey import geometry_of, sensor_of_survey
 
 SURFACES = Surfaces(other=0.2, wood=0.35, leaf=0.55, ground=0.15)
