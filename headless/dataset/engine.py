@@ -98,6 +98,11 @@ def _client(cluster: Cluster, most: int) -> Iterator[Any]:
                 )
             except (OSError, TimeoutError) as problem:
                 raise _gone(cluster.scheduler, problem) from None
+            except TypeError as problem:  # of Dask, where its settings name no certificate
+                if not cluster.scheduler.startswith("tls://"):
+                    raise
+                why = "needs a certificate; name one in Dask's settings, distributed.comm.tls"
+                raise SpecError(f"--scheduler {cluster.scheduler}", why) from problem
             return
         if cluster.slurm is not None:
             ours, jobs = slurm_cluster(cluster.slurm)
