@@ -22,7 +22,13 @@ AT_ONCE = 64  # such pieces of a way
 
 
 class Obstacles(Protocol):
-    """Protocol of the obstacles of a world."""
+    """Protocol of the obstacles of a world; ``moves``: they are others at other times."""
+
+    moves: bool
+
+    def at(self, time: float) -> Obstacles:
+        """Return them as they stand at a time, s."""
+        ...
 
     def room(self, place: np.ndarray) -> np.ndarray:
         """(N,) metres around places (N, 3) in which surely nothing stands; at most ``REACH``."""
@@ -64,10 +70,12 @@ class MeshObstacles:
     solids : for each mesh of the scene, its ``Solid``.
     """
 
+    moves = False
+
     def __init__(self, scene: SceneGeometry, solids: list[Solid]) -> None:
         usable = np.isfinite(inverse := invert_transforms(scene.transform)).all(axis=(1, 2))
         usable &= ~np.array([solid.empty for solid in solids] or [True])[scene.mesh_index]
-        rows = np.flatnonzero(usable)
+        rows = self.rows = np.flatnonzero(usable)
         self._mesh, self._to_world = scene.mesh_index[rows], scene.transform[rows]
         self._to_local = inverse[rows]
         self._solids = solids
@@ -84,7 +92,7 @@ class MeshObstacles:
         self._shape = np.array([solid.shape for solid in solids])[self._mesh]
         self._corner = np.array([solid.low for solid in solids])[self._mesh]
         # Triangles likewise: those of cell c of all are _items[_starts[c] : _starts[c + 1]].
-        shift = np.cumsum([0, *(len(solid.corners) for solid in solids)])
+        shift = self._shift = np.cumsum([0, *(len(solid.corners) for solid in solids)])
         self._corners = np.concatenate([solid.corners for solid in solids])
         self._items = np.concatenate([s.items + n for s, n in zip(solids, shift, strict=False)])
         self._starts = np.append(0, np.cumsum(np.concatenate([s.count for s in solids])))
@@ -124,6 +132,10 @@ class MeshObstacles:
         self._table = np.full((total + 1, width + len(self._wide)), self._none)
         self._table[square, np.arange(len(square)) - starts[square]] = item
         self._table[:, width:] = self._wide
+
+    def at(self, _time: float) -> Obstacles:
+        """See ``Obstacles``."""
+        return self
 
     def room(self, place: np.ndarray) -> np.ndarray:
         """See ``Obstacles``."""
@@ -194,7 +206,7 @@ class MeshObstacles:
         self, here: np.ndarray, there: np.ndarray, radius: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Triangles within a radius of short ways, and some more: whose (T,), and world corners (T, 3, 3)."""
-        slack = radius * (1 + 1e-9) + 1e-6
+        slack = radius * (1 + 1e-9) + 1e-6 + self._astray(here)
         low, high = np.minimum(here, there) - slack, np.maximum(here, there) + slack
         if float((high - low).max(initial=0.0)) < REACH:  # then the map has all that may be met
             near = self._near(here)
@@ -222,9 +234,16 @@ class MeshObstacles:
         total = len(self._corners)
         key = np.unique(pair[of] * total + self._items[begin[of] + place])
         pair, item = np.divmod(key, total)
-        world = self._to_world[which[pair]]
-        corners = self._corners[item] @ world[:, :, :3].transpose(0, 2, 1) + world[:, None, :, 3]
-        return row[pair], corners
+        return row[pair], self._placed(which[pair], item)
+
+    def _astray(self, _place: np.ndarray) -> float:
+        """Metres that nothing near places (N, 3) is farther than, from where it was read."""
+        return 0.0
+
+    def _placed(self, which: np.ndarray, item: np.ndarray) -> np.ndarray:
+        """(T, 3, 3) corners in the world of triangles ``item`` (T,) of instances (T,)."""
+        world, own = self._to_world[which], self._corners[item]
+        return own @ world[:, :, :3].transpose(0, 2, 1) + world[:, None, :, 3]
 
     def encloses(self, place: np.ndarray) -> bool:
         """See ``Obstacles``: by the winding number of each body's triangles, the sum of their solid angles
@@ -232,10 +251,17 @@ class MeshObstacles:
         """
         if not len(self._mesh):
             return False
-        met = ((self._low <= place) & (self._high >= place)).all(axis=1).nonzero()[0]
+        slack = self._astray(place[None])
+        met = (
+            ((self._low <= place + slack) & (self._high >= place - slack)).all(axis=1).nonzero()[0]
+        )
         for which in met:
-            m, solid = self._to_local[which], self._solids[self._mesh[which]]
-            a, b, c = (solid.corners - (m[:, :3] @ place + m[:, 3])).transpose(1, 0, 2)
+            count, first = (
+                len(self._solids[self._mesh[which]].corners),
+                self._shift[self._mesh[which]],
+            )
+            own = self._placed(np.full(count, which), first + np.arange(count))
+            a, b, c = (own - place).transpose(1, 0, 2)
             la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
             top = np.einsum("ti,ti->t", a, np.cross(b, c))
             dot = np.einsum
@@ -260,12 +286,18 @@ class StemObstacles:
     position : (N, 2) metres. radius : (N,).
     """
 
+    moves = False
+
     def __init__(self, position: np.ndarray, radius: np.ndarray) -> None:
         from scipy.spatial import cKDTree
 
         self._position, self._radius = position, radius
         self._thickest = float(radius.max(initial=0.0))
         self._tree = cKDTree(position) if len(position) else None
+
+    def at(self, _time: float) -> Obstacles:
+        """See ``Obstacles``."""
+        return self
 
     def room(self, place: np.ndarray) -> np.ndarray:
         """See ``Obstacles``."""

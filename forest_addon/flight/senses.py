@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from ..base.rng import stream
 from ..sensing.lidar.scan import Scan
 from ..sensing.lidar.scanner import Sweep
+from ..sensing.rays.moving import TimedCaster
 from ..sensing.sonar.ping import Echo, ping
 from ..sensing.sonar.poses import SonarPose as Place
 from ..sensing.sonar.station import Equipment
@@ -112,16 +113,20 @@ class LidarSense:
         x, y, z = state.position[row].tolist()
         return Pose(position=(x, y, z), heading_deg=heading, pitch_deg=pitch, roll_deg=roll)
 
-    def look(self, around: Any, state: State, seeds: np.ndarray) -> np.ndarray:
+    def look(
+        self, around: Any, state: State, seeds: np.ndarray, time: np.ndarray | None = None
+    ) -> np.ndarray:
         """(N, R) metres to what each ray meets first, the largest range where it meets nothing.
 
-        seeds : (N,) of chances and noise, where the scanner has any.
+        seeds : (N,) of chances and noise, where the scanner has any. time : (N,) s, when each flyer's first
+        pulse goes out, in a world that moves; left out: 0.
         """
+        time = np.zeros(len(state)) if time is None else time
         attitude = self._attitude(state)
         if not (self.exact and np.isnan(around.geometry.reflectance).all()):
             return np.array(
                 [
-                    self._whole(around, state.position[row], attitude[[row]], int(seed))
+                    self._whole(around, state.position[row], attitude[[row]], int(seed), time[row])
                     for row, seed in enumerate(seeds)
                 ]
             )
@@ -129,7 +134,11 @@ class LidarSense:
         ways = np.einsum("njk,rk->nrj", turn, self.ways).reshape(-1, 3)
         origins = np.repeat(state.position, self.rays, axis=0)
         most = self.scanner.max_range
-        found = around.caster.cast(origins, ways, most).distance
+        when = {}
+        if isinstance(around.caster, TimedCaster):
+            pulses = np.arange(self.rays) / self.scanner.pulse_rate
+            when["time"] = (time[:, None] + pulses).ravel()
+        found = around.caster.cast(origins, ways, most, **when).distance
         found[~((found >= self.scanner.min_range) & (found <= most))] = most
         return found.reshape(len(state), self.rays)
 
@@ -140,10 +149,12 @@ class LidarSense:
         angles = np.deg2rad(np.rad2deg(angles))  # nose down is a turn about the left
         return Rotation.from_euler("ZYX", angles)
 
-    def _whole(self, around: Any, place: np.ndarray, attitude: Rotation, seed: int) -> np.ndarray:
+    def _whole(
+        self, around: Any, place: np.ndarray, attitude: Rotation, seed: int, time: float
+    ) -> np.ndarray:
         if self._scan is None or self._scan[0] is not around:
             self._scan = (around, Scan(self.scanner, around.caster, seed, through([Pose()])))
-        path = Trajectory(np.zeros(1), place[None], attitude)
+        path = Trajectory(np.array([time]), place[None], attitude)
         cloud = self._scan[1].moved(seed, path).look(0, self.rays)
         found = np.full(self.rays, self.scanner.max_range)
         first = cloud.number == 1
@@ -169,11 +180,12 @@ class EarSense:
         shape = (BANDS, BINS) if heard == "cochleagram" else (self.samples,)
         self.shape = (sonar.ears, *shape)
 
-    def place(self, state: State, row: int = 0) -> Place:
-        """Return where a flyer's sonar is."""
+    def place(self, state: State, row: int = 0, time: float = 0.0) -> Place:
+        """Return where a flyer's sonar is at a time, s."""
         heading, pitch, _ = degrees(state, row)
         frame = frame_of(math.radians(heading), math.radians(pitch))
-        return Place(state.position[row].copy(), frame, self.sonar.speed * frame[0])
+        velocity = self.sonar.speed * frame[0]
+        return Place(state.position[row].copy(), frame, velocity, time=time)
 
     def settings(self, state: State, row: int = 0) -> Sonar:
         """The sonar at a flyer's pose as settings say it: ``World.ping`` hears what the flyer does."""
@@ -181,24 +193,25 @@ class EarSense:
         x, y, z = state.position[row].tolist()
         return self.sonar.changed(position=(x, y, z), azimuth_deg=heading, elevation_deg=pitch)
 
-    def ping(self, around: Any, state: State, row: int = 0) -> Echo:
-        """One ping."""
+    def ping(self, around: Any, state: State, row: int = 0, time: float = 0.0) -> Echo:
+        """One ping at a time, s."""
         shading = self.sonar.shading
         return ping(
             around.targets,
             self.sonar,
             self.air,
             around.wood if "trunks" in shading else None,
-            pose=self.place(state, row),
+            pose=self.place(state, row, time),
             equipment=self._equipment,
             everything=around.caster if "extinction" in shading else None,
         )
 
-    def listen(self, around: Any, state: State) -> np.ndarray:
-        """(N, *shape) what all flyers hear."""
+    def listen(self, around: Any, state: State, time: np.ndarray | None = None) -> np.ndarray:
+        """(N, *shape) what all flyers hear who ping at times (N,), s; left out: 0."""
         told = np.empty((len(state), *self.shape))
         for row in range(len(state)):
-            sound = self.ping(around, state, row).waveforms
+            when = 0.0 if time is None else float(time[row])
+            sound = self.ping(around, state, row, when).waveforms
             if self.heard == "cochleagram":
                 told[row] = cochleagram(sound, self.sonar)
             else:

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..spec import Flight, SpecError
 from .bodies import State, at_rest, carried, checked, move
+from .obstacles import touched
 from .senses import EarSense, LidarSense, generator, odometry
 
 TRIES = 200  # places that are drawn for a start
@@ -125,17 +126,22 @@ class Flyers:
         told = {}
         state = self.state
         if self.lidar:
-            told["lidar"] = self.lidar.look(self.world, state, self._seeds())
+            told["lidar"] = self.lidar.look(self.world, state, self._seeds(), self.time)
         if self.ears and self._heard is not None:
             due = self.steps % self.every == 0
             if rows is not None:
                 due = due & rows
             now = due.nonzero()[0]
             if len(now):
-                self._heard[now] = self.ears.listen(self.world, state.select(now))
+                self._heard[now] = self.ears.listen(self.world, state.select(now), self.time[now])
             told["sonar"] = self._heard.copy()
         told["odometry"] = odometry(self.flight, state, self.goal, self._rngs)
         return told
+
+    @property
+    def time(self) -> np.ndarray:
+        """(N,) s since each set out."""
+        return np.asarray(self.steps * self.flight.step)
 
     def step(self, action: np.ndarray) -> Outcome:
         """Move all flyers a step.
@@ -152,7 +158,7 @@ class Flyers:
         if self.world.gusts is None:
             after, corners = move(flight, before, action)
         else:
-            air = self._wind(before.position, self.steps * flight.step)
+            air = self._wind(before.position, self.time)
             after, corners = move(flight, carried(flight, before, air - self._air), action, air)
             self._air = air
         crashed, arrived = np.zeros(self.count, bool), np.zeros(self.count, bool)
@@ -207,6 +213,8 @@ class Flyers:
         that around where it is, is not asked.
         """
         radius = self.flight.radius
+        if self.world.obstacles.moves:
+            return self._touched_amid(here, there, radius)
         # The ball holds the start of the way too: a ball is convex.
         rows = (_lengths(there - self._ball) + radius > self._room).nonzero()[0]
         if not len(rows):
@@ -221,6 +229,17 @@ class Flyers:
         share = np.full(self.count, np.inf)
         share[rows] = obstacles.touch(here[rows], there[rows], radius)
         return share
+
+    def _touched_amid(
+        self, here: np.ndarray, there: np.ndarray, radius: float
+    ) -> np.ndarray | None:
+        """The same among obstacles that move: they stand for a step where they are in its middle."""
+        share = np.full(self.count, np.inf)
+        middle = self.time + 0.5 * self.flight.step
+        for time in np.unique(middle).tolist():
+            rows = np.flatnonzero(middle == time)
+            share[rows] = touched(self.world.obstacles.at(time), here[rows], there[rows], radius)
+        return share if np.isfinite(share).any() else None
 
     def _arrives(
         self, here: np.ndarray, there: np.ndarray, length: np.ndarray
@@ -289,7 +308,7 @@ class Flyers:
 
     def _stuck(self, place: np.ndarray, clearance: float) -> bool:
         radius = self.flight.radius + clearance
-        obstacles = self.world.obstacles
+        obstacles = self.world.obstacles.at(0.0)
         if float(obstacles.room(place[None])[0]) > radius:
             return False
         if np.isfinite(obstacles.touch(place[None], place[None], radius)[0]):

@@ -19,12 +19,15 @@ import numpy as np
 from ..api import Site, World, read
 from ..sensing.rays.caster import RayCaster
 from ..sensing.rays.geometry import SceneGeometry
+from ..sensing.rays.moving import TimedCaster
 from ..sensing.sonar.targets import EchoTargets
 from ..spec import Scene, SpecError
 from ..stand.forest import GrownForest
 from ..stand.wind.field import WindField
+from ..stand.wind.sway import ForestSway, sway_of
 from .obstacles import MeshObstacles, Obstacles
 from .solids import Solid
+from .swaying import SharedPieces, SwayingObstacles
 
 APART = 100.0  # metres between the single trees that are read
 
@@ -34,43 +37,61 @@ class FlightSurroundings:
     """A world as a flyer meets it.
 
     settings : of its scene. stock : whose meshes it stands of. forest : its stand and trees, None of a scene
-    that was not grown here. obstacles : what stops. seed : of its forest and its gusts.
+    that was not grown here. seed : of its forest and its gusts.
     """
 
     settings: Scene
     stock: Stock
     geometry: SceneGeometry
-    obstacles: Obstacles
     forest: GrownForest | None = None
     seed: int = 0
 
     @cached_property
-    def caster(self) -> RayCaster:
-        """Rays that meet everything."""
+    def caster(self) -> RayCaster | TimedCaster:
+        """Rays that meet everything, in the wind at times of their own."""
         from ..blender.rays.casters import moved_caster
 
+        if self.sway is not None:
+            return self.stock.pieces.caster(self.geometry, self.sway)
         return moved_caster(self.stock.caster, self.geometry)
 
     @cached_property
-    def wood(self) -> RayCaster:
-        """Rays that pass leaves."""
+    def wood(self) -> RayCaster | TimedCaster:
+        """Rays that pass leaves, in the wind at times of their own."""
         from ..blender.rays.casters import moved_caster
 
         like = self.stock.wood
-        return moved_caster(like, replace(self.geometry, meshes=like.scene.meshes))
+        solid = replace(self.geometry, meshes=like.scene.meshes)
+        if self.sway is not None:
+            return self.stock.pieces.caster(solid, self.sway, solid=True)
+        return moved_caster(like, solid)
 
     @cached_property
     def targets(self) -> EchoTargets:
         """Return what sounds back."""
+        if self.sway is not None:
+            return self.stock.pieces.targets(self.geometry, self.sway, self.stock.targets)
         return EchoTargets(self.geometry, self.stock.targets)
 
     @cached_property
+    def obstacles(self) -> Obstacles:
+        """Return what stops a flyer."""
+        if self.sway is not None:
+            return SwayingObstacles(self.geometry, self.stock.solids, self.sway)
+        return MeshObstacles(self.geometry, self.stock.solids)
+
+    @cached_property
+    def sway(self) -> ForestSway | None:
+        """The sway of the trees; None without wind or trees, or of what was not grown here."""
+        pieces, wind = self.stock.pieces, self.settings.wind
+        if self.forest is None:
+            return None
+        return pieces.sway(sway_of(self.forest, wind, self.seed, pieces.like))
+
+    @property
     def gusts(self) -> WindField | None:
         """The wind that carries flyers, by heights above the ground; None without wind or trees."""
-        from ..stand.wind.sway import sway_of
-
-        sway = self.forest and sway_of(self.forest, self.settings.wind, self.seed)
-        return sway.field if sway else None
+        return None if self.sway is None else self.sway.field
 
     @property
     def field(self) -> tuple[np.ndarray, np.ndarray]:
@@ -92,7 +113,10 @@ class FlightSurroundings:
         """
         if self.forest is None:
             raise SpecError("world", "stands in Blender already; take it by current()")
-        return self.stock.built(self.forest)
+        world = self.stock.built(self.forest)
+        if self.sway is not None:  # whose gusts are the episode's
+            world.scene = world.scene.changed(seed=self.seed)
+        return world
 
 
 class Stock:
@@ -130,15 +154,11 @@ class Stock:
     def surroundings(self, seed: int | None = None) -> FlightSurroundings:
         """The forest of a seed; None: of the scene's own, or what stands in Blender."""
         if self._site is None:
-            obstacles = MeshObstacles(self._geometry, self.solids)
-            given = self.settings, self, self._geometry, obstacles, self._grown
+            given = self.settings, self, self._geometry, self._grown
             return FlightSurroundings(*given, self.settings.seed)
         seed = self.settings.seed if seed is None else seed
         forest = self._forest(seed)
-        geometry = self._placed(forest)
-        return FlightSurroundings(
-            self.settings, self, geometry, MeshObstacles(geometry, self.solids), forest, seed
-        )
+        return FlightSurroundings(self.settings, self, self._placed(forest), forest, seed)
 
     def built(self, forest: GrownForest) -> World:
         """A forest of this stock in Blender's current scene."""
@@ -162,6 +182,11 @@ class Stock:
     def targets(self) -> EchoTargets:
         """Return what sounds back, measured once."""
         return EchoTargets(self._geometry)
+
+    @cached_property
+    def pieces(self) -> SharedPieces:
+        """Trees in pieces that sway."""
+        return SharedPieces(self.settings.rays)
 
     @cached_property
     def solids(self) -> list[Solid]:

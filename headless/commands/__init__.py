@@ -14,6 +14,7 @@ from .dataset import DatasetCommand
 from .demo import DemoCommand
 from .derive import DeriveCommand
 from .estimate import EstimateCommand
+from .export import ExportCommand
 from .fly import FlyCommand
 from .lidar import LidarCommand
 from .run import RunCommand
@@ -25,7 +26,7 @@ COMMANDS = (
     *(RunCommand(), DemoCommand(), DatasetCommand(), AccuracyCommand()),
     *(DeriveCommand(), TemplateCommand(), SpeciesCommand(), StandCommand(), EstimateCommand()),
     *(AllometryCommand(), AssetsCommand(), CanopyCommand()),
-    *(LidarCommand(), ConvolveCommand(), FlyCommand()),
+    *(LidarCommand(), ExportCommand(), ConvolveCommand(), FlyCommand()),
 )
 if find_spec("..studies", __package__) is not None:
     from ..studies.commands import COMMANDS as STUDIES

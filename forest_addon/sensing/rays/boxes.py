@@ -125,6 +125,13 @@ def clip(
     return np.maximum(enters, start, out=enters), np.minimum(leaves, limit, out=leaves)
 
 
+def ways_box(begin: np.ndarray, end: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """(2, 3) box around ways (R, 3) to (R, 3), as far as it is in another."""
+    least, most = np.minimum(begin, end).min(axis=0), np.maximum(begin, end).max(axis=0)
+    least, most = np.where(np.isnan(least), low, least), np.where(np.isnan(most), high, most)
+    return np.stack([np.maximum(least, low), np.minimum(most, high)])
+
+
 def inverse(directions: np.ndarray) -> np.ndarray:
     """1 over each coordinate; a zero counts as TINY."""
     small = np.abs(directions) < TINY

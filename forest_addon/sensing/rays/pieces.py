@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -30,7 +30,9 @@ class Swaying(Protocol):
 
     def places(self, tree: int, knot: np.ndarray) -> np.ndarray: ...
 
-    def most(self, tree: int, low: np.ndarray, high: np.ndarray) -> float: ...
+    def most(
+        self, tree: int, low: np.ndarray, high: np.ndarray, knot: np.ndarray | None = None
+    ) -> float: ...
 
 
 class PieceWindow(Protocol):
@@ -61,7 +63,8 @@ class SwayingScene:
     scene : I instances as they were read, those that sway without a surface, then P pieces at rest.
     count : I. owner : (P,) the instance that each piece is of. tree : (P,) its number in the stand.
     piece : (P,) which of the tree's. triangle : by mesh of ``scene``, the triangles of the whole tree that
-    its own are; of pieces alone. read : the scene as it was read.
+    its own are; of pieces alone. read : the scene as it was read. known : by mesh and species, the pieces of
+    a tree and their meshes.
     """
 
     scene: SceneGeometry
@@ -71,6 +74,7 @@ class SwayingScene:
     tree: np.ndarray
     piece: np.ndarray
     triangle: tuple[np.ndarray, ...]
+    known: dict[tuple[int, int], list[tuple[int, int]]]
 
     @property
     def still(self) -> SceneGeometry:
@@ -78,14 +82,23 @@ class SwayingScene:
         return _rows(self.scene, np.arange(self.count), len(self.read.meshes) + 1)
 
 
-def cut(read: SceneGeometry, sway: Swaying) -> SwayingScene:
-    """Cut the trees of a scene that sway into pieces."""
+def cut(read: SceneGeometry, sway: Swaying, like: SwayingScene | None = None) -> SwayingScene:
+    """Cut the trees of a scene that sway into pieces.
+
+    like : a scene of the same meshes, whose pieces are shared.
+    """
     number = sway.number
     empty = TriMesh.of_part(np.empty((0, 3)), np.empty((0, 3)), OTHER)
     meshes: list[TriMesh] = [*read.meshes, empty]
     slots, assets, names = _padded(read)
     triangle: list[np.ndarray] = [np.empty(0, np.int64)] * len(meshes)
     known: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    if like is not None:
+        meshes, triangle, known = list(like.scene.meshes), list(like.triangle), dict(like.known)
+        slots, assets, names = (
+            list(kept)
+            for kept in (like.scene.slot_reflectance, like.scene.asset, like.scene.slot_names)
+        )
     owner, tree, piece, mesh_of = [], [], [], []
     index = read.mesh_index.copy()
     for instance in np.flatnonzero(read.tree >= 0).tolist():
@@ -124,7 +137,7 @@ def cut(read: SceneGeometry, sway: Swaying) -> SwayingScene:
         slot_names=tuple(names),
     )
     owners, trees, pieces = (np.array(values, np.int64) for values in (owner, tree, piece))
-    return SwayingScene(scene, read, len(read), owners, trees, pieces, tuple(triangle))
+    return SwayingScene(scene, read, len(read), owners, trees, pieces, tuple(triangle), known)
 
 
 class PieceByPiece:
@@ -201,6 +214,45 @@ def boxes_of(meshes: tuple[TriMesh, ...]) -> np.ndarray:
     """(M, 2, 3) smallest and largest coordinates of meshes with at least one vertex, in their own frames."""
     ends = [(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for mesh in meshes]
     return np.array(ends).reshape(-1, 2, 3)
+
+
+def rest_of(cut: SwayingScene, of_tree: list[np.ndarray]) -> list[np.ndarray]:
+    """Smallest and largest corners (2, G, 3) of the pieces of each tree, in its own frame."""
+    known: dict[tuple[int, int], np.ndarray] = {}
+    found = []
+    for rows in of_tree:
+        if not len(rows):
+            continue
+        mesh = cut.scene.mesh_index[cut.count + rows]
+        key = int(mesh[0]), len(mesh)
+        if key not in known:
+            known[key] = np.zeros((2, int(cut.piece[rows].max()) + 1, 3))
+            boxes = boxes_of(tuple(cut.scene.meshes[m] for m in mesh))
+            # A piece without triangles has the corner of another: it adds nothing.
+            known[key][:] = boxes[0, 0]
+            known[key][:, cut.piece[rows]] = boxes.swapaxes(0, 1)
+        found.append(known[key])
+    return found
+
+
+def with_runs(cut: SwayingScene, still: SceneGeometry) -> SceneGeometry:
+    """The scene in pieces, and behind them the instances that a moving scene has at other times."""
+    more = np.arange(cut.count, len(still))
+    if not len(more):
+        return cut.scene
+    scene, first = cut.scene, len(cut.read.meshes) + 1
+    mesh = still.mesh_index[more]
+    mesh = np.where(mesh < first, mesh, mesh - first + len(scene.meshes))
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(scene, name), getattr(still, name)[more]])
+        for name in ("transform", "tree", "species", "object_index", "reflectance")
+    }
+    listed: dict[str, Any] = {
+        name: (*kept, *getattr(still, name)[first:])
+        for name in ("meshes", "slot_reflectance", "asset", "slot_names")
+        if (kept := getattr(scene, name))
+    }
+    return replace(scene, mesh_index=np.concatenate([scene.mesh_index, mesh]), **joined, **listed)
 
 
 def swept(boxes: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

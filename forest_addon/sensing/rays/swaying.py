@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from .boxes import BoxTree, clip
+from .boxes import BoxTree, clip, inverse, slabs, ways_box
 from .caster import Hits, RayCaster, hit_normals, unit_columns
 from .exact import ExactCaster
 from .geometry import SceneGeometry, invert_transforms
@@ -26,11 +25,13 @@ from .pieces import (
     PieceWindow,
     Swaying,
     SwayingScene,
-    boxes_of,
+    rest_of,
+    swept,
+    with_runs,
 )
 
 KNOTS = 32  # a second
-SPAN = 16  # knots of a window, for which pieces are placed together
+SPAN = 8  # knots of a window, for which pieces are placed together
 RUN, WIDER = 16, 2.0  # rays of a run, and metres that they may be apart
 KEPT = 256  # trees by windows, whose pieces are kept in place
 
@@ -53,19 +54,23 @@ class SwayingCaster(TimedCaster):
         start: float = 0.0,
     ) -> None:
         self.cut, self._sway, self._still, self._start = cut, sway, still, start
-        self.scene, self.engine = _with_runs(cut, still.scene), still.engine
+        self.scene, self.engine = with_runs(cut, still.scene), still.engine
         self.within, self.bent, self.held = still.within, still.bent, still.held
         self.bends = still.bends
         self._make = make
         self._first = len(cut.read.meshes) + 1  # mesh of the first piece
         self._window = _engine_of(cut, make, engine)
         self._placed: dict[tuple[int, int], np.ndarray] = {}
-        self._last: tuple[int, np.ndarray, np.ndarray, PieceWindow] | None = None
+        self._last: tuple[int, np.ndarray, np.ndarray, np.ndarray, PieceWindow] | None = None
         self._trees, row = np.unique(cut.tree, return_inverse=True)
         order = np.argsort(row, kind="stable")
         self._of_tree = np.split(order, np.searchsorted(row[order], np.arange(1, len(self._trees))))
-        boxes = [self._box(rows) for rows in self._of_tree if len(rows)]
-        low, high = np.array(boxes).reshape(-1, 2, 3).transpose(1, 0, 2)
+        self._bounds: dict[tuple[int, int | None], np.ndarray] = {}
+        self._rest = rest_of(cut, self._of_tree)
+        first = cut.count + np.array([rows[0] for rows in self._of_tree if len(rows)], np.int64)
+        self._stands = cut.scene.transform[first]
+        self._size = np.linalg.norm(self._stands[:, :, :3], ord=2, axis=(1, 2))
+        low, high = self._boxes_of(np.arange(len(self._trees)))
         self._hull = low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf)
         self._boxes = BoxTree(low - WIDER, high + WIDER)
 
@@ -121,7 +126,8 @@ class SwayingCaster(TimedCaster):
         knot = (np.asarray(time, dtype=np.float64) + self._start) * KNOTS
         block = np.floor(knot / SPAN).astype(np.int64)
         for number, rows, trees in self._met(origins, ways, begin, limit, block, sound):
-            pieces, window = self._at(number, trees)
+            ends = origins[rows] + limit[rows, None] * ways[rows]
+            pieces, window = self._at(number, trees, ways_box(origins[rows], ends, *self._hull))
             left = None
             if leaving is not None:
                 chosen = leaving.select(rows)
@@ -169,6 +175,7 @@ class SwayingCaster(TimedCaster):
         until = np.concatenate([np.maximum.reduceat(leaves[near], first)[alike], leaves[alone]])
         some = origins[asked].T, ways[asked].T, np.zeros(len(asked)), until + WIDER
         ray, box, _ = self._boxes.pairs(*some)
+        ray, box = self._nearer(ray, box, block[asked[ray]], some)
         of_pair, meets = block[asked[ray]], np.zeros(len(asked), dtype=bool)
         meets[ray] = True
         of_run = np.zeros(len(first), dtype=bool)
@@ -255,13 +262,17 @@ class SwayingCaster(TimedCaster):
         stands = self.scene.transform[self.cut.count + piece]
         return _joined(stands, at), np.einsum("rij,rjk->rik", stands[:, :, :3], rate)
 
-    def _at(self, block: int, trees: np.ndarray) -> tuple[np.ndarray, PieceWindow]:
-        """The pieces (P,) of trees, by their rows, for a window of time, and what casts rays at them."""
+    def _at(self, block: int, trees: np.ndarray, box: np.ndarray) -> tuple[np.ndarray, PieceWindow]:
+        """The pieces (P,) of trees, by their rows, that come into a box (2, 3) in a window of time, and what
+        casts rays at them."""
         if self._last is not None and self._last[0] == block:
-            _, known, pieces, window = self._last
-            if np.isin(trees, known).all():
+            _, known, room, pieces, window = self._last
+            within = (room[0] <= box[0]).all() and (box[1] <= room[1]).all()
+            if within and np.isin(trees, known).all():
                 return pieces, window
             trees = np.union1d(trees, known)
+            box = np.stack([np.minimum(box[0], room[0]), np.maximum(box[1], room[1])])
+        box = box + np.array([[-WIDER], [WIDER]])  # for rays to come
         pieces = np.concatenate([self._of_tree[row] for row in trees.tolist()])
         local = np.concatenate(
             [
@@ -270,11 +281,25 @@ class SwayingCaster(TimedCaster):
             ],
             axis=1,
         )
-        stands = self.scene.transform[self.cut.count + pieces]
+        row = np.repeat(trees, [len(self._of_tree[row]) for row in trees.tolist()])
+        rest = np.concatenate(
+            [
+                self._rest[row][:, self.cut.piece[self._of_tree[row]]].swapaxes(0, 1)
+                for row in trees.tolist()
+            ]
+        )
+        low, high = swept(rest, local)
+        middle, half = (low + high) / 2, (high - low) / 2
+        stands = self._stands[row]
+        middle = np.einsum("pij,pj->pi", stands[:, :, :3], middle) + stands[:, :, 3]
+        half = np.einsum("pij,pj->pi", np.abs(stands[:, :, :3]), half)
+        near = ((middle - half <= box[1]) & (middle + half >= box[0])).all(axis=1)
+        near[0] |= not near.any()  # a window has something
+        pieces, local, stands = pieces[near], local[:, near], stands[near]
         places = np.stack([_joined(stands, one) for one in local])
         mesh = self.scene.mesh_index[self.cut.count + pieces] - self._first
         window = self._window(mesh, places)
-        self._last = block, trees, pieces, window
+        self._last = block, trees, box, pieces, window
         return pieces, window
 
     def _places(self, tree: int, block: int) -> np.ndarray:
@@ -286,40 +311,47 @@ class SwayingCaster(TimedCaster):
             self._placed[key] = self._sway.places(tree, block * SPAN + np.arange(SPAN + 1))
         return self._placed[key]
 
-    def _box(self, pieces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Box in the world that a tree never leaves."""
-        mesh = self.scene.mesh_index[self.cut.count + pieces]
-        some_low, some_high = boxes_of(tuple(self.scene.meshes[m] for m in mesh)).swapaxes(0, 1)
-        every = np.zeros((int(self.cut.piece[pieces].max()) + 1, 2, 3))
-        every[self.cut.piece[pieces], 0], every[self.cut.piece[pieces], 1] = some_low, some_high
-        most = self._sway.most(int(self.cut.tree[pieces[0]]), every[:, 0], every[:, 1])
-        stands = self.scene.transform[self.cut.count + pieces[0]]
-        size = float(np.linalg.norm(stands[:, :3], ord=2))
-        low, high = some_low.min(axis=0), some_high.max(axis=0)
-        middle, half = (low + high) / 2, (high - low) / 2
-        centre = stands[:, :3] @ middle + stands[:, 3]
-        out = np.abs(stands[:, :3]) @ half + size * most
-        return centre - out, centre + out
+    def _nearer(
+        self, ray: np.ndarray, tree: np.ndarray, block: np.ndarray, rays: tuple[np.ndarray, ...]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Those pairs (P,) of rays and rows of trees that may meet in their windows of time (P,).
 
+        rays : origins (3, R), ways (3, R), and where they begin and end (R,), metres.
+        """
+        origins, ways, begin, end = rays
+        keep = np.zeros(len(ray), dtype=bool)
+        for number in _different(block):
+            some = np.flatnonzero(block == number)
+            rows, which = np.unique(tree[some], return_inverse=True)
+            low, high = (side.T[:, which] for side in self._boxes_of(rows, number))
+            of = ray[some]
+            box = low - WIDER, high + WIDER
+            entry, leave = slabs(origins[:, of], inverse(ways[:, of]), box, begin[of])
+            keep[some] = entry <= np.minimum(leave, end[of])
+        return ray[keep], tree[keep]
 
-def _with_runs(cut: SwayingScene, still: SceneGeometry) -> SceneGeometry:
-    """The scene in pieces, and behind them the instances that a moving scene has at other times."""
-    more = np.arange(cut.count, len(still))
-    if not len(more):
-        return cut.scene
-    scene, first = cut.scene, len(cut.read.meshes) + 1
-    mesh = still.mesh_index[more]
-    mesh = np.where(mesh < first, mesh, mesh - first + len(scene.meshes))
-    joined: dict[str, Any] = {
-        name: np.concatenate([getattr(scene, name), getattr(still, name)[more]])
-        for name in ("transform", "tree", "species", "object_index", "reflectance")
-    }
-    listed: dict[str, Any] = {
-        name: (*kept, *getattr(still, name)[first:])
-        for name in ("meshes", "slot_reflectance", "asset", "slot_names")
-        if (kept := getattr(scene, name))
-    }
-    return replace(scene, mesh_index=np.concatenate([scene.mesh_index, mesh]), **joined, **listed)
+    def _boxes_of(
+        self, rows: np.ndarray, block: int | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Smallest and largest corners (T, 3) in the world that trees, by their rows, do not leave in a
+        window of time; left out: ever."""
+        boxes = np.empty((len(rows), 2, 3))
+        knots = None if block is None else block * SPAN + np.arange(SPAN + 1)
+        for which, row in enumerate(rows.tolist()):
+            if (row, block) in self._bounds:
+                boxes[which] = self._bounds[row, block]
+                continue
+            tree, stands = int(self._trees[row]), self._stands[row]
+            low, high = self._rest[row]
+            out = self._size[row] * self._sway.most(tree, low, high, knots)
+            low, high = low.min(axis=0), high.max(axis=0)
+            middle, half = (low + high) / 2, (high - low) / 2
+            centre = stands[:, :3] @ middle + stands[:, 3]
+            out = np.abs(stands[:, :3]) @ half + out
+            boxes[which] = self._bounds[row, block] = np.stack([centre - out, centre + out])
+        for key in list(self._bounds)[: -8 * max(KEPT, len(self._trees))]:
+            self._bounds.pop(key)
+        return boxes[:, 0], boxes[:, 1]
 
 
 def _engine_of(

@@ -143,9 +143,10 @@ class EchoTargets:
         found, far = [], 0
         for number, stand in enumerate(self.stands(sonar)):
             blocks = stand.population.blocks
-            drift, turn = self._astray(stand)
-            away = np.linalg.norm(stand.centre - point, axis=1) - stand.radius - drift
-            near = np.flatnonzero(~(away > sonar.max_range))
+            away = np.linalg.norm(stand.centre - point, axis=1) - stand.radius
+            # No tree goes farther off its rest than it is large.
+            drift, turn = self._astray(stand, ~(away > sonar.max_range + 2 * stand.radius))
+            near = np.flatnonzero(~(away - drift > sonar.max_range))
             far += (len(stand.instance) - len(near)) * len(stand.population)
             linear = stand.transform[near, :, :3]
             towards = blocks.centre @ linear.transpose(0, 2, 1)  # (I, B, 3)
@@ -246,12 +247,13 @@ class EchoTargets:
             self._moments[instance] = self._wind.moment(instance, self._time)
         return self._moments[instance]
 
-    def _astray(self, stand: _Stand) -> tuple[np.ndarray, np.ndarray]:
-        """(I,) metres and radians that nothing of instances is farther from, or more turned than, at rest."""
+    def _astray(self, stand: _Stand, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(I,) metres and radians that nothing of instances is farther from, or more turned than, at rest; 0
+        of those that are not near (I,), bool."""
         drift, turn = np.zeros(len(stand.instance)), np.zeros(len(stand.instance))
         if self._wind is not None:
             sways = self._wind.tree[self._known(stand.instance)] >= 0
-            for row in np.flatnonzero(sways).tolist():
+            for row in np.flatnonzero(sways & near).tolist():
                 moment = self._moment(int(stand.instance[row]))
                 drift[row], turn[row] = stand.stretch[row, 0] * moment.drift, moment.turn
         return drift, turn

@@ -60,9 +60,16 @@ class EchoWind:
     """Motion of what sounds in a scene.
 
     scene : at rest. sway : of its trees. start : s, when the trees' time begins for a ping of time 0.
+    like : of a scene of the same meshes and variants, whose pieces are shared.
     """
 
-    def __init__(self, scene: SceneGeometry, sway: SwayingLeaves, start: float = 0.0) -> None:
+    def __init__(
+        self,
+        scene: SceneGeometry,
+        sway: SwayingLeaves,
+        start: float = 0.0,
+        like: EchoWind | None = None,
+    ) -> None:
         self.scene, self.sway, self.start = scene, sway, start
         number = sway.number
         row = np.array([number.get(int(tree), -1) for tree in scene.tree], np.int64)
@@ -71,6 +78,8 @@ class EchoWind:
         self._pieces: dict[tuple[int, int, int], np.ndarray] = {}
         self._boxes: dict[tuple[int, int], np.ndarray] = {}
         self._arms: dict[tuple[int, int], float] = {}
+        if like is not None:
+            self._pieces, self._boxes, self._arms = like._pieces, like._boxes, like._arms
 
     def pieces(self, population: Population, instance: int) -> np.ndarray:
         """(R,) the piece that each row of a population is on, of the tree of an instance."""

@@ -103,16 +103,40 @@ class WindField:
 
         The wind at a time t is the real part of their sum with exp(2πi f t).
         """
+        waves = np.empty((len(points), len(self.frequency), 3), dtype=np.complex128)
+        for part in range(3):
+            cos, sin = self._turned(points, part)
+            waves[:, :, part].real, waves[:, :, part].imag = cos, sin
+        waves *= self.amplitude
+        waves *= self.strength(points[:, 2])[:, None, None]
+        return waves
+
+    def push(self, points: np.ndarray, lever: np.ndarray) -> np.ndarray:
+        """(K, M) complex amplitudes of the sum over points (N, 3) and components of ``waves`` times levers
+        (N, M, 3)."""
+        lever = lever * self.strength(points[:, 2])[:, None, None]
+        total = np.zeros((len(self.frequency), lever.shape[1]), dtype=np.complex128)
+        for part in range(3):
+            own = np.ascontiguousarray(lever[:, :, part])
+            cos, sin = self._turned(points, part)
+            total += ((cos.T @ own) + 1j * (sin.T @ own)) * self.amplitude[:, part, None]
+        return total
+
+    def _turned(self, points: np.ndarray, part: int) -> tuple[np.ndarray, np.ndarray]:
+        """(N, K) cosine and sine of the angle of the waves of a component at points (N, 3).
+
+        Whole turns are taken off in float64; what is left goes through float32: 1e-7 of an amplitude.
+        """
         x = points[:, :2] @ self.along
         y = points[:, :2] @ np.array([-self.along[1], self.along[0]])
-        travel = 2 * np.pi * self.frequency / (TRAVEL * self.speed)
-        angle = self.phase - (
-            (x[:, None] * travel)[:, :, None]
-            + y[:, None, None] * self.across
-            + points[:, 2][:, None, None] * self.upright
+        number = np.column_stack(
+            [self.frequency / (TRAVEL * self.speed), self.across[:, part] / (2 * np.pi)]
         )
-        own = self.amplitude * self.strength(points[:, 2])[:, None, None]
-        return np.asarray(own * np.exp(1j * angle))
+        number = np.column_stack([number, self.upright[:, part] / (2 * np.pi)])
+        turns = self.phase[:, part] / (2 * np.pi) - np.column_stack([x, y, points[:, 2]]) @ number.T
+        turns -= np.rint(turns)
+        angle = (2 * np.pi * turns).astype(np.float32)
+        return np.cos(angle).astype(np.float64), np.sin(angle).astype(np.float64)
 
     def at(self, points: np.ndarray, time: np.ndarray) -> np.ndarray:
         """(N, 3) wind at points (N, 3) and times (N,), m/s in the world's axes."""

@@ -91,8 +91,7 @@ def response_of(
     aside = force / np.maximum(wind, 1e-9)
     lever = np.stack([slope, aside, aside], axis=1)
     omega = 2 * np.pi * shape.modes.frequency / scale
-    waves, pushed = field.waves(world), push * lever[:, None]
-    drive = sum(pushed[:, :, c].T @ waves[:, :, c] for c in range(3))
+    drive = field.push(world, push * lever[:, None])
     aerodynamic = np.einsum("bmc,bnc,bc->mn", push, push, lever)
     diagonal = np.diagonal(aerodynamic)
     # Beyond the critical damping a mode creeps; the share that the others take from it stays.
@@ -104,7 +103,7 @@ def response_of(
     answer += np.eye(len(omega)) * (omega**2 - rate[:, None] ** 2)[:, :, None]
     return SwayResponse(
         mean=push[:, :, 0].T @ force / omega**2 / scale**1.5,
-        waves=np.linalg.solve(answer, drive.T[:, :, None])[:, :, 0].T / scale**1.5,
+        waves=np.linalg.solve(answer, drive[:, :, None])[:, :, 0].T / scale**1.5,
         rate=rate,
         frequency=omega / (2 * np.pi),
         damping=np.diagonal(damper) / (2 * omega),

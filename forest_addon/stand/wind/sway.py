@@ -35,10 +35,13 @@ LOWEST = 1.0  # metres of height for which wind is told
 class ForestSway:
     """Motion of the trees of a grown forest in the wind (a ``growth.sway.motion.Motion``).
 
-    field : the wind. Trees without a skeleton, and dead wood that lies or stands as a stump, do not move.
+    field : the wind. like : of a forest of the same variants, whose modes are shared. Trees without a
+    skeleton, and dead wood that lies or stands as a stump, do not move.
     """
 
-    def __init__(self, forest: GrownForest, wind: Wind, seed: int) -> None:
+    def __init__(
+        self, forest: GrownForest, wind: Wind, seed: int, like: ForestSway | None = None
+    ) -> None:
         self._forest = forest
         self._seed = seed
         heights = forest.heights()
@@ -50,6 +53,10 @@ class ForestSway:
         self._anchors: dict[tuple[int, int], Anchors] = {}
         self._responses: dict[int, SwayResponse | None] = {}
         self._rigs: dict[tuple[int, int], SwayRig | None] = {}
+        if like is not None and like._forest.variants is forest.variants:
+            self._shapes, self._anchors, self._rigs = like._shapes, like._anchors, like._rigs
+        self._knots, self._turned = np.empty(0), np.empty((0, 0))
+        self._moment: tuple[float, np.ndarray] = np.nan, np.empty(0)
 
     @property
     def number(self) -> dict[int, int]:
@@ -110,7 +117,11 @@ class ForestSway:
         """(K, M) amplitudes of a tree's modes at knots (K,), over the tree's size."""
         response = self.response(tree)
         assert response is not None
-        amplitude = response.exact(np.asarray(knot) / KNOTS)[0]
+        knot = np.asarray(knot)
+        if not np.array_equal(knot, self._knots):  # the same for all trees of a moment
+            self._knots = knot.copy()
+            self._turned = np.exp(1j * (knot / KNOTS)[:, None] * response.rate)
+        amplitude = response.mean + (self._turned @ response.waves.T).real
         return np.asarray(amplitude / float(self._forest.stand.scale[tree]))
 
     def rest(self, tree: int) -> TriMesh:
@@ -128,7 +139,11 @@ class ForestSway:
         assert rig is not None
         assert response is not None
         scale = float(self._forest.stand.scale[tree])
-        amplitude, rate = response.exact(np.array([time]))
+        if time != self._moment[0]:  # the same for all trees of a moment
+            self._moment = time, np.exp(1j * time * response.rate)
+        turned = self._moment[1] * response.waves
+        amplitude = (response.mean + turned.sum(axis=1).real)[None]
+        rate = -(turned * response.rate).sum(axis=1).imag[None]
         return rig.places(amplitude / scale)[0], rig.shifts(rate / scale)[0]
 
     def pieces_at(self, tree: int, points: np.ndarray, leaf: np.ndarray) -> np.ndarray:
@@ -153,17 +168,22 @@ class ForestSway:
         value, rate = self._turns(tree, seats, np.full(len(leaf), time))
         return shape.seats.foot[seats], value, rate
 
-    def most(self, tree: int, low: np.ndarray, high: np.ndarray) -> float:
+    def most(
+        self, tree: int, low: np.ndarray, high: np.ndarray, knot: np.ndarray | None = None
+    ) -> float:
         """Metres in the variant's size that no point of a tree's pieces, in boxes from (G, 3) to (G, 3), is
-        ever off its rest: all waves in phase."""
+        off its rest at knots (K,) and between them; left out: ever, all waves in phase."""
         rig, response = self.rig(tree), self.response(tree)
         assert rig is not None
         assert response is not None
         middle, half = (low + high) / 2, (high - low) / 2
         off = np.abs(np.einsum("gmij,gj->gmi", rig.maps[..., :3], middle) + rig.maps[..., 3])
         off += np.einsum("gmij,gj->gmi", np.abs(rig.maps[..., :3]), half)
-        amplitude = np.abs(response.mean) + np.abs(response.waves).sum(axis=1)
-        amplitude /= float(self._forest.stand.scale[tree])
+        if knot is None:
+            amplitude = np.abs(response.mean) + np.abs(response.waves).sum(axis=1)
+            amplitude /= float(self._forest.stand.scale[tree])
+        else:
+            amplitude = np.abs(self.amplitudes(tree, knot)).max(axis=0)
         return float(np.linalg.norm(np.einsum("m,gmi->gi", amplitude, off), axis=1).max())
 
     def anchors(self, tree: int) -> Anchors:
@@ -277,9 +297,11 @@ class ForestSway:
         return first_key(self._seed, "flutter")
 
 
-def sway_of(forest: GrownForest, wind: Wind, seed: int) -> ForestSway | None:
-    """The motion of a forest in a scene's wind; None without wind or trees."""
-    return ForestSway(forest, wind, seed) if wind.speed > 0 and len(forest.stand) else None
+def sway_of(
+    forest: GrownForest, wind: Wind, seed: int, like: ForestSway | None = None
+) -> ForestSway | None:
+    """The motion of a forest in a scene's wind; None without wind or trees. like : see ``ForestSway``."""
+    return ForestSway(forest, wind, seed, like) if wind.speed > 0 and len(forest.stand) else None
 
 
 def _shape(tree: Tree, species: Species) -> SwayShape | None:

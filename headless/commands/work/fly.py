@@ -78,7 +78,7 @@ def fly_scene(
     say(f"{whole.name}: {policy}, {episodes} flights at each speed and density")
     if whole.wind.speed > 0:
         blows = f"a wind of {whole.wind.speed:g} m/s at the tops"
-        say(f"  {blows} carries flyers, with its gusts; trees stand still for them")
+        say(f"  {blows} carries flyers, with its gusts; trees sway as they sense and touch them")
     for density in densities:
         stock.settings = thinned(whole, density)
         for speed in speeds or (whole.flight.speed,):

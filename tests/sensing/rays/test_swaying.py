@@ -36,7 +36,7 @@ class Lean:
         found[:, 1, 0, 2] = TURN * time  # leans, without turning: what is linear in time
         return found
 
-    def most(self, _tree, _low, _high):
+    def most(self, _tree, _low, _high, _knot=None):
         return 1e3
 
 

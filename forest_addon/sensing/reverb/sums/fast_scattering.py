@@ -184,9 +184,8 @@ def _by_panels(
         def spectrum(
             spacing: float, lowest: int, highest: int, some: TrunkPaths = some
         ) -> np.ndarray:
-            loss = loss_at(np.arange(highest + 1) * spacing)
             found, checks = panel_spectrum(
-                some, spacing, loss, speed, tolerance, gain, bark, lowest, heard
+                some, spacing, highest + 1, loss_at, speed, tolerance, gain, bark, lowest, heard
             )
             for check in checks:
                 octave = 20.0 * 2.0 ** math.floor(math.log2(check.frequency / 20.0))

@@ -15,7 +15,7 @@ heights of some trunks are compared with partial wave sums at frequencies betwee
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,7 +61,8 @@ class PanelCheck:
 def panel_spectrum(
     paths: TrunkPaths,
     spacing: float,
-    loss: np.ndarray,
+    count: int,
+    loss: Callable[[np.ndarray], np.ndarray],
     speed: float,
     tolerance: float,
     gain: PathGain | None = None,
@@ -69,13 +70,13 @@ def panel_spectrum(
     lowest: int = 1,
     heard: Audibility | None = None,
 ) -> tuple[np.ndarray, list[PanelCheck]]:
-    """(F,) spectrum at 0, 1, … F - 1 times ``spacing`` Hz, 0 below ``lowest``, and what checks found.
+    """(F,) spectrum at 0, 1, … ``count`` - 1 times ``spacing`` Hz, 0 below ``lowest``, and what checks found.
 
-    loss : (F,) absorption of the air at these frequencies, nepers per metre.
+    loss : what is lost at frequencies (F,) in Hz, nepers per metre; smooth, or panels become narrow.
     gain : of each path, by frequency and length; None: 1. bark : share that it absorbs head on.
     heard : panels in which nothing is heard of these paths are left out; None: all are summed.
     """
-    spectrum = np.zeros(len(loss), np.complex128)
+    spectrum = np.zeros(count, np.complex128)
     checks = []
     for rows in _of_like_radius(paths.radius):
         group = _Group(paths.select(rows), spacing, loss, speed, tolerance, gain, bark)
@@ -116,7 +117,7 @@ class _Group:
         self,
         paths: TrunkPaths,
         spacing: float,
-        loss: np.ndarray,
+        loss: Callable[[np.ndarray], np.ndarray],
         speed: float,
         tolerance: float,
         gain: PathGain | None,
@@ -220,11 +221,7 @@ class _Panel:
 
     def _loss(self, frequency: np.ndarray) -> np.ndarray:
         """Nepers per metre."""
-        group = self.group
-        found: np.ndarray = np.interp(
-            frequency / group.spacing, np.arange(len(group.loss)), group.loss
-        )
-        return found
+        return self.group.loss(frequency)
 
     def spectrum(self) -> np.ndarray:
         """(K,) of the bins."""

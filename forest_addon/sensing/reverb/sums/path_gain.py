@@ -88,12 +88,16 @@ class PathGain:
         found = np.zeros((len(length), len(frequency)), np.complex128)
         wavenumber = 2.0 * math.pi * frequency / self.losses.air.speed()
         for zone, rows in self.zones(length):
-            values = zone.values(frequency[None], zone.nodes[:, None])
-            part = zone.lagrange(length[rows]) @ values.astype(np.complex128)
+            values = zone.values(frequency[None], zone.nodes[:, None]).astype(np.complex128)
+            # real times complex, without making the polynomials complex
+            part = (zone.lagrange(length[rows]) @ values.view(np.float64)).view(np.complex128)
             if zone.high <= NEAR and zone.rise > 0:
                 detour = self.losses.detour(length[rows], zone.rise)
                 part *= np.exp(-np.outer(detour, self.losses.along(frequency) + 1j * wavenumber))
-            found[rows] += part
+            if len(rows) == len(length):
+                found += part
+            else:
+                found[rows] += part
         return found
 
     def _zone(self, number: int, rise: float) -> Zone:

@@ -1,0 +1,39 @@
+"""``python -m headless export``: a scene for other programs, as surveys of HELIOS++, OBJ parts and JSON."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ..command import SCENE_HELP, Command, name_of, scene_file
+
+
+class ExportCommand(Command):
+    name = "export"
+    help = "write a scene for HELIOS++ and other programs: OBJ parts, XML, JSON"
+    description = (
+        "Grow a scene and write it for other programs: each mesh once as OBJ, a scene of HELIOS++, a survey "
+        "for each scanner that it can tell, and scene.json with places, labels, sensors, ways and seeds."
+    )
+    epilog = """\
+examples:
+  python -m headless export hedge --out out/hedge-export
+  python -m headless lidar --survey out/hedge-export/data/surveys/hedge-tripod.xml
+
+What HELIOS++ cannot say is printed, and stands in scene.json."""
+
+    def arguments(self, parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("scene", type=scene_file, metavar="SCENE", help=SCENE_HELP)
+        parser.add_argument(
+            "--out", type=Path, metavar="FOLDER", help="default out/SCENE-export; made if missing"
+        )
+        parser.add_argument("--seed", type=int, help="another seed than the scene file's")
+        parser.add_argument("--quiet", action="store_true", help="say nothing but errors")
+
+    def output(self, chosen: argparse.Namespace) -> Path:
+        return chosen.out or Path("out") / f"{name_of(chosen.scene)}-export"
+
+    def run(self, chosen: argparse.Namespace) -> None:
+        from .work.export import export_scene
+
+        export_scene(chosen.scene, chosen.out, chosen.seed, quiet=chosen.quiet)

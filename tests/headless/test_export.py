@@ -1,0 +1,200 @@
+"""A scene written for other programs, read back as a survey of HELIOS++: the same pulses and points."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from references.rays_brute import BruteCaster
+from scipy.spatial.transform import Rotation
+
+from forest_addon.base.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD, TriMesh
+from forest_addon.formats.helios.survey import read_survey
+from forest_addon.sensing.lidar.scan import Scan, scan
+from forest_addon.sensing.lidar.scanner import pattern_of
+from forest_addon.sensing.lidar.surveys.export import write_survey
+from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
+from forest_addon.sensing.rays.geometry import SceneGeometry
+from forest_addon.spec import Airborne, Beam, Mobile, Noise, Sonar, Surfaces, Terrestrial
+from headless.commands.work.export import write_parts
+from headless.commands.work.survey import geometry_of, sensor_of_survey
+
+SURFACES = Surfaces(other=0.2, wood=0.35, leaf=0.55, ground=0.15)
+
+
+def some_scene():
+    """Two meshes of triangles of all parts, placed evenly, turned, sheared and mirrored, above a ground."""
+    rng = np.random.default_rng(4)
+    meshes = []
+    for _ in range(2):
+        corners = rng.normal(size=(90, 3)) + np.repeat(rng.normal(size=(30, 3)) * 3, 3, axis=0)
+        part = rng.choice([OTHER, WOOD, LEAF, DEAD], 30)
+        mesh = TriMesh.of_part(corners, np.arange(90).reshape(-1, 3), OTHER)
+        meshes.append(replace(mesh, part=part.astype(mesh.part.dtype)))
+    floor = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * 60.0
+    meshes.append(TriMesh.of_part(floor, np.array([[0, 1, 2], [0, 2, 3]]), GROUND))
+    turn = Rotation.from_euler("xyz", [0.3, -1.2, 2.5]).as_matrix()
+    linear = [
+        np.eye(3),
+        1.7 * turn,
+        turn @ np.diag([1, 1, -1]),
+        turn @ np.diag([1, 2, 1]),
+        np.eye(3),
+    ]
+    places = [(5, 0, 4), (-6, 3, 5), (0, -8, 4), (3, 9, 6), (0, 0, 0)]
+    index = np.array([0, 1, 0, 0, 2])
+    none = np.full(5, -1)
+    return SceneGeometry(
+        meshes=tuple(meshes),
+        transform=np.array([np.column_stack(pair) for pair in zip(linear, places, strict=True)]),
+        mesh_index=index,
+        object_name=tuple("abcde"),
+        tree=none,
+        species=none.copy(),
+        reflectance=np.array([np.nan, 0.9, np.nan, np.nan, np.nan]),
+    )
+
+
+def read_back(sensor, folder):
+    scene = some_scene()
+    _, unsaid = write_parts(scene, folder, "ex", SURFACES)
+    found = write_survey(sensor, folder, "ex", SURFACES)
+    return scene, read_survey(folder / found.survey), unsaid, found.unsaid
+
+
+def test_parts_and_materials(tmp_path):
+    sensor = Terrestrial(angle_step_deg=20, surfaces=SURFACES)
+    scene, survey, unsaid, _ = read_back(sensor, tmp_path)
+    assert unsaid == ["2 instances are sheared or mirrored: each has an OBJ file of its own"]
+    assert len(list((tmp_path / "data/sceneparts/ex").glob("*.obj"))) == 5
+    back = geometry_of(survey)
+    for row, part in enumerate(survey.parts):
+        mesh = scene.meshes[scene.mesh_index[row]]
+        world = mesh.vertices[mesh.triangles] @ scene.transform[row, :, :3].T
+        assert part.corners == pytest.approx(world + scene.transform[row, :, 3], abs=1e-12)
+        each = np.arange(len(mesh.triangles))
+        of_part = np.array([0.2, 0.35, 0.55, 0.15, 0.35])[mesh.part]
+        want = scene.reflectance_at(np.full(len(each), row), each, np.nan)
+        want = np.where(np.isnan(want), of_part, want)
+        assert back.reflectance_at(np.full(len(each), row), each, np.nan).tolist() == want.tolist()
+        assert (part.mesh.ground == (mesh.part == GROUND)).all()
+
+
+@pytest.mark.parametrize("azimuth", [(10.0, 200.0), (0.0, 360.0)])
+def test_a_tripod_sends_the_same_pulses_and_finds_the_same_points(tmp_path, azimuth):
+    sensor = Terrestrial(
+        position=(0.5, 0.3, 2.6),
+        azimuth_deg=azimuth,
+        elevation_deg=(-30.0, 60.0),
+        angle_step_deg=3.0,
+        line_step_deg=2.0,
+        max_range=70.0,
+        surfaces=SURFACES,
+        beam=Beam(max_returns=3),
+        noise=Noise(range_sd=0.01),
+    )
+    scene, survey, *_ = read_back(sensor, tmp_path)
+    assert survey.device.accuracy == 0.01
+    (leg,) = survey.legs
+    pattern, ours = SurveyLeg(survey, leg), pattern_of(sensor)
+    assert pattern.count == ours.count
+    every = np.arange(ours.count)
+    one, other = pattern.pulses(every), ours.pulses(every)
+    assert one.direction == pytest.approx(other.direction, abs=1e-9)
+    assert one.origin == pytest.approx(other.origin, abs=1e-12)
+    told = replace(sensor_of_survey(survey, leg, "leg"), noise=Noise())
+    read = Scan(told, BruteCaster(geometry_of(survey)), pattern=pattern).look(0, pattern.count)
+    here = scan(replace(sensor, noise=Noise()), BruteCaster(scene))
+    assert len(here) > 200
+    assert np.array_equal(read.pulse, here.pulse)
+    assert read.position == pytest.approx(here.position, abs=1e-6)
+    assert read.intensity == pytest.approx(here.intensity, rel=1e-6)
+    assert np.array_equal(read.returns.instance, here.returns.instance)
+
+
+def test_an_aircraft_sweeps_the_same_lines_over_the_same_way(tmp_path):
+    sensor = Airborne(
+        position=(3.0, -30.0, 60.0),
+        heading_deg=75.0,
+        track=40.0,
+        speed=20.0,
+        strips=2,
+        spacing=8.0,
+        field_deg=(-20.0, 35.0),
+        pulse_rate=4000.0,
+        line_rate=20.0,
+        mount_deg=(1.0, 2.0, 3.0),
+        max_range=200.0,
+        surfaces=SURFACES,
+    )
+    _, survey, *_ = read_back(sensor, tmp_path)
+    ours = pattern_of(sensor)
+    per_strip = ours.count // 2
+    for strip, leg in enumerate(leg for leg in survey.legs if leg.active):
+        pattern = SurveyLeg(survey, leg)
+        assert abs(pattern.count - per_strip) <= 41  # lines cut at the ends of the mirror
+        one = pattern.pulses(np.arange(pattern.count))
+        other = ours.pulses(strip * per_strip + np.arange(per_strip))
+        # A sweep of theirs starts in the middle of a line and may have a pulse more at its end.
+        line = other.direction[:200]
+        away = np.linalg.norm(one.direction[:600, None] - line[None], axis=2)
+        step = np.deg2rad(55.0) * 20.0 / 4000.0
+        assert away.min(axis=1).max() < 1.01 * step
+        assert np.mean(away.min(axis=1) < 1e-9) > 0.98
+        turns = np.diff(away.argmin(axis=1)) % 200  # the same way round, a pulse a pulse
+        assert np.mean(np.isin(turns, (0, 1, 2))) > 0.98
+        assert np.mean(turns == 1) > 0.9
+        sent = np.rint(one.time * 4000.0).astype(int)
+        place = other.origin[np.minimum(sent, per_strip - 1)]
+        assert np.abs(one.origin - place).max() < 20.0 / 4000.0 * 1.01
+
+
+def test_what_cannot_be_said_is_said_in_words(tmp_path):
+    plain = write_survey(Sonar(), tmp_path, "ex", SURFACES)
+    assert (plain.survey, plain.unsaid) == (None, ("HELIOS++ has no sonar",))
+    mobile = write_survey(Mobile(), tmp_path, "ex", SURFACES)
+    assert mobile.survey is None
+    assert "its way is in scene.json" in mobile.unsaid[0]
+    rich = Terrestrial(
+        angle_step_deg=20,
+        faintest=0.1,
+        bounces=True,
+        beam=Beam(subrays=10, divergence_mrad=(0.3, 0.5), exit_diameter=0.01, extinction=1e-4),
+        noise=Noise(range_ppm=5.0),
+    )
+    unsaid = " ".join(write_survey(rich, tmp_path, "ex", SURFACES).unsaid)
+    for word in (
+        "reflectances",
+        "round",
+        "exit",
+        "rings of 19",
+        "faintest",
+        "range_sd",
+        "air",
+        "bounces",
+    ):
+        assert word in unsaid
+
+
+@pytest.mark.slow
+def test_the_command_writes_what_it_says(tmp_path):
+    pytest.importorskip("bpy")
+    from headless.cli import main
+
+    scene = tmp_path / "one.toml"
+    scene.write_text(
+        'name = "one"\nseed = 7\n[forest]\nsize = [8, 8]\nundergrowth = "none"\n[[plantings]]\n'
+        'species = "hazelnut"\nvariants = 1\nexpected = 3\nexact = true\n[[sensors]]\n'
+        'kind = "terrestrial"\nname = "tripod"\nangle_step_deg = 4\n[[sensors]]\nkind = "airborne"\n'
+        'name = "plane"\nposition = [0, 0, 50]\ntrack = 10\nmax_range = 90\n'
+    )
+    out = tmp_path / "out"
+    main(["export", str(scene), "--out", str(out), "--quiet"])
+    said = json.loads((out / "scene.json").read_text())
+    assert (said["seed"], said["materials"]["2"]) == (7, "leaf")
+    trees = [part for part in said["parts"] if part["tree"] >= 0]
+    assert sorted(part["tree"] for part in trees) == [0, 1, 2]
+    assert len({part["file"] for part in trees}) == 1  # trees share a mesh
+    assert len(said["ways"]["plane"]["time_s"]) == 2
+    for found in said["surveys"]:
+        assert read_survey(out / found["survey"]).legs
