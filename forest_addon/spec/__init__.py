@@ -55,7 +55,7 @@ from .lidar import (
     Tractor,
 )
 from .looks import Bark, Look
-from .polished import POLISHED, Polished, property_of
+from .polished import POLISHED, USUAL_INDEX, Polished, property_of
 from .problem import did_you_mean, unknown
 from .reverb import Place, Reverb
 from .scene import SENSORS, Accuracy, Output, Rays, Scene, Tiles
@@ -82,6 +82,7 @@ __all__ = [
     "MAX_REACH",
     "POLISHED",
     "SENSORS",
+    "USUAL_INDEX",
     "Accuracy",
     "Air",
     "Airborne",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from .base import AUTO, Settings, param
 
 POLISHED = ("mirror", "glass", "water")  # numbered so where a scene is arrays
+USUAL_INDEX = {"mirror": 1.0, "glass": 1.5, "water": 1.33}  # refractive, where "auto"
 
 
 class Polished(Settings):

@@ -98,6 +98,23 @@ SNIPPETS = [page for page in PAGES if blocks(page, "python") and page.stem not i
 SNIPPETS = [page for page in SNIPPETS if page.parent.name != "guide"]
 
 
+BIG = """
+seed = 1
+
+[forest]
+size = [60, 60]
+
+[tiles]
+size = 30
+buffer = 10
+
+[[plantings]]
+species = "abop-monopodial-a"
+variants = 1
+expected = 12
+"""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("page", SNIPPETS, ids=lambda page: page.stem)
 def test_its_python_runs(page, tmp_path, monkeypatch):
@@ -125,6 +142,7 @@ def lay_out_few_trees(folder):
         place = folder / shipped.relative_to(ROOT)
         if not place.exists():
             place.symlink_to(shipped)
+    (folder / "big.toml").write_text(BIG, encoding="utf-8")
     for name in ("demo.toml", "flight-poisson.toml"):
         text = (scenes / name).read_text(encoding="utf-8")
         (scenes / name).unlink()

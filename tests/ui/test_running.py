@@ -1,6 +1,7 @@
 """When work may begin, where it goes on, and that nothing of it piles up."""
 
 import ast
+import importlib
 import inspect
 import textwrap
 from functools import partial
@@ -190,3 +191,19 @@ def test_operators_that_start_jobs_are_not_redone(registered):
     for cls in plain:
         options = getattr(cls, "bl_options", {"REGISTER"})  # Blender's own, where none are given
         assert cls.__name__ not in starting or "REGISTER" not in options, cls.__name__
+
+
+def test_an_import_that_another_thread_is_in_the_way_of_is_tried_again():
+    blocked = importlib._bootstrap._DeadlockError("two threads")
+    outcomes = [blocked, blocked, "imported"]
+
+    def import_rooms(_tell):
+        outcome = outcomes.pop(0)
+        if isinstance(outcome, Exception):
+            raise outcome
+        return outcome
+
+    assert running.getting_ready(import_rooms).run(None) == "imported"
+    outcomes[:] = [RuntimeError("another")]
+    with pytest.raises(RuntimeError, match="another"):
+        running.getting_ready(import_rooms).run(None)

@@ -12,13 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import bpy
 import numpy as np
 
 from ...base.trimesh import TriMesh
-from ...growth.sway.rig import SwayRig
 from ...sensing.rays.pieces import parted
 from ..scene.layout import TREES, find_part, objects_in, root
 from ..scene.meshes import to_mesh
@@ -43,6 +42,9 @@ from .wind_nodes import (
     moving_group,
     showing_group,
 )
+
+if TYPE_CHECKING:
+    from ...growth.sway.rig import SwayRig  # brings in scipy, and panels are drawn with this module
 
 HOME = "Wind"
 MOST = 1000  # trees

@@ -15,7 +15,6 @@ from ... import spec
 from ...blender.scene.layout import CLOUD_KEY
 from ...blender.scene.standings import IGNORED_KEY, REFLECTANCE_KEY, SOLID_TYPES
 from ...blender.sensors import objects as sensors
-from ...sensing.lidar.polish.bounces import INDEX
 from ...spec.choices import meaning_of, title_of
 
 KIND_KEY, INDEX_KEY, SHARE_KEY = (spec.property_of(name) for name in ("optics", "index", "mirror"))
@@ -72,7 +71,7 @@ def _set_kind(thing: Any, number: int) -> None:
 
 def _index(thing: Any) -> float:
     value = thing.get(INDEX_KEY)
-    usual = INDEX.get(KINDS[_kind(thing)], 1.0)
+    usual = spec.USUAL_INDEX.get(KINDS[_kind(thing)], 1.0)
     return value if isinstance(value, int | float) and value >= 1 else usual
 
 

@@ -7,6 +7,7 @@ work has finished by then it notes in ``kept`` of its job. From a script it runs
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import ClassVar
@@ -21,6 +22,7 @@ from .progress import how_far, show_job, show_no_job
 from .words import keep, say, title_of_operator
 
 TICK = 0.05  # s between two looks at a running job
+ATTEMPTS = 20  # at an import that another thread is in the way of
 PROBLEMS = (SpecError, ValueError, OSError, ImportError, MemoryError, ReferenceError)
 UNDO_KEYS = {"Z", "Y"}
 LINKED = keep("This scene is linked from another file and cannot be changed")
@@ -169,7 +171,19 @@ CLASSES = (FOREST_OT_cancel,)
 
 def getting_ready(import_rooms: Callable[[Progress], object]) -> Task:
     """The first piece of work: importing what it needs, scipy with it, takes a while the first time."""
-    return Task(say("getting ready"), import_rooms, whole=True)
+
+    def patiently(tell: Progress) -> object:
+        for _ in range(ATTEMPTS):
+            try:
+                return import_rooms(tell)
+            except RuntimeError as problem:
+                # two threads that import the same package each from another end: Python ends one of them
+                if type(problem).__name__ != "_DeadlockError":
+                    raise
+                time.sleep(TICK)
+        return import_rooms(tell)
+
+    return Task(say("getting ready"), patiently, whole=True)
 
 
 def obstacle(context: bpy.types.Context) -> str:

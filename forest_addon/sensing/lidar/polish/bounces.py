@@ -16,7 +16,7 @@ import numpy as np
 
 from ....base.rng import daughter_keys
 from ....base.rows import RowTable
-from ....spec import AUTO, POLISHED, Polished, Scanner, SpecError, Surfaces
+from ....spec import AUTO, POLISHED, USUAL_INDEX, Polished, Scanner, SpecError, Surfaces
 from ...rays.caster import Hits, RayCaster, hit_normals
 from ...rays.geometry import SceneGeometry
 from ..passage import FAINT, Contacts, SightLines, split
@@ -31,7 +31,6 @@ from .fresnel import (
 )
 
 MIRROR, GLASS, WATER = range(len(POLISHED))
-INDEX = {"mirror": 1.0, "glass": 1.5, "water": 1.33}  # where "auto"
 DIRECT, REFLECTED, THROUGH, REFRACTED = range(4)  # how light of a return went: ``Cloud.bounce``
 
 
@@ -66,7 +65,7 @@ class PolishedScene:
     def at(self, hits: Hits) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Of what was hit (R,): kind, NaN where it is not polished; index, share of a mirror, extinction."""
         kind, index, share, extinction = self.scene.optics_at(hits.instance, hits.triangle).T
-        own = np.array([INDEX[name] for name in POLISHED])
+        own = np.array([USUAL_INDEX[name] for name in POLISHED])
         usual = np.append(own, 1.0)[np.where(np.isnan(kind), -1, kind).astype(int)]
         return (
             kind,
