@@ -18,6 +18,9 @@ from .members import Members, frustum
 from .wood import TORSION, GreenWood
 
 GRAVITY = 9.81
+# Of the frequency without weight, what a tree keeps at least: it is 1.4 times lower than the height at which
+# it buckles. Our judgement: measured safety factors of slender forest trees lie there and above.
+STEADY = 0.8
 POINT, WEIGHT = np.polynomial.legendre.leggauss(5)
 
 
@@ -41,18 +44,45 @@ def modes_of(
     load : (N, 6, 6) mass that nodes carry besides, as of ``point_masses``. count : how many modes.
     gravity : m/s². A tree that its own weight would buckle is taken as if it had none.
     """
+    found = _solved(members, wood, load, count, gravity)
+    return found or modes_of(members, wood, load, count, 0.0)
+
+
+def _solved(
+    members: Members, wood: GreenWood, load: np.ndarray, count: int, gravity: float
+) -> Modes | None:
+    """The first modes; None of a tree that its weight buckles."""
     stiff, mass = matrices(members, wood, load, gravity)
     free = stiff.shape[0] - 6
     count = min(count, free - 2)
     begin = np.ones(free)  # a fixed start: the same modes to the bit every time
     square, shape = eigsh(stiff[6:, 6:], count, M=mass[6:, 6:], sigma=0.0, which="LM", v0=begin)
     if gravity and square.min() <= 0:
-        return modes_of(members, wood, load, count, 0.0)
+        return None
     order = np.argsort(square)
     square, shape = np.maximum(square[order], 1e-12), shape[:, order]
     turn = np.where(shape[np.argmax(np.abs(shape), axis=0), np.arange(count)] < 0, -1.0, 1.0)
     full = np.concatenate([np.zeros((6, count)), shape * turn])
     return Modes(np.sqrt(square) / (2 * np.pi), full.reshape(-1, 6, count).transpose(0, 2, 1))
+
+
+def standing_modes(members: Members, wood: GreenWood, load: np.ndarray, count: int) -> Modes:
+    """Find the first modes of a tree that stands.
+
+    A slender tree of mean wood may be near the height at which its weight buckles it, or above, and would
+    sway without bound there. What stands has stiffer wood or a lighter crown: where its weight takes more than
+    1 - ``STEADY``² of the lowest stiffness, gravity is taken as so much less that this is what it takes.
+    """
+    light = modes_of(members, wood, load, 1, 0.0).frequency[0]
+    gravity = GRAVITY
+    while True:
+        found = _solved(members, wood, load, count, gravity)
+        if found is None:
+            gravity *= 0.5
+        elif found.frequency[0] >= 0.999 * STEADY * light:
+            return found
+        else:  # stiffness falls ever faster with weight: less is taken at this gravity than in proportion
+            gravity *= (1 - STEADY**2) / (1 - (found.frequency[0] / light) ** 2)
 
 
 def matrices(

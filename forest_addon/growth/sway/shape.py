@@ -13,7 +13,7 @@ import numpy as np
 from ...base.trimesh import TriMesh
 from ..mesh.leaves import Leaves
 from ..skeleton import Skeleton
-from .beams import Modes, modes_of, point_masses
+from .beams import Modes, point_masses, standing_modes
 from .members import Members, frustum, members_of
 from .motion import Anchors
 from .wood import GreenWood
@@ -137,7 +137,7 @@ def shape_with(
     return SwayShape(
         skeleton=skeleton,
         members=members,
-        modes=modes_of(members, wood, load, modes),
+        modes=standing_modes(members, wood, load, modes),
         seats=seats or LeafSeats.none(),
         leafy=np.bincount(own, SHARE_OF_CIRCLE * wood.one_sided * leaf_area, minlength=count),
         woody=np.bincount(own, length * skeleton.radius.sum(axis=1), minlength=count),

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from scipy.special import iv, jv, kv, yv
 
 from forest_addon.growth.skeleton import Skeleton
-from forest_addon.growth.sway.beams import modes_of, point_masses
+from forest_addon.growth.sway.beams import STEADY, modes_of, point_masses, standing_modes
 from forest_addon.growth.sway.members import members_of
 from forest_addon.growth.sway.shape import shape_with
 from forest_addon.growth.sway.wood import GreenWood, wood_of_genus
@@ -79,6 +79,20 @@ def test_a_column_near_the_height_at_which_it_buckles_hardly_sways():
         column = rod(0.05, 0.05, share * critical)
         heavy, light = (with_tip_mass(column, 0.0, g)[0] for g in (9.81, 0.0))
         assert heavy / light == pytest.approx(ratio, abs=0.01)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.9, 0.99, 1.2, 3.0])
+def test_what_stands_keeps_most_of_its_frequency_whatever_it_weighs(share):
+    critical = (7.837 * WOOD.modulus * 0.05**2 / 4 / WOOD.density / 9.81) ** (1 / 3)
+    members = members_of(rod(0.05, 0.05, share * critical))
+    load = np.zeros((len(members) + 1, 6, 6))
+    stands = standing_modes(members, WOOD, load, 4).frequency[0]
+    light, heavy = (modes_of(members, WOOD, load, 4, g).frequency[0] for g in (0.0, 9.81))
+    assert 0.999 * STEADY * light <= stands < light
+    if share < 0.7:
+        assert stands == heavy
+    if share > 0.8:
+        assert stands < 0.9 * light
 
 
 def test_bark_weighs_and_does_not_stiffen():
