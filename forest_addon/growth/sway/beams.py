@@ -70,8 +70,8 @@ def standing_modes(members: Members, wood: GreenWood, load: np.ndarray, count: i
     """Find the first modes of a tree that stands.
 
     A slender tree of mean wood may be near the height at which its weight buckles it, or above, and would
-    sway without bound there. What stands has stiffer wood or a lighter crown: where its weight takes more than
-    1 - ``STEADY``² of the lowest stiffness, gravity is taken as so much less that this is what it takes.
+    sway without bound there. What stands has stiffer wood or a lighter crown: where its weight takes more
+    than 1 - ``STEADY``² of the lowest stiffness, gravity is taken as so much less that this is what it takes.
     """
     light = modes_of(members, wood, load, 1, 0.0).frequency[0]
     gravity = GRAVITY

@@ -187,7 +187,7 @@ class FOREST_OT_adopt_trees(bpy.types.Operator):
 
     bl_idname = "forest.adopt_trees"
     bl_label = "Plant Copies"
-    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+    bl_options: ClassVar[set[str]] = {"UNDO"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
