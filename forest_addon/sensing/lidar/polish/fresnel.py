@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 # Of pure water at 25 °C: wavelength, nm, and the imaginary part k of its refractive index (Hale & Querry
-# 1973, Appl. Opt. 12, 555, table 1).
+# 1973, Appl. Opt. 12, 555, table 1; at 1064, 1450 and 1550 nm, which lie between its rows and where lasers are,
+# Kou, Labrie & Chýlek 1993, Appl. Opt. 32, 3531: 14, 3,000 and 1,090 per metre).
 WATER_K = np.array(
     [
         [400, 1.86e-9],
@@ -23,10 +24,14 @@ WATER_K = np.array(
         [800, 1.25e-7],
         [850, 2.93e-7],
         [900, 4.86e-7],
+        [925, 1.06e-6],
         [950, 2.93e-6],
         [1000, 2.89e-6],
+        [1064, 1.22e-6],
         [1200, 9.89e-6],
         [1400, 1.38e-4],
+        [1450, 3.46e-4],
+        [1550, 1.34e-4],
         [1600, 8.55e-5],
         [1800, 1.15e-4],
         [2000, 1.10e-3],
