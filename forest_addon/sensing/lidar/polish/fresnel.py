@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 # Of pure water at 25 °C: wavelength, nm, and the imaginary part k of its refractive index (Hale & Querry
-# 1973, Appl. Opt. 12, 555, table 1; at 1064, 1450 and 1550 nm, which lie between its rows and where lasers are,
-# Kou, Labrie & Chýlek 1993, Appl. Opt. 32, 3531: 14, 3,000 and 1,090 per metre).
+# 1973, Appl. Opt. 12, 555, table 1; at 1064, 1450 and 1550 nm, between its rows, where lasers are, Kou, Labrie &
+# Chýlek 1993, Appl. Opt. 32, 3531: 14, 3,000 and 1,090 per metre).
 WATER_K = np.array(
     [
         [400, 1.86e-9],
