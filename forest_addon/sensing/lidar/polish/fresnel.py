@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 # Of pure water at 25 °C: wavelength, nm, and the imaginary part k of its refractive index (Hale & Querry
-# 1973, Appl. Opt. 12, 555, table 1; at 1064, 1450 and 1550 nm, between its rows, where lasers are, Kou, Labrie &
+# 1973, Appl. Opt. 12, 555, table 1; at 1064, 1450 and 1550 nm, between its rows, Kou, Labrie &
 # Chýlek 1993, Appl. Opt. 32, 3531: 14, 3,000 and 1,090 per metre).
 WATER_K = np.array(
     [
