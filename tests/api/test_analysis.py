@@ -177,8 +177,9 @@ def named_types(thing):
                     yield kind.__name__
 
 
-# What Site, Echo, Tree and its mesh keep for our own code; so does World with its Observer.
+# What Site, Echo, Tree, its mesh and Tiling keep for our own code; so does World with its Observer.
 INNER = {"Inputs", "ForestPlan", "SearchGroup", "Relief", "Wanted", "Edges"}
+INNER |= {"TileGrid", "TiledForest", "SceneGeometry"}
 
 
 def test_every_type_is_exported_and_worlds_stay(world):

@@ -16,7 +16,7 @@ SCAN = forest.Terrestrial(
     max_range=60.0,
 )
 STAND = forest.Scene(
-    seed=4,
+    seed=6,  # no pine so slender that it bends by metres
     forest=forest.Forest(size=(16.0, 16.0)),
     plantings=(
         forest.Planting(species="scots-pine", expected=4.0, variants=1),

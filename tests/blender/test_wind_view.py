@@ -13,7 +13,7 @@ from forest_addon.stand.wind.response import KNOTS
 from forest_addon.stand.wind.sway import sway_of
 
 STAND = forest.Scene(
-    seed=4,
+    seed=6,
     forest=forest.Forest(size=(16.0, 16.0)),
     plantings=(
         forest.Planting(species="scots-pine", expected=3.0, variants=1, scale=(0.8, 1.2)),

@@ -108,9 +108,10 @@ class Density:
     def _within(self, start: np.ndarray, way: np.ndarray) -> np.ndarray:
         """(N,) share of straight ways (N, 2) that lies within the outer edges of all cells."""
         enter, leave = np.zeros(len(start)), np.ones(len(start))
+        corner, cell = np.broadcast_to(self.corner, 2), np.broadcast_to(self.cell, 2)
         for axis in range(2):  # column by column: rows of two are slow to reduce
-            low = self.corner[axis] - start[:, axis]
-            high = low + self.cell[axis] * self.cells.shape[axis]
+            low = corner[axis] - start[:, axis]
+            high = low + cell[axis] * self.cells.shape[axis]
             safe = np.where(way[:, axis] == 0, 1e-300, way[:, axis])
             first, second = low / safe, high / safe
             enter = np.maximum(enter, np.minimum(first, second))
