@@ -254,6 +254,7 @@ def _look(run: TiledRun, sensor: Any) -> None:
 
 def _finish(run: TiledRun, sensor: Any, files: Sequence[str], facts: dict[str, Any]) -> None:
     said = {"settings": run.digest(sensor), "files": list(files), "facts": facts}
+    run.folder.mkdir(exist_ok=True)  # a scan that is joined takes its empty folder away
     with replacing(run.note(sensor.name)) as partial:
         partial.write_text(json.dumps(said, default=str) + "\n", encoding="utf-8")
 

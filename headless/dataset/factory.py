@@ -49,8 +49,6 @@ def make_dataset(plan: Plan, out: Path, asked: Asked) -> None:
     IncompleteError : scenes were set aside; all others are there.
     """
     wanted = recipes(plan)
-    if any(recipe.scene.get("tiles") for recipe in wanted):
-        raise SpecError("scene.tiles", "are for one large field (headless run); take them away")
     try:
         with only_one(out):
             _make(plan, wanted, out.resolve(), asked)

@@ -227,6 +227,8 @@ def recipes(plan: Plan, numbers: Sequence[int] | None = None) -> list[Recipe]:
         base = _base_of(plan, number)
         try:
             found.append(_recipe(plan, number, base, drawn[number]))
+            if found[-1].scene.get("tiles"):
+                raise SpecError("tiles", "are for one large field (headless run); take them away")
         except SpecError as problem:
             raise SpecError(
                 str(plan.path), f"scene {number:06d}: {problem.key}: {problem.problem}"

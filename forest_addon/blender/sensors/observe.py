@@ -225,7 +225,7 @@ class Observer:
         )
 
     def _in_the_wind(self, sensor: Sensor) -> list[str]:
-        """Say what stands still although the wind blows."""
+        """Say what stands still although the wind blows, and what leans too far."""
         if self._sway is None:
             return []
         if not kind_of(sensor).sways:
@@ -233,9 +233,15 @@ class Observer:
         number = self._sway.number
         trees = np.unique(self.geometry.tree[self.geometry.tree >= 0]).tolist()
         still = sum(1 for tree in trees if tree not in number)
-        return [f"{sensor.name}: {still:,} trees of libraries stand still in the wind"] * (
+        said = [f"{sensor.name}: {still:,} trees of libraries stand still in the wind"] * (
             still > 0
         )
+        if leaning := self._sway.leaning():
+            said.append(
+                f"{sensor.name}: {leaning:,} trees lean by more than a fifth of their height, farther "
+                "than small motions, as which their sway is computed; give less wind, or stouter trees"
+            )
+        return said
 
     def empty(
         self, sensor: Sensor, settings: Scene, found: Any, folder: Path = Path(), way: Any = None

@@ -30,6 +30,7 @@ SIGMAS = (
     6.0  # of a mode beyond its mean, that it exceeds less than once in a hundred million moments
 )
 LOWEST = 1.0  # metres of height for which wind is told
+LEAN = 0.2  # of a tree's height: a top that is farther off no longer moves by small motions
 
 
 class ForestSway:
@@ -211,6 +212,16 @@ class ForestSway:
         """(N,) metres that points of trees stay within, of six standard deviations of every mode."""
         known = {int(t): self._reach(int(t)) for t in np.unique(tree)}
         return np.array([known[int(t)] for t in tree])
+
+    def leaning(self) -> int:
+        """Count the trees asked until now whose tops lean by more than ``LEAN`` of their height."""
+        heights, found = self._forest.heights(), 0
+        for tree, response in self._responses.items():
+            shape = self.shape(tree)
+            if shape is not None and response is not None:
+                off = np.einsum("nmi,m->ni", shape.modes.shape[:, :, :3], response.mean)
+                found += float(np.linalg.norm(off, axis=1).max()) > LEAN * heights[tree]
+        return found
 
     def _key(self, tree: int) -> tuple[int, int]:
         stand = self._forest.stand

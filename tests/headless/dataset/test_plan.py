@@ -92,6 +92,13 @@ def test_mistakes_are_named_with_file_key_and_what_is_allowed(said, words):
         assert word in str(problem.value)
 
 
+def test_tiles_of_one_large_field_are_refused(tmp_path):
+    plan = tmp_path / "plan.toml"
+    plan.write_text(MIX.replace("[scene]\n", "[scene]\n[scene.tiles]\nsize = 50\n"))
+    with pytest.raises(SpecError, match=r"scene 000000: tiles: are for one large field"):
+        recipes(read_plan(plan))
+
+
 def test_a_recipe_changes_with_what_decides_the_bytes_and_with_nothing_else(tmp_path):
     digests = [r.digest for r in recipes(read_plan(SMALL))]
     assert len(set(digests)) == 4
