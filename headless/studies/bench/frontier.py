@@ -111,7 +111,9 @@ def _lidar() -> list[Mark]:
     for subrays in SUBRAYS:
         error = float(np.nanmedian(np.abs(first(subrays) - true))) / middle
         seconds = median_seconds(lambda n=subrays: first(n), runs=1) * PULSES / len(true)
-        marks.append(Mark(f"ours, {subrays} ray{'s' * (subrays > 1)} a pulse", seconds, error, ours=True))
+        marks.append(
+            Mark(f"ours, {subrays} ray{'s' * (subrays > 1)} a pulse", seconds, error, ours=True)
+        )
     return [
         *marks,
         Mark("HELIOS++, 1 ray", PULSES / 60e3, STEP / 4 / middle),
