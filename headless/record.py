@@ -38,6 +38,25 @@ def facts_of(world: World) -> dict[str, Any]:
     return facts | ({"chosen": [c.record() for c in world.chosen]} if world.chosen else {})
 
 
+def made_with(settings: Scene) -> dict[str, Any]:
+    """Versions, machine, seed and settings that a run's results come from."""
+    import scipy
+
+    return {
+        "versions": {
+            "forest_sensing": version(),
+            "blender": bpy.app.version_string,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "scipy": scipy.__version__,
+        },
+        "platform": platform.platform(),
+        "cores": os.cpu_count(),
+        "seed": settings.seed,
+        "settings": dataclasses.asdict(settings),
+    }
+
+
 def write_record(
     path: Path,
     settings: Scene,
@@ -55,20 +74,8 @@ def write_record(
     targets : what was reached of them, by planting.
     results : of sensors, by their names. seconds : of stages.
     """
-    import scipy
-
     record = {
-        "versions": {
-            "forest_sensing": version(),
-            "blender": bpy.app.version_string,
-            "python": platform.python_version(),
-            "numpy": np.__version__,
-            "scipy": scipy.__version__,
-        },
-        "platform": platform.platform(),
-        "cores": os.cpu_count(),
-        "seed": settings.seed,
-        "settings": dataclasses.asdict(settings),
+        **made_with(settings),
         **facts,
         "stage_seconds": seconds,
         "peak_memory_mb": peak_memory_mb(),

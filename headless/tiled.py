@@ -12,8 +12,6 @@ import csv
 import dataclasses
 import hashlib
 import json
-import os
-import platform
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -21,12 +19,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import bpy
-import numpy as np
-
 from forest_addon.api import TiledScan, Tiling, World
 from forest_addon.api.results import is_scanner
-from forest_addon.base.places import version
 from forest_addon.blender.files.opening import empty_file
 from forest_addon.blender.read.kept import forget
 from forest_addon.formats.atomic import remove_abandoned, replacing
@@ -38,6 +32,7 @@ from forest_addon.stand.forest import angle_table, tree_table
 
 from .memory import peak_memory_mb
 from .progress import Stages, hushed
+from .record import made_with
 
 FOLDER = "tiles"
 BLOCK = 250_000  # trees of trees.csv at a time
@@ -294,16 +289,7 @@ def _write_record(run: TiledRun, sensors: Sequence[Any]) -> None:
         run.files += said["files"] if said else []
     run.files.append("run.json")
     record = {
-        "versions": {
-            "forest_sensing": version(),
-            "blender": bpy.app.version_string,
-            "python": platform.python_version(),
-            "numpy": np.__version__,
-        },
-        "platform": platform.platform(),
-        "cores": os.cpu_count(),
-        "seed": run.tiling.scene.seed,
-        "settings": dataclasses.asdict(run.tiling.scene),
+        **made_with(run.tiling.scene),
         **run.facts,
         "sensors": {name: said["facts"] for name, said in notes.items() if said},
         "stage_seconds": run.stages.seconds,

@@ -1,4 +1,4 @@
-"""What pages print can be used: commands, tables of scenes and species, Python; links lead somewhere.
+"""Pages print what can be used: commands, tables of scenes and species, Python; links lead somewhere.
 
 The tutorials are played in test_guides.py, the examples of docs/dataset.md in
 headless/dataset/test_convert.py.
