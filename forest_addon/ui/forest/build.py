@@ -20,6 +20,7 @@ from ...blender.jobs import Task, Work
 from ...blender.sensors.objects import sensors_of
 from ...spec import Scene
 from ..settings.exchange import forestless, to_spec
+from ..shell import pace
 from ..shell.running import InOwnScene, Working, getting_ready
 from ..shell.views import look_at, views
 from ..shell.words import say
@@ -81,7 +82,7 @@ class FOREST_OT_build(Working, bpy.types.Operator):
             points = True  # a view can show stand-ins then
             grown = replace(site.scene.forest, instancing="points")
             site = replace(site, scene=replace(site.scene, forest=grown))
-        make = partial(make_ready, forest, known, points)
+        make = partial(make_ready, forest, known, points, drawable=pace.drawable())
         ready = yield Task(say("measuring trees, drawing their pictures"), make)
         if demo:  # only now: whoever cancels has the scene of before
             take_scene(scene, settings, folder, keep_sensors=True)

@@ -7,20 +7,21 @@ from typing import Any
 import bpy
 
 from ...blender.scene.layout import POINTS_ROLE, TREES, find_part
-from ...blender.scene.nodes import instancer_of, show_as, shown_of
+from ...blender.scene.nodes import LEVEL_KEY, instancer_of, show_as, shown_of
 from ...blender.scene.ours import ROLE_KEY
+from ...growth.mesh.stand_in import LEVELS
 from ..shell.views import views
-from ..shell.words import keep, label_kept
+from ..shell.words import keep, label
 
 SHOWN = ("FULL", "LIGHT", "DOTS")
 ITEMS = (
     ("FULL", "Full", "Views draw every triangle of every tree", 0),
-    ("LIGHT", "Light", "Views draw a stand-in of at most 500 triangles a tree", 1),
+    ("LIGHT", "Light", "Views draw stand-ins: the more trees, the fewer triangles each, 500 to 30", 1),
     ("DOTS", "Points", "Views draw a dot where each tree stands", 2),
 )
 SAYS = {
-    "LIGHT": keep("Stand-ins; sensors see full trees"),
-    "DOTS": keep("Dots; sensors see full trees"),
+    "LIGHT": keep("Stand-ins of {count} triangles at most"),
+    "DOTS": keep("A dot for each tree"),
 }
 
 
@@ -49,8 +50,12 @@ def set_display(props: Any, number: int) -> None:
 
 def draw_display(layout: bpy.types.UILayout, props: Any) -> None:
     """The switch, and what views show where that is less than the forest."""
-    if forest_of_points(props.id_data) is None:
+    modifier = forest_of_points(props.id_data)
+    if modifier is None:
         return
     layout.row(align=True).prop(props, "display", expand=True)
     if props.display in SAYS:
-        layout.label(text=label_kept(SAYS[props.display]), icon="INFO")
+        count = modifier.id_data.get(LEVEL_KEY, LEVELS[0].most)
+        said = layout.column(align=True)
+        said.label(text=label(SAYS[props.display].pattern, count=count), icon="INFO")
+        said.label(text="Sensors and renders see full trees", icon="BLANK1")
