@@ -25,6 +25,7 @@ from .stand.forest import ForestPlan, Grown, GrownForest, Planted
 from .stand.inputs import Inputs
 from .stand.intensity.rough import roughened
 from .stand.intensity.terrain import GroundSurface
+from .stand.kept_trees import KeptTrees
 from .stand.plan import Stand, plan_stand
 from .stand.undergrowth import with_undergrowth
 
@@ -103,18 +104,24 @@ class ForestSite:
         scene = self.scene
         return plan_stand(scene.seed, scene.forest, scene.plantings, self.inputs)
 
-    def grow(self, progress: Progress | None = None, grown: Grown | None = None) -> GrownForest:
+    def grow(
+        self,
+        progress: Progress | None = None,
+        grown: Grown | None = None,
+        kept: KeptTrees | None = None,
+    ) -> GrownForest:
         """Plan the stand and grow its trees, as far as the scene's sensors need them.
 
         progress : called as progress(done, total). grown : gives the tree of a planting and variant, by
-        numbers, of a species, in place of growing it; of trees without targets of their own.
+        numbers, of a species, in place of growing it; of trees without targets of their own. kept : trees
+        that grew before, which are taken where they are the same.
 
         Raises
         ------
         ValueError : an intensity or a list that cannot be used.
         SpecError : targets that contradict each other.
         """
-        return grow_needed(self.scene, self.species, progress, self.inputs, grown)
+        return grow_needed(self.scene, self.species, progress, self.inputs, grown, kept)
 
     def planned(self) -> ForestPlan:
         """The stand with variants and targets of its trees; grows single trees in full."""

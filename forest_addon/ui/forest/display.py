@@ -16,7 +16,12 @@ from ..shell.words import keep, label
 SHOWN = ("FULL", "LIGHT", "DOTS")
 ITEMS = (
     ("FULL", "Full", "Views draw every triangle of every tree", 0),
-    ("LIGHT", "Light", "Views draw stand-ins: the more trees, the fewer triangles each, 500 to 30", 1),
+    (
+        "LIGHT",
+        "Light",
+        "Views draw stand-ins: the more trees, the fewer triangles each, 500 to 30",
+        1,
+    ),
     ("DOTS", "Points", "Views draw a dot where each tree stands", 2),
 )
 SAYS = {

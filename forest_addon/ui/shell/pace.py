@@ -12,7 +12,15 @@ from typing import Any
 import bpy
 import gpu
 
-BY_PROCESSOR = ("llvmpipe", "softpipe", "swrast", "swiftshader", "software", "lavapipe", "gdi generic")
+BY_PROCESSOR = (
+    "llvmpipe",
+    "softpipe",
+    "swrast",
+    "swiftshader",
+    "software",
+    "lavapipe",
+    "gdi generic",
+)
 LITTLE = 125_000  # triangles that a processor draws in about a twentieth of a second
 SLOW = 0.2  # s that a view takes to draw; faster ones are left alone
 LATELY = 1.5  # times as long ago as drawing took: then it is still being smoothed
@@ -23,7 +31,7 @@ _usual = ""  # the smoothing of before; empty: it is not ours
 
 
 def drawable() -> int:
-    """Return how many triangles the stand-ins of a forest may have together: fewer without a graphics card."""
+    """Return how many triangles all stand-ins of a forest may have: fewer without a graphics card."""
     from ...blender.scene.ready import DRAWABLE
 
     if bpy.app.background:

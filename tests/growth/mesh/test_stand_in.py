@@ -62,7 +62,7 @@ def looks_like(tree, level, slack):
     middle, half = leaves[:, 1:].mean(axis=0), 1.2 * leaves[:, 1:].std(axis=0)
     rng = np.random.default_rng(1)
     true, shown = (sky(m, top, rng, middle - half, middle + half) for m in (mesh, rough))
-    assert abs(true - shown) < 0.22  # sky through the crown, of 1
+    assert abs(true - shown) < (0.22 if level is LEVELS[0] else 0.3)  # sky through the crown, of 1
 
 
 def test_many_trees_have_coarser_stand_ins():
