@@ -20,12 +20,12 @@ from .growth.tree import Tree
 from .sensing.detail import grow_needed
 from .sensing.kinds import kind_of
 from .spec import AUTO, Scene
+from .stand.before_fall import TreesBeforeFall
 from .stand.files import read_inputs
 from .stand.forest import ForestPlan, Grown, GrownForest, Planted
 from .stand.inputs import Inputs
 from .stand.intensity.rough import roughened
 from .stand.intensity.terrain import GroundSurface
-from .stand.kept_trees import KeptTrees
 from .stand.plan import Stand, plan_stand
 from .stand.undergrowth import with_undergrowth
 
@@ -108,7 +108,7 @@ class ForestSite:
         self,
         progress: Progress | None = None,
         grown: Grown | None = None,
-        kept: KeptTrees | None = None,
+        kept: TreesBeforeFall | None = None,
     ) -> GrownForest:
         """Plan the stand and grow its trees, as far as the scene's sensors need them.
 

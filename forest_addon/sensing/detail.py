@@ -29,9 +29,9 @@ from ..base.progress import Progress
 from ..base.rng import stream
 from ..growth.tree import Tree, leaves_left, with_tolerance, without_leaves
 from ..spec import Choice, Scene, Species
+from ..stand.before_fall import TreesBeforeFall
 from ..stand.forest import ForestPlan, Grown, GrownForest, Planted, keys_of
 from ..stand.inputs import Inputs
-from ..stand.kept_trees import KeptTrees
 from .far_leaves import range_shift
 from .kinds import kind_of
 from .looks import Leafy, SensorLook, Upright
@@ -52,7 +52,7 @@ def grow_needed(
     progress: Progress | None = None,
     inputs: Inputs | None = None,
     grown: Grown | None = None,
-    kept: KeptTrees | None = None,
+    kept: TreesBeforeFall | None = None,
 ) -> GrownForest:
     """Grow a forest with no more than the scene's sensors need, where that is left to them; its ``chosen``
     and ``detail`` say what that is.

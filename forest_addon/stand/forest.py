@@ -19,9 +19,9 @@ from ..growth.seasons import aged, fallen, in_season, with_fallen
 from ..growth.tree import Tree, grow
 from ..growth.truth import crown_base, crown_width, leaf_angles, wood_of_tree
 from ..spec import Allometry, Choice, Scene, Species
+from .before_fall import TreesBeforeFall, key_of
 from .inputs import Inputs
 from .intensity.terrain import sink
-from .kept_trees import KeptTrees, key_of
 from .measured import MeasuredTrees, dbh_at, scales_for, with_targets
 from .plan import Stand, labels, plan_stand
 from .targets import TargetsMet, found_in, in_band, not_met, targets_met
@@ -96,7 +96,7 @@ class ForestPlan:
     inputs: Inputs
     measured: MeasuredTrees
     grown: Grown | None = None
-    kept: KeptTrees | None = None
+    kept: TreesBeforeFall | None = None
 
     @classmethod
     def of(
@@ -105,7 +105,7 @@ class ForestPlan:
         species: Sequence[Planted],
         inputs: Inputs | None = None,
         grown: Grown | None = None,
-        kept: KeptTrees | None = None,
+        kept: TreesBeforeFall | None = None,
     ) -> ForestPlan:
         """Plan the stand of a scene.
 

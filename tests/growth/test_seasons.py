@@ -15,8 +15,8 @@ from forest_addon.growth.truth import wood_of_tree
 from forest_addon.site import ForestSite
 from forest_addon.spec import Forest, Planting, Scene
 from forest_addon.stand import forest as room
+from forest_addon.stand.before_fall import TreesBeforeFall
 from forest_addon.stand.forest import tree_table
-from forest_addon.stand.kept_trees import KeptTrees
 
 
 def grown(**given):
@@ -88,7 +88,7 @@ def test_kept_trees_are_those_that_would_grow_and_a_season_grows_none(species, m
         field = Forest(size=(30, 30))
         return ForestSite.read(Scene(seed=2, forest=field, plantings=(planting,)))
 
-    kept, grew = KeptTrees(), []
+    kept, grew = TreesBeforeFall(), []
     monkeypatch.setattr(room, "grow", lambda *args, **named: grew.append(1) or grow(*args, **named))
     for season, growing in ((0.0, True), (0.8, False), (1.0, False), (0.3, False)):
         grew.clear()

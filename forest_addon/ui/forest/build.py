@@ -33,11 +33,11 @@ from .scene_file import take_scene
 
 if TYPE_CHECKING:  # they bring scipy
     from ...site import ForestSite
+    from ...stand.before_fall import TreesBeforeFall
     from ...stand.forest import GrownForest
-    from ...stand.kept_trees import KeptTrees
 
 DEMO = ASSETS / "scenes" / "demo.toml"
-_kept: dict[str, KeptTrees] = {}  # trees of the forest that grew last, once one has
+_kept: dict[str, TreesBeforeFall] = {}  # trees of the forest that grew last, once one has
 
 
 def _import_rooms(_tell: Any) -> None:
@@ -48,9 +48,9 @@ def _import_rooms(_tell: Any) -> None:
 
 def _grown(site: ForestSite, tell: Progress) -> GrownForest:
     """Grow a forest, but for trees that are those of the forest before, in another season perhaps."""
-    from ...stand.kept_trees import KeptTrees
+    from ...stand.before_fall import TreesBeforeFall
 
-    kept = _kept.setdefault("trees", KeptTrees())
+    kept = _kept.setdefault("trees", TreesBeforeFall())
     forest = site.grow(tell, kept=kept)
     kept.forget_others()
     return forest

@@ -9,10 +9,10 @@ import bpy
 from ...blender.scene.layout import POINTS_ROLE, TREES, find_part
 from ...blender.scene.nodes import LEVEL_KEY, instancer_of, show_as, shown_of
 from ...blender.scene.ours import ROLE_KEY
-from ...growth.mesh.stand_in import LEVELS
 from ..shell.views import views
 from ..shell.words import keep, label
 
+FINEST = 500  # triangles at most of stand-ins of files that do not say how many theirs have
 SHOWN = ("FULL", "LIGHT", "DOTS")
 ITEMS = (
     ("FULL", "Full", "Views draw every triangle of every tree", 0),
@@ -60,7 +60,7 @@ def draw_display(layout: bpy.types.UILayout, props: Any) -> None:
         return
     layout.row(align=True).prop(props, "display", expand=True)
     if props.display in SAYS:
-        count = modifier.id_data.get(LEVEL_KEY, LEVELS[0].most)
+        count = modifier.id_data.get(LEVEL_KEY, FINEST)
         said = layout.column(align=True)
         said.label(text=label(SAYS[props.display].pattern, count=count), icon="INFO")
         said.label(text="Sensors and renders see full trees", icon="BLANK1")

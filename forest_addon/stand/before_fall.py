@@ -16,7 +16,7 @@ MOST_KEPT = 500_000_000  # bytes
 Key = tuple[Any, ...]
 
 
-class KeptTrees:
+class TreesBeforeFall:
     """Trees of the forest that grew last, by all that they grew from, ``MOST_KEPT`` bytes of them."""
 
     def __init__(self) -> None:
