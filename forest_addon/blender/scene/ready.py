@@ -34,7 +34,7 @@ class ReadyForest:
     drawable: int = DRAWABLE
 
     def level(self, forest: GrownForest) -> Level:
-        """How finely stand-ins of a forest show its trees."""
+        """Level at which stand-ins show the trees of a forest."""
         return level_for(len(forest.stand), self.drawable)
 
     def shape(self, forest: GrownForest, key: Variant) -> str:

@@ -26,7 +26,7 @@ SPREAD = (
 
 
 class Level(NamedTuple):
-    """How finely a stand-in shows its tree.
+    """Level of detail of a stand-in.
 
     most : triangles at most. cards : groups of leaves, of a card each. limbs : how many.
     trunk, limb : rings and sides of their tubes.

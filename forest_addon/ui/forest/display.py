@@ -10,7 +10,7 @@ from ...blender.scene.layout import POINTS_ROLE, TREES, find_part
 from ...blender.scene.nodes import LEVEL_KEY, instancer_of, show_as, shown_of
 from ...blender.scene.ours import ROLE_KEY
 from ..shell.views import views
-from ..shell.words import keep, label
+from ..shell.words import label
 
 FINEST = 500  # triangles at most of stand-ins of files that do not say how many theirs have
 SHOWN = ("FULL", "LIGHT", "DOTS")
@@ -24,10 +24,6 @@ ITEMS = (
     ),
     ("DOTS", "Points", "Views draw a dot where each tree stands", 2),
 )
-SAYS = {
-    "LIGHT": keep("Stand-ins of {count} triangles at most"),
-    "DOTS": keep("A dot for each tree"),
-}
 
 
 def forest_of_points(scene: bpy.types.Scene) -> bpy.types.Modifier | None:
@@ -59,8 +55,11 @@ def draw_display(layout: bpy.types.UILayout, props: Any) -> None:
     if modifier is None:
         return
     layout.row(align=True).prop(props, "display", expand=True)
-    if props.display in SAYS:
+    if props.display == "FULL":
+        return
+    text, said = label("A dot for each tree"), layout.column(align=True)
+    if props.display == "LIGHT":
         count = modifier.id_data.get(LEVEL_KEY, FINEST)
-        said = layout.column(align=True)
-        said.label(text=label(SAYS[props.display].pattern, count=count), icon="INFO")
-        said.label(text="Sensors and renders see full trees", icon="BLANK1")
+        text = label("Stand-ins of {count} triangles at most", count=count)
+    said.label(text=text, icon="INFO")
+    said.label(text="Sensors and renders see full trees", icon="BLANK1")
