@@ -274,8 +274,9 @@ class Echoes(Result):
 
     @property
     def motion(self) -> dict[str, np.ndarray]:
-        """Of pings in a scene that moved, of what each heard, the loudest first: ``pose`` (M,) the ping's number,
-        ``position`` (M, 3) m and ``velocity`` (M, 3) m/s at its time, and ``rest`` (M, 3) m, where each is as the
+        """Of pings in a scene that moved, of what each heard, the loudest first: ``pose`` (M,) the ping's
+        number, ``position`` (M, 3) m and ``velocity`` (M, 3) m/s at its time, and ``rest`` (M, 3) m, where
+        each is as the
         scene stands still; nothing of a still scene."""
         from ..results.echo_files import heard_columns
 

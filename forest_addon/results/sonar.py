@@ -85,7 +85,8 @@ def _of_echo(echo: Echo, echoes: Sequence[Echo] = ()) -> list[Figure]:
 
 
 def _of_motion(echo: Echo) -> list[Figure]:
-    """Figures of a ping in a scene that moves: how much of what is heard does, and how fast; none of a still one."""
+    """Figures of a ping in a scene that moves: how much of what is heard does, and how fast; none of a still
+    one."""
     velocity = echo.heard.velocity
     if velocity is None or not len(velocity):
         return []

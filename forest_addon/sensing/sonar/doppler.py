@@ -14,7 +14,8 @@ arrivals lie so far apart, and A is interpolated between a few nodes anyway. So 
 are summed at as many Chebyshev points of the band as that takes, all of them together go on to every bin,
 and X(f/α) is interpolated over α between Chebyshev points of its own.
 
-Velocities are constants for a short time only: where things move, a call is cut into pieces that fade into each
+Velocities are constants for a short time only: where things move, a call is cut into pieces that fade into
+each
 other, each sent at a scene as it is in the piece's middle (``moments_of``).
 """
 
@@ -58,8 +59,8 @@ class Moment:
 def moments_of(
     first: Moment, call: Call, highest: float, hear: Callable[[float], Moment]
 ) -> list[Moment]:
-    """Find the moments of a call between which speeds are even enough: evenly from its begin to its end, or the
-    first alone.
+    """Find the moments of a call between which speeds are even enough: evenly from its begin to its end, or
+    the first alone.
 
     highest : Hz of the band. hear : the moment at a time, s.
     """
@@ -102,7 +103,8 @@ def _speeds_of(moment: Moment) -> tuple[np.ndarray, np.ndarray]:
 
 
 def pieces_of(call: Call, count: int) -> list[tuple[Call, float]]:
-    """``count`` pieces of a call about evenly spaced times from its begin to its end, which add up to it, each with
+    """``count`` pieces of a call about evenly spaced times from its begin to its end, which add up to it,
+    each with
     the seconds from its begin to its time."""
     step, rate = call.duration / (count - 1), call.sample_rate
     time, found = np.arange(len(call.samples)) / rate, []

@@ -51,8 +51,8 @@ class Contributions:
     kind : (M,) text, "leaf", "wood" or "facet". instance, tree, number : (M,) int64, of the scene, the
     stand (-1 where none) and the mesh. position : (M, 3) metres. distance : (M,) metres from the mouth.
     delay : (M,) s at the first ear. amplitude : (M,) mean |A| over the band (Hann).
-    velocity, rest : in a scene that moves, (M, 3) m/s at the ping's time, and (M, 3) metres where each is as the
-    scene stands still, NaN where it is not there; None in a still one.
+    velocity, rest : in a scene that moves, (M, 3) m/s at the ping's time, and (M, 3) metres where each is as
+    the scene stands still, NaN where it is not there; None in a still one.
     """
 
     kind: np.ndarray
@@ -199,11 +199,11 @@ def ping(
     waveforms = np.ascontiguousarray(analytic.real)
     responses, called = waveforms, spectra
     if call is not None:
-        sent = call.spectrum(grid.frequency)
-        if moving:
-            called = played(moments, wide, grid, sonar.tolerance, call)
-        else:
-            called = spectra * sent
+        called = (
+            played(moments, wide, grid, sonar.tolerance, call)
+            if moving
+            else spectra * call.spectrum(grid.frequency)
+        )
         waveforms = _in_time(called, grid, 2.0).real
     return Echo(
         frequency=grid.frequency,

@@ -185,7 +185,8 @@ class EchoTargets:
     def scatterers(
         self, sonar: Sonar, some: Candidates, sight: Sight
     ) -> list[tuple[Scatterers, np.ndarray, np.ndarray]]:
-        """The scatterers of opened candidates, one set a class, each with its instance (M,) and motion (M, 6):
+        """The scatterers of opened candidates, one set a class, each with its instance (M,) and motion (M,
+        6):
         velocity, m/s, and where it is at rest, m; (M, 0) where nothing moves."""
         opened: dict[type, tuple[list[Scatterers], list[np.ndarray], list[np.ndarray]]] = {}
         order = np.lexsort((some.block, some.member, some.stand))

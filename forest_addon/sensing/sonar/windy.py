@@ -2,8 +2,8 @@
 
 Trees sway in the pieces of their rig (``rays/pieces``), each turned and shifted as a rigid body; broad leaves
 turn about their feet besides. Objects of a scene that moves (``rays/moving``) are where and as they are then,
-and each point of one that changes its shape has the velocity of the surface that it is on. Delays are those of
-where things are as a call, or the piece of a long one (``doppler``), is sent.
+and each point of one that changes its shape has the velocity of the surface that it is on. Delays are those
+of where things are as a call, or the piece of a long one (``doppler``), is sent.
 """
 
 from __future__ import annotations
@@ -198,7 +198,8 @@ class EchoWind:
 class BentMesh:
     """A mesh that changes its shape, at one time.
 
-    vertices, rate, rest : (V, 3) m then, m/s, and m as the scene stands. triangles : (T, 3). wood : (T,) bool.
+    vertices, rate, rest : (V, 3) m then, m/s, and m as the scene stands. triangles : (T, 3). wood : (T,)
+    bool.
     """
 
     vertices: np.ndarray
@@ -234,7 +235,8 @@ class BentMesh:
         return told[:, :3], told[:, 3:]
 
     def _triangle_of(self, points: np.ndarray) -> np.ndarray:
-        """(M, 3) corners of the triangles nearest to points; their middles are sought among those of a size."""
+        """(M, 3) corners of the triangles nearest to points; their middles are sought among those of a
+        size."""
         corners = self.vertices[self.triangles]
         middle = corners.mean(axis=1)
         size = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
