@@ -236,7 +236,7 @@ def ping(
 
 @dataclass(frozen=True)
 class _Hearing:
-    """What is heard from a station as time goes on; casters as of ``ping``."""
+    """Targets as a station hears them as time goes on; casters as of ``ping``."""
 
     targets: EchoTargets
     station: Station
