@@ -54,8 +54,8 @@ def _steps() -> Iterator[Step]:
         pointer = bpy.props.PointerProperty(type=group)
         yield partial(setattr, owner, name, pointer), partial(delattr, owner, name)
     for room in _rooms():
-        if hasattr(room, "register"):
-            yield room.register, room.unregister
+        if hasattr(room, "unregister"):  # some only have something to take back
+            yield getattr(room, "register", lambda: None), room.unregister
 
 
 def _classes() -> tuple[type, ...]:
