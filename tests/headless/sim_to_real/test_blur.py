@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("pgeof")
 
 from headless.studies.sim_to_real.clouds import Labelled, blurred, near_cylinders
-from headless.studies.sim_to_real.features import cells_of, features_of
+from headless.studies.sim_to_real.features import cells_of
 from headless.studies.sim_to_real.learn import told_by
 
 
