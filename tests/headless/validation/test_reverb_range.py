@@ -33,6 +33,6 @@ def test_a_made_up_recording(tmp_path):
 @pytest.mark.slow
 def test_a_stand_takes_more_the_farther_and_the_higher():
     stand = plausible_stands(4, 1)[0]
-    found = range_of(stand, np.array([10.0, 80.0]), 1)
+    found = range_of(stand, np.array([10.0, 80.0]))
     assert found.excess[3, 1] > 3.0
     np.testing.assert_array_equal(found.excess[:, 0], 0.0)

@@ -135,7 +135,9 @@ def level_loss(clutter: Clutter, height: float, speed: float, takes: Takes) -> C
     found = leaves * _leaf_widths(clutter.leaf_radius, speed)
     if len(wood):
         every = SPECTRUM[:, None]
-        found = found + (_widths(clutter, every, speed) + _taken(clutter, every, speed, takes)) @ wood
+        found = (
+            found + (_widths(clutter, every, speed) + _taken(clutter, every, speed, takes)) @ wood
+        )
     if needles > 0:
         of_needles = [sum(_needles(clutter, f, speed, takes)[:3]) for f in SPECTRUM.tolist()]
         found = found + needles * np.array(of_needles)

@@ -126,9 +126,7 @@ def _density(
     return Density(cells, start, (cell, cell), beyond)
 
 
-def _counted(
-    place: np.ndarray, corner: np.ndarray, cell: float, shape: np.ndarray
-) -> np.ndarray:
+def _counted(place: np.ndarray, corner: np.ndarray, cell: float, shape: np.ndarray) -> np.ndarray:
     """(A, B) how many places (N, 2) are in each cell."""
     x, y = (np.floor((place[:, n] - corner[n]) / cell).astype(np.int64) for n in range(2))
     inside = (x >= 0) & (x < shape[0]) & (y >= 0) & (y < shape[1])

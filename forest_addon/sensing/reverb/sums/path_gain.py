@@ -7,7 +7,7 @@
 with the polynomials ℓ_q in log x of as many Chebyshev points x_q as the tolerance needs at any frequency.
 Near zones hold few trunks, and there the ground's and the straight way differ by many wavelengths: each has
 a sum of its own, for pulses at its own times. Far ones, where nearly all trunks are, need a handful of terms.
-Filters over a whole transform are read from a spline in frequency, through as many knots as the tolerance needs.
+Filters over a whole transform are read from a spline in frequency, with as many knots as the tolerance needs.
 """
 
 from __future__ import annotations
@@ -101,7 +101,9 @@ class PathGain:
 
     def _spline(self, zone: Zone) -> CubicSpline | None:
         """The filters by log(1 + f/BEND); None: no number of knots serves."""
-        from scipy.interpolate import CubicSpline  # here: other sensors need not wait for its import
+        from scipy.interpolate import (
+            CubicSpline,
+        )  # here: other sensors need not wait for its import
 
         count, into = KNOTS, chebyshev.series(len(zone.nodes))
         ends = np.log1p(np.array([min(LOWEST, self.highest), self.highest]) / BEND)
