@@ -36,7 +36,7 @@ def judge_agreement(
     t20, c50 = (np.array(part) for part in zip(*every, strict=True))
     near = np.abs(t20 / measured.t20 - 1.0) <= share
     clear = np.abs(c50 - measured.c50) <= decibels
-    effects = _effects(stands, np.log(t20))
+    effects = effects_of(stands, np.log(t20))
     found = []
     for n, band in enumerate(measured.band):
         largest = sorted(effects, key=lambda name: -abs(effects[name][n]))[:NAMED]
@@ -63,7 +63,7 @@ def _sent(source: Directivity) -> Callable[[float], Sent]:
     return of
 
 
-def _effects(stands: Sequence[PlausibleStand], values: np.ndarray) -> dict[str, np.ndarray]:
+def effects_of(stands: Sequence[PlausibleStand], values: np.ndarray) -> dict[str, np.ndarray]:
     """Change of values (N, B) over the whole range of each property, by least squares."""
     columns = [np.ones(len(stands))]
     for name, ends in RANGES.items():
