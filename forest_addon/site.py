@@ -20,6 +20,7 @@ from .growth.tree import Tree
 from .sensing.detail import grow_needed
 from .sensing.kinds import kind_of
 from .spec import AUTO, Scene
+from .stand.before_fall import TreesBeforeFall
 from .stand.files import read_inputs
 from .stand.forest import ForestPlan, Grown, GrownForest, Planted
 from .stand.inputs import Inputs
@@ -103,18 +104,24 @@ class ForestSite:
         scene = self.scene
         return plan_stand(scene.seed, scene.forest, scene.plantings, self.inputs)
 
-    def grow(self, progress: Progress | None = None, grown: Grown | None = None) -> GrownForest:
+    def grow(
+        self,
+        progress: Progress | None = None,
+        grown: Grown | None = None,
+        kept: TreesBeforeFall | None = None,
+    ) -> GrownForest:
         """Plan the stand and grow its trees, as far as the scene's sensors need them.
 
         progress : called as progress(done, total). grown : gives the tree of a planting and variant, by
-        numbers, of a species, in place of growing it; of trees without targets of their own.
+        numbers, of a species, in place of growing it; of trees without targets of their own. kept : trees
+        that grew before, which are taken where they are the same.
 
         Raises
         ------
         ValueError : an intensity or a list that cannot be used.
         SpecError : targets that contradict each other.
         """
-        return grow_needed(self.scene, self.species, progress, self.inputs, grown)
+        return grow_needed(self.scene, self.species, progress, self.inputs, grown, kept)
 
     def planned(self) -> ForestPlan:
         """The stand with variants and targets of its trees; grows single trees in full."""

@@ -272,6 +272,18 @@ class Echoes(Result):
 
         return PingSeries(self.pings).stacked("waveforms")
 
+    @property
+    def motion(self) -> dict[str, np.ndarray]:
+        """Of pings in a scene that moved, of what each heard, the loudest first: ``pose`` (M,) the ping's
+        number, ``position`` (M, 3) m and ``velocity`` (M, 3) m/s at its time, and ``rest`` (M, 3) m, where
+        each is as the
+        scene stands still; nothing of a still scene."""
+        from ..results.echo_files import heard_columns
+
+        columns = heard_columns(self.found)
+        names = ("pose", "position", "velocity", "rest")
+        return {name: columns[name] for name in names} if "rest" in columns else {}
+
     def summary(self) -> dict[str, str]:
         level = 20 * np.log10(max(float(np.abs(self.waveforms).max(initial=0.0)), 1e-30))
         return {

@@ -40,9 +40,9 @@ class Wood:
 def wood_of_tree(tree: Tree) -> Wood:
     """The wood of a grown tree, from its skeleton where that is all of it, else from its mesh.
 
-    It is kept with the tree, which many places ask.
+    It is kept with the skeleton: many places ask, also of the same tree with fewer leaves.
     """
-    kept: dict[str, Wood] = vars(tree)
+    kept: dict[str, Wood] = vars(tree.skeleton)
     if "_wood" not in kept:
         kept["_wood"] = _wood_of(tree)
     return kept["_wood"]

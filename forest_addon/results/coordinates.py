@@ -41,7 +41,7 @@ NO_OFFSET = Offset()
 AXES = {f"{axis}_m": k for k, axis in enumerate("xyz")} | {
     f"{end}{axis}": k for end in ("start", "end") for k, axis in enumerate("XYZ")
 }
-PLACES = ("centre", "position")  # (..., 3) each
+PLACES = ("centre", "position", "rest")  # (..., 3) each
 FILE = "coordinates.txt"
 PROPERTY = "offset_m"  # of the scene in a .blend, of a .glb its scene's extras
 

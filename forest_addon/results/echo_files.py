@@ -3,7 +3,8 @@
 ``NAME.npz`` holds axes, impulse responses, spectra and the echoes of the call, with poses; of a flight all
 arrays are stacked and padded to one length. ``NAME.wav`` plays the echoes ``time_expansion`` times slower,
 one channel an ear, one pose after the other, as loud as the file can hold; ``wav_gain`` in the NPZ takes
-that back. ``NAME-heard.npz`` lists what each leaf, branch and facet added.
+that back. ``NAME-heard.npz`` lists what each leaf, branch and facet added, in a scene that moves with its
+velocity at the ping's time and its place at rest.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from ..formats.npz import write_npz
 from ..formats.wav import write_wav
 from ..sensing.sonar.flight import PingSeries
-from ..sensing.sonar.ping import Echo
+from ..sensing.sonar.ping import Contributions, Echo
 from ..spec import Sonar
 from .coordinates import on_the_map
 
@@ -33,7 +34,14 @@ UNITS = {
     "sound_speed": "m/s",
     "sample_rate": "Hz",
 }
-HEARD_UNITS = {"position": "m", "distance": "m", "delay": "s", "amplitude": "re call at 1 m"}
+HEARD_UNITS = {
+    "position": "m",
+    "distance": "m",
+    "delay": "s",
+    "amplitude": "re call at 1 m",
+    "velocity": "m/s",
+    "rest": "m",
+}
 
 
 def write_echo(
@@ -52,7 +60,7 @@ def write_echo(
     write_echo_sound(files[1], found, sonar.time_expansion)
     if sonar.contributions:
         files.append(folder / f"{name}-heard.npz")
-        write_npz(files[2], on_the_map(_heard(_flight(found)), offset), HEARD_UNITS)
+        write_npz(files[2], on_the_map(heard_columns(found), offset), HEARD_UNITS)
     return files
 
 
@@ -108,14 +116,17 @@ def _arrays(flight: PingSeries, waveform: np.ndarray, single: bool) -> dict[str,
     }
 
 
-def _heard(flight: PingSeries) -> dict[str, np.ndarray]:
+def heard_columns(found: Echo | PingSeries) -> dict[str, np.ndarray]:
     """Rows of all poses, the loudest of each pose first; ``pose`` (M,) is its number."""
-    heard = [echo.heard for echo in flight.echoes]
-    columns = {
-        key: np.concatenate([getattr(some, key) for some in heard])
-        for key in (
-            *("kind", "instance", "tree", "number"),
-            *("position", "distance", "delay", "amplitude"),
-        )
-    }
+    heard = [echo.heard for echo in _flight(found).echoes]
+    names = ["kind", "instance", "tree", "number", "position", "distance", "delay", "amplitude"]
+    if any(some.velocity is not None for some in heard):
+        names += ["velocity", "rest"]
+    columns = {key: np.concatenate([_column(some, key) for some in heard]) for key in names}
     return {"pose": np.repeat(np.arange(len(heard)), [len(some) for some in heard])} | columns
+
+
+def _column(heard: Contributions, name: str) -> np.ndarray:
+    """(M,) or (M, 3) a column; of a ping that hears nothing, none of motion either."""
+    found = getattr(heard, name)
+    return np.empty((0, 3)) if found is None else found

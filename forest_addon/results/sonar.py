@@ -62,6 +62,7 @@ def _of_echo(echo: Echo, echoes: Sequence[Echo] = ()) -> list[Figure]:
         numbers("glints and rims heard", "Glints Heard", f"{heard['facet']:,}"),
         numbers("hidden by wood", "Behind Wood", f"{echo.hidden:,}"),
     ]
+    found += _of_motion(echo)
     peak = strongest(echo)
     if peak is None:
         found.append(words("strongest echo from", "", "nothing"))
@@ -81,6 +82,22 @@ def _of_echo(echo: Echo, echoes: Sequence[Echo] = ()) -> list[Figure]:
         numbers("", "Error at Most", f"{100 * most:.2g} %"),
     ]
     return found
+
+
+def _of_motion(echo: Echo) -> list[Figure]:
+    """Figures of a ping in a scene that moves: how much of what is heard does, and how fast; none of a still
+    one."""
+    velocity = echo.heard.velocity
+    if velocity is None or not len(velocity):
+        return []
+    speed, loud = np.linalg.norm(velocity, axis=1), echo.heard.amplitude
+    moving = float(loud[speed > 0].sum() / max(loud.sum(), 1e-300))
+    found = [numbers("of all amplitudes, by what moves", "Heard Moving", f"{moving:.1%}")]
+    if not speed.any():
+        return found
+    mean = float((loud @ speed) / loud.sum())
+    said = f"{mean:.2g} m/s (mean by amplitude), at most {speed.max():.2g} m/s"
+    return [*found, numbers("speed of what is heard", "Speed Heard", said)]
 
 
 def _sentence(found: Finding) -> str:

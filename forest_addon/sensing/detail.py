@@ -29,6 +29,7 @@ from ..base.progress import Progress
 from ..base.rng import stream
 from ..growth.tree import Tree, leaves_left, with_tolerance, without_leaves
 from ..spec import Choice, Scene, Species
+from ..stand.before_fall import TreesBeforeFall
 from ..stand.forest import ForestPlan, Grown, GrownForest, Planted, keys_of
 from ..stand.inputs import Inputs
 from .far_leaves import range_shift
@@ -51,17 +52,19 @@ def grow_needed(
     progress: Progress | None = None,
     inputs: Inputs | None = None,
     grown: Grown | None = None,
+    kept: TreesBeforeFall | None = None,
 ) -> GrownForest:
     """Grow a forest with no more than the scene's sensors need, where that is left to them; its ``chosen``
     and ``detail`` say what that is.
 
     grown : gives the tree of a planting and variant, by numbers, of a species, in place of growing it.
+    kept : trees that grew before, which are taken where they are the same.
     """
     if scene.accuracy.detail != "auto":
-        return ForestPlan.of(scene, species, inputs, grown).grow(progress)
+        return ForestPlan.of(scene, species, inputs, grown, kept).grow(progress)
     looks = [kind_of(sensor).look(sensor) for sensor in scene.sensors]
     species, bared = _without_unmet_leaves(species, looks)
-    plan = ForestPlan.of(scene, species, inputs, grown)
+    plan = ForestPlan.of(scene, species, inputs, grown, kept)
     forest = _with_coarse(plan, plan.grow(progress), looks)
     if looks:
         forest, beyond = _without_leaves_beyond(forest, looks)

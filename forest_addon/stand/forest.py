@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from ..growth.seasons import aged, fallen, in_season, with_fallen
 from ..growth.tree import Tree, grow
 from ..growth.truth import crown_base, crown_width, leaf_angles, wood_of_tree
 from ..spec import Allometry, Choice, Scene, Species
+from .before_fall import TreesBeforeFall, key_of
 from .inputs import Inputs
 from .intensity.terrain import sink
 from .measured import MeasuredTrees, dbh_at, scales_for, with_targets
@@ -84,6 +85,7 @@ class ForestPlan:
 
     scene : its settings. species : what each planting plants, with its templates. inputs : rasters, lists
     and terrain. measured : the stand with its variants chosen, and what its trees are to measure.
+    grown, kept : as ``of`` takes them.
 
     A variant's stream is keyed by the name of its planting and its number, so it is the same tree
     whatever else grows.
@@ -94,6 +96,7 @@ class ForestPlan:
     inputs: Inputs
     measured: MeasuredTrees
     grown: Grown | None = None
+    kept: TreesBeforeFall | None = None
 
     @classmethod
     def of(
@@ -102,11 +105,13 @@ class ForestPlan:
         species: Sequence[Planted],
         inputs: Inputs | None = None,
         grown: Grown | None = None,
+        kept: TreesBeforeFall | None = None,
     ) -> ForestPlan:
         """Plan the stand of a scene.
 
         species : what each of ``scene.plantings`` plants, with its templates.
         grown : gives the tree of a planting and variant, by numbers, of a species, in place of growing it.
+        kept : trees that grew before, which are taken where they are the same.
 
         Raises
         ------
@@ -122,7 +127,7 @@ class ForestPlan:
         stand = plan_stand(scene.seed, scene.forest, scene.plantings, inputs)
         names = labels(scene.plantings)
         measured = with_targets(scene.seed, stand, scene.plantings, names, species, inputs)
-        return cls(scene, tuple(species), inputs, measured, grown)
+        return cls(scene, tuple(species), inputs, measured, grown, kept)
 
     def tree(self, planting: int, variant: int, species: Species | None = None) -> Tree:
         """Grow a variant of a planting, by numbers; of a species in place of the planting's own."""
@@ -133,8 +138,13 @@ class ForestPlan:
         if self.grown and target is None:
             tree = self.grown(planting, variant, species)
         else:
-            rng = stream(self.scene.seed, "tree", name, variant)
-            tree = grow(species, templates, rng, target)
+            words = (self.scene.seed, "tree", name, variant)
+            make = partial(grow, species, templates, wanted=target)
+            if self.kept is None:
+                tree = make(stream(*words))
+            else:
+                key = key_of(words, species, templates, target)
+                tree = self.kept.tree(key, templates, lambda: make(stream(*words)))
         share = fallen(self.scene.plantings[planting].season)
         return with_fallen(tree, share, stream(self.scene.seed, "tree", name, variant, "fall"))
 

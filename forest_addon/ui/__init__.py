@@ -54,8 +54,8 @@ def _steps() -> Iterator[Step]:
         pointer = bpy.props.PointerProperty(type=group)
         yield partial(setattr, owner, name, pointer), partial(delattr, owner, name)
     for room in _rooms():
-        if hasattr(room, "register"):
-            yield room.register, room.unregister
+        if hasattr(room, "unregister"):  # some only have something to take back
+            yield getattr(room, "register", lambda: None), room.unregister
 
 
 def _classes() -> tuple[type, ...]:
@@ -68,6 +68,7 @@ def _rooms() -> tuple[ModuleType, ...]:
     from .forest import (
         build,
         by_hand,
+        dropped,
         gallery,
         hand_edits,
         live,
@@ -113,5 +114,5 @@ def _rooms() -> tuple[ModuleType, ...]:
         presets,
         *(forest_panels, by_hand, sensors_panels, flight, results_panel),
         *(overlay, edit, import_stl, library, species_panel, wind_view),
-        *(chosen, hills, painting, hand_edits, planting, live, command, manual, migration),
+        *(chosen, hills, painting, hand_edits, dropped, planting, live, command, manual, migration),
     )

@@ -11,8 +11,11 @@ from forest_addon.growth.library.species_file import find_species, load_species
 from forest_addon.growth.mesh.leaves import measure_leaves
 from forest_addon.growth.seasons import fallen, in_season, with_fallen
 from forest_addon.growth.tree import grow
+from forest_addon.growth.truth import wood_of_tree
 from forest_addon.site import ForestSite
 from forest_addon.spec import Forest, Planting, Scene
+from forest_addon.stand import forest as room
+from forest_addon.stand.before_fall import TreesBeforeFall
 from forest_addon.stand.forest import tree_table
 
 
@@ -74,3 +77,31 @@ def test_seasons_turn_colours_then_take_leaves():
     assert many[2] == 0
     assert many[1] / many[0] == pytest.approx(0.5, abs=0.05)
     assert (summer.stand.position == bare.stand.position).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("species", ["hazelnut", "silver-birch"])  # of templates, and to measure
+def test_kept_trees_are_those_that_would_grow_and_a_season_grows_none(species, monkeypatch):
+    def asked(season, age=0.3):
+        given = {"species": species, "season": season, "age": age}
+        planting = Planting(**given, expected=3, exact=True, variants=2)
+        field = Forest(size=(30, 30))
+        return ForestSite.read(Scene(seed=2, forest=field, plantings=(planting,)))
+
+    kept, grew = TreesBeforeFall(), []
+    monkeypatch.setattr(room, "grow", lambda *args, **named: grew.append(1) or grow(*args, **named))
+    for season, growing in ((0.0, True), (0.8, False), (1.0, False), (0.3, False)):
+        grew.clear()
+        forest = asked(season).grow(kept=kept)
+        kept.forget_others()
+        assert bool(grew) == growing
+        other = asked(season).grow()
+        assert (forest.stand.scale == other.stand.scale).all()
+        for key, tree in other.variants.items():
+            mine = forest.variants[key]
+            for name in ("vertices", "triangles", "leaf"):
+                assert (getattr(mine.mesh, name) == getattr(tree.mesh, name)).all()
+            assert wood_of_tree(mine) == wood_of_tree(tree)
+    grew.clear()
+    asked(0.3, age=0.25).grow(kept=kept)
+    assert grew  # another age is other trees

@@ -38,7 +38,7 @@ from .layout import (
     root,
 )
 from .meshes import to_mesh
-from .nodes import give_instancer, instancer_group
+from .nodes import LEVEL_KEY, give_instancer, instancer_group
 from .ours import MADE_KEY, all_or_nothing, is_ours
 from .placing import WantedObject, put
 from .ready import ReadyForest
@@ -95,6 +95,7 @@ def build(
     if POINTS_ROLE in things:
         libraries = part(scene, VARIANTS), part(scene, OUTLINES)
         give_instancer(things[POINTS_ROLE], *libraries, light=plan.light)
+        things[POINTS_ROLE][LEVEL_KEY] = plan.ready.level(forest).most
     if plan.labels:
         note_stood(scene, forest)
     if GROUND_ROLE in things:
@@ -222,7 +223,8 @@ def _fill_library(
         if with_outlines:
             role, rough = f"{OUTLINES}/{name}", f"{name} outline"
             make = partial(_outline_mesh, rough, plan.ready, forest, key)
-            data = standing.renew(role, rough, shape, make, coats[planting], mesh)
+            told = plan.ready.rough_shape(forest, key)
+            data = standing.renew(role, rough, told, make, coats[planting], mesh)
             plan.wanted.append(WantedObject(OUTLINES, role, numbered + rough, data))
     plan.wanted += library
     return library

@@ -29,6 +29,7 @@ DOT = 0.35  # metres, radius of a dot, of a tree of size 1
 ALL_SCALE, ALL_ROTATION = "Scale", "Rotation"
 VIEW_KEY = "forest_view"  # of a group that changes what views show and nothing else
 LIGHT_KEY = "forest_light"  # on an object: what *Light View* was set to when it was built last
+LEVEL_KEY = "forest_level"  # on the same object: triangles at most of a stand-in
 VARIANT, ROTATION, SCALE = "variant", "rotation", "scale"  # attributes of the points
 LIMITS = {  # subtype, default, least, largest
     ALL_SCALE: ("NONE", 1.0, 0.001, 1000.0),

@@ -213,11 +213,6 @@ class Observer:
                 f"{sensor.name}: what changes its shape may be {moving.bent:.1g} m off between frames; raise "
                 "the frame rate for less"
             )
-        if moving is not None and moving.bends and kind_of(sensor).listens:
-            said.append(
-                f"{sensor.name}: what changes its shape is heard as it is at each ping; Doppler knows how it "
-                "goes and turns, not how it bends"
-            )
         return *said, *(
             f"{sensor.name} stands inside tree {tree}, at "
             f"({', '.join(f'{v:g}' for v in points[trees == tree][0])}) m; move it out of the wood"

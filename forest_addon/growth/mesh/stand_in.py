@@ -2,10 +2,13 @@
 
 Trunk and thickest limbs are tubes along the skeleton. The crown is made of cards: leaves that are near each
 other become one, which has about the area of those leaves, so that a crown lets as much sky through as the
-tree's own. It stands in for its tree in views alone; sensors and renders never see it.
+tree's own. It stands in for its tree in views alone; sensors and renders never see it. The more trees a
+view has to draw, the fewer triangles each has (``level_for``).
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,11 +17,7 @@ from ..skeleton import Skeleton
 from .axes import find_axes
 from .tubes import tube
 
-MOST = 500  # triangles
-CLUMPS = 144  # groups of leaves, of a card each
 WIDEST = 4.2  # of a card, its size over the spread of its leaves
-TRUNK, LIMB = (6, 5), (4, 3)  # rings and sides
-LIMBS = 6
 ENOUGH = 20_000  # triangles of leaves that are looked at
 SLENDER = 1.25  # of a card, length over width
 SPREAD = (
@@ -26,15 +25,44 @@ SPREAD = (
 )
 
 
-def stand_in(mesh: TriMesh, skeleton: Skeleton) -> TriMesh:
-    """At most ``MOST`` triangles, with the parts and material slots of trees; empty of a tree without
+class Level(NamedTuple):
+    """Level of detail of a stand-in.
+
+    most : triangles at most. cards : groups of leaves, of a card each. limbs : how many.
+    trunk, limb : rings and sides of their tubes.
+    """
+
+    most: int
+    cards: int
+    limbs: int
+    trunk: tuple[int, int]
+    limb: tuple[int, int]
+
+
+LEVELS = (
+    Level(500, 144, 6, (6, 5), (4, 3)),
+    Level(240, 72, 3, (4, 4), (3, 3)),
+    Level(120, 36, 2, (3, 3), (2, 3)),
+    Level(60, 24, 0, (2, 3), (2, 3)),
+    Level(30, 9, 0, (2, 3), (2, 3)),
+)
+
+
+def level_for(trees: int, drawable: int) -> Level:
+    """The finest level of which so many trees have at most ``drawable`` triangles together; else the
+    coarsest."""
+    return next((level for level in LEVELS if trees * level.most <= drawable), LEVELS[-1])
+
+
+def stand_in(mesh: TriMesh, skeleton: Skeleton, level: Level = LEVELS[0]) -> TriMesh:
+    """The few triangles of a level, with the parts and material slots of trees; none of a tree without
     height."""
     if not len(mesh.vertices) or not mesh.vertices[:, 2].max() > 0:
         return _of(np.empty((0, 3)), np.empty((0, 3), np.int32), WOOD)
-    wood = [_of(*tube_, WOOD) for tube_ in _wood(skeleton)]
+    wood = [_of(*tube_, WOOD) for tube_ in _wood(skeleton, level)]
     if not wood:
-        wood = [_of(*_pole(mesh), WOOD)]
-    return join([*wood, _of(*_cards(mesh), LEAF)])
+        wood = [_of(*_pole(mesh, *level.trunk), WOOD)]
+    return join([*wood, _of(*_cards(mesh, level.cards), LEAF)])
 
 
 def _of(vertices: np.ndarray, triangles: np.ndarray, part: int) -> TriMesh:
@@ -48,7 +76,7 @@ def _of(vertices: np.ndarray, triangles: np.ndarray, part: int) -> TriMesh:
     )
 
 
-def _wood(skeleton: Skeleton) -> list[tuple[np.ndarray, np.ndarray]]:
+def _wood(skeleton: Skeleton, level: Level) -> list[tuple[np.ndarray, np.ndarray]]:
     """Tubes of the thickest axis of order 0 and of the limbs with most wood."""
     if not len(skeleton):
         return []
@@ -60,8 +88,8 @@ def _wood(skeleton: Skeleton) -> list[tuple[np.ndarray, np.ndarray]]:
     stems = np.flatnonzero(order == 0)
     stems = stems[np.argsort(-held[stems], kind="stable")]
     limbs = np.concatenate([stems[1:], np.flatnonzero(order > 0)])
-    limbs = limbs[np.argsort(-held[limbs], kind="stable")][: LIMBS + (not len(stems))]
-    wanted = [(axis, TRUNK) for axis in stems[:1]] + [(axis, LIMB) for axis in limbs]
+    limbs = limbs[np.argsort(-held[limbs], kind="stable")][: level.limbs + (not len(stems))]
+    wanted = [(axis, level.trunk) for axis in stems[:1]] + [(axis, level.limb) for axis in limbs]
     return [
         made
         for axis, (rings, sides) in wanted
@@ -89,7 +117,7 @@ def _along(
     return tube(line, np.interp(at, gone, radius), sides)
 
 
-def _pole(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray]:
+def _pole(mesh: TriMesh, rings: int, sides: int) -> tuple[np.ndarray, np.ndarray]:
     """A trunk for a tree that has no skeleton: as wide as its wood near the ground."""
     solid = mesh.vertices[mesh.triangles[mesh.part != LEAF].ravel()]
     solid = solid if len(solid) else mesh.vertices
@@ -98,12 +126,12 @@ def _pole(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray]:
     foot = np.median(low[:, :2], axis=0) if len(low) else np.zeros(2)
     wide = np.linalg.norm(low[:, :2] - foot, axis=1) if len(low) else np.zeros(1)
     radius = max(float(np.median(wide)), 1e-3 * top)
-    line = np.column_stack([np.tile(foot, (TRUNK[0], 1)), np.linspace(0.0, 0.9 * top, TRUNK[0])])
-    return tube(line, np.linspace(radius, 0.1 * radius, TRUNK[0]), TRUNK[1])
+    line = np.column_stack([np.tile(foot, (rings, 1)), np.linspace(0.0, 0.9 * top, rings)])
+    return tube(line, np.linspace(radius, 0.1 * radius, rings), sides)
 
 
-def _cards(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (4 C, 3) and triangles (2 C, 3) of cards that stand for the leaves."""
+def _cards(mesh: TriMesh, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (4 C, 3) and triangles (2 C, 3) of at most so many cards that stand for the leaves."""
     leaves = np.flatnonzero(mesh.part == LEAF)
     every = max(1, len(leaves) // ENOUGH)  # of a million triangles some say where the crown is
     corners = mesh.vertices[mesh.triangles[leaves[::every]]]
@@ -111,7 +139,7 @@ def _cards(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray]:
         return np.empty((0, 3)), np.empty((0, 3), np.int32)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(across, axis=1) / 2 * (len(leaves) / len(corners))
-    clump = _clumps(corners.mean(axis=1))
+    clump = _clumps(corners.mean(axis=1), most)
     count = int(clump.max()) + 1
     whole = np.bincount(clump, area, count)
     solid = whole > 0
@@ -143,8 +171,8 @@ def _rhombi(middle: np.ndarray, side: np.ndarray) -> np.ndarray:
     return middle[:, None] + np.stack([ends[0], ends[1], -ends[0], -ends[1]], axis=1)
 
 
-def _clumps(place: np.ndarray) -> np.ndarray:
-    """(P,) the cubic cell that each place is in, of cells as large as leaves at most ``CLUMPS`` of them."""
+def _clumps(place: np.ndarray, most: int) -> np.ndarray:
+    """(P,) the cubic cell that each place is in, of cells as large as leaves at most so many of them."""
     low, size = place.min(axis=0), float(np.ptp(place, axis=0).max()) + 1e-9
     fine, coarse = size / 64, size
     best = np.zeros(len(place), np.int64)
@@ -153,7 +181,7 @@ def _clumps(place: np.ndarray) -> np.ndarray:
         cell = np.floor((place - low) / edge).astype(np.int64)
         flat = (cell[:, 0] * 4096 + cell[:, 1]) * 4096 + cell[:, 2]
         _, number = np.unique(flat, return_inverse=True)
-        if number.max() < CLUMPS:
+        if number.max() < most:
             best, coarse = number, edge
         else:
             fine = edge

@@ -13,11 +13,18 @@ What arrives within a short time is, but for its common delay, smooth in f: the 
 arrivals lie so far apart, and A is interpolated between a few nodes anyway. So the echoes of a block of time
 are summed at as many Chebyshev points of the band as that takes, all of them together go on to every bin,
 and X(f/α) is interpolated over α between Chebyshev points of its own.
+
+Velocities are constants for a short time only: where things move, a call is cut into pieces that fade into
+each
+other, each sent at a scene as it is in the piece's middle (``moments_of``).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy import special
@@ -36,6 +43,93 @@ SAFER = 0.02  # of the tolerance: what is bounded is relative to Σ|x|, which is
 CLASSES = (6, 12, 24, 48, 96, 200)  # nodes of amplitudes that are interpolated together
 BLOCK = 5e-4, 4e-3  # s, the shortest and the longest block
 AT_ONCE = 1 << 16  # values at a time
+STEADY = 0.1  # radians that what changes its speed turns an echo, at most, within a piece of a call
+MOST = 1025  # pieces of a call
+
+
+@dataclass(frozen=True)
+class Moment:
+    """Scatterers heard at a time in a call, s after it begins, from where the sonar is then."""
+
+    time: float
+    station: Station
+    groups: list[SearchGroup]
+
+
+def moments_of(
+    first: Moment, call: Call, highest: float, hear: Callable[[float], Moment]
+) -> list[Moment]:
+    """Find the moments of a call between which speeds are even enough: evenly from its begin to its end, or
+    the first alone.
+
+    highest : Hz of the band. hear : the moment at a time, s.
+    """
+    if not any(group.motion.shape[1] for group in first.groups):
+        return [first]
+    last = hear(call.duration)
+    turn = 2.0 * math.pi * highest / first.station.sound_speed
+    if turn * _changed(first, last) * call.duration <= STEADY:
+        return [first]
+    found = [first, last]
+    # Blended from both sides, half way: a quarter of what one side alone is off at the other end.
+    while len(found) < MOST and any(
+        turn / 4 * _changed(a, b) * (b.time - a.time) > STEADY for a, b in pairwise(found)
+    ):
+        between = [hear((a.time + b.time) / 2) for a, b in pairwise(found)]
+        found = [m for pair in zip(found, between, strict=False) for m in pair] + [last]
+    return found
+
+
+def _changed(one: Moment, other: Moment) -> float:
+    """Largest change in m/s of the speeds at which scatterers heard at both moments go away."""
+    (key, speed), (later, then) = (_speeds_of(moment) for moment in (one, other))
+    _, a, b = np.intersect1d(key, later, assume_unique=True, return_indices=True)
+    return float(np.abs(speed[a] - then[b]).max(initial=0.0))
+
+
+def _speeds_of(moment: Moment) -> tuple[np.ndarray, np.ndarray]:
+    """(M,) names of scatterers at a moment and how fast they go away from the sonar, m/s."""
+    names = np.dtype([("kind", "U5"), ("instance", "i8"), ("number", "i8")])
+    keys, speeds = [np.empty(0, names)], [np.empty(0)]
+    for group in moment.groups:
+        key = np.empty(len(group), names)
+        key["kind"], key["instance"] = group.scatterers.kind, group.instance
+        key["number"] = group.scatterers.number
+        keys.append(key)
+        relative = group.velocity - moment.station.pose.velocity
+        speeds.append(np.einsum("mi,mi->m", group.paths.direction, relative))
+    key, row = np.unique(np.concatenate(keys), return_index=True)
+    return key, np.concatenate(speeds)[row]
+
+
+def pieces_of(call: Call, count: int) -> list[tuple[Call, float]]:
+    """``count`` pieces of a call about evenly spaced times from its begin to its end, which add up to it,
+    each with
+    the seconds from its begin to its time."""
+    step, rate = call.duration / (count - 1), call.sample_rate
+    time, found = np.arange(len(call.samples)) / rate, []
+    for number in range(count):
+        away = (time - number * step) / step
+        rows = np.flatnonzero(np.abs(away) < 1)
+        if not len(rows):  # shorter than a sample
+            rows = np.array([min(round(number * step * rate), len(time) - 1)])
+        weight = np.cos(math.pi / 2 * np.clip(away[rows], -1, 1)) ** 2
+        found.append((Call(call.samples[rows] * weight, rate), number * step - rows[0] / rate))
+    return found
+
+
+def played(
+    moments: Sequence[Moment], band: Band, grid: BandGrid, tolerance: float, call: Call
+) -> np.ndarray:
+    """(E, K) spectrum of the call's echoes at the ears, each piece of it sent at its own moment."""
+    if len(moments) == 1:
+        only = moments[0]
+        return shifted_sum(only.groups, only.station, band, grid, tolerance, call)
+    total = np.zeros((len(moments[0].station.ear), grid.count), dtype=np.complex128)
+    for moment, (piece, lead) in zip(moments, pieces_of(call, len(moments)), strict=True):
+        found = shifted_sum(moment.groups, moment.station, band, grid, tolerance, piece, lead)
+        total += found * np.exp(-2j * math.pi * np.remainder(grid.frequency * moment.time, 1.0))
+    return total
 
 
 def widened(band: Band, speed: float, sound_speed: float) -> Band:
@@ -70,18 +164,25 @@ def shifted_sum(
     grid: BandGrid,
     tolerance: float,
     call: Call,
+    lead: float = 0.0,
 ) -> np.ndarray:
-    """(E, K) spectrum of the call's echoes at the ears, each path with its own speed."""
+    """(E, K) spectrum of the call's echoes at the ears, each path with its own speed.
+
+    lead : s after the call begins, when scatterers are where they are and from when delays count.
+    """
     alpha = [factors(group, station, 0) for group in groups]
     if not groups:
         return np.zeros((len(station.ear), grid.count), dtype=np.complex128)
     low, high = min(a.min() for a in alpha), max(a.max() for a in alpha)
     if high - low < SPREAD:
         plain = sum_echoes(groups, station, grid, tolerance).spectrum
-        return plain * call.spectrum_at(grid.frequency, float(low))
+        early = np.exp(2j * math.pi * np.remainder(grid.frequency * lead / float(low), 1.0))
+        return plain * call.spectrum_at(grid.frequency, float(low)) * early
     speeds = _Speeds(call, float(low), float(high), band.high, SAFER * (tolerance or 1e-10))
+    early = [lead / a for a in alpha]
     parts = [
-        _over(groups, alpha, station, panel, tolerance, speeds) for panel in panels(grid, station)
+        _over(groups, alpha, early, station, panel, tolerance, speeds)
+        for panel in panels(grid, station)
     ]
     return np.concatenate(parts, axis=1)
 
@@ -89,6 +190,7 @@ def shifted_sum(
 def _over(
     groups: list[SearchGroup],
     alpha: list[np.ndarray],
+    early: list[np.ndarray],
     station: Station,
     grid: BandGrid,
     tolerance: float,
@@ -98,12 +200,13 @@ def _over(
     ends = (grid.start, grid.start + grid.spacing * (grid.count - 1))
     lowest, highest = (2.0 * math.pi * end / station.sound_speed for end in ends)
     total = np.zeros((len(station.ear), grid.count), dtype=np.complex128)
-    for group, factor in zip(groups, alpha, strict=True):
+    for group, factor, lead in zip(groups, alpha, early, strict=True):
         for ear in range(len(station.ear)):
             for part in group.seen(station, ear).parts(lowest, highest):
                 some = group.select(part.rows)
                 heard = Heard(some, part.strength, station, ear)
                 late = (some.paths.length[ear] + part.offset) / station.sound_speed
+                late -= lead[part.rows]
                 needed = np.zeros(len(late), np.int64)
                 if tolerance:
                     smooth = smooth_of(some, part.strength, station, ear, ends)

@@ -19,7 +19,7 @@ nothing wraps around. ``Echo.waveform`` is the echo of the sonar's own call.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -30,7 +30,7 @@ from ...spec import Air, Sonar
 from ..rays.caster import RayCaster
 from .bands import Band, BandGrid, grid_of
 from .discs import LeafDiscs, leaf_discs
-from .doppler import fastest, shifted_sum, widened
+from .doppler import Moment, fastest, moments_of, played, widened
 from .leaves import LeafEchoes, count_doubtful
 from .near import count_close
 from .poses import SonarPose, posed
@@ -51,6 +51,8 @@ class Contributions:
     kind : (M,) text, "leaf", "wood" or "facet". instance, tree, number : (M,) int64, of the scene, the
     stand (-1 where none) and the mesh. position : (M, 3) metres. distance : (M,) metres from the mouth.
     delay : (M,) s at the first ear. amplitude : (M,) mean |A| over the band (Hann).
+    velocity, rest : in a scene that moves, (M, 3) m/s at the ping's time, and (M, 3) metres where each is as
+    the scene stands still, NaN where it is not there; None in a still one.
     """
 
     kind: np.ndarray
@@ -61,6 +63,8 @@ class Contributions:
     distance: np.ndarray
     delay: np.ndarray
     amplitude: np.ndarray
+    velocity: np.ndarray | None = None
+    rest: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.amplitude)
@@ -175,12 +179,16 @@ def ping(
     station = Station(sonar, air, pose or posed(sonar), equipment or Equipment.of(sonar))
     call = station.equipment.call
     band, rate = Band(*sonar.band), sonar.sample_rate
-    time = station.pose.time
-    targets, wood, everything = targets.at(time), at_moment(wood, time), at_moment(everything, time)
-    found = heard_from(station, targets, band, wood, everything)
+    hear = _Hearing(targets, station, band, wood, everything)
+    targets, found = hear.at(0.0)
+    moments = [Moment(0.0, station, found.groups)]
     latest = max((float(g.paths.length.max()) for g in found.groups), default=0.0)
-    lasts = call.duration if call else 0.0
-    moving = fastest(found.groups, station.pose) if call and sonar.doppler else 0.0
+    lasts, moving = 0.0, 0.0
+    if call is not None:
+        lasts = call.duration
+        if sonar.doppler:
+            moments = moments_of(moments[0], call, band.high, hear.moment)
+            moving = max(fastest(moment.groups, station.pose) for moment in moments)
     wide = widened(band, moving, station.sound_speed) if moving else band
     grid = grid_of(wide, rate, latest / station.sound_speed, sonar.record, lasts)
     summed = sum_echoes(found.groups, station, grid, sonar.tolerance, progress)
@@ -191,11 +199,11 @@ def ping(
     waveforms = np.ascontiguousarray(analytic.real)
     responses, called = waveforms, spectra
     if call is not None:
-        sent = call.spectrum(grid.frequency)
-        if moving:
-            called = shifted_sum(found.groups, station, wide, grid, sonar.tolerance, call)
-        else:
-            called = spectra * sent
+        called = (
+            played(moments, wide, grid, sonar.tolerance, call)
+            if moving
+            else spectra * call.spectrum(grid.frequency)
+        )
         waveforms = _in_time(called, grid, 2.0).real
     return Echo(
         frequency=grid.frequency,
@@ -224,6 +232,31 @@ def ping(
         pose=station.pose,
         list_heard=partial(_contributions, found.groups, station, band, targets),
     )
+
+
+@dataclass(frozen=True)
+class _Hearing:
+    """Targets as a station hears them as time goes on; casters as of ``ping``."""
+
+    targets: EchoTargets
+    station: Station
+    band: Band
+    wood: RayCaster | None
+    everything: RayCaster | None
+
+    def at(self, time: float, station: Station | None = None) -> tuple[EchoTargets, Found]:
+        """The targets and what is heard of them, s after the call begins."""
+        then = self.station.pose.time + time
+        targets = self.targets.at(then)
+        wood, everything = at_moment(self.wood, then), at_moment(self.everything, then)
+        return targets, heard_from(station or self.station, targets, self.band, wood, everything)
+
+    def moment(self, time: float) -> Moment:
+        """The moment at a time, s after the call begins, from where the sonar has flown to."""
+        own = self.station
+        gone = replace(own.pose, position=own.pose.position + time * own.pose.velocity)
+        station = Station(own.sonar, own.air, gone, own.equipment)
+        return Moment(time, station, self.at(time, station)[1].groups)
 
 
 def heard_from(
@@ -272,6 +305,8 @@ def _contributions(
         return Contributions(empty, whole, whole, whole, np.empty((0, 3)), none, none, none)
     amplitude = np.concatenate([mean_amplitude(g, station, band) for g in groups])
     order = np.argsort(-amplitude, kind="stable")
+    motion = np.concatenate([g.motion for g in groups])[order]
+    moves = motion.shape[1] > 0
     instance = np.concatenate([g.instance for g in groups])[order]
     legs = np.concatenate([g.paths.length[0] for g in groups])[order]
     return Contributions(
@@ -283,4 +318,6 @@ def _contributions(
         distance=np.concatenate([g.paths.distance for g in groups])[order],
         delay=legs / station.sound_speed,
         amplitude=amplitude[order],
+        velocity=motion[:, :3] if moves else None,
+        rest=motion[:, 3:] if moves else None,
     )

@@ -35,17 +35,23 @@ GUESS = 0.01  # of Σ|A| over the bounds of the blocks, where the search starts
 @dataclass(frozen=True)
 class SearchGroup(RowTable):
     """Scatterers of one kind with their instances and ways; ``shade`` (M,) is what is left of each by
-    what stands before it, 0 where wood hides it. velocity : (M, 3) m/s, (M, 0) where all stand still."""
+    what stands before it, 0 where wood hides it. motion : (M, 6) velocity, m/s, and the place at rest, m, NaN
+    where it is not there; (M, 0) where all stand still."""
 
     scatterers: Scatterers
     instance: np.ndarray
     paths: EchoPaths
     bound: np.ndarray
     shade: np.ndarray
-    velocity: np.ndarray
+    motion: np.ndarray
 
     def __len__(self) -> int:
         return len(self.bound)
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """(M, 3) m/s; (M, 0) where all stand still."""
+        return self.motion[:, :3]
 
     def gain(
         self,
@@ -148,12 +154,12 @@ class _Finder:
         """Move the scatterers of some blocks into the world and bound each."""
         station = self._station
         sonar, counts = station.sonar, self._counts
-        for made, instance, velocity in self._targets.scatterers(sonar, blocks, self._sight):
+        for made, instance, motion in self._targets.scatterers(sonar, blocks, self._sight):
             distance = np.linalg.norm(made.centre - station.point, axis=1)
             finite = np.isfinite(distance) & _finite(made)
             near, far = distance < sonar.near_limit, distance > sonar.max_range
             if isinstance(made, NearFaces):  # of leaves whose middles are within the range
-                made, instance, velocity = made.select(~near), instance[~near], velocity[~near]
+                made, instance, motion = made.select(~near), instance[~near], motion[~near]
                 distance, finite = distance[~near], finite[~near]
                 near = far = np.zeros(len(made), dtype=bool)
             counts.broken += int(np.count_nonzero(~finite))
@@ -164,13 +170,13 @@ class _Finder:
                 legs = np.linalg.norm(made.centre[None] - station.ear[:, None], axis=2)
                 kept &= legs.min(axis=0) >= 0.5 * sonar.near_limit
             if not kept.all():
-                made, instance, velocity = made.select(kept), instance[kept], velocity[kept]
+                made, instance, motion = made.select(kept), instance[kept], motion[kept]
             paths = station.paths(made.centre)
             late = paths.length.max(axis=0, initial=0.0) > self._latest * station.sound_speed
             counts.late += count_leaves(made, instance, late)
             bound = paths.bound(station) * made.seen(station.point).bound(*station.wavenumbers)
             loud = ~late & (bound > 0)
-            group = SearchGroup(made, instance, paths, bound, np.ones(len(bound)), velocity)
+            group = SearchGroup(made, instance, paths, bound, np.ones(len(bound)), motion)
             group = group if loud.all() else group.select(np.flatnonzero(loud))
             if len(group):
                 self._groups.append(group)
@@ -258,7 +264,7 @@ def _join(groups: list[SearchGroup]) -> SearchGroup:
         ),
         np.concatenate([group.bound for group in groups]),
         np.concatenate([group.shade for group in groups]),
-        np.concatenate([group.velocity for group in groups]),
+        np.concatenate([group.motion for group in groups]),
     )
 
 

@@ -185,8 +185,9 @@ class EchoTargets:
     def scatterers(
         self, sonar: Sonar, some: Candidates, sight: Sight
     ) -> list[tuple[Scatterers, np.ndarray, np.ndarray]]:
-        """The scatterers of opened candidates, one set a class, each with its instance (M,) and velocity
-        (M, 3) m/s, (M, 0) where nothing moves."""
+        """The scatterers of opened candidates, one set a class, each with its instance (M,) and motion (M,
+        6):
+        velocity, m/s, and where it is at rest, m; (M, 0) where nothing moves."""
         opened: dict[type, tuple[list[Scatterers], list[np.ndarray], list[np.ndarray]]] = {}
         order = np.lexsort((some.block, some.member, some.stand))
         stand, member, block = some.stand[order], some.member[order], some.block[order]
@@ -198,43 +199,46 @@ class EchoTargets:
             bounds = chosen.population.blocks.first
             rows = np.concatenate([np.arange(bounds[b], bounds[b + 1]) for b in block[first:last]])
             which = member[first]
-            for made, velocity in self._placed(chosen, which, rows, sight):
-                sets, instances, velocities = opened.setdefault(type(made), ([], [], []))
+            for made, motion in self._placed(chosen, which, rows, sight):
+                sets, instances, motions = opened.setdefault(type(made), ([], [], []))
                 sets.append(made)
                 instances.append(np.full(len(made), self._known(chosen.instance[which])))
-                velocities.append(velocity)
+                motions.append(motion)
         return [
-            (type(sets[0]).joined(sets), np.concatenate(instances), np.concatenate(velocities))
-            for sets, instances, velocities in opened.values()
+            (type(sets[0]).joined(sets), np.concatenate(instances), np.concatenate(motions))
+            for sets, instances, motions in opened.values()
         ]
 
     def _placed(
         self, stand: _Stand, which: int, rows: np.ndarray, sight: Sight
     ) -> Iterator[tuple[Scatterers, np.ndarray]]:
-        """Some rows of a population as an instance has them in the world, with their velocities."""
+        """Some rows of a population as an instance has them in the world, with their motion."""
         instance, transform = int(stand.instance[which]), stand.transform[which]
         wind, motion, population = self._wind, self._motion, stand.population
         if wind is None or wind.tree[self._known(instance)] < 0:
             for made in population.scatterers(transform, rows, sight):
-                speed = np.zeros((len(made), 0 if wind is None else 3))
                 if motion is not None:
-                    speed = motion.velocity(instance, transform, made.centre, self._time)
-                yield made, speed
+                    yield made, np.hstack(motion.motion(instance, transform, made, self._time))
+                else:
+                    still = np.hstack([np.zeros_like(made.centre), made.centre])
+                    yield made, still[:, : 0 if wind is None else 6]
             return
         moment, piece = self._moment(instance), wind.pieces(population, instance)[rows]
         for number in np.unique(piece).tolist():
-            place = moment.place[number]
+            place, rate = moment.place[number], moment.rate[number]
             stands = np.empty((3, 4))
             stands[:, :3] = transform[:, :3] @ place[:, :3]
             stands[:, 3] = transform[:, :3] @ place[:, 3] + transform[:, 3]
             turned = replace(sight, turns=wind.turns(instance, stands, self._time))
             for made in population.scatterers(stands, rows[piece == number], turned):
-                rate = moment.rate[number]
-                own = (made.centre - stands[:, 3]) @ np.linalg.inv(stands[:, :3]).T
+                back = np.linalg.inv(stands[:, :3]).T
+                rest = own = (made.centre - stands[:, 3]) @ back
                 velocity = (own @ rate[:, :3].T + rate[:, 3]) @ transform[:, :3].T
                 if made.kind == LEAF:
-                    velocity += wind.leaf_velocity(instance, stands, made.number, self._time)
-                yield made, velocity
+                    asked = instance, stands, made.number, made.centre, self._time
+                    flutter, unturned = wind.fluttered(*asked)
+                    velocity, rest = velocity + flutter, (unturned - stands[:, 3]) @ back
+                yield made, np.hstack([velocity, rest @ transform[:, :3].T + transform[:, 3]])
 
     def _known(self, instance: Any) -> Any:
         """The numbers that instances have in the scene as it was read."""

@@ -1,8 +1,9 @@
 """Scatterers that move: where they are at the moment of a ping, and how fast they go.
 
 Trees sway in the pieces of their rig (``rays/pieces``), each turned and shifted as a rigid body; broad leaves
-turn about their feet besides. Objects of a scene that moves (``rays/moving``) are where and as they are then.
-Within a call a scatterer keeps its velocity, and delays are those of where it is as the call begins.
+turn about their feet besides. Objects of a scene that moves (``rays/moving``) are where and as they are then,
+and each point of one that changes its shape has the velocity of the surface that it is on. Delays are those
+of where things are as a call, or the piece of a long one (``doppler``), is sent.
 """
 
 from __future__ import annotations
@@ -13,14 +14,16 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...base.trimesh import OTHER, TriMesh
+from ...base.trimesh import OTHER, TriMesh, is_wood
 from ..rays.caster import Hits, RayCaster
 from ..rays.geometry import SceneGeometry, invert_transforms
 from ..rays.moving import MovingCaster, TimedCaster
+from ..rays.paths import ShapePath
 from ..rays.swaying import SwayingCaster
-from .scatterers import LeafTurns, Population
+from .scatterers import WOOD, LeafTurns, Population, Scatterers
 
 MOST_FLUTTER = 0.7  # radians, that a leaf turns at most
+AROUND = 16  # vertices or triangles near a point, by which it goes
 
 
 class SwayingLeaves(Protocol):
@@ -128,14 +131,26 @@ class EchoWind:
 
         return turned
 
-    def leaf_velocity(
-        self, instance: int, transform: np.ndarray, leaf: np.ndarray, time: float
-    ) -> np.ndarray:
-        """(M, 3) m/s of leaves' centres by their flutter alone, of an instance at a time."""
-        tree, linear = int(self.tree[instance]), transform[:, :3]
-        foot, _, rate = self.sway.flutter(tree, leaf, time + self.start)
-        own = self._leaf_centres(instance)[leaf] - foot
-        return np.asarray(np.cross(rate, own) @ linear.T)
+    def fluttered(
+        self,
+        instance: int,
+        transform: np.ndarray,
+        leaf: np.ndarray,
+        centre: np.ndarray,
+        time: float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(M, 3) m/s of points (M, 3) of leaves (M,) by their flutter alone, and where these would be without
+        it; transform : as of ``turns``."""
+        linear = transform[:, :3]
+        foot, vector, rate = self.sway.flutter(int(self.tree[instance]), leaf, time + self.start)
+        size = float(np.cbrt(abs(np.linalg.det(linear)))) or 1.0
+        vector, rate = vector @ linear.T / size, rate @ linear.T / size
+        foot = foot @ linear.T + transform[:, 3]
+        # centre - foot = (1 + [v]x) arm, turned back.
+        arm = centre - foot
+        along = np.einsum("mi,mi->m", vector, arm)[:, None] * vector
+        arm = (arm - np.cross(vector, arm) + along) / (1 + (vector**2).sum(axis=1))[:, None]
+        return np.cross(rate, arm), foot + arm
 
     def _arm(self, instance: int) -> float:
         """Metres from the foot of a leaf that flutters to its middle, at most; 0 where none does."""
@@ -179,6 +194,79 @@ class EchoWind:
         return low, high
 
 
+@dataclass(frozen=True)
+class BentMesh:
+    """A mesh that changes its shape, at one time.
+
+    vertices, rate, rest : (V, 3) m then, m/s, and m as the scene stands. triangles : (T, 3). wood : (T,)
+    bool.
+    """
+
+    vertices: np.ndarray
+    rate: np.ndarray
+    rest: np.ndarray
+    triangles: np.ndarray
+    wood: np.ndarray
+
+    @classmethod
+    def at(cls, mesh: TriMesh, shape: ShapePath, time: float) -> BentMesh:
+        """A mesh at a time, s."""
+        every, then = np.arange(len(mesh.vertices))[None], np.array([time])
+        now, rate = shape.at(every, then)[0], shape.velocity(every, then)[0]
+        return cls(now, rate, mesh.vertices, mesh.triangles, is_wood(mesh.part))
+
+    def told(self, points: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
+        """(M, 3) m/s of points (M, 3) of a kind, and where they are at rest: of the wood around an axis, else
+        of the triangle that each is on."""
+        both = np.concatenate([self.rate, self.rest], axis=1)
+        if kind == WOOD:
+            vertex = np.unique(self.triangles[self.wood & self._finite])
+            near = self._nearest(points, self.vertices[vertex], AROUND)
+            corners = vertex[near]
+        else:
+            corners = self._triangle_of(points)
+        at = self.vertices[corners]
+        middle = at.mean(axis=1)
+        # The affine map that tells what corners do, of the least size across a surface.
+        spread = np.linalg.pinv(at - middle[:, None], rcond=1e-6)
+        share = np.einsum("mi,mik->mk", points - middle, spread)
+        share += (1 - share.sum(axis=1, keepdims=True)) / corners.shape[1]
+        told = np.einsum("mk,mki->mi", share, both[corners])
+        return told[:, :3], told[:, 3:]
+
+    def _triangle_of(self, points: np.ndarray) -> np.ndarray:
+        """(M, 3) corners of the triangles nearest to points; their middles are sought among those of a
+        size."""
+        corners = self.vertices[self.triangles]
+        middle = corners.mean(axis=1)
+        size = np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1)
+        kind = np.ceil(np.log2(np.nan_to_num(np.maximum(size, 1e-9), posinf=1.0))).astype(np.int64)
+        best, away = np.zeros(len(points), np.int64), np.full(len(points), np.inf)
+        for number in np.unique(kind).tolist():
+            rows = np.flatnonzero((kind == number) & self._finite)
+            for found in rows[self._nearest(points, middle[rows], AROUND)].T:
+                far = _away(points, corners[found])
+                nearer = far < away
+                best[nearer], away[nearer] = found[nearer], far[nearer]
+        return self.triangles[best]
+
+    @property
+    def _finite(self) -> np.ndarray:
+        """(T,) bool, triangles that are somewhere."""
+        return np.isfinite(self.vertices).all(axis=1)[self.triangles].all(axis=1)
+
+    @staticmethod
+    def _nearest(points: np.ndarray, among: np.ndarray, many: int) -> np.ndarray:
+        """(M, K) rows of the K points nearest to each, at most ``many``."""
+        from scipy.spatial import cKDTree
+
+        many = min(many, len(among))
+        if not many or not len(points):
+            return np.zeros((len(points), many), np.int64)
+        found = cKDTree(among).query(np.nan_to_num(points), k=many)[1]
+        return np.asarray(found).reshape(len(points), many)
+
+
 class EchoMotion:
     """Motion of the instances of a scene, as pings meet them.
 
@@ -191,6 +279,7 @@ class EchoMotion:
     ) -> None:
         self._moving, self._read = moving, read
         self.measured = len(read.meshes)  # meshes that are the same at all times
+        self._held: tuple[tuple[int, float], BentMesh] | None = None
         none = np.zeros(0, np.int64)
         self._sways = none if wind is None else np.flatnonzero(wind.tree >= 0)
 
@@ -220,18 +309,39 @@ class EchoMotion:
         scene = replace(scene, slot_reflectance=(), asset=(), slot_names=(), slot_optics=())
         return replace(scene, meshes=tuple(meshes), transform=transform, mesh_index=index)
 
-    def velocity(
-        self, instance: int, transform: np.ndarray, points: np.ndarray, time: float
-    ) -> np.ndarray:
-        """(M, 3) m/s of points (M, 3) of an instance as it goes and turns; transform : (3, 4), then."""
-        row = np.searchsorted(self._moving.motion.rows, instance)
-        rows = self._moving.motion.rows
-        if row == len(rows) or rows[row] != instance or instance in self._sways:
-            return np.zeros_like(points)
+    def motion(
+        self, instance: int, transform: np.ndarray, made: Scatterers, time: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(M, 3) m/s of scatterers (M,) of an instance as it goes, turns and bends, and (M, 3) where they are
+        in the scene as it stands still, NaN where they are not there; transform : (3, 4), then."""
+        points, motion = made.centre, self._moving.motion
+        (mine, row) = motion.row_of(np.array([instance]))
+        if not len(mine) or instance in self._sways:
+            return np.zeros_like(points), points.copy()
         inverse = invert_transforms(transform[None])[0]
         own = points @ inverse[:, :3].T + inverse[:, 3]
-        which, at = np.full(len(points), row), np.full(len(points), time)
-        return self._moving.motion.table.velocity(which, own, at)
+        which, at = np.full(len(points), row[0]), np.full(len(points), time)
+        velocity, stood = motion.table.velocity(which, own, at), own
+        if instance in motion.shapes:
+            rate, stood = self._bent(instance, own, made.kind, time)
+            velocity = velocity + rate @ transform[:, :3].T
+        still = self._moving.scene.transform[instance]
+        rest = stood @ still[:, :3].T + still[:, 3]
+        if self.known(np.array([instance]))[0] != instance:
+            rest = np.full_like(rest, np.nan)
+        return velocity, rest
+
+    def _bent(
+        self, instance: int, own: np.ndarray, kind: str, time: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(M, 3) m/s of own points (M, 3) by the change of shape, and where they are at rest."""
+        if self._held is None or self._held[0] != (instance, time):
+            mesh = self._moving.scene.meshes[self._moving.scene.mesh_index[instance]]
+            self._held = (
+                (instance, time),
+                BentMesh.at(mesh, self._moving.motion.shapes[instance], time),
+            )
+        return self._held[1].told(own, kind)
 
     def known(self, instance: np.ndarray) -> np.ndarray:
         """The numbers that instances have in the scene as it was read."""
@@ -271,6 +381,15 @@ class AtMoment(RayCaster):
 def at_moment(caster: Any, time: float) -> Any:
     """A caster as sonars use it: of a scene that moves at a time, s; a still one as it is."""
     return AtMoment(caster, time) if isinstance(caster, TimedCaster) else caster
+
+
+def _away(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """(M,) metres from points (M, 3) to about the nearest point of triangles (M, 3, 3)."""
+    sides = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
+    two = np.einsum("mij,mj->mi", np.linalg.pinv(sides), points - corners[:, 0])
+    share = np.clip(np.column_stack([1 - two.sum(axis=1), two]), 0.0, None)
+    share /= share.sum(axis=1, keepdims=True)
+    return np.asarray(np.linalg.norm(points - np.einsum("mk,mki->mi", share, corners), axis=1))
 
 
 def _proper(linear: np.ndarray) -> np.ndarray:

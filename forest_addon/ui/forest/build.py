@@ -11,15 +11,17 @@ import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import bpy
 
 from ...base.places import ASSETS
+from ...base.progress import Progress
 from ...blender.jobs import Task, Work
 from ...blender.sensors.objects import sensors_of
 from ...spec import Scene
 from ..settings.exchange import forestless, to_spec
+from ..shell import pace
 from ..shell.running import InOwnScene, Working, getting_ready
 from ..shell.views import look_at, views
 from ..shell.words import say
@@ -29,13 +31,34 @@ from .beside import beside_cube
 from .hand_edits import take_up_changes
 from .scene_file import take_scene
 
+if TYPE_CHECKING:  # they bring scipy
+    from ...site import ForestSite
+    from ...stand.before_fall import TreesBeforeFall
+    from ...stand.forest import GrownForest
+
 DEMO = ASSETS / "scenes" / "demo.toml"
+_kept: dict[str, TreesBeforeFall] = {}  # trees of the forest that grew last, once one has
 
 
 def _import_rooms(_tell: Any) -> None:
     from ... import site  # noqa: F401
     from ...blender import site as blender_site  # noqa: F401
     from ..results import finding  # noqa: F401
+
+
+def _grown(site: ForestSite, tell: Progress) -> GrownForest:
+    """Grow a forest, but for trees that are those of the forest before, in another season perhaps."""
+    from ...stand.before_fall import TreesBeforeFall
+
+    kept = _kept.setdefault("trees", TreesBeforeFall())
+    forest = site.grow(tell, kept=kept)
+    kept.forget_others()
+    return forest
+
+
+def unregister() -> None:
+    """Forget the trees of the last forest."""
+    _kept.clear()
 
 
 class FOREST_OT_build(Working, bpy.types.Operator):
@@ -75,13 +98,13 @@ class FOREST_OT_build(Working, bpy.types.Operator):
 
         site = yield Task(say("reading files"), read)
         site = with_objects(site, context.evaluated_depsgraph_get())
-        forest = yield Task(say("growing trees"), site.grow)
+        forest = yield Task(say("growing trees"), partial(_grown, site))
         known, points = shapes_in(scene), are_points(settings.forest, forest)
         if settings.forest.instancing == "auto" and triangles_of(forest) > SHOWN_IN_FULL:
             points = True  # a view can show stand-ins then
             grown = replace(site.scene.forest, instancing="points")
             site = replace(site, scene=replace(site.scene, forest=grown))
-        make = partial(make_ready, forest, known, points)
+        make = partial(make_ready, forest, known, points, drawable=pace.drawable())
         ready = yield Task(say("measuring trees, drawing their pictures"), make)
         if demo:  # only now: whoever cancels has the scene of before
             take_scene(scene, settings, folder, keep_sensors=True)

@@ -7,21 +7,23 @@ from typing import Any
 import bpy
 
 from ...blender.scene.layout import POINTS_ROLE, TREES, find_part
-from ...blender.scene.nodes import instancer_of, show_as, shown_of
+from ...blender.scene.nodes import LEVEL_KEY, instancer_of, show_as, shown_of
 from ...blender.scene.ours import ROLE_KEY
 from ..shell.views import views
-from ..shell.words import keep, label_kept
+from ..shell.words import label
 
+FINEST = 500  # triangles at most of stand-ins of files that do not say how many theirs have
 SHOWN = ("FULL", "LIGHT", "DOTS")
 ITEMS = (
     ("FULL", "Full", "Views draw every triangle of every tree", 0),
-    ("LIGHT", "Light", "Views draw a stand-in of at most 500 triangles a tree", 1),
+    (
+        "LIGHT",
+        "Light",
+        "Views draw stand-ins: the more trees, the fewer triangles each, 500 to 30",
+        1,
+    ),
     ("DOTS", "Points", "Views draw a dot where each tree stands", 2),
 )
-SAYS = {
-    "LIGHT": keep("Stand-ins; sensors see full trees"),
-    "DOTS": keep("Dots; sensors see full trees"),
-}
 
 
 def forest_of_points(scene: bpy.types.Scene) -> bpy.types.Modifier | None:
@@ -49,8 +51,15 @@ def set_display(props: Any, number: int) -> None:
 
 def draw_display(layout: bpy.types.UILayout, props: Any) -> None:
     """The switch, and what views show where that is less than the forest."""
-    if forest_of_points(props.id_data) is None:
+    modifier = forest_of_points(props.id_data)
+    if modifier is None:
         return
     layout.row(align=True).prop(props, "display", expand=True)
-    if props.display in SAYS:
-        layout.label(text=label_kept(SAYS[props.display]), icon="INFO")
+    if props.display == "FULL":
+        return
+    text, said = label("A dot for each tree"), layout.column(align=True)
+    if props.display == "LIGHT":
+        count = modifier.id_data.get(LEVEL_KEY, FINEST)
+        text = label("Stand-ins of {count} triangles at most", count=count)
+    said.label(text=text, icon="INFO")
+    said.label(text="Sensors and renders see full trees", icon="BLANK1")

@@ -1,4 +1,4 @@
-"""Pace at which views are drawn; slow ones are drawn only once while work goes on.
+"""Pace at which views are drawn: how much they can draw; slow ones are drawn only once while work goes on.
 
 Blender draws a still view again and again, 8 times as it comes, to smooth its edges. Without a graphics card
 each takes a second, in which everything waits, a job too. While one runs such views keep rough edges.
@@ -10,7 +10,18 @@ import time
 from typing import Any
 
 import bpy
+import gpu
 
+BY_PROCESSOR = (
+    "llvmpipe",
+    "softpipe",
+    "swrast",
+    "swiftshader",
+    "software",
+    "lavapipe",
+    "gdi generic",
+)
+LITTLE = 125_000  # triangles that a processor draws in about a twentieth of a second
 SLOW = 0.2  # s that a view takes to draw; faster ones are left alone
 LATELY = 1.5  # times as long ago as drawing took: then it is still being smoothed
 
@@ -19,12 +30,23 @@ _began = _took = _ended = 0.0
 _usual = ""  # the smoothing of before; empty: it is not ours
 
 
+def drawable() -> int:
+    """Return how many triangles all stand-ins of a forest may have: fewer without a graphics card."""
+    from ...blender.scene.ready import DRAWABLE
+
+    if bpy.app.background:
+        return DRAWABLE
+    drawn_by = gpu.platform.renderer_get().lower()
+    return LITTLE if any(name in drawn_by for name in BY_PROCESSOR) else DRAWABLE
+
+
 def rough_edges() -> None:
     """Smooth views no longer, if one is being smoothed and that is slow."""
     global _usual
     system = bpy.context.preferences.system
     late = time.perf_counter() - _ended
-    if _usual or _took < SLOW or late > LATELY * _took or system.viewport_aa == "OFF":
+    still = system.viewport_aa in ("OFF", "FXAA")  # these draw a view once
+    if _usual or _took < SLOW or late > LATELY * _took or still:
         return
     _usual = system.viewport_aa
     _set("OFF")

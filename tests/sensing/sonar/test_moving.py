@@ -153,3 +153,33 @@ def test_what_is_away_or_bends_sounds_as_it_is_at_each_ping():
         assert echo.groups[0].paths.distance.min() == pytest.approx(place, rel=1e-12)
     assert not gone.groups
     assert moving.solid().motion.shapes[0].vertices.shape == (2, 4, 3)
+
+
+def test_doppler_knows_how_a_plate_bends():
+    """Its middle comes nearer at 1 m/s while its edge stands, and lay 0.5 m farther off at rest."""
+    grid = np.linspace(-1, 1, 21)
+    y, z = (side.ravel() for side in np.meshgrid(grid, grid, indexing="ij"))
+    flat = np.stack([np.zeros_like(y), y, z], axis=1)
+    number = np.arange(441).reshape(21, 21)
+    first, across = number[:-1, :-1].ravel(), number[1:, 1:].ravel()
+    sides = (number[1:, :-1].ravel(), across), (across, number[:-1, 1:].ravel())
+    triangles = np.concatenate([np.stack([first, *side], axis=1) for side in sides])
+    mesh = TriMesh.of_part(flat, triangles, OTHER)
+    dome = flat.copy()
+    dome[:, 0] -= 1 - np.hypot(y, z) ** 2 / 2
+    scene = scene_of(mesh, at(FAR))
+    shift = ShapePath(np.array([0.0, 1.0]), np.stack([flat, dome]))
+    motion = SceneMotion({0: RigidPath(np.zeros(1), at(FAR)[None])}, {0: shift})
+    targets, _ = targets_in(scene, motion)
+    echo = ping(targets, SONAR.changed(shading="none"), AIR, pose=poses_at([0.5])[0])
+    (group,) = echo.groups
+    y, z = group.scatterers.centre[:, 1:].T
+    inside = np.hypot(y, z) < 0.9
+    expected = -(1 - np.hypot(y, z) ** 2 / 2)
+    assert inside.sum() > 100
+    assert np.abs(group.velocity[:, 0] - expected)[inside].max() < 0.02
+    assert np.abs(group.motion[inside, 3] - FAR).max() < 1e-6
+    glint = int(np.argmin(group.paths.distance))
+    u = group.velocity[glint, 0]
+    assert u == pytest.approx(-1.0, abs=0.01)
+    assert alpha_of(echo, group)[glint] == pytest.approx((C - u) / (C + u), rel=1e-4)

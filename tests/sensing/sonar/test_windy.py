@@ -178,3 +178,74 @@ def test_velocity_is_the_change_of_place():
     still = np.linalg.norm(change, axis=1) < 1e-9
     assert still.sum() > 100
     assert np.abs(rows[1][1][still]).max() < 1e-9
+
+
+SWINGS, TONE = 9.0, 2 * np.pi * 6.0  # mm there and back, rad/s: a leaf of 1/3 m/s and 13 m/s²
+
+
+class Swinging(Sways):
+    """All of tree 3 swings along x."""
+
+    def moment(self, _tree, time):
+        place, rate = np.tile(np.eye(3, 4), (1, 1, 1)), np.zeros((1, 3, 4))
+        place[0, 0, 3] = SWINGS * 1e-3 * np.sin(TONE * time)
+        rate[0, 0, 3] = SWINGS * 1e-3 * TONE * np.cos(TONE * time)
+        return place, rate
+
+    def pieces(self, _tree, mesh):
+        return np.zeros(len(mesh.triangles), np.int64)
+
+    def pieces_at(self, _tree, points, _leaf):
+        return np.zeros(len(points), np.int64)
+
+
+def test_a_long_call_follows_a_leaf_that_turns_back(monkeypatch):
+    """Against the tone's own phase: what leaves at t comes back at u = t + 2r(t)/c, sin(2πft) then."""
+    mesh = square_leaves(np.zeros((1, 3)), np.array([[1.0, 0, 0]]), 0.02)
+    scene = scene_of(mesh, np.column_stack([np.eye(3), (4.0, 0, 0)]))
+    sonar = Sonar(
+        position=(0, 0, 0),
+        max_range=9,
+        shading="none",
+        absorption=False,
+        call="cf-fm",
+        call_duration=0.05,
+        doppler=True,
+        band=(60e3, 83e3),
+        record=0.09,
+    )
+    targets = EchoTargets(scene, wind=EchoWind(scene, Swinging()))
+    pose = posed(sonar)
+    pose = SonarPose(pose.position, pose.frame, pose.velocity, None, 0.02)
+    high = 83e3 - 0.05 * 23e3
+
+    def alike():
+        echo = ping(targets, sonar, AIR, pose=pose)
+        sent = np.linspace(0.006, 0.036, 20_000)  # in the tone, faded in
+        back = sent + 2 * (4.0 + SWINGS * 1e-3 * np.sin(TONE * (0.02 + sent))) / 340.0
+        rows = (echo.time > back[0]) & (echo.time < back[-1])
+        turn = 2 * np.pi * high * np.interp(echo.time[rows], back, sent)
+        own = echo.waveforms[0, rows]
+        found = np.abs(np.exp(-1j * turn) @ own) / (np.linalg.norm(own) * np.sqrt(rows.sum() / 2))
+        return found
+
+    assert alike() > 0.999
+    monkeypatch.setattr("forest_addon.sensing.sonar.doppler.STEADY", np.inf)
+    assert alike() < 0.9
+
+
+@pytest.mark.parametrize("flutters", [False, True])
+def test_truth_tells_where_leaves_rest(flutters):
+    mesh, sways = crown(300), Sways(flutters)
+    scene = scene_of(mesh, *PLACED)
+    sonar = Sonar(position=(0, 0, 0), beam="omni", cull=0.0, max_range=20, shading="none")
+    pose = SonarPose(np.zeros(3), np.eye(3), np.zeros(3), None, 0.7)
+    heard = ping(EchoTargets(scene, wind=EchoWind(scene, sways)), sonar, AIR, pose=pose).heard
+    count = int(mesh.leaf.max()) + 1
+    corners = mesh.vertices[mesh.triangles]
+    middle = np.stack([np.bincount(mesh.leaf, c, count) for c in corners.mean(axis=1).T], 1) / 2
+    still = np.stack([apply_transform(place, middle) for place in PLACED])
+    assert np.abs(heard.rest - still[heard.instance, heard.number]).max() < 1e-4
+    gone = np.linalg.norm(heard.position - heard.rest, axis=1)
+    assert (gone > 0.5).sum() > 100
+    assert np.abs(gone[heard.instance == 1]).max() < 1e-9

@@ -8,7 +8,7 @@ bpy = pytest.importorskip("bpy")
 from forest_addon.blender.scene import forest as room
 from forest_addon.blender.scene.layout import TREES, part
 from forest_addon.blender.scene.nodes import shown_of
-from forest_addon.growth.mesh.stand_in import MOST
+from forest_addon.growth.mesh.stand_in import LEVELS
 from forest_addon.ui.forest.display import forest_of_points
 
 from ..pressing import press, run, trees
@@ -39,7 +39,7 @@ def test_display_says_and_sets_what_views_show(built):
         sources, instances, dots = drawn()
         assert (instances, dots) == ((0, count) if display == "DOTS" else (count, 0))
         if display == "LIGHT":
-            assert all(0 < len(data.polygons) <= MOST for data in sources)
+            assert all(0 < len(data.polygons) <= LEVELS[0].most for data in sources)
         run("cloud")  # sensors see full trees
         assert len(bpy.data.objects[built.results["cloud"].shown].data.vertices) == seen
     built.display = "DOTS"
