@@ -1,4 +1,4 @@
-"""How many plausible stands agree with a recording, what those have in common, and which property decides."""
+"""Number of plausible stands that agree with a recording, what they have in common, and what decides."""
 
 from __future__ import annotations
 
