@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ...spec import SpecError
-from .device import Device
+from .device import WAVEFORM, Device, Digitiser, digitiser_of
 from .document import number, place_of, yes
 from .driven import DrivenLeg, drive
 from .scene import Part, ground_height
@@ -52,6 +52,7 @@ class Leg:
     head_speed: float
     most_seconds: float
     divergence: float
+    digitiser: Digitiser
     track: SurveyTrack | None = None
     seconds: tuple[float, float] = (0.0, 0.0)
 
@@ -175,6 +176,7 @@ def _merged(
             )
         total.attrib.update(base.attrib)
     total.attrib.update(own.attrib)
+    total.extend(own.findall(WAVEFORM))
     for key in sorted(total.attrib.keys() - LEG_KEYS[tag] - known):
         raise SpecError(str(path), f'{tag} has "{key}", which is not supported')
     return total
@@ -229,6 +231,7 @@ def _leg(
         head_speed=head_speed,
         most_seconds=limits[1],
         divergence=value("beamDivergence_rad", device.divergence),
+        digitiser=digitiser_of((settings,), device.digitiser, device.pulse_ns, path),
         track=None if track is None else track[0],
         seconds=(0.0, 0.0) if track is None else track[1:],
     )

@@ -1,8 +1,8 @@
 """Scenes of HELIOS++: parts with scale, rotation and translation, on the ground if they ask, which may move.
 
 A part is scaled, then turned, then moved, in whichever order its filters stand. It is loaded from OBJ files,
-from a GeoTIFF of heights, or from a text of points as voxels. With swaps in a part the survey is played again
-and again, and another shape stands in its place. What is not supported is refused by name.
+from a GeoTIFF of heights, or from a text of points or AMAPVox's voxels as boxes. With swaps in a part the
+survey is played again, and another shape stands in its place. What is not supported is refused by name.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from .document import asset_of, find_file, find_files, number, rotation_of, vect
 from .material import Material, read_materials
 from .motion import PartMotion, read_motion
 from .obj import PartMesh, read_obj, together
-from .raster import read_points, read_terrain
+from .raster import VoxelMode, read_points, read_terrain, read_voxels
 
-LOADERS = ("objloader", "geotiffloader", "xyzloader")
+LOADERS = ("objloader", "geotiffloader", "xyzloader", "detailedvoxels")
 
 
 @dataclass(frozen=True)
@@ -206,6 +206,16 @@ def _loaded(kind: str, params: dict[str, Element], where: str, reader: _PartRead
     material = _material_of(said("matfile"), said("matname"), where, reader)
     if kind == "geotiffloader":
         return together([read_terrain(file, material) for file in files])
+    if kind == "detailedvoxels":
+        mode = said("intersectionMode", "transmittive").lower()
+        if mode not in ("fixed", "scaled"):
+            why = f"has detailedvoxels of the mode {mode}, through which light passes by chance: that is not"
+            raise SpecError(where, f"{why} supported; intersectionMode fixed and scaled are")
+        power = 0.5
+        if "intersectionArgument" in params:
+            power = number(params["intersectionArgument"], "value", reader.path)
+        ways = VoxelMode(mode, power, yes(said("randomShift") or None, False))
+        return together([read_voxels(file, ways, material) for file in files])
     size = number(params["voxelSize"], "value", reader.path) if "voxelSize" in params else 1.0
     return together([read_points(file, said("separator", " "), size, material) for file in files])
 

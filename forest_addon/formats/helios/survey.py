@@ -96,7 +96,7 @@ def read_survey(path: Path, assets: Path | None = None) -> Survey:
         mount_turn=rotation_of(mount, platform_file),
         legs=legs,
         offset=np.zeros(3),
-        notes=(*_notes(survey, platform), *missed),
+        notes=(*_notes(survey, platform), *device.notes, *missed),
         reflectance=lights[0],
         later=tuple(zip(plays_of(parts)[1:], lights[1:], strict=True)),
     )

@@ -170,7 +170,7 @@ def _scan_of(
 ) -> _Counting:
     """The scan of a leg."""
     sensor, pattern = sensor_of_survey(survey, leg, name), SurveyLeg(survey, leg)
-    digitiser = survey.device.digitiser
+    digitiser = leg.digitiser
     if choice.echoes == "survey" and digitiser.rings > 1:
         across = np.pi / 2 if survey.device.optics == "conic" else 0.0
         return CountedDigitisedScan(sensor, caster, choice.seed, pattern, digitiser, across)
@@ -226,7 +226,7 @@ def sensor_of_survey(survey: Survey, leg: Leg, name: str) -> Terrestrial:
 
     A pulse is 1 + 3·q·(q - 1) rays for the q rings of HELIOS++'s beam sample quality.
     """
-    device, rings = survey.device, survey.device.digitiser.rings
+    device, rings = survey.device, leg.digitiser.rings
     spread = leg.divergence * 1e3
     return Terrestrial(
         name=name,
