@@ -211,16 +211,16 @@ class _Copter:
 
     @property
     def turned(self) -> bool:
-        """Whether a smooth turn is over."""
+        """Return whether a smooth turn is over."""
         return self._smooth and self._turning and self._left <= 0
 
     @property
     def stopped(self) -> bool:
-        """Whether it came to rest."""
+        """Return whether it came to rest."""
         return self._slowing and self._force < STOPPED * self._most
 
     def passed(self, to: tuple[float, float, float], sent: int) -> bool:
-        """Whether it flies away from its waypoint, and is not about to turn to it."""
+        """Return whether it flies away from its waypoint, and is not about to turn to it."""
         settled = not self._aligning and not self._turning and sent * self.body.drag > 20
         return settled and to[0] * self.body.vx + to[1] * self.body.vy < 0
 
@@ -300,7 +300,7 @@ class _Vehicle:
         self._backs = 0
 
     def passed(self, to: tuple[float, float, float], _sent: int) -> bool:
-        """Whether it drives away from a waypoint that is near."""
+        """Return whether it drives away from a waypoint that is near."""
         flat = hypot(to[0], to[1])
         return flat < self.NEAR and to[0] * self.body.vx + to[1] * self.body.vy < 0
 

@@ -88,7 +88,7 @@ def read_points(path: Path, separator: str, size: float, material: Material) -> 
 
 @dataclass(frozen=True)
 class VoxelMode:
-    """How voxels of AMAPVox become boxes: "fixed" or "scaled", the power of the density by which these
+    """Boxes that voxels of AMAPVox become: "fixed" or "scaled", the power of the density by which these
     shrink, whether they are shifted at random within their cells."""
 
     name: str
