@@ -44,7 +44,7 @@ KNOTS = np.append(np.linspace(0, LASTS - SWEEP, 10)[:-1], np.linspace(LASTS - SW
 
 
 @dataclass(frozen=True)
-class Heard:
+class EarEchoes:
     """Echoes (N, T) of a tone and of a tone with a sweep, and the motion (N,) of the ear."""
 
     tone: np.ndarray
@@ -100,7 +100,7 @@ def told(speed: float, trials: int, seed: int) -> dict[str, tuple[float, float]]
 
 
 def of_ears(seed: int) -> list[Comparison]:
-    """How often ear motions are told before a shrub that is stirred, by call."""
+    """Shares of ear motions that are told before a shrub that is stirred, by call."""
     found = {
         name: Interval(share, share - 2 * off, share + 2 * off)
         for name, (share, off) in told(STIRRED, TRIALS, seed).items()
@@ -127,7 +127,7 @@ def of_ears(seed: int) -> list[Comparison]:
     ]
 
 
-def listen(speed: float, trials: int, seed: int) -> Heard:
+def listen(speed: float, trials: int, seed: int) -> EarEchoes:
     """Echoes of a shrub to an ear that turns, from places around it and at moments drawn at random."""
     shrub, rng = Shrub.grown(speed, seed), stream(seed, "ears")
     motion, found = np.arange(trials) % len(MOTIONS), []
@@ -141,7 +141,7 @@ def listen(speed: float, trials: int, seed: int) -> Heard:
         turn = list(MOTIONS.values())[kind]
         found.append(echoes_of(where, normal, shrub.radius[leaf], (mouth, frame), turn))
     tone, both = np.array(found).swapaxes(0, 1)
-    return Heard(tone, both, motion)
+    return EarEchoes(tone, both, motion)
 
 
 def echoes_of(
