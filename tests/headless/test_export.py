@@ -9,6 +9,7 @@ from references.rays_brute import BruteCaster
 from scipy.spatial.transform import Rotation
 
 from forest_addon.base.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD, TriMesh
+from forest_addon.blender.files.others import write_parts
 from forest_addon.formats.helios.survey import read_survey
 from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.sensing.lidar.scanner import pattern_of
@@ -16,7 +17,6 @@ from forest_addon.sensing.lidar.surveys.export import write_survey
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
 from forest_addon.sensing.rays.geometry import SceneGeometry
 from forest_addon.spec import Airborne, Beam, Mobile, Noise, Sonar, Surfaces, Terrestrial
-from headless.commands.work.export import write_parts
 from headless.commands.work.survey import geometry_of, sensor_of_survey
 
 SURFACES = Surfaces(other=0.2, wood=0.35, leaf=0.55, ground=0.15)
@@ -196,5 +196,7 @@ def test_the_command_writes_what_it_says(tmp_path):
     assert sorted(part["tree"] for part in trees) == [0, 1, 2]
     assert len({part["file"] for part in trees}) == 1  # trees share a mesh
     assert len(said["ways"]["plane"]["time_s"]) == 2
+    assert (out / "forest.glb").read_bytes()[:4] == b"glTF"
+    assert (out / "scene.blend").stat().st_size > 10_000
     for found in said["surveys"]:
         assert read_survey(out / found["survey"]).legs
