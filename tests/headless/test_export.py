@@ -16,7 +16,7 @@ from forest_addon.sensing.lidar.scanner import pattern_of
 from forest_addon.sensing.lidar.surveys.export import write_survey
 from forest_addon.sensing.lidar.surveys.leg import SurveyLeg
 from forest_addon.sensing.rays.geometry import SceneGeometry
-from forest_addon.spec import Airborne, Beam, Mobile, Noise, Sonar, Surfaces, Terrestrial
+from forest_addon.spec import Airborne, Beam, Mobile, Noise, Pose, Sonar, Surfaces, Terrestrial
 from headless.commands.work.survey import geometry_of, sensor_of_survey
 
 SURFACES = Surfaces(other=0.2, wood=0.35, leaf=0.55, ground=0.15)
@@ -147,6 +147,43 @@ def test_an_aircraft_sweeps_the_same_lines_over_the_same_way(tmp_path):
         sent = np.rint(one.time * 4000.0).astype(int)
         place = other.origin[np.minimum(sent, per_strip - 1)]
         assert np.abs(one.origin - place).max() < 20.0 / 4000.0 * 1.01
+
+
+@pytest.mark.parametrize("pattern", ["circles", "spinning"])
+def test_cones_and_spinning_heads_send_the_same_pulses(tmp_path, pattern):
+    settings = {"pattern": pattern, "field_deg": (-15.0, 20.0), "channels": 4, "surfaces": SURFACES}
+    settings |= {"pulse_rate": 4000.0, "line_rate": 20.0, "mount_deg": (1.0, 2.0, 3.0)}
+    sensor = Airborne(
+        position=(3.0, -30.0, 60.0), heading_deg=75.0, track=10.0, speed=20.0, **settings
+    )
+    _, survey, *_ = read_back(sensor, tmp_path)
+    pattern, ours = SurveyLeg(survey, survey.legs[0]), pattern_of(sensor)
+    assert pattern.count == ours.count
+    one, other = (p.pulses(np.arange(ours.count)) for p in (pattern, ours))
+    assert one.direction == pytest.approx(other.direction, abs=1e-9)
+    assert np.abs(one.origin - other.origin).max() < 4 * 20.0 / 4000.0 * 1.01  # a column's beams
+
+
+def test_a_vehicle_goes_its_way_with_its_attitudes(tmp_path):
+    poses = [
+        Pose(time=0.0, position=(0, 0, 2)),
+        Pose(time=2.0, position=(8, 1, 2.5), heading_deg=30),
+    ]
+    poses += [Pose(time=3.0, position=(9, 6, 3), heading_deg=80, roll_deg=5, pitch_deg=-4)]
+    sensor = Mobile(
+        poses=tuple(poses), pattern="spinning", channels=4, field_deg=(-15.0, 15.0), line_rate=10.0,
+        pulse_rate=4000.0, surfaces=SURFACES,
+    )  # fmt: skip
+    ours = pattern_of(sensor)
+    write_parts(some_scene(), tmp_path, "ex", SURFACES)
+    found = write_survey(sensor, tmp_path, "ex", SURFACES, ours.path)
+    survey = read_survey(tmp_path / found.survey)
+    pattern = SurveyLeg(survey, survey.legs[0])
+    assert abs(pattern.count - ours.count) <= 4
+    one, other = (p.pulses(np.arange(ours.count - 4)) for p in (pattern, ours))
+    # the beams of a column leave together, a millisecond late, while the vehicle turns by 50 degrees a second
+    assert np.abs(one.direction - other.direction).max() < 2e-3
+    assert np.abs(one.origin - other.origin).max() < 0.01
 
 
 def test_what_cannot_be_said_is_said_in_words(tmp_path):

@@ -53,14 +53,14 @@ def export_for_others(
     placed, unsaid = write_parts(geometry, folder, scene.name, surfaces)
     for sentence in unsaid:
         say(f"  {sentence}")
+    ways = {s.name: flown(s) or Observer.way(s, home) for s in scene.sensors}
     told = []
     for sensor in scene.sensors:
-        found = write_survey(sensor, folder, scene.name, surfaces)
+        found = write_survey(sensor, folder, scene.name, surfaces, ways[sensor.name])
         told.append(found)
         say(f"  {sensor.name}: {folder / found.survey if found.survey else 'no survey'}")
         for sentence in found.unsaid:
             say(f"    {sentence}")
-    ways = {s.name: flown(s) or Observer.way(s, home) for s in scene.sensors}
     said = {
         "name": scene.name,
         "seed": scene.seed,
