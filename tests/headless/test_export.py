@@ -183,7 +183,9 @@ def test_a_vehicle_goes_its_way_with_its_attitudes(tmp_path):
     one, other = (p.pulses(np.arange(ours.count - 4)) for p in (pattern, ours))
     # the beams of a column leave together, a millisecond late, while the vehicle turns by 50 degrees a second
     assert np.abs(one.direction - other.direction).max() < 2e-3
-    assert np.abs(one.origin - other.origin).max() < 0.01
+    assert (
+        np.abs(one.origin - other.origin).max() < 0.02
+    )  # and poses are a hundredth of a second apart
 
 
 def test_what_cannot_be_said_is_said_in_words(tmp_path):

@@ -118,8 +118,12 @@ class FOREST_OT_export_others(bpy.types.Operator):
 
     bl_idname = "forest.export_others"
     bl_label = "Export for Other Programs"
-    directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
-    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+    directory: bpy.props.StringProperty(
+        name="Folder",
+        description="Folder that the files go to; made if missing",
+        subtype="DIR_PATH",
+        options={"SKIP_SAVE"},
+    )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         context.window_manager.fileselect_add(self)
