@@ -20,7 +20,9 @@ class DeadBranches(Settings):
     density: float = param(
         0.0, unit="1/m", help="branches on a metre of stem right below the crown", ge=0, le=100
     )
-    length: float = param(0.6, help="their length there over the radius of the crown", ge=0, le=3)
+    length: float = param(
+        0.6, help="length of dead branches there over the radius of the crown", ge=0, le=3
+    )
     down: float = param(
         0.9, help="how far towards the ground they stay, as a share of the crown base", ge=0, le=1
     )
@@ -94,7 +96,9 @@ class Architecture(Settings):
         unit="deg",
         help="angle of a limb to the stem at the crown's base",
     )
-    top_angle_deg: float = param(40.0, unit="deg", help="the same at the crown's top", ge=5, le=120)
+    top_angle_deg: float = param(
+        40.0, unit="deg", help="angle of a limb to the stem at the crown's top", ge=5, le=120
+    )
     tip_deg: float = param(
         30.0,
         unit="deg",

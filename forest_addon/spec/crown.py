@@ -61,7 +61,7 @@ class Crown(Settings):
     top: float = param(
         1.5, help="how full the crown is above that: 1 a cone, 2 a dome, more a box", ge=0.5, le=8
     )
-    underside: float = param(2.0, help="the same below it", ge=0.5, le=8)
+    underside: float = param(2.0, help="how full the crown is below its widest place", ge=0.5, le=8)
     leader: float = param(
         0.4,
         help="how far up the crown one straight stem goes: 1 to the top, as in conifers",

@@ -20,14 +20,28 @@ class Flight(Settings):
         "Karaman & Frazzoli 2012), even speed and turns (planar), or by tilting (quadrotor)",
         choices=BODIES,
     )
-    radius: float = param(0.15, unit="m", help="of the sphere that must not touch", gt=0, le=5)
-    speed: float = param(5.0, unit="m/s", help="largest; of bird and planar, always", gt=0, le=100)
+    radius: float = param(
+        0.15,
+        unit="m",
+        help="radius of the sphere around the flyer that must not touch anything",
+        gt=0,
+        le=5,
+    )
+    speed: float = param(
+        5.0,
+        unit="m/s",
+        help="largest speed; a bird and a planar flyer always have it",
+        gt=0,
+        le=100,
+    )
     slowest: float = param(
         1.0, unit="m/s", help="least speed of a bat through the air", ge=0, le=100
     )
-    acceleration: float = param(10.0, unit="m/s²", help="largest, along and across", gt=0, le=1000)
+    acceleration: float = param(
+        10.0, unit="m/s²", help="largest acceleration, along and across the way", gt=0, le=1000
+    )
     turn_rate_deg: float = param(
-        180.0, unit="deg/s", help="largest, about the vertical", gt=0, le=3600
+        180.0, unit="deg/s", help="largest rate of turning about the vertical", gt=0, le=3600
     )
     climb: float = param(2.0, unit="m/s", help="largest speed up or down", ge=0, le=100)
     sideways: float = param(2.0, unit="m/s", help="largest speed across of a bird", gt=0, le=100)
@@ -38,15 +52,19 @@ class Flight(Settings):
     wind: tuple[float, float, float] = param(
         (0.0, 0.0, 0.0), unit="m/s", help="steady wind that carries it", ge=-100, le=100
     )
-    step: float = param(0.05, unit="s", help="between two decisions", gt=0, le=10)
-    steps: int = param(1000, help="decisions, after which a flight ends", ge=1, le=100_000_000)
+    step: float = param(0.05, unit="s", help="time between two decisions", gt=0, le=10)
+    steps: int = param(
+        1000, help="number of decisions after which a flight ends", ge=1, le=100_000_000
+    )
     aim: str = param(
         "goal",
         help="reach a place at the distance below, or get so far along the heading",
         choices=("goal", "heading"),
     )
     distance: float = param(50.0, unit="m", help="from the start to the aim", gt=0, le=1e5)
-    reached: float = param(2.0, unit="m", help="a goal so near is reached", gt=0, le=1000)
+    reached: float = param(
+        2.0, unit="m", help="distance at which a goal counts as reached", gt=0, le=1000
+    )
     heading_deg: float = azimuth(0.0, "direction of the aim")
     start: tuple[float, float, float] | None = param(
         None, unit="m", help="where it starts; left out: drawn from the box below", ge=-1e7, le=1e7
@@ -54,9 +72,19 @@ class Flight(Settings):
     start_low: tuple[float, float] = param(
         (0.0, 0.2), help="box of starts in shares of the field, its smallest corner", ge=-10, le=10
     )
-    start_high: tuple[float, float] = param((0.05, 0.8), help="its largest corner", ge=-10, le=10)
-    height: float = param(2.0, unit="m", help="above the ground, of a drawn start", gt=0, le=1000)
-    clearance: float = param(0.5, unit="m", help="free around a drawn start", ge=0, le=100)
+    start_high: tuple[float, float] = param(
+        (0.05, 0.8), help="largest corner of that box", ge=-10, le=10
+    )
+    height: float = param(
+        2.0, unit="m", help="height above the ground of a start that is drawn", gt=0, le=1000
+    )
+    clearance: float = param(
+        0.5,
+        unit="m",
+        help="distance around a start that is drawn in which nothing stands",
+        ge=0,
+        le=100,
+    )
     thinnest: float = param(
         0.01,
         unit="m",
@@ -65,11 +93,13 @@ class Flight(Settings):
         le=1,
     )
     position_sd: float = param(
-        0.0, unit="m", help="spread of its own idea of its place", ge=0, le=100
+        0.0, unit="m", help="standard deviation of the place that the flyer measures", ge=0, le=100
     )
-    velocity_sd: float = param(0.0, unit="m/s", help="spread of that of its velocity", ge=0, le=100)
+    velocity_sd: float = param(
+        0.0, unit="m/s", help="standard deviation of the velocity that it measures", ge=0, le=100
+    )
     heading_sd_deg: float = param(
-        0.0, unit="deg", help="spread of that of its heading", ge=0, le=90
+        0.0, unit="deg", help="standard deviation of the heading that it measures", ge=0, le=90
     )
 
     def check(self) -> None:

@@ -11,9 +11,22 @@ class Gaussian(Settings):
     """One hill of the intensity function: peak·exp(-(x-a)²/h² - (y-b)²/l²) (Tanveer et al. 2020a, squared
     form)."""
 
-    peak: float = param(1.0, unit="trees/m²", help="intensity at the centre", ge=0, le=1e6)
-    centre: tuple[float, float] = param(unit="m", help="centre (a, b)", ge=-1e7, le=1e7)
-    width: tuple[float, float] = param(unit="m", help="widths (h, l)", gt=0, le=1e7)
+    peak: float = param(
+        1.0,
+        unit="trees/m²",
+        help="intensity at the centre, trees per m² where no expected number scales it",
+        ge=0,
+        le=1e6,
+    )
+    centre: tuple[float, float] = param(
+        unit="m", help="place of the hill's centre", ge=-1e7, le=1e7
+    )
+    width: tuple[float, float] = param(
+        unit="m",
+        help="distance from the centre along x and y at which it has fallen to 37 %",
+        gt=0,
+        le=1e7,
+    )
 
 
 Corners = tuple[tuple[float, float], ...]
@@ -33,7 +46,7 @@ class Raster(Settings):
     file: str = param(help="PNG, TIFF or npy file, relative to the scene file", file=True)
     use: str = param(
         "add",
-        help="add it to the hills, multiply what there is, or keep trees where it reaches threshold",
+        help="add it to the hills, multiply what there is, or keep trees where it reaches the threshold",
         choices=("add", "multiply", "mask"),
     )
     value: float = param(
@@ -46,7 +59,7 @@ class Raster(Settings):
     origin: tuple[float, float] | None = param(
         None,
         unit="m",
-        help="its corner with the smallest x and y; left out: the field's",
+        help="corner with the smallest x and y; left out: the field's",
         ge=-1e7,
         le=1e7,
     )
@@ -133,8 +146,8 @@ class HandTree(Settings):
 class Clearing(Settings):
     """A disc on which nothing that a planting draws or lists stands; trees set by hand may."""
 
-    position: tuple[float, float] = param(unit="m", help="its centre", ge=-1e7, le=1e7)
-    radius: float = param(0.01, unit="m", help="its radius", gt=0, le=1e5)
+    position: tuple[float, float] = param(unit="m", help="centre of the disc", ge=-1e7, le=1e7)
+    radius: float = param(0.01, unit="m", help="radius of the disc", gt=0, le=1e5)
 
 
 class Planting(Settings):
@@ -265,9 +278,9 @@ class Planting(Settings):
 class Distance(Settings):
     """Distance between trees of two plantings, in place of the forest's spacing."""
 
-    species: str = param(help="one of them, as the report names it")
-    other: str = param(help="the other; the same name twice: among themselves")
-    distance: float = param(unit="m", help="no two of them stand closer", ge=0, le=1e5)
+    species: str = param(help="one of the two species, as the report names it")
+    other: str = param(help="the other species; the same name twice: between its own trees")
+    distance: float = param(unit="m", help="least distance between trees of the two", ge=0, le=1e5)
 
 
 class Terrain(Settings):
@@ -291,7 +304,7 @@ class Terrain(Settings):
     origin: tuple[float, float] | None = param(
         None,
         unit="m",
-        help="its corner with the smallest x and y; left out: the field's",
+        help="corner with the smallest x and y; left out: the field's",
         ge=-1e7,
         le=1e7,
     )
@@ -318,7 +331,7 @@ class Forest(Settings):
         (30.0, 30.0), unit="m", help="extent of the field along x and y", gt=0, le=1e5
     )
     origin: tuple[float, float] = param(
-        (0.0, 0.0), unit="m", help="its corner with the smallest x and y", ge=-1e7, le=1e7
+        (0.0, 0.0), unit="m", help="corner of the field with the smallest x and y", ge=-1e7, le=1e7
     )
     polygon: Corners = param(
         (), unit="m", help="corners of the field; none: all of its extent", ge=-1e7, le=1e7

@@ -119,12 +119,18 @@ class Surfaces(Settings):
 class Noise(Settings):
     """Noise of a scanner: spreads are standard deviations and add up as squares."""
 
-    range_sd: float = param(0.0, unit="m", help="spread of the range, always", ge=0, le=100)
+    range_sd: float = param(
+        0.0, unit="m", help="standard deviation of the range, at any distance", ge=0, le=100
+    )
     range_ppm: float = param(
-        0.0, unit="ppm", help="spread of the range for each range", ge=0, le=1e5
+        0.0, unit="ppm", help="standard deviation of the range, in millionths of it", ge=0, le=1e5
     )
     incidence_sd: float = param(
-        0.0, unit="m", help="spread of the range for each tan(angle of incidence)", ge=0, le=100
+        0.0,
+        unit="m",
+        help="standard deviation of the range, times the tangent of the angle of incidence",
+        ge=0,
+        le=100,
     )
     drop_out: float = param(0.0, help="share of the returns that get lost", ge=0, le=1)
 
@@ -224,10 +230,14 @@ class Terrestrial(Scanner):
     name: str = output_name("cloud")
     position: tuple[float, float, float] = place((0.0, 0.0, 1.6), "where it stands")
     azimuth_deg: tuple[float, float] = param(
-        (0.0, 360.0), unit="deg", help="from, to; from +X towards +Y", ge=-360, le=720
+        (0.0, 360.0), unit="deg", help="first and last azimuth, from +X towards +Y", ge=-360, le=720
     )
     elevation_deg: tuple[float, float] = param(
-        (-40.0, 80.0), unit="deg", help="from, to; from the horizon up", ge=-90, le=90
+        (-40.0, 80.0),
+        unit="deg",
+        help="first and last elevation, from the horizon up",
+        ge=-90,
+        le=90,
     )
     angle_step_deg: float = param(0.25, unit="deg", help="angle between beams", gt=0, le=90)
     line_step_deg: float | None = param(
@@ -296,10 +306,10 @@ class MovingScanner(Scanner):
 class Pose(Settings):
     """Pose of a platform at one time; in between it moves evenly."""
 
-    time: float = param(0.0, unit="s", help="when", ge=-1e9, le=1e9)
+    time: float = param(0.0, unit="s", help="time of this pose", ge=-1e9, le=1e9)
     position: tuple[float, float, float] = place((0.0, 0.0, 2.0), "where")
     heading_deg: float = azimuth(0.0, "direction of travel")
-    pitch_deg: float = param(0.0, unit="deg", help="nose up", ge=-180, le=180)
+    pitch_deg: float = param(0.0, unit="deg", help="nose up: positive", ge=-180, le=180)
     roll_deg: float = param(0.0, unit="deg", help="right side down", ge=-180, le=180)
 
 

@@ -59,12 +59,14 @@ class Reverb(Sensor):
         file=True,
     )
     receiver_path: str = param(
-        "", help="the same of the first receiver, and of the microphones around it", file=True
+        "",
+        help="CSV of where the first receiver goes, and the microphones around it, columns time, x, y, z",
+        file=True,
     )
     path_step: float = param(
         0.1,
         unit="s",
-        help="between the impulse responses of a source or a receiver that moves",
+        help="time between the impulse responses of a source or a receiver that moves",
         gt=0,
         le=60,
     )
@@ -120,7 +122,11 @@ class Reverb(Sensor):
         "miki", help="impedance of a surface", choices=("miki", "delany-bazley")
     )
     flow_resistivity: float = param(
-        0.0, unit="kPa·s/m²", help="of the surface; 0: its usual one", ge=0, le=1e6
+        0.0,
+        unit="kPa·s/m²",
+        help="flow resistivity of the surface; 0: the usual one of its kind",
+        ge=0,
+        le=1e6,
     )
     strength: float = param(
         2.0, help="β, weight of the scattered field (Kaneko & Gamper 2021)", ge=0, le=1000
@@ -219,7 +225,9 @@ class Reverb(Sensor):
         ge=0,
         le=10,
     )
-    branch_radius: float = param(0.006, unit="m", help="forest: of these branches", gt=0, le=0.1)
+    branch_radius: float = param(
+        0.006, unit="m", help="forest: mean radius of these branches", gt=0, le=0.1
+    )
     leaf_radius: float = param(
         0.0,
         unit="m",

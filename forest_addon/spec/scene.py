@@ -41,7 +41,10 @@ class Accuracy(Settings):
     """Accuracy: how results are checked, and how much of a forest is modelled for them."""
 
     audit: float = param(
-        0.05, help="time for it, as a share of the time that each result took; 0: none", ge=0, le=10
+        0.05,
+        help="time for checking a result, as a share of the time that it took; 0: no check",
+        ge=0,
+        le=10,
     )
     detail: str = param(
         "full",

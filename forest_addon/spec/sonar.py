@@ -35,7 +35,7 @@ class Sonar(Sensor):
     speed: float = param(
         0.0,
         unit="m/s",
-        help="along its beam, route or curve, for the Doppler effect; an animated object has its own",
+        help="speed along its beam, route or curve, for the Doppler effect; an animated object has its own",
         ge=0,
         le=100,
     )
@@ -66,10 +66,10 @@ class Sonar(Sensor):
     )
     ears: int = param(1, help="receivers, on a level line across the beam", ge=1, le=64)
     ear_spacing: float = param(
-        0.02, unit="m", help="between the outermost of several ears", ge=0, le=100
+        0.02, unit="m", help="distance between the outermost of several ears", ge=0, le=100
     )
     ear_turn_deg: float = param(
-        0.0, unit="deg", help="that the outermost ears are turned outwards", ge=-90, le=90
+        0.0, unit="deg", help="angle by which the outermost ears are turned outwards", ge=-90, le=90
     )
     band: tuple[float, float] = param(
         (60e3, 80e3),

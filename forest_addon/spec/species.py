@@ -13,7 +13,7 @@ MAX_REACH = 1000.0  # metres that a branch may end from the foot of its tree
 class Grammar(Settings):
     """An L-system of Tanveer et al. 2020a (g -> d(g)[g)+g, axiom g)) or of A20 (whorls on one trunk)."""
 
-    dialect: str = param("T20", help="whose grammar", choices=("T20", "A20"))
+    dialect: str = param("T20", help="paper whose grammar this is", choices=("T20", "A20"))
     whorls: int = param(2, help="the dialect A20 only: groups d(d)+d) on the trunk", ge=1, le=12)
     generations: int = param(7, help="how often the grammar is rewritten", ge=0, le=12)
     copies: int = param(
@@ -129,7 +129,7 @@ class Rules(Settings):
     number.
     """
 
-    dialect: str = param("ABOP", help="whose symbols", choices=("ABOP", "S"))
+    dialect: str = param("ABOP", help="paper whose symbols these are", choices=("ABOP", "S"))
     axiom: str = param(help="the string that is rewritten")
     productions: tuple[str, ...] = param((), help="what symbols are replaced by")
     constants: tuple[str, ...] = param((), help='named numbers, "r = 0.9"')
@@ -287,7 +287,9 @@ class Inclination(Settings):
     """
 
     mean_deg: float = param(45.0, unit="deg", help="mean inclination of the leaves", gt=0, le=89)
-    sd_deg: float = param(18.0, unit="deg", help="its standard deviation", gt=0, le=44)
+    sd_deg: float = param(
+        18.0, unit="deg", help="standard deviation of that inclination", gt=0, le=44
+    )
     shares: tuple[float, ...] = param(
         (),
         help="how many leaves in each of as many equal classes from 0° to 90°, relative to the others; "

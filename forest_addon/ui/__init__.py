@@ -68,6 +68,7 @@ def _rooms() -> tuple[ModuleType, ...]:
     from .forest import (
         build,
         by_hand,
+        dropped,
         gallery,
         hand_edits,
         live,
@@ -113,5 +114,5 @@ def _rooms() -> tuple[ModuleType, ...]:
         presets,
         *(forest_panels, by_hand, sensors_panels, flight, results_panel),
         *(overlay, edit, import_stl, library, species_panel, wind_view),
-        *(chosen, hills, painting, hand_edits, planting, live, command, manual, migration),
+        *(chosen, hills, painting, hand_edits, dropped, planting, live, command, manual, migration),
     )

@@ -273,7 +273,8 @@ def _scene_group() -> type[bpy.types.PropertyGroup]:
             ),
             "plant_grows": BoolProperty(
                 name="Grow at Once",
-                description="Grow the forest after each stroke; else by Grow Forest",
+                description="Grow the forest after each stroke, and plant trees that are dropped from the "
+                "Asset Browser; else Grow Forest and Plant Copies do that",
                 default=True,
             ),
             "live": BoolProperty(

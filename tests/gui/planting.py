@@ -11,16 +11,19 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 import bpy
+import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from drive import (
     Scenario,
     Steps,
     click,
+    find_button,
     key,
     open_tab,
     play,
     point_at,
     press,
+    scroll,
     settle,
     view,
     wait_for,
@@ -76,6 +79,57 @@ def near(x: float, y: float, radius: float) -> int:
 
 def idle() -> bool:
     return rooms()[2].current() is None
+
+
+def from_the_browser(steps: Steps, maple) -> Scenario:
+    """Drag a thumbnail onto the ground, then plant a copy by the button in the sidebar."""
+    steps.step("a thumbnail dragged from the Asset Browser is planted where it is dropped")
+    screen, props = view()[0].screen, bpy.context.scene.forest_sensing
+    browser = next(area for area in screen.areas if area.type == "PROPERTIES")
+    browser.ui_type = "ASSETS"
+    yield from settle()
+    shown = browser.spaces.active
+    shown.show_region_toolbar = shown.show_region_ui = False
+    shown.params.asset_library_reference = "LOCAL"
+    yield from settle()
+    yield 2
+    before, mine, wanted = len(trees()), len(maple.by_hand), (30.0, 1.0)
+    place = on_screen(*wanted)
+    start = browser.x + 50, browser.y + browser.height - 75
+    point_at(*start)
+    yield from settle()
+    subprocess.run(["xdotool", "mousedown", "1"], check=True)
+    for at in ((start[0] - 20, start[1] - 10), (start[0] - 60, start[1] - 30), place, place):
+        yield from settle()
+        point_at(*at)
+    yield from settle()
+    subprocess.run(["xdotool", "mouseup", "1"], check=True)
+    yield from wait_for(lambda: len(props.plantings[0].by_hand) == mine + 1, 20, "the tree")
+    yield from wait_for(lambda: len(trees()) == before + 1 and idle(), 60, "the forest with it")
+    x, y = props.plantings[0].by_hand[mine].position
+    assert np.hypot(x - wanted[0], y - wanted[1]) < 2, (
+        x,
+        y,
+    )  # the middle of its box is below the mouse
+    yield from settle()
+
+    steps.step("Plant Copies plants a copy that was put beside")
+    one = next(t.thing for t in trees() if t.thing is not None and t.label == "maple")
+    window, area, main, _ = view()
+    with bpy.context.temp_override(window=window, area=area, region=main):
+        bpy.ops.object.select_all(action="DESELECT")
+        one.select_set(True)
+        bpy.context.view_layer.objects.active = one
+        bpy.ops.object.duplicate(linked=True)
+    bpy.context.view_layer.objects.active.location[:2] = 33.0, 3.0
+    yield from settle()
+    scroll(view()[3], 40)
+    yield from settle()
+    button = yield from find_button("forest.adopt_trees", 0.5)
+    click(*button)
+    yield from wait_for(lambda: len(props.plantings[0].by_hand) == mine + 2, 20, "the copy")
+    yield from wait_for(lambda: near(33, 3, 0.01) == 1 and idle(), 60, "the forest with it")
+    yield from settle()
 
 
 def scenario(steps: Steps) -> Scenario:
@@ -165,6 +219,8 @@ def scenario(steps: Steps) -> Scenario:
     assert near(-8, 0, 0.01) == 1
     assert len(maple.by_hand) == planted + 1
     yield from settle()
+
+    yield from from_the_browser(steps, maple)
 
     steps.step("the season's slider takes leaves as soon as it is let go")
     props.live = True

@@ -20,7 +20,7 @@ from .caster import Hits, RayCaster, unit_columns
 from .geometry import SceneGeometry
 from .refine import RefinedSurfaces
 
-TASK = 32_768  # rays; a multiple of 16, so that packets do not depend on the number of threads
+TASK = 4096  # rays; a multiple of 16, so that packets do not depend on the number of threads
 MARGIN = 1e-3  # metres before min_distance where a search begins
 STEP = 1e-6  # metres: the first step behind what does not count
 

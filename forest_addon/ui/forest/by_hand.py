@@ -66,10 +66,10 @@ class FOREST_PT_by_hand(Tab, bpy.types.Panel):
         for name in ("plant_radius", "plant_density", "plant_grows"):
             column.prop(props, name)
         layout.label(text="Selected Trees")
-        row = layout.row(align=True)
+        row = layout.column(align=True)  # side by side their names would be cut off
         for name, icon in (("lock", "LOCKED"), ("swap", "FILE_REFRESH"), ("remove", "X")):
             row.operator(f"forest.{name}_trees", icon=icon)
-        layout.operator("forest.adopt_trees", icon="ADD")
+        row.operator("forest.adopt_trees", icon="ADD")
         layout.label(text="Trees Set by Hand")
         draw_list(layout, "FOREST_UL_by_hand", planting, "by_hand", "hand_tree")
         if planting.by_hand:

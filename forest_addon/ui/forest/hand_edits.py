@@ -194,7 +194,7 @@ class FOREST_OT_adopt_trees(bpy.types.Operator):
         if not context.scene.is_editable:
             cls.poll_message_set(say(LINKED))
             return False
-        if context.mode != "OBJECT" or not any(map(_copy_of, context.selected_objects)):
+        if context.mode != "OBJECT" or not any(map(copy_of, context.selected_objects)):
             cls.poll_message_set(say(NO_COPIES))
             return False
         return True
@@ -202,7 +202,7 @@ class FOREST_OT_adopt_trees(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         known, planted = plantings_by_label(context.scene), []
         for thing in context.selected_objects:
-            label, variant = _copy_of(thing) or ("", 0)
+            label, variant = copy_of(thing) or ("", 0)
             if label not in known or variant >= known[label].variants:
                 continue
             place, turn, size = thing.matrix_world.decompose()
@@ -215,7 +215,9 @@ class FOREST_OT_adopt_trees(bpy.types.Operator):
         if not planted:
             self.report({"WARNING"}, say("No planting of this forest has these trees"))
             return {"CANCELLED"}
+        data = {thing.data for thing in planted}
         bpy.data.batch_remove(planted)
+        bpy.data.batch_remove([mesh for mesh in data if not mesh.users])  # the browser copies them
         context.scene.update_tag()
         if context.scene.forest_sensing.plant_grows and not obstacle(context):
             bpy.ops.forest.build("INVOKE_DEFAULT")
@@ -223,7 +225,7 @@ class FOREST_OT_adopt_trees(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def _copy_of(thing: bpy.types.Object) -> tuple[str, int] | None:
+def copy_of(thing: bpy.types.Object) -> tuple[str, int] | None:
     """Return the planting and variant of which an object is a copy that somebody made; None: of none."""
     part, _, name = str(thing.get(ROLE_KEY, "")).partition("/")
     if thing.type != "MESH" or is_ours(thing):
@@ -245,7 +247,7 @@ def _meshes_of_variants(scene: bpy.types.Scene) -> dict[str, bpy.types.Mesh]:
 def draw_menu(menu: Any, context: bpy.types.Context) -> None:
     """Draw what can be done with selected trees, in the context menu of objects."""
     stand = any(STOOD_KEY in thing for thing in context.selected_objects)
-    copied = any(map(_copy_of, context.selected_objects))
+    copied = any(map(copy_of, context.selected_objects))
     if stand or copied:
         menu.layout.separator()
     for name in ("lock_trees", "swap_trees", "remove_trees") if stand else ():

@@ -297,6 +297,8 @@ def _how_shown(known: Param, values: Iterable[float]) -> dict[str, int]:
 def help_of(known: Param) -> str:
     """Return what a field is for, as a panel says it."""
     text = known.help.replace("left out:", "off:").replace("Left out:", "Off:")  # its switch
+    if known.auto:  # a number here, a word in files
+        text = text.replace("auto:", "-1, automatic:")
     return text if "α" <= text[:1] <= "ω" else text[:1].upper() + text[1:]  # a symbol is no word
 
 

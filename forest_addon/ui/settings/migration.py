@@ -65,10 +65,10 @@ def migrate(scene: bpy.types.Scene) -> None:
 
 
 class FOREST_OT_take_note(InOwnScene, bpy.types.Operator):
-    """Take this line away"""
+    """Remove this message"""
 
     bl_idname = "forest.take_note"
-    bl_label = "Take Note"
+    bl_label = "Dismiss"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     @classmethod

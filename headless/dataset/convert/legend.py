@@ -90,6 +90,8 @@ _HEARD = {
     "distance": "from the sonar, m",
     "delay": "there and back, s",
     "amplitude": "re call at 1 m",
+    "velocity": "at the ping's time, m/s; of a scene that moves",
+    "rest": "where it is as the scene stands still, m; of a scene that moves",
 }
 _RESPONSE = {
     "channel": "of the receiver",

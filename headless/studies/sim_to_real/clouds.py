@@ -37,19 +37,24 @@ BROADLEAF = ("aRchi_1.las", "aRchi_1_qsm.txt")
 class Labelled:
     """Cells of a cloud with what is known of them.
 
-    features : (C, F). stem, wood : (C,) bool, or None where nobody knows. top : metres above the ground up
-    to which labels hold. base : of ours, the kind of stand. sure : (C,) bool, where labels of wood are beyond
-    doubt; None: everywhere.
+    stem, wood : (C,) bool, or None where nobody knows. top : metres above the ground up to which labels
+    hold. base : of ours, the kind of stand. sure : (C,) bool, where labels of wood are beyond doubt; None:
+    everywhere. given : (C, F) features, where they are known already.
     """
 
     name: str
     cells: VoxelCells
-    features: np.ndarray
     stem: np.ndarray | None
     wood: np.ndarray | None
     top: float = np.inf
     base: str = ""
     sure: np.ndarray | None = None
+    given: np.ndarray | None = None
+
+    @cached_property
+    def features(self) -> np.ndarray:
+        """(C, F) features of the cells."""
+        return features_of(self.cells) if self.given is None else self.given
 
     def counted(self, low: float = LOWEST, high: float = np.inf) -> np.ndarray:
         """Numbers of the cells between two heights that scores count."""
@@ -85,7 +90,7 @@ def measured_trees(folder: Path) -> Iterator[Labelled]:
             stem = follow_stem(points, height)
             if stem is not None:
                 on = cells.majority(stem.holds(points, height)) > 0.5
-                yield Labelled(name, cells, features_of(cells), on, None, stem.top)
+                yield Labelled(name, cells, on, None, stem.top)
     cloud, cylinders = (folder / name for name in BROADLEAF)
     if cloud.is_file() and cylinders.is_file():
         points = np.asarray(read_las(cloud).xyz)
@@ -96,7 +101,7 @@ def measured_trees(folder: Path) -> Iterator[Labelled]:
         table = np.loadtxt(cylinders)
         wood = cells.majority(near_cylinders(points, table)) > 0.5
         sure = wood | ~near_cylinders(cells.centre, table, FAR)
-        yield Labelled("broadleaf", cells, features_of(cells), None, wood, sure=sure)
+        yield Labelled("broadleaf", cells, None, wood, sure=sure)
 
 
 def near_cylinders(points: np.ndarray, table: np.ndarray, near: float = NEAR) -> np.ndarray:
@@ -125,7 +130,7 @@ def blurred(cloud: Labelled, spread: float, seed: int) -> Labelled:
         flags if flags is None else cells.majority(flags) > 0.5
         for flags in (cloud.stem, cloud.wood)
     )
-    return Labelled(cloud.name, cells, features_of(cells), *labels, cloud.top, cloud.base)
+    return Labelled(cloud.name, cells, *labels, cloud.top, cloud.base)
 
 
 def read_folder(folder: Path) -> list[Labelled]:
@@ -174,4 +179,4 @@ def _read_plot(
     cells = cells_of(points)
     on = cells.majority(classes == STEM) > 0.5
     is_wood = None if wood is None else cells.majority(wood) > 0.5
-    return Labelled(name, cells, features_of(cells), on, is_wood, base=base)
+    return Labelled(name, cells, on, is_wood, base=base)

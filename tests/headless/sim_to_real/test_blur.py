@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("pgeof")
 
 from headless.studies.sim_to_real.clouds import Labelled, blurred, near_cylinders
-from headless.studies.sim_to_real.features import cells_of, features_of
+from headless.studies.sim_to_real.features import cells_of
 from headless.studies.sim_to_real.learn import told_by
 
 
@@ -15,7 +15,7 @@ def _plank(seed=1, count=4000):
     points = np.random.default_rng(seed).uniform((0, 0, 0), (20, 2, 0.01), (count, 3))
     cells = cells_of(points)
     wood = cells.majority(points[:, 0] < 10.0) > 0.5
-    return Labelled("plank", cells, features_of(cells), wood, wood)
+    return Labelled("plank", cells, wood, wood)
 
 
 def test_a_blur_spreads_cells_as_far_as_it_says_and_keeps_their_labels():
@@ -51,7 +51,7 @@ def test_neighbours_outvote_one_that_errs_and_the_edge_stays_where_it_is():
     )
     place += np.random.default_rng(3).uniform(-0.01, 0.01, place.shape)  # no two pairs tie
     cells = cells_of(np.column_stack([place, np.full(len(place), 0.025)]))
-    cloud = Labelled("grid", cells, np.zeros((len(cells.centre), 1)), None, None)
+    cloud = Labelled("grid", cells, None, None)
     assert np.abs(np.asarray(cloud.near.sum(axis=1)) - 1).max() < 1e-12
     x, y = cells.centre[:, 0], cells.centre[:, 1]
     share = np.where(x < 0.5, 0.9, 0.1)

@@ -112,7 +112,7 @@ def labelled(seed):
     centre = rng.uniform(0, 12, (4000, 3))
     features = rng.normal(size=(4000, 3))
     cells = VoxelCells(centre, centre[:, 2], np.arange(4000))
-    return Labelled(f"cloud {seed}", cells, features, features[:, 1] > 0, None)
+    return Labelled(f"cloud {seed}", cells, features[:, 1] > 0, None, given=features)
 
 
 def test_blocks_are_not_torn_and_the_label_is_learned():

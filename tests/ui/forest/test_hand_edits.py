@@ -135,6 +135,7 @@ def test_copies_of_trees_are_planted_where_they_stand(grove):
     beside = trees()[0].copy()
     beside.location[:2], beside.scale = (8.5, 1.25), (1.25, 1.25, 1.25)
     mine = bpy.data.objects.new("mine", bpy.data.meshes.new("mine"))
+    dropped_mesh = dropped.data.name
     for thing in (dropped, beside, mine):
         bpy.context.scene.collection.objects.link(thing)
     bpy.context.view_layer.update()
@@ -145,6 +146,7 @@ def test_copies_of_trees_are_planted_where_they_stand(grove):
     assert press("adopt_trees") == {"FINISHED"}
     assert [entry.variant for entry in planting.by_hand][:1] == [1]
     assert "mine" in bpy.data.objects
+    assert dropped_mesh not in bpy.data.meshes
     assert len(trees()) == 7  # grown at once
     assert places() == sorted([*others, (2.5, 7.25), (8.5, 1.25)])
     new = {tuple(tree.location[:2]): tree for tree in trees()}
