@@ -43,7 +43,7 @@ LONGEST = 3600.0  # s
 
 
 @dataclass(frozen=True)
-class Trial:
+class ClusterTrial:
     """Outcome of a trial: ``waited`` seconds of all scenes, ``wall`` from the first to the last of them, CPU
     seconds of ``command`` and ``scheduler``, scenes that were finished ``twice``, the manifest's rows.
     """
@@ -95,7 +95,7 @@ def trial(
     workers: tuple[int, int],
     mean: float,
     loss: bool,
-) -> Trial:
+) -> ClusterTrial:
     """Make a dataset of simulated scenes.
 
     folder : an empty one. planned : a plan and its recipes. workers : processes and threads of each.
@@ -119,7 +119,9 @@ def trial(
         rows = make_scenes(plan, wanted, missing, out, asked)
         wall, command = time.monotonic() - began, time.process_time() - cpu
         waited = sum(seconds_of(recipe.seed, mean) for recipe in wanted)
-        return Trial(waited, wall, command, _cpu_of(scheduler), _finished(out) - scenes, rows)
+        return ClusterTrial(
+            waited, wall, command, _cpu_of(scheduler), _finished(out) - scenes, rows
+        )
 
 
 def _lose(out: Path, scenes: int, workers: Sequence[subprocess.Popen[bytes]]) -> None:
