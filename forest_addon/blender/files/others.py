@@ -6,7 +6,7 @@ Beside them stand the whole as a .glb and a .blend, for programs that take one f
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 
@@ -23,22 +23,25 @@ from ...formats.helios.writing import (
     write_materials,
     write_obj,
 )
-from ...sensing.lidar.surveys.export import SCENES, flown, scanner_of, write_survey
+from ...sensing.lidar.surveys.export import SCENES, scanner_of, write_survey
 from ...sensing.rays.geometry import SceneGeometry, apply_transform
 from ...sensing.trajectory import Trajectory
 from ...spec import Scene, SpecError, Surfaces
-from ..sensors.observe import Observer
 from .export import export_glb, save_blend
 
 PARTS = "data/sceneparts"
 
 
 def export_for_others(
-    scene: Scene, observer: Observer, folder: Path, home: Path, say: Callable[[str], None]
+    scene: Scene,
+    geometry: SceneGeometry,
+    ways: Mapping[str, Trajectory | None],
+    folder: Path,
+    say: Callable[[str], None],
 ) -> int:
     """Write a scene that stands in Blender for other programs; how many parts it has.
 
-    observer : of the evaluated scene. home : folder that files of the settings start from. say : is told
+    geometry : of the evaluated scene. ways : of its sensors by name, None of those that stand. say : is told
     what is written and what HELIOS++ cannot say, in sentences.
 
     Raises
@@ -46,14 +49,12 @@ def export_for_others(
     SpecError : nothing in it has faces.
     OSError : a file cannot be written.
     """
-    geometry = observer.geometry
     if not len(geometry):
         raise SpecError(scene.name, "has nothing to export: nothing in it has faces")
     surfaces = next((s.surfaces for s in map(scanner_of, scene.sensors) if s), Surfaces())
     placed, unsaid = write_parts(geometry, folder, scene.name, surfaces)
     for sentence in unsaid:
         say(f"  {sentence}")
-    ways = {s.name: flown(s) or Observer.way(s, home) for s in scene.sensors}
     told = []
     for sensor in scene.sensors:
         found = write_survey(sensor, folder, scene.name, surfaces, ways[sensor.name])

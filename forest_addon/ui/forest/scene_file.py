@@ -132,6 +132,7 @@ class FOREST_OT_export_others(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ...blender.files.others import export_for_others
         from ...blender.sensors.observe import Observer
+        from ...sensing.lidar.surveys.export import flown
 
         scene = context.scene
         folder = Path(bpy.path.abspath(self.directory or "//export"))
@@ -140,7 +141,8 @@ class FOREST_OT_export_others(bpy.types.Operator):
         try:
             settings = to_spec(scene)
             observer = Observer(context.evaluated_depsgraph_get(), rays_of(settings.rays))
-            count = export_for_others(settings, observer, folder, home, told.append)
+            ways = {s.name: flown(s) or observer.way(s, home) for s in settings.sensors}
+            count = export_for_others(settings, observer.geometry, ways, folder, told.append)
         except PROBLEMS as problem:
             self.report({"ERROR"}, in_words(problem))
             return {"CANCELLED"}

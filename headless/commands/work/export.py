@@ -24,11 +24,13 @@ def export_scene(path: Path, folder: Path, seed: int | None = None, quiet: bool 
         from forest_addon.api.site import build
         from forest_addon.blender.files.others import export_for_others
         from forest_addon.blender.sensors.observe import Observer
+        from forest_addon.sensing.lidar.surveys.export import flown
     with stages.stage("grow the forest"), hushed():
         build(scene, folder=path.parent)
         observer = Observer(bpy.context.evaluated_depsgraph_get(), scene.rays)
+        ways = {s.name: flown(s) or observer.way(s, path.parent) for s in scene.sensors}
     told: list[str] = []
     with stages.stage("write files"), hushed():
-        export_for_others(scene, observer, folder, path.parent, told.append)
+        export_for_others(scene, observer.geometry, ways, folder, told.append)
     for sentence in told:
         stages.say(sentence)
