@@ -19,6 +19,8 @@ from ...spec import Scanner, SpecError, Surfaces
 from ..rays.caster import Hits
 from ..rays.geometry import SceneGeometry
 
+PLANCK, LIGHT_SPEED = 6.62607015e-34, 299_792_458.0  # J·s, m/s
+
 
 def intensity(
     reflectance: np.ndarray, cos_incidence: np.ndarray, distance: np.ndarray, extinction: float
@@ -30,7 +32,12 @@ def intensity(
 
 
 def detection_limit(scanner: Scanner) -> float:
-    """The intensity, 1/m², below which nothing is seen: of the faintest surface at the largest range."""
+    """The intensity, 1/m², below which nothing is seen: of the faintest surface at the largest range, or that
+    whose light is as many photons as the link budget asks for."""
+    link = scanner.link
+    if link.energy:
+        photon = PLANCK * LIGHT_SPEED / (scanner.beam.wavelength_nm * 1e-9)
+        return link.photons * photon / float(received_energy(scanner, np.array(1.0)))
     return float(
         intensity(
             np.array(scanner.faintest),
@@ -39,6 +46,13 @@ def detection_limit(scanner: Scanner) -> float:
             scanner.beam.extinction,
         )
     )
+
+
+def received_energy(scanner: Scanner, light: np.ndarray) -> np.ndarray:
+    """(R,) joules at the detector of intensities (R,), 1/m², by the scanner's link budget."""
+    link = scanner.link
+    gain = link.energy * 1e-6 * link.efficiency * link.aperture**2 / 4
+    return np.asarray(gain * light)
 
 
 def refuse_surplus(scene: SceneGeometry, surfaces: Surfaces) -> None:

@@ -35,6 +35,7 @@ from .passage import Contacts, meet
 from .polish.bounces import DIRECT, PolishedScene, alike_bounces, follow
 from .radiometry import detection_limit, intensity, reflectance_of, refuse_surplus
 from .receiver import (
+    arrives_awake,
     awake,
     chosen_returns,
     false_echoes,
@@ -116,7 +117,10 @@ class Scan:
         self._unfollowed = 0
         if self.scanner.receiver.beyond == "folded":
             return self._measure(pulses, number, keys, self._folded(number))
-        return self._measure(pulses, number, keys, self._found(pulses, keys))
+        found = self._found(pulses, keys)
+        if self.scanner.receiver.blanking:
+            found = found.select(np.flatnonzero(arrives_awake(self.scanner, found.echoes.distance)))
+        return self._measure(pulses, number, keys, found)
 
     def _found(self, pulses: Pulses, keys: np.ndarray) -> Received:
         """Return the echoes of pulses, before the receiver."""
@@ -151,6 +155,7 @@ class Scan:
         place = np.searchsorted(number, arrives)
         seems = found.echoes.distance - rounds * period
         here = np.append(number, -1)[place] == arrives
+        here &= arrives_awake(self.scanner, found.echoes.distance)
         rows = np.flatnonzero(here & (seems >= self.scanner.min_range))
         rows = rows[np.lexsort((seems[rows], place[rows]))]
         found = found.select(rows)
