@@ -30,10 +30,10 @@ from ..trajectory import Trajectory
 from . import noise, patches
 from .cloud import Cloud, Lost, join
 from .footprint import BeamFrames, frames, sub_rays
-from .halo import Halo
 from .one_face import Received, on_one_face, received, seen
 from .passage import Contacts, meet
 from .polish.bounces import DIRECT, PolishedScene, alike_bounces, follow
+from .polish.halo import Halo
 from .radiometry import detection_limit, intensity, reflectance_of, refuse_surplus
 from .receiver import (
     arrives_awake,

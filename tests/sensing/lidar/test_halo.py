@@ -9,8 +9,8 @@ from references.lidar_scenes import scene_with
 from references.rays_brute import BruteCaster
 
 from forest_addon.base.trimesh import OTHER, TriMesh
-from forest_addon.sensing.lidar.halo import Halo
 from forest_addon.sensing.lidar.polish.bounces import PolishedScene
+from forest_addon.sensing.lidar.polish.halo import Halo
 from forest_addon.sensing.lidar.scan import Scan, scan
 from forest_addon.spec import POLISHED, Beam, Receiver, Surfaces, Terrestrial
 

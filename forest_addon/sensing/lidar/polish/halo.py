@@ -11,16 +11,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...base.rng import daughter_keys
-from ...spec import Beam, Scanner
-from ..rays.caster import Hits, RayCaster, hit_normals
-from ..rays.geometry import SceneGeometry, apply_transform
-from .footprint import frames, sub_rays
-from .one_face import Received
-from .radiometry import RETRO, intensity, reflectance_of
-from .returns import cosines, organs
-from .scanner import Pulses
-from .waveform import LIGHT, find_echoes, pulse_length
+from ....base.rng import daughter_keys
+from ....spec import Beam, Scanner
+from ...rays.caster import Hits, RayCaster, hit_normals
+from ...rays.geometry import SceneGeometry, apply_transform
+from ..footprint import frames, sub_rays
+from ..one_face import Received
+from ..radiometry import RETRO, intensity, reflectance_of
+from ..returns import cosines, organs
+from ..scanner import Pulses
+from ..waveform import LIGHT, find_echoes, pulse_length
 
 RAYS = 100  # of a cone
 REACH = 1.7  # half angles within which its rays are
