@@ -29,7 +29,7 @@ ADVANCED: dict[str, frozenset[str]] = {
     ),
     "beam": frozenset({"wavelength_nm", "exit_diameter", "subrays", "pulse_ns", "extinction"}),
     "surfaces": frozenset({"leaf_transmittance", "passing"}),
-    "receiver": frozenset({"dead_zone", "dynamic_range", "blanking"}),
+    "receiver": frozenset({"dead_zone", "dynamic_range", "blanking", "halo", "halo_mrad"}),
     "linkbudget": frozenset({"energy", "aperture", "efficiency", "photons"}),
     "noise": frozenset({"range_ppm", "incidence_sd"}),
     "rays": frozenset({"threads"}),

@@ -180,6 +180,15 @@ class Receiver(Settings):
         ge=0,
         le=1e4,
     )
+    halo: float = param(
+        0.0,
+        help="share of the light that the optics scatter beside the beam: retro-reflectors bloom; 0: none",
+        ge=0,
+        le=0.5,
+    )
+    halo_mrad: float = param(
+        20.0, unit="mrad", help="full angle of that light at 1/e²", gt=0, le=500
+    )
     reading: str = param(
         "received",
         help="what the intensity says: light that came back, or the reflectance that it stands for",

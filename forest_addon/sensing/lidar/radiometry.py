@@ -15,10 +15,11 @@ from __future__ import annotations
 import numpy as np
 
 from ...base.trimesh import DEAD, GROUND, LEAF, OTHER, WOOD
-from ...spec import Scanner, SpecError, Surfaces
+from ...spec import POLISHED, Polished, Scanner, SpecError, Surfaces
 from ..rays.caster import Hits
 from ..rays.geometry import SceneGeometry
 
+RETRO = POLISHED.index("retro")
 PLANCK, LIGHT_SPEED = 6.62607015e-34, 299_792_458.0  # J·s, m/s
 
 
@@ -84,7 +85,7 @@ def refuse_surplus(scene: SceneGeometry, surfaces: Surfaces) -> None:
 def reflectance_of(
     scene: SceneGeometry, hits: Hits, organ: np.ndarray, surfaces: Surfaces
 ) -> np.ndarray:
-    """(R,) reflectances: what material or object say, else what the part is."""
+    """(R,) reflectances: what material or object say, else what the part is; gains of retro-reflectors."""
     of_part = np.zeros(128)
     of_part[[OTHER, WOOD, LEAF, GROUND, DEAD]] = (
         surfaces.other,
@@ -93,4 +94,9 @@ def reflectance_of(
         surfaces.ground,
         surfaces.wood,
     )
-    return scene.reflectance_at(hits.instance, hits.triangle, of_part[organ])
+    found = scene.reflectance_at(hits.instance, hits.triangle, of_part[organ])
+    if scene.optics is None and not scene.slot_optics:
+        return found
+    kind, *_, gain = scene.optics_at(hits.instance, hits.triangle).T
+    bright = np.clip(np.where(np.isnan(gain), Polished().gain, gain), 1, None)
+    return np.where(kind == RETRO, bright, found)
