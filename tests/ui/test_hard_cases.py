@@ -49,7 +49,7 @@ HARMLESS = {
     *("add_distance", "add_gaussian", "add_raster", "add_stems", "new_seed", "remove_distance"),
     *("remove_raster", "remove_stems", "save_scene", "make_library", "add_library"),
 }
-READING = {"save_scene", "select_result", "show_picture", "play", "clear_cache"}
+READING = {"save_scene", "export_others", "select_result", "show_picture", "play", "clear_cache"}
 LONG = "Wäldchen-森-" * 20  # more than the 63 bytes of a name, or 255 in Blender 5
 
 
@@ -72,6 +72,7 @@ def arguments(name, folder):
         "load_scene": {"filepath": str(folder / "scene.toml")},
         "save_scene": {"filepath": str(folder / "exported.toml")},
         "save_species": {"filepath": str(folder / "own.toml")},
+        "export_others": {"directory": str(folder / "others")},
         "import_tree": {"filepath": str(folder / "wedge.stl"), "title": "wedge"},
         "make_species": {"wood": str(folder / "wedge.stl"), "title": "wedge"},
         "start": {"preset": "demo"},
