@@ -125,6 +125,7 @@ NAMES: dict[str, dict[str, str]] = {
         **{f"{axis}_m": f"{axis} of the pose, m" for axis in "xyz"},
         "azimuth_deg": "from +X towards +Y, degrees",
         "elevation_deg": "from the horizon up, degrees",
+        "time_s": "of the ping, s",
     },
     "trees.csv": _CSV_TREES,
     "cylinders.csv": _CYLINDERS,

@@ -50,7 +50,7 @@ TERMS = """\
 What this says, in plain words:
 
 - **The ground makes the low octaves dry.** Over a porous floor long level paths cancel with their
-  reflection. This one term brings T20 at 500 Hz and 1 kHz from 2.7 s to the recording's, with nothing
+  reflection. This one term brings T20 at 500 Hz and 1 kHz from 2.8 s to the recording's, with nothing
   fitted.
 - **Extinction alone looks right and is wrong.** By itself it comes closest to the recording in all
   octaves, but trunks do not absorb what they scatter: exact multiple scattering has it back, and
@@ -65,12 +65,12 @@ What this says, in plain words:
 - **Herbs and dwarf shrubs take the ground's reflection at 4 and 8 kHz**; below 2 kHz, where a grazing wave
   is turned back at their top, they do nothing.
 - **At 2 and 4 kHz no term has to be missing.** The median stand decays too slowly there, but of 48
-  stands from the same ranges 6 meet nine or ten of the ten measures, one all of them. They have 0.43 m²
+  stands from the same ranges 6 meet nine or ten of the ten measures. They have 0.43 m²
   of leaves a cubic metre at ears' height in place of 0.25, and thinner, fewer trunks. Nothing that is not
   in the model was found that does as much (docs/reverb.md has the table): bark twice as absorbing,
   rough bark, softer ground, more lean, moving air.
 - **Leaves that are needles do not fit.** As cylinders at which only the air's viscosity and heat take
-  sound, the same leaf area leaves 2 and 4 kHz ringing twice as long as the recording.
+  sound, the same area rings more than twice as long as the recording at 2 and 4 kHz.
 - **The decay's shape.** The recording falls as a power of time from 500 Hz to 4 kHz, ours to 2 kHz.
 - **Bark and trunks' ends hardly matter** for one meeting; bark matters for sound that meets many
   trunks.

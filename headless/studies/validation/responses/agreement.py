@@ -44,7 +44,7 @@ def judge_agreement(
         true = float(measured.t20[n])
         found.append(
             Comparison(
-                f"Koli, T20 at {band:g} Hz as expected of {len(stands)} stands, s",
+                f"Koli, T20 at {band:g} Hz as expected of {len(stands)} stands",
                 "s",
                 Interval(true, true * (1 - share), true * (1 + share)),
                 Interval.of(t20[:, n][np.isfinite(t20[:, n])]),

@@ -37,7 +37,7 @@ RATE = 200e3  # Hz
 SPEED_OF_SOUND = 343.0
 LEAVES = 400  # of the shrub, that are heard
 DISTANCE = (1.3, 2.2)  # m from the middle of the crown
-STIRRED, TRIALS = 2.5, 240  # m/s; echoes
+STIRRED, TRIALS = 5.0, 300  # m/s; echoes
 PICTURE = (8, 6, 4)  # times, frequencies about the tone and below it, of the features
 # Seconds of the call at which leaves are looked at: gains change faster in the sweep.
 KNOTS = np.append(np.linspace(0, LASTS - SWEEP, 10)[:-1], np.linspace(LASTS - SWEEP, LASTS, 25))
