@@ -33,7 +33,8 @@ ROOT = Path(__file__).resolve().parents[1]
 DEMO = ROOT / "assets" / "scenes" / "demo.toml"
 SIZE = (520, 400)
 MOMENTS = (1, 37, 49)  # frames at 24 a second: the beginning, 1.5 and 2 s
-LOUD = 3.0  # times that differences are shown brighter
+LOUD, DIFFERENT = 3.0, 24  # times that differences are shown brighter; of 255, what differs
+EDGE, LINE = 14, 22  # pixels around what differs, and for words
 SLICE = 0.75  # m to each side of a line through the tripod
 FIELD = (-14.0, 14.0)  # m from the tripod
 
@@ -96,21 +97,27 @@ def draw_frames(speed: float, samples: int, path: Path) -> None:
             with Image.open(file) as image:
                 words = f"{(frame - 1) / 24:.1f} s, {speed:g} m/s" if frame else "still"
                 shown.append((words, image.convert("RGB")))
-    apart = ImageChops.difference(shown[0][1], shown[2][1]).point(lambda v: min(255, LOUD * v))
-    shown.append((f"{shown[2][0]} and still: difference", apart))
     _sheet(shown).save(path, quality=86, optimize=True)
 
 
 def _sheet(shown: list[tuple[str, Image.Image]]) -> Image.Image:
-    """Pictures with their words, three a row."""
-    wide, high = SIZE
-    rows = -(-len(shown) // 3)
-    whole = Image.new("RGB", (3 * wide, rows * (high + 22)), (243, 242, 238))
+    """Pictures with their words, and what differs between the first and the third and the last two, three a
+    row, cut
+    to where anything differs."""
+    pairs = (shown[0], shown[2]), (shown[2], shown[3])
+    apart = [ImageChops.difference(one[1], other[1]) for one, other in pairs]
+    box = apart[0].point(lambda v: 255 * (v > DIFFERENT)).getbbox()
+    cut = (max(0, box[0] - EDGE), max(0, box[1] - EDGE), box[2] + EDGE, box[3] + EDGE)
+    for (one, other), image in zip(pairs, apart, strict=True):
+        words = f"difference: {one[0]} and {other[0]}"
+        shown = [*shown, (words, image.point(lambda v: min(255, LOUD * v)))]
+    wide, high = cut[2] - cut[0], cut[3] - cut[1]
+    whole = Image.new("RGB", (3 * wide, 2 * (high + LINE)), (243, 242, 238))
     pen = ImageDraw.Draw(whole)
     for number, (words, image) in enumerate(shown):
-        left, top = number % 3 * wide, number // 3 * (high + 22)
+        left, top = number % 3 * wide, number // 3 * (high + LINE)
         pen.text((left + 6, top + 4), words, fill=(40, 40, 40))
-        whole.paste(image, (left, top + 22))
+        whole.paste(image.crop(cut), (left, top + LINE))
     return whole
 
 
