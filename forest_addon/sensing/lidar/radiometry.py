@@ -63,6 +63,15 @@ def refuse_surplus(scene: SceneGeometry, surfaces: Surfaces) -> None:
     ------
     SpecError : one does; says which object and what to change.
     """
+    objects = () if scene.optics is None else (scene.optics,)
+    for optics in (*objects, *scene.slot_optics):
+        dim = optics[(optics[:, 0] == RETRO) & (optics[:, 3] < 1), 3]
+        if len(dim):
+            raise SpecError(
+                "forest_gain",
+                f"of a retro-reflector is {dim[0]:g}: it sends back at least as much as white, so "
+                "give 1 or more",
+            )
     for number, mesh in enumerate(scene.meshes):
         rows = np.flatnonzero(scene.mesh_index == number)
         leaf = mesh.part == LEAF

@@ -181,8 +181,8 @@ def shifted_sum(
     low, high = min(a.min() for a in alpha), max(a.max() for a in alpha)
     if high - low < SPREAD:
         plain = sum_echoes(groups, station, grid, tolerance).spectrum
-        early = np.exp(2j * math.pi * np.remainder(grid.frequency * lead / float(low), 1.0))
-        return plain * call.spectrum_at(grid.frequency, float(low)) * early
+        turn = np.exp(2j * math.pi * np.remainder(grid.frequency * lead / float(low), 1.0))
+        return plain * call.spectrum_at(grid.frequency, float(low)) * turn
     speeds = _Speeds(call, float(low), float(high), band.high, SAFER * (tolerance or 1e-10))
     early = [lead / a for a in alpha]
     parts = [

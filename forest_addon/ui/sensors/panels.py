@@ -227,6 +227,8 @@ class FOREST_PT_thing(OnceStarted, bpy.types.Panel):
         column.prop(thing, "forest_polish")
         if thing.forest_polish == "MIRROR":
             column.prop(thing, "forest_mirrored")
+        elif thing.forest_polish == "RETRO":
+            column.prop(thing, "forest_gained")
         elif thing.forest_polish != "NONE":
             column.prop(thing, "forest_refraction")
 

@@ -12,7 +12,7 @@ from forest_addon.base.trimesh import OTHER, TriMesh
 from forest_addon.sensing.lidar.polish.bounces import PolishedScene
 from forest_addon.sensing.lidar.polish.halo import Halo
 from forest_addon.sensing.lidar.scan import Scan, scan
-from forest_addon.spec import POLISHED, Beam, Receiver, Surfaces, Terrestrial
+from forest_addon.spec import POLISHED, Beam, Receiver, SpecError, Surfaces, Terrestrial
 
 GAIN, FAR = 500.0, 50.0
 
@@ -48,6 +48,13 @@ def test_a_retro_reflector_is_as_bright_as_it_says():
     )
     dark = scan(scanner(), BruteCaster(shining(plate(FAR, -1.0, 1.0), first=False)))
     assert cloud.intensity.sum() == pytest.approx(dark.intensity.sum() * GAIN / 0.5, rel=1e-9)
+
+
+def test_a_gain_below_that_of_white_is_refused():
+    scene = shining(plate(FAR, -1.0, 1.0))
+    scene.optics[0, 3] = 0.5
+    with pytest.raises(SpecError, match=r"forest_gain: of a retro-reflector is 0\.5"):
+        Scan(scanner(), BruteCaster(scene))
 
 
 def test_the_edge_glows_as_a_gaussian_cone_says():

@@ -101,14 +101,12 @@ class PathGain:
 
     def _spline(self, zone: Zone) -> CubicSpline | None:
         """The filters by log(1 + f/BEND); None: no number of knots serves."""
-        from scipy.interpolate import (
-            CubicSpline,
-        )  # here: other sensors need not wait for its import
+        from scipy.interpolate import CubicSpline  # other sensors need not wait for its import
 
         count, into = KNOTS, chebyshev.series(len(zone.nodes))
-        ends = np.log1p(np.array([min(LOWEST, self.highest), self.highest]) / BEND)
+        low, high = (math.log1p(f / BEND) for f in (min(LOWEST, self.highest), self.highest))
         while count <= MOST_KNOTS:
-            place = np.linspace(*ends, 2 * count + 1)
+            place = np.linspace(low, high, 2 * count + 1)
             values = zone.values(BEND * np.expm1(place), zone.nodes[:, None])
             half = CubicSpline(place[::2], values[:, ::2], axis=1)
             gap = np.abs(half(place[1::2]) - values[:, 1::2]).max(axis=0)
