@@ -46,8 +46,8 @@ published: our ear has one lobe that changes little over the sweep, real ones ha
 
 ![One slice of the demo, scanned still and in 9 m/s](pictures/wind-scan.png)
 
-The demo of ours, a slice 1.5 m deep scanned from one tripod, still and in 9 m/s at the tops: how far each point is
-off its place at rest (`packaging/wind_pictures.py`; [wind](wind.md) has frames of it, too).
+The demo of ours, a slice 1.5 m deep scanned from one tripod, still and in 9 m/s at the tops: how far each
+point is off its place at rest (`packaging/wind_pictures.py`; [wind](wind.md) has frames of it, too).
 """
 CONIFERS = 200
 BROADLEAVES = 60
