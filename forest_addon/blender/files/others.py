@@ -130,7 +130,9 @@ def write_parts(
     if surfaces.leaf_transmittance:
         unsaid.append("leaves let light pass (leaf_transmittance): in HELIOS++ they are opaque")
     if geometry.optics is not None or geometry.slot_optics:
-        unsaid.append("mirrors, glass and water are surfaces as any other in HELIOS++")
+        unsaid.append(
+            "mirrors, glass, water and retro-reflectors are surfaces as any other in HELIOS++"
+        )
     return placed, unsaid
 
 
