@@ -11,9 +11,9 @@ them takes a tenth, knots and young wood of whole stems take more (2.0 to 6.4 GP
 whose sawn wood has 5.9: Milne & Blackburn 1989, Tree Physiol. 5:195).
 
 Leaves: dry mass over the leaf area (BAAD, Falster et al. 2015: the geometric mean over studies of a genus of
-their medians), which is half of the surface of needles whichever way a study counted (``measured/studies``), as
-allometry draws it; fresh leaves have 0.4 of their mass dry. Needles weigh 0.22 kg/m² dry by their one-sided area
-(Poorter et al. 2009, New Phytol. 182). Bark weighs as wood and stiffens nothing:
+their medians), which is half of the surface of needles whichever way a study counted (``measured/studies``),
+as allometry draws it; fresh leaves have 0.4 of their mass dry. Needles weigh 0.22 kg/m² dry by their
+one-sided area (Poorter et al. 2009, New Phytol. 182). Bark weighs as wood and stiffens nothing:
 diameters inside of it are 0.87 to 0.93 of those over it (Husch, Beers & Kershaw 2003, Forest Mensuration,
 ch. 6), of thin-barked genera more.
 """
