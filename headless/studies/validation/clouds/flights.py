@@ -56,7 +56,7 @@ MOST, FEW = (
     2000,
 )  # pulses of a line that are flown again, and to tell its light; of more, so many
 RANGE = 1.3  # times the farthest return
-ROUNDS, CLOSE = 5, 0.04  # of growing the stand until its light is as near to the cloud's
+ROUNDS, CLOSE = 8, 0.04  # of growing the stand until its light is as near to the cloud's
 SHADED = 1.5  # power of the leaf area that is missing: leaves that are added shade each other
 
 
